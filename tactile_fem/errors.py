@@ -1,0 +1,38 @@
+"""The errors that people meet: each carries one clear sentence."""
+
+
+class TactileError(Exception):
+    """Base of the package's own errors."""
+
+    exit_code = 1
+
+
+class StudyError(TactileError):
+    """Bad input: names the field, the value and what is allowed."""
+
+    exit_code = 2
+
+
+class MeshError(StudyError):
+    """A finger that cannot be meshed, or a mesh that cannot be used."""
+
+
+class ConvergenceError(TactileError):
+    """The mechanics diverged at the smallest allowed step.
+
+    Parameters
+    ----------
+    message
+        One sentence: where, and what to try.
+    displacement_mm
+        Position along the protocol of the last converged step.
+    reason
+        PETSc's reason in words.
+    """
+
+    exit_code = 3
+
+    def __init__(self, message: str, displacement_mm: float, reason: str) -> None:
+        super().__init__(message)
+        self.displacement_mm = displacement_mm
+        self.reason = reason

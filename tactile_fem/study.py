@@ -1,0 +1,368 @@
+"""The study: everything a scan is made from, with the paper's values as defaults.
+
+"The paper" is Hamasaki et al. 2020, DOI 10.1177/1687814020984651. Descriptions say ``paper``
+where a value stands in its text and ``proposed`` where this project chose it.
+Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from tactile_fem.errors import StudyError
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Section(BaseModel):
+    """A frozen group of values that refuses unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+
+# --- finger ------------------------------------------------------------------------------------
+
+
+class Finger(Section):
+    """Shape of the fingertip and of its mesh."""
+
+    preset: Literal["coarse", "medium", "paper"] = Field(
+        "coarse", description="mesh size: coarse, medium or paper (81,000 tetrahedra)"
+    )
+    mesh_file: Path | None = Field(
+        None, description="a .msh file with the package's tags; replaces the parametric finger"
+    )
+    half_width_mm: Positive = Field(8.0, description="proposed: half the finger's width (X)")
+    palmar_height_mm: Positive = Field(8.0, description="proposed: axis to pad")
+    dorsal_height_mm: Positive = Field(5.5, description="proposed: axis to nail side")
+    tip_length_mm: Positive = Field(11.0, description="proposed: length of the rounded tip (Y)")
+    straight_length_mm: Positive = Field(14.0, description="proposed: proximal of the rounded tip")
+    contact_from_tip_mm: Positive = Field(12.0, description="proposed: tip to contact point")
+    pad_radius_mm: Positive = Field(
+        18.0, description="proposed: radius of the pad's contour along the finger"
+    )
+    stratum_corneum_mm: Positive = Field(0.17, description="paper: layer thickness")
+    epidermis_mm: Positive = Field(0.65, description="paper: layer thickness")
+    dermis_mm: Positive = Field(0.8, description="paper: layer thickness")
+    subcutaneous_mm: Positive = Field(
+        3.68,
+        description="proposed: dermis to bone under the contact point; the paper's nominal 0.7 "
+        "leaves too little tissue for its own indentation",
+    )
+    bone_half_width_mm: Positive = Field(4.0, description="proposed")
+    bone_half_height_mm: Positive = Field(2.3, description="proposed")
+    bone_tip_gap_mm: Positive = Field(6.0, description="proposed: end of the bone to fingertip")
+    nail_thickness_mm: Positive = Field(0.5, description="proposed")
+    nail_width_mm: Positive = Field(11.0, description="proposed")
+    nail_length_mm: Positive = Field(12.0, description="proposed")
+    pad_size_mm: Positive | None = Field(
+        None, description="element edge under the contact patch; default by preset"
+    )
+    far_size_mm: Positive | None = Field(
+        None, description="element edge away from the contact patch; default by preset"
+    )
+    epidermis_rows: Annotated[int, Field(ge=1, le=8)] | None = Field(
+        None, description="rows of elements through the epidermis; default by preset"
+    )
+
+    @property
+    def pad_thickness_mm(self) -> float:
+        """Skin surface to bone under the contact point."""
+        return (
+            self.stratum_corneum_mm + self.epidermis_mm + self.dermis_mm + self.subcutaneous_mm
+        )
+
+
+# --- tissue ------------------------------------------------------------------------------------
+
+
+class Polynomial(Section):
+    """Polynomial energy of order one or two; neo-Hookean with C20 = C01 = C11 = C02 = 0."""
+
+    C10_MPa: Positive
+    C01_MPa: Finite = 0.0
+    C20_MPa: Finite = 0.0
+    C11_MPa: Finite = 0.0
+    C02_MPa: Finite = 0.0
+    D1_per_MPa: Positive
+    D2_per_MPa: Positive | None = None
+
+
+class Elastic(Section):
+    """Linear elastic constants of bone and nail (St. Venant-Kirchhoff at finite rotation)."""
+
+    E_MPa: Positive
+    nu: Annotated[float, Field(gt=-1.0, lt=0.5)]
+
+
+def _neo_hookean(E_MPa: float, nu: float = 0.48) -> dict[str, float]:
+    """Return C10 = G/2 and D1 = 2/K of a neo-Hookean tissue."""
+    return {
+        "C10_MPa": E_MPa / (4 * (1 + nu)),
+        "D1_per_MPa": 6 * (1 - 2 * nu) / E_MPa,
+    }
+
+
+_DERMIS = {"C10_MPa": 0.01351, "C20_MPa": 0.010, "D1_per_MPa": 3.0}
+_BONE = {"E_MPa": 17_000.0, "nu": 0.3}
+_NAIL = {"E_MPa": 170.0, "nu": 0.3}
+
+TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
+    # Proposed: fitted by hand to measured finger pads pressed on a flat plate.
+    "proposed": {
+        "stratum_corneum": {"C10_MPa": 0.0845, "D1_per_MPa": 0.48},
+        "epidermis": {"C10_MPa": 0.02297, "D1_per_MPa": 1.765},
+        "dermis": _DERMIS,
+        "subcutaneous": {"C10_MPa": 4.22e-4, "C20_MPa": 3.0e-4, "D1_per_MPa": 96.0},
+        "bone": _BONE,
+        "nail": _NAIL,
+    },
+    # Maeno et al. 1998; stratum corneum as above.
+    "maeno1998": {
+        "stratum_corneum": _neo_hookean(1.0),
+        "epidermis": _neo_hookean(0.136),
+        "dermis": _neo_hookean(0.080),
+        "subcutaneous": _neo_hookean(0.034),
+        "bone": _BONE,
+        "nail": _NAIL,
+    },
+    # Gerling et al. 2014: shear moduli; its epidermis includes the stratum corneum.
+    "gerling2014": {
+        "stratum_corneum": _neo_hookean(1.212 * 2 * 1.48),
+        "epidermis": _neo_hookean(1.212 * 2 * 1.48),
+        "dermis": _neo_hookean(0.0507 * 2 * 1.48),
+        "subcutaneous": _neo_hookean(0.00237 * 2 * 1.48),
+        "bone": _BONE,
+        "nail": _NAIL,
+    },
+}
+
+
+class Tissue(Section):
+    """Constants of the tissues; a table left out is taken from the named set."""
+
+    set: Literal["proposed", "maeno1998", "gerling2014"] = Field(
+        "proposed", description="constants of the tissues that are not given below"
+    )
+    viscous_time_s: NonNegative = Field(
+        0.001,
+        description="proposed: Kelvin-Voigt relaxation time, steadies the solver; 0 is elastic",
+    )
+    stratum_corneum: Polynomial
+    epidermis: Polynomial
+    dermis: Polynomial
+    subcutaneous: Polynomial
+    bone: Elastic
+    nail: Elastic
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_set(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        constants = TISSUE_SETS.get(data.get("set", "proposed"), TISSUE_SETS["proposed"])
+        filled = dict(data)
+        for tissue, values in constants.items():
+            given = data.get(tissue, {})
+            filled[tissue] = {**values, **given} if isinstance(given, dict) else given
+        return filled
+
+
+# --- stimulus ----------------------------------------------------------------------------------
+
+
+class Stimulus(Section):
+    """What every rigid body has; it translates along the protocol without turning."""
+
+    friction: NonNegative = Field(0.3, description="paper: Coulomb friction (nylon)")
+    shift_mm: tuple[Finite, Finite] = Field(
+        (0.0, 0.0), description="shift of the body across (X) and along (Y) the finger"
+    )
+
+
+class Text(Stimulus):
+    """Embossed letters on a plate."""
+
+    kind: Literal["text"] = "text"
+    text: Annotated[str, Field(min_length=1, max_length=40)] = Field(
+        "FGH", description="paper: letters in the order in which they pass the receptor"
+    )
+    font: str = Field("DejaVu Sans", description="proposed: font family or path of a font file")
+    g_width_mm: Positive = Field(6.5, description="paper: width of the letter G, sets the scale")
+    pitch_mm: Positive = Field(10.0, description="paper: centre to centre")
+    relief_mm: Positive = Field(0.6, description="paper: height of the letters")
+    corner_radius_mm: Positive = Field(0.3, description="proposed: least radius of the outline")
+    fillet_radius_mm: Positive = Field(0.3, description="proposed: radius of the top edge")
+    start_mm: Finite | None = Field(
+        None,
+        description="place of the text over the contact point at displacement 0, from the first "
+        "letter's centre; default half way to the second letter (single letter: half a pitch "
+        "before it)",
+    )
+
+
+class Plate(Stimulus):
+    """A flat plate."""
+
+    kind: Literal["plate"] = "plate"
+
+
+class Cylinder(Stimulus):
+    """A cylindrical bar lying in the horizontal plane."""
+
+    kind: Literal["cylinder"] = "cylinder"
+    radius_mm: Positive = Field(1.585, description="half of 3.17 mm, a usual test bar")
+    along: Literal["x", "y"] = Field("x", description="axis of the bar: across or along the finger")
+
+
+class Sphere(Stimulus):
+    """A ball."""
+
+    kind: Literal["sphere"] = "sphere"
+    radius_mm: Positive = 3.0
+
+
+class Edge(Stimulus):
+    """A wedge with a rounded ridge, for the sharp-edge test."""
+
+    kind: Literal["edge"] = "edge"
+    radius_mm: Positive = Field(0.025, description="paper: radius of the ridge")
+    angle_deg: Annotated[float, Field(gt=0, lt=180)] = Field(60.0, description="opening angle")
+    along: Literal["x", "y"] = "x"
+
+
+class Grating(Stimulus):
+    """Parallel rectangular ridges with rounded edges on a plate."""
+
+    kind: Literal["grating"] = "grating"
+    ridge_mm: Positive = 1.0
+    groove_mm: Positive = 1.0
+    relief_mm: Positive = 0.6
+    fillet_radius_mm: Positive = 0.2
+    count: Annotated[int, Field(ge=1, le=200)] = Field(9, description="number of ridges")
+    along: Literal["x", "y"] = Field("x", description="direction of the ridges")
+
+
+class Dots(Stimulus):
+    """A rectangular array of round, flat-topped, filleted dots on a plate."""
+
+    kind: Literal["dots"] = "dots"
+    radius_mm: Positive = 0.7
+    spacing_mm: Positive = 3.0
+    relief_mm: Positive = 0.6
+    fillet_radius_mm: Positive = 0.2
+    columns: Annotated[int, Field(ge=1, le=100)] = Field(3, description="across the finger (X)")
+    rows: Annotated[int, Field(ge=1, le=100)] = Field(7, description="along the finger (Y)")
+
+
+AnyStimulus = Annotated[
+    Text | Plate | Cylinder | Sphere | Edge | Grating | Dots, Field(discriminator="kind")
+]
+
+# --- protocol, receptors, neuron, solver, output -----------------------------------------------
+
+
+class Protocol(Section):
+    """Press, then slide towards the palm (-Y), the bone being fixed."""
+
+    depth_mm: Positive = Field(
+        1.97, description="paper: indentation of the undeformed pad's lowest point"
+    )
+    force_N: Positive | None = Field(
+        None, description="press to this normal force instead of to depth_mm (paper: 0.6)"
+    )
+    press_speed_mm_s: Positive = Field(20.0, description="proposed: speed of the indentation")
+    speed_mm_s: Positive = Field(20.0, description="paper: speed of the slide")
+    distance_mm: NonNegative = Field(10.0, description="paper: length of the slide")
+    output_mm: Positive = Field(0.2, description="slide positions that are hit exactly")
+
+
+class Receptors(Section):
+    """SA1 end organs on the epidermis-dermis interface."""
+
+    placement: Literal["line", "grid", "random"] = Field(
+        "line", description="paper: a line across the finger; or a grid, or at random by density"
+    )
+    half_width_mm: NonNegative = Field(5.0, description="extent across the finger (X)")
+    half_length_mm: NonNegative = Field(4.0, description="extent along (Y) of grid and random")
+    spacing_mm: Positive = Field(0.2, description="of line and grid; paper's shift per pass")
+    density_per_cm2: Positive = Field(70.0, description="of random placement: SA1 afferents")
+    seed: Annotated[int, Field(ge=0)] = Field(1, description="of random placement")
+    extra_mm: tuple[tuple[Finite, Finite], ...] = Field(
+        (), description="further receptors: pairs X, Y"
+    )
+    side: Literal["epidermis", "dermis"] = Field(
+        "epidermis", description="tissue whose strain energy the receptor feels"
+    )
+    average_radius_mm: NonNegative = Field(
+        0.25, description="proposed: radius of the averaged ball; 0 is the point value"
+    )
+
+
+class Neuron(Section):
+    """Transduction current and leaky integrate-and-fire membrane."""
+
+    static_gain_pA_per_kPa: NonNegative = Field(10.0, description="alpha; proposed")
+    dynamic_gain_pA_s_per_kPa: NonNegative = Field(1.0, description="beta; proposed")
+    adaptation: Annotated[float, Field(ge=0, le=1)] = Field(0.45, description="kappa; proposed")
+    adaptation_time_s: Positive = Field(0.5, description="tau_a; proposed")
+    intercept_pA: Finite | None = Field(
+        None, description="I_0 while S > 0; default is the rheobase V_th/R"
+    )
+    capacitance_pF: Positive = Field(30.0, description="C; after Gerling 2018's public constants")
+    resistance_GOhm: Positive = Field(1.667, description="R; after Gerling 2018's constants")
+    threshold_mV: Positive = Field(30.0, description="V_th; after Gerling 2018's constants")
+    refractory_s: NonNegative = Field(0.001, description="t_ref; after Gerling 2018's constants")
+    dt_s: Positive = Field(1e-4, description="time step of the membrane equation")
+
+
+class Solver(Section):
+    """Discretization of the contact and control of the steps."""
+
+    nitsche_gamma: Positive = Field(5.0, description="gamma_h = gamma E_s / h")
+    nitsche_theta: Literal[-1, 0, 1] = Field(0, description="0 incomplete, 1 symmetric, -1 skew")
+    bulk_degree: Annotated[int, Field(ge=1, le=12)] = Field(3, description="quadrature degree")
+    contact_degree: Annotated[int, Field(ge=1, le=30)] = Field(10, description="quadrature degree")
+    held: tuple[Literal["bone", "nail", "cut"], ...] = Field(
+        ("bone", "nail", "cut"), description="parts that are fixed; the others deform"
+    )
+    first_step_mm: Positive = 0.05
+    max_press_step_mm: Positive = 0.25
+    max_slide_step_mm: Positive = 0.2
+    min_step_mm: Positive = 0.0005
+    petsc: dict[str, str | int | float | bool] = Field(
+        default_factory=dict, description="PETSc options without the prefix tactile_"
+    )
+
+
+class Output(Section):
+    """What is written besides the receptors' histories."""
+
+    fields_mm: Positive = Field(0.4, description="slide between two written fields (VTU)")
+    pictures: bool = Field(True, description="draw the figures at the end")
+
+
+class Study(Section):
+    """A complete, resolved study."""
+
+    finger: Finger = Finger()
+    tissue: Tissue = Tissue.model_validate({})
+    stimulus: AnyStimulus = Text()
+    protocol: Protocol = Protocol()
+    receptors: Receptors = Receptors()
+    neuron: Neuron = Neuron()
+    solver: Solver = Solver()
+    output: Output = Output()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_kind(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(data.get("stimulus"), dict):
+            return {**data, "stimulus": {"kind": "text", **data["stimulus"]}}
+        return data
