@@ -1,0 +1,69 @@
+"""Brings DOLFINx in, wherever it was installed from.
+
+Import this module before anything from DOLFINx, petsc4py or mpi4py: packages that use them do
+so in their ``__init__``. The PyPI wheel has to order MPI first, a conda or system DOLFINx needs
+nothing of the kind.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+MINIMUM_DOLFINX = (0, 10)
+
+_ROUTES = (
+    'Install it by one of: pip install "tactile-fem[solver]" (Python >= 3.12 on Linux x86_64); '
+    "conda install -c conda-forge fenics-dolfinx; or the image dolfinx/dolfinx:v0.11.0."
+)
+
+
+def version_tuple(version: str) -> tuple[int, int]:
+    """Return major and minor of a version string such as ``0.11.0.post0``."""
+    found = re.match(r"(\d+)\.(\d+)", version)
+    return (int(found[1]), int(found[2])) if found else (0, 0)
+
+
+def check(version: str, scalar: Any) -> None:
+    """Raise ImportError unless this DOLFINx can run the package's problems.
+
+    Parameters
+    ----------
+    version
+        Version of DOLFINx.
+    scalar
+        PETSc's scalar type, ``numpy.float64`` in a real build.
+    """
+    if version_tuple(version) < MINIMUM_DOLFINX:
+        needed = ".".join(map(str, MINIMUM_DOLFINX))
+        raise ImportError(f"tactile_fem needs DOLFINx >= {needed} and found {version}. {_ROUTES}")
+    if np.issubdtype(scalar, np.complexfloating):
+        raise ImportError(
+            f"tactile_fem needs a DOLFINx with real scalars and found {scalar.__name__}. {_ROUTES}"
+        )
+
+
+def load() -> str:
+    """Import DOLFINx in the order its installation needs and return its version.
+
+    Raises
+    ------
+    ImportError
+        DOLFINx is missing, too old, without PETSc or of complex scalars.
+    """
+    if find_spec("dolfinx_solver") is not None:
+        import dolfinx_solver  # noqa: F401  (orders MPI ahead of the compiled modules)
+    try:
+        import dolfinx
+    except ImportError as error:
+        raise ImportError(f"tactile_fem needs DOLFINx ({error}). {_ROUTES}") from error
+    if not dolfinx.has_petsc4py:
+        raise ImportError(f"tactile_fem needs a DOLFINx built with petsc4py. {_ROUTES}")
+    check(dolfinx.__version__, dolfinx.default_scalar_type)
+    return str(dolfinx.__version__)
+
+
+DOLFINX_VERSION = load()
