@@ -7,17 +7,16 @@ Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from tactile_fem.errors import StudyError
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+# Strict: a number is a number, never text such as "0.2 mm" nor true or false.
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[Finite, Field(gt=0)]
+NonNegative = Annotated[Finite, Field(ge=0)]
+Whole = Annotated[int, Field(strict=True)]
 
 
 class Section(BaseModel):
@@ -67,16 +66,14 @@ class Finger(Section):
     far_size_mm: Positive | None = Field(
         None, description="element edge away from the contact patch; default by preset"
     )
-    epidermis_rows: Annotated[int, Field(ge=1, le=8)] | None = Field(
+    epidermis_rows: Annotated[Whole, Field(ge=1, le=8)] | None = Field(
         None, description="rows of elements through the epidermis; default by preset"
     )
 
     @property
     def pad_thickness_mm(self) -> float:
         """Skin surface to bone under the contact point."""
-        return (
-            self.stratum_corneum_mm + self.epidermis_mm + self.dermis_mm + self.subcutaneous_mm
-        )
+        return self.stratum_corneum_mm + self.epidermis_mm + self.dermis_mm + self.subcutaneous_mm
 
 
 # --- tissue ------------------------------------------------------------------------------------
@@ -85,20 +82,20 @@ class Finger(Section):
 class Polynomial(Section):
     """Polynomial energy of order one or two; neo-Hookean with C20 = C01 = C11 = C02 = 0."""
 
-    C10_MPa: Positive
-    C01_MPa: Finite = 0.0
-    C20_MPa: Finite = 0.0
-    C11_MPa: Finite = 0.0
-    C02_MPa: Finite = 0.0
-    D1_per_MPa: Positive
-    D2_per_MPa: Positive | None = None
+    C10_MPa: Positive = Field(description="of (I1bar - 3)")
+    C01_MPa: Finite = Field(0.0, description="of (I2bar - 3)")
+    C20_MPa: Finite = Field(0.0, description="of (I1bar - 3)^2")
+    C11_MPa: Finite = Field(0.0, description="of (I1bar - 3)(I2bar - 3)")
+    C02_MPa: Finite = Field(0.0, description="of (I2bar - 3)^2")
+    D1_per_MPa: Positive = Field(description="2/K, of (J - 1)^2 / D1")
+    D2_per_MPa: Positive | None = Field(None, description="of (J - 1)^4 / D2; default without it")
 
 
 class Elastic(Section):
     """Linear elastic constants of bone and nail (St. Venant-Kirchhoff at finite rotation)."""
 
-    E_MPa: Positive
-    nu: Annotated[float, Field(gt=-1.0, lt=0.5)]
+    E_MPa: Positive = Field(description="Young's modulus")
+    nu: Annotated[Finite, Field(gt=-1.0, lt=0.5)] = Field(description="Poisson's ratio")
 
 
 def _neo_hookean(E_MPa: float, nu: float = 0.48) -> dict[str, float]:
@@ -166,7 +163,9 @@ class Tissue(Section):
     def _fill_from_set(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
-        constants = TISSUE_SETS.get(data.get("set", "proposed"), TISSUE_SETS["proposed"])
+        name = data.get("set", "proposed")
+        known = isinstance(name, str) and name in TISSUE_SETS
+        constants = TISSUE_SETS[name if known else "proposed"]
         filled = dict(data)
         for tissue, values in constants.items():
             given = data.get(tissue, {})
@@ -225,7 +224,7 @@ class Sphere(Stimulus):
     """A ball."""
 
     kind: Literal["sphere"] = "sphere"
-    radius_mm: Positive = 3.0
+    radius_mm: Positive = Field(3.0, description="of the ball")
 
 
 class Edge(Stimulus):
@@ -233,19 +232,19 @@ class Edge(Stimulus):
 
     kind: Literal["edge"] = "edge"
     radius_mm: Positive = Field(0.025, description="paper: radius of the ridge")
-    angle_deg: Annotated[float, Field(gt=0, lt=180)] = Field(60.0, description="opening angle")
-    along: Literal["x", "y"] = "x"
+    angle_deg: Annotated[Finite, Field(gt=0, lt=180)] = Field(60.0, description="opening angle")
+    along: Literal["x", "y"] = Field("x", description="the ridge: across or along the finger")
 
 
 class Grating(Stimulus):
     """Parallel rectangular ridges with rounded edges on a plate."""
 
     kind: Literal["grating"] = "grating"
-    ridge_mm: Positive = 1.0
-    groove_mm: Positive = 1.0
-    relief_mm: Positive = 0.6
-    fillet_radius_mm: Positive = 0.2
-    count: Annotated[int, Field(ge=1, le=200)] = Field(9, description="number of ridges")
+    ridge_mm: Positive = Field(1.0, description="width of a ridge")
+    groove_mm: Positive = Field(1.0, description="width of a groove")
+    relief_mm: Positive = Field(0.6, description="height of the ridges")
+    fillet_radius_mm: Positive = Field(0.2, description="radius of the top edges")
+    count: Annotated[Whole, Field(ge=1, le=200)] = Field(9, description="number of ridges")
     along: Literal["x", "y"] = Field("x", description="direction of the ridges")
 
 
@@ -253,12 +252,12 @@ class Dots(Stimulus):
     """A rectangular array of round, flat-topped, filleted dots on a plate."""
 
     kind: Literal["dots"] = "dots"
-    radius_mm: Positive = 0.7
-    spacing_mm: Positive = 3.0
-    relief_mm: Positive = 0.6
-    fillet_radius_mm: Positive = 0.2
-    columns: Annotated[int, Field(ge=1, le=100)] = Field(3, description="across the finger (X)")
-    rows: Annotated[int, Field(ge=1, le=100)] = Field(7, description="along the finger (Y)")
+    radius_mm: Positive = Field(0.7, description="radius of a dot")
+    spacing_mm: Positive = Field(3.0, description="centre to centre, both ways")
+    relief_mm: Positive = Field(0.6, description="height of the dots")
+    fillet_radius_mm: Positive = Field(0.2, description="radius of the top edge")
+    columns: Annotated[Whole, Field(ge=1, le=100)] = Field(3, description="across the finger (X)")
+    rows: Annotated[Whole, Field(ge=1, le=100)] = Field(7, description="along the finger (Y)")
 
 
 AnyStimulus = Annotated[
@@ -293,7 +292,7 @@ class Receptors(Section):
     half_length_mm: NonNegative = Field(4.0, description="extent along (Y) of grid and random")
     spacing_mm: Positive = Field(0.2, description="of line and grid; paper's shift per pass")
     density_per_cm2: Positive = Field(70.0, description="of random placement: SA1 afferents")
-    seed: Annotated[int, Field(ge=0)] = Field(1, description="of random placement")
+    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of random placement")
     extra_mm: tuple[tuple[Finite, Finite], ...] = Field(
         (), description="further receptors: pairs X, Y"
     )
@@ -310,7 +309,7 @@ class Neuron(Section):
 
     static_gain_pA_per_kPa: NonNegative = Field(10.0, description="alpha; proposed")
     dynamic_gain_pA_s_per_kPa: NonNegative = Field(1.0, description="beta; proposed")
-    adaptation: Annotated[float, Field(ge=0, le=1)] = Field(0.45, description="kappa; proposed")
+    adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(0.45, description="kappa; proposed")
     adaptation_time_s: Positive = Field(0.5, description="tau_a; proposed")
     intercept_pA: Finite | None = Field(
         None, description="I_0 while S > 0; default is the rheobase V_th/R"
@@ -327,15 +326,17 @@ class Solver(Section):
 
     nitsche_gamma: Positive = Field(5.0, description="gamma_h = gamma E_s / h")
     nitsche_theta: Literal[-1, 0, 1] = Field(0, description="0 incomplete, 1 symmetric, -1 skew")
-    bulk_degree: Annotated[int, Field(ge=1, le=12)] = Field(3, description="quadrature degree")
-    contact_degree: Annotated[int, Field(ge=1, le=30)] = Field(10, description="quadrature degree")
+    bulk_degree: Annotated[Whole, Field(ge=1, le=12)] = Field(3, description="quadrature degree")
+    contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
+        10, description="quadrature degree"
+    )
     held: tuple[Literal["bone", "nail", "cut"], ...] = Field(
         ("bone", "nail", "cut"), description="parts that are fixed; the others deform"
     )
-    first_step_mm: Positive = 0.05
-    max_press_step_mm: Positive = 0.25
-    max_slide_step_mm: Positive = 0.2
-    min_step_mm: Positive = 0.0005
+    first_step_mm: Positive = Field(0.05, description="first step of the press")
+    max_press_step_mm: Positive = Field(0.25, description="longest step of the press")
+    max_slide_step_mm: Positive = Field(0.2, description="longest step of the slide")
+    min_step_mm: Positive = Field(0.0005, description="a step that fails at this length ends it")
     petsc: dict[str, str | int | float | bool] = Field(
         default_factory=dict, description="PETSc options without the prefix tactile_"
     )
@@ -345,7 +346,7 @@ class Output(Section):
     """What is written besides the receptors' histories."""
 
     fields_mm: Positive = Field(0.4, description="slide between two written fields (VTU)")
-    pictures: bool = Field(True, description="draw the figures at the end")
+    pictures: bool = Field(True, strict=True, description="draw the figures at the end")
 
 
 class Study(Section):
