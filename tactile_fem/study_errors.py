@@ -1,0 +1,160 @@
+"""Says in sentences what is wrong with a study."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
+from typing import Any, get_args
+
+import tomlkit
+from pydantic import BaseModel, ValidationError
+
+from tactile_fem.study import Study
+
+KINDS: dict[str, type[BaseModel]] = {
+    model.model_fields["kind"].default: model
+    for model in get_args(Study.model_fields["stimulus"].annotation)
+}
+
+_COMPARISONS = {
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "at most"),
+}
+
+_TYPES = {
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "path_type": "the path of a file",
+    "tuple_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table of values",
+    "model_attributes_type": "a table of values",
+}
+
+
+def explain(error: ValidationError) -> str:
+    """Return one sentence per problem, each naming the field, its value and what is allowed."""
+    sentences = (_sentence(problem) for problem in error.errors(include_url=False))
+    return "\n".join(dict.fromkeys(sentences))
+
+
+def toml_value(value: Any) -> str:
+    """Return `value` as it would stand in a study file, shortened to one line."""
+    if isinstance(value, dict):
+        return "a table" if value else "an empty table"
+    try:
+        text = tomlkit.item(value).as_string()
+    except (TypeError, ValueError):
+        text = repr(value)
+    text = " ".join(text.split())
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """Return a half sentence: the nearest of the known words, or all of them."""
+    known = list(known)
+    near = get_close_matches(word, known, n=1, cutoff=0.6)
+    return f"did you mean {near[0]}?" if near else f"allowed: {', '.join(known)}."
+
+
+def _field(location: tuple[str | int, ...]) -> tuple[str | int, ...]:
+    """Drop pydantic's union tags from a location, so that it is the path in the file."""
+    if location[:1] == ("stimulus",):
+        return location[:1] + location[2:]
+    if location[:2] == ("solver", "petsc"):
+        return location[:3]
+    return location
+
+
+def _dotted(path: Iterable[str | int]) -> str:
+    """Return ``section.key``, list entries counted from 1."""
+    text = ""
+    for part in path:
+        text += f" (entry {part + 1})" if isinstance(part, int) else f".{part}"
+    return text.lstrip(".")
+
+
+def _sentence(problem: Any) -> str:
+    kind, location, context = problem["type"], problem["loc"], problem.get("ctx", {})
+    path = _field(location)
+    name, value = _dotted(path) or "the study", toml_value(problem["input"])
+    if kind == "extra_forbidden":
+        return _unknown(location, path)
+    if kind == "missing":
+        return f"{name} is missing: {_dotted(path[:-1])} is {value}."
+    if kind == "union_tag_invalid":
+        tag = context["tag"]
+        return f'{name}.kind is "{tag}", which is no kind of stimulus; {suggestion(tag, KINDS)}'
+    if kind == "value_error":
+        return _end(f"{name}: {context['error']}" if path else str(context["error"]))
+    return _end(f"{name} is {value} but must be {_allowed(kind, path, context, problem['msg'])}")
+
+
+def _end(sentence: str) -> str:
+    return sentence if sentence.endswith((".", "?", "!")) else sentence + "."
+
+
+def _allowed(kind: str, path: tuple[str | int, ...], context: Any, message: str) -> str:
+    """Return what a value may be, to follow "must be"."""
+    if path[:2] == ("solver", "petsc") and len(path) == 3:
+        return "text, a number, true or false"
+    if kind in _COMPARISONS:
+        key, words = _COMPARISONS[kind]
+        return f"{words} {context[key]:g}"
+    if kind == "literal_error":
+        return str(context["expected"]).replace("'", '"')
+    if kind == "string_too_short":
+        return f"at least {context['min_length']} character long"
+    if kind == "string_too_long":
+        return f"at most {context['max_length']} characters long"
+    if kind == "too_long":
+        return f"a list of at most {context['max_length']} entries"
+    if kind == "too_short":
+        return f"a list of at least {context['min_length']} entries"
+    if kind in _TYPES:
+        return _TYPES[kind]
+    return "valid: " + message[:1].lower() + message[1:]
+
+
+def _unknown(location: tuple[str | int, ...], path: tuple[str | int, ...]) -> str:
+    word = str(path[-1])
+    if len(path) == 1:
+        return f"{word} is not a section of the study; {_section_hint(word)}"
+    known = _known_keys(location)
+    if location[0] == "stimulus":
+        return (
+            f'{_dotted(path)} is not a key of a stimulus of kind "{location[1]}"; '
+            f"{suggestion(word, known)}"
+        )
+    return f"{_dotted(path)} is not a key of [{_dotted(path[:-1])}]; {suggestion(word, known)}"
+
+
+def _known_keys(location: tuple[str | int, ...]) -> list[str]:
+    model: Any = Study
+    for part in location[:-1]:
+        if model is Study and part == "stimulus":
+            model = KINDS
+        elif isinstance(model, dict):
+            model = model[str(part)]
+        else:
+            model = model.model_fields[part].annotation
+    return list(model.model_fields)
+
+
+def _section_hint(word: str) -> str:
+    homes = [f"{section}.{word}" for section, keys in _keys_by_section() if word in keys]
+    if homes:
+        return f"did you mean {' or '.join(homes)}?"
+    return suggestion(word, Study.model_fields)
+
+
+def _keys_by_section() -> Iterator[tuple[str, set[str]]]:
+    for section, info in Study.model_fields.items():
+        models = KINDS.values() if section == "stimulus" else [info.annotation]
+        yield section, {key for model in models for key in model.model_fields}

@@ -1,0 +1,147 @@
+"""Studies in TOML: read with overrides, written resolved."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from pydantic import ValidationError
+
+from tactile_fem.errors import StudyError
+from tactile_fem.study import Study
+from tactile_fem.study_errors import explain
+
+_FONT_SUFFIXES = {".ttf", ".otf", ".ttc"}
+
+
+# --- reading -----------------------------------------------------------------------------------
+
+
+def load_study(path: Path | str | None = None, overrides: Sequence[str] = ()) -> Study:
+    """Return the study of a file, or the paper's, with some values overridden.
+
+    Parameters
+    ----------
+    path
+        TOML file; None is the paper's study. Relative paths in it start from its folder.
+    overrides
+        ``section.key=value`` each. The value is TOML, or else plain text: ``stimulus.text=EFG``.
+
+    Raises
+    ------
+    StudyError
+        One sentence per problem: field, value, what is allowed.
+    """
+    data = {} if path is None else _read(Path(path))
+    texts: dict[tuple[str, ...], str] = {}
+    changes: dict[str, Any] = {}
+    for override in overrides:
+        keys, text = _split(override)
+        _put(changes, keys, _value(text), override)
+        texts[keys] = text
+    if path is not None:
+        _anchor_paths(data, Path(path).parent)
+    _anchor_paths(changes, Path())
+    data = _merge(data, changes)
+    try:
+        return Study.model_validate(data)
+    except ValidationError as error:
+        if not _take_as_text(data, texts, error):
+            raise StudyError(explain(error)) from None
+    try:
+        return Study.model_validate(data)
+    except ValidationError as error:
+        raise StudyError(explain(error)) from None
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise StudyError(f"There is no study file {path}.") from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise StudyError(f"The study file {path} cannot be read: {reason}.") from None
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"The study file {path} is not valid TOML: {error}.") from None
+
+
+def _split(override: str) -> tuple[tuple[str, ...], str]:
+    name, equals, text = override.partition("=")
+    keys = tuple(part.strip() for part in name.split("."))
+    if not equals or len(keys) < 2 or not all(keys):
+        raise StudyError(f'"{override}" sets nothing: write section.key=value.')
+    return keys, text.strip()
+
+
+def _value(text: str) -> Any:
+    """Return a TOML value, or the text itself where it is none."""
+    try:
+        table = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text
+    return table["value"] if len(table) == 1 else text
+
+
+def _put(data: dict[str, Any], keys: tuple[str, ...], value: Any, override: str) -> None:
+    for key in keys[:-1]:
+        data = data.setdefault(key, {})
+        if not isinstance(data, dict):
+            raise StudyError(f'"{override}" sets a key below {key}, which is a value, no table.')
+    data[keys[-1]] = value
+
+
+def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, value in changes.items():
+        both = isinstance(value, dict) and isinstance(base.get(key), dict)
+        merged[key] = _merge(base[key], value) if both else value
+    return merged
+
+
+def _take_as_text(
+    data: dict[str, Any], texts: dict[tuple[str, ...], str], error: ValidationError
+) -> bool:
+    """Put the plain text of overrides where text is wanted: ``stimulus.text=123``."""
+    taken = False
+    for problem in error.errors(include_url=False):
+        location = problem["loc"]
+        keys = location[:1] + location[2:] if location[0] == "stimulus" else location
+        if problem["type"] == "string_type" and keys in texts:
+            section = data
+            for key in keys[:-1]:
+                section = section[str(key)]
+            section[str(keys[-1])] = texts[tuple(map(str, keys))]
+            taken = True
+    return taken
+
+
+def _anchor_paths(data: dict[str, Any], folder: Path) -> None:
+    """Make the paths of mesh and font files absolute."""
+    finger, stimulus = data.get("finger"), data.get("stimulus")
+    if isinstance(finger, dict) and isinstance(finger.get("mesh_file"), str):
+        finger["mesh_file"] = _anchored(finger["mesh_file"], folder)
+    if isinstance(stimulus, dict) and isinstance(stimulus.get("font"), str):
+        font = stimulus["font"]
+        if Path(font).suffix.lower() in _FONT_SUFFIXES:
+            stimulus["font"] = _anchored(font, folder)
+
+
+def _anchored(name: str, folder: Path) -> str:
+    return str((folder / Path(name).expanduser()).resolve())
+
+
+# --- writing -----------------------------------------------------------------------------------
+
+
+def dump_study(study: Study) -> str:
+    """Return the study as TOML with every value; what is not set is left out."""
+    document = tomlkit.document()
+    document.add(tomlkit.comment("The resolved study. A name carries its unit."))
+    for section, values in study.model_dump(mode="json", exclude_none=True).items():
+        document.add(tomlkit.nl())
+        document.add(section, tomlkit.item(values))
+    return tomlkit.dumps(document)

@@ -1,0 +1,169 @@
+import re
+import tomllib
+
+import pytest
+
+from tactile_fem.errors import StudyError
+from tactile_fem.study import Study, Text
+from tactile_fem.study_errors import KINDS
+from tactile_fem.study_file import dump_study, load_study
+from tactile_fem.study_template import commented_template
+
+
+def test_no_file_and_an_empty_file_are_the_papers_study(tmp_path):
+    (tmp_path / "empty.toml").write_text("")
+    assert load_study() == Study() == load_study(tmp_path / "empty.toml")
+
+
+def test_the_template_is_the_papers_study_as_it_is_and_with_every_line_in_force():
+    template = commented_template()
+    active = re.sub(r"^#(?=\w+ = )", "", template, flags=re.MULTILINE)
+    assert Study.model_validate(tomllib.loads(template)) == Study()
+    values = tomllib.loads(active)
+    assert Study.model_validate(values) == Study()
+    assert values["stimulus"]["text"] == "FGH"
+    assert values["tissue"]["dermis"]["C10_MPa"] == Study().tissue.dermis.C10_MPa
+
+
+def test_the_template_mentions_every_key():
+    template = commented_template()
+    models = [type(getattr(Study(), name)) for name in Study.model_fields] + list(KINDS.values())
+    for model in models:
+        for key, info in model.model_fields.items():
+            assert re.search(rf"\b{key}\b", template), key
+            words = " ".join(re.sub(r"\n# ", " ", template).split())
+            assert " ".join((info.description or "").split()) in words, key
+    assert max(map(len, template.splitlines())) <= 100
+
+
+def test_what_is_dumped_loads_to_the_same_study(tmp_path):
+    overrides = [
+        "tissue.set=maeno1998",
+        "tissue.dermis.C10_MPa=0.0123456789",
+        "stimulus.kind=grating",
+        "receptors.extra_mm=[[0.5, 1.0], [1, 2]]",
+        "solver.petsc.snes_rtol=1e-8",
+        'solver.petsc.ksp_type="preonly"',
+    ]
+    study = load_study(None, overrides)
+    (tmp_path / "study.toml").write_text(dump_study(study))
+    assert load_study(tmp_path / "study.toml") == study
+    assert study.solver.petsc == {"snes_rtol": 1e-8, "ksp_type": "preonly"}
+
+
+def test_overrides_win_over_the_file_and_leave_the_rest(tmp_path):
+    (tmp_path / "s.toml").write_text('[stimulus]\ntext = "EG"\nfriction = 0.5\n')
+    study = load_study(tmp_path / "s.toml", ["stimulus.friction=0.1", "protocol.depth_mm = 1"])
+    assert study.stimulus == Text(text="EG", friction=0.1)
+    assert study.protocol.depth_mm == 1.0
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [("FG", "FG"), ('"F G"', "F G"), ("123", "123"), ("nan", "nan"), ("true", "true")],
+)
+def test_bare_words_and_anything_else_can_be_text(text, expected):
+    assert load_study(None, [f"stimulus.text={text}"]).stimulus.text == expected
+
+
+def test_paths_in_a_file_start_from_its_folder_and_paths_of_overrides_from_here(
+    tmp_path, monkeypatch
+):
+    folder = tmp_path / "studies"
+    folder.mkdir()
+    study = '[finger]\nmesh_file = "mine.msh"\n[stimulus]\nfont = "../f.ttf"\n'
+    (folder / "s.toml").write_text(study)
+    monkeypatch.chdir(tmp_path)
+    study = load_study(folder / "s.toml")
+    assert study.finger.mesh_file == folder / "mine.msh"
+    assert study.stimulus.font == str(tmp_path / "f.ttf")
+    study = load_study(folder / "s.toml", ["finger.mesh_file=other.msh"])
+    assert study.finger.mesh_file == tmp_path / "other.msh"
+    assert load_study().stimulus.font == "DejaVu Sans"
+
+
+@pytest.mark.parametrize(
+    "override, sentence",
+    [
+        ("finger.dermis_mm=-0.8", "finger.dermis_mm is -0.8 but must be greater than 0."),
+        ('finger.dermis_mm="0.8 mm"', 'finger.dermis_mm is "0.8 mm" but must be a number.'),
+        ("finger.dermis_mm=true", "finger.dermis_mm is true but must be a number."),
+        ("finger.dermis_mm=nan", "finger.dermis_mm is nan but must be a finite number."),
+        (
+            "finger.preset=cors",
+            'finger.preset is "cors" but must be "coarse", "medium" or "paper".',
+        ),
+        ("finger.epidermis_rows=2.5", "finger.epidermis_rows is 2.5 but must be a whole number."),
+        (
+            "finger.epidermis_rows=2.0",
+            "finger.epidermis_rows is 2.0 but must be a whole number.",
+        ),
+        (
+            "finger.dermis=1",
+            "finger.dermis is not a key of [finger]; did you mean dermis_mm?",
+        ),
+        ("fingr.dermis_mm=1", "fingr is not a section of the study; did you mean finger?"),
+        (
+            "stimulus.kind=sphare",
+            'stimulus.kind is "sphare", which is no kind of stimulus; did you mean sphere?',
+        ),
+        (
+            "stimulus.relief=1",
+            'stimulus.relief is not a key of a stimulus of kind "text"; did you mean relief_mm?',
+        ),
+        ("stimulus.friction=-1", "stimulus.friction is -1 but must be at least 0."),
+        (
+            "tissue.bone.nu=0.5",
+            "tissue.bone.nu is 0.5 but must be less than 0.5.",
+        ),
+        (
+            "tissue.set=[1]",
+            'tissue.set is [1] but must be "proposed", "maeno1998" or "gerling2014".',
+        ),
+        (
+            "solver.held=[bone]",
+            'solver.held is "[bone]" but must be a list.',
+        ),
+        (
+            'solver.held=["bone", "skin"]',
+            'solver.held (entry 2) is "skin" but must be "bone", "nail" or "cut".',
+        ),
+        (
+            "solver.petsc.ksp_type=[1]",
+            "solver.petsc.ksp_type is [1] but must be text, a number, true or false.",
+        ),
+        ("output.pictures=yes", 'output.pictures is "yes" but must be true or false.'),
+        ("finger=3", '"finger=3" sets nothing: write section.key=value.'),
+        ("finger.dermis_mm", '"finger.dermis_mm" sets nothing: write section.key=value.'),
+    ],
+)
+def test_each_problem_is_one_clear_sentence(override, sentence):
+    with pytest.raises(StudyError) as caught:
+        load_study(None, [override])
+    assert str(caught.value) == sentence
+
+
+def test_a_key_without_its_section_is_told_where_it_belongs(tmp_path):
+    (tmp_path / "s.toml").write_text("depth_mm = 1.0\n")
+    with pytest.raises(StudyError, match=r"did you mean protocol\.depth_mm\?"):
+        load_study(tmp_path / "s.toml")
+
+
+def test_several_problems_are_all_told():
+    with pytest.raises(StudyError) as caught:
+        load_study(None, ["finger.dermis_mm=0", "stimulus.friction=-1"])
+    assert len(str(caught.value).splitlines()) == 2
+
+
+@pytest.mark.parametrize("content", [b"[finger\n", b"\xff\xfe"])
+def test_a_file_that_is_not_toml(tmp_path, content):
+    (tmp_path / "s.toml").write_bytes(content)
+    with pytest.raises(StudyError, match=r"s\.toml"):
+        load_study(tmp_path / "s.toml")
+
+
+def test_a_missing_file_and_a_folder(tmp_path):
+    with pytest.raises(StudyError, match=r"no study file .*none\.toml"):
+        load_study(tmp_path / "none.toml")
+    with pytest.raises(StudyError, match="cannot be read"):
+        load_study(tmp_path)
