@@ -335,6 +335,9 @@ class Solver(Section):
     )
     first_step_mm: Positive = Field(0.05, description="first step of the press")
     max_press_step_mm: Positive = Field(0.25, description="longest step of the press")
+    first_slide_step_mm: Positive = Field(
+        0.02, description="first step of the slide: stick turns to slip everywhere"
+    )
     max_slide_step_mm: Positive = Field(0.2, description="longest step of the slide")
     min_step_mm: Positive = Field(0.0005, description="a step that fails at this length ends it")
     petsc: dict[str, str | int | float | bool] = Field(

@@ -1,0 +1,73 @@
+"""Nitsche's method for frictional contact with a rigid body, in UFL.
+
+After Chouly, Mlika and Renard (Numer. Math. 2018) on Nitsche's method for large-deformation
+frictional contact, for one deformable body. With the Piola traction ``t = P N`` on the finger,
+the obstacle's outward normal `nu`, ``p = t.nu`` (compression positive) and ``t_t = t - p nu``:
+
+    s_n = [p - gamma_h g]_+                                 non-penetration
+    s_t = Coulomb(t_t - gamma_h slip; mu s_n)               friction
+    residual -= Int s.v + theta/gamma_h (t - s).Dt[v] dA,   s = s_n nu + s_t
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import ufl
+from ufl.core.expr import Expr
+
+from tactile_fem.mechanics.obstacle import Obstacle
+
+# Keeps the friction law differentiable where neither pressure nor slip acts, in MPa.
+_TINY_MPa = 1e-12
+
+
+def smooth_coulomb(q: Expr, bound: Expr) -> Expr:
+    """Return the tangential traction ``bound q/sqrt(|q|^2 + bound^2)``.
+
+    It is the projection of the trial traction `q` onto the disc of radius `bound` with its edge
+    rounded: never above Coulomb's bound, equal to it within ``(bound/|q|)^2/2`` when sliding.
+    The rounding lets Newton start a slide at once.
+    """
+    return bound * q / ufl.sqrt(ufl.dot(q, q) + bound**2 + _TINY_MPa**2)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contact traction between the finger and a rigid body.
+
+    Parameters
+    ----------
+    obstacle
+        Supplies gap, normal and the body's motion.
+    friction
+        Coulomb's coefficient.
+    stiffness
+        ``gamma_h`` in MPa/mm.
+    theta
+        0 incomplete, 1 symmetric, -1 skew-symmetric Nitsche.
+    """
+
+    obstacle: Obstacle
+    friction: Expr | float
+    stiffness: Expr | float
+    theta: int = 0
+
+    def traction(self, t: Expr, u: Expr, u_old: Expr) -> Expr:
+        """Return the contact traction `s` on the finger, given its Piola traction `t`."""
+        nu, g = self.obstacle.normal, self.obstacle.gap
+        p = ufl.dot(t, nu)
+        s_n = ufl.max_value(p - self.stiffness * g, 0.0)
+        motion = (u - u_old) - (self.obstacle.translation - self.obstacle.translation_old)
+        slip = motion - ufl.dot(motion, nu) * nu
+        s_t = smooth_coulomb(t - p * nu - self.stiffness * slip, self.friction * s_n)
+        return s_n * nu + s_t
+
+    def residual(self, t: Expr, u: Expr, u_old: Expr, v: Expr) -> Expr:
+        """Return the contact part of the residual's integrand over the skin."""
+        s = self.traction(t, u, u_old)
+        residual = -ufl.dot(s, v)
+        if self.theta:
+            Dt = ufl.derivative(t, u, v)
+            residual -= self.theta / self.stiffness * ufl.dot(t - s, Dt)
+        return residual

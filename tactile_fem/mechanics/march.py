@@ -1,0 +1,260 @@
+"""Marches the finger problem through the protocol: press, then slide."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from tactile_fem.errors import ConvergenceError
+from tactile_fem.mechanics.problem import FingerProblem, Load, SolveReport
+from tactile_fem.mechanics.stepping import StepControl, StepTooSmallError
+from tactile_fem.study import Protocol, Solver
+
+logger = logging.getLogger(__name__)
+
+Phase = Literal["press", "slide"]
+_FORCE_TOLERANCE = 1e-3
+_UP = np.array([0.0, 0.0, 1.0])
+_PROXIMAL = np.array([0.0, -1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Step:
+    """One accepted step.
+
+    Attributes
+    ----------
+    phase
+        "press" or "slide".
+    clock_s
+        Time since the start of the indentation.
+    translation_mm
+        Place of the body relative to where it touches the undeformed pad's apex, (3,).
+    milestone
+        Whether the protocol asked for output here.
+    fraction
+        Share of the protocol's path that is done.
+    """
+
+    index: int
+    phase: Phase
+    displacement_mm: float
+    depth_mm: float
+    clock_s: float
+    translation_mm: np.ndarray
+    load: Load
+    solve: SolveReport
+    milestone: bool
+    fraction: float
+    wall_s: float
+
+    @property
+    def force_N(self) -> np.ndarray:
+        """Contact force on the finger, (3,)."""
+        return self.load.force_N
+
+    @property
+    def newton_iterations(self) -> int:
+        """Newton iterations of the step."""
+        return self.solve.iterations
+
+
+class March:
+    """The protocol as a sequence of accepted steps; its state can be saved and restored.
+
+    A step that fails is halved. The guess for a step extrapolates the last one of the same
+    phase, which spares Newton about half its iterations.
+
+    Parameters
+    ----------
+    problem
+        The finger and the body.
+    protocol, solver
+        Depth or force, distance, speeds; bounds of the steps.
+    deepest_mm
+        Depth at which pressing to a force is given up.
+    """
+
+    def __init__(
+        self, problem: FingerProblem, protocol: Protocol, solver: Solver, deepest_mm: float
+    ) -> None:
+        self.problem = problem
+        self._protocol = protocol
+        self._solver = solver
+        self._phase: Phase = "press"
+        depth = protocol.depth_mm if protocol.force_N is None else deepest_mm
+        self._control = self._press_control(depth)
+        self._depth = 0.0
+        self._clock = 0.0
+        self._index = 0
+        self._force = 0.0
+        self._u_before = problem.u.x.array.copy()
+        self._last_step = 0.0
+
+    def __iter__(self) -> Iterator[Step]:
+        """Yield each accepted step until the protocol ends.
+
+        Raises
+        ------
+        ConvergenceError
+            If a step fails at the smallest size.
+        """
+        while True:
+            if self._control.finished:
+                if self._phase == "slide":
+                    return
+                if self._protocol.force_N is not None and self._short_of_force():
+                    raise self._failure("the wanted force is not reached at the deepest press")
+                self._phase, self._control = "slide", self._slide_control()
+                self._last_step = 0.0
+                if self._control.finished:
+                    return
+            step = self._try_step()
+            if step is not None:
+                yield step
+
+    def _press_control(self, depth: float) -> StepControl:
+        s = self._solver
+        return StepControl(depth, s.first_step_mm, s.max_press_step_mm, s.min_step_mm)
+
+    def _slide_control(self) -> StepControl:
+        s, p = self._solver, self._protocol
+        count = int(p.distance_mm / p.output_mm + 1e-9)
+        milestones = tuple(p.output_mm * np.arange(1, count + 1))
+        return StepControl(
+            p.distance_mm, s.first_slide_step_mm, s.max_slide_step_mm, s.min_step_mm, milestones
+        )
+
+    def _try_step(self) -> Step | None:
+        """Solve for the next position; return the accepted step, or None if it was cut."""
+        started = time.perf_counter()
+        control, problem = self._control, self.problem
+        target = control.target_mm()
+        size = target - control.position_mm
+        pressing = self._phase == "press"
+        p = self._protocol
+        dt = size / (p.press_speed_mm_s if pressing else p.speed_mm_s)
+        self._predict(size)
+        report = problem.solve(self._translation(target), dt)
+        if not report.converged:
+            self._cut(target, report)
+            return None
+        load = problem.load()
+        if pressing and p.force_N is not None and not self._fits_force(target, load, p.force_N):
+            return None
+        self._u_before[:] = problem.u_old.x.array
+        self._last_step = size
+        problem.accept()
+        control.accept(target, report.iterations)
+        self._clock += dt
+        self._index += 1
+        self._force = float(load.force_N[2])
+        if pressing:
+            self._depth = target
+            if p.force_N is not None and not self._short_of_force():
+                control.length_mm = target
+        return Step(
+            self._index,
+            self._phase,
+            0.0 if pressing else target,
+            self._depth,
+            self._clock,
+            self._translation(target),
+            load,
+            report,
+            control.at_milestone,
+            self._fraction(),
+            time.perf_counter() - started,
+        )
+
+    def _translation(self, position: float) -> np.ndarray:
+        if self._phase == "press":
+            return position * _UP
+        return self._depth * _UP + position * _PROXIMAL
+
+    def _predict(self, size: float) -> None:
+        u, old = self.problem.u.x.array, self.problem.u_old.x.array
+        u[:] = old
+        if self._last_step:
+            u += (size / self._last_step) * (old - self._u_before)
+
+    def _cut(self, target: float, report: SolveReport) -> None:
+        self.problem.u.x.array[:] = self.problem.u_old.x.array
+        logger.info(
+            "%s to %.4f mm failed after %d iterations (%s): step halved",
+            self._phase,
+            target,
+            report.iterations,
+            report.reason,
+        )
+        try:
+            self._control.reject(target)
+        except StepTooSmallError:
+            raise self._failure(report.reason) from None
+
+    def _fits_force(self, target: float, load: Load, force: float) -> bool:
+        """Accept a press that does not overshoot the force; else aim by the secant."""
+        reached = float(load.force_N[2])
+        if reached <= force * (1 + _FORCE_TOLERANCE):
+            return True
+        share = (force - self._force) / (reached - self._force)
+        step = max(share, 0.05) * (target - self._control.position_mm)
+        self._control.step_mm = self._control.largest_mm = step
+        return False
+
+    def _short_of_force(self) -> bool:
+        force = self._protocol.force_N
+        return force is not None and self._force < force * (1 - _FORCE_TOLERANCE)
+
+    def _fraction(self) -> float:
+        whole = self._control.length_mm if self._phase == "press" else self._depth
+        done = self._depth + (self._control.position_mm if self._phase == "slide" else 0.0)
+        return min(1.0, done / (whole + self._protocol.distance_mm))
+
+    def _failure(self, reason: str) -> ConvergenceError:
+        place = self._control.position_mm
+        what = "indentation" if self._phase == "press" else "slide"
+        return ConvergenceError(
+            f"the {what} stopped at {place:.4f} mm ({reason}); everything up to there is kept; "
+            "try a finer mesh, rounder edges, less friction or a longer tissue.viscous_time_s",
+            place,
+            reason,
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Return what is needed, besides the displacements, to go on from here."""
+        c = self._control
+        return {
+            "phase": self._phase,
+            "position_mm": c.position_mm,
+            "length_mm": c.length_mm,
+            "step_mm": c.step_mm,
+            "largest_mm": c.largest_mm,
+            "depth_mm": self._depth,
+            "clock_s": self._clock,
+            "index": self._index,
+            "force": self._force,
+            "last_step_mm": self._last_step,
+        }
+
+    def restore(self, state: dict[str, Any], u_before: np.ndarray) -> None:
+        """Go back to a saved `state`; the problem's own state is set by the caller."""
+        self._phase = state["phase"]
+        press = self._phase == "press"
+        self._control = self._press_control(0.0) if press else self._slide_control()
+        for name in ("position_mm", "length_mm", "step_mm", "largest_mm"):
+            setattr(self._control, name, state[name])
+        self._depth, self._clock = state["depth_mm"], state["clock_s"]
+        self._index, self._force = state["index"], state["force"]
+        self._last_step = state["last_step_mm"]
+        self._u_before[:] = u_before
+
+    @property
+    def u_before(self) -> np.ndarray:
+        """This rank's displacement before the last accepted step."""
+        return self._u_before

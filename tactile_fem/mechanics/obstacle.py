@@ -1,0 +1,114 @@
+"""A rigid body of any shape, brought into UFL by its second-order expansion.
+
+At each contact quadrature point the signed distance `g`, its gradient and its Hessian are held
+at the current iterate `u0`. The form uses ``g + n.(u-u0) + (u-u0).H.(u-u0)/2``, so UFL's
+derivative at ``u = u0`` is the exact tangent. The data are refreshed before each residual and
+each Jacobian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import basix
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from ufl.core.expr import Expr
+
+from tactile_fem.stimulus.body import RigidBody
+
+
+class Obstacle:
+    """The rigid body as the contact form sees it.
+
+    Parameters
+    ----------
+    body
+        Signed distance in the body's own frame.
+    u
+        Displacement of the finger.
+    facets
+        This rank's facets that may touch.
+    degree
+        Quadrature degree on the facets.
+
+    Attributes
+    ----------
+    translation
+        Where the body is, (3,) mm; `translation_old` at the last accepted step.
+    gap, normal
+        UFL expressions of the signed distance and of the outward normal.
+    entity_maps
+        To be given to the compiler of any form that uses these expressions.
+    """
+
+    def __init__(
+        self, body: RigidBody, u: fem.Function, facets: np.ndarray, degree: int
+    ) -> None:
+        parent = u.function_space.mesh
+        self.body = body
+        self.u = u
+        self.translation = fem.Constant(parent, np.zeros(3))
+        self.translation_old = fem.Constant(parent, np.zeros(3))
+        submesh, entity_map = mesh.create_submesh(parent, 2, facets)[:2]
+        self.entity_maps: Sequence[mesh.EntityMap] = [entity_map]
+
+        scheme = basix.quadrature.string_to_type("default")
+        points, _ = basix.make_quadrature(basix.CellType.triangle, degree, rule=scheme)
+        self._points_per_facet = len(points)
+        position = fem.Expression(ufl.SpatialCoordinate(parent) + u, points)
+        displacement = fem.Expression(u, points)
+        self._parent = parent
+        self._evaluate = position, displacement
+        self._entities = _cells_and_local_facets(parent, entity_map, submesh)
+
+        def quadrature_function(shape: tuple[int, ...]) -> fem.Function:
+            element = basix.ufl.quadrature_element("triangle", value_shape=shape, degree=degree)
+            return fem.Function(fem.functionspace(submesh, element))
+
+        self._gap = quadrature_function(())
+        self._normal = quadrature_function((3,))
+        self._hessian = quadrature_function((3, 3))
+        self._base = quadrature_function((3,))
+        du = u - self._base
+        self.gap: Expr = (
+            self._gap + ufl.dot(self._normal, du) + ufl.dot(du, self._hessian * du) / 2
+        )
+        self.normal: Expr = self._normal + self._hessian * du
+
+    def refresh(self) -> None:
+        """Expand the signed distance anew at the current displacement."""
+        if not len(self._entities):
+            return
+        position, displacement = self._evaluate
+        y = position.eval(self._parent, self._entities).reshape(-1, 3)
+        d = self.body.distance(y - self.translation.value)
+        self._gap.x.array[: len(d.gap)] = d.gap
+        self._normal.x.array[: d.normal.size] = d.normal.ravel()
+        self._hessian.x.array[: d.hessian.size] = d.hessian.ravel()
+        u0 = displacement.eval(self._parent, self._entities)
+        self._base.x.array[: u0.size] = u0.ravel()
+
+    def least_gap(self) -> float:
+        """Return the least signed distance over this rank's contact points, in mm."""
+        return float(self._gap.x.array.min(initial=np.inf))
+
+
+def _cells_and_local_facets(
+    parent: mesh.Mesh, entity_map: mesh.EntityMap, submesh: mesh.Mesh
+) -> np.ndarray:
+    """Return (cell, local facet) of each facet of the submesh, (facets, 2)."""
+    index_map = submesh.topology.index_map(2)
+    count = index_map.size_local + index_map.num_ghosts
+    facets = entity_map.sub_topology_to_topology(np.arange(count, dtype=np.int32), False)
+    parent.topology.create_connectivity(2, 3)
+    parent.topology.create_connectivity(3, 2)
+    to_cell = parent.topology.connectivity(2, 3)
+    to_facet = parent.topology.connectivity(3, 2)
+    pairs = np.empty((count, 2), dtype=np.int32)
+    for row, facet in enumerate(facets):
+        cell = to_cell.links(facet)[0]
+        pairs[row] = cell, np.flatnonzero(to_facet.links(cell) == facet)[0]
+    return pairs

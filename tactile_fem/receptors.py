@@ -1,0 +1,229 @@
+"""Receptors on the epidermis-dermis interface: where they are and what they feel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import basix.ufl
+import numpy as np
+import scipy.sparse
+import ufl
+from dolfinx import common, fem
+
+from tactile_fem.errors import StudyError
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+from tactile_fem.mechanics.problem import FingerProblem, deformation_gradient
+from tactile_fem.study import Receptors
+from tactile_fem.tissue.energies import law_of, stress
+
+_KPA_PER_MPA = 1000.0
+
+
+def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
+    """Return the receptors' positions (n, 3) in mm, on the interface's facets over the pad.
+
+    Raises
+    ------
+    StudyError
+        If a receptor's X, Y has no interface above it.
+    """
+    xy = _layout(receptors)
+    facets = finger.nodes[finger.triangles[finger.surface == SURFACES["interface"], :3]]
+    return np.array([_lift(x, y, facets) for x, y in xy])
+
+
+def _layout(receptors: Receptors) -> np.ndarray:
+    """Return X, Y of the receptors, (n, 2)."""
+    half = receptors.half_width_mm, receptors.half_length_mm
+    lines = [_symmetric(h, receptors.spacing_mm) for h in half]
+    if receptors.placement == "line":
+        xy = np.column_stack([lines[0], np.zeros_like(lines[0])])
+    elif receptors.placement == "grid":
+        xy = np.stack(np.meshgrid(*lines, indexing="ij"), -1).reshape(-1, 2)
+    else:
+        area_cm2 = 4 * half[0] * half[1] / 100
+        count = max(1, round(receptors.density_per_cm2 * area_cm2))
+        random = np.random.default_rng(receptors.seed)
+        xy = random.uniform(-1, 1, (count, 2)) * half
+    return np.concatenate([xy, np.reshape(receptors.extra_mm, (-1, 2))])
+
+
+def _symmetric(half: float, spacing: float) -> np.ndarray:
+    count = int(half / spacing + 1e-9)
+    return np.arange(-count, count + 1) * spacing
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _lift(x: float, y: float, facets: np.ndarray) -> np.ndarray:
+    """Return the lowest point of the interface over (x, y)."""
+    a, b, c = facets[:, 0, :2], facets[:, 1, :2], facets[:, 2, :2]
+    det = _cross(b - a, c - a)
+    safe = np.where(det == 0, np.inf, det)
+    p = np.array([x, y])
+    s = _cross(p - a, c - a) / safe
+    t = _cross(b - a, p - a) / safe
+    inside = np.flatnonzero((det != 0) & (s >= -1e-9) & (t >= -1e-9) & (s + t <= 1 + 1e-9))
+    if not len(inside):
+        raise StudyError(
+            f"receptors: the receptor at X {x:g}, Y {y:g} mm lies outside the finger; "
+            "choose a smaller extent or another place"
+        )
+    z = facets[inside, 0, 2]
+    z = z + s[inside] * (facets[inside, 1, 2] - z) + t[inside] * (facets[inside, 2, 2] - z)
+    return np.array([x, y, z.min()])
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Points whose mean is a receptor's reading.
+
+    Attributes
+    ----------
+    receptor, cell
+        Index of the receptor and the file's index of the tetrahedron, (samples,).
+    point
+        Position, (samples, 3) mm.
+    weight
+        Share in the receptor's mean, (samples,).
+    """
+
+    receptor: np.ndarray
+    cell: np.ndarray
+    point: np.ndarray
+    weight: np.ndarray
+
+
+def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> Samples:
+    """Return the points of one tissue within the receptors' balls, and their tetrahedra.
+
+    Points lie on a cubic lattice of a third of the radius; with radius 0 the receptor itself is
+    the only point. Where cells meet, the one with the lowest index counts, so that the answer
+    does not depend on the partition.
+    """
+    cells = np.flatnonzero(finger.tissue == TISSUES[receptors.side])
+    corners = finger.nodes[finger.tets[cells, :4]]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    radius = receptors.average_radius_mm
+    offsets = _lattice(radius)
+    found = []
+    for number, position in enumerate(positions):
+        near = np.flatnonzero(
+            np.all((low <= position + radius + 1e-6) & (high >= position - radius - 1e-6), axis=1)
+        )
+        points = position + offsets
+        least = _least_barycentric(points, corners[near])
+        inside = least >= -1e-6
+        hit = inside.any(axis=1)
+        if not hit.any():
+            x, y = position[:2]
+            raise StudyError(
+                f"receptors.average_radius_mm = {radius:g}: no {receptors.side} within reach of "
+                f"the receptor at X {x:g}, Y {y:g} mm"
+            )
+        first = near[inside[hit].argmax(axis=1)]
+        count = len(first)
+        found.append((np.full(count, number), cells[first], points[hit], np.full(count, 1 / count)))
+    return Samples(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
+def _lattice(radius: float) -> np.ndarray:
+    """Return the lattice points of a ball of `radius` about the origin, (n, 3)."""
+    if radius == 0:
+        return np.zeros((1, 3))
+    line = (np.arange(6) - 2.5) / 3 * radius
+    points = np.stack(np.meshgrid(line, line, line, indexing="ij"), -1).reshape(-1, 3)
+    return points[np.linalg.norm(points, axis=1) <= radius]
+
+
+def _least_barycentric(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return the least barycentric coordinate of each point in each tet, (points, tets)."""
+    edges = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
+    delta = points[:, None, :] - corners[None, :, 0]
+    local = np.einsum("tij,ptj->pti", np.linalg.inv(edges), delta)
+    return np.minimum(local.min(axis=2), 1 - local.sum(axis=2))
+
+
+@dataclass(frozen=True)
+class Feeling:
+    """What the receptors feel at one moment.
+
+    Attributes
+    ----------
+    sed_kPa, von_mises_kPa
+        Strain energy density and Cauchy's von Mises stress, (receptors,).
+    stretches
+        Principal stretches in increasing order, (receptors, 3).
+    """
+
+    sed_kPa: np.ndarray
+    von_mises_kPa: np.ndarray
+    stretches: np.ndarray
+
+
+class Probe:
+    """Evaluates the fields at the receptors: located once, then one small product per step.
+
+    Within a cell the fields are interpolated at cubic nodes, so a reading is a fixed linear
+    combination of nodal values.
+    """
+
+    def __init__(
+        self, problem: FingerProblem, samples: Samples, count: int, tissue: str
+    ) -> None:
+        self._comm = problem.domain.comm
+        self._mesh = problem.domain.mesh
+        F = deformation_gradient(problem.u)
+        W = problem.energy(tissue)
+        P = stress(law_of(problem.constants(tissue)), F)
+        sigma = P * F.T / ufl.det(F)
+        deviator = ufl.dev(sigma)
+        von_mises = ufl.sqrt(1.5 * ufl.inner(deviator, deviator) + 1e-30)
+        C = F.T * F
+        fields = ufl.as_vector(
+            [
+                _KPA_PER_MPA * W,
+                _KPA_PER_MPA * von_mises,
+                *(C[i, j] for i in range(3) for j in range(3)),
+            ]
+        )
+        element = basix.ufl.element("DG", "tetrahedron", 3).basix_element
+        self._expression = fem.Expression(fields, element.points)
+        self._nodes = len(element.points)
+
+        file_cells = problem.domain.file_cells()
+        owner = {int(cell): local for local, cell in enumerate(file_cells)}
+        mine = np.array([int(c) in owner for c in samples.cell], dtype=bool)
+        local = np.array([owner[int(c)] for c in samples.cell[mine]], dtype=np.int32)
+        self._cells, column = np.unique(local, return_inverse=True)
+        basis = self._basis(element, local, samples.point[mine])
+        rows = np.repeat(samples.receptor[mine], self._nodes)
+        columns = (column[:, None] * self._nodes + np.arange(self._nodes)).ravel()
+        weights = (samples.weight[mine, None] * basis).ravel()
+        shape = count, len(self._cells) * self._nodes
+        self._weights = scipy.sparse.csr_array((weights, (rows, columns)), shape=shape)
+
+    def _basis(self, element: object, cells: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return the nodal basis at physical points, (points, nodes)."""
+        if not len(cells):
+            return np.empty((0, self._nodes))
+        corner = self._mesh.geometry.x[self._mesh.geometry.dofmap[cells][:, :4]]
+        edges = np.swapaxes(corner[:, 1:] - corner[:, :1], 1, 2)
+        reference = np.linalg.solve(edges, (points - corner[:, 0])[..., None])[..., 0]
+        return element.tabulate(0, reference)[0, :, :, 0]
+
+    def feel(self) -> Feeling:
+        """Return what the receptors feel at the problem's present displacement."""
+        with common.Timer("tactile: probe"):
+            values = np.zeros((self._weights.shape[0], 11))
+            if len(self._cells):
+                nodal = self._expression.eval(self._mesh, self._cells).reshape(-1, 11)
+                values += self._weights @ nodal
+            self._comm.Allreduce(MPI.IN_PLACE, values)
+        C = values[:, 2:].reshape(-1, 3, 3)
+        stretches = np.sqrt(np.linalg.eigvalsh((C + np.swapaxes(C, 1, 2)) / 2))
+        return Feeling(values[:, 0], values[:, 1], stretches)

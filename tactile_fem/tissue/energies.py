@@ -1,0 +1,105 @@
+"""Strain energies of the tissues, in UFL.
+
+A law is a small frozen dataclass that states only its energy `W(F)` in MPa (mJ/mm3); the first
+Piola stress follows by `stress`, the tangent from UFL's derivative of the residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import ufl
+from ufl.core.expr import Expr
+
+from tactile_fem.study import Elastic, Polynomial
+
+# Wraps a number so that changing it does not recompile the forms (`dolfinx.fem.Constant`).
+Wrap = Callable[[float], Expr | float]
+
+
+class Law(Protocol):
+    """A hyperelastic law."""
+
+    def energy(self, F: Expr) -> Expr:
+        """Return the strain energy density of the deformation gradient `F`, in MPa."""
+
+
+@dataclass(frozen=True)
+class PolynomialEnergy:
+    """Second-order polynomial energy (paper; Abaqus' standard writing).
+
+    ``W = sum_{1<=i+j<=2} C_ij (I1bar-3)^i (I2bar-3)^j + sum_i (J-1)^(2i)/D_i`` with the
+    invariants of ``Cbar = J^(-2/3) C``. With C10 alone it is neo-Hookean.
+    """
+
+    constants: Polynomial
+    wrap: Wrap = float
+
+    def energy(self, F: Expr) -> Expr:
+        """Return the strain energy density of `F`, in MPa."""
+        c = self.constants
+        J = ufl.det(F)
+        C = F.T * F
+        I1 = ufl.tr(C)
+        a = J ** (-2 / 3) * I1 - 3
+        W = self.wrap(c.C10_MPa) * a + self.wrap(1 / c.D1_per_MPa) * (J - 1) ** 2
+        if c.C20_MPa:
+            W += self.wrap(c.C20_MPa) * a**2
+        if c.C01_MPa or c.C11_MPa or c.C02_MPa:
+            b = J ** (-4 / 3) * (I1**2 - ufl.tr(C * C)) / 2 - 3
+            W += self.wrap(c.C01_MPa) * b
+            W += self.wrap(c.C11_MPa) * a * b + self.wrap(c.C02_MPa) * b**2
+        if c.D2_per_MPa is not None:
+            W += self.wrap(1 / c.D2_per_MPa) * (J - 1) ** 4
+        return W
+
+
+@dataclass(frozen=True)
+class StVenantKirchhoff:
+    """Linear elasticity in the Green-Lagrange strain, for bone and nail (paper: linear elastic).
+
+    Unlike small-strain elasticity it is indifferent to rotation; the two agree at the strains
+    that bone and nail reach.
+    """
+
+    constants: Elastic
+    wrap: Wrap = float
+
+    def energy(self, F: Expr) -> Expr:
+        """Return the strain energy density of `F`, in MPa."""
+        E_MPa, nu = self.constants.E_MPa, self.constants.nu
+        lame = self.wrap(E_MPa * nu / ((1 + nu) * (1 - 2 * nu)))
+        shear = self.wrap(E_MPa / (2 * (1 + nu)))
+        E = (F.T * F - ufl.Identity(3)) / 2
+        return lame / 2 * ufl.tr(E) ** 2 + shear * ufl.inner(E, E)
+
+
+def stress(law: Law, F: Expr) -> Expr:
+    """Return the first Piola stress ``dW/dF`` of `law`, in MPa."""
+    variable = ufl.variable(F)
+    return ufl.diff(law.energy(variable), variable)
+
+
+def shear_modulus(constants: Polynomial | Elastic) -> float:
+    """Return the small-strain shear modulus, in MPa."""
+    if isinstance(constants, Elastic):
+        return constants.E_MPa / (2 * (1 + constants.nu))
+    return 2 * (constants.C10_MPa + constants.C01_MPa)
+
+
+def young_modulus(constants: Polynomial | Elastic) -> float:
+    """Return the small-strain Young's modulus, in MPa."""
+    if isinstance(constants, Elastic):
+        return constants.E_MPa
+    G = shear_modulus(constants)
+    K = 2 / constants.D1_per_MPa
+    return 9 * K * G / (3 * K + G)
+
+
+def law_of(constants: Polynomial | Elastic, wrap: Wrap = float) -> Law:
+    """Return the law that goes with a tissue's constants."""
+    if isinstance(constants, Elastic):
+        return StVenantKirchhoff(constants, wrap)
+    return PolynomialEnergy(constants, wrap)
