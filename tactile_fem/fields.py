@@ -1,0 +1,86 @@
+"""Field files for ParaView: one VTU per output and a time series that lists them."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import meshio
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactile_fem.files import replacing, write_text
+
+SERIES = "deformation.pvd"
+# VTK lists the mid-nodes of edges 1-3 and 2-3 the other way round than gmsh.
+_GMSH_TO_VTK = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
+
+
+class FieldWriter:
+    """Writes the deformed finger, step by step.
+
+    Parameters
+    ----------
+    folder
+        Where the files go: ``deformation_0000.vtu`` ... and ``deformation.pvd``.
+    nodes
+        (n, 3) undeformed nodes in mm.
+    tets
+        (m, 10) nodes of each tetrahedron in gmsh's order.
+    tissue
+        (m,) tags.
+    """
+
+    def __init__(self, folder: Path, nodes: ArrayLike, tets: ArrayLike, tissue: ArrayLike) -> None:
+        self.folder = folder
+        self.nodes = np.asarray(nodes, dtype=np.float32)
+        self.tets = np.asarray(tets)[:, _GMSH_TO_VTK]
+        self.tissue = np.asarray(tissue, dtype=np.int32)
+        self._series: list[tuple[float, str]] = []
+
+    def write(self, time_s: float, displacement_mm: ArrayLike, sed_kPa: ArrayLike) -> Path:
+        """Write one state and add it to the series.
+
+        Parameters
+        ----------
+        time_s
+            Time in the protocol; the slide starts at 0.
+        displacement_mm
+            (n, 3) displacement of the nodes.
+        sed_kPa
+            (m,) strain energy density of the cells.
+        """
+        path = self.folder / f"deformation_{len(self._series):04d}.vtu"
+        mesh = meshio.Mesh(
+            self.nodes,
+            [("tetra10", self.tets)],
+            point_data={"displacement_mm": np.asarray(displacement_mm, dtype=np.float32)},
+            cell_data={
+                "sed_kPa": [np.asarray(sed_kPa, dtype=np.float32)],
+                "tissue": [self.tissue],
+            },
+        )
+        with replacing(path) as part:
+            meshio.write(part, mesh, file_format="vtu")
+        self._series.append((float(time_s), path.name))
+        self._write_series()
+        return path
+
+    def _write_series(self) -> None:
+        root = ET.Element("VTKFile", type="Collection", version="0.1")
+        collection = ET.SubElement(root, "Collection")
+        for time, name in self._series:
+            ET.SubElement(collection, "DataSet", timestep=repr(time), part="0", file=name)
+        ET.indent(root)
+        text = '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+        write_text(self.folder / SERIES, text)
+
+
+def read_series(folder: Path) -> tuple[NDArray[np.float64], list[Path]]:
+    """Return times in s and files of the written states; both empty if there are none."""
+    path = folder / SERIES
+    if not path.exists():
+        return np.empty(0), []
+    entries = list(ET.parse(path).iter("DataSet"))
+    times = np.array([float(entry.get("timestep", "nan")) for entry in entries])
+    return times, [folder / str(entry.get("file")) for entry in entries]

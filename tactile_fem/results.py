@@ -1,0 +1,297 @@
+"""The results folder: what a scan writes and plots read.
+
+===================  =====================================================================
+``study.toml``       the resolved study
+``run.json``         versions, mesh, options, ranks, timings, status
+``trace.npz``        histories: see `Results.save_trace`
+``spikes.csv``       ``receptor,time_s,displacement_mm``
+``checkpoint.npz``   the state to go on from
+``fields/``          VTU files and ``deformation.pvd``, their index, for ParaView
+``figures/``         pictures
+``log.txt``          what was said on the way
+===================  =====================================================================
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactile_fem.errors import StudyError
+from tactile_fem.files import replacing, write_text
+from tactile_fem.study import Study
+from tactile_fem.study_file import dump_study, load_study
+
+# Everything this package writes into the folder; nothing else is ever removed.
+_OWN = (
+    "study.toml",
+    "run.json",
+    "trace.npz",
+    "spikes.csv",
+    "checkpoint.npz",
+    "log.txt",
+    "fields/deformation.pvd",
+    "fields/deformation_*.vtu",
+    "figures/sed.png",
+    "figures/raster.png",
+    "figures/firing.png",
+    "figures/force.png",
+    "figures/finger.png",
+    "figures/deformation_*.png",
+    ".*.part",
+    "fields/.*.part",
+    "figures/.*.part",
+)
+_SHAPES = {"stimulator_mm": (3,), "force_N": (3,), "moment_Nmm": (3,), "displacement_mm": ()}
+
+
+class Spikes(NamedTuple):
+    """Spikes of all receptors: one entry per spike, by receptor and time."""
+
+    receptor: NDArray[np.int64]
+    time_s: NDArray[np.float64]
+    displacement_mm: NDArray[np.float64]
+
+
+class Results:
+    """A results folder; use `create` to write a new one and `open` to read one."""
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+
+    # --- making and finding ---------------------------------------------------------------
+
+    @classmethod
+    def create(cls, folder: Path | str, *, overwrite: bool = False) -> Results:
+        """Make the folder ready to be written.
+
+        Parameters
+        ----------
+        folder
+            Created with its parents if needed.
+        overwrite
+            Remove what an earlier scan left there; other files stay.
+
+        Raises
+        ------
+        StudyError
+            It is a file, is not writable, or is not empty and `overwrite` is false.
+        """
+        results = cls(folder)
+        cls.check(folder, overwrite=overwrite)
+        try:
+            results.folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=results.folder):
+                pass
+            for pattern in _OWN:
+                for path in results.folder.glob(pattern):
+                    path.unlink()
+            results.fields.mkdir(exist_ok=True)
+            results.figures.mkdir(exist_ok=True)
+        except OSError as error:
+            raise StudyError(
+                f"The results folder {folder} is not writable: {error.strerror}."
+            ) from None
+        return results
+
+    @staticmethod
+    def check(folder: Path | str, *, overwrite: bool = False) -> None:
+        """Raise what `create` would raise, as far as can be told without writing."""
+        path = Path(folder)
+        try:
+            if path.is_dir():
+                if any(path.iterdir()) and not overwrite:
+                    raise StudyError(
+                        f"The results folder {folder} is not empty: choose another name with "
+                        "--results, or --overwrite to replace the scan in it."
+                    )
+            elif path.exists() or path.is_symlink():
+                raise StudyError(f"The results folder {folder} is a file: choose another name.")
+            parent = path.absolute()
+            while not parent.exists():
+                parent = parent.parent
+            if not parent.is_dir():
+                raise StudyError(f"The results folder {folder} cannot be made: {parent} is a file.")
+            if not os.access(parent, os.W_OK | os.X_OK):
+                raise StudyError(f"The results folder {folder} is not writable.")
+        except OSError as error:
+            raise StudyError(
+                f"The results folder {folder} cannot be used: {error.strerror}."
+            ) from None
+
+    @classmethod
+    def open(cls, folder: Path | str) -> Results:
+        """Return the results of a scan, to read.
+
+        Raises
+        ------
+        StudyError
+            There is no such folder or no scan in it.
+        """
+        results = cls(folder)
+        for name in ("study.toml", "trace.npz"):
+            if not (results.folder / name).is_file():
+                raise StudyError(f"{folder} holds no results: there is no {name} in it.")
+        return results
+
+    @property
+    def fields(self) -> Path:
+        """Folder of the field files."""
+        return self.folder / "fields"
+
+    @property
+    def figures(self) -> Path:
+        """Folder of the pictures."""
+        return self.folder / "figures"
+
+    @property
+    def log_file(self) -> Path:
+        """The log."""
+        return self.folder / "log.txt"
+
+    @property
+    def checkpoint_file(self) -> Path:
+        """The state to go on from."""
+        return self.folder / "checkpoint.npz"
+
+    # --- writing --------------------------------------------------------------------------
+
+    def save_study(self, study: Study) -> None:
+        """Write ``study.toml``."""
+        write_text(self.folder / "study.toml", dump_study(study))
+        self.__dict__.pop("study", None)
+
+    def save_run(self, run: Mapping[str, Any]) -> None:
+        """Write ``run.json``; NumPy's scalars and arrays and paths are taken as well."""
+        text = json.dumps(run, indent=2, default=_plain, allow_nan=True)
+        write_text(self.folder / "run.json", text + "\n")
+        self.__dict__.pop("run", None)
+
+    def save_trace(self, **arrays: ArrayLike) -> None:
+        """Write ``trace.npz``.
+
+        Parameters
+        ----------
+        **arrays
+            ``time_s`` and ``displacement_mm`` (steps; the slide from 0, the indentation at
+            negative times), ``stimulator_mm``, ``force_N`` and ``moment_Nmm`` (steps, 3; on the
+            finger), ``receptors_mm`` (receptors, 3), ``sed_kPa`` (steps, receptors) and further
+            fields of that shape.
+        """
+        trace = {name: np.asarray(array) for name, array in arrays.items()}
+        _check_trace(trace)
+        self._save_npz("trace.npz", trace)
+        self.__dict__.pop("trace", None)
+
+    def save_checkpoint(self, **arrays: ArrayLike) -> None:
+        """Write ``checkpoint.npz``."""
+        self._save_npz("checkpoint.npz", {k: np.asarray(v) for k, v in arrays.items()})
+
+    def save_spikes(self, spikes: Sequence[ArrayLike]) -> None:
+        """Write ``spikes.csv``.
+
+        Parameters
+        ----------
+        spikes
+            Spike times in s of each receptor; the trace, written before, gives the displacements.
+        """
+        time, displacement = self.trace["time_s"], self.trace["displacement_mm"]
+        with (
+            replacing(self.folder / "spikes.csv") as part,
+            part.open("w", newline="", encoding="utf-8") as stream,
+        ):
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(Spikes._fields)
+            for receptor, times in enumerate(spikes):
+                for t in np.asarray(times, dtype=float):
+                    # The paper's slide starts at time 0; before, the displacement stays 0.
+                    at = np.interp(t, time, displacement)
+                    writer.writerow([receptor, f"{t:.7g}", f"{at:.7g}"])
+        self.__dict__.pop("spikes", None)
+
+    def _save_npz(self, name: str, arrays: dict[str, NDArray[Any]]) -> None:
+        if any(array.dtype.hasobject for array in arrays.values()):
+            raise ValueError(f"{name} takes arrays of numbers and text only")
+        with replacing(self.folder / name) as part, part.open("wb") as stream:
+            np.savez_compressed(stream, **arrays)
+
+    # --- reading --------------------------------------------------------------------------
+
+    @cached_property
+    def study(self) -> Study:
+        """The resolved study."""
+        return load_study(self.folder / "study.toml")
+
+    @cached_property
+    def run(self) -> dict[str, Any]:
+        """Versions, mesh, options, ranks, timings, status; empty if the scan has not said."""
+        path = self.folder / "run.json"
+        if not path.exists():
+            return {}
+        try:
+            run = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise StudyError(f"{path} cannot be read: {error}.") from None
+        return dict(run)
+
+    @cached_property
+    def trace(self) -> dict[str, NDArray[Any]]:
+        """Histories: see `save_trace`."""
+        return self._load_npz("trace.npz")
+
+    @cached_property
+    def spikes(self) -> Spikes:
+        """Spikes of all receptors; none if the scan has not come so far."""
+        path = self.folder / "spikes.csv"
+        rows: list[list[str]] = []
+        if path.exists():
+            with path.open(newline="", encoding="utf-8") as stream:
+                rows = list(csv.reader(stream))[1:]
+        try:
+            values = np.array(rows, dtype=float).reshape(-1, len(Spikes._fields))
+        except ValueError:
+            columns = ",".join(Spikes._fields)
+            raise StudyError(f"{path} cannot be read: its columns must be {columns}.") from None
+        return Spikes(values[:, 0].astype(int), values[:, 1], values[:, 2])
+
+    def load_checkpoint(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays of ``checkpoint.npz``."""
+        return self._load_npz("checkpoint.npz")
+
+    def _load_npz(self, name: str) -> dict[str, NDArray[Any]]:
+        path = self.folder / name
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                return dict(arrays)
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise StudyError(f"{path} cannot be read: {error}.") from None
+
+
+def _check_trace(trace: dict[str, NDArray[Any]]) -> None:
+    """Raise ValueError unless all histories have the same steps and receptors."""
+    steps = trace["time_s"].shape
+    receptors = len(trace.get("receptors_mm", ()))
+    if len(steps) != 1:
+        raise ValueError(f"time_s has shape {steps}, not (steps,)")
+    for name, array in trace.items():
+        if name in ("time_s", "receptors_mm"):
+            continue
+        expected = steps + _SHAPES.get(name, (receptors,) if array.ndim > 1 else ())
+        if array.shape[: len(expected)] != expected:
+            raise ValueError(f"{name} has shape {array.shape}, not {expected}")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return str(value)

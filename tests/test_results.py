@@ -1,0 +1,188 @@
+import json
+
+import meshio
+import numpy as np
+import pytest
+
+from tactile_fem.errors import StudyError
+from tactile_fem.fields import FieldWriter, read_series
+from tactile_fem.files import replacing
+from tactile_fem.results import Results
+from tactile_fem.study import Protocol, Study
+
+STEPS, RECEPTORS = 5, 3
+
+
+def trace():
+    time = np.linspace(-0.1, 0.3, STEPS)
+    return {
+        "time_s": time,
+        "displacement_mm": 20 * np.maximum(time, 0),
+        "stimulator_mm": np.zeros((STEPS, 3)),
+        "force_N": np.ones((STEPS, 3)),
+        "moment_Nmm": np.ones((STEPS, 3)),
+        "receptors_mm": np.zeros((RECEPTORS, 3)),
+        "sed_kPa": np.arange(STEPS * RECEPTORS, dtype=float).reshape(STEPS, RECEPTORS),
+        "stretches": np.ones((STEPS, RECEPTORS, 3)),
+    }
+
+
+def test_what_is_saved_is_read_back(tmp_path):
+    results = Results.create(tmp_path / "a" / "b")
+    study = Study(protocol=Protocol(depth_mm=1.5))
+    results.save_study(study)
+    results.save_run({"ranks": np.int64(2), "folder": tmp_path, "forces": np.zeros(3)})
+    results.save_trace(**trace())
+    results.save_spikes([[0.1, 0.25], [], [-0.05]])
+    results.save_checkpoint(u=np.ones((4, 3)), reason="none")
+
+    again = Results.open(tmp_path / "a" / "b")
+    assert again.study == study
+    assert again.run["ranks"] == 2 and again.run["forces"] == [0, 0, 0]
+    for name, array in trace().items():
+        assert np.array_equal(again.trace[name], array), name
+    assert again.spikes.receptor.tolist() == [0, 0, 2]
+    assert again.spikes.time_s.tolist() == [0.1, 0.25, -0.05]
+    assert again.spikes.displacement_mm == pytest.approx([2.0, 5.0, 0.0], abs=1e-12)
+    assert again.load_checkpoint()["u"].shape == (4, 3)
+    lines = (results.folder / "spikes.csv").read_text().splitlines()
+    assert lines[0] == "receptor,time_s,displacement_mm"
+
+
+def test_saving_again_is_seen(tmp_path):
+    results = Results.create(tmp_path / "r")
+    results.save_run({"status": "running"})
+    assert results.run["status"] == "running"
+    results.save_run({"status": "complete"})
+    assert results.run["status"] == "complete"
+
+
+def test_without_spikes_and_run_there_are_none(tmp_path):
+    results = Results.create(tmp_path / "r")
+    assert len(results.spikes.time_s) == 0
+    assert results.run == {}
+    results.save_trace(**trace())
+    results.save_spikes([[], [], []])
+    assert len(results.spikes.time_s) == 0
+
+
+def test_a_trace_of_unequal_lengths_is_refused(tmp_path):
+    results = Results.create(tmp_path / "r")
+    with pytest.raises(ValueError, match="force_N"):
+        results.save_trace(**{**trace(), "force_N": np.ones((STEPS + 1, 3))})
+    with pytest.raises(ValueError, match="sed_kPa"):
+        results.save_trace(**{**trace(), "sed_kPa": np.ones((STEPS, RECEPTORS - 1))})
+
+
+def test_nothing_that_needs_pickle_is_written_or_read(tmp_path):
+    results = Results.create(tmp_path / "r")
+    with pytest.raises(ValueError):
+        results.save_checkpoint(u=np.array([object()]))
+    np.savez(results.folder / "trace.npz", time_s=np.array([{}], dtype=object))
+    with pytest.raises(StudyError, match="cannot be read"):
+        _ = results.trace
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04broken"])
+def test_a_broken_trace_is_a_study_error(tmp_path, content):
+    results = Results.create(tmp_path / "r")
+    (results.folder / "trace.npz").write_bytes(content)
+    with pytest.raises(StudyError, match=r"trace\.npz cannot be read"):
+        _ = results.trace
+
+
+def test_a_folder_with_something_in_it_needs_overwrite(tmp_path):
+    (tmp_path / "notes.md").write_text("mine")
+    with pytest.raises(StudyError, match=r"not empty.*--overwrite"):
+        Results.create(tmp_path)
+
+
+def test_overwrite_removes_own_files_and_keeps_others(tmp_path):
+    results = Results.create(tmp_path / "r")
+    results.save_run({"status": "old"})
+    results.save_trace(**trace())
+    own = ["fields/deformation_0001.vtu", "figures/deformation_3.2.png", ".trace.npz.part"]
+    foreign = ["notes.md", "figures/mine.png", "fields/mine.vtu"]
+    for name in own + foreign:
+        (results.folder / name).write_text("x")
+    Results.create(tmp_path / "r", overwrite=True)
+    left = {
+        str(path.relative_to(results.folder))
+        for path in results.folder.rglob("*")
+        if path.is_file()
+    }
+    assert left == set(foreign)
+
+
+def test_a_file_in_the_way_is_no_folder(tmp_path):
+    (tmp_path / "r").write_text("x")
+    for folder in (tmp_path / "r", tmp_path / "r" / "below"):
+        with pytest.raises(StudyError, match="is a file"):
+            Results.create(folder, overwrite=True)
+
+
+def test_an_unwritable_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.access", lambda *args, **kwargs: False)
+    with pytest.raises(StudyError, match="not writable"):
+        Results.create(tmp_path / "r")
+    monkeypatch.undo()
+
+    def refuse(*args, **kwargs):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    with pytest.raises(StudyError, match="not writable: Permission denied"):
+        Results.create(tmp_path / "r")
+
+
+def test_open_wants_a_scan(tmp_path):
+    with pytest.raises(StudyError, match="holds no results"):
+        Results.open(tmp_path)
+
+
+def test_a_write_that_fails_leaves_the_old_file(tmp_path):
+    path = tmp_path / "run.json"
+    path.write_text("old")
+    with pytest.raises(RuntimeError), replacing(path) as part:
+        part.write_text("half")
+        raise RuntimeError
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["run.json"]
+
+
+def one_tet():
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+    edges = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [2, 3], [1, 3]])  # gmsh's order
+    nodes = np.vstack([corners, corners[edges].mean(axis=1)])
+    return nodes, np.arange(10)[None, :]
+
+
+def test_fields_have_vtk_node_order_and_the_series_lists_them(tmp_path):
+    nodes, tets = one_tet()
+    writer = FieldWriter(tmp_path, nodes, tets, [4])
+    for k in range(3):
+        writer.write(0.1 * k - 0.1, np.full((10, 3), float(k)), [10.0 + k])
+    times, paths = read_series(tmp_path)
+    assert times == pytest.approx([-0.1, 0.0, 0.1])
+    assert [path.name for path in paths] == [f"deformation_000{k}.vtu" for k in range(3)]
+
+    mesh = meshio.read(paths[2])
+    cell = mesh.cells_dict["tetra10"][0]
+    vtk_edges = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+    for node, (a, b) in zip(cell[4:], vtk_edges, strict=True):
+        middle = (mesh.points[cell[a]] + mesh.points[cell[b]]) / 2
+        assert np.allclose(mesh.points[node], middle)
+    assert np.all(mesh.point_data["displacement_mm"] == 2)
+    assert mesh.cell_data["sed_kPa"][0][0] == 12
+    assert mesh.cell_data["tissue"][0][0] == 4
+
+
+def test_no_series_is_an_empty_one(tmp_path):
+    times, paths = read_series(tmp_path)
+    assert len(times) == 0 and paths == []
+
+
+def test_run_json_is_json(tmp_path):
+    results = Results.create(tmp_path / "r")
+    results.save_run({"a": np.float64(0.5), "b": None})
+    assert json.loads((results.folder / "run.json").read_text()) == {"a": 0.5, "b": None}
