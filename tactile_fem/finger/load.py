@@ -1,0 +1,58 @@
+"""The mesh that a study asks for: a file's, the shipped one, or a new one."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import tomllib
+from pathlib import Path
+
+from tactile_fem.errors import MeshError
+from tactile_fem.finger.build import build_finger
+from tactile_fem.finger.mesh_data import FingerMesh
+from tactile_fem.finger.msh import read_msh
+from tactile_fem.finger.report import check_mesh
+from tactile_fem.study import Finger
+
+logger = logging.getLogger(__name__)
+
+# Beside the package in a clone, in the environment's share folder when installed.
+MESH_FOLDERS = (
+    Path(__file__).resolve().parents[2] / "meshes",
+    Path(sys.prefix) / "share" / "tactile_fem" / "meshes",
+)
+
+
+def load_finger(finger: Finger) -> FingerMesh:
+    """Return the finger's mesh.
+
+    A `mesh_file` is read; a finger whose values equal those of a shipped recipe comes from the
+    shipped file; every other one is meshed, which needs gmsh.
+
+    Raises
+    ------
+    MeshError
+        If the mesh cannot be read, made or used.
+    """
+    if finger.mesh_file is not None:
+        if not finger.mesh_file.is_file():
+            raise MeshError(f"finger.mesh_file = {finger.mesh_file} does not exist")
+        mesh = read_msh(finger.mesh_file)
+        check_mesh(mesh)
+        return mesh
+    shipped = shipped_file(finger)
+    if shipped is not None:
+        logger.info("finger from %s", shipped.name)
+        return read_msh(shipped)
+    return build_finger(finger)
+
+
+def shipped_file(finger: Finger) -> Path | None:
+    """Return the shipped mesh whose recipe is this finger, if there is one."""
+    for folder in MESH_FOLDERS:
+        for recipe in sorted(folder.glob("*.toml")):
+            mesh = recipe.with_suffix(".msh")
+            values = tomllib.loads(recipe.read_text(encoding="utf-8")).get("finger", {})
+            if mesh.is_file() and Finger.model_validate(values) == finger:
+                return mesh
+    return None

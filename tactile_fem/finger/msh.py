@@ -1,0 +1,113 @@
+"""Reading and writing meshes as Gmsh .msh files, without gmsh."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from tactile_fem.errors import MeshError
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+
+OPTIONAL = {"nail"}
+_SWAP = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]  # meshio keeps tetra10 in VTK's order
+
+
+def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
+    """Read a .msh file of any version; the names of its physical groups decide.
+
+    Nodes keep the file's order, those of no tetrahedron are left out.
+
+    Parameters
+    ----------
+    path
+        A mesh in mm of ten-node tetrahedra and six-node triangles.
+
+    Raises
+    ------
+    MeshError
+        If the file cannot be read, lacks a part, or has elements of another order.
+    """
+    try:
+        raw = meshio.gmsh.read(path)
+    except (OSError, meshio.ReadError, ValueError, KeyError, IndexError) as error:
+        raise MeshError(f"cannot read the mesh {path}: {error}") from error
+    kinds = {block.type for block in raw.cells}
+    if "tetra10" not in kinds or kinds & {"tetra", "triangle"}:
+        raise MeshError(
+            f"the mesh {path} has cells of type {', '.join(sorted(kinds)) or 'none'}: ten-node "
+            "tetrahedra and six-node triangles are needed (gmsh -order 2)"
+        )
+    tets, tissue = _tagged(raw, "tetra10", 3, TISSUES)
+    triangles, surface = _tagged(raw, "triangle6", 2, SURFACES)
+    wanted = {**TISSUES, **SURFACES}
+    found = set(np.unique(np.concatenate([tissue, surface])).tolist())
+    missing = [name for name, tag in wanted.items() if tag not in found and name not in OPTIONAL]
+    if missing:
+        raise MeshError(
+            f"the mesh {path} lacks the physical group{'s' * (len(missing) > 1)} "
+            f"{', '.join(missing)}"
+        )
+    if np.any(tissue == 0):
+        raise MeshError(
+            f"{int(np.sum(tissue == 0))} tetrahedra of {path} belong to no tissue; the physical "
+            f"volumes are {', '.join(TISSUES)}"
+        )
+    triangles, surface = triangles[surface > 0], surface[surface > 0]
+    used, flat = np.unique(tets, return_inverse=True)
+    if not np.all(np.isin(triangles, used)):
+        raise MeshError(f"the mesh {path} has surface triangles that are no facets of tetrahedra")
+    return FingerMesh(
+        nodes=np.ascontiguousarray(raw.points[used], dtype=np.float64),
+        tets=flat.reshape(-1, 10)[:, _SWAP].astype(np.int64),
+        tissue=tissue,
+        triangles=np.searchsorted(used, triangles).astype(np.int64),
+        surface=surface,
+    )
+
+
+def _tagged(
+    raw: meshio.Mesh, kind: str, dim: int, tags: dict[str, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cells of a kind and our tags of them, 0 for unknown names."""
+    number = {
+        int(value[0]): tags[name]
+        for name, value in raw.field_data.items()
+        if int(value[1]) == dim and name in tags
+    }
+    data = raw.cell_data.get("gmsh:physical", [np.zeros(len(b.data), int) for b in raw.cells])
+    cells, found = [np.empty((0, {3: 10, 2: 6}[dim]), int)], [np.empty(0, int)]
+    for block, physical in zip(raw.cells, data, strict=True):
+        if block.type == kind:
+            cells.append(block.data)
+            found.append(np.array([number.get(int(tag), 0) for tag in physical], dtype=int))
+    return np.concatenate(cells).astype(np.int64), np.concatenate(found).astype(np.int64)
+
+
+def write_msh(path: str | os.PathLike[str], mesh: FingerMesh) -> None:
+    """Write a mesh as .msh 2.2 in ASCII; the same mesh gives the same bytes.
+
+    The file is written beside and renamed, so that it is there whole or not at all.
+    """
+    names = [(2, tag, name) for name, tag in SURFACES.items() if np.any(mesh.surface == tag)]
+    names += [(3, tag, name) for name, tag in TISSUES.items() if np.any(mesh.tissue == tag)]
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names))]
+    lines += [f'{dim} {tag} "{name}"' for dim, tag, name in names]
+    lines += ["$EndPhysicalNames", "$Nodes", str(len(mesh.nodes))]
+    lines += [f"{i} {x!r} {y!r} {z!r}" for i, (x, y, z) in enumerate(mesh.nodes.tolist(), 1)]
+    lines += ["$EndNodes", "$Elements", str(len(mesh.triangles) + len(mesh.tets))]
+    count = 0
+    for kind, cells, tags in ((9, mesh.triangles, mesh.surface), (11, mesh.tets, mesh.tissue)):
+        for cell, tag in zip((cells + 1).tolist(), tags.tolist(), strict=True):
+            count += 1
+            lines.append(f"{count} {kind} 2 {tag} {tag} {' '.join(map(str, cell))}")
+    lines += ["$EndElements", ""]
+    path = Path(path)
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        beside.write_text("\n".join(lines), encoding="ascii", newline="\n")
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)

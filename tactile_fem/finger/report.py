@@ -1,0 +1,186 @@
+"""What a mesh is like: volumes, quality, thickness of the layers; and whether it can be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from tactile_fem.errors import MeshError
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of
+from tactile_fem.study import Finger
+
+LAYERS = ("stratum_corneum", "epidermis", "dermis")
+PAD_MM = (6.0, 9.0)  # half width and half length in which the layers are measured
+
+
+def volumes(nodes: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the signed volumes (m,) in mm^3 of the tetrahedra spanned by the corners."""
+    a, b, c, d = (nodes[tets[:, i]] for i in range(4))
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0
+
+
+def gammas(nodes: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return gmsh's quality gamma (m,): inscribed over circumscribed radius, 1 if regular."""
+    a, b, c, d = (nodes[tets[:, i]] for i in range(4))
+    area = sum(
+        np.linalg.norm(np.cross(q - p, r - p), axis=1) / 2
+        for p, q, r in ((a, b, c), (a, b, d), (a, c, d), (b, c, d))
+    )
+    edges = [np.linalg.norm(q - p, axis=1) for p, q in ((a, b), (c, d), (a, c), (b, d))]
+    edges += [np.linalg.norm(q - p, axis=1) for p, q in ((a, d), (b, c))]
+    x, y, z = edges[0] * edges[1], edges[2] * edges[3], edges[4] * edges[5]
+    heron = np.maximum((x + y + z) * (x + y - z) * (x - y + z) * (y + z - x), 1e-300)
+    volume = np.abs(volumes(nodes, tets))
+    # r = 3 V / A and R = sqrt(heron) / (24 V)
+    return 3.0 * (3.0 * volume / area) * (24.0 * volume / np.sqrt(heron))
+
+
+def _jacobians(mesh: FingerMesh) -> NDArray[np.float64]:
+    """Return the determinants (m, 10) of the quadratic map at the nodes of each tetrahedron."""
+    corners = np.eye(4)
+    pairs = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [2, 3], [1, 3]])
+    barycentric = np.vstack([corners, 0.5 * (corners[pairs[:, 0]] + corners[pairs[:, 1]])])
+    dlambda = np.array([[-1.0, -1.0, -1.0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    result = np.empty((len(mesh.tets), 10))
+    x = mesh.nodes[mesh.tets]
+    for point, weight in enumerate(barycentric):
+        slope = np.vstack(
+            [
+                (4.0 * weight - 1.0)[:, None] * dlambda,
+                4.0
+                * (
+                    weight[pairs[:, 0], None] * dlambda[pairs[:, 1]]
+                    + weight[pairs[:, 1], None] * dlambda[pairs[:, 0]]
+                ),
+            ]
+        )
+        result[:, point] = np.linalg.det(np.einsum("mni,nj->mij", x, slope))
+    return result
+
+
+def check_mesh(mesh: FingerMesh) -> None:
+    """Refuse a mesh that cannot be computed on.
+
+    Raises
+    ------
+    MeshError
+        For inverted tetrahedra, facets of more than two, or missing tissues or surfaces.
+    """
+    missing = [name for name, tag in TISSUES.items() if not np.any(mesh.tissue == tag)]
+    missing += [name for name, tag in SURFACES.items() if not np.any(mesh.surface == tag)]
+    missing = [name for name in missing if name != "nail"]
+    if missing:
+        raise MeshError(f"the mesh lacks the part {', '.join(missing)}")
+    bad = np.flatnonzero(_jacobians(mesh).min(axis=1) <= 0.0)
+    if len(bad):
+        where = mesh.nodes[mesh.tets[bad[0], :4]].mean(axis=0)
+        raise MeshError(
+            f"{len(bad)} tetrahedra have a non-positive Jacobian, the first at "
+            f"({where[0]:.2f}, {where[1]:.2f}, {where[2]:.2f}) mm"
+        )
+    try:
+        facets_of(mesh.tets)
+    except ValueError as error:
+        raise MeshError(f"the mesh is not conforming: {error}") from error
+
+
+def layer_thickness(mesh: FingerMesh) -> dict[str, NDArray[np.float64]]:
+    """Measure the layers of the pad.
+
+    Returns
+    -------
+    thickness
+        mm per layer: distances from the middles of the pad's facets of each limit to the nearest
+        point of the next limit, the stratum corneum first.
+    """
+    facets, first, second = facets_of(mesh.tets)
+    one = mesh.tissue[first]
+    other = np.where(second < 0, 0, mesh.tissue[second])
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    limits = []
+    for depth in range(len(LAYERS) + 1):
+        limits.append(facets[(low == depth) & (high == depth + 1)])
+    thickness = {}
+    for name, above, below in zip(LAYERS, limits[:-1], limits[1:], strict=True):
+        middle = mesh.nodes[above].mean(axis=1)
+        in_pad = np.all(np.abs(middle[:, :2]) < PAD_MM, axis=1) & (middle[:, 2] < PAD_MM[0])
+        thickness[name] = _distances(middle[in_pad], mesh.nodes[below])
+    return thickness
+
+
+def _distances(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return distances from points (n, 3) to the nearest of the triangles (m, 3, 3)."""
+    count = min(12, len(corners))
+    _, near = cKDTree(corners.mean(axis=1)).query(points, k=count)
+    a, b, c = np.moveaxis(corners[near.reshape(len(points), count)], 2, 0)
+    p = points[:, None]
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    height = np.abs(np.sum((p - a) * normal, axis=-1))
+    beside = np.zeros_like(height, dtype=bool)
+    rim = np.full_like(height, np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        edge = end - start
+        beside |= np.sum(np.cross(edge, p - start) * normal, axis=-1) < 0.0
+        t = np.sum((p - start) * edge, axis=-1) / np.sum(edge**2, axis=-1)
+        foot = start + np.clip(t, 0.0, 1.0)[..., None] * edge
+        rim = np.minimum(rim, np.linalg.norm(p - foot, axis=-1))
+    return np.where(beside, rim, height).min(axis=1)
+
+
+@dataclass(frozen=True)
+class MeshReport:
+    """Figures of a finger mesh; volumes in mm^3, thickness in mm."""
+
+    nodes: int
+    tets: dict[str, int]
+    volume: dict[str, float]
+    gamma: dict[str, tuple[float, float]]
+    facets: dict[str, int]
+    thickness: dict[str, tuple[float, float, float]]
+    wanted: dict[str, float]
+    hash: str
+
+    def __str__(self) -> str:
+        """Return a table to print."""
+        lines = [
+            f"{sum(self.tets.values())} tetrahedra, {self.nodes} nodes, "
+            f"{3 * self.nodes} displacements, volume {sum(self.volume.values()):.1f} mm^3",
+            f"{'tissue':<16}{'tets':>8}{'mm^3':>10}{'min gamma':>11}{'mean':>7}",
+        ]
+        for name, count in self.tets.items():
+            low, mean = self.gamma[name]
+            lines.append(f"{name:<16}{count:>8}{self.volume[name]:>10.1f}{low:>11.3f}{mean:>7.3f}")
+        lines.append(f"{'surface':<16}{'facets':>8}")
+        lines += [f"{name:<16}{count:>8}" for name, count in self.facets.items()]
+        lines.append(f"{'layer of the pad':<16}{'wanted':>8}{'min':>8}{'mean':>8}{'max':>8} mm")
+        for name, figures in self.thickness.items():
+            values = "".join(f"{value:>8.3f}" for value in (self.wanted[name], *figures))
+            lines.append(f"{name:<16}{values}")
+        return "\n".join([*lines, f"sha256 {self.hash}"])
+
+
+def describe(mesh: FingerMesh, finger: Finger) -> MeshReport:
+    """Measure a mesh and hold its layers beside the finger's lengths."""
+    volume, gamma = volumes(mesh.nodes, mesh.tets), gammas(mesh.nodes, mesh.tets)
+    parts = {name: mesh.tissue == tag for name, tag in TISSUES.items()}
+    parts = {name: mask for name, mask in parts.items() if mask.any()}
+    return MeshReport(
+        nodes=len(mesh.nodes),
+        tets={name: int(mask.sum()) for name, mask in parts.items()},
+        volume={name: float(volume[mask].sum()) for name, mask in parts.items()},
+        gamma={
+            name: (float(gamma[mask].min()), float(gamma[mask].mean()))
+            for name, mask in parts.items()
+        },
+        facets={name: int(np.sum(mesh.surface == tag)) for name, tag in SURFACES.items()},
+        thickness={
+            name: (float(found.min()), float(found.mean()), float(found.max()))
+            for name, found in layer_thickness(mesh).items()
+        },
+        wanted={name: getattr(finger, f"{name}_mm") for name in LAYERS},
+        hash=mesh.hash,
+    )

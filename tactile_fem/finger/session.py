@@ -1,0 +1,65 @@
+"""Gmsh, started only while a finger is meshed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+
+from tactile_fem.errors import MeshError
+
+_OPTIONS = {
+    "General.Terminal": 0,
+    "General.NumThreads": 1,
+    "Mesh.RandomSeed": 1,
+    "Mesh.RandomFactor": 1e-9,
+    "Mesh.Renumber": 0,
+    "Mesh.Algorithm": 6,  # frontal Delaunay
+    "Mesh.Algorithm3D": 10,  # HXT
+    "Mesh.ElementOrder": 1,
+    "Mesh.MeshSizeMin": 0,
+    "Mesh.MeshSizeMax": 1e22,
+    "Mesh.MeshSizeFactor": 1,
+    "Mesh.MeshSizeFromCurvature": 0,
+    "Mesh.MeshSizeFromPoints": 0,
+    "Mesh.MeshSizeExtendFromBoundary": 0,
+}
+
+
+@contextmanager
+def gmsh_model() -> Iterator[ModuleType]:
+    """Lend gmsh with an empty model and silent, repeatable settings.
+
+    The model is removed afterwards, and gmsh finalized if it was started here, error or not.
+
+    Raises
+    ------
+    MeshError
+        If gmsh is missing, or fails while meshing.
+    """
+    try:
+        import gmsh
+    except (ImportError, OSError) as error:
+        raise MeshError(
+            f"a finger of this shape or size has to be meshed, and gmsh cannot be loaded ({error}):"
+            " install it with `pip install gmsh`, or give finger.mesh_file"
+        ) from error
+    started = not gmsh.isInitialized()
+    if started:
+        gmsh.initialize(interruptible=False, readConfigFiles=False)
+    old = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
+    for name, value in _OPTIONS.items():
+        gmsh.option.setNumber(name, value)
+    gmsh.model.add("tactile_fem")
+    try:
+        yield gmsh
+    except Exception as error:
+        if type(error) is not Exception:  # gmsh raises bare exceptions
+            raise
+        raise MeshError(f"gmsh could not mesh the finger: {error}") from error
+    finally:
+        gmsh.model.remove()
+        for name, value in old.items():
+            gmsh.option.setNumber(name, value)
+        if started:
+            gmsh.finalize()

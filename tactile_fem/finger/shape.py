@@ -1,0 +1,231 @@
+"""The analytic finger: where its skin and its bone lie, and their normals.
+
+Both are capsules: an elliptic cylinder along Y with a half-ellipsoidal tip, whose palmar and
+dorsal halves differ in height. Proximal of the contact point everything rises along an arc, so
+that the pad lifts off a plate before the cut; distal of it the palmar contour starts with the
+same curvature. All of it is proposed by this project.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from tactile_fem.errors import MeshError
+from tactile_fem.study import Finger
+
+Array = NDArray[np.float64]
+
+STEEPEST = math.radians(30.0)  # the arc of the pad ends at this slope, its tangent goes on
+LEAST_GAP_MM = 0.15  # bone to dermis
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A smooth closed-tip body along Y, cut at its proximal end (lengths in mm).
+
+    Parameters
+    ----------
+    half_width, below, above
+        Semi-axes of the cross-section: across, palmar and dorsal.
+    axis_z
+        Height of the axis at Y >= 0.
+    tip_y, tip_length, cut_y
+        Where the tip ends, how long it is, and where the body is cut.
+    pad_radius
+        Radius of the contour along Y for Y < 0.
+    fullness
+        Second derivative of the palmar tip contour at Y = 0 over that of an ellipse which starts
+        there; ``None`` lets the palmar contour close like the rest.
+    """
+
+    half_width: float
+    below: float
+    above: float
+    axis_z: float
+    tip_y: float
+    tip_length: float
+    cut_y: float
+    pad_radius: float
+    fullness: float | None = None
+
+    @property
+    def shoulder_y(self) -> float:
+        """Where the rounded tip begins."""
+        return self.tip_y - self.tip_length
+
+    def rise(self, y: ArrayLike) -> tuple[Array, Array]:
+        """Return how far the body has risen at y, and its slope: arc, then tangent."""
+        back = np.maximum(-np.asarray(y, dtype=float), 0.0)
+        end = self.pad_radius * math.sin(STEEPEST)
+        on_arc = np.minimum(back, end)
+        root = np.sqrt(self.pad_radius**2 - on_arc**2)
+        slope = on_arc / root
+        return self.pad_radius - root + slope * (back - on_arc), -slope
+
+    def _closing(self, y: Array) -> tuple[Array, Array]:
+        """Return the squared section factor (1 in the shaft, 0 at the tip) and its derivative."""
+        t = np.clip((y - self.shoulder_y) / self.tip_length, 0.0, 1.0)
+        return 1.0 - t**2, -2.0 * t / self.tip_length
+
+    def _palmar(self, y: Array) -> tuple[Array, Array]:
+        """Return the squared palmar height over that of the closing, and its derivative.
+
+        The height itself closes as (1 - s^2)(1 + (1 - a) s^2) with s = y/tip_y, a the fullness.
+        """
+        if self.fullness is None:
+            return np.ones_like(y), np.zeros_like(y)
+        s = np.clip(y / self.tip_y, 0.0, 1.0)
+        b = 1.0 - self.fullness
+        short = (1.0 - s**2) * (1.0 + b * s**2)
+        dshort = (-2.0 * s * (1.0 + b * s**2) + (1.0 - s**2) * 2.0 * b * s) / self.tip_y
+        t = np.maximum((y - self.shoulder_y) / self.tip_length, 0.0)
+        ratio = self.tip_length / self.tip_y
+        top = (1.0 + s) * (1.0 + b * s**2)
+        dtop = ((1.0 + b * s**2) + (1.0 + s) * 2.0 * b * s) / self.tip_y
+        tip = ratio * top / (1.0 + t)
+        dtip = ratio * (dtop / (1.0 + t) - top / ((1.0 + t) ** 2 * self.tip_length))
+        in_tip = y > self.shoulder_y
+        return np.where(in_tip, tip, short), np.where(in_tip, dtip, dshort)
+
+    def place(self, reference: Array) -> tuple[Array, Array]:
+        """Move points of the reference capsule onto the body.
+
+        Parameters
+        ----------
+        reference
+            (n, 3): u, y, v with u^2 + v^2 = 1 in the shaft; pulled onto the capsule first.
+
+        Returns
+        -------
+        points, normals
+            (n, 3) positions in mm and outward unit normals, exact.
+        """
+        u, y, v = np.asarray(reference, dtype=float).T
+        y = np.clip(y, self.cut_y, self.tip_y)
+        closing, dclosing = self._closing(y)
+        length = np.hypot(u, v)
+        scale = np.where(length > 1e-9, np.sqrt(closing) / np.maximum(length, 1e-9), 0.0)
+        u, v = u * scale, v * scale
+        palmar, dpalmar = self._palmar(y)
+        under = v < 0
+        height = np.where(under, self.below * np.sqrt(palmar), self.above)
+        x, zeta = self.half_width * u, height * v
+        rise, slope = self.rise(y)
+        gradient = np.column_stack(
+            [
+                2.0 * x / self.half_width**2,
+                -dclosing - np.where(under, v**2 * dpalmar / palmar, 0.0),
+                2.0 * zeta / height**2,
+            ]
+        )
+        gradient[:, 1] -= slope * gradient[:, 2]
+        points = np.column_stack([x, y, self.axis_z + zeta + rise])
+        return points, gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+
+    def level(self, points: Array) -> Array:
+        """Return a function of (n, 3) points that is negative inside and zero on the body."""
+        x, y, z = np.asarray(points, dtype=float).T
+        closing, _ = self._closing(y)
+        palmar, _ = self._palmar(y)
+        zeta = z - self.axis_z - self.rise(y)[0]
+        height2 = np.where(zeta < 0, self.below**2 * palmar, self.above**2)
+        return (x / self.half_width) ** 2 + zeta**2 / height2 - closing
+
+    def sample(self, step_mm: float) -> tuple[Array, Array]:
+        """Return points and normals about step_mm apart."""
+        shaft = np.arange(self.cut_y, self.shoulder_y, step_mm)
+        angle = np.linspace(0.0, np.pi / 2, int(np.ceil(2 * self.tip_length / step_mm)))
+        y = np.concatenate([shaft, self.shoulder_y + self.tip_length * np.sin(angle)])
+        turn = np.arange(0.0, 2 * np.pi, step_mm / max(self.half_width, self.below, self.above))
+        grid_y, grid_turn = np.meshgrid(y, turn, indexing="ij")
+        reference = np.column_stack(
+            [np.cos(grid_turn).ravel(), grid_y.ravel(), np.sin(grid_turn).ravel()]
+        )
+        return self.place(reference)
+
+
+def skin_shape(finger: Finger) -> Capsule:
+    """Return the outer skin.
+
+    Raises
+    ------
+    MeshError
+        If the lengths do not make a finger.
+    """
+    tip = finger.contact_from_tip_mm
+    cut = tip - finger.tip_length_mm - finger.straight_length_mm
+    if finger.tip_length_mm > tip:
+        raise MeshError(
+            f"finger.tip_length_mm = {finger.tip_length_mm:g} is longer than contact_from_tip_mm "
+            f"= {tip:g}: the contact point must lie proximal of the rounded tip"
+        )
+    if cut > -3.0:
+        raise MeshError(
+            f"the finger is cut {-cut:g} mm proximal of the contact point; lengthen "
+            "finger.straight_length_mm so that it is at least 3 mm"
+        )
+    fullness = tip**2 / (finger.palmar_height_mm * finger.pad_radius_mm)
+    if fullness > 1.9:
+        raise MeshError(
+            f"finger.pad_radius_mm = {finger.pad_radius_mm:g} is too small for a tip of {tip:g} "
+            f"mm: it must exceed {tip**2 / (1.9 * finger.palmar_height_mm):.3g} mm"
+        )
+    return Capsule(
+        half_width=finger.half_width_mm,
+        below=finger.palmar_height_mm,
+        above=finger.dorsal_height_mm,
+        axis_z=finger.palmar_height_mm,
+        tip_y=tip,
+        tip_length=finger.tip_length_mm,
+        cut_y=cut,
+        pad_radius=finger.pad_radius_mm,
+        fullness=fullness,
+    )
+
+
+def bone_shape(finger: Finger) -> Capsule:
+    """Return the bone, pad_thickness_mm above the contact point; it follows the skin's rise.
+
+    Raises
+    ------
+    MeshError
+        If it comes nearer to the skin than the layers allow.
+    """
+    skin = skin_shape(finger)
+    tip = finger.contact_from_tip_mm - finger.bone_tip_gap_mm
+    if tip < 1.0:
+        raise MeshError(
+            f"finger.bone_tip_gap_mm = {finger.bone_tip_gap_mm:g} leaves no bone over the contact "
+            f"point: it must be at most {finger.contact_from_tip_mm - 1.0:g}"
+        )
+    bone = Capsule(
+        half_width=finger.bone_half_width_mm,
+        below=finger.bone_half_height_mm,
+        above=finger.bone_half_height_mm,
+        axis_z=finger.pad_thickness_mm + finger.bone_half_height_mm,
+        tip_y=tip,
+        tip_length=min(finger.bone_half_width_mm, tip),
+        cut_y=skin.cut_y,
+        pad_radius=skin.pad_radius,
+    )
+    depth = depth_below(skin, bone.sample(0.4)[0])
+    layers = finger.stratum_corneum_mm + finger.epidermis_mm + finger.dermis_mm
+    if depth.min() < layers + LEAST_GAP_MM:
+        where = "outside the skin" if depth.min() <= 0 else f"{depth.min():.2f} mm below the skin"
+        raise MeshError(
+            f"the bone comes to lie {where}, but the layers take {layers:.2f} mm: use thinner "
+            "layers, a smaller bone or a thicker finger (finger.palmar_height_mm and others)"
+        )
+    return bone
+
+
+def depth_below(skin: Capsule, points: Array) -> Array:
+    """Return the depth of points (n, 3) below the skin in mm, negative outside (error < 0.02)."""
+    surface, _ = skin.sample(0.25)
+    distance, _ = cKDTree(surface).query(points)
+    return np.where(skin.level(points) < 0, distance, -distance)

@@ -1,0 +1,226 @@
+"""Triangulation of a capsule (skin or bone), fine under the contact patch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_fem.errors import MeshError
+from tactile_fem.finger.session import gmsh_model
+from tactile_fem.finger.shape import Array, Capsule
+from tactile_fem.study import Finger
+
+PATCH_MM = (4.5, 6.0)  # half width (X) and half length (Y) of the finely meshed patch
+NAIL_FROM_TIP_MM = 1.0
+
+Size = Callable[[float, float, float], float]
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Edge lengths in mm under the patch, far from it and on the bone, and their growth.
+
+    At a mm from the patch the edge length is pad + growth a + curve a^2, at most far.
+    """
+
+    pad: float
+    far: float
+    bone: float
+    growth: float
+    curve: float
+    epidermis_rows: int
+
+
+PRESETS = {
+    "coarse": Sizes(0.95, 4.5, 4.0, 0.3, 0.3, 2),
+    "medium": Sizes(0.60, 2.4, 2.2, 0.3, 0.1, 2),
+    "paper": Sizes(0.34, 1.35, 1.3, 0.25, 0.0, 2),
+}
+
+
+def sizes_of(finger: Finger) -> Sizes:
+    """Return the preset's sizes with the finger's own values in their place."""
+    preset = PRESETS[finger.preset]
+    pad = finger.pad_size_mm or preset.pad
+    far = finger.far_size_mm or preset.far
+    if far < pad:
+        raise MeshError(
+            f"finger.far_size_mm = {far:g} must not be smaller than the edge under the contact "
+            f"patch, {pad:g}"
+        )
+    bone = far * preset.bone / preset.far
+    rows = finger.epidermis_rows or preset.epidermis_rows
+    return Sizes(pad, far, bone, preset.growth, preset.curve, rows)
+
+
+@dataclass(frozen=True)
+class NailOutline:
+    """Rounded rectangle in the XY plane; the nail lies under its dorsal projection (mm)."""
+
+    half_width: float
+    start_y: float
+    end_y: float
+
+    @property
+    def corner(self) -> float:
+        """Radius of the corners."""
+        return 0.9 * min(self.half_width, 0.5 * (self.end_y - self.start_y))
+
+    def contains(self, points: Array) -> NDArray[np.bool_]:
+        """Tell which of the (n, 3) points lie within the outline, seen along Z."""
+        inner = (self.half_width - self.corner, 0.5 * (self.end_y - self.start_y) - self.corner)
+        dx = np.maximum(np.abs(points[:, 0]) - inner[0], 0.0)
+        dy = np.maximum(np.abs(points[:, 1] - 0.5 * (self.start_y + self.end_y)) - inner[1], 0.0)
+        return np.hypot(dx, dy) < self.corner
+
+    def rim(self, count: int) -> Array:
+        """Return (4 count, 2) points of the outline."""
+        inner = (self.half_width - self.corner, 0.5 * (self.end_y - self.start_y) - self.corner)
+        turn = np.linspace(0.0, 2.0 * np.pi, 4 * count, endpoint=False)
+        x, y = np.cos(turn), np.sin(turn)
+        mid = 0.5 * (self.start_y + self.end_y)
+        return np.column_stack(
+            [np.sign(x) * inner[0] + self.corner * x, mid + np.sign(y) * inner[1] + self.corner * y]
+        )
+
+
+def nail_outline(finger: Finger) -> NailOutline:
+    """Return the nail's outline.
+
+    Raises
+    ------
+    MeshError
+        If it is wider or longer than the back of the finger.
+    """
+    tip = finger.contact_from_tip_mm
+    outline = NailOutline(
+        half_width=0.5 * finger.nail_width_mm,
+        start_y=tip - NAIL_FROM_TIP_MM - finger.nail_length_mm,
+        end_y=tip - NAIL_FROM_TIP_MM,
+    )
+    x, y = outline.rim(16).T
+    t = np.clip((y - (tip - finger.tip_length_mm)) / finger.tip_length_mm, 0.0, 1.0)
+    room = finger.half_width_mm * np.sqrt(1.0 - t**2)
+    if np.any(np.abs(x) > 0.97 * room):
+        raise MeshError(
+            f"the nail ({finger.nail_width_mm:g} mm wide, {finger.nail_length_mm:g} mm long) does "
+            "not fit on the back of the finger"
+        )
+    cut = tip - finger.tip_length_mm - finger.straight_length_mm
+    if outline.start_y < cut + 2.0:
+        raise MeshError(
+            f"the nail ({finger.nail_length_mm:g} mm long) comes too near to the proximal cut"
+        )
+    return outline
+
+
+def pad_size(sizes: Sizes, capsule: Capsule) -> Size:
+    """Return the edge length as a function of the place on the unbent capsule."""
+
+    def size(x: float, y: float, z: float) -> float:
+        across = max(abs(x) - PATCH_MM[0], 0.0)
+        along = max(abs(y) - PATCH_MM[1], 0.0)
+        above = max(z + 0.45 * capsule.below, 0.0)
+        away = math.sqrt(across**2 + along**2 + above**2)
+        return min(sizes.pad + away * (sizes.growth + sizes.curve * away), sizes.far)
+
+    return size
+
+
+def triangulate(
+    capsule: Capsule, size: Size, outline: NailOutline | None = None
+) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.bool_]]:
+    """Triangulate a capsule.
+
+    Parameters
+    ----------
+    capsule
+        The body.
+    size
+        Edge length in mm at x, y and the height over the axis, before the rise.
+    outline
+        Edges follow this outline on the dorsal side.
+
+    Returns
+    -------
+    points, normals, triangles, under_nail
+        (n, 3) in mm, (n, 3) outward unit normals, (m, 3) corners turning outwards, (m,) whether
+        a triangle lies within the outline.
+    """
+    with gmsh_model() as gmsh:
+        _add_capsule(gmsh, capsule, outline)
+        gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, lc: size(x, y, z))
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.removeSizeCallback()
+        tags, flat, _ = gmsh.model.mesh.getNodes()
+        _, corners = gmsh.model.mesh.getElementsByType(2)
+    raw = flat.reshape(-1, 3)
+    triangles = np.searchsorted(tags, corners).reshape(-1, 3).astype(np.int64)
+    assert np.all(np.diff(tags.astype(np.int64)) > 0)
+    used, triangles = np.unique(triangles, return_inverse=True)
+    raw, triangles = raw[used], triangles.reshape(-1, 3)
+    points, normals = capsule.place(raw / [capsule.half_width, 1.0, capsule.below])
+    corner = points[triangles]
+    area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    inward = np.einsum("ij,ij->i", area, normals[triangles].sum(axis=1)) < 0
+    triangles[inward] = triangles[inward][:, [0, 2, 1]]
+    middle = raw[triangles].mean(axis=1)
+    under_nail = np.zeros(len(triangles), dtype=bool)
+    if outline is not None:
+        under_nail = outline.contains(middle) & (middle[:, 2] > 0)
+    return points, normals, triangles, under_nail
+
+
+def _add_capsule(gmsh: Any, capsule: Capsule, outline: NailOutline | None) -> None:
+    """Add half an ellipsoid and an elliptic tube around Y, without the proximal lid."""
+    occ = gmsh.model.occ
+    width, height, shoulder = capsule.half_width, capsule.below, capsule.shoulder_y
+    cap = (3, occ.addSphere(0, 0, 0, 1, angle1=0, angle2=math.pi / 2))
+    tube = (3, occ.addCylinder(0, 0, -1, 0, 0, 1, 1))
+    occ.rotate([cap, tube], 0, 0, 0, 1, 0, 0, -math.pi / 2)
+    occ.dilate([cap], 0, 0, 0, width, capsule.tip_length, height)
+    occ.dilate([tube], 0, 0, 0, width, shoulder - capsule.cut_y, height)
+    occ.translate([cap, tube], 0, shoulder, 0)
+    occ.synchronize()
+    skin = []
+    for body in (cap, tube):
+        for _, face in gmsh.model.getBoundary([body], oriented=False):
+            low = gmsh.model.getBoundingBox(2, face)
+            if low[4] - low[1] > 1e-3:  # the lids are flat
+                skin.append((2, face))
+    occ.remove([cap, tube])
+    walls = [] if outline is None else _nail_walls(occ, outline, height)
+    _, pieces = occ.fragment(skin, walls)
+    keep = {piece for group in pieces[: len(skin)] for piece in group}
+    occ.synchronize()
+    occ.remove([face for face in gmsh.model.getEntities(2) if face not in keep], recursive=True)
+    occ.synchronize()
+
+
+def _nail_walls(occ: Any, outline: NailOutline, height: float) -> list[tuple[int, int]]:
+    """Add upright walls along the outline."""
+    mid = 0.5 * (outline.start_y + outline.end_y)
+    inner = (outline.half_width - outline.corner, mid - outline.start_y - outline.corner)
+    starts, ends, lines = [], [], []
+    for quarter, (right, up) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)]):
+        centre = (right * inner[0], mid + up * inner[1])
+        turn = 0.5 * math.pi * quarter
+        ring = [
+            occ.addPoint(
+                centre[0] + outline.corner * math.cos(a),
+                centre[1] + outline.corner * math.sin(a),
+                0,
+            )
+            for a in (turn, turn + 0.5 * math.pi)
+        ]
+        lines.append((1, occ.addCircleArc(ring[0], occ.addPoint(*centre, 0), ring[1])))
+        starts.append(ring[0])
+        ends.append(ring[1])
+    for k in range(4):
+        lines.append((1, occ.addLine(ends[k], starts[(k + 1) % 4])))
+    return [entity for entity in occ.extrude(lines, 0, 0, 2.0 * height) if entity[0] == 2]
