@@ -1,0 +1,30 @@
+"""Finds the displacements at which a receptor feels most and least."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import find_peaks
+
+
+def extrema(
+    values: ArrayLike, prominence: float = 0.1
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the indices of local maxima and of local minima.
+
+    Parameters
+    ----------
+    values
+        A history.
+    prominence
+        How far a maximum must stand above, a minimum below its surroundings, as a share of the
+        whole range: smaller wiggles are passed over.
+    """
+    series = np.asarray(values, dtype=float)
+    least = prominence * np.ptp(series) if len(series) else 0.0
+    if least == 0.0:
+        nothing = np.empty(0, dtype=np.intp)
+        return nothing, nothing
+    highs, _ = find_peaks(series, prominence=least)
+    lows, _ = find_peaks(-series, prominence=least)
+    return highs, lows

@@ -1,0 +1,311 @@
+"""Figures of a scan: each function takes arrays and returns a matplotlib Figure.
+
+An outline is an (n, 2) array of X, Y in mm: a closed curve on the stimulator, where it lies at
+displacement 0. As the stimulator slides towards -Y, the receptor at Y = 0 meets at displacement d
+what lay at Y = d; so the outline's Y is also the displacement at which the receptor meets it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import wraps
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Curve
+from numpy.typing import ArrayLike, NDArray
+
+from tactile_fem.extrema import extrema
+
+Outlines = Sequence[NDArray[np.float64]]
+
+# Okabe and Ito's colours, told apart by colour-blind readers.
+BLUE, VERMILION, GREEN, INK, PAPER = "#0072B2", "#D55E00", "#009E73", "#222222", "#E6E3DC"
+DISPLACEMENT = "Stimulator displacement (mm)"
+ACROSS = "Receptor position across the finger, X (mm)"
+_STYLE = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.direction": "out",
+    "ytick.direction": "out",
+    "legend.frameon": False,
+    "lines.linewidth": 1.6,
+    "lines.solid_capstyle": "round",
+    "savefig.dpi": 200,
+}
+
+
+def _styled[**P](draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Draw in the package's style without touching the user's."""
+
+    @wraps(draw)
+    def styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with mpl.rc_context(_STYLE):
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+@_styled
+def sed_figure(
+    displacement_mm: ArrayLike,
+    sed_kPa: ArrayLike,
+    outlines: Outlines = (),
+    receptor_x_mm: float = 0.0,
+) -> Figure:
+    """Draw the strain energy density of one receptor over the slide.
+
+    Parameters
+    ----------
+    displacement_mm, sed_kPa
+        (steps,) of the slide.
+    outlines
+        What the receptor meets; drawn below with the receptor's way.
+    receptor_x_mm
+        The receptor's place across the finger.
+    """
+    d, sed = np.asarray(displacement_mm, dtype=float), np.asarray(sed_kPa, dtype=float)
+    figure, top, below = _history_axes(_span(d), outlines)
+    if below is None:
+        top.set_xlabel(DISPLACEMENT)
+    else:
+        _draw_outlines(below, outlines)
+        below.axhline(receptor_x_mm, color=BLUE, lw=1, ls=(0, (4, 3)))
+        below.set(xlabel=DISPLACEMENT, ylabel="X (mm)")
+        top.tick_params(labelbottom=False)
+    top.plot(d, sed, color=BLUE)
+    highs, lows = extrema(sed)
+    top.plot(d[highs], sed[highs], "o", color=VERMILION, ms=4.5, label="maxima")
+    top.plot(d[lows], sed[lows], "o", mfc="white", mec=VERMILION, ms=4.5, label="minima")
+    top.set_ylabel("Strain energy density (kPa)")
+    top.set_ylim(0, 1.08 * max(sed.max(initial=0.0), 1e-12))
+    return figure
+
+
+@_styled
+def raster_figure(
+    spike_displacement_mm: ArrayLike,
+    spike_x_mm: ArrayLike,
+    rows_mm: ArrayLike,
+    range_mm: tuple[float, float],
+    outlines: Outlines = (),
+    label: str = DISPLACEMENT,
+) -> Figure:
+    """Draw one dot per spike: its receptor's X over the displacement.
+
+    Parameters
+    ----------
+    spike_displacement_mm, spike_x_mm
+        (spikes,) where the stimulator was and where the receptor lies across the finger.
+    rows_mm
+        X of all receptors, also of silent ones.
+    range_mm
+        First and last displacement.
+    outlines
+        Drawn lightly beneath.
+    label
+        Of the horizontal axis.
+    """
+    figure, axes = _map_axes(rows_mm, range_mm, label)
+    _draw_outlines(axes, outlines)
+    inside = _within(spike_displacement_mm, range_mm)
+    axes.plot(
+        np.asarray(spike_displacement_mm)[inside],
+        np.asarray(spike_x_mm)[inside],
+        ls="none",
+        marker="o",
+        ms=1.9,
+        mew=0,
+        color=INK,
+        zorder=3,
+        gid="spikes",
+    )
+    return figure
+
+
+@_styled
+def firing_figure(
+    displacement_mm: ArrayLike,
+    rows_mm: ArrayLike,
+    rate_Hz: ArrayLike,
+    outlines: Outlines = (),
+) -> Figure:
+    """Draw the firing rate of a line of receptors as an image.
+
+    Parameters
+    ----------
+    displacement_mm
+        (columns,) rising evenly.
+    rows_mm
+        (rows,) X of the receptors, rising.
+    rate_Hz
+        (rows, columns).
+    outlines
+        Drawn on top.
+    """
+    d, x = np.asarray(displacement_mm, dtype=float), np.asarray(rows_mm, dtype=float)
+    figure, axes = _map_axes(x, (d[0], d[-1]), DISPLACEMENT)
+    image = axes.pcolormesh(
+        d, x, np.asarray(rate_Hz), cmap="cividis", shading="nearest", vmin=0, rasterized=True
+    )
+    for outline in outlines:
+        closed = np.vstack([outline, outline[:1]])
+        axes.plot(closed[:, 1], closed[:, 0], color="white", lw=0.8, alpha=0.8)
+    bar = figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02, label="Firing rate (spikes/s)")
+    bar.outline.set_visible(False)
+    return figure
+
+
+@_styled
+def force_figure(
+    depth_mm: ArrayLike,
+    displacement_mm: ArrayLike,
+    force_N: ArrayLike,
+    pressing: ArrayLike,
+    friction: float | None = None,
+) -> Figure:
+    """Draw normal and tangential force and their ratio over indentation and slide.
+
+    Parameters
+    ----------
+    depth_mm, displacement_mm
+        (steps,) of the whole protocol.
+    force_N
+        (steps, 3) on the finger.
+    pressing
+        (steps,) true for the indentation, its last step included.
+    friction
+        Coefficient of friction, drawn as a line.
+    """
+    depth, d = np.asarray(depth_mm, dtype=float), np.asarray(displacement_mm, dtype=float)
+    force, press = np.asarray(force_N, dtype=float), np.asarray(pressing, dtype=bool)
+    normal, tangential = force[:, 2], np.hypot(force[:, 0], force[:, 1])
+    touching = normal > 1e-3 * max(normal.max(initial=0.0), 1e-12)
+    ratio = np.divide(tangential, normal, out=np.full_like(normal, np.nan), where=touching)
+    slide = ~press
+    if press.any():
+        slide[np.flatnonzero(press)[-1]] = True
+    figure = Figure(figsize=(7.0, 4.4), layout="constrained")
+    grid = figure.subplots(
+        2,
+        2,
+        sharex="col",
+        sharey="row",
+        gridspec_kw={"width_ratios": [1, 2], "height_ratios": [2, 1]},
+    )
+    columns = [(depth, press, "Indentation (mm)"), (d, slide, DISPLACEMENT)]
+    for column, (along, part, label) in enumerate(columns):
+        top, below = grid[0, column], grid[1, column]
+        top.plot(along[part], normal[part], color=BLUE, label="normal")
+        top.plot(along[part], tangential[part], color=VERMILION, label="tangential")
+        below.plot(along[part], ratio[part], color=INK, lw=1.2)
+        if friction is not None:
+            below.axhline(friction, color=GREEN, lw=1, ls=(0, (4, 3)), label="friction coefficient")
+        below.set_xlabel(label)
+        below.set_xlim(*_span(along[part]))
+    grid[0, 0].set_ylabel("Force on the finger (N)")
+    grid[0, 0].set_ylim(bottom=0)
+    grid[1, 0].set_ylabel("Tangential / normal")
+    grid[1, 0].set_ylim(0, 1.25 * max(friction or 0.0, np.nanmax(ratio, initial=0.0), 1e-3))
+    grid[0, 1].legend(loc="center right")
+    if friction is not None:
+        grid[1, 0].legend(loc="lower right", fontsize=8)
+    return figure
+
+
+def firing_rate(
+    spike_displacement_mm: Sequence[ArrayLike],
+    displacement_mm: ArrayLike,
+    speed_mm_s: float,
+    width_s: float = 0.01,
+) -> NDArray[np.float64]:
+    """Return firing rates in spikes/s, each spike spread by a Gaussian in time.
+
+    Parameters
+    ----------
+    spike_displacement_mm
+        Per receptor, where the stimulator was at its spikes.
+    displacement_mm
+        (columns,) where the rate is wanted.
+    speed_mm_s
+        Speed of the slide.
+    width_s
+        Standard deviation of the Gaussian.
+
+    Returns
+    -------
+    rate_Hz
+        (receptors, columns).
+    """
+    at = np.asarray(displacement_mm, dtype=float) / speed_mm_s
+    rates = np.zeros((len(spike_displacement_mm), len(at)))
+    for rate, spikes in zip(rates, spike_displacement_mm, strict=True):
+        times = np.asarray(spikes, dtype=float) / speed_mm_s
+        z = (at[:, None] - times) / width_s
+        rate[:] = np.exp(-0.5 * z**2).sum(axis=1) / (width_s * np.sqrt(2 * np.pi))
+    return rates
+
+
+# --- parts of figures --------------------------------------------------------------------------
+
+
+def _map_axes(rows_mm: ArrayLike, range_mm: tuple[float, float], label: str) -> tuple[Figure, Axes]:
+    rows = np.asarray(rows_mm, dtype=float)
+    figure = Figure(figsize=(5.6, 5.2), layout="constrained")
+    axes = figure.subplots()
+    margin = 0.3
+    axes.set_xlim(*_span(np.asarray(range_mm)))
+    # X falls upwards, so that letters which read along the scan stand upright.
+    axes.set_ylim(rows.max() + margin, rows.min() - margin)
+    axes.set(xlabel=label, ylabel=ACROSS, aspect="equal")
+    return figure, axes
+
+
+def _draw_outlines(axes: Axes, outlines: Outlines) -> None:
+    """Fill the outlines; one within another is a hole."""
+    curves = [Curve(np.vstack([o, o[:1]])[:, ::-1], closed=True) for o in outlines if len(o) > 2]
+    if curves:
+        curve = Curve.make_compound_path(*curves)
+        axes.add_patch(PathPatch(curve, facecolor=PAPER, edgecolor="#B8B2A4", lw=0.7, zorder=0))
+
+
+def _history_axes(
+    range_mm: tuple[float, float], outlines: Outlines
+) -> tuple[Figure, Axes, Axes | None]:
+    """Return a figure with a history above and, to the same scale, the stimulator below."""
+    left, width, history, margin, gap = 0.65, 4.4, 2.2, 0.5, 0.15  # inches
+    across = np.concatenate([outline[:, 0] for outline in outlines]) if len(outlines) else None
+    low, high = (across.min() - 0.5, across.max() + 0.5) if across is not None else (0.0, 0.0)
+    map_height = min((high - low) * width / (range_mm[1] - range_mm[0]), 2 * width)
+    map_space = map_height + gap if across is not None else 0.0
+    size = left + width + 0.2, margin + map_space + history + 0.15
+
+    def place(bottom: float, height: float) -> tuple[float, float, float, float]:
+        return left / size[0], bottom / size[1], width / size[0], height / size[1]
+
+    figure = Figure(figsize=size)
+    top = figure.add_axes(place(margin + map_space, history))
+    top.set_xlim(*range_mm)
+    if across is None:
+        return figure, top, None
+    below = figure.add_axes(place(margin, map_height), sharex=top)
+    below.set_ylim(high, low)
+    return figure, top, below
+
+
+def _span(values: NDArray[np.float64]) -> tuple[float, float]:
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+    return (low, high) if high > low else (low, low + 1.0)
+
+
+def _within(values: ArrayLike, limits: tuple[float, float]) -> NDArray[np.bool_]:
+    array = np.asarray(values, dtype=float)
+    return (array >= limits[0] - 1e-9) & (array <= limits[1] + 1e-9)
