@@ -1,0 +1,190 @@
+"""What a scan says while it runs: log lines, a log file, progress on a terminal."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from rich.console import Console
+from rich.logging import RichHandler
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+PACKAGE = "tactile_fem"
+logger = logging.getLogger(__name__)
+_FORMAT = "%(asctime)s %(levelname)-7s %(message)s"
+_TERMINAL = f"{PACKAGE}.terminal"
+_TIME = "%H:%M:%S"
+
+
+class RankFilter(logging.Filter):
+    """Lets the first rank's records pass, and everybody's errors."""
+
+    def __init__(self, rank: int) -> None:
+        super().__init__()
+        self.rank = rank
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether the record is to be shown."""
+        return self.rank == 0 or record.levelno >= logging.ERROR
+
+
+def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None = None) -> None:
+    """Send the package's log to stderr: rich on a terminal, plain lines elsewhere.
+
+    Parameters
+    ----------
+    rank
+        MPI rank; only rank 0 speaks.
+    level
+        Least level shown.
+    console
+        Where to; default stderr.
+    """
+    console = console or Console(stderr=True)
+    handler: logging.Handler
+    if console.is_terminal:
+        handler = RichHandler(console=console, show_path=False, show_level=False, markup=False)
+        handler.setFormatter(logging.Formatter("%(message)s", datefmt=_TIME))
+    else:
+        handler = logging.StreamHandler(console.file)
+        handler.setFormatter(logging.Formatter(_FORMAT, datefmt=_TIME))
+    handler.addFilter(RankFilter(rank))
+    handler.setLevel(level)
+    package = logging.getLogger(PACKAGE)
+    handler.name = _TERMINAL
+    for old in [h for h in package.handlers if h.name == _TERMINAL]:
+        package.removeHandler(old)
+    package.addHandler(handler)
+    package.setLevel(level)
+    package.propagate = False
+
+
+@contextmanager
+def log_to(path: Path, rank: int = 0) -> Iterator[None]:
+    """Keep the package's log in a file as well, on rank 0, with every step."""
+    if rank != 0:
+        yield
+        return
+    handler = logging.FileHandler(path, encoding="utf-8")
+    handler.setFormatter(logging.Formatter(_FORMAT))
+    package = logging.getLogger(PACKAGE)
+    before = package.level
+    package.addHandler(handler)
+    package.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        package.removeHandler(handler)
+        package.setLevel(before)
+        handler.close()
+
+
+class StepReport(Protocol):
+    """What an accepted step tells."""
+
+    index: int
+    phase: str
+    displacement_mm: float
+    depth_mm: float
+    fraction: float
+
+    @property
+    def force_N(self) -> Any:
+        """Force on the finger, (3,)."""
+
+    @property
+    def newton_iterations(self) -> int:
+        """Newton iterations of the step."""
+
+
+def describe_step(step: StepReport) -> str:
+    """Return one line about a step."""
+    place = step.depth_mm if step.phase == "press" else step.displacement_mm
+    normal, tangential = step.force_N[2], (step.force_N[0] ** 2 + step.force_N[1] ** 2) ** 0.5
+    return (
+        f"step {step.index:3d}  {step.phase:5s} {place:6.3f} mm  normal {normal:.4f} N  "
+        f"tangential {tangential:.4f} N  {step.newton_iterations:2d} iterations"
+    )
+
+
+class ProgressDisplay:
+    """Shows how far a scan has come: a bar on a terminal, now and then a line elsewhere.
+
+    A context manager: a bar left open would garble the terminal.
+
+    Parameters
+    ----------
+    rank
+        MPI rank; the others show nothing.
+    console
+        Default stderr.
+    every_s
+        Least time between two lines where there is no terminal.
+    """
+
+    def __init__(
+        self, rank: int = 0, *, console: Console | None = None, every_s: float = 15.0
+    ) -> None:
+        self._console = console or Console(stderr=True)
+        self._silent = rank != 0
+        self._bar: Progress | None = None
+        self._every = every_s
+        self._started = self._told = time.perf_counter()
+        if not self._silent and self._console.is_terminal:
+            self._bar = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(bar_width=24),
+                TextColumn("{task.percentage:3.0f} %"),
+                TimeElapsedColumn(),
+                TextColumn("left"),
+                TimeRemainingColumn(),
+                console=self._console,
+            )
+            self._task = self._bar.add_task("first touch", total=1.0)
+
+    def __enter__(self) -> Self:
+        """Open the display."""
+        self._started = self._told = time.perf_counter()
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close it, also after an error."""
+        if self._bar is not None:
+            self._bar.stop()
+
+    def step(self, step: StepReport) -> None:
+        """Show an accepted step."""
+        if self._silent:
+            return
+        line, now = describe_step(step), time.perf_counter()
+        level = logging.DEBUG
+        if self._bar is not None:
+            self._bar.update(self._task, completed=step.fraction, description=line)
+        elif now - self._told >= self._every or step.fraction >= 1.0 or step.index == 1:
+            self._told, level = now, logging.INFO
+            line += f"  {100 * step.fraction:3.0f} %{self._time_left(step, now)}"
+        logger.log(level, "%s", line)
+
+    def _time_left(self, step: StepReport, now: float) -> str:
+        if not 0.02 < step.fraction < 1.0:
+            return ""
+        left = (now - self._started) * (1 - step.fraction) / step.fraction
+        return f"  {left / 60:.1f} min left" if left >= 90 else f"  {left:.0f} s left"
