@@ -7,11 +7,15 @@ nothing of the kind.
 
 from __future__ import annotations
 
+import os
 import re
+import shlex
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
+
+from tactile_fem.doctor import compiler
 
 MINIMUM_DOLFINX = (0, 10)
 
@@ -56,6 +60,8 @@ def load() -> str:
     """
     if find_spec("dolfinx_solver") is not None:
         import dolfinx_solver  # noqa: F401  (orders MPI ahead of the compiled modules)
+    if command := compiler():
+        os.environ.setdefault("CC", shlex.join(command))  # for the forms that DOLFINx compiles
     try:
         import dolfinx
     except ImportError as error:
