@@ -1,24 +1,14 @@
-"""Receptors on the epidermis-dermis interface: where they are and what they feel."""
+"""Receptors on the epidermis-dermis interface: where they are, which points they average."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mpi4py import MPI
-
-import basix.ufl
 import numpy as np
-import scipy.sparse
-import ufl
-from dolfinx import common, fem
 
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
-from tactile_fem.mechanics.problem import FingerProblem, deformation_gradient
 from tactile_fem.study import Receptors
-from tactile_fem.tissue.energies import law_of, stress
-
-_KPA_PER_MPA = 1000.0
 
 
 def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
@@ -146,84 +136,3 @@ def _least_barycentric(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     delta = points[:, None, :] - corners[None, :, 0]
     local = np.einsum("tij,ptj->pti", np.linalg.inv(edges), delta)
     return np.minimum(local.min(axis=2), 1 - local.sum(axis=2))
-
-
-@dataclass(frozen=True)
-class Feeling:
-    """What the receptors feel at one moment.
-
-    Attributes
-    ----------
-    sed_kPa, von_mises_kPa
-        Strain energy density and Cauchy's von Mises stress, (receptors,).
-    stretches
-        Principal stretches in increasing order, (receptors, 3).
-    """
-
-    sed_kPa: np.ndarray
-    von_mises_kPa: np.ndarray
-    stretches: np.ndarray
-
-
-class Probe:
-    """Evaluates the fields at the receptors: located once, then one small product per step.
-
-    Within a cell the fields are interpolated at cubic nodes, so a reading is a fixed linear
-    combination of nodal values.
-    """
-
-    def __init__(
-        self, problem: FingerProblem, samples: Samples, count: int, tissue: str
-    ) -> None:
-        self._comm = problem.domain.comm
-        self._mesh = problem.domain.mesh
-        F = deformation_gradient(problem.u)
-        W = problem.energy(tissue)
-        P = stress(law_of(problem.constants(tissue)), F)
-        sigma = P * F.T / ufl.det(F)
-        deviator = ufl.dev(sigma)
-        von_mises = ufl.sqrt(1.5 * ufl.inner(deviator, deviator) + 1e-30)
-        C = F.T * F
-        fields = ufl.as_vector(
-            [
-                _KPA_PER_MPA * W,
-                _KPA_PER_MPA * von_mises,
-                *(C[i, j] for i in range(3) for j in range(3)),
-            ]
-        )
-        element = basix.ufl.element("DG", "tetrahedron", 3).basix_element
-        self._expression = fem.Expression(fields, element.points)
-        self._nodes = len(element.points)
-
-        file_cells = problem.domain.file_cells()
-        owner = {int(cell): local for local, cell in enumerate(file_cells)}
-        mine = np.array([int(c) in owner for c in samples.cell], dtype=bool)
-        local = np.array([owner[int(c)] for c in samples.cell[mine]], dtype=np.int32)
-        self._cells, column = np.unique(local, return_inverse=True)
-        basis = self._basis(element, local, samples.point[mine])
-        rows = np.repeat(samples.receptor[mine], self._nodes)
-        columns = (column[:, None] * self._nodes + np.arange(self._nodes)).ravel()
-        weights = (samples.weight[mine, None] * basis).ravel()
-        shape = count, len(self._cells) * self._nodes
-        self._weights = scipy.sparse.csr_array((weights, (rows, columns)), shape=shape)
-
-    def _basis(self, element: object, cells: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Return the nodal basis at physical points, (points, nodes)."""
-        if not len(cells):
-            return np.empty((0, self._nodes))
-        corner = self._mesh.geometry.x[self._mesh.geometry.dofmap[cells][:, :4]]
-        edges = np.swapaxes(corner[:, 1:] - corner[:, :1], 1, 2)
-        reference = np.linalg.solve(edges, (points - corner[:, 0])[..., None])[..., 0]
-        return element.tabulate(0, reference)[0, :, :, 0]
-
-    def feel(self) -> Feeling:
-        """Return what the receptors feel at the problem's present displacement."""
-        with common.Timer("tactile: probe"):
-            values = np.zeros((self._weights.shape[0], 11))
-            if len(self._cells):
-                nodal = self._expression.eval(self._mesh, self._cells).reshape(-1, 11)
-                values += self._weights @ nodal
-            self._comm.Allreduce(MPI.IN_PLACE, values)
-        C = values[:, 2:].reshape(-1, 3, 3)
-        stretches = np.sqrt(np.linalg.eigvalsh((C + np.swapaxes(C, 1, 2)) / 2))
-        return Feeling(values[:, 0], values[:, 1], stretches)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -14,12 +15,12 @@ from dolfinx.io.gmsh import cell_perm_array
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import FingerMesh
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
 
 
 @dataclass(frozen=True)
 class Domain:
-    """A distributed finger.
+    """The deformable part of a finger, distributed.
 
     Attributes
     ----------
@@ -30,64 +31,97 @@ class Domain:
         Cell and facet tags with the values of `TISSUES` and `SURFACES`.
     nodes
         The file's nodes (n, 3) in mm, on every rank.
+    held
+        Whether a node belongs to a held part, (n,).
+    line
+        Number of the skin node above each node of the skin's layers, -1 deeper, (n,).
+    file_cells
+        The file's index of each tetrahedron that was given to DOLFINx.
     """
 
     mesh: mesh.Mesh
     tissue: mesh.MeshTags
     surface: mesh.MeshTags
     nodes: np.ndarray
+    held: np.ndarray
+    line: np.ndarray
+    file_cells: np.ndarray
 
     @property
     def comm(self) -> MPI.Comm:
         """The communicator of the mesh."""
         return self.mesh.comm
 
-    def cells(self, tag: int) -> np.ndarray:
-        """Return this rank's cells (ghosts included) of a tissue tag."""
-        return self.tissue.find(tag)
-
-    def file_cells(self) -> np.ndarray:
+    def owned_file_cells(self) -> np.ndarray:
         """Return the file's index of each owned cell."""
         owned = self.mesh.topology.index_map(3).size_local
-        return self.mesh.topology.original_cell_index[:owned]
+        return self.file_cells[self.mesh.topology.original_cell_index[:owned]]
 
 
-def create_domain(finger: FingerMesh | None, comm: MPI.Comm) -> Domain:
+def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str] = ()) -> Domain:
     """Distribute a finger over the ranks of `comm`.
 
     Parameters
     ----------
     finger
         The mesh, on rank 0; other ranks may pass None.
+    held
+        Tissues and surfaces that do not move. Tetrahedra of held tissues are left out: bone is
+        a million times stiffer than the tissue around it, so holding it whole (a rigid bone)
+        changes nothing but the cost.
     """
-    nodes = comm.bcast(finger.nodes if finger is not None and comm.rank == 0 else None)
-    straight = comm.bcast(_is_straight(finger) if comm.rank == 0 else None)
-    degree = 1 if straight else 2
-    element = basix.ufl.element("Lagrange", "tetrahedron", degree, shape=(3,))
-    corners = 4 if straight else 10
-    permutation = cell_perm_array(mesh.CellType.tetrahedron, corners)
+    plan = _plan(finger, held) if comm.rank == 0 else None
+    straight, nodes, held_nodes, line, file_cells = comm.bcast(plan)
+    degree, corners, sides = (1, 4, 3) if straight else (2, 10, 6)
     if comm.rank == 0:
-        # An affine mesh must not carry the mid-nodes as unused points.
-        used = np.unique(finger.tets[:, :corners])
+        tets = finger.tets[file_cells]
+        used = np.unique(tets[:, :corners])
         index = np.full(len(finger.nodes), -1)
         index[used] = np.arange(len(used))
         x = finger.nodes[used]
-        cells = index[finger.tets[:, permutation]]
-        facets = index[finger.triangles[:, : 3 if straight else 6]]
-        tissue, surface = finger.tissue, finger.surface
+        cells = index[tets[:, cell_perm_array(mesh.CellType.tetrahedron, corners)]]
+        facets = index[finger.triangles[:, :sides]]
+        facets = facets[:, cell_perm_array(mesh.CellType.triangle, sides)]
+        present = np.all(facets >= 0, axis=1)
+        facets, surface = facets[present], finger.surface[present]
+        tissue = finger.tissue[file_cells]
     else:
         x, cells = np.empty((0, 3)), np.empty((0, corners), dtype=np.int64)
-        facets = np.empty((0, 3 if straight else 6), dtype=np.int64)
+        facets = np.empty((0, sides), dtype=np.int64)
         tissue = surface = np.empty(0, dtype=np.int32)
+    element = basix.ufl.element("Lagrange", "tetrahedron", degree, shape=(3,))
     msh = mesh.create_mesh(comm, cells, element, x)
-    if not straight:
-        facets = facets[:, cell_perm_array(mesh.CellType.triangle, 6)]
     return Domain(
         msh,
         _tags(msh, 3, cells, tissue, "tissue"),
         _tags(msh, 2, facets, surface, "surface"),
         nodes,
+        held_nodes,
+        line,
+        file_cells,
     )
+
+
+def _plan(
+    finger: FingerMesh, held: Sequence[str]
+) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return straightness, nodes, held nodes, lines and deformable cells; on rank 0."""
+    rigid = np.isin(finger.tissue, [tag for name, tag in TISSUES.items() if name in held])
+    fixed = np.isin(finger.surface, [tag for name, tag in SURFACES.items() if name in held])
+    held_nodes = np.zeros(len(finger.nodes), dtype=bool)
+    held_nodes[finger.tets[rigid]] = True
+    held_nodes[finger.triangles[fixed]] = True
+    return _is_straight(finger), finger.nodes, held_nodes, _lines(finger), np.flatnonzero(~rigid)
+
+
+def _lines(finger: FingerMesh) -> np.ndarray:
+    """Return for each node of the skin's layers the nearest node of the skin, else -1."""
+    layers = [TISSUES[name] for name in ("stratum_corneum", "epidermis", "dermis")]
+    inside = np.unique(finger.tets[np.isin(finger.tissue, layers)])
+    skin = np.unique(finger.triangles[finger.surface == SURFACES["skin"]])
+    line = np.full(len(finger.nodes), -1)
+    line[inside] = skin[cKDTree(finger.nodes[skin]).query(finger.nodes[inside])[1]]
+    return line
 
 
 def _is_straight(finger: FingerMesh) -> bool:
@@ -127,7 +161,17 @@ class NodeOrder:
             raise MeshError("mesh: a P2 node is not a node of the file; 10-node tetrahedra needed")
         self._owned = space.dofmap.index_map.size_local
         self._count = len(domain.nodes)
+        self._held = domain.held
+        self._line = domain.line
         self._comm = domain.comm
+
+    def held_dofs(self) -> np.ndarray:
+        """Return this rank's dofs (blocks, ghosts included) of the held nodes."""
+        return np.flatnonzero(self._held[self._file]).astype(np.int32)
+
+    def lines(self) -> np.ndarray:
+        """Return the line number of each of this rank's blocks, ghosts included."""
+        return self._line[self._file]
 
     def gather(self, u: fem.Function) -> np.ndarray:
         """Return the nodal vectors (n, 3) in file order, on every rank."""

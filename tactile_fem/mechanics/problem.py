@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -15,8 +16,10 @@ from ufl.core.expr import Expr
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES
+from tactile_fem.mechanics import multigrid
 from tactile_fem.mechanics.contact import Contact
-from tactile_fem.mechanics.domain import Domain
+from tactile_fem.mechanics.domain import Domain, NodeOrder
+from tactile_fem.mechanics.multigrid import MULTIGRID_OPTIONS
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.stimulus.body import RigidBody
 from tactile_fem.study import Elastic, Polynomial, Solver, Tissue
@@ -33,11 +36,13 @@ PETSC_DEFAULTS: dict[str, str | int | float | bool] = {
     "snes_max_it": 25,
     "snes_error_if_not_converged": False,
     "ksp_type": "fgmres",
-    "ksp_rtol": 1e-5,
-    "ksp_max_it": 50,
-    "pc_type": "lu",
-    "pc_factor_mat_solver_type": "mumps",
+    "ksp_rtol": 1e-3,
+    "ksp_max_it": 100,
+    **MULTIGRID_OPTIONS,
 }
+
+
+Constraints = Callable[[fem.FunctionSpace], Sequence[fem.DirichletBC]]
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,8 @@ class FingerProblem:
         The rigid body and Coulomb's coefficient.
     solver
         Discretization of the contact, held parts, PETSc options.
+    constraints
+        Makes further Dirichlet conditions on the displacement's space, such as symmetry planes.
 
     Attributes
     ----------
@@ -90,7 +97,13 @@ class FingerProblem:
     """
 
     def __init__(
-        self, domain: Domain, tissue: Tissue, body: RigidBody, friction: float, solver: Solver
+        self,
+        domain: Domain,
+        tissue: Tissue,
+        body: RigidBody,
+        friction: float,
+        solver: Solver,
+        constraints: Constraints = lambda V: [],
     ) -> None:
         msh = domain.mesh
         self.domain = domain
@@ -101,28 +114,27 @@ class FingerProblem:
         self._rate = fem.Constant(msh, 0.0)  # viscous time over time step
         v = ufl.TestFunction(V)
 
-        held_dofs = _held_dofs(domain, V, solver.held)
+        self.order = NodeOrder(domain, V)
+        self._held = self.order.held_dofs()
+        if not domain.comm.allreduce(len(self._held)):
+            raise MeshError(f"solver.held = {list(solver.held)}: nothing of the mesh is held")
         skin_tags = _skin_by_tissue(domain)
         facets = np.sort(skin_tags.indices)
         self.obstacle = Obstacle(body, self.u, facets, solver.contact_degree)
-        self._set_body_before_contact()
-
         dx = ufl.Measure(
             "dx", msh, subdomain_data=domain.tissue, metadata={"quadrature_degree": solver.bulk_degree}
         )
         ds = ufl.Measure(
             "ds", msh, subdomain_data=skin_tags, metadata={"quadrature_degree": solver.contact_degree}
         )
-        deformable = {name: tag for name, tag in TISSUES.items() if name not in solver.held}
+        present = domain.comm.allreduce(set(domain.tissue.values.tolist()), op=_UNION)
         bulk = sum(
-            ufl.inner(self.stress(name), ufl.grad(v)) * dx(tag)
-            for name, tag in deformable.items()
-            if domain.comm.allreduce(len(domain.cells(tag)), MPI.SUM)
+            ufl.inner(self.stress(_name(tag)), ufl.grad(v)) * dx(tag) for tag in sorted(present)
         )
         contact_form = 0
         N = ufl.FacetNormal(msh)
         height = 3 * ufl.CellVolume(msh) / ufl.FacetArea(msh)
-        for tag in domain.comm.allreduce(set(skin_tags.values.tolist()), op=_UNION):
+        for tag in sorted(domain.comm.allreduce(set(skin_tags.values.tolist()), op=_UNION)):
             name = _name(tag)
             E = fem.Constant(msh, young_modulus(self.constants(name)))
             contact = Contact(
@@ -135,17 +147,18 @@ class FingerProblem:
             contact_form += contact.residual(t, self.u, self.u_old, v) * ds(tag)
         self._contact_form = fem.form(contact_form, entity_maps=self.obstacle.entity_maps)
         residual = bulk + contact_form
-        fixed = fem.dirichletbc(np.zeros(3), held_dofs, V)
-        self._held = held_dofs
+        self._bcs = [fem.dirichletbc(np.zeros(3), self._held, V), *constraints(V)]
         self._problem = fem_petsc.NonlinearProblem(
             residual,
             self.u,
-            bcs=[fixed],
+            bcs=self._bcs,
             petsc_options_prefix=PREFIX,
             petsc_options={**PETSC_DEFAULTS, **solver.petsc},
             entity_maps=self.obstacle.entity_maps,
         )
-        self._bcs = [fixed]
+        pc = self.snes.getKSP().getPC()
+        if pc.getType() == "mg":
+            multigrid.set_up(pc, V, self._held, self.order.lines())
         self.snes.setFunction(self._assemble_residual, self._problem.b)
         self.snes.setJacobian(self._assemble_jacobian, self._problem.A)
 
@@ -228,9 +241,6 @@ class FingerProblem:
     def _wrap(self, value: float) -> fem.Constant:
         return fem.Constant(self.domain.mesh, float(value))
 
-    def _set_body_before_contact(self) -> None:
-        self.obstacle.refresh()
-
     def _update(self, x: PETSc.Vec) -> None:
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
         fem_petsc.assign(x, self.u)
@@ -269,22 +279,6 @@ _REASONS = {
 
 def _name(tag: int) -> str:
     return next(name for name, value in TISSUES.items() if value == tag)
-
-
-def _held_dofs(domain: Domain, V: fem.FunctionSpace, held: tuple[str, ...]) -> np.ndarray:
-    """Return this rank's dofs (blocks) of the parts that are fixed."""
-    parts = []
-    for part in held:
-        if part in TISSUES:
-            cells = domain.cells(TISSUES[part])
-            parts.append(fem.locate_dofs_topological(V, 3, cells))
-        else:
-            facets = domain.surface.find(SURFACES[part])
-            parts.append(fem.locate_dofs_topological(V, 2, facets))
-    dofs = np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
-    if not domain.comm.allreduce(len(dofs)):
-        raise MeshError(f"solver.held = {list(held)}: nothing of the mesh is held")
-    return dofs
 
 
 def _skin_by_tissue(domain: Domain) -> mesh.MeshTags:
