@@ -1,4 +1,4 @@
-"""Finds the displacements at which a receptor feels most and least."""
+"""Finds the central receptor, and where it feels most and least."""
 
 from __future__ import annotations
 
@@ -28,3 +28,9 @@ def extrema(
     highs, _ = find_peaks(series, prominence=least)
     lows, _ = find_peaks(-series, prominence=least)
     return highs, lows
+
+
+def central_receptor(receptors_mm: ArrayLike) -> int:
+    """Return the index of the receptor nearest to X = Y = 0."""
+    places = np.asarray(receptors_mm, dtype=float)
+    return int(np.argmin(np.hypot(places[:, 0], places[:, 1])))

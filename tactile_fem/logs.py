@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import os
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +21,8 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+from tactile_fem.ranks import TERMINAL_VARIABLE
 
 PACKAGE = "tactile_fem"
 logger = logging.getLogger(__name__)
@@ -39,6 +43,14 @@ class RankFilter(logging.Filter):
         return self.rank == 0 or record.levelno >= logging.ERROR
 
 
+def stderr_console() -> Console:
+    """Return a console on stderr that knows a terminal even behind mpiexec."""
+    width = os.environ.get(TERMINAL_VARIABLE, "")
+    if width.isdigit() and not sys.stderr.isatty():
+        return Console(stderr=True, force_terminal=True, width=int(width))
+    return Console(stderr=True)
+
+
 def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None = None) -> None:
     """Send the package's log to stderr: rich on a terminal, plain lines elsewhere.
 
@@ -51,7 +63,7 @@ def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None 
     console
         Where to; default stderr.
     """
-    console = console or Console(stderr=True)
+    console = console or stderr_console()
     handler: logging.Handler
     if console.is_terminal:
         handler = RichHandler(console=console, show_path=False, show_level=False, markup=False)
@@ -136,7 +148,7 @@ class ProgressDisplay:
     def __init__(
         self, rank: int = 0, *, console: Console | None = None, every_s: float = 15.0
     ) -> None:
-        self._console = console or Console(stderr=True)
+        self._console = console or stderr_console()
         self._silent = rank != 0
         self._bar: Progress | None = None
         self._every = every_s

@@ -1,0 +1,8 @@
+"""``python -m tactile_fem`` is the command ``tactile-fem``."""
+
+import sys
+
+from tactile_fem.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

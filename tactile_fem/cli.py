@@ -1,0 +1,251 @@
+"""The command line: a thin layer over `scan`, `load_finger` and the figures."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Annotated
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the cores
+
+from cyclopts import App, CycloptsError, Parameter, validators
+
+from tactile_fem import doctor as diagnosis
+from tactile_fem import logs, ranks
+from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.files import write_text
+from tactile_fem.results import Results
+from tactile_fem.study import Study
+from tactile_fem.study_file import load_study
+from tactile_fem.study_template import commented_template
+
+HELP = """Press embossed letters on a layered fingertip and slide them:
+what do its afferents fire?
+
+Without a study file a scan is the paper's: F G H, 1.97 mm deep, 10 mm long.
+
+    tactile-fem scan
+    tactile-fem scan study.toml --set stimulus.text=EFG --ranks 2
+"""
+
+
+def _version() -> str:
+    try:
+        return version("tactile-fem")
+    except PackageNotFoundError:
+        return "unknown (not installed)"
+
+
+app = App(name="tactile-fem", help=HELP, version=_version, help_format="plaintext")
+
+StudyFile = Annotated[Path | None, Parameter(help="Study file in TOML; without it the paper's.")]
+Settings = Annotated[
+    list[str] | None,
+    Parameter(
+        name="--set",
+        negative="",
+        consume_multiple=False,
+        help="Change a value: section.key=value. May be repeated.",
+    ),
+]
+
+
+@app.command
+def scan(
+    study: StudyFile = None,
+    /,
+    *,
+    settings: Settings = None,
+    results: Annotated[Path, Parameter(help="Folder for data and pictures.")] = Path(
+        "results/scan"
+    ),
+    ranks_: Annotated[
+        int,
+        Parameter(name="--ranks", help="MPI processes.", validator=validators.Number(gte=1)),
+    ] = 1,
+    overwrite: Annotated[
+        bool,
+        Parameter(
+            negative="",
+            show_default=False,
+            help="Replace the scan in the folder; other files stay.",
+        ),
+    ] = False,
+) -> None:
+    """Run a study and leave data and pictures in a folder.
+
+    Options that start with -tactile_ go to PETSc: -tactile_snes_rtol 1e-8.
+    """
+    from tactile_fem.checks import check_study
+
+    the_study = load_study(study, settings or ())
+    first = ranks.launched_rank() in (None, 0)
+    if first:
+        Results.check(results, overwrite=overwrite)
+    check_study(the_study)
+    _require_compiler()
+    if ranks_ > 1:
+        ranks.restart(ranks_, _scan_arguments(study, settings or (), results, overwrite))
+    _run(the_study, results, overwrite)
+
+
+def _scan_arguments(
+    study: Path | None, settings: Sequence[str], results: Path, overwrite: bool
+) -> list[str]:
+    arguments = ["scan"] + ([str(study)] if study else [])
+    for setting in settings:
+        arguments += ["--set", setting]
+    return [*arguments, "--results", str(results)] + (["--overwrite"] if overwrite else [])
+
+
+def _require_compiler() -> None:
+    finding = diagnosis.compiler_finding()
+    if finding is not None:
+        line = diagnosis.install_line([finding])
+        raise TactileError(f"{finding.sentence} On Debian or Ubuntu: {line}")
+
+
+def _run(study: Study, folder: Path, overwrite: bool) -> None:
+    """Scan on all ranks; the first one tells and draws."""
+    try:
+        from tactile_fem.scan import scan as run_scan
+    except ImportError as error:
+        raise TactileError(str(error)) from error
+    from mpi4py import MPI
+
+    rank = MPI.COMM_WORLD.rank
+    console = logs.stderr_console()
+    logs.set_up(rank, console=console)
+    with logs.ProgressDisplay(rank, console=console) as display:
+        run_scan(study, folder, overwrite=overwrite, observers=[display.step])
+    if rank == 0:
+        if study.output.pictures:
+            _draw(Results.open(folder))
+        print(f"Data and pictures are in {folder}")
+
+
+@app.command
+def mesh(
+    study: StudyFile = None,
+    /,
+    *,
+    settings: Settings = None,
+    output: Annotated[
+        Path | None, Parameter(name=["--output", "-o"], help="Write the mesh to this .msh file.")
+    ] = None,
+) -> None:
+    """Mesh the finger and print its sizes, volumes, layers and quality."""
+    finger = load_study(study, settings or ()).finger
+    if output is not None and output.suffix != ".msh":
+        raise StudyError(f'--output is "{output}" but must end in .msh.')
+    from tactile_fem.finger import describe, load_finger, write_msh
+
+    logs.set_up(console=logs.stderr_console())
+    the_mesh = load_finger(finger)
+    print(describe(the_mesh, finger))
+    if output is not None:
+        try:
+            write_msh(output, the_mesh)
+        except OSError as error:
+            raise StudyError(f"{output} cannot be written: {error.strerror}.") from None
+        print(f"Written to {output}")
+
+
+@app.command
+def plot(results: Annotated[Path, Parameter(help="Folder of a scan.")], /) -> None:
+    """Draw all figures of a scan again."""
+    found = Results.open(results)
+    logs.set_up(console=logs.stderr_console())
+    _draw(found)
+
+
+def _draw(results: Results) -> None:
+    from tactile_fem.figures import draw
+
+    for path in draw(results):
+        print(path)
+
+
+@app.command
+def init(
+    file: Annotated[Path, Parameter(help="Name of the new file.")] = Path("study.toml"), /
+) -> None:
+    """Write a study file with every value commented out at its default."""
+    if file.exists():
+        raise StudyError(f"{file} exists already: choose another name.")
+    try:
+        write_text(file, commented_template())
+    except OSError as error:
+        raise StudyError(f"{file} cannot be written: {error.strerror}.") from None
+    print(f"Written to {file}")
+
+
+@app.command
+def doctor() -> int:
+    """Look for compiler and libraries that pip cannot install, and name their packages."""
+    code = diagnosis.main()
+    try:
+        from tactile_fem import backend
+    except ImportError as error:
+        print(f"Error: {error}")
+        return 1
+    print(f"DOLFINx {backend.DOLFINX_VERSION}")
+    return code
+
+
+# --- entry -------------------------------------------------------------------------------------
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code: 0, 1, 2 for bad input, 3 for divergence."""
+    tokens = petsc_settings(sys.argv[1:] if arguments is None else arguments)
+    try:
+        code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        return _complain(str(error), 2)
+    except TactileError as error:
+        return _complain(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        return _complain("interrupted", 130)
+    except Exception:
+        _abort_all_ranks()
+        raise
+    return code if isinstance(code, int) else 0
+
+
+def petsc_settings(arguments: Sequence[str]) -> list[str]:
+    """Turn ``-tactile_snes_rtol 1e-8`` into ``--set solver.petsc.snes_rtol=1e-8``."""
+    tokens = list(arguments)
+    turned: list[str] = []
+    while tokens:
+        token = tokens.pop(0)
+        if not token.startswith("-tactile_"):
+            turned.append(token)
+            continue
+        has_value = tokens and not re.match(r"-[-A-Za-z]", tokens[0])
+        value = tokens.pop(0) if has_value else '""'
+        turned += ["--set", f"solver.petsc.{token.removeprefix('-tactile_')}={value}"]
+    return turned
+
+
+def _complain(message: str, code: int) -> int:
+    """Say on rank 0 what is wrong."""
+    if ranks.launched_rank() in (None, 0):
+        for line in message.strip().splitlines():
+            print(f"tactile-fem: {line}", file=sys.stderr)
+    return code
+
+
+def _abort_all_ranks() -> None:
+    """After a bug on one rank: the others would wait for ever."""
+    if "mpi4py.MPI" in sys.modules:
+        from mpi4py import MPI
+
+        if MPI.COMM_WORLD.size > 1:
+            traceback.print_exc()
+            MPI.COMM_WORLD.Abort(1)

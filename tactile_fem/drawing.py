@@ -1,0 +1,229 @@
+"""Scenes in PyVista: the layered finger, and the finger cut open on the stimulator.
+
+Import it only where a graphics library is known to load: see `tactile_fem.pictures`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pyvista as pv
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import ArrayLike, NDArray
+
+from tactile_fem.finger.mesh_data import TISSUES
+
+COLOURS = {
+    "stratum_corneum": "#E7C6A5",
+    "epidermis": "#A8683F",
+    "dermis": "#C8553D",
+    "subcutaneous": "#F2DFA7",
+    "bone": "#B9C0C6",
+    "nail": "#7FB0BF",
+}
+RIGID = ("bone", "nail")
+_RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
+_PIXELS = (1650, 1050)
+_FAR = 1e3
+
+
+# --- figures -----------------------------------------------------------------------------------
+
+
+def finger_figure(grid: pv.UnstructuredGrid) -> Figure:
+    """Draw the mesh with a quarter cut away, each layer in its colour.
+
+    Parameters
+    ----------
+    grid
+        Quadratic tetrahedra with cell data ``tissue``.
+    """
+    solid = _linear(grid, grid.points)
+    plotter = _plotter()
+    names = []
+    for name, part in _parts(solid):
+        names.append(name)
+        look = {"color": COLOURS[name], "show_edges": True, "line_width": 1}
+        shell = part.extract_surface(algorithm=None)
+        shell = shell.clip_box((0, _FAR, 0, _FAR, -_FAR, _FAR), invert=True)
+        if shell.n_cells:
+            outside = shell.extract_surface(algorithm=None)
+            plotter.add_mesh(outside, edge_opacity=0.3, ambient=0.4, diffuse=0.7, **look)
+        for face in _opened_faces(part):
+            plotter.add_mesh(face, edge_opacity=0.5, lighting=False, **look)
+    x, y, z = solid.center
+    size = solid.length
+    middle = (x + 0.02 * size, y, z - 0.07 * size)
+    image = _picture(plotter, (26.0, 34.0, -12.0), middle, half_height=0.27 * size)
+    figure = _framed(image)
+    handles = [Patch(color=COLOURS[name], label=name.replace("_", " ")) for name in names]
+    figure.legend(handles=handles, loc="lower right", frameon=False, fontsize=9)
+    return figure
+
+
+def deformation_figure(
+    grid: pv.UnstructuredGrid,
+    stimulator: pv.StructuredGrid | None,
+    limits_kPa: tuple[float, float],
+    title: str,
+) -> Figure:
+    """Draw the deformed finger cut open at X = 0, on the stimulator.
+
+    Parameters
+    ----------
+    grid
+        Quadratic tetrahedra with ``displacement_mm``, ``sed_kPa`` and ``tissue``.
+    stimulator
+        Its surface, in place.
+    limits_kPa
+        Ends of the logarithmic colour scale.
+    title
+        Written above.
+    """
+    solid = _linear(grid, grid.points + grid["displacement_mm"])
+    plotter = _plotter()
+    for name, part in _parts(solid):
+        rigid = name in RIGID
+        shell = part.extract_surface(algorithm=None)
+        shell = shell.clip_box((-_FAR, 0, -_FAR, _FAR, -_FAR, _FAR), invert=False)
+        if shell.n_cells:
+            behind = shell.extract_surface(algorithm=None)
+            plotter.add_mesh(behind, color=COLOURS[name if rigid else "stratum_corneum"])
+        face = part.cell_data_to_point_data().slice("x", origin=(-1e-4, 0, 0))
+        if not face.n_cells:
+            continue
+        face["sed_kPa"] = np.maximum(face["sed_kPa"], limits_kPa[0])
+        if rigid:
+            plotter.add_mesh(face, color=COLOURS[name], lighting=False)
+        else:
+            plotter.add_mesh(
+                face,
+                scalars="sed_kPa",
+                cmap="viridis",
+                clim=limits_kPa,
+                log_scale=True,
+                lighting=False,
+                show_scalar_bar=False,
+            )
+        rim = face.extract_feature_edges(
+            boundary_edges=True, feature_edges=False, manifold_edges=False
+        )
+        # A little towards the eye, so that the face does not hide its own rim.
+        plotter.add_mesh(rim.translate((0.03, 0, 0)), color="black", line_width=1.5)
+    if stimulator is not None:
+        stimulator["height_mm"] = stimulator.points[:, 2]
+        plotter.add_mesh(
+            stimulator,
+            scalars="height_mm",
+            cmap=_RELIEF,
+            show_scalar_bar=False,
+            smooth_shading=True,
+        )
+    image = _picture(plotter, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), half_height=8.4)
+    figure = _framed(image)
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 3}
+    figure.text(0.02, 0.97, title, fontsize=10, va="top", bbox=box)
+    bar = figure.colorbar(
+        ScalarMappable(LogNorm(*limits_kPa), "viridis"),
+        cax=figure.add_axes((0.3, 0.085, 0.4, 0.022)),
+        orientation="horizontal",
+        extend="both",
+    )
+    bar.set_label("Strain energy density (kPa)", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    bar.ax.xaxis.set_major_formatter("{x:g}")
+    return figure
+
+
+def colour_limits(grids: list[pv.UnstructuredGrid]) -> tuple[float, float]:
+    """Return the ends of one colour scale for all: three decades below the near maximum."""
+    hard = [TISSUES[name] for name in RIGID]
+    soft = [grid["sed_kPa"][~np.isin(grid["tissue"], hard)] for grid in grids]
+    top = max(float(np.percentile(np.concatenate(soft), 99.8)), 1e-6)
+    return top / 1000, top
+
+
+def relief(x_mm: ArrayLike, y_mm: ArrayLike, height_mm: ArrayLike) -> pv.StructuredGrid:
+    """Return a surface from heights on a grid.
+
+    Parameters
+    ----------
+    x_mm, y_mm
+        (nx,) and (ny,) coordinates.
+    height_mm
+        (nx, ny); NaN where there is nothing.
+    """
+    x, y = np.meshgrid(np.asarray(x_mm, float), np.asarray(y_mm, float), indexing="ij")
+    heights = np.asarray(height_mm, dtype=float)
+    surface = pv.StructuredGrid(x, y, np.nan_to_num(heights, nan=np.nanmin(heights)))
+    missing = np.flatnonzero(np.isnan(heights).ravel(order="F"))
+    if len(missing):
+        surface.hide_points(missing)
+    return surface
+
+
+# --- parts of figures --------------------------------------------------------------------------
+
+
+def _plotter() -> pv.Plotter:
+    plotter = pv.Plotter(off_screen=True, window_size=_PIXELS)
+    plotter.set_background("white")
+    plotter.enable_anti_aliasing("ssaa")
+    return plotter
+
+
+def _picture(
+    plotter: pv.Plotter, eye: tuple[float, ...], at: tuple[float, ...], half_height: float
+) -> NDArray[np.uint8]:
+    """Return what a parallel camera sees: `eye` is its direction from the point `at`."""
+    position = tuple(a + e for a, e in zip(at, eye, strict=True))
+    plotter.camera_position = [position, at, (0.0, 0.0, 1.0)]
+    plotter.enable_parallel_projection()
+    plotter.parallel_scale = half_height
+    plotter.reset_camera_clipping_range()
+    image = np.asarray(plotter.screenshot(return_img=True))
+    plotter.close()
+    return image
+
+
+def _framed(image: NDArray[np.uint8]) -> Figure:
+    """Return a figure that the picture fills, to write on."""
+    height, width = image.shape[:2]
+    figure = Figure(figsize=(7.5, 7.5 * height / width), dpi=200)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.imshow(image, interpolation="lanczos")
+    axes.set_axis_off()
+    return figure
+
+
+def _linear(grid: pv.UnstructuredGrid, points: NDArray[np.floating]) -> pv.UnstructuredGrid:
+    """Return the tetrahedra by their corners only: VTK cuts those cleanly."""
+    corners = grid.cells.reshape(-1, 11)[:, 1:5]
+    cells = np.hstack([np.full((len(corners), 1), 4), corners])
+    kinds = np.full(len(corners), pv.CellType.TETRA)
+    linear = pv.UnstructuredGrid(cells.ravel(), kinds, np.asarray(points, dtype=float))
+    for name in grid.cell_data:
+        linear.cell_data[name] = grid.cell_data[name]
+    return linear
+
+
+def _parts(solid: pv.UnstructuredGrid) -> Iterator[tuple[str, pv.UnstructuredGrid]]:
+    for name, tag in TISSUES.items():
+        inside = np.flatnonzero(solid["tissue"] == tag)
+        if len(inside):
+            yield name, solid.extract_cells(inside)
+
+
+def _opened_faces(part: pv.UnstructuredGrid) -> Iterator[pv.PolyData]:
+    """Yield the two faces that the missing quarter, X > 0 and Y > 0, lays open."""
+    beside = {"x": (-_FAR, _FAR, 0, _FAR, -_FAR, _FAR), "y": (0, _FAR, -_FAR, _FAR, -_FAR, _FAR)}
+    for normal, box in beside.items():
+        face = part.slice(normal, origin=(1e-4, 1e-4, 0.0))
+        if face.n_cells:
+            face = face.clip_box(box, invert=False).extract_surface(algorithm=None)
+        if face.n_cells:
+            yield face

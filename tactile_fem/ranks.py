@@ -1,0 +1,62 @@
+"""Starts a command on several MPI ranks, and tells whether this process is one of them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from tactile_fem.errors import StudyError, TactileError
+
+TERMINAL_VARIABLE = "TACTILE_FEM_TERMINAL"
+_RANK_VARIABLES = ("PMI_RANK", "PMIX_RANK", "OMPI_COMM_WORLD_RANK", "MV2_COMM_WORLD_RANK")
+
+
+def launched_rank(environment: Mapping[str, str] = os.environ) -> int | None:
+    """Return this process's rank as its launcher set it, before MPI starts; None without one."""
+    for name in _RANK_VARIABLES:
+        if environment.get(name, "").isdigit():
+            return int(environment[name])
+    return None
+
+
+def launcher() -> str:
+    """Return the mpiexec beside this Python, else the one on the path.
+
+    Raises
+    ------
+    TactileError
+        There is none.
+    """
+    folder = Path(sys.executable).parent
+    for name in ("mpiexec", "mpirun"):
+        if (folder / name).exists():
+            return str(folder / name)
+    for name in ("mpiexec", "mpirun"):
+        found = shutil.which(name)
+        if found:
+            return found
+    raise TactileError(
+        "There is no mpiexec beside this Python nor on the path: start without --ranks."
+    )
+
+
+def restart(ranks: int, arguments: Sequence[str]) -> None:
+    """Replace this process by `ranks` processes of the package's command line.
+
+    Raises
+    ------
+    StudyError
+        This process is itself one of several ranks.
+    """
+    if launched_rank() is not None:
+        raise StudyError("--ranks does not go together with mpiexec: use one of them.")
+    command = [launcher(), "-n", str(ranks), sys.executable, "-m", "tactile_fem", *arguments]
+    environment = dict(os.environ)
+    environment.setdefault("OMP_NUM_THREADS", "1")
+    if sys.stderr.isatty():  # mpiexec hides it
+        environment[TERMINAL_VARIABLE] = str(shutil.get_terminal_size().columns)
+    sys.stdout.flush()
+    os.execve(command[0], command, environment)
