@@ -1,0 +1,53 @@
+# make scan    the paper's scan: data and pictures into results/
+# make test    the tests
+# make env     only the environment, in .venv
+# make lint    style
+# make clean   removes the environment and caches, never results
+#
+# Variables: RANKS=2 STUDY=study.toml SET="stimulus.text=EFG protocol.depth_mm=1.5"
+# RESULTS=folder PYTHON=python3 (an environment of your own that has DOLFINx).
+
+RANKS   ?= $(shell test "$$(nproc 2>/dev/null || echo 1)" -ge 2 && echo 2 || echo 1)
+STUDY   ?=
+SET     ?=
+RESULTS ?=
+export OMP_NUM_THREADS ?= 1
+
+ifneq ($(origin PYTHON),command line)
+PYTHON := .venv/bin/python
+ENVIRONMENT := .venv/.complete
+endif
+
+.PHONY: scan test env lint clean help
+
+scan: $(ENVIRONMENT)
+	@$(PYTHON) -m tactile_fem.doctor
+	@folder="$(RESULTS)"; n=1; \
+	if [ -z "$$folder" ]; then \
+	  folder=results/scan; \
+	  while [ -n "$$(ls -A "$$folder" 2>/dev/null)" ]; do \
+	    n=$$((n + 1)); folder="results/scan-$$n"; \
+	  done; \
+	fi; \
+	$(PYTHON) -m tactile_fem scan $(STUDY) $(SET:%=--set %) --ranks $(RANKS) --results "$$folder"
+
+test: $(ENVIRONMENT)
+	@$(PYTHON) -m tactile_fem.doctor
+	$(PYTHON) -m pytest -q
+
+env: $(ENVIRONMENT)
+
+.venv/.complete: pyproject.toml .ci/make-env
+	@.ci/make-env
+	@touch $@
+
+lint: $(ENVIRONMENT)
+	$(PYTHON) -m ruff check .
+	$(PYTHON) -m ruff format --check .
+
+clean:
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	find tactile_fem tests demos -name __pycache__ -type d -prune -exec rm -rf {} +
+
+help:
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -9
