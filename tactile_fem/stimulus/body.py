@@ -1,0 +1,216 @@
+"""Rigid bodies by their signed distance, gradient and Hessian.
+
+Body frame: X across the finger, Y along it, Z up; the highest plane of the body is z = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Signed distance at points, positive outside.
+
+    Attributes
+    ----------
+    gap, normal, hessian
+        Value (n,) in mm, gradient (n, 3) and second derivative (n, 3, 3) in 1/mm.
+    """
+
+    gap: Array
+    normal: Array
+    hessian: Array
+
+
+class RigidBody(Protocol):
+    """A body that the finger can touch."""
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3) in the body's frame."""
+
+
+@dataclass(frozen=True)
+class Planar:
+    """Signed distance of a flat outline, negative inside, with derivatives in its plane.
+
+    Attributes
+    ----------
+    value, gradient, hessian
+        (n,) in mm, (n, 2), (n, 2, 2) in 1/mm.
+    """
+
+    value: Array
+    gradient: Array
+    hessian: Array
+
+
+class Outline(Protocol):
+    """A flat shape that can be raised from a plate."""
+
+    def distance(self, xy: Array) -> Planar:
+        """Return the signed distance in the plane at `xy` (n, 2)."""
+
+
+def norm_of(components: Array) -> tuple[Array, Array, Array]:
+    """Return value, gradient and Hessian of the Euclidean norm of `components` (n, k)."""
+    r = np.maximum(np.linalg.norm(components, axis=1), 1e-12)
+    n = components / r[:, None]
+    identity = np.eye(components.shape[1])
+    return r, n, (identity - n[:, :, None] * n[:, None, :]) / r[:, None, None]
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """Everything below ``z = -depth``."""
+
+    depth: float = 0.0
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        normal = np.zeros_like(points)
+        normal[:, 2] = 1.0
+        return Distance(points[:, 2] + self.depth, normal, np.zeros((len(points), 3, 3)))
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball, or a horizontal cylinder if `axes` names two axes only.
+
+    Attributes
+    ----------
+    radius
+        In mm; the top is at the origin.
+    axes
+        The axes in which it is round: (0, 1, 2) ball, (1, 2) bar along X, (0, 2) bar along Y.
+    """
+
+    radius: float
+    axes: tuple[int, ...] = (0, 1, 2)
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        offset = points[:, self.axes].copy()
+        offset[:, -1] += self.radius
+        r, n, H = norm_of(offset)
+        normal = np.zeros_like(points)
+        normal[:, self.axes] = n
+        hessian = np.zeros((len(points), 3, 3))
+        hessian[:, np.array(self.axes)[:, None], np.array(self.axes)] = H
+        return Distance(r - self.radius, normal, hessian)
+
+
+@dataclass(frozen=True)
+class Wedge:
+    """A ridge of opening angle `angle` (rad) whose crest is rounded with `radius` (mm).
+
+    `across` is the horizontal axis over which it rises and falls.
+    """
+
+    radius: float
+    angle: float
+    across: int
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        axes = (self.across, 2)
+        offset = points[:, axes].copy()
+        offset[:, 1] += self.radius
+        r, n, H = norm_of(offset)
+        # The flanks' outward normals lean by half the opening angle from the horizontal.
+        c, s = np.cos(self.angle / 2), np.sin(self.angle / 2)
+        side = np.where(offset[:, 0] < 0, -1.0, 1.0)
+        flank_normal = np.column_stack([side * c, np.full(len(points), s)])
+        # Beside the crest, where a flank is nearest: below the line along the flank's normal.
+        on_flank = offset[:, 1] * c < np.abs(offset[:, 0]) * s
+        flank = np.sum(flank_normal * offset, axis=1)
+        r = np.where(on_flank, flank, r)
+        n = np.where(on_flank[:, None], flank_normal, n)
+        H = np.where(on_flank[:, None, None], 0.0, H)
+        normal = np.zeros_like(points)
+        normal[:, axes] = n
+        hessian = np.zeros((len(points), 3, 3))
+        hessian[:, np.array(axes)[:, None], np.array(axes)] = H
+        return Distance(r - self.radius, normal, hessian)
+
+
+@dataclass(frozen=True)
+class Embossed:
+    """A flat outline raised by `relief` from a plate, its top edge rounded with `fillet`.
+
+    The raised part is a rounded extrusion with its true distance in space; it joins the plate
+    by a smooth minimum, twice continuously differentiable, that acts within `blend` mm of the
+    foot only.
+    """
+
+    outline: Outline
+    relief: float
+    fillet: float
+    blend: float = 0.2
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        raised = self._extrusion(points)
+        return smooth_minimum(raised, HalfSpace(self.relief).distance(points), self.blend)
+
+    def _extrusion(self, points: Array) -> Distance:
+        """Distance of ``{d <= 0, z <= 0}`` shrunk and swollen by the fillet radius."""
+        planar = self.outline.distance(points[:, :2])
+        a, b = planar.value + self.fillet, points[:, 2] + self.fillet
+        r, n, H = norm_of(np.column_stack([a, b]))
+        corner = (a > 0) & (b > 0)
+        wall = (a > b) & ~corner
+        da = np.where(corner, n[:, 0], np.where(wall, 1.0, 0.0))
+        db = np.where(corner, n[:, 1], np.where(wall, 0.0, 1.0))
+        gap = np.where(corner, r, np.maximum(a, b)) - self.fillet
+        normal = np.column_stack([da[:, None] * planar.gradient, db])
+        hessian = np.zeros((len(points), 3, 3))
+        g = planar.gradient
+        bend = np.where(corner[:, None, None], H, 0.0)
+        hessian[:, :2, :2] = (
+            bend[:, 0, 0, None, None] * g[:, :, None] * g[:, None, :]
+            + da[:, None, None] * planar.hessian
+        )
+        hessian[:, :2, 2] = hessian[:, 2, :2] = bend[:, 0, 1, None] * g
+        hessian[:, 2, 2] = bend[:, 1, 1]
+        return Distance(gap, normal, hessian)
+
+
+def smooth_minimum(first: Distance, second: Distance, width: float) -> Distance:
+    """Return the smaller of two distances, blended where they differ by less than `width`.
+
+    ``min(f, s) = (f + s - m(f - s))/2`` with `m` a quartic that replaces the modulus.
+    """
+    t = np.clip((first.gap - second.gap) / width, -1.0, 1.0)
+    inside = np.abs(t) < 1
+    modulus = width * (3 + 6 * t**2 - t**4) / 8
+    modulus = np.where(inside, modulus, np.abs(first.gap - second.gap))
+    slope = np.where(inside, (3 * t - t**3) / 2, np.sign(t))
+    bend = np.where(inside, 1.5 * (1 - t**2) / width, 0.0)
+    difference = first.normal - second.normal
+    share = (1 - slope) / 2
+    return Distance(
+        (first.gap + second.gap - modulus) / 2,
+        share[:, None] * first.normal + (1 - share[:, None]) * second.normal,
+        share[:, None, None] * first.hessian
+        + (1 - share[:, None, None]) * second.hessian
+        - bend[:, None, None] / 2 * difference[:, :, None] * difference[:, None, :],
+    )
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A body shifted in its plane by `shift` (x, y) mm."""
+
+    body: RigidBody
+    shift: tuple[float, float]
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        return self.body.distance(points - np.array([*self.shift, 0.0]))

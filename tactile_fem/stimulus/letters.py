@@ -1,0 +1,154 @@
+"""Letters: font outline, rounded, its signed distance as a spline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import shapely
+from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.textpath import TextPath
+from scipy.interpolate import RectBivariateSpline
+from shapely import affinity
+
+from tactile_fem.errors import StudyError
+from tactile_fem.stimulus.body import Array, Planar
+from tactile_fem.study import Text
+
+_GRID_MM = 0.05
+# Farther from the outline than this only the plate can be touched.
+_REACH_MM = 1.6
+_FAR_MM = 1.2
+
+
+@dataclass(frozen=True)
+class Letter:
+    """One letter's signed distance, splined on a grid around it; `polygon` in mm."""
+
+    polygon: shapely.Geometry
+    spline: RectBivariateSpline
+    bounds: tuple[float, float, float, float]
+
+
+class Letters:
+    """Letters that read along +Y with their tops towards -X, unmirrored seen from above.
+
+    The body frame's origin is the place of the text over the contact point at displacement 0.
+    """
+
+    def __init__(self, text: Text) -> None:
+        font = _font(text.font)
+        glyphs = {c: _glyph(c, font, text.font) for c in set(text.text) if not c.isspace()}
+        reference = _glyph("G", font, text.font)
+        scale = text.g_width_mm / _width(reference)
+        middle = sum(reference.bounds[1::2]) / 2
+        start = text.start_mm
+        if start is None:
+            start = text.pitch_mm / 2 if len(text.text) > 1 else -text.pitch_mm / 2
+        shapes = {}
+        for character, glyph in glyphs.items():
+            centre = (glyph.bounds[0] + glyph.bounds[2]) / 2
+            # Text direction (u, up) to the finger's (x, y) = (-up, u).
+            placed = affinity.affine_transform(
+                glyph, [0, -scale, scale, 0, scale * middle, -scale * centre]
+            )
+            shapes[character] = _letter(character, placed, text.corner_radius_mm, text.font)
+        self._letters = [
+            (text.pitch_mm * i - start, shapes[c])
+            for i, c in enumerate(text.text)
+            if not c.isspace()
+        ]
+
+    def polygons(self) -> list[shapely.Geometry]:
+        """Return the outlines in the body's frame."""
+        return [affinity.translate(letter.polygon, 0, y) for y, letter in self._letters]
+
+    def distance(self, xy: Array) -> Planar:
+        """Return the signed distance at `xy` (n, 2); constant far from all letters."""
+        result = Planar(
+            np.full(len(xy), _FAR_MM), np.zeros((len(xy), 2)), np.zeros((len(xy), 2, 2))
+        )
+        for y, letter in self._letters:
+            self._join(result, xy - [0.0, y], letter)
+        return result
+
+    @staticmethod
+    def _join(result: Planar, xy: Array, letter: Letter) -> None:
+        """Put the letter's distance where it is the least, in place."""
+        x0, y0, x1, y1 = letter.bounds
+        near = np.flatnonzero((xy[:, 0] > x0) & (xy[:, 0] < x1) & (xy[:, 1] > y0) & (xy[:, 1] < y1))
+        if not len(near):
+            return
+        p = xy[near].T
+        d = letter.spline.ev(*p)
+        least = d < result.value[near]
+        near, p = near[least], p[:, least]
+        result.value[near] = d[least]
+        evaluate = letter.spline.ev
+        result.gradient[near] = np.column_stack([evaluate(*p, dx=1), evaluate(*p, dy=1)])
+        mixed = evaluate(*p, dx=1, dy=1)
+        result.hessian[near, 0, 0] = evaluate(*p, dx=2)
+        result.hessian[near, 1, 1] = evaluate(*p, dy=2)
+        result.hessian[near, 0, 1] = result.hessian[near, 1, 0] = mixed
+
+
+def _font(name: str) -> FontProperties:
+    """Return the font of a family name or file; no silent replacement."""
+    if Path(name).suffix.lower() in (".ttf", ".otf", ".ttc"):
+        if not Path(name).is_file():
+            raise StudyError(f'stimulus.font = "{name}": there is no such file')
+        return FontProperties(fname=name)
+    font = FontProperties(family=name)
+    try:
+        findfont(font, fallback_to_default=False)
+    except ValueError:
+        raise StudyError(
+            f'stimulus.font = "{name}": no such font is installed; give a family name or the path '
+            "of a .ttf file"
+        ) from None
+    return font
+
+
+def _glyph(character: str, font: FontProperties, name: str) -> shapely.Geometry:
+    """Return a character's outline in the font's units, holes cut out."""
+    if not get_font(findfont(font)).get_char_index(ord(character)):
+        raise StudyError(f'stimulus.text: the font "{name}" has no glyph for "{character}"')
+    path = TextPath((0, 0), character, size=100, prop=font)
+    path = path.interpolated(1)
+    shape = shapely.Polygon()
+    for ring in path.to_polygons(closed_only=True):
+        shape = shape.symmetric_difference(shapely.Polygon(ring).buffer(0))
+    if shape.is_empty:
+        raise StudyError(f'stimulus.text: "{character}" has no outline in the font "{name}"')
+    return shape
+
+
+def _width(shape: shapely.Geometry) -> float:
+    return float(shape.bounds[2] - shape.bounds[0])
+
+
+@lru_cache(maxsize=64)
+def _letter(character: str, shape: shapely.Geometry, radius: float, font: str) -> Letter:
+    """Round the outline's corners and spline its signed distance."""
+    # Opening rounds the convex corners, closing the concave ones.
+    opened = shape.buffer(-radius, quad_segs=32).buffer(radius, quad_segs=32)
+    rounded = opened.buffer(radius, quad_segs=32).buffer(-radius, quad_segs=32)
+    if rounded.is_empty or rounded.area < 0.8 * shape.area:
+        raise StudyError(
+            f'stimulus.corner_radius_mm = {radius:g}: the strokes of "{character}" in "{font}" are '
+            "too thin for it; it must be less than half a stroke"
+        )
+    low = np.array(rounded.bounds[:2]) - _REACH_MM
+    high = np.array(rounded.bounds[2:]) + _REACH_MM
+    x, y = (np.arange(a, b + _GRID_MM, _GRID_MM) for a, b in zip(low, high, strict=True))
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
+    points = shapely.points(grid)
+    shapely.prepare(rounded)
+    boundary = rounded.boundary
+    shapely.prepare(boundary)
+    distance = shapely.distance(boundary, points)
+    distance[shapely.contains(rounded, points)] *= -1
+    spline = RectBivariateSpline(x, y, distance.reshape(len(x), len(y)), kx=3, ky=3, s=0)
+    return Letter(rounded, spline, (*low, *high))

@@ -1,0 +1,119 @@
+"""From the study's stimulus to the rigid body, and to its shape for pictures."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import shapely
+from shapely import affinity
+
+from tactile_fem.errors import StudyError
+from tactile_fem.stimulus.body import (
+    Array,
+    Ball,
+    Embossed,
+    HalfSpace,
+    Moved,
+    Outline,
+    RigidBody,
+    Wedge,
+)
+from tactile_fem.stimulus.letters import Letters
+from tactile_fem.stimulus.patterns import Discs, Ridges
+from tactile_fem.study import (
+    AnyStimulus,
+    Cylinder,
+    Dots,
+    Edge,
+    Grating,
+    Plate,
+    Sphere,
+    Text,
+)
+
+# Axis over which something that lies along "x" or "y" rises and falls.
+_ACROSS = {"x": 1, "y": 0}
+
+
+@lru_cache(maxsize=16)
+def make_body(stimulus: AnyStimulus) -> RigidBody:
+    """Return the rigid body of a stimulus.
+
+    Raises
+    ------
+    StudyError
+        A font or glyph is missing, or a radius does not fit.
+    """
+    match stimulus:
+        case Plate():
+            body: RigidBody = HalfSpace()
+        case Sphere():
+            body = Ball(stimulus.radius_mm)
+        case Cylinder():
+            body = Ball(stimulus.radius_mm, (_ACROSS[stimulus.along], 2))
+        case Edge():
+            angle = math.radians(stimulus.angle_deg)
+            body = Wedge(stimulus.radius_mm, angle, _ACROSS[stimulus.along])
+        case _:
+            _check_fillet(stimulus)
+            body = Embossed(_outline(stimulus), stimulus.relief_mm, stimulus.fillet_radius_mm)
+    return Moved(body, stimulus.shift_mm)
+
+
+def _outline(stimulus: Text | Grating | Dots) -> Outline:
+    match stimulus:
+        case Grating():
+            spacing = stimulus.ridge_mm + stimulus.groove_mm
+            return Ridges(stimulus.ridge_mm, spacing, stimulus.count, _ACROSS[stimulus.along])
+        case Dots():
+            return Discs(stimulus.radius_mm, stimulus.spacing_mm, stimulus.columns, stimulus.rows)
+        case _:
+            return Letters(stimulus)
+
+
+def _check_fillet(stimulus: Text | Grating | Dots) -> None:
+    """Raise StudyError if the top edge's radius does not fit the raised part."""
+    limits = {"relief_mm": stimulus.relief_mm}
+    match stimulus:
+        case Grating():
+            limits["half of ridge_mm"] = stimulus.ridge_mm / 2
+        case Dots():
+            limits["radius_mm"] = stimulus.radius_mm
+        case _:
+            limits["corner_radius_mm"] = stimulus.corner_radius_mm
+    for name, limit in limits.items():
+        if stimulus.fillet_radius_mm > limit + 1e-12:
+            raise StudyError(
+                f"stimulus.fillet_radius_mm = {stimulus.fillet_radius_mm:g} must not exceed "
+                f"{name} ({limit:g})"
+            )
+
+
+def outlines(stimulus: AnyStimulus) -> list[shapely.Geometry]:
+    """Return the outlines of what is raised, at displacement 0; none for smooth bodies.
+
+    Coordinates are X and Y in mm over the contact point.
+    """
+    if not isinstance(stimulus, Text | Grating | Dots):
+        return []
+    shift = stimulus.shift_mm
+    return [affinity.translate(shape, *shift) for shape in _outline(stimulus).polygons()]
+
+
+def height_map(body: RigidBody, x: Array, y: Array, lowest_mm: float = -3.0) -> Array:
+    """Return the height z (len(x), len(y)) of the body's surface seen from above.
+
+    Rays come down from z = 0.1 mm by the distance to the body; below `lowest_mm` they end.
+    """
+    xy = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
+    z = np.full(len(xy), 0.1)
+    falling = np.arange(len(xy))
+    for _ in range(100):
+        gap = body.distance(np.column_stack([xy[falling], z[falling]])).gap
+        z[falling] = np.maximum(z[falling] - gap, lowest_mm)
+        falling = falling[(np.abs(gap) > 1e-4) & (z[falling] > lowest_mm)]
+        if not len(falling):
+            break
+    return z.reshape(len(x), len(y))
