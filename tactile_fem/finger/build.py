@@ -13,7 +13,7 @@ from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_o
 from tactile_fem.finger.report import check_mesh
 from tactile_fem.finger.session import gmsh_model
 from tactile_fem.finger.shape import Array, bone_shape, skin_shape
-from tactile_fem.finger.skin import nail_outline, pad_size, sizes_of, triangulate
+from tactile_fem.finger.skin import bone_size, nail_outline, pad_size, sizes_of, triangulate
 from tactile_fem.study import Finger
 
 logger = logging.getLogger(__name__)
@@ -41,14 +41,14 @@ def build_finger(finger: Finger) -> FingerMesh:
     nodes, tets, tissue = extrude(points, directions, outer, under_nail, rows)
     inner = outer + len(nodes) - len(points)
 
-    bone_points, _, bone_triangles, _ = triangulate(bone, lambda x, y, z: sizes.bone)
+    bone_points, _, bone_triangles, _ = triangulate(bone, bone_size(sizes, finger))
     bone_triangles = bone_triangles + len(nodes)
     nodes = np.vstack([nodes, bone_points])
 
     inner_loop, bone_loop = _rim(inner), _rim(bone_triangles)
     nodes, annulus = _fill_plane(nodes, [inner_loop, bone_loop], sizes.far)
     nodes, disc = _fill_plane(nodes, [bone_loop], sizes.far)
-    nodes, fat = _fill_volume(nodes, [inner, bone_triangles, annulus])
+    nodes, fat = _fill_volume(nodes, [inner, bone_triangles, annulus], improve=True)
     nodes, marrow = _fill_volume(nodes, [bone_triangles, disc])
 
     tets = np.concatenate([tets, fat, marrow])
@@ -132,8 +132,10 @@ def _fill_plane(
         return _read(gmsh, nodes, number, 2)
 
 
-def _fill_volume(nodes: Array, surfaces: list[Triangles]) -> tuple[Array, NDArray[np.int64]]:
-    """Fill the space between closed surfaces with tetrahedra."""
+def _fill_volume(
+    nodes: Array, surfaces: list[Triangles], improve: bool = False
+) -> tuple[Array, NDArray[np.int64]]:
+    """Fill a closed space with tetrahedra; improving removes slivers and adds a few cells."""
     with gmsh_model() as gmsh:
         mesh = gmsh.model.mesh
         known = np.unique(np.concatenate(surfaces))
@@ -145,6 +147,8 @@ def _fill_volume(nodes: Array, surfaces: list[Triangles]) -> tuple[Array, NDArra
         gmsh.model.geo.synchronize()
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
         mesh.generate(3)
+        if improve:
+            mesh.optimize("Netgen", force=True)
         return _read(gmsh, nodes, {int(k) + 1: int(k) for k in known}, 3)
 
 

@@ -166,7 +166,7 @@ def skin_shape(finger: Finger) -> Capsule:
         )
     if cut > -3.0:
         raise MeshError(
-            f"the finger is cut {-cut:g} mm proximal of the contact point; lengthen "
+            f"the finger is cut {max(-cut, 0.0):g} mm proximal of the contact point; lengthen "
             "finger.straight_length_mm so that it is at least 3 mm"
         )
     fullness = tip**2 / (finger.palmar_height_mm * finger.pad_radius_mm)

@@ -37,9 +37,9 @@ class Sizes:
 
 
 PRESETS = {
-    "coarse": Sizes(0.95, 4.5, 4.0, 0.3, 0.3, 2),
-    "medium": Sizes(0.60, 2.4, 2.2, 0.3, 0.1, 2),
-    "paper": Sizes(0.34, 1.35, 1.3, 0.25, 0.0, 2),
+    "coarse": Sizes(1.0, 4.5, 3.2, 0.3, 0.3, 2),
+    "medium": Sizes(0.56, 2.8, 2.4, 0.3, 0.1, 2),
+    "paper": Sizes(0.33, 1.5, 1.4, 0.2, 0.0, 2),
 }
 
 
@@ -47,7 +47,7 @@ def sizes_of(finger: Finger) -> Sizes:
     """Return the preset's sizes with the finger's own values in their place."""
     preset = PRESETS[finger.preset]
     pad = finger.pad_size_mm or preset.pad
-    far = finger.far_size_mm or preset.far
+    far = finger.far_size_mm or max(preset.far, pad)
     if far < pad:
         raise MeshError(
             f"finger.far_size_mm = {far:g} must not be smaller than the edge under the contact "
@@ -132,6 +132,12 @@ def pad_size(sizes: Sizes, capsule: Capsule) -> Size:
     return size
 
 
+def bone_size(sizes: Sizes, finger: Finger) -> Size:
+    """Return the bone's edge length, on its palmar side not far above the gap to the dermis."""
+    near = min(sizes.bone, max(sizes.pad, 1.5 * finger.subcutaneous_mm))
+    return lambda x, y, z: near if z < 0.0 else sizes.bone
+
+
 def triangulate(
     capsule: Capsule, size: Size, outline: NailOutline | None = None
 ) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.bool_]]:
@@ -156,6 +162,7 @@ def triangulate(
         _add_capsule(gmsh, capsule, outline)
         gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, lc: size(x, y, z))
         gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.optimize("Relocate2D", niter=5)  # mends the pole of the tip
         gmsh.model.mesh.removeSizeCallback()
         tags, flat, _ = gmsh.model.mesh.getNodes()
         _, corners = gmsh.model.mesh.getElementsByType(2)
@@ -180,8 +187,10 @@ def _add_capsule(gmsh: Any, capsule: Capsule, outline: NailOutline | None) -> No
     """Add half an ellipsoid and an elliptic tube around Y, without the proximal lid."""
     occ = gmsh.model.occ
     width, height, shoulder = capsule.half_width, capsule.below, capsule.shoulder_y
+    seam = 0.0 if outline is not None else math.pi / 2  # nodes line up here: keep it off the pad
     cap = (3, occ.addSphere(0, 0, 0, 1, angle1=0, angle2=math.pi / 2))
     tube = (3, occ.addCylinder(0, 0, -1, 0, 0, 1, 1))
+    occ.rotate([cap, tube], 0, 0, 0, 0, 0, 1, seam)
     occ.rotate([cap, tube], 0, 0, 0, 1, 0, 0, -math.pi / 2)
     occ.dilate([cap], 0, 0, 0, width, capsule.tip_length, height)
     occ.dilate([tube], 0, 0, 0, width, shoulder - capsule.cut_y, height)
