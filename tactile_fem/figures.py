@@ -1,0 +1,140 @@
+"""Draws everything that a results folder can show."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import shapely
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tactile_fem.extrema import central_receptor
+from tactile_fem.files import replacing
+from tactile_fem.pictures import draw_pictures
+from tactile_fem.plots import (
+    DISPLACEMENT,
+    Outlines,
+    firing_figure,
+    firing_rate,
+    force_figure,
+    raster_figure,
+    sed_figure,
+)
+from tactile_fem.results import Results
+from tactile_fem.stimulus import outlines
+from tactile_fem.study import Stimulus
+
+logger = logging.getLogger(__name__)
+
+_MET = "Place on the stimulator that the receptor meets (mm)"
+_COLUMN_mm = 0.05
+
+
+def draw(results: Results | Path | str) -> list[Path]:
+    """Draw all figures and, where that is possible, the pictures; return their files.
+
+    Raises
+    ------
+    StudyError
+        The folder holds no results.
+    """
+    if not isinstance(results, Results):
+        results = Results.open(results)
+    results.figures.mkdir(exist_ok=True)
+    return [*draw_plots(results), *draw_pictures(results)]
+
+
+def draw_plots(results: Results) -> list[Path]:
+    """Draw the figures that need no graphics library."""
+    shapes = rings(results.study.stimulus)
+    figures = {"force": _force(results)}
+    if (results.trace["displacement_mm"] > 0).any():
+        figures["sed"] = _sed(results, shapes)
+        figures["raster"] = _raster(results, shapes)
+        firing = _firing(results, shapes)
+        if firing is not None:
+            figures["firing"] = firing
+    else:
+        logger.warning("There is no slide in %s: only forces are drawn.", results.folder)
+    paths = []
+    for name, figure in figures.items():
+        path = results.figures / f"{name}.png"
+        with replacing(path) as part:
+            figure.savefig(part, format="png")
+        paths.append(path)
+    return paths
+
+
+def rings(stimulus: Stimulus) -> Outlines:
+    """Return the outlines of what is raised as closed curves, holes turning the other way."""
+    parts = shapely.get_parts([part for part in outlines(stimulus) if not part.is_empty])
+    polygons = [shapely.geometry.polygon.orient(part) for part in parts]
+    return [
+        np.asarray(ring.coords)
+        for polygon in polygons
+        for ring in (polygon.exterior, *polygon.interiors)
+    ]
+
+
+def _slide(results: Results) -> NDArray[np.bool_]:
+    """Return which steps belong to the slide, the end of the indentation included."""
+    return np.asarray(results.trace["time_s"] >= -1e-12)
+
+
+def _sed(results: Results, shapes: Outlines) -> Figure:
+    trace, slide = results.trace, _slide(results)
+    central = central_receptor(trace["receptors_mm"])
+    x, y, _ = trace["receptors_mm"][central]
+    return sed_figure(
+        trace["displacement_mm"][slide],
+        trace["sed_kPa"][slide, central],
+        [outline - (0.0, y) for outline in shapes],
+        x,
+    )
+
+
+def _raster(results: Results, shapes: Outlines) -> Figure:
+    places, spikes = results.trace["receptors_mm"], results.spikes
+    slide = spikes.time_s >= 0
+    receptor = spikes.receptor[slide]
+    on_a_line = bool(np.ptp(places[:, 1]) < 1e-9)
+    met = spikes.displacement_mm[slide] + places[receptor, 1]
+    end = results.trace["displacement_mm"][-1]
+    return raster_figure(
+        met,
+        places[receptor, 0],
+        places[:, 0],
+        (float(places[:, 1].min()), float(end + places[:, 1].max())),
+        shapes,
+        DISPLACEMENT if on_a_line and abs(places[0, 1]) < 1e-9 else _MET,
+    )
+
+
+def _firing(results: Results, shapes: Outlines) -> Figure | None:
+    """Draw the rates of the receptors on the line Y = 0, if they make an image."""
+    places, spikes = results.trace["receptors_mm"], results.spikes
+    line = np.flatnonzero(np.abs(places[:, 1]) < 1e-9)
+    line = line[np.argsort(places[line, 0])]
+    rows = places[line, 0]
+    if len(rows) < 3 or not np.allclose(np.diff(rows), np.diff(rows)[0]):
+        logger.info("firing.png wants an even line of receptors across the finger")
+        return None
+    columns = np.arange(0.0, results.trace["displacement_mm"][-1] + 1e-9, _COLUMN_mm)
+    slide = spikes.time_s >= 0
+    per_row = [spikes.displacement_mm[slide & (spikes.receptor == k)] for k in line]
+    rate = firing_rate(per_row, columns, results.study.protocol.speed_mm_s)
+    return firing_figure(columns, rows, rate, shapes)
+
+
+def _force(results: Results) -> Figure:
+    trace = results.trace
+    pressing = trace["time_s"] <= 1e-12
+    return force_figure(
+        trace["depth_mm"],
+        trace["displacement_mm"],
+        trace["force_N"],
+        pressing,
+        results.study.stimulus.friction,
+    )

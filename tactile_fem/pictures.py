@@ -1,0 +1,163 @@
+"""Pictures of the finger in three dimensions, drawn off screen in a process of their own.
+
+A graphics library can end the process that loads it, so nothing here is imported by a scan:
+`draw_pictures` starts ``python -m tactile_fem.pictures FOLDER`` and reports what went wrong.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tactile_fem import doctor
+from tactile_fem.extrema import central_receptor, extrema
+from tactile_fem.fields import read_series
+from tactile_fem.files import replacing
+from tactile_fem.results import Results
+from tactile_fem.stimulus import height_map, make_body
+from tactile_fem.study import Study
+
+logger = logging.getLogger(__name__)
+
+_LONGEST_S = 600
+_MOST = 8
+_LOWEST_MM = -3.0
+
+
+def can_draw() -> str | None:
+    """Return why no picture can be drawn, in one sentence, or None if all seems well."""
+    if find_spec("pyvista") is None:
+        return 'PyVista is not installed: pip install "tactile-fem[pictures]".'
+    finding = doctor.picture_finding()
+    if finding is not None:
+        return f"{finding.sentence} On Debian or Ubuntu: {doctor.install_line([finding])}."
+    return None
+
+
+def draw_pictures(results: Results) -> list[Path]:
+    """Draw finger and deformations into the results folder; return the files.
+
+    Whatever goes wrong is logged as a warning: data come first.
+    """
+    reason = can_draw() or _no_fields(results)
+    if reason is not None:
+        logger.warning("3-D pictures are skipped. %s", reason)
+        return []
+    command = [sys.executable, "-m", "tactile_fem.pictures", str(results.folder)]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=_LONGEST_S, env=_environment()
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        logger.warning("3-D pictures are skipped: %s.", error)
+        return []
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        logger.warning(
+            "Drawing 3-D pictures ended with code %d (%s); the data are not touched by this.",
+            done.returncode,
+            last,
+        )
+    return [Path(line) for line in done.stdout.splitlines() if Path(line).is_file()]
+
+
+def _no_fields(results: Results) -> str | None:
+    return None if read_series(results.fields)[1] else "There are no field files."
+
+
+def _environment() -> dict[str, str]:
+    """Return an environment without MPI's variables, nor a screen that might not answer."""
+    mpi = ("PMI_", "PMIX_", "OMPI_", "MPI_", "HYD")
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(mpi)}
+    kept.pop("DISPLAY", None)
+    return kept
+
+
+def choose_states(
+    trace: Mapping[str, NDArray[np.float64]], times_s: NDArray[np.float64]
+) -> list[int]:
+    """Return the written states nearest to the extrema of the central receptor's SED.
+
+    Parameters
+    ----------
+    trace
+        Histories of the scan.
+    times_s
+        (states,) when fields were written.
+    """
+    slide = trace["time_s"] >= 0
+    sed = trace["sed_kPa"][slide, central_receptor(trace["receptors_mm"])]
+    wanted = trace["time_s"][slide][np.sort(np.concatenate(extrema(sed)))]
+    if not len(wanted):
+        wanted = times_s[-1:]
+    nearest = {int(np.argmin(np.abs(times_s - time))) for time in wanted}
+    return sorted(nearest)[:_MOST]
+
+
+def main(folder: str) -> int:
+    """Draw into a results folder and print the files; the only place that loads VTK."""
+    import pyvista as pv
+
+    from tactile_fem import drawing
+
+    results = Results.open(folder)
+    trace = results.trace
+    times, files = read_series(results.fields)
+    first = pv.read(files[0])
+    _save(drawing.finger_figure(first), results.figures / "finger.png")
+    chosen = choose_states(trace, times)
+    grids = [pv.read(files[k]) for k in chosen]
+    limits = drawing.colour_limits(grids)
+    surface = Surface(results.study)
+    for k, grid in zip(chosen, grids, strict=True):
+        displacement = float(_at(trace, "displacement_mm", times[k]))
+        relief = drawing.relief(*surface.at(_at(trace, "stimulator_mm", times[k])))
+        title = f"Displacement {displacement:.1f} mm"
+        figure = drawing.deformation_figure(grid, relief, limits, title)
+        _save(figure, results.figures / f"deformation_{displacement:05.2f}.png")
+    return 0
+
+
+class Surface:
+    """The stimulator's upper surface as heights on a grid, from wherever it has moved to."""
+
+    def __init__(self, study: Study) -> None:
+        step, x, y = 0.05, 9.0, 15.0
+        self._window = y
+        self.x = np.arange(-x, x + step, step)
+        self.y = np.arange(-y, y + study.protocol.distance_mm + step, step)
+        heights = height_map(make_body(study.stimulus), self.x, self.y, _LOWEST_MM)
+        self.height = np.where(heights > _LOWEST_MM + 1e-3, heights, np.nan)
+
+    def at(self, translation_mm: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return X (nx,), Y (ny,) and heights (nx, ny) in mm in the finger's frame."""
+        x, y = self.x + translation_mm[0], self.y + translation_mm[1]
+        near = np.abs(y) <= self._window
+        return x, y[near], self.height[:, near] + translation_mm[2]
+
+
+def _at(trace: Mapping[str, NDArray[np.float64]], name: str, time_s: float) -> Any:
+    """Return a history's value at a time."""
+    columns = np.atleast_2d(trace[name].T)
+    values = [np.interp(time_s, trace["time_s"], column) for column in columns]
+    return np.array(values) if trace[name].ndim > 1 else values[0]
+
+
+def _save(figure: Figure, path: Path) -> None:
+    with replacing(path) as part:
+        figure.savefig(part, format="png")
+    print(path, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))
