@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,7 +154,7 @@ def _fill_volume(
 
 
 def _read(
-    gmsh: object, nodes: Array, number: dict[int, int], dim: int
+    gmsh: ModuleType, nodes: Array, number: dict[int, int], dim: int
 ) -> tuple[Array, NDArray[np.int64]]:
     """Append gmsh's new nodes and return the elements in our numbering."""
     tags, flat, _ = gmsh.model.mesh.getNodes()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of
+from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMesh, facets_of
 from tactile_fem.study import Finger
 
 LAYERS = ("stratum_corneum", "epidermis", "dermis")
@@ -41,22 +41,15 @@ def gammas(nodes: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.fl
 def _jacobians(mesh: FingerMesh) -> NDArray[np.float64]:
     """Return the determinants (m, 10) of the quadratic map at the nodes of each tetrahedron."""
     corners = np.eye(4)
-    pairs = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [2, 3], [1, 3]])
-    barycentric = np.vstack([corners, 0.5 * (corners[pairs[:, 0]] + corners[pairs[:, 1]])])
+    barycentric = np.vstack([corners, 0.5 * (corners[TET_EDGES[:, 0]] + corners[TET_EDGES[:, 1]])])
     dlambda = np.array([[-1.0, -1.0, -1.0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     result = np.empty((len(mesh.tets), 10))
     x = mesh.nodes[mesh.tets]
     for point, weight in enumerate(barycentric):
-        slope = np.vstack(
-            [
-                (4.0 * weight - 1.0)[:, None] * dlambda,
-                4.0
-                * (
-                    weight[pairs[:, 0], None] * dlambda[pairs[:, 1]]
-                    + weight[pairs[:, 1], None] * dlambda[pairs[:, 0]]
-                ),
-            ]
-        )
+        one, other = TET_EDGES.T
+        at_corners = (4.0 * weight - 1.0)[:, None] * dlambda
+        at_middles = 4.0 * (weight[one, None] * dlambda[other] + weight[other, None] * dlambda[one])
+        slope = np.vstack([at_corners, at_middles])
         result[:, point] = np.linalg.det(np.einsum("mni,nj->mij", x, slope))
     return result
 

@@ -166,11 +166,10 @@ def triangulate(
         gmsh.model.mesh.removeSizeCallback()
         tags, flat, _ = gmsh.model.mesh.getNodes()
         _, corners = gmsh.model.mesh.getElementsByType(2)
-    raw = flat.reshape(-1, 3)
-    triangles = np.searchsorted(tags, corners).reshape(-1, 3).astype(np.int64)
-    assert np.all(np.diff(tags.astype(np.int64)) > 0)
-    used, triangles = np.unique(triangles, return_inverse=True)
-    raw, triangles = raw[used], triangles.reshape(-1, 3)
+    used, triangles = np.unique(corners, return_inverse=True)
+    triangles = triangles.reshape(-1, 3).astype(np.int64)
+    order = np.argsort(tags)
+    raw = flat.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)]]
     points, normals = capsule.place(raw / [capsule.half_width, 1.0, capsule.below])
     corner = points[triangles]
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])

@@ -1,0 +1,357 @@
+"""The finger's mesh: layers, tags, files, refusals."""
+
+import dataclasses
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tactile_fem.errors import MeshError
+from tactile_fem.finger import (
+    SURFACES,
+    TISSUES,
+    build_finger,
+    check_mesh,
+    describe,
+    load_finger,
+    read_msh,
+    write_msh,
+)
+from tactile_fem.finger.load import shipped_file
+from tactile_fem.finger.mesh_data import facets_of
+from tactile_fem.finger.report import gammas, layer_thickness, volumes
+from tactile_fem.finger.shape import depth_below, skin_shape
+from tactile_fem.study import Finger
+
+FINGER = Finger()
+
+
+def has_gmsh() -> bool:
+    try:
+        import gmsh  # noqa: F401
+    except (ImportError, OSError):
+        return False
+    return True
+
+
+needs_gmsh = pytest.mark.skipif(not has_gmsh(), reason="gmsh is not installed")
+
+
+@pytest.fixture(scope="module", params=["shipped", pytest.param("built", marks=needs_gmsh)])
+def mesh(request):
+    return load_finger(FINGER) if request.param == "shipped" else build_finger(FINGER)
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return load_finger(FINGER)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"dermis_mm": 4.0}, "too thick"),
+        ({"subcutaneous_mm": 0.05}, "below the skin"),
+        ({"bone_half_width_mm": 9.0}, "outside the skin"),
+        ({"bone_tip_gap_mm": 13.0}, "bone_tip_gap_mm"),
+        ({"tip_length_mm": 13.0}, "tip_length_mm"),
+        ({"pad_radius_mm": 5.0}, "pad_radius_mm"),
+        ({"straight_length_mm": 1.0}, "straight_length_mm"),
+        ({"nail_width_mm": 17.0}, "nail"),
+        ({"nail_length_mm": 23.0}, "nail"),
+        ({"nail_thickness_mm": 2.0}, "nail_thickness_mm"),
+        ({"pad_size_mm": 2.0, "far_size_mm": 1.0}, "far_size_mm"),
+    ],
+)
+def test_impossible_fingers_are_refused(values, words):
+    with pytest.raises(MeshError, match=words) as caught:
+        build_finger(Finger(**values))
+    assert "\n" not in str(caught.value)
+
+
+# --- mesh ----------------------------------------------------------------------------------------
+
+
+def test_size_of_the_coarse_mesh(mesh):
+    assert 7_000 < len(mesh.tets) < 10_500
+    assert 3 * len(mesh.nodes) < 42_000
+    assert len(np.unique(mesh.tets)) == len(mesh.nodes)
+
+
+def test_jacobians_and_quality(mesh):
+    check_mesh(mesh)
+    assert volumes(mesh.nodes, mesh.tets).min() > 0
+    thick = np.isin(mesh.tissue, [TISSUES[name] for name in ("dermis", "subcutaneous", "bone")])
+    assert gammas(mesh.nodes, mesh.tets)[thick].min() > 0.1
+
+
+def test_gamma_of_known_tetrahedra():
+    nodes = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0, 0, 0]], dtype=float)
+    nodes = np.vstack([nodes, [[1, 0, 0], [0, 1, 0], [0, 0, 1]]])
+    found = gammas(nodes, np.array([[0, 2, 1, 3], [4, 5, 6, 7]]))
+    inscribed, circumscribed = 1 / (3 + math.sqrt(3)), math.sqrt(3) / 2
+    assert found == pytest.approx([1.0, 3 * inscribed / circumscribed])
+
+
+def test_layers_are_as_thick_as_wanted_over_the_pad(mesh):
+    for name, found in layer_thickness(mesh).items():
+        wanted = getattr(FINGER, f"{name}_mm")
+        assert len(found) > 200
+        assert np.abs(found / wanted - 1).max() < 0.05, name
+
+
+def bone_height(mesh):
+    bone = mesh.nodes[np.unique(mesh.triangles[mesh.surface == SURFACES["bone_surface"]])]
+    return bone[np.hypot(bone[:, 0], bone[:, 1]) < 2.0, 2].min()
+
+
+def test_pad_thickness_at_the_contact_point(mesh):
+    assert bone_height(mesh) == pytest.approx(FINGER.pad_thickness_mm, abs=0.1)
+    skin = mesh.nodes[mesh.triangles[mesh.surface == SURFACES["skin"], :3]]
+    assert 0 <= skin[..., 2].min() < 0.02
+
+
+def test_volumes(mesh):
+    volume = volumes(mesh.nodes, mesh.tets)
+    facets, _, second = facets_of(mesh.tets)
+    a, b, c = np.moveaxis(mesh.nodes[facets[second < 0]], 1, 0)
+    enclosed = np.einsum("ij,ij->", np.cross(a, b), c) / 6.0
+    assert volume.sum() == pytest.approx(enclosed, rel=1e-9)
+    tip = 2 / 3 * math.pi * 8.0 * 6.75 * 11.0
+    assert volume.sum() == pytest.approx(tip + math.pi * 8.0 * 6.75 * 14.0, rel=0.07)
+    parts = {name: volume[mesh.tissue == tag].sum() for name, tag in TISSUES.items()}
+    assert sum(parts.values()) == pytest.approx(volume.sum(), rel=1e-12)
+    skin = parts["stratum_corneum"] + parts["epidermis"] + parts["nail"]
+    assert parts["stratum_corneum"] < parts["epidermis"] < parts["dermis"] < parts["subcutaneous"]
+    assert skin / 0.82 == pytest.approx(parts["dermis"] / 0.8, rel=0.2)
+
+
+def test_conforming_and_closed(mesh):
+    facets, _, second = facets_of(mesh.tets)  # raises beyond two cells to a facet
+    rim = facets[second < 0]
+    edges = np.sort(rim[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    assert np.all(count == 2)
+    assert len(np.unique(rim)) - len(count) + len(rim) == 2  # a sphere
+
+
+def test_surfaces_lie_where_their_names_say(mesh):
+    facets, first, second = facets_of(mesh.tets)
+    key = {tuple(sorted(f)): i for i, f in enumerate(facets.tolist())}
+    number = np.array([key[tuple(sorted(t))] for t in mesh.triangles[:, :3].tolist()])
+    assert len(np.unique(number)) == len(number)
+    one = mesh.tissue[first[number]]
+    other = np.where(second[number] < 0, 0, mesh.tissue[second[number]])
+    pairs = 10 * np.minimum(one, other) + np.maximum(one, other)
+    sides = {name: set(pairs[mesh.surface == tag].tolist()) for name, tag in SURFACES.items()}
+    assert sides["skin"] == {1}
+    assert sides["interface"] == {23}
+    assert sides["bone_surface"] == {45}
+    assert sides["cut"] == {1, 2, 3, 4, 5}
+    assert np.all(mesh.nodes[mesh.triangles[mesh.surface == SURFACES["cut"]], 1] == -13.0)
+    centre = mesh.nodes[mesh.triangles[:, :3]].mean(axis=1)
+    interface = centre[mesh.surface == SURFACES["interface"]]
+    depth = depth_below(skin_shape(FINGER), interface[interface[:, 1] > -9.0])
+    assert np.median(depth) == pytest.approx(0.82, abs=0.05)
+
+
+def test_skin_triangles_turn_outwards_and_are_fine_under_the_letters(mesh):
+    corner = mesh.nodes[mesh.triangles[mesh.surface == SURFACES["skin"], :3]]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    centre = corner.mean(axis=1)
+    pad = (np.abs(centre[:, 0]) < 4.0) & (np.abs(centre[:, 1]) < 5.5) & (centre[:, 2] < 4.0)
+    assert np.all(normal[pad, 2] < 0)
+    edges = np.linalg.norm(corner[pad] - np.roll(corner[pad], 1, axis=1), axis=2)
+    assert edges.max() < 1.6 and edges.mean() < 1.15
+    area = 0.5 * np.linalg.norm(normal[pad], axis=1)
+    assert (4 * math.sqrt(3) * area / np.sum(edges**2, axis=1)).min() > 0.6
+
+
+def test_midpoints_are_straight(mesh):
+    edges = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [2, 3], [1, 3]])
+    middle = mesh.nodes[mesh.tets[:, edges]].mean(axis=2)
+    assert np.abs(middle - mesh.nodes[mesh.tets[:, 4:]]).max() < 1e-8
+    middle = mesh.nodes[mesh.triangles[:, edges[:3]]].mean(axis=2)
+    assert np.abs(middle - mesh.nodes[mesh.triangles[:, 3:]]).max() < 1e-8
+
+
+@needs_gmsh
+def test_same_parameters_same_mesh_and_gmsh_is_left_closed():
+    import gmsh
+
+    finger = Finger(pad_size_mm=2.5, far_size_mm=5.0, epidermis_rows=1)
+    first, again = build_finger(finger), build_finger(finger)
+    assert first.hash == again.hash
+    assert len(first.tets) < 6_000
+    assert not gmsh.isInitialized()
+    with pytest.raises(MeshError):
+        build_finger(Finger(dermis_mm=4.0))
+    assert not gmsh.isInitialized()
+
+
+@needs_gmsh
+def test_a_session_of_the_callers_survives():
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.add("mine")
+        build_finger(Finger(pad_size_mm=2.5, far_size_mm=5.0))
+        assert gmsh.isInitialized()
+        assert gmsh.model.getCurrent() == "mine"
+        assert gmsh.option.getNumber("Mesh.Algorithm3D") == 1
+    finally:
+        gmsh.finalize()
+
+
+@needs_gmsh
+def test_other_sizes_and_rows():
+    finger = Finger(pad_size_mm=1.6, far_size_mm=4.0, epidermis_rows=4)
+    mesh = build_finger(finger)
+    check_mesh(mesh)
+    rows = np.sum(mesh.tissue == TISSUES["epidermis"]) / np.sum(mesh.tissue == TISSUES["dermis"])
+    assert rows > 3.5
+
+
+@needs_gmsh
+def test_subcutaneous_tissue_of_the_paper():
+    mesh = build_finger(Finger(subcutaneous_mm=0.7))
+    assert bone_height(mesh) == pytest.approx(2.32, abs=0.1)
+
+
+@needs_gmsh
+@pytest.mark.slow
+@pytest.mark.parametrize(("preset", "count"), [("medium", 25_000), ("paper", 81_000)])
+def test_finer_presets(preset, count):
+    finger = Finger(preset=preset)
+    mesh = build_finger(finger)
+    assert len(mesh.tets) == pytest.approx(count, rel=0.05)
+    report = describe(mesh, finger)
+    assert report.gamma["subcutaneous"][0] > 0.1
+    for name, (low, _, high) in report.thickness.items():
+        assert low > 0.95 * report.wanted[name] and high < 1.05 * report.wanted[name]
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def test_write_and_read(shipped, tmp_path):
+    write_msh(tmp_path / "a.msh", shipped)
+    write_msh(tmp_path / "b.msh", shipped)
+    assert (tmp_path / "a.msh").read_bytes() == (tmp_path / "b.msh").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.msh", "b.msh"]
+    assert read_msh(tmp_path / "a.msh").hash == shipped.hash
+    assert load_finger(Finger(mesh_file=tmp_path / "a.msh")).hash == shipped.hash
+
+
+def test_names_decide_not_numbers(shipped, tmp_path):
+    other = dataclasses.replace(shipped, tissue=7 - shipped.tissue)
+    path = tmp_path / "a.msh"
+    write_msh(path, other)
+    text = path.read_text()
+    for name, tag in TISSUES.items():
+        text = text.replace(f'3 {tag} "{name}"', f'3 {7 - tag} "@{name}"')
+    path.write_text(text.replace('"@', '"'))
+    assert read_msh(path).hash == shipped.hash
+
+
+@needs_gmsh
+def test_gmsh_understands_the_file(shipped, tmp_path):
+    import gmsh
+
+    write_msh(tmp_path / "a.msh", shipped)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(tmp_path / "a.msh"))
+        names = {gmsh.model.getPhysicalName(*group) for group in gmsh.model.getPhysicalGroups()}
+        assert names == set(TISSUES) | set(SURFACES)
+        _, nodes = gmsh.model.mesh.getElementsByType(11)
+        assert np.sum(nodes - 1) == shipped.tets.sum()
+        gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
+        gmsh.option.setNumber("Mesh.Binary", 1)
+        gmsh.write(str(tmp_path / "b.msh"))
+    finally:
+        gmsh.finalize()
+    again = read_msh(tmp_path / "b.msh")
+    assert len(again.nodes) == len(shipped.nodes)
+    check_mesh(again)
+    for name, tag in (TISSUES | SURFACES).items():
+        assert np.sum(again.tissue == tag) == np.sum(shipped.tissue == tag), name
+        assert np.sum(again.surface == tag) == np.sum(shipped.surface == tag), name
+
+
+@pytest.mark.parametrize("name", ["interface", "bone", "skin"])
+def test_a_missing_part_is_named(shipped, tmp_path, name):
+    tags = TISSUES | SURFACES
+    triangles = shipped.surface != tags[name]
+    tissue = np.where(shipped.tissue == tags[name], 4, shipped.tissue)
+    part = dataclasses.replace(
+        shipped,
+        tissue=tissue,
+        triangles=shipped.triangles[triangles],
+        surface=shipped.surface[triangles],
+    )
+    write_msh(tmp_path / "a.msh", part)
+    with pytest.raises(MeshError, match=rf"lacks the physical group {name}$"):
+        read_msh(tmp_path / "a.msh")
+    with pytest.raises(MeshError, match=name):
+        check_mesh(part)
+
+
+def test_linear_elements_and_other_files_are_refused(tmp_path):
+    import meshio
+
+    linear = meshio.Mesh(np.eye(4, 3), [("tetra", np.array([[0, 1, 2, 3]]))])
+    meshio.write(tmp_path / "a.msh", linear, file_format="gmsh22")
+    with pytest.raises(MeshError, match="ten-node"):
+        read_msh(tmp_path / "a.msh")
+    (tmp_path / "b.msh").write_text("no mesh at all\n")
+    with pytest.raises(MeshError, match="cannot read"):
+        read_msh(tmp_path / "b.msh")
+    with pytest.raises(MeshError, match="does not exist"):
+        load_finger(Finger(mesh_file=tmp_path / "c.msh"))
+
+
+def test_inverted_tetrahedra_are_refused(shipped):
+    nodes = shipped.nodes.copy()
+    nodes[:, 0] *= -1
+    with pytest.raises(MeshError, match="Jacobian"):
+        check_mesh(dataclasses.replace(shipped, nodes=nodes))
+
+
+def test_shipped_mesh_is_the_default_finger_only(shipped):
+    assert shipped_file(FINGER) is not None
+    assert shipped_file(Finger(dermis_mm=0.81)) is None
+    check_mesh(shipped)
+
+
+def test_default_finger_needs_no_gmsh_and_others_say_so(tmp_path):
+    (tmp_path / "gmsh.py").write_text("raise ImportError('not here')\n")
+    code = (
+        "from tactile_fem.finger import load_finger\n"
+        "from tactile_fem.study import Finger\n"
+        "from tactile_fem.errors import MeshError\n"
+        "load_finger(Finger())\n"
+        "try:\n    load_finger(Finger(dermis_mm=0.7))\n"
+        "except MeshError as error:\n    print(error)\n"
+    )
+    path = os.pathsep.join([str(tmp_path), os.getcwd(), *sys.path])
+    found = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "pip install gmsh" in found.stdout
+
+
+def test_report(shipped):
+    text = str(describe(shipped, FINGER))
+    for word in ("stratum_corneum", "bone_surface", "tetrahedra", shipped.hash):
+        assert word in text

@@ -1,0 +1,73 @@
+"""The analytic finger: contours, normals, the bone's place, the rows of the layers."""
+
+import numpy as np
+import pytest
+
+from tactile_fem.finger import TISSUES
+from tactile_fem.finger.layers import layering
+from tactile_fem.finger.shape import bone_shape, depth_below, skin_shape
+from tactile_fem.study import Finger
+
+FINGER = Finger()
+
+
+@pytest.mark.parametrize("shape", [skin_shape(FINGER), bone_shape(FINGER)])
+def test_normals_are_the_gradient_of_the_level(shape):
+    rng = np.random.default_rng(1)
+    turn = rng.uniform(0, 2 * np.pi, 300)
+    y = rng.uniform(shape.cut_y + 0.1, shape.tip_y - 0.1, 300)
+    points, normals = shape.place(np.column_stack([np.cos(turn), y, np.sin(turn)]))
+    assert np.abs(shape.level(points)).max() < 1e-12
+    step = 1e-6 * np.eye(3)
+    gradient = np.column_stack(
+        [(shape.level(points + e) - shape.level(points - e)) / 2e-6 for e in step]
+    )
+    gradient /= np.linalg.norm(gradient, axis=1, keepdims=True)
+    assert np.abs(gradient - normals).max() < 1e-5
+    assert np.all(shape.level(points - 0.05 * normals) < 0)
+
+
+def contour(shape, y):
+    zero = np.zeros_like(y)
+    return shape.place(np.column_stack([zero, y, zero - 1.0]))[0][:, 2]
+
+
+def test_pad_curvature_at_the_contact_point_and_lift_off():
+    skin = skin_shape(FINGER)
+    step = 0.05
+    low = contour(skin, np.array([-2 * step, -step, 0.0, step, 2 * step]))
+    assert low[2] == 0.0 and low.min() == 0.0
+    for a, b, c in (low[:3], low[1:4], low[2:]):  # proximal, centred, distal
+        assert (a - 2 * b + c) / step**2 == pytest.approx(1 / FINGER.pad_radius_mm, rel=0.01)
+    x = np.array([0.0, 0.1])
+    across, _ = skin.place(np.column_stack([x, 0 * x, -np.sqrt(1 - x**2)]))
+    lateral = across[1, 0] ** 2 / (2 * across[1, 2])
+    assert lateral == pytest.approx(8.0, rel=0.01)
+    assert contour(skin, np.array([skin.cut_y]))[0] > 3.5
+
+
+def test_other_pad_radius_keeps_its_curvature():
+    finger = Finger(pad_radius_mm=14.0)
+    low = contour(skin_shape(finger), np.array([-0.05, 0.0, 0.05]))
+    assert (low[0] + low[2]) / 0.05**2 == pytest.approx(1 / 14.0, rel=0.01)
+
+
+def test_bone_stands_off_by_the_pad_thickness():
+    skin, bone = skin_shape(FINGER), bone_shape(FINGER)
+    under = bone.place(np.array([[0.0, 0.0, -1.0]]))[0]
+    assert under[0] == pytest.approx([0.0, 0.0, 5.3], abs=1e-12)
+    assert depth_below(skin, under)[0] == pytest.approx(FINGER.pad_thickness_mm, abs=0.02)
+
+
+def test_thin_subcutaneous_tissue_brings_the_bone_nearer():
+    bone = bone_shape(Finger(subcutaneous_mm=0.7))
+    assert bone.place(np.array([[0.0, 0.0, -1.0]]))[0][0, 2] == pytest.approx(2.32)
+
+
+@pytest.mark.parametrize(("rows", "found"), [(1, 2), (2, 2), (3, 4), (4, 4)])
+def test_rows_have_the_layers_and_the_nail_as_limits(rows, found):
+    layers = layering(FINGER, rows)
+    for depth in (0.0, 0.17, 0.5, 0.82, 1.62):
+        assert np.abs(layers.depths - depth).min() < 1e-12
+    assert np.sum(layers.tissue == TISSUES["epidermis"]) == found
+    assert layers.depths[layers.nail_rows] == pytest.approx(FINGER.nail_thickness_mm)
