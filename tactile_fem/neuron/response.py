@@ -1,0 +1,85 @@
+"""Spikes of all receptors and what is counted from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactile_fem.errors import StudyError
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Response:
+    """Spikes per receptor.
+
+    Attributes
+    ----------
+    spikes
+        Increasing times of the spikes, s, an array per receptor.
+    start_s, end_s
+        What the history covered.
+    """
+
+    spikes: list[Array]
+    start_s: float
+    end_s: float
+
+    def counts(self) -> NDArray[np.int64]:
+        """Return the number of spikes, (receptors,)."""
+        return np.array([len(times) for times in self.spikes], dtype=np.int64)
+
+    def rate(self, times_s: ArrayLike, window_s: float) -> Array:
+        """Return smoothed firing rates: each spike spread by a Gaussian.
+
+        Parameters
+        ----------
+        times_s
+            Where the rates are wanted, s, (times,).
+        window_s
+            Standard deviation of the Gaussian, s.
+
+        Returns
+        -------
+        rate_Hz
+            Spikes/s, (times, receptors).
+        """
+        at, width = np.asarray(times_s, dtype=float), _positive("window_s", window_s)
+        rates = np.zeros((len(at), len(self.spikes)))
+        for k, times in enumerate(self.spikes):
+            for time in times:
+                rates[:, k] += np.exp(-0.5 * ((at - time) / width) ** 2)
+        return rates / (width * np.sqrt(2 * np.pi))
+
+    def psth(self, bin_s: float) -> tuple[Array, NDArray[np.int64]]:
+        """Return counts in bins of equal length from the start on.
+
+        Parameters
+        ----------
+        bin_s
+            Length of a bin, s; the last bin may reach beyond the end.
+
+        Returns
+        -------
+        edges_s
+            (bins + 1,).
+        counts
+            (bins, receptors).
+        """
+        width = _positive("bin_s", bin_s)
+        bins = max(1, int(np.ceil((self.end_s - self.start_s) / width - 1e-9)))
+        counts = np.zeros((bins, len(self.spikes)), dtype=np.int64)
+        for k, times in enumerate(self.spikes):
+            index = np.floor((times - self.start_s) / width).astype(np.int64)
+            counts[:, k] = np.bincount(np.clip(index, 0, bins - 1), minlength=bins)
+        return self.start_s + width * np.arange(bins + 1), counts
+
+
+def _positive(name: str, value: float) -> float:
+    if not (np.isfinite(value) and value > 0):
+        raise StudyError(f"{name} is {value}; it must be positive.")
+    return float(value)
