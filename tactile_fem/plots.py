@@ -39,7 +39,7 @@ _STYLE = {
     "legend.frameon": False,
     "lines.linewidth": 1.6,
     "lines.solid_capstyle": "round",
-    "savefig.dpi": 200,
+    "figure.dpi": 200,
 }
 
 

@@ -1,0 +1,79 @@
+"""A results folder without a scan: smooth made-up histories that look like one."""
+
+import numpy as np
+
+from tactile_fem.fields import FieldWriter
+from tactile_fem.finger.mesh_data import TISSUES
+from tactile_fem.results import Results
+from tactile_fem.study import Study
+
+SPEED = 20.0
+PRESS, SLIDE = 8, 50
+
+
+def make_trace(across=np.arange(-10, 11) * 0.5):
+    depth = np.concatenate([np.linspace(0, 1.97, PRESS), np.full(SLIDE, 1.97)])
+    displacement = np.concatenate([np.zeros(PRESS), np.arange(1, SLIDE + 1) * 0.2])
+    force = np.zeros((len(depth), 3))
+    force[:, 2] = 0.6 * (depth / 1.97) ** 2
+    force[:, 1] = -0.3 * force[:, 2] * (1 - np.exp(-displacement / 0.2))
+    wave = 1.5 - np.cos(2 * np.pi * displacement / 5)
+    return {
+        "time_s": (depth - 1.97) / SPEED + displacement / SPEED,
+        "displacement_mm": displacement,
+        "depth_mm": depth,
+        "stimulator_mm": np.column_stack([0 * depth, -displacement, depth]),
+        "force_N": force,
+        "moment_Nmm": 0 * force,
+        "receptors_mm": np.column_stack([across, 0 * across, 0.8 + across**2 / 16]),
+        "sed_kPa": (depth / 1.97)[:, None] * wave[:, None] * np.exp(-((across / 4) ** 2)),
+    }
+
+
+def make_spikes(trace):
+    """Return spike times: one per receptor at each whole displacement of 2 mm, from 1 mm on."""
+    return [np.arange(1.0, 10.0, 2.0) / SPEED for _ in trace["receptors_mm"]]
+
+
+def make_results(folder, study=None, trace=None):
+    """Write a results folder without fields."""
+    trace = trace or make_trace()
+    results = Results.create(folder)
+    results.save_study(study or Study())
+    results.save_trace(**trace)
+    results.save_spikes(make_spikes(trace))
+    results.save_run({"status": "complete"})
+    return results
+
+
+def make_fields(results, states=(0.0, 2.5, 5.0)):
+    """Write fields of a block of two layers and a bone over the contact point."""
+    corners, tets, tissue = [], [], []
+    names = ["stratum_corneum", "subcutaneous", "bone"]
+    heights = [0.0, 0.5, 3.0, 5.0]
+    for k, z in enumerate(heights):
+        corners += [[x, y, z] for x in (-4.0, 4.0) for y in (-4.0, 4.0)]
+        if k < len(names):
+            box = [4 * k + i for i in (0, 1, 2, 3)] + [4 * k + 4 + i for i in (0, 1, 2, 3)]
+            for a, b, c, d in ((0, 1, 3, 7), (0, 3, 2, 7), (0, 2, 6, 7), (0, 6, 4, 7)):
+                tets.append([box[a], box[b], box[c], box[d]])
+                tissue.append(TISSUES[names[k]])
+            for a, b, c, d in ((0, 4, 5, 7), (0, 5, 1, 7)):
+                tets.append([box[a], box[b], box[c], box[d]])
+                tissue.append(TISSUES[names[k]])
+    nodes = [list(map(float, corner)) for corner in corners]
+    quadratic = []
+    edges = [(0, 1), (1, 2), (2, 0), (3, 0), (2, 3), (1, 3)]
+    for tet in tets:
+        row = list(tet)
+        for a, b in edges:
+            row.append(len(nodes))
+            nodes.append(list((np.array(nodes[tet[a]]) + np.array(nodes[tet[b]])) / 2))
+        quadratic.append(row)
+    nodes = np.array(nodes)
+    writer = FieldWriter(results.fields, nodes, np.array(quadratic), tissue)
+    for displacement in states:
+        lift = np.zeros_like(nodes)
+        lift[:, 2] = np.clip(1.5 - nodes[:, 2] / 2, 0, None)
+        writer.write(displacement / SPEED, lift, np.linspace(0.01, 5, len(tets)))
+    return len(tets)

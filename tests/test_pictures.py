@@ -1,0 +1,76 @@
+import logging
+import subprocess
+
+import numpy as np
+import pytest
+from PIL import Image
+from synthetic import make_fields, make_results, make_trace
+
+from tactile_fem import doctor, figures, pictures
+from tactile_fem.study import Sphere, Study
+
+needs_graphics = pytest.mark.skipif(
+    pictures.can_draw() is not None, reason=str(pictures.can_draw())
+)
+
+
+def test_states_are_those_next_to_the_extrema():
+    times = np.arange(0, 10.1, 0.4) / 20
+    chosen = pictures.choose_states(make_trace(), times)
+    assert times[chosen] * 20 == pytest.approx([2.4, 5.2, 7.6], abs=0.41)
+    quiet = {**make_trace(), "sed_kPa": np.ones((58, 21))}
+    assert pictures.choose_states(quiet, times) == [len(times) - 1]
+
+
+def test_without_a_graphics_library_pictures_are_skipped_in_one_sentence(
+    tmp_path, monkeypatch, caplog
+):
+    monkeypatch.setattr(doctor, "has_library", lambda name: False)
+    reason = pictures.can_draw()
+    assert reason is not None and "libegl1" in reason
+    results = make_results(tmp_path / "r")
+    make_fields(results)
+    with caplog.at_level(logging.WARNING, logger="tactile_fem"):
+        paths = figures.draw(results)
+    assert len(paths) == 4
+    assert [r.getMessage() for r in caplog.records] == [f"3-D pictures are skipped. {reason}"]
+
+
+def test_without_pyvista_pictures_are_skipped(monkeypatch):
+    monkeypatch.setattr(pictures, "find_spec", lambda name: None)
+    reason = pictures.can_draw()
+    assert reason is not None and "tactile-fem[pictures]" in reason
+
+
+def test_a_crash_while_drawing_does_not_end_the_scan(tmp_path, monkeypatch, caplog):
+    results = make_results(tmp_path / "r")
+    make_fields(results)
+    monkeypatch.setattr(pictures, "can_draw", lambda: None)
+    crashed = subprocess.CompletedProcess([], -11, stdout="", stderr="Segmentation fault\n")
+    monkeypatch.setattr(pictures.subprocess, "run", lambda *args, **kwargs: crashed)
+    with caplog.at_level(logging.WARNING, logger="tactile_fem"):
+        assert pictures.draw_pictures(results) == []
+    assert "ended with code -11 (Segmentation fault)" in caplog.text
+
+
+def test_the_drawing_process_knows_nothing_of_mpi(monkeypatch):
+    for name in ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "DISPLAY"):
+        monkeypatch.setenv(name, "0")
+    environment = pictures._environment()
+    assert not {"PMI_RANK", "OMPI_COMM_WORLD_RANK", "DISPLAY"} & set(environment)
+    assert "PATH" in environment
+
+
+@pytest.mark.slow
+@needs_graphics
+@pytest.mark.parametrize("study", [Study(), Study(stimulus=Sphere())])
+def test_pictures_are_drawn(tmp_path, study):
+    results = make_results(tmp_path / "r", study)
+    make_fields(results)
+    paths = pictures.draw_pictures(results)
+    names = [path.name for path in paths]
+    assert names == ["finger.png", "deformation_02.50.png", "deformation_05.00.png"]
+    for path in paths:
+        with Image.open(path) as image:
+            assert image.size == (1500, 954)
+            assert len(image.getcolors(1 << 24)) > 100
