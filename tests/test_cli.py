@@ -1,0 +1,280 @@
+import os
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import meshio
+import pytest
+from synthetic import make_results
+
+from tactile_fem import cli, doctor, ranks
+from tactile_fem.errors import ConvergenceError
+from tactile_fem.finger import load_finger, write_msh
+from tactile_fem.study import Finger, Study
+from tactile_fem.study_file import load_study
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli.logs, "set_up", lambda *args, **kwargs: None)
+    for name in ranks._RANK_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture
+def scans(monkeypatch):
+    """Replace the scan by one that keeps what it was asked and leaves made-up results."""
+    asked = []
+
+    def scan(study, folder, *, overwrite, observers):
+        asked.append((study, Path(folder), overwrite))
+        make_results(folder, study)
+
+    module = types.ModuleType("tactile_fem.scan")
+    module.scan = scan
+    monkeypatch.setitem(sys.modules, "tactile_fem.scan", module)
+    return asked
+
+
+def sentence_of(capsys, arguments, code=2):
+    """Run, expect failure, and return the one sentence on stderr."""
+    assert cli.main(arguments) == code
+    captured = capsys.readouterr()
+    lines = captured.err.strip().splitlines()
+    assert len(lines) == 1, captured.err
+    assert "Traceback" not in captured.err
+    assert lines[0].startswith("tactile-fem: ")
+    return lines[0].removeprefix("tactile-fem: ")
+
+
+# --- bad input ---------------------------------------------------------------------------------
+
+BAD_SETTINGS = [
+    ("finger.dermis=1", "finger.dermis is not a key of [finger]; did you mean dermis_mm?"),
+    ("fingers.dermis_mm=1", "fingers is not a section of the study; did you mean finger?"),
+    ("finger.dermis_mm=0.8 mm", 'finger.dermis_mm is "0.8 mm" but must be a number.'),
+    ("finger.dermis_mm=-0.8", "finger.dermis_mm is -0.8 but must be greater than 0."),
+    ("finger.dermis_mm=6", "bone"),
+    ("finger.mesh_file=none.msh", "none.msh"),
+    ("stimulus.text=F\u4e2d", "no glyph"),
+    ("stimulus.font=Nosuchfont", "Nosuchfont"),
+    ("stimulus.font=none.ttf", "none.ttf"),
+    ("stimulus.kind=spoon", 'stimulus.kind is "spoon"'),
+    ("stimulus.fillet_radius_mm=0.5", "fillet_radius_mm"),
+    ("stimulus.friction", "write section.key=value"),
+]
+
+
+@pytest.mark.parametrize("setting, part", BAD_SETTINGS)
+def test_bad_values_are_one_sentence_before_anything_starts(capsys, scans, setting, part):
+    assert part in sentence_of(capsys, ["scan", "--set", setting])
+    assert scans == []
+    assert not Path("results").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments, part",
+    [
+        (["scan", "none.toml"], "There is no study file none.toml."),
+        (["scan", "--results", "full"], "--overwrite"),
+        (["scan", "--results", "file"], "is a file"),
+        (["scan", "--results", "file/below"], "is a file"),
+        (["scan", "--ranks", "0"], "--ranks"),
+        (["scan", "--ranks", "two"], "--ranks"),
+        (["scan", "--unknown"], "--unknown"),
+        (["scan", "file"], "not valid TOML"),
+        (["mesh", "--set", "finger.half_width_mm=0"], "greater than 0"),
+        (["mesh", "-o", "finger.stl"], "must end in .msh"),
+        (["mesh", "-o", "none/finger.msh"], "cannot be written"),
+        (["plot", "none"], "holds no results"),
+        (["plot"], "RESULTS"),
+        (["init", "file"], "exists already"),
+        (["init", "none/study.toml"], "cannot be written"),
+        (["walk"], "walk"),
+    ],
+)
+def test_bad_arguments_are_one_sentence(capsys, scans, arguments, part):
+    Path("full").mkdir()
+    Path("full/notes.md").write_text("mine")
+    Path("file").write_text("neither TOML nor a folder")
+    assert part in sentence_of(capsys, arguments)
+    assert scans == []
+
+
+def test_an_unwritable_results_folder(capsys, scans, monkeypatch):
+    monkeypatch.setattr("os.access", lambda *args, **kwargs: False)
+    assert "not writable" in sentence_of(capsys, ["scan"])
+
+
+def test_a_mesh_without_a_tag(capsys, scans):
+    write_msh("finger.msh", load_finger(Finger()))
+    text = Path("finger.msh").read_text()
+    Path("finger.msh").write_text(text.replace('"interface"', '"interphase"'))
+    sentence = sentence_of(capsys, ["scan", "--set", "finger.mesh_file=finger.msh"])
+    assert "interface" in sentence
+
+
+def test_several_problems_are_told_one_per_line(capsys):
+    assert cli.main(["scan", "--set", "finger.dermis_mm=0", "--set", "stimulus.friction=-1"]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 2
+
+
+def test_no_compiler_is_told_before_the_scan(capsys, scans, monkeypatch):
+    monkeypatch.setattr(doctor, "compiler", list)
+    sentence = sentence_of(capsys, ["scan"], code=1)
+    assert "C compiler" in sentence and "apt-get install gcc libc6-dev" in sentence
+
+
+def test_divergence_has_its_own_code(capsys, scans, monkeypatch):
+    def diverge(*args, **kwargs):
+        raise ConvergenceError("the slide stopped at 3.1 mm (too many iterations)", 3.1, "reason")
+
+    monkeypatch.setattr(sys.modules["tactile_fem.scan"], "scan", diverge)
+    assert "stopped at 3.1 mm" in sentence_of(capsys, ["scan"], code=3)
+
+
+def test_other_ranks_keep_silent(capsys, monkeypatch):
+    monkeypatch.setenv("PMI_RANK", "1")
+    assert cli.main(["scan", "--set", "finger.dermis_mm=0"]) == 2
+    assert capsys.readouterr().err == ""
+
+
+# --- commands ----------------------------------------------------------------------------------
+
+
+def test_scan_without_a_study_is_the_papers(capsys, scans):
+    assert cli.main(["scan", "--set", "output.pictures=false"]) == 0
+    study, folder, overwrite = scans[0]
+    assert study == load_study(None, ["output.pictures=false"])
+    assert folder == Path("results/scan") and not overwrite
+    assert "results/scan" in capsys.readouterr().out
+
+
+def test_scan_with_a_study_settings_and_petsc_options(scans):
+    Path("s.toml").write_text("[protocol]\ndepth_mm = 1.0\n[output]\npictures = false\n")
+    arguments = ["scan", "s.toml", "--set", "stimulus.text=EFG", "--set=stimulus.friction=0.1"]
+    arguments += ["--results", "there", "-tactile_snes_rtol", "1e-8", "-tactile_snes_monitor"]
+    assert cli.main(arguments) == 0
+    study, folder, _ = scans[0]
+    assert study.protocol.depth_mm == 1.0
+    assert (study.stimulus.text, study.stimulus.friction) == ("EFG", 0.1)
+    assert study.solver.petsc == {"snes_rtol": 1e-8, "snes_monitor": ""}
+    assert folder == Path("there")
+
+
+def test_overwrite_is_passed_on(scans):
+    Path("there").mkdir()
+    Path("there/notes.md").write_text("mine")
+    settings = ["--set", "output.pictures=false"]
+    with pytest.raises(Exception, match="not empty"):  # the made-up scan does not overwrite
+        cli.app(["scan", "--results", "there", "--overwrite", *settings], exit_on_error=False)
+    assert scans[0][2] is True
+
+
+def test_scan_draws_its_figures(capsys, scans, monkeypatch):
+    monkeypatch.setattr("tactile_fem.figures.draw_pictures", lambda results: [])
+    assert cli.main(["scan"]) == 0
+    assert Path("results/scan/figures/raster.png").is_file()
+    assert "raster.png" in capsys.readouterr().out
+
+
+def test_petsc_options_become_settings():
+    assert cli.petsc_settings(["scan", "-tactile_a", "-1.5", "-tactile_b", "--ranks", "2"]) == [
+        "scan",
+        "--set",
+        "solver.petsc.a=-1.5",
+        "--set",
+        'solver.petsc.b=""',
+        "--ranks",
+        "2",
+    ]
+
+
+def test_ranks_restart_the_same_scan_under_mpiexec(scans, monkeypatch):
+    started = []
+
+    def execve(path, command, environment):
+        started.append((path, command, environment))
+        raise SystemExit(0)
+
+    monkeypatch.setattr(os, "execve", execve)
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    Path("s.toml").write_text("")
+    arguments = ["scan", "s.toml", "--set", "stimulus.text=E G", "--ranks", "2", "--overwrite"]
+    with pytest.raises(SystemExit):
+        cli.main(arguments)
+    path, command, environment = started[0]
+    assert command[:4] == [path, "-n", "2", sys.executable]
+    assert command[4:] == [
+        *("-m", "tactile_fem", "scan", "s.toml", "--set", "stimulus.text=E G"),
+        *("--results", "results/scan", "--overwrite"),
+    ]
+    assert environment["OMP_NUM_THREADS"] == "1"
+    assert scans == []
+
+
+def test_ranks_do_not_go_with_mpiexec(capsys, scans, monkeypatch):
+    monkeypatch.setenv("PMI_RANK", "0")
+    assert "--ranks does not go" in sentence_of(capsys, ["scan", "--ranks", "2"])
+
+
+def test_a_missing_launcher_is_told(capsys, scans, monkeypatch):
+    monkeypatch.setattr(ranks.sys, "executable", "/nowhere/python")
+    monkeypatch.setattr(ranks.shutil, "which", lambda name: None)
+    monkeypatch.setattr(doctor, "compiler_finding", lambda: None)
+    assert "no mpiexec" in sentence_of(capsys, ["scan", "--ranks", "2"], code=1)
+
+
+def test_mesh_prints_its_report_and_writes_the_file(capsys):
+    assert cli.main(["mesh", "-o", "finger.msh"]) == 0
+    out = capsys.readouterr().out
+    for word in ("tetrahedra", "stratum_corneum", "gamma", "interface", "finger.msh"):
+        assert word in out
+    assert len(meshio.read("finger.msh").cells_dict["tetra10"]) > 1000
+
+
+def test_plot_draws_again(capsys, monkeypatch):
+    monkeypatch.setattr("tactile_fem.figures.draw_pictures", lambda results: [])
+    make_results("r")
+    assert cli.main(["plot", "r"]) == 0
+    assert capsys.readouterr().out.split() == [
+        f"r/figures/{name}.png" for name in ("force", "sed", "raster", "firing")
+    ]
+
+
+def test_init_writes_the_papers_study(capsys):
+    assert cli.main(["init"]) == 0
+    assert load_study("study.toml") == Study()
+    assert "exists already" in sentence_of(capsys, ["init"])
+
+
+def test_doctor_names_packages(capsys, monkeypatch):
+    monkeypatch.setattr(doctor, "has_library", lambda name: False)
+    assert cli.main(["doctor"]) == 0
+    out = capsys.readouterr().out
+    assert "apt-get install libglu1-mesa" in out and "libegl1" in out
+    assert "DOLFINx" in out
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], [], ["scan", "--help"]])
+def test_help_and_version(capsys, arguments):
+    assert cli.main(arguments) == 0
+    assert capsys.readouterr().out.strip()
+
+
+def test_help_does_not_load_dolfinx_nor_gmsh_nor_vtk():
+    code = (
+        "import sys; from tactile_fem.cli import main; main(['--help']); "
+        "print([m for m in ('dolfinx', 'gmsh', 'pyvista', 'mpi4py') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_the_module_ends_with_the_code():
+    command = [sys.executable, "-m", "tactile_fem", "scan", "none.toml"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "tactile-fem: There is no study file none.toml.\n"

@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+
+from tactile_fem import doctor
+
+
+def test_this_machine_can_compile():
+    assert doctor.compiler_finding() is None
+
+
+def test_a_library_that_is_nowhere_is_missing():
+    assert not doctor.has_library("libnosuchthing.so.1")
+
+
+@pytest.mark.parametrize("names", [["gcc"], ["cc"]])
+def test_any_c_compiler_will_do(monkeypatch, names):
+    monkeypatch.setenv("CC", "nosuchcompiler -O2")
+    monkeypatch.setattr(
+        doctor.shutil, "which", lambda name: f"/bin/{name}" if name in names else None
+    )
+    assert doctor.compiler() == names
+
+
+def test_headers_that_are_missing_name_their_package(monkeypatch):
+    monkeypatch.setattr(doctor, "_compiles", lambda compiler, code: "Python.h" not in code)
+    finding = doctor.compiler_finding()
+    assert finding is not None and finding.fatal
+    assert finding.packages[0].startswith("python3.") and finding.packages[0].endswith("-dev")
+    monkeypatch.setattr(doctor, "_compiles", lambda compiler, code: False)
+    finding = doctor.compiler_finding()
+    assert finding is not None and finding.packages == ("gcc", "libc6-dev")
+
+
+def test_missing_graphics_is_a_warning_and_a_missing_compiler_an_error(monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "has_library", lambda name: name == "libGL.so.1")
+    assert doctor.main() == 0
+    out = capsys.readouterr().out
+    assert out.count("Warning") == 2
+    assert "apt-get install libglu1-mesa libxcursor1 libxft2 libxinerama1 libegl1" in out
+    monkeypatch.setattr(doctor, "compiler", list)
+    assert doctor.main() == 1
+    assert "Error: There is no C compiler" in capsys.readouterr().out
+
+
+def test_nothing_missing_is_nothing_said(monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "findings", list)
+    assert doctor.main() == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_an_unfit_dolfinx_names_the_three_routes():
+    backend = pytest.importorskip("tactile_fem.backend")
+    backend.check("0.10.0", np.float64)
+    for version, scalar in (("0.9.0", np.float64), ("0.11.0", np.complex128)):
+        with pytest.raises(ImportError) as caught:
+            backend.check(version, scalar)
+        for route in ("tactile-fem[solver]", "conda-forge", "dolfinx/dolfinx:v0.11.0"):
+            assert route in str(caught.value)
