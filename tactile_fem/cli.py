@@ -6,9 +6,11 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the cores
@@ -20,7 +22,6 @@ from tactile_fem import logs, ranks
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.files import write_text
 from tactile_fem.results import Results
-from tactile_fem.study import Study
 from tactile_fem.study_file import load_study
 from tactile_fem.study_template import commented_template
 
@@ -53,6 +54,9 @@ Settings = Annotated[
         help="Change a value: section.key=value. May be repeated.",
     ),
 ]
+Ranks = Annotated[
+    int, Parameter(name="--ranks", help="MPI processes.", validator=validators.Number(gte=1))
+]
 
 
 @app.command
@@ -64,10 +68,7 @@ def scan(
     results: Annotated[Path, Parameter(help="Folder for data and pictures.")] = Path(
         "results/scan"
     ),
-    ranks_: Annotated[
-        int,
-        Parameter(name="--ranks", help="MPI processes.", validator=validators.Number(gte=1)),
-    ] = 1,
+    ranks_: Ranks = 1,
     overwrite: Annotated[
         bool,
         Parameter(
@@ -91,7 +92,38 @@ def scan(
     _require_compiler()
     if ranks_ > 1:
         ranks.restart(ranks_, _scan_arguments(study, settings or (), results, overwrite))
-    _run(the_study, results, overwrite)
+    scanning = _import_scan()
+    _run(
+        lambda observers: scanning.scan(
+            the_study, results, overwrite=overwrite, observers=observers
+        ),
+        results,
+    )
+
+
+@app.command
+def resume(
+    results: Annotated[Path, Parameter(help="Folder of a scan that was cut off.")],
+    /,
+    *,
+    ranks_: Ranks = 1,
+) -> None:
+    """Go on with a scan from its last step, on any number of ranks."""
+    found = Results.open(results)
+    if not found.checkpoint_file.is_file():
+        raise StudyError(f"{results} has no checkpoint to go on from.")
+    _require_compiler()
+    if ranks_ > 1:
+        ranks.restart(ranks_, ["resume", str(results)])
+    scanning = _import_scan()
+    _run(lambda observers: scanning.resume(results, observers=observers), results)
+
+
+def _import_scan() -> ModuleType:
+    try:
+        return import_module("tactile_fem.scan")
+    except ImportError as error:
+        raise TactileError(str(error)) from error
 
 
 def _scan_arguments(
@@ -110,22 +142,19 @@ def _require_compiler() -> None:
         raise TactileError(f"{finding.sentence} On Debian or Ubuntu: {line}")
 
 
-def _run(study: Study, folder: Path, overwrite: bool) -> None:
-    """Scan on all ranks; the first one tells and draws."""
-    try:
-        from tactile_fem.scan import scan as run_scan
-    except ImportError as error:
-        raise TactileError(str(error)) from error
+def _run(start: Callable[[list[Callable[..., None]]], object], folder: Path) -> None:
+    """Scan or resume on all ranks; the first one shows progress and draws."""
     from mpi4py import MPI
 
     rank = MPI.COMM_WORLD.rank
     console = logs.stderr_console()
     logs.set_up(rank, console=console)
     with logs.ProgressDisplay(rank, console=console) as display:
-        run_scan(study, folder, overwrite=overwrite, observers=[display.step])
+        start([display.step])
     if rank == 0:
-        if study.output.pictures:
-            _draw(Results.open(folder))
+        found = Results.open(folder)
+        if found.study.output.pictures:
+            _draw(found)
         print(f"Data and pictures are in {folder}")
 
 

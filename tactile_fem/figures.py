@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from tactile_fem.extrema import central_receptor
 from tactile_fem.files import replacing
+from tactile_fem.neuron import Response
 from tactile_fem.pictures import draw_pictures
 from tactile_fem.plots import (
     DISPLACEMENT,
     Outlines,
     firing_figure,
-    firing_rate,
     force_figure,
     raster_figure,
     sed_figure,
@@ -29,7 +29,9 @@ from tactile_fem.study import Stimulus
 logger = logging.getLogger(__name__)
 
 _MET = "Place on the stimulator that the receptor meets (mm)"
-_COLUMN_mm = 0.05
+_COLUMN_MM = 0.05
+# Standard deviation of the Gaussian that spreads a spike.
+_WINDOW_S = 0.01
 
 
 def draw(results: Results | Path | str) -> list[Path]:
@@ -121,10 +123,10 @@ def _firing(results: Results, shapes: Outlines) -> Figure | None:
     if len(rows) < 3 or not np.allclose(np.diff(rows), np.diff(rows)[0]):
         logger.info("firing.png wants an even line of receptors across the finger")
         return None
-    columns = np.arange(0.0, results.trace["displacement_mm"][-1] + 1e-9, _COLUMN_mm)
-    slide = spikes.time_s >= 0
-    per_row = [spikes.displacement_mm[slide & (spikes.receptor == k)] for k in line]
-    rate = firing_rate(per_row, columns, results.study.protocol.speed_mm_s)
+    columns = np.arange(0.0, results.trace["displacement_mm"][-1] + 1e-9, _COLUMN_MM)
+    times = columns / results.study.protocol.speed_mm_s
+    response = Response([spikes.time_s[spikes.receptor == k] for k in line], 0.0, times[-1])
+    rate = response.rate(times, _WINDOW_S).T
     return firing_figure(columns, rows, rate, shapes)
 
 

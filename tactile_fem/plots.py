@@ -221,39 +221,6 @@ def force_figure(
     return figure
 
 
-def firing_rate(
-    spike_displacement_mm: Sequence[ArrayLike],
-    displacement_mm: ArrayLike,
-    speed_mm_s: float,
-    width_s: float = 0.01,
-) -> NDArray[np.float64]:
-    """Return firing rates in spikes/s, each spike spread by a Gaussian in time.
-
-    Parameters
-    ----------
-    spike_displacement_mm
-        Per receptor, where the stimulator was at its spikes.
-    displacement_mm
-        (columns,) where the rate is wanted.
-    speed_mm_s
-        Speed of the slide.
-    width_s
-        Standard deviation of the Gaussian.
-
-    Returns
-    -------
-    rate_Hz
-        (receptors, columns).
-    """
-    at = np.asarray(displacement_mm, dtype=float) / speed_mm_s
-    rates = np.zeros((len(spike_displacement_mm), len(at)))
-    for rate, spikes in zip(rates, spike_displacement_mm, strict=True):
-        times = np.asarray(spikes, dtype=float) / speed_mm_s
-        z = (at[:, None] - times) / width_s
-        rate[:] = np.exp(-0.5 * z**2).sum(axis=1) / (width_s * np.sqrt(2 * np.pi))
-    return rates
-
-
 # --- parts of figures --------------------------------------------------------------------------
 
 

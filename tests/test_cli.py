@@ -34,6 +34,7 @@ def scans(monkeypatch):
 
     module = types.ModuleType("tactile_fem.scan")
     module.scan = scan
+    module.resume = lambda folder, *, observers: asked.append(Path(folder))
     monkeypatch.setitem(sys.modules, "tactile_fem.scan", module)
     return asked
 
@@ -90,6 +91,7 @@ def test_bad_values_are_one_sentence_before_anything_starts(capsys, scans, setti
         (["mesh", "-o", "none/finger.msh"], "cannot be written"),
         (["plot", "none"], "holds no results"),
         (["plot"], "RESULTS"),
+        (["resume", "none"], "holds no results"),
         (["init", "file"], "exists already"),
         (["init", "none/study.toml"], "cannot be written"),
         (["walk"], "walk"),
@@ -242,6 +244,15 @@ def test_plot_draws_again(capsys, monkeypatch):
     assert capsys.readouterr().out.split() == [
         f"r/figures/{name}.png" for name in ("force", "sed", "raster", "firing")
     ]
+
+
+def test_resume_wants_a_checkpoint(capsys, scans, monkeypatch):
+    monkeypatch.setattr("tactile_fem.figures.draw_pictures", lambda results: [])
+    results = make_results("r")
+    assert "no checkpoint" in sentence_of(capsys, ["resume", "r"])
+    results.save_checkpoint(u=[0.0])
+    assert cli.main(["resume", "r"]) == 0
+    assert scans == [Path("r")]
 
 
 def test_init_writes_the_papers_study(capsys):

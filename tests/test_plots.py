@@ -2,13 +2,12 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from PIL import Image
-from synthetic import SPEED, make_results, make_spikes, make_trace
+from synthetic import make_results, make_spikes, make_trace
 
 from tactile_fem import figures
 from tactile_fem.extrema import central_receptor, extrema
 from tactile_fem.plots import (
     firing_figure,
-    firing_rate,
     force_figure,
     raster_figure,
     sed_figure,
@@ -74,13 +73,6 @@ def test_raster_has_one_dot_per_spike_in_range():
 def test_raster_of_a_silent_finger():
     figure = raster_figure([], [], np.arange(-5, 6), (0.0, 10.0))
     assert len(figure.axes) == 1
-
-
-def test_rate_integrates_to_the_number_of_spikes():
-    columns = np.linspace(-5, 15, 2001)
-    rate = firing_rate([[5.0, 5.5, 6.0], []], columns, SPEED)
-    assert np.trapezoid(rate[0], columns / SPEED) == pytest.approx(3, rel=1e-6)
-    assert np.all(rate[1] == 0)
 
 
 def test_firing_figure_shows_the_rates():
