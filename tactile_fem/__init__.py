@@ -1,1 +1,1 @@
-"""Finger mechanics and SA1 afferents: what does a finger feel when it strokes a surface?"""
+"""Finger mechanics and SA1 afferents: what a finger feels when it strokes a surface."""

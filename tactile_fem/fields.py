@@ -66,6 +66,11 @@ class FieldWriter:
         self._write_series()
         return path
 
+    def go_on(self) -> None:
+        """Add to the series that is already in the folder."""
+        times, files = read_series(self.folder)
+        self._series = [(float(t), path.name) for t, path in zip(times, files, strict=True)]
+
     def _write_series(self) -> None:
         root = ET.Element("VTKFile", type="Collection", version="0.1")
         collection = ET.SubElement(root, "Collection")

@@ -9,9 +9,7 @@ import numpy as np
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
 
 
-def block_mesh(
-    x: np.ndarray, y: np.ndarray, z: np.ndarray, tissue_of_row: list[str]
-) -> FingerMesh:
+def block_mesh(x: np.ndarray, y: np.ndarray, z: np.ndarray, tissue_of_row: list[str]) -> FingerMesh:
     """Return a box of 10-node tetrahedra (six per brick); skin at z[0], cut at z[-1].
 
     `tissue_of_row` names the tissue of each row of bricks along z.
@@ -71,5 +69,7 @@ def _with_midpoints(
         return number[key]
 
     tets10 = np.array([[*t, *(middle(t[a], t[b]) for a, b in tet_edges)] for t in tets])
-    triangles6 = np.array([[*t, *(middle(t[a], t[b]) for a, b in triangle_edges)] for t in triangles])
+    triangles6 = np.array(
+        [[*t, *(middle(t[a], t[b]) for a, b in triangle_edges)] for t in triangles]
+    )
     return FingerMesh(np.array(points), tets10, tissue, triangles6, surface)

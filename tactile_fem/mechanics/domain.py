@@ -37,6 +37,8 @@ class Domain:
         Number of the skin node above each node of the skin's layers, -1 deeper, (n,).
     file_cells
         The file's index of each tetrahedron that was given to DOLFINx.
+    cell_count
+        Number of the file's tetrahedra.
     """
 
     mesh: mesh.Mesh
@@ -46,6 +48,7 @@ class Domain:
     held: np.ndarray
     line: np.ndarray
     file_cells: np.ndarray
+    cell_count: int
 
     @property
     def comm(self) -> MPI.Comm:
@@ -99,6 +102,7 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
         held_nodes,
         line,
         file_cells,
+        comm.bcast(len(finger.tets) if comm.rank == 0 else None),
     )
 
 

@@ -242,8 +242,8 @@ class March:
             "last_step_mm": self._last_step,
         }
 
-    def restore(self, state: dict[str, Any], u_before: np.ndarray) -> None:
-        """Go back to a saved `state`; the problem's own state is set by the caller."""
+    def restore(self, state: dict[str, Any], u: np.ndarray, u_before: np.ndarray) -> None:
+        """Go back to a saved `state`, with displacements (n, 3) in the mesh file's node order."""
         self._phase = state["phase"]
         press = self._phase == "press"
         self._control = self._press_control(0.0) if press else self._slide_control()
@@ -252,9 +252,16 @@ class March:
         self._depth, self._clock = state["depth_mm"], state["clock_s"]
         self._index, self._force = state["index"], state["force"]
         self._last_step = state["last_step_mm"]
-        self._u_before[:] = u_before
+        order, problem = self.problem.order, self.problem
+        order.scatter(u_before, problem.u)
+        self._u_before[:] = problem.u.x.array
+        order.scatter(u, problem.u)
+        problem.obstacle.translation.value[:] = self._translation(self._control.position_mm)
+        problem.accept()
 
-    @property
-    def u_before(self) -> np.ndarray:
-        """This rank's displacement before the last accepted step."""
-        return self._u_before
+    def gather(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the displacements (n, 3) now and a step before, in the file's node order."""
+        problem = self.problem
+        before = problem.u.copy()
+        before.x.array[:] = self._u_before
+        return problem.order.gather(problem.u), problem.order.gather(before)

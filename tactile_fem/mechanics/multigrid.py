@@ -76,7 +76,7 @@ class LineJacobi:
         self._inverses: list[np.ndarray] = []
         self._entries = -1
 
-    def setUp(self, pc: PETSc.PC) -> None:  # noqa: N802  (PETSc's name)
+    def setUp(self, pc: PETSc.PC) -> None:
         """Invert the blocks of the rank's diagonal block."""
         matrix = pc.getOperators()[1].getDiagonalBlock()
         starts, columns, values = matrix.getValuesCSR()

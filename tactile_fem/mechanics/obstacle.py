@@ -44,9 +44,7 @@ class Obstacle:
         To be given to the compiler of any form that uses these expressions.
     """
 
-    def __init__(
-        self, body: RigidBody, u: fem.Function, facets: np.ndarray, degree: int
-    ) -> None:
+    def __init__(self, body: RigidBody, u: fem.Function, facets: np.ndarray, degree: int) -> None:
         parent = u.function_space.mesh
         self.body = body
         self.u = u
@@ -73,10 +71,10 @@ class Obstacle:
         self._hessian = quadrature_function((3, 3))
         self._base = quadrature_function((3,))
         du = u - self._base
-        self.gap: Expr = (
-            self._gap + ufl.dot(self._normal, du) + ufl.dot(du, self._hessian * du) / 2
-        )
-        self.normal: Expr = self._normal + self._hessian * du
+        self.gap: Expr = self._gap + ufl.dot(self._normal, du) + ufl.dot(du, self._hessian * du) / 2
+        gradient = self._normal + self._hessian * du
+        # Unit already, but where two surfaces are blended.
+        self.normal: Expr = gradient / ufl.sqrt(ufl.dot(gradient, gradient))
 
     def refresh(self) -> None:
         """Expand the signed distance anew at the current displacement."""

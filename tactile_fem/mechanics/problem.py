@@ -93,7 +93,11 @@ class FingerProblem:
     u, u_old
         Displacement (P2, mm), now and at the last accepted step.
     obstacle
-        The rigid body; set `obstacle.translation` before `solve`.
+        The rigid body and its place.
+    order
+        Carries displacements to and from the mesh file's node order.
+    options
+        PETSc's options without the prefix.
     """
 
     def __init__(
@@ -122,10 +126,16 @@ class FingerProblem:
         facets = np.sort(skin_tags.indices)
         self.obstacle = Obstacle(body, self.u, facets, solver.contact_degree)
         dx = ufl.Measure(
-            "dx", msh, subdomain_data=domain.tissue, metadata={"quadrature_degree": solver.bulk_degree}
+            "dx",
+            msh,
+            subdomain_data=domain.tissue,
+            metadata={"quadrature_degree": solver.bulk_degree},
         )
         ds = ufl.Measure(
-            "ds", msh, subdomain_data=skin_tags, metadata={"quadrature_degree": solver.contact_degree}
+            "ds",
+            msh,
+            subdomain_data=skin_tags,
+            metadata={"quadrature_degree": solver.contact_degree},
         )
         present = domain.comm.allreduce(set(domain.tissue.values.tolist()), op=_UNION)
         bulk = sum(
@@ -147,13 +157,14 @@ class FingerProblem:
             contact_form += contact.residual(t, self.u, self.u_old, v) * ds(tag)
         self._contact_form = fem.form(contact_form, entity_maps=self.obstacle.entity_maps)
         residual = bulk + contact_form
+        self.options = {**PETSC_DEFAULTS, **solver.petsc}
         self._bcs = [fem.dirichletbc(np.zeros(3), self._held, V), *constraints(V)]
         self._problem = fem_petsc.NonlinearProblem(
             residual,
             self.u,
             bcs=self._bcs,
             petsc_options_prefix=PREFIX,
-            petsc_options={**PETSC_DEFAULTS, **solver.petsc},
+            petsc_options=self.options,
             entity_maps=self.obstacle.entity_maps,
         )
         pc = self.snes.getKSP().getPC()
@@ -259,9 +270,7 @@ class FingerProblem:
     ) -> None:
         self._update(x)
         with common.Timer("tactile: jacobian"):
-            fem_petsc.assemble_jacobian(
-                snes, x, J, P, self.u, self._problem.J, None, self._bcs
-            )
+            fem_petsc.assemble_jacobian(snes, x, J, P, self.u, self._problem.J, None, self._bcs)
 
 
 def deformation_gradient(u: Expr) -> Expr:

@@ -1,0 +1,1 @@
+"""Strain energies of the tissues."""

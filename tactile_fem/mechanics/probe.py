@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactile_fem import backend  # noqa: F401  (first: orders MPI)
-
 from mpi4py import MPI
 
+import basix
 import basix.ufl
 import numpy as np
 import scipy.sparse
 import ufl
 from dolfinx import common, fem
 
+from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.mechanics.problem import FingerProblem, deformation_gradient
 from tactile_fem.receptors import Samples
 from tactile_fem.tissue.energies import law_of, stress
@@ -98,3 +98,38 @@ class Probe:
         C = values[:, 2:].reshape(-1, 3, 3)
         stretches = np.sqrt(np.linalg.eigvalsh((C + np.swapaxes(C, 1, 2)) / 2))
         return Feeling(values[:, 0], values[:, 1], stretches)
+
+
+class CellEnergy:
+    """Strain energy density of every cell, for field files.
+
+    Parameters
+    ----------
+    problem
+        The finger; cells of held tissues have no energy.
+    """
+
+    def __init__(self, problem: FingerProblem) -> None:
+        domain = problem.domain
+        self._comm, self._mesh = domain.comm, domain.mesh
+        self._count = domain.cell_count
+        points, weights = basix.make_quadrature(basix.CellType.tetrahedron, 2)
+        self._weights = _KPA_PER_MPA * weights / weights.sum()
+        owned = domain.owned_file_cells()
+        self._parts = []
+        for name, tag in TISSUES.items():
+            cells = domain.tissue.find(tag)
+            cells = cells[cells < len(owned)]
+            if domain.comm.allreduce(len(cells)):
+                expression = fem.Expression(problem.energy(name), points)
+                self._parts.append((expression, cells, owned[cells]))
+
+    def gather(self) -> np.ndarray:
+        """Return the mean strain energy density in kPa of the file's cells, on every rank."""
+        values = np.zeros(self._count)
+        for expression, cells, file_cells in self._parts:
+            if len(cells):
+                local = expression.eval(self._mesh, cells).reshape(len(cells), -1)
+                values[file_cells] = local @ self._weights
+        self._comm.Allreduce(MPI.IN_PLACE, values)
+        return values

@@ -1,0 +1,158 @@
+"""Keeps a running scan: trace and checkpoint after each step, fields now and then."""
+
+from __future__ import annotations
+
+import json
+import platform
+import resource
+import time
+from importlib.metadata import version
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx import common
+
+from tactile_fem import backend
+from tactile_fem.errors import StudyError
+from tactile_fem.fields import FieldWriter
+from tactile_fem.finger import FingerMesh
+from tactile_fem.mechanics.march import March, Step
+from tactile_fem.mechanics.probe import CellEnergy
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.neuron import Response
+from tactile_fem.results import Results
+from tactile_fem.study import Study
+from tactile_fem.together import on_root
+from tactile_fem.trace import Histories, Trace
+
+_TIMERS = ("solve", "jacobian", "residual", "obstacle", "load", "probe")
+
+
+class Recorder:
+    """Writes a scan into its results folder; all ranks call, rank 0 writes.
+
+    Parameters
+    ----------
+    results, study
+        Where to write; what is run.
+    problem, march
+        The state to keep.
+    finger
+        The mesh, on rank 0; other ranks pass None.
+    """
+
+    def __init__(
+        self,
+        results: Results,
+        study: Study,
+        problem: FingerProblem,
+        march: March,
+        finger: FingerMesh | None,
+    ) -> None:
+        self._results, self._study = results, study
+        self._problem, self._march = problem, march
+        self._comm = problem.domain.comm
+        self._energy = CellEnergy(problem)
+        self._started = time.perf_counter()
+        self._next_field_mm = 0.0
+        self._mesh_hash = on_root(self._comm, lambda: finger.hash if finger else "")
+        self._cells = on_root(self._comm, lambda: len(finger.tets) if finger else 0)
+        self._fields = (
+            FieldWriter(results.fields, finger.nodes, finger.tets, finger.tissue)
+            if finger is not None and self._comm.rank == 0
+            else None
+        )
+        self._save_run("running")
+
+    def step(self, step: Step, trace: Trace) -> None:
+        """Keep an accepted step."""
+        now, before = self._march.gather()
+        sed = self._energy.gather() if self._field_due(step) else None
+
+        def write() -> None:
+            if sed is not None and self._fields is not None:
+                self._fields.write(float(trace.time_s[-1]), now, sed)
+            self._results.save_trace(**trace.arrays())
+            self._results.save_checkpoint(
+                state=json.dumps(self._march.state()),
+                mesh=self._mesh_hash,
+                rows=len(trace.time_s),
+                next_field_mm=self._next_field_mm,
+                u=now,
+                u_before=before,
+            )
+
+        on_root(self._comm, write)
+
+    def _field_due(self, step: Step) -> bool:
+        """Tell whether a field is due: at the end of the press, then at equal slides."""
+        if not step.milestone or step.displacement_mm < self._next_field_mm - 1e-9:
+            return False
+        self._next_field_mm = step.displacement_mm + self._study.output.fields_mm
+        return True
+
+    def restore(self) -> Histories:
+        """Set problem and march to the checkpoint; return the histories up to it.
+
+        Raises
+        ------
+        StudyError
+            The checkpoint belongs to another mesh.
+        """
+        saved = on_root(self._comm, self._results.load_checkpoint)
+        if str(saved["mesh"]) != self._mesh_hash:
+            raise StudyError(
+                f"{self._results.checkpoint_file} belongs to another mesh than the study's."
+            )
+        state = json.loads(str(saved["state"]))
+        self._march.restore(state, saved["u"], saved["u_before"])
+        self._next_field_mm = float(saved["next_field_mm"])
+        if self._fields is not None:
+            self._fields.go_on()
+        trace = on_root(self._comm, lambda: self._results.trace)
+        return Histories.from_trace(trace, int(saved["rows"]))
+
+    def spikes(self, response: Response) -> None:
+        """Keep the spikes."""
+        on_root(self._comm, lambda: self._results.save_spikes(response.spikes))
+
+    def finish(self, status: str) -> None:
+        """Say how it ended."""
+        self._save_run(status)
+
+    def _save_run(self, status: str) -> None:
+        memory_MB = self._comm.allreduce(
+            resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, MPI.SUM
+        )
+        run = {
+            "status": status,
+            "versions": {
+                "tactile_fem": version("tactile-fem"),
+                "dolfinx": backend.DOLFINX_VERSION,
+                "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+                "python": platform.python_version(),
+            },
+            "mesh": {
+                "hash": self._mesh_hash,
+                "tetrahedra": self._cells,
+                "unknowns": 3 * self._problem.u.function_space.dofmap.index_map.size_global,
+            },
+            "ranks": self._comm.size,
+            "petsc_options": self._problem.options,
+            "wall_s": time.perf_counter() - self._started,
+            "peak_memory_MB": memory_MB,
+            "timers_s": _timers(),
+        }
+        on_root(self._comm, lambda: self._results.save_run(run))
+
+
+def _timers() -> dict[str, float]:
+    """Return the wall time, in s, of each of the package's timers that has run."""
+    seconds = {}
+    for name in _TIMERS:
+        try:
+            seconds[name] = common.timing(f"tactile: {name}")[1].total_seconds()
+        except RuntimeError:  # DOLFINx's word for a timer that never ran
+            continue
+    return seconds

@@ -1,0 +1,182 @@
+"""The scan: from a study to what every receptor felt and fired."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+
+from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem.logs import log_to
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.march import March, Step
+from tactile_fem.mechanics.probe import Probe
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.neuron import Response, respond
+from tactile_fem.receptors import place, sample
+from tactile_fem.record import Recorder
+from tactile_fem.results import Results
+from tactile_fem.stimulus import RigidBody, make_body
+from tactile_fem.study import Study
+from tactile_fem.together import on_root
+from tactile_fem.trace import Histories, Trace
+
+logger = logging.getLogger(__name__)
+
+Observer = Callable[[Step], None]
+# Pressing to a force is given up when this share of the pad is squeezed.
+_DEEPEST = 0.8
+_TOUCH_TOLERANCE_MM = 1e-3
+
+
+@dataclass(frozen=True)
+class ScanResult:
+    """What a scan gives.
+
+    Attributes
+    ----------
+    trace
+        Histories of motion, forces and receptors.
+    response
+        Spikes of the receptors' afferents.
+    folder
+        The results folder, or None.
+    """
+
+    trace: Trace
+    response: Response
+    folder: Path | None
+
+
+def scan(
+    study: Study,
+    folder: Path | str | None = None,
+    *,
+    overwrite: bool = False,
+    comm: MPI.Comm | None = None,
+    observers: Iterable[Observer] = (),
+) -> ScanResult:
+    """Press, slide, feel and fire, as the study says.
+
+    Parameters
+    ----------
+    study
+        What to do; ``Study()`` is the paper's.
+    folder
+        Results folder; None keeps the results in memory only.
+    overwrite
+        Replace an earlier scan in the folder.
+    comm
+        Communicator; all its ranks must call. Default: all ranks.
+    observers
+        Called on every rank after each accepted step.
+
+    Raises
+    ------
+    StudyError
+        Bad input, before any long work.
+    ConvergenceError
+        The mechanics diverged; everything up to there is kept in the folder.
+    """
+    comm = comm or MPI.COMM_WORLD
+    results = None
+    if folder is not None:
+        results = on_root(comm, lambda: Results.create(folder, overwrite=overwrite))
+        on_root(comm, lambda: results.save_study(study))
+    return _run(study, results, comm, observers, proceed=False)
+
+
+def resume(
+    folder: Path | str,
+    *,
+    comm: MPI.Comm | None = None,
+    observers: Iterable[Observer] = (),
+) -> ScanResult:
+    """Go on with the scan in `folder` from its last accepted step, on any number of ranks."""
+    comm = comm or MPI.COMM_WORLD
+    results = on_root(comm, lambda: Results.open(folder))
+    study = on_root(comm, lambda: results.study)
+    return _run(study, results, comm, observers, proceed=True)
+
+
+def _run(
+    study: Study,
+    results: Results | None,
+    comm: MPI.Comm,
+    observers: Iterable[Observer],
+    *,
+    proceed: bool,
+) -> ScanResult:
+    keep_log = log_to(results.log_file, comm.rank) if results else nullcontext()
+    with keep_log:
+        body = make_body(study.stimulus)
+        finger = on_root(comm, lambda: load_finger(study.finger), share=False)
+        positions = on_root(comm, lambda: place(study.receptors, finger))
+        samples = on_root(comm, lambda: sample(study.receptors, positions, finger))
+        on_root(comm, lambda: _check_apart(body, finger))
+
+        domain = create_domain(finger, comm, study.solver.held)
+        problem = FingerProblem(domain, study.tissue, body, study.stimulus.friction, study.solver)
+        logger.info(
+            "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
+            len(domain.file_cells),
+            3 * problem.u.function_space.dofmap.index_map.size_global,
+            len(positions),
+            comm.size,
+        )
+        probe = Probe(problem, samples, len(positions), study.receptors.side)
+        deepest = _DEEPEST * study.finger.pad_thickness_mm
+        march = March(problem, study.protocol, study.solver, deepest)
+        histories = Histories(positions)
+        recorder = Recorder(results, study, problem, march, finger) if results else None
+        if recorder and proceed:
+            histories = recorder.restore()
+        try:
+            for step in march:
+                feeling = probe.feel()
+                histories.add(
+                    displacement_mm=step.displacement_mm,
+                    depth_mm=step.depth_mm,
+                    clock_s=step.clock_s,
+                    stimulator_mm=step.translation_mm,
+                    force_N=step.load.force_N,
+                    moment_Nmm=step.load.moment_Nmm,
+                    imbalance_N=step.load.imbalance_N,
+                    newton_iterations=step.newton_iterations,
+                    sed_kPa=feeling.sed_kPa,
+                    von_mises_kPa=feeling.von_mises_kPa,
+                    stretches=feeling.stretches,
+                )
+                if recorder:
+                    recorder.step(step, histories.trace())
+                for observer in observers:
+                    observer(step)
+        except TactileError as error:
+            if recorder:
+                recorder.finish(f"failed: {error}")
+            raise
+        trace = histories.trace()
+        response = respond(trace.time_s, trace.sed_kPa, study.neuron)
+        if recorder:
+            recorder.spikes(response)
+            recorder.finish("complete")
+    return ScanResult(trace, response, results.folder if results else None)
+
+
+def _check_apart(body: RigidBody, finger: FingerMesh) -> None:
+    """Raise StudyError if the body starts inside the finger."""
+    gap = body.distance(finger.nodes).gap
+    worst = int(np.argmin(gap))
+    if gap[worst] < -_TOUCH_TOLERANCE_MM:
+        x, y, z = finger.nodes[worst]
+        raise StudyError(
+            f"stimulus: it starts {-gap[worst]:.3g} mm inside the finger, at X {x:.1f}, Y {y:.1f}, "
+            f"Z {z:.1f} mm; the finger must lie above its highest plane, Z = 0"
+        )

@@ -1,0 +1,96 @@
+"""Histories of a scan: one row per accepted step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What happened and what the receptors felt; the first row is the finger at rest.
+
+    Attributes
+    ----------
+    time_s, displacement_mm, depth_mm, clock_s
+        Per step, (steps,). The slide starts at time 0, the indentation has negative times;
+        the clock starts with the indentation.
+    stimulator_mm, force_N, moment_Nmm
+        (steps, 3); force and moment (about the origin) act on the finger.
+    imbalance_N, newton_iterations
+        (steps,): contact force against held reaction; Newton's work.
+    receptors_mm
+        (receptors, 3).
+    sed_kPa, von_mises_kPa, stretches
+        (steps, receptors), (steps, receptors), (steps, receptors, 3).
+    """
+
+    time_s: Array
+    displacement_mm: Array
+    depth_mm: Array
+    clock_s: Array
+    stimulator_mm: Array
+    force_N: Array
+    moment_Nmm: Array
+    imbalance_N: Array
+    newton_iterations: Array
+    receptors_mm: Array
+    sed_kPa: Array
+    von_mises_kPa: Array
+    stretches: Array
+
+    def arrays(self) -> dict[str, Array]:
+        """Return the arrays by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+class Histories:
+    """Collects rows and makes a `Trace` of them.
+
+    Parameters
+    ----------
+    receptors_mm
+        Positions, (receptors, 3).
+    """
+
+    def __init__(self, receptors_mm: Array) -> None:
+        count = len(receptors_mm)
+        self._receptors = receptors_mm
+        self._columns: dict[str, list[Any]] = {
+            "displacement_mm": [0.0],
+            "depth_mm": [0.0],
+            "clock_s": [0.0],
+            "stimulator_mm": [np.zeros(3)],
+            "force_N": [np.zeros(3)],
+            "moment_Nmm": [np.zeros(3)],
+            "imbalance_N": [0.0],
+            "newton_iterations": [0],
+            "sed_kPa": [np.zeros(count)],
+            "von_mises_kPa": [np.zeros(count)],
+            "stretches": [np.ones((count, 3))],
+        }
+
+    @classmethod
+    def from_trace(cls, trace: dict[str, Array], rows: int) -> Histories:
+        """Return the first `rows` rows of a saved trace."""
+        histories = cls(trace["receptors_mm"])
+        for name in histories._columns:
+            histories._columns[name] = list(trace[name][:rows])
+        return histories
+
+    def add(self, **row: Any) -> None:
+        """Append a row: one value for each column of `Trace` but time and place."""
+        for name, column in self._columns.items():
+            column.append(row[name])
+
+    def trace(self) -> Trace:
+        """Return the histories so far."""
+        columns = {name: np.array(column) for name, column in self._columns.items()}
+        pressed = columns["clock_s"][columns["displacement_mm"] == 0.0][-1]
+        time_s = columns["clock_s"] - pressed
+        return Trace(time_s=time_s, receptors_mm=self._receptors, **columns)
