@@ -217,7 +217,7 @@ def force_figure(
     grid[1, 0].set_ylim(0, 1.25 * max(friction or 0.0, np.nanmax(ratio, initial=0.0), 1e-3))
     grid[0, 1].legend(loc="center right")
     if friction is not None:
-        grid[1, 0].legend(loc="lower right", fontsize=8)
+        grid[1, 1].legend(loc="lower right", fontsize=8)
     return figure
 
 
