@@ -64,6 +64,7 @@ BAD_SETTINGS = [
     ("stimulus.font=none.ttf", "none.ttf"),
     ("stimulus.kind=spoon", 'stimulus.kind is "spoon"'),
     ("stimulus.fillet_radius_mm=0.5", "fillet_radius_mm"),
+    ("receptors.half_width_mm=30", "outside the finger"),
     ("stimulus.friction", "write section.key=value"),
 ]
 
