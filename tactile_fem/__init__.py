@@ -1,1 +1,8 @@
 """Finger mechanics and SA1 afferents: what a finger feels when it strokes a surface."""
+
+from importlib.metadata import PackageNotFoundError, version
+
+try:
+    __version__ = version("tactile-fem")
+except PackageNotFoundError:
+    __version__ = "unknown (not installed)"

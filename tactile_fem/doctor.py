@@ -97,8 +97,9 @@ def _compiles(compiler: list[str], code: str) -> bool:
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "probe.c"
         source.write_text(code)
-        include = sysconfig.get_path("include")
-        command = [*compiler, "-c", f"-I{include}", str(source), "-o", f"{source}.o"]
+        # As setuptools does: an environment may bring the headers that its Python lacks.
+        folders = [f"-I{sys.prefix}/include", f"-I{sysconfig.get_path('include')}"]
+        command = [*compiler, "-c", *folders, str(source), "-o", f"{source}.o"]
         try:
             return subprocess.run(command, capture_output=True, timeout=60).returncode == 0
         except (OSError, subprocess.TimeoutExpired):

@@ -6,14 +6,13 @@ import json
 import platform
 import resource
 import time
-from importlib.metadata import version
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx import common
 
-from tactile_fem import backend
+from tactile_fem import __version__, backend
 from tactile_fem.errors import StudyError
 from tactile_fem.fields import FieldWriter
 from tactile_fem.finger import FingerMesh
@@ -128,7 +127,7 @@ class Recorder:
         run = {
             "status": status,
             "versions": {
-                "tactile_fem": version("tactile-fem"),
+                "tactile_fem": __version__,
                 "dolfinx": backend.DOLFINX_VERSION,
                 "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
                 "python": platform.python_version(),

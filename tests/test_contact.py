@@ -1,0 +1,188 @@
+"""Nitsche contact on small blocks against exact statements."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import fsolve
+
+from tactile_fem import backend  # noqa: F401
+
+from mpi4py import MPI  # isort: skip
+
+from blocks import block_mesh
+from dolfinx import fem, mesh
+
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Plate, Solver, Sphere, Tissue
+
+LAYERS = ["stratum_corneum", "epidermis", "dermis", "subcutaneous"]
+DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0])
+DIRECT = {"pc_type": "lu", "pc_factor_mat_solver_type": "mumps", "ksp_rtol": 1e-12}
+ELASTIC = Tissue.model_validate({"viscous_time_s": 0.0})
+
+
+@cache
+def block(width: float = 3.0, count: int = 3):
+    line = np.linspace(-width, width, count + 1)
+    return create_domain(block_mesh(line, line, DEPTHS, LAYERS), MPI.COMM_SELF, ("cut",))
+
+
+def problem(body, *, tissue=ELASTIC, constraints=lambda V: [], domain=None, **solver):
+    settings = Solver(held=("cut",), petsc=DIRECT, **solver)
+    return FingerProblem(
+        domain or block(), tissue, make_body(body), body.friction, settings, constraints
+    )
+
+
+def rollers(V):
+    """Keep the block's sides in their planes."""
+    conditions = []
+    for axis in range(2):
+        component, _ = V.sub(axis).collapse()
+        facets = mesh.locate_entities_boundary(
+            V.mesh, 2, lambda x, axis=axis: np.isclose(np.abs(x[axis]), 3.0)
+        )
+        dofs = fem.locate_dofs_topological((V.sub(axis), component), 2, facets)
+        conditions.append(fem.dirichletbc(fem.Function(component), dofs, V.sub(axis)))
+    return conditions
+
+
+def pressed(contact, *places):
+    """Move the body along the places; return the load at the last one."""
+    load = None
+    for place in places:
+        report = contact.solve(np.array(place, dtype=float), 0.01)
+        assert report.converged, report
+        load = contact.load()
+        contact.accept()
+    return load
+
+
+def layer_stress(c, stretch: float) -> float:
+    """P33 of a neo-Hookean or second-order layer compressed with its sides held."""
+    I1 = (2 + stretch**2) * stretch ** (-2 / 3)
+    dI1 = 2 * stretch ** (1 / 3) - 2 / 3 * I1 / stretch
+    return (c.C10_MPa + 2 * c.C20_MPa * (I1 - 3)) * dI1 + 2 / c.D1_per_MPa * (stretch - 1)
+
+
+@pytest.mark.parametrize("theta", [0, 1, -1])
+def test_patch_of_four_layers_is_exact(theta):
+    """A flat press with held sides: one stretch and one pressure per layer, exactly."""
+    depth = 0.3
+    thickness = np.diff(DEPTHS)
+    constants = [getattr(ELASTIC, name) for name in LAYERS]
+
+    def balance(stretch):
+        P = [layer_stress(c, s) for c, s in zip(constants, stretch, strict=True)]
+        return [*(np.diff(P) * 100), thickness @ stretch - (DEPTHS[-1] - depth)]
+
+    stretch, _, ok, _ = fsolve(balance, np.full(4, 0.9), xtol=1e-13, full_output=True)
+    assert ok == 1
+    contact = problem(Plate(friction=0.0), constraints=rollers, nitsche_theta=theta)
+    load = pressed(contact, (0, 0, depth / 2), (0, 0, depth))
+    heights = np.interp(
+        contact.u.function_space.tabulate_dof_coordinates()[:, 2],
+        DEPTHS,
+        np.concatenate([[0.0], np.cumsum(thickness * (stretch - 1))]) + depth,
+    )
+    u = contact.u.x.array.reshape(-1, 3)
+    np.testing.assert_allclose(u[:, 2], heights, atol=1e-7)
+    np.testing.assert_allclose(u[:, :2], 0, atol=1e-7)
+    force = -layer_stress(constants[0], stretch[0]) * 36
+    assert load.force_N[2] == pytest.approx(force, rel=1e-6)
+
+
+def residual_and_tangent(contact, x, direction):
+    """Return the residual at x and the Jacobian's product with the direction."""
+    snes, b = contact.snes, x.duplicate()
+    A = snes.getJacobian()[0]
+    snes.computeFunction(x, b)
+    snes.computeJacobian(x, A)
+    product = x.duplicate()
+    A.mult(direction, product)
+    return b, product
+
+
+@pytest.mark.parametrize("theta", [0, 1, -1])
+@pytest.mark.parametrize("state", ["open", "sticking", "slipping"])
+def test_tangent_is_the_derivative_of_the_residual(state, theta):
+    contact = problem(Sphere(radius_mm=4.0), nitsche_theta=theta)
+    snes = contact.snes
+    slip = {"open": 0.0, "sticking": 1e-7, "slipping": 0.1}[state]
+    contact.obstacle.translation.value[:] = (0, -slip, -1.0 if state == "open" else 0.4)
+    contact.obstacle.translation_old.value[:] = contact.obstacle.translation.value
+    contact.obstacle.translation_old.value[1] += slip
+    random = np.random.default_rng(0)
+    x = snes.getFunction()[0].duplicate()
+    direction, product, plus, minus, there = (x.duplicate() for _ in range(5))
+    contact.u_old.x.array[:] = 1e-3 * random.normal(size=x.getSize())
+    x.array = contact.u_old.x.array
+    direction.array = random.normal(size=x.getSize())
+    fixed = (3 * contact.order.held_dofs()[:, None] + np.arange(3)).ravel()
+    for vector in (x, direction):
+        vector.array[fixed] = 0.0
+    A = snes.getJacobian()[0]
+    snes.computeJacobian(x, A)
+    A.mult(direction, product)
+    eps = 1e-8
+    for sign, result in ((1, plus), (-1, minus)):
+        there.waxpy(sign * eps, direction, x)
+        snes.computeFunction(there, result)
+    difference = (plus.array - minus.array) / (2 * eps)
+    assert np.linalg.norm(difference - product.array) < 1e-6 * np.linalg.norm(product.array)
+
+
+def test_newton_converges_quadratically_on_a_fixed_contact_set():
+    """A large ball over the whole face: the contact set cannot change."""
+    contact = problem(Sphere(radius_mm=60.0, friction=0.0))
+    pressed(contact, *((0, 0, depth) for depth in (0.1, 0.2, 0.3, 0.4, 0.5)))
+    contact.snes.setConvergenceHistory()
+    pressed(contact, (0, 0, 0.8))
+    norms = contact.snes.getConvergenceHistory()[0]
+    norms = norms[norms > 1e-11]
+    order = np.log(norms[-1] / norms[-2]) / np.log(norms[-2] / norms[-3])
+    assert order > 1.8, norms
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.3])
+def test_sliding_block_feels_mu_times_the_normal_force(friction):
+    contact = problem(Plate(friction=friction))
+    pressed(contact, (0, 0, 0.1))
+    force = pressed(contact, *((0, -y, 0.1) for y in (0.05, 0.2, 0.5, 0.9, 1.3))).force_N
+    assert abs(force[0]) < 1e-3 * force[2]
+    assert -force[1] / force[2] == pytest.approx(friction, rel=1e-3)
+
+
+def test_a_sticking_block_follows_the_plate():
+    contact = problem(Plate(friction=1.0))
+    pressed(contact, (0, 0, 0.05), (0, 0, 0.1), (0, -0.02, 0.1))
+    bottom = np.isclose(contact.u.function_space.tabulate_dof_coordinates()[:, 2], 0)
+    u = contact.u.x.array.reshape(-1, 3)[bottom]
+    middle = np.abs(u[:, 1] + 0.02) < 1e-3
+    assert middle.mean() > 0.7
+
+
+def test_contact_force_balances_the_held_reaction():
+    contact = problem(Sphere(radius_mm=4.0, friction=0.3))
+    load = pressed(contact, (0, 0, 0.2), (0, 0, 0.4), (0, -0.01, 0.4))
+    assert load.force_N[2] > 1e-3
+    assert load.imbalance_N < 1e-7
+
+
+def test_force_does_not_depend_on_gamma():
+    forces = []
+    for gamma in (5.0, 50.0):
+        contact = problem(Sphere(radius_mm=4.0, friction=0.0), nitsche_gamma=gamma)
+        forces.append(pressed(contact, (0, 0, 0.2), (0, 0, 0.4)).force_N[2])
+    assert forces[0] == pytest.approx(forces[1], rel=0.01)
+
+
+def test_no_contact_no_force():
+    contact = problem(Sphere(radius_mm=4.0))
+    assert np.all(pressed(contact, (0, 0, -0.5)).force_N == 0)
+    assert np.all(contact.u.x.array == 0)

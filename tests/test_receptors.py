@@ -1,0 +1,113 @@
+"""Receptors lie on the interface and average what is there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_fem import backend  # noqa: F401
+
+from mpi4py import MPI  # isort: skip
+
+from blocks import block_mesh
+
+from tactile_fem.errors import StudyError
+from tactile_fem.finger import SURFACES, load_finger
+from tactile_fem.finger.mesh_data import FingerMesh
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.probe import CellEnergy, Probe
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.receptors import place, sample
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Finger, Plate, Receptors, Solver, Tissue
+
+DEPTHS = np.array([0.0, 0.5, 1.0, 2.0])
+
+
+def layered_block() -> FingerMesh:
+    """A block whose interface, at z = 1, is tagged."""
+    line = np.linspace(-2, 2, 5)
+    finger = block_mesh(line, line, DEPTHS, ["stratum_corneum", "epidermis", "dermis"])
+    faces = []
+    for corners in ([0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]):
+        face = finger.tets[:, corners]
+        flat = np.all(np.isclose(finger.nodes[face][..., 2], 1.0), axis=1)
+        faces.append(face[flat & (finger.tissue == 2)])
+    face = np.concatenate(faces)
+    triangles = np.concatenate([finger.triangles, np.hstack([face, face])])
+    surface = np.concatenate([finger.surface, np.full(len(face), SURFACES["interface"])])
+    return FingerMesh(finger.nodes, finger.tets, finger.tissue, triangles, surface)
+
+
+def test_line_lies_on_the_fingers_interface():
+    finger = load_finger(Finger())
+    positions = place(Receptors(), finger)
+    assert len(positions) == 51
+    np.testing.assert_allclose(positions[:, 0], np.linspace(-5, 5, 51), atol=1e-12)
+    facets = finger.nodes[finger.triangles[finger.surface == SURFACES["interface"], :3]]
+    normal = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    for point in positions:
+        height = np.abs(np.einsum("fi,fi->f", point - facets[:, 0], normal))
+        touching = [f for f in np.flatnonzero(height < 1e-6) if _inside(point, facets[f])]
+        assert touching
+    # The nominal depth of stratum corneum and epidermis.
+    assert positions[25, 2] == pytest.approx(0.82, rel=0.05)
+
+
+def _inside(point, triangle) -> bool:
+    edges = (triangle[1:] - triangle[0]).T
+    s, t = np.linalg.lstsq(edges, point - triangle[0], rcond=None)[0]
+    return bool(s >= -1e-7 and t >= -1e-7 and s + t <= 1 + 1e-7)
+
+
+@pytest.mark.parametrize("placement", ["grid", "random"])
+def test_placements_are_reproducible_and_within_their_extent(placement):
+    finger = load_finger(Finger())
+    wanted = Receptors(placement=placement, half_width_mm=3, half_length_mm=2, spacing_mm=1)
+    positions = place(wanted, finger)
+    np.testing.assert_array_equal(positions, place(wanted, finger))
+    assert np.all(np.abs(positions[:, :2]) <= [3, 2])
+    assert len(positions) == (35 if placement == "grid" else round(70 * 0.24))
+
+
+def test_a_receptor_outside_the_finger_is_named():
+    with pytest.raises(StudyError, match=r"X 30, Y 0 mm lies outside"):
+        place(Receptors(extra_mm=((30.0, 0.0),)), load_finger(Finger()))
+
+
+def test_samples_lie_in_the_wanted_tissue_within_the_ball():
+    finger = layered_block()
+    wanted = Receptors(half_width_mm=1, spacing_mm=1, average_radius_mm=0.25)
+    positions = place(wanted, finger)
+    samples = sample(wanted, positions, finger)
+    assert np.all(finger.tissue[samples.cell] == 2)
+    assert np.all(samples.point[:, 2] <= 1.0)
+    reach = np.linalg.norm(samples.point - positions[samples.receptor], axis=1)
+    assert reach.max() <= 0.25
+    np.testing.assert_allclose(np.bincount(samples.receptor, samples.weight), 1.0)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.25])
+def test_probe_reads_a_homogeneous_state_exactly(radius):
+    finger = layered_block()
+    wanted = Receptors(half_width_mm=1, spacing_mm=1, average_radius_mm=radius)
+    positions = place(wanted, finger)
+    domain = create_domain(finger, MPI.COMM_SELF, ("cut",))
+    tissue = Tissue.model_validate({})
+    settings = Solver(held=("cut",))
+    problem = FingerProblem(domain, tissue, make_body(Plate()), 0.3, settings)
+    stretch = np.array([0.8, 1.1, 1.05])
+    problem.u.interpolate(lambda x: (stretch - 1)[:, None] * x)
+    probe = Probe(problem, sample(wanted, positions, finger), len(positions), "epidermis")
+    feeling = probe.feel()
+    J = stretch.prod()
+    c = tissue.epidermis
+    energy = c.C10_MPa * (J ** (-2 / 3) * (stretch**2).sum() - 3) + (J - 1) ** 2 / c.D1_per_MPa
+    np.testing.assert_allclose(feeling.sed_kPa, 1000 * energy, rtol=1e-9)
+    np.testing.assert_allclose(feeling.stretches, np.tile(np.sort(stretch), (3, 1)), rtol=1e-9)
+    deviator = 2 * c.C10_MPa * J ** (-5 / 3) * (stretch**2 - (stretch**2).mean())
+    von_mises = 1000 * np.sqrt(1.5 * (deviator**2).sum())
+    np.testing.assert_allclose(feeling.von_mises_kPa, von_mises, rtol=1e-9)
+    cells = CellEnergy(problem).gather()
+    np.testing.assert_allclose(cells[finger.tissue == 2], 1000 * energy, rtol=1e-9)

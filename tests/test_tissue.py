@@ -1,0 +1,124 @@
+"""Energies against their closed forms; no mesh needed beyond a single cell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from tactile_fem import backend  # noqa: F401
+
+from mpi4py import MPI  # isort: skip
+
+from dolfinx import fem, mesh
+
+from tactile_fem.study import Elastic, Polynomial, Tissue
+from tactile_fem.tissue.energies import law_of, shear_modulus, stress, young_modulus
+
+NEO_HOOKEAN = Polynomial(C10_MPa=0.02297, D1_per_MPa=1.765)
+SECOND_ORDER = Polynomial(C10_MPa=0.0135, C20_MPa=0.01, D1_per_MPa=3.0)
+FULL = Polynomial(
+    C10_MPa=0.01,
+    C01_MPa=0.004,
+    C20_MPa=0.003,
+    C11_MPa=0.002,
+    C02_MPa=0.001,
+    D1_per_MPa=2.0,
+    D2_per_MPa=3.0,
+)
+
+
+class Point:
+    """Evaluates stress and energy of a law at given deformation gradients."""
+
+    def __init__(self, constants):
+        self.mesh = mesh.create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
+        self.F = fem.Constant(self.mesh, np.eye(3))
+        law = law_of(constants)
+        centre = np.full((1, 3), 0.25)
+        self._stress = fem.Expression(stress(law, self.F), centre)
+        self._energy = fem.Expression(law.energy(self.F), centre)
+
+    def stress(self, F):
+        self.F.value[:] = F
+        return self._stress.eval(self.mesh, np.array([0], dtype=np.int32)).reshape(3, 3)
+
+    def energy(self, F):
+        self.F.value[:] = F
+        return self._energy.eval(self.mesh, np.array([0], dtype=np.int32)).item()
+
+
+def closed_form(c: Polynomial, stretch: np.ndarray) -> np.ndarray:
+    """Principal first Piola stresses of the polynomial energy."""
+    J = stretch.prod()
+    square = stretch**2
+    I1 = square.sum() * J ** (-2 / 3)
+    I2 = (square.sum() ** 2 - (square**2).sum()) / 2 * J ** (-4 / 3)
+    dI1 = J ** (-2 / 3) * 2 * stretch - 2 / 3 * I1 / stretch
+    dI2 = J ** (-4 / 3) * 2 * stretch * (square.sum() - square) - 4 / 3 * I2 / stretch
+    a, b = I1 - 3, I2 - 3
+    W1 = c.C10_MPa + 2 * c.C20_MPa * a + c.C11_MPa * b
+    W2 = c.C01_MPa + c.C11_MPa * a + 2 * c.C02_MPa * b
+    WJ = 2 / c.D1_per_MPa * (J - 1)
+    if c.D2_per_MPa is not None:
+        WJ += 4 / c.D2_per_MPa * (J - 1) ** 3
+    return W1 * dI1 + W2 * dI2 + WJ * J / stretch
+
+
+@pytest.mark.parametrize("constants", [NEO_HOOKEAN, SECOND_ORDER, FULL])
+@pytest.mark.parametrize("stretch", [0.6, 0.9, 1.2, 1.6])
+def test_uniaxial_stress_is_the_closed_form(constants, stretch):
+    def side(lateral: float) -> float:
+        return closed_form(constants, np.array([stretch, lateral, lateral]))[1]
+
+    lateral = brentq(side, 0.5, 1.6, xtol=1e-14)
+    P = Point(constants).stress(np.diag([stretch, lateral, lateral]))
+    expected = closed_form(constants, np.array([stretch, lateral, lateral]))[0]
+    assert np.sign(expected) == np.sign(stretch - 1)
+    np.testing.assert_allclose(P, np.diag([expected, 0, 0]), atol=1e-10)
+
+
+@pytest.mark.parametrize("constants", [FULL, Elastic(E_MPa=170.0, nu=0.3)])
+def test_stress_is_the_derivative_of_the_energy(constants):
+    point = Point(constants)
+    random = np.random.default_rng(1)
+    F = np.eye(3) + 0.2 * random.normal(size=(3, 3))
+    direction = random.normal(size=(3, 3))
+    eps = 1e-5
+    difference = (point.energy(F + eps * direction) - point.energy(F - eps * direction)) / (2 * eps)
+    assert np.sum(point.stress(F) * direction) == pytest.approx(difference, rel=1e-7)
+
+
+@pytest.mark.parametrize("constants", [NEO_HOOKEAN, FULL, Elastic(E_MPa=170.0, nu=0.3)])
+def test_rotation_costs_no_energy(constants):
+    angle = 0.7
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    point = Point(constants)
+    assert point.energy(R) == pytest.approx(0, abs=1e-12)
+    F = R @ np.diag([1.2, 0.9, 0.95])
+    assert point.energy(F) == pytest.approx(point.energy(np.diag([1.2, 0.9, 0.95])), rel=1e-12)
+
+
+@pytest.mark.parametrize("constants", [NEO_HOOKEAN, FULL, Elastic(E_MPa=170.0, nu=0.3)])
+def test_small_strain_moduli(constants):
+    point = Point(constants)
+    shear = 1e-5
+    F = np.eye(3)
+    F[0, 1] = shear
+    assert point.stress(F)[0, 1] / shear == pytest.approx(shear_modulus(constants), rel=1e-4)
+
+    def side(lateral: float) -> float:
+        return point.stress(np.diag([1 + shear, 1 + lateral, 1 + lateral]))[1, 1]
+
+    lateral = brentq(side, -shear, 0, xtol=1e-16)
+    axial = point.stress(np.diag([1 + shear, 1 + lateral, 1 + lateral]))[0, 0]
+    assert axial / shear == pytest.approx(young_modulus(constants), rel=1e-3)
+
+
+def test_named_set_is_nearly_incompressible():
+    tissue = Tissue.model_validate({"set": "maeno1998"})
+    for name, E_MPa in (("epidermis", 0.136), ("dermis", 0.080), ("subcutaneous", 0.034)):
+        constants = getattr(tissue, name)
+        assert young_modulus(constants) == pytest.approx(E_MPa, rel=1e-12)
+        assert E_MPa / (2 * shear_modulus(constants)) - 1 == pytest.approx(0.48, rel=1e-12)
