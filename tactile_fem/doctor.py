@@ -123,7 +123,7 @@ def picture_finding() -> Finding | None:
     if any(has_library(name) for name in _OFF_SCREEN):
         return None
     return Finding(
-        "There is no EGL or OSMesa library to draw 3-D pictures with: they are skipped.",
+        "There is no EGL or OSMesa library to draw with: 3-D pictures are skipped.",
         tuple(PICTURE_LIBRARIES.values()),
     )
 

@@ -37,7 +37,10 @@ _LOWEST_MM = -3.0
 def can_draw() -> str | None:
     """Return why no picture can be drawn, in one sentence, or None if all seems well."""
     if find_spec("pyvista") is None:
-        return 'PyVista is not installed: pip install "tactile-fem[pictures]".'
+        return (
+            "PyVista is not installed: 3-D pictures are skipped. "
+            'To install it: pip install "tactile-fem[pictures]".'
+        )
     finding = doctor.picture_finding()
     if finding is not None:
         return f"{finding.sentence} On Debian or Ubuntu: {doctor.install_line([finding])}."
@@ -51,7 +54,7 @@ def draw_pictures(results: Results) -> list[Path]:
     """
     reason = can_draw() or _no_fields(results)
     if reason is not None:
-        logger.warning("3-D pictures are skipped. %s", reason)
+        logger.warning("%s", reason)
         return []
     command = [sys.executable, "-m", "tactile_fem.pictures", str(results.folder)]
     try:
@@ -72,7 +75,9 @@ def draw_pictures(results: Results) -> list[Path]:
 
 
 def _no_fields(results: Results) -> str | None:
-    return None if read_series(results.fields)[1] else "There are no field files."
+    if read_series(results.fields)[1]:
+        return None
+    return "There are no field files: 3-D pictures are skipped."
 
 
 def _environment() -> dict[str, str]:
