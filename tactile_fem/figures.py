@@ -24,7 +24,7 @@ from tactile_fem.plots import (
 )
 from tactile_fem.results import Results
 from tactile_fem.stimulus import outlines
-from tactile_fem.study import Stimulus
+from tactile_fem.study import AnyStimulus
 
 logger = logging.getLogger(__name__)
 
@@ -69,7 +69,7 @@ def draw_plots(results: Results) -> list[Path]:
     return paths
 
 
-def rings(stimulus: Stimulus) -> Outlines:
+def rings(stimulus: AnyStimulus) -> Outlines:
     """Return the outlines of what is raised as closed curves, holes turning the other way."""
     parts = shapely.get_parts([part for part in outlines(stimulus) if not part.is_empty])
     polygons = [shapely.geometry.polygon.orient(part) for part in parts]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import wraps
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -26,7 +27,7 @@ Outlines = Sequence[NDArray[np.float64]]
 BLUE, VERMILION, GREEN, INK, PAPER = "#0072B2", "#D55E00", "#009E73", "#222222", "#E6E3DC"
 DISPLACEMENT = "Stimulator displacement (mm)"
 ACROSS = "Receptor position across the finger, X (mm)"
-_STYLE = {
+_STYLE: Any = {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,

@@ -223,7 +223,7 @@ class Results:
         if any(array.dtype.hasobject for array in arrays.values()):
             raise ValueError(f"{name} takes arrays of numbers and text only")
         with replacing(self.folder / name) as part, part.open("wb") as stream:
-            np.savez_compressed(stream, **arrays)
+            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
 
     # --- reading --------------------------------------------------------------------------
 
