@@ -1,0 +1,197 @@
+import numpy as np
+import pytest
+import shapely
+
+from tactile_fem.errors import StudyError
+from tactile_fem.stimulus import height_map, make_body, outlines
+from tactile_fem.study import Cylinder, Dots, Edge, Grating, Plate, Sphere, Text
+
+BODIES = {
+    "text": Text(),
+    "plate": Plate(),
+    "bar across": Cylinder(),
+    "bar along": Cylinder(along="y"),
+    "ball": Sphere(),
+    "edge across": Edge(),
+    "edge along": Edge(along="y", angle_deg=100.0),
+    "grating across": Grating(),
+    "grating along": Grating(along="y"),
+    "dots": Dots(),
+}
+EMBOSSED = [name for name, stimulus in BODIES.items() if hasattr(stimulus, "relief_mm")]
+
+
+def gap(stimulus, points):
+    return make_body(stimulus).distance(np.atleast_2d(np.asarray(points, dtype=float))).gap
+
+
+def skin_points(body, count=40_000):
+    """Return points between the surface and 0.4 mm above it."""
+    rng = np.random.default_rng(5)
+    points = rng.uniform([-5, -8.5, -1], [5, 8.5, 0.5], (count, 3))
+    near = body.distance(points).gap
+    return points[(near > 0) & (near < 0.4)]
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_derivatives_are_those_of_the_gap(name):
+    body = make_body(BODIES[name])
+    points, eps = skin_points(body), 1e-5
+    assert len(points) > 500
+    at = body.distance(points)
+    for axis in range(3):
+        step = eps * np.eye(3)[axis]
+        ahead, behind = body.distance(points + step), body.distance(points - step)
+        slope = (ahead.gap - behind.gap) / (2 * eps)
+        bend = (ahead.normal - behind.normal) / (2 * eps)
+        # The gap is C1: the slope agrees everywhere, the bend except where a step spans a seam.
+        assert np.abs(slope - at.normal[:, axis]).max() < 2e-4
+        assert np.quantile(np.abs(bend - at.hessian[:, axis]).max(axis=1), 0.995) < 1e-5
+    assert at.hessian == pytest.approx(at.hessian.transpose(0, 2, 1), abs=1e-12)
+    assert np.abs(at.hessian).max() < 1.05 / 0.025
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_gap_is_a_distance(name):
+    stimulus = BODIES[name]
+    body = make_body(stimulus)
+    points = skin_points(body)
+    if name in EMBOSSED:
+        # At the foot plate and wall are blended over 0.2 mm: the gradient is shorter there.
+        points = points[points[:, 2] + stimulus.relief_mm > body.distance(points).gap + 0.2]
+    # Beyond the radius of a letter's concave corners (0.3 mm) the nearest wall changes: a kink.
+    points = points[body.distance(points).gap < 0.25]
+    at = body.distance(points)
+    assert np.abs(np.linalg.norm(at.normal, axis=1) - 1).max() < 0.02
+    foot = points - at.gap[:, None] * at.normal
+    assert np.abs(body.distance(foot).gap).max() < 5e-3
+
+
+@pytest.mark.parametrize("name", EMBOSSED)
+def test_the_gradient_shortens_only_at_the_foot(name):
+    body = make_body(BODIES[name])
+    length = np.linalg.norm(body.distance(skin_points(body)).normal, axis=1)
+    assert 0.65 < length.min() and length.max() < 1.02
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_highest_plane_is_zero(name):
+    heights = height_map(make_body(BODIES[name]), np.linspace(-4, 4, 81), np.linspace(-6, 6, 121))
+    assert heights.max() == pytest.approx(0, abs=1e-3)
+    assert heights.max() <= 1e-9
+
+
+@pytest.mark.parametrize("name", EMBOSSED)
+def test_relief_and_plate(name):
+    stimulus = BODIES[name]
+    heights = height_map(make_body(stimulus), np.linspace(-4, 4, 81), np.linspace(-6, 6, 121))
+    assert heights.min() == pytest.approx(-stimulus.relief_mm, abs=1e-9)
+    # Far away from the relief there is nothing but the plate.
+    far = [[30, 60, 0.7], [-30, 60, -0.1]] if name != "grating along" else [[60, 9, 0.7]]
+    expected = np.array(far)[:, 2] + stimulus.relief_mm
+    assert gap(stimulus, far)[-1] == pytest.approx(expected[-1])
+    assert np.all(gap(stimulus, far) > 0)
+
+
+def test_bars_ball_and_edge_have_their_distances():
+    assert gap(Sphere(radius_mm=2.0), [3, 4, -2]) == pytest.approx(3)
+    assert gap(Cylinder(radius_mm=1.0), [[9, 3, 3], [-9, 0, 0]]) == pytest.approx([4, 0])
+    assert gap(Cylinder(radius_mm=1.0, along="y"), [3, 9, 3]) == pytest.approx(4)
+    edge = Edge(radius_mm=0.025, angle_deg=60.0)
+    # On the flank, `down` along it from the tangent point with the crest, 0.1 mm off.
+    normal, along = np.array([0, np.cos(np.pi / 6), 0.5]), np.array([0, 0.5, -np.cos(np.pi / 6)])
+    point = np.array([0, 0, -0.025]) + 0.125 * normal + 2.0 * along
+    at = make_body(edge).distance(point[None])
+    assert at.gap == pytest.approx(0.1)
+    assert at.normal[0] == pytest.approx(normal)
+    assert gap(edge, [5, 0, 0.3]) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("kind", ["text", "grating across", "dots"])
+def test_the_top_edge_is_a_circle(kind):
+    stimulus = BODIES[kind]
+    r = stimulus.fillet_radius_mm
+    inward = np.linspace(0.02, 0.98, 25) * r
+    # The way inwards over a straight (or, for the dot, the round) wall; H's left stem for text.
+    if kind == "text":
+        shape = outlines(stimulus)[2]
+        x, y = np.array([2.0]), shape.bounds[1] + inward
+    else:
+        half = stimulus.ridge_mm / 2 if kind == "grating across" else stimulus.radius_mm
+        x, y = np.array([0.0]), -half + inward
+    heights = height_map(make_body(stimulus), x, y)[0]
+    expected = np.sqrt(r**2 - (r - inward) ** 2) - r
+    assert heights == pytest.approx(expected, abs=2e-3)
+
+
+def test_letters_have_size_order_pitch_and_shift():
+    f, g, h = outlines(Text())
+    width = g.bounds[3] - g.bounds[1]
+    # Rounding the corners takes a little off a bowl's outermost point, if anything.
+    assert width == pytest.approx(6.5, abs=0.01)
+    centres = [(s.bounds[1] + s.bounds[3]) / 2 for s in (f, g, h)]
+    assert centres == pytest.approx([-5, 5, 15], abs=0.01)
+    assert (g.bounds[0] + g.bounds[2]) / 2 == pytest.approx(0, abs=0.01)
+    # A common baseline: F and H stand on it.
+    assert f.bounds[2] == pytest.approx(h.bounds[2], abs=1e-6)
+    (moved,) = outlines(Text(text="G", start_mm=1.0, shift_mm=(0.5, -2.0)))
+    assert (moved.bounds[1] + moved.bounds[3]) / 2 == pytest.approx(-3, abs=0.01)
+    assert (moved.bounds[0] + moved.bounds[2]) / 2 == pytest.approx(0.5, abs=0.01)
+    (single,) = outlines(Text(text="G"))
+    assert (single.bounds[1] + single.bounds[3]) / 2 == pytest.approx(5, abs=0.01)
+    assert [len(outlines(Text(text=t))) for t in ("F H", " FGH ")] == [2, 3]
+
+
+def test_letters_are_not_mirrored():
+    """F seen from above, its top to -X: stem first along +Y, the longer arm at the top."""
+    (f,) = outlines(Text(text="F"))
+    top, low, bottom, high = f.bounds
+    stem = shapely.box(top, low, bottom, low + 0.5)
+    assert f.intersection(stem).area > 0.9 * stem.area
+    end = f.intersection(shapely.box(top, high - 0.2, bottom, high))
+    assert end.bounds[2] < top + 1.2
+    x, y = (top + bottom) / 2 + 3, low + 0.4
+    assert gap(Text(text="F"), [[x, y, -0.3], [-x, y, -0.3]])[0] < 0
+
+
+def test_the_body_lies_where_its_outline_lies():
+    stimulus = Text(text="OG", shift_mm=(0.3, 0.7))
+    rng = np.random.default_rng(2)
+    xy = rng.uniform([-4, -9], [4, 9], (4000, 2))
+    shape = shapely.union_all(outlines(stimulus))
+    clear = shapely.distance(shape.boundary, shapely.points(xy)) > 0.02
+    inside = shapely.contains_xy(shape, *xy[clear].T)
+    at = gap(stimulus, np.column_stack([xy[clear], np.full(clear.sum(), -0.3)]))
+    assert np.array_equal(at < 0, inside)
+    # The counter of the O is outside.
+    counter = shapely.Polygon(outlines(stimulus)[0].interiors[0]).centroid
+    assert gap(stimulus, [counter.x, counter.y, -0.3]) > 0.2
+
+
+def test_outlines_of_patterns():
+    assert outlines(Plate()) == outlines(Sphere()) == []
+    ridges = outlines(Grating(count=3, shift_mm=(0.0, 1.0)))
+    assert [r.centroid.y for r in ridges] == pytest.approx([-1, 1, 3])
+    dots = outlines(Dots(columns=2, rows=3))
+    assert len(dots) == 6
+    assert gap(Dots(columns=2, rows=3), [d.centroid.coords[0] + (0,) for d in dots]) == (
+        pytest.approx(0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("stimulus", "sentence"),
+    [
+        (Text(text="F\N{CRAB}"), 'no glyph for "\N{CRAB}"'),
+        (Text(font="No Such Family"), "no such font is installed"),
+        (Text(font="nowhere.ttf"), "there is no such file"),
+        (Text(corner_radius_mm=0.5), "less than half a stroke|less than half of each"),
+        (Text(relief_mm=0.2), "must not exceed relief_mm"),
+        (Text(corner_radius_mm=0.2), "must not exceed corner_radius_mm"),
+        (Grating(ridge_mm=0.3), "must not exceed half of ridge_mm"),
+        (Dots(radius_mm=0.1), "must not exceed radius_mm"),
+    ],
+)
+def test_bad_input_is_told_in_a_sentence(stimulus, sentence):
+    with pytest.raises(StudyError, match=sentence):
+        make_body(stimulus)
