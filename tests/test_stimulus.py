@@ -185,7 +185,11 @@ def test_outlines_of_patterns():
         (Text(text="F\N{CRAB}"), 'no glyph for "\N{CRAB}"'),
         (Text(font="No Such Family"), "no such font is installed"),
         (Text(font="nowhere.ttf"), "there is no such file"),
-        (Text(corner_radius_mm=0.5), "less than half a stroke|less than half of each"),
+        (Text(text=" "), "holds no letter"),
+        (Text(text="G\N{ZERO WIDTH SPACE}"), "no glyph"),
+        (Text(font="DejaVu Sans:bold"), "no such font is installed"),
+        # The G would fall in two, with most of its area kept.
+        (Text(corner_radius_mm=0.42), "less than half of each"),
         (Text(relief_mm=0.2), "must not exceed relief_mm"),
         (Text(corner_radius_mm=0.2), "must not exceed corner_radius_mm"),
         (Grating(ridge_mm=0.3), "must not exceed half of ridge_mm"),
@@ -195,3 +199,20 @@ def test_outlines_of_patterns():
 def test_bad_input_is_told_in_a_sentence(stimulus, sentence):
     with pytest.raises(StudyError, match=sentence):
         make_body(stimulus)
+
+
+def test_a_file_that_is_no_font_is_told(tmp_path):
+    file = tmp_path / "letters.ttf"
+    file.write_text("no font")
+    with pytest.raises(StudyError, match="cannot be read as a font"):
+        make_body(Text(font=str(file)))
+
+
+def test_curves_are_smooth():
+    """Chords of the font's curves would show as a curvature that jumps between 0 and 3/mm."""
+    stimulus = Text(text="O")
+    ring = outlines(stimulus)[0].exterior
+    wall = shapely.get_coordinates(shapely.line_interpolate_point(ring, np.linspace(0, 18, 900)))
+    at = make_body(stimulus).distance(np.column_stack([wall, np.full(len(wall), -0.32)]))
+    curvature = np.trace(at.hessian, axis1=1, axis2=2)
+    assert curvature.min() > 0 and curvature.max() < 0.7

@@ -26,9 +26,11 @@ MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "mg_levels_ksp_max_it": 3,
     "mg_levels_ksp_chebyshev_esteig": "0,0.1,0,1.1",
     "mg_levels_pc_type": "python",
-    "mg_coarse_pc_type": "lu",
-    "mg_coarse_pc_factor_mat_solver_type": "mumps",
-    "mg_coarse_mat_mumps_icntl_24": 1,
+    # The coarse problem is small: solved on each rank it needs no waiting for the others.
+    "mg_coarse_pc_type": "redundant",
+    "mg_coarse_redundant_pc_type": "lu",
+    "mg_coarse_redundant_pc_factor_mat_solver_type": "mumps",
+    "mg_coarse_redundant_mat_mumps_icntl_24": 1,
 }
 
 

@@ -21,6 +21,8 @@ _GRID_MM = 0.05
 # Farther from the outline than this only the plate can be touched.
 _REACH_MM = 1.6
 _FAR_MM = 1.2
+# Curves become chords at this size of type: shorter than the grid, so that curvature is smooth.
+_TYPE_SIZE = 20000
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,8 @@ class Letters:
     def __init__(self, text: Text) -> None:
         font = _font(text.font)
         glyphs = {c: _glyph(c, font, text.font) for c in set(text.text) if not c.isspace()}
+        if not glyphs:
+            raise StudyError('stimulus.text holds no letter; for a flat plate set kind = "plate"')
         reference = _glyph("G", font, text.font)
         scale = text.g_width_mm / _width(reference)
         middle = sum(reference.bounds[1::2]) / 2
@@ -99,8 +103,13 @@ def _font(name: str) -> FontProperties:
     if Path(name).suffix.lower() in (".ttf", ".otf", ".ttc"):
         if not Path(name).is_file():
             raise StudyError(f'stimulus.font = "{name}": there is no such file')
+        try:
+            get_font(name)
+        except (OSError, RuntimeError) as error:
+            raise StudyError(f'stimulus.font = "{name}" cannot be read as a font') from error
         return FontProperties(fname=name)
-    font = FontProperties(family=name)
+    # As a list: a bare name would be read as a fontconfig pattern ("sans-serif" is none).
+    font = FontProperties(family=[name])
     try:
         findfont(font, fallback_to_default=False)
     except ValueError:
@@ -113,16 +122,22 @@ def _font(name: str) -> FontProperties:
 
 def _glyph(character: str, font: FontProperties, name: str) -> shapely.Geometry:
     """Return a character's outline in the font's units, holes cut out."""
-    if not get_font(findfont(font)).get_char_index(ord(character)):
+    known = get_font(findfont(font)).get_char_index(ord(character))
+    if not (known and character.isprintable()):
         raise StudyError(f'stimulus.text: the font "{name}" has no glyph for "{character}"')
-    path = TextPath((0, 0), character, size=100, prop=font)
-    path = path.interpolated(1)
+    path = TextPath((0, 0), character, size=_TYPE_SIZE, prop=font)
     shape = shapely.Polygon()
     for ring in path.to_polygons(closed_only=True):
         shape = shape.symmetric_difference(shapely.Polygon(ring).buffer(0))
     if shape.is_empty:
         raise StudyError(f'stimulus.text: "{character}" has no outline in the font "{name}"')
     return shape
+
+
+def _topology(shape: shapely.Geometry) -> tuple[int, int]:
+    """Return the number of parts and of holes."""
+    parts = [part for part in shapely.get_parts(shape) if not part.is_empty]
+    return len(parts), sum(len(part.interiors) for part in parts)
 
 
 def _width(shape: shapely.Geometry) -> float:
@@ -135,10 +150,13 @@ def _letter(character: str, shape: shapely.Geometry, radius: float, font: str) -
     # Opening rounds the convex corners, closing the concave ones.
     opened = shape.buffer(-radius, quad_segs=32).buffer(radius, quad_segs=32)
     rounded = opened.buffer(radius, quad_segs=32).buffer(-radius, quad_segs=32)
-    if rounded.is_empty or rounded.area < 0.8 * shape.area:
+    # A stroke that vanishes takes parts, holes or the far end of an arm with it; an acute corner
+    # loses less than four radii.
+    lost = shapely.distance(rounded, shapely.points(shapely.get_coordinates(shape))).max()
+    if rounded.is_empty or lost > 4 * radius or _topology(rounded) != _topology(shape):
         raise StudyError(
-            f'stimulus.corner_radius_mm = {radius:g}: the strokes of "{character}" in "{font}" are '
-            "too thin for it; it must be less than half a stroke"
+            f'stimulus.corner_radius_mm = {radius:g}: strokes or gaps of "{character}" in "{font}" '
+            "are too thin for it; it must be less than half of each"
         )
     low = np.array(rounded.bounds[:2]) - _REACH_MM
     high = np.array(rounded.bounds[2:]) + _REACH_MM
