@@ -1,5 +1,7 @@
 """The errors that people meet: each carries one clear sentence."""
 
+from __future__ import annotations
+
 
 class TactileError(Exception):
     """Base of the package's own errors."""
@@ -36,3 +38,7 @@ class ConvergenceError(TactileError):
         super().__init__(message)
         self.displacement_mm = displacement_mm
         self.reason = reason
+
+    def __reduce__(self) -> tuple[type[ConvergenceError], tuple[str, float, str]]:
+        """Survive the way from one rank to the others."""
+        return type(self), (str(self), self.displacement_mm, self.reason)

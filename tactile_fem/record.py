@@ -64,6 +64,10 @@ class Recorder:
         )
         self._save_run("running")
 
+    def begin(self, trace: Trace) -> None:
+        """Keep the state of rest, so that a scan that fails at once leaves a whole folder."""
+        on_root(self._comm, lambda: self._results.save_trace(**trace.arrays()))
+
     def step(self, step: Step, trace: Trace) -> None:
         """Keep an accepted step."""
         now, before = self._march.gather()

@@ -20,13 +20,13 @@ from tactile_fem.mechanics.march import March, Step
 from tactile_fem.mechanics.probe import Probe
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.neuron import Response, respond
-from tactile_fem.receptors import place, sample
+from tactile_fem.receptors import Samples, place, sample
 from tactile_fem.record import Recorder
 from tactile_fem.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.study import Study
 from tactile_fem.together import on_root
-from tactile_fem.trace import Histories, Trace
+from tactile_fem.trace import Array, Histories, Trace
 
 logger = logging.getLogger(__name__)
 
@@ -86,11 +86,12 @@ def scan(
         The mechanics diverged; everything up to there is kept in the folder.
     """
     comm = comm or MPI.COMM_WORLD
+    scene = _Scene.of(study, comm)
     results = None
     if folder is not None:
         results = on_root(comm, lambda: Results.create(folder, overwrite=overwrite))
         on_root(comm, lambda: results.save_study(study))
-    return _run(study, results, comm, observers, proceed=False)
+    return _run(scene, results, comm, observers, proceed=False)
 
 
 def resume(
@@ -103,27 +104,44 @@ def resume(
     comm = comm or MPI.COMM_WORLD
     results = on_root(comm, lambda: Results.open(folder))
     study = on_root(comm, lambda: results.study)
-    return _run(study, results, comm, observers, proceed=True)
+    return _run(_Scene.of(study, comm), results, comm, observers, proceed=True)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """Finger, body and receptors; `finger` is None on all ranks but the first."""
+
+    study: Study
+    body: RigidBody
+    finger: FingerMesh | None
+    positions: Array
+    samples: Samples
+
+    @classmethod
+    def of(cls, study: Study, comm: MPI.Comm) -> _Scene:
+        """Set everything up that bad input could spoil."""
+        body = make_body(study.stimulus)
+        finger = on_root(comm, lambda: load_finger(study.finger), share=False)
+        positions = on_root(comm, lambda: place(study.receptors, finger))
+        samples = on_root(comm, lambda: sample(study.receptors, positions, finger))
+        on_root(comm, lambda: _check_apart(body, finger))
+        return cls(study, body, finger, positions, samples)
 
 
 def _run(
-    study: Study,
+    scene: _Scene,
     results: Results | None,
     comm: MPI.Comm,
     observers: Iterable[Observer],
     *,
     proceed: bool,
 ) -> ScanResult:
+    study, positions = scene.study, scene.positions
     keep_log = log_to(results.log_file, comm.rank) if results else nullcontext()
     with keep_log:
-        body = make_body(study.stimulus)
-        finger = on_root(comm, lambda: load_finger(study.finger), share=False)
-        positions = on_root(comm, lambda: place(study.receptors, finger))
-        samples = on_root(comm, lambda: sample(study.receptors, positions, finger))
-        on_root(comm, lambda: _check_apart(body, finger))
-
-        domain = create_domain(finger, comm, study.solver.held)
-        problem = FingerProblem(domain, study.tissue, body, study.stimulus.friction, study.solver)
+        domain = create_domain(scene.finger, comm, study.solver.held)
+        friction = study.stimulus.friction
+        problem = FingerProblem(domain, study.tissue, scene.body, friction, study.solver)
         logger.info(
             "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
             len(domain.file_cells),
@@ -131,13 +149,15 @@ def _run(
             len(positions),
             comm.size,
         )
-        probe = Probe(problem, samples, len(positions), study.receptors.side)
+        probe = Probe(problem, scene.samples, len(positions), study.receptors.side)
         deepest = _DEEPEST * study.finger.pad_thickness_mm
         march = March(problem, study.protocol, study.solver, deepest)
         histories = Histories(positions)
-        recorder = Recorder(results, study, problem, march, finger) if results else None
+        recorder = Recorder(results, study, problem, march, scene.finger) if results else None
         if recorder and proceed:
             histories = recorder.restore()
+        elif recorder:
+            recorder.begin(histories.trace())
         try:
             for step in march:
                 feeling = probe.feel()

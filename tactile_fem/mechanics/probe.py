@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse
 import ufl
 from dolfinx import common, fem
+from dolfinx.mesh import entities_to_geometry
 
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.mechanics.problem import FingerProblem, deformation_gradient
@@ -82,7 +83,7 @@ class Probe:
         """Return the nodal basis at physical points, (points, nodes)."""
         if not len(cells):
             return np.empty((0, self._nodes))
-        corner = self._mesh.geometry.x[self._mesh.geometry.dofmap[cells][:, :4]]
+        corner = self._mesh.geometry.x[entities_to_geometry(self._mesh, 3, cells)]
         edges = np.swapaxes(corner[:, 1:] - corner[:, :1], 1, 2)
         reference = np.linalg.solve(edges, (points - corner[:, 0])[..., None])[..., 0]
         return element.tabulate(0, reference)[0, :, :, 0]

@@ -1,0 +1,141 @@
+"""Small scans end to end: ranks, resuming, pressing to a force, failing well."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_fem import ranks
+from tactile_fem.errors import ConvergenceError, StudyError
+from tactile_fem.fields import read_series
+from tactile_fem.finger import FingerMesh, build_finger, write_msh
+from tactile_fem.results import Results
+from tactile_fem.scan import resume, scan
+from tactile_fem.study import Finger, Output, Protocol, Receptors, Solver, Study, Text
+from tactile_fem.study_file import dump_study
+
+
+class Stopped(Exception):
+    """Raised by an observer in place of a kill."""
+
+
+@pytest.fixture(scope="session")
+def small_finger(tmp_path_factory) -> Path:
+    """A finger of 2,000 tetrahedra."""
+    path = tmp_path_factory.mktemp("mesh") / "small.msh"
+    write_msh(path, build_finger(Finger(pad_size_mm=3.0, far_size_mm=6.0)))
+    return path
+
+
+@pytest.fixture(scope="session")
+def study(small_finger) -> Study:
+    return Study(
+        finger=Finger(mesh_file=small_finger),
+        stimulus=Text(text="FG"),
+        protocol=Protocol(depth_mm=0.5, distance_mm=0.4, output_mm=0.2),
+        receptors=Receptors(spacing_mm=2.5),
+        solver=Solver(first_slide_step_mm=0.05),
+        output=Output(pictures=False, fields_mm=0.2),
+    )
+
+
+@pytest.fixture(scope="session")
+def finished(study, tmp_path_factory):
+    """A finished scan on one rank and its folder."""
+    folder = tmp_path_factory.mktemp("scan") / "results"
+    return scan(study, folder), folder
+
+
+def test_a_scan_presses_slides_feels_and_keeps(finished, study):
+    result, folder = finished
+    trace = result.trace
+    assert trace.time_s[0] == pytest.approx(-0.5 / 20)
+    assert trace.time_s[-1] == pytest.approx(0.4 / 20)
+    assert trace.depth_mm[-1] == 0.5
+    assert {0.2, 0.4} <= set(np.round(trace.displacement_mm, 12))
+    np.testing.assert_allclose(trace.stimulator_mm[-1], [0, -0.4, 0.5], atol=1e-12)
+    pressing = trace.displacement_mm == 0
+    assert np.all(np.diff(trace.force_N[pressing, 2]) > -1e-12)
+    assert trace.force_N[-1, 2] > 0.01
+    # The plate drags the skin its own way, towards the palm.
+    assert trace.force_N[-1, 1] < -0.1 * trace.force_N[-1, 2]
+    assert np.all(trace.imbalance_N < 1e-5)
+    assert trace.sed_kPa.shape == (len(trace.time_s), 5)
+    assert np.all(trace.sed_kPa[0] == 0)
+    assert trace.sed_kPa[-1].max() > 1e-4
+    assert len(result.response.spikes) == 5
+
+    results = Results.open(folder)
+    assert results.study == study
+    assert results.run["status"] == "complete"
+    assert results.run["mesh"]["tetrahedra"] > 1000
+    np.testing.assert_array_equal(results.trace["sed_kPa"], trace.sed_kPa)
+    times, files = read_series(results.fields)
+    np.testing.assert_allclose(times, [0.0, 0.01, 0.02], atol=1e-12)
+    assert all(path.is_file() for path in files)
+    assert "unknowns" in results.log_file.read_text()
+
+
+@pytest.mark.mpi
+def test_two_ranks_equal_one(finished, study, tmp_path):
+    file = tmp_path / "study.toml"
+    file.write_text(dump_study(study))
+    command = [ranks.launcher(), "-n", "2", sys.executable, "-m", "tactile_fem", "scan"]
+    subprocess.run([*command, str(file), "--results", str(tmp_path / "two")], check=True)
+    one, two = finished[0].trace, Results.open(tmp_path / "two").trace
+    np.testing.assert_allclose(two["time_s"], one.time_s, atol=1e-12)
+    scale = one.sed_kPa.max()
+    assert np.abs(two["sed_kPa"] - one.sed_kPa).max() < 1e-6 * scale
+    assert np.abs(two["force_N"] - one.force_N).max() < 1e-6 * one.force_N.max()
+    spikes = Results.open(tmp_path / "two").spikes
+    counts = [len(times) for times in finished[0].response.spikes]
+    assert [int(np.sum(spikes.receptor == k)) for k in range(5)] == counts
+
+
+def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
+    def stop(step):
+        if step.index == 4:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        scan(study, tmp_path / "cut", observers=[stop])
+    steps = []
+    resumed = resume(tmp_path / "cut", observers=[steps.append])
+    assert steps[0].index == 5
+    whole = finished[0].trace
+    np.testing.assert_allclose(resumed.trace.sed_kPa, whole.sed_kPa, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(resumed.trace.time_s, whole.time_s, atol=1e-12)
+    assert Results.open(tmp_path / "cut").run["status"] == "complete"
+    assert len(read_series(tmp_path / "cut" / "fields")[0]) == 3
+
+
+def test_pressing_to_a_force(study):
+    wanted = Protocol(force_N=0.05, distance_mm=0)
+    trace = scan(study.model_copy(update={"protocol": wanted})).trace
+    assert trace.force_N[-1, 2] == pytest.approx(0.05, rel=2e-3)
+    assert 0.3 < trace.depth_mm[-1] < 1.5
+
+
+def test_divergence_keeps_what_came_before_and_says_where(study, tmp_path):
+    """Two Newton iterations are too few for a whole step."""
+    hopeless = Solver(min_step_mm=0.02, petsc={"snes_max_it": 2})
+    with pytest.raises(ConvergenceError, match=r"indentation stopped at .* mm") as error:
+        scan(study.model_copy(update={"solver": hopeless}), tmp_path / "failed")
+    assert error.value.exit_code == 3
+    assert "diverged" in error.value.reason
+    assert Results.open(tmp_path / "failed").run["status"].startswith("failed")
+
+
+def test_a_stimulus_that_starts_inside_the_finger_is_refused(study, small_finger, tmp_path):
+    finger = build_finger(Finger(pad_size_mm=3.0, far_size_mm=6.0))
+    sunk = finger.nodes - [0, 0, 0.5]
+    path = tmp_path / "sunk.msh"
+    write_msh(path, FingerMesh(sunk, finger.tets, finger.tissue, finger.triangles, finger.surface))
+    inside = study.model_copy(update={"finger": Finger(mesh_file=path)})
+    with pytest.raises(StudyError, match=r"inside the finger"):
+        scan(inside, tmp_path / "results")
+    assert not (tmp_path / "results").exists()
