@@ -325,7 +325,9 @@ class Solver(Section):
     """Discretization of the contact and control of the steps."""
 
     nitsche_gamma: Positive = Field(5.0, description="gamma_h = gamma E_s / h")
-    nitsche_theta: Literal[-1, 0, 1] = Field(0, description="0 incomplete, 1 symmetric, -1 skew")
+    nitsche_theta: Literal[-1, 0, 1] = Field(
+        0, description="0 incomplete, the robust one; 1 symmetric, -1 skew"
+    )
     bulk_degree: Annotated[Whole, Field(ge=1, le=12)] = Field(3, description="quadrature degree")
     contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
         10, description="quadrature degree"
@@ -340,6 +342,10 @@ class Solver(Section):
     )
     max_slide_step_mm: Positive = Field(0.2, description="longest step of the slide")
     min_step_mm: Positive = Field(0.0005, description="a step that fails at this length ends it")
+    compiler_flags: tuple[str, ...] = Field(
+        ("-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"),
+        description="C flags for the compiled forms; none leaves DOLFINx's own",
+    )
     petsc: dict[str, str | int | float | bool] = Field(
         default_factory=dict, description="PETSc options without the prefix tactile_"
     )

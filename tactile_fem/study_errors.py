@@ -45,14 +45,19 @@ def explain(error: ValidationError) -> str:
 
 
 def toml_value(value: Any) -> str:
-    """Return `value` as it would stand in a study file, shortened to one line."""
+    """Return `value` as it would stand in a study file, on one line."""
     if isinstance(value, dict):
         return "a table" if value else "an empty table"
     try:
         text = tomlkit.item(value).as_string()
     except (TypeError, ValueError):
         text = repr(value)
-    text = " ".join(text.split())
+    return " ".join(text.split())
+
+
+def _shown(value: Any) -> str:
+    """Return `value` as in a study file, short enough for a sentence."""
+    text = toml_value(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -83,7 +88,7 @@ def _dotted(path: Iterable[str | int]) -> str:
 def _sentence(problem: Any) -> str:
     kind, location, context = problem["type"], problem["loc"], problem.get("ctx", {})
     path = _field(location)
-    name, value = _dotted(path) or "the study", toml_value(problem["input"])
+    name, value = _dotted(path) or "the study", _shown(problem["input"])
     if kind == "extra_forbidden":
         return _unknown(location, path)
     if kind == "missing":

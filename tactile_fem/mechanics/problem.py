@@ -17,6 +17,7 @@ from ufl.core.expr import Expr
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES
 from tactile_fem.mechanics import multigrid
+from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.contact import Contact
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.multigrid import MULTIGRID_OPTIONS
@@ -158,7 +159,9 @@ class FingerProblem:
             )
             t = self.stress(name) * N
             contact_form += contact.residual(t, self.u, self.u_old, v) * ds(tag)
-        self._contact_form = fem.form(contact_form, entity_maps=self.obstacle.entity_maps)
+        jit = jit_options(solver.compiler_flags)
+        maps = self.obstacle.entity_maps
+        self._contact_form = fem.form(contact_form, jit_options=jit, entity_maps=maps)
         residual = bulk + contact_form
         self.options = {**PETSC_DEFAULTS, **solver.petsc}
         self._bcs = [fem.dirichletbc(np.zeros(3), self._held, V), *constraints(V)]
@@ -168,7 +171,8 @@ class FingerProblem:
             bcs=self._bcs,
             petsc_options_prefix=PREFIX,
             petsc_options=self.options,
-            entity_maps=self.obstacle.entity_maps,
+            jit_options=jit,
+            entity_maps=maps,
         )
         pc = self.snes.getKSP().getPC()
         if pc.getType() == "mg":
