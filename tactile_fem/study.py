@@ -336,7 +336,9 @@ class Solver(Section):
         ("bone", "nail", "cut"), description="parts that are fixed; the others deform"
     )
     first_step_mm: Positive = Field(0.05, description="first step of the press")
-    max_press_step_mm: Positive = Field(0.25, description="longest step of the press")
+    max_press_step_mm: Positive = Field(
+        0.1, description="longest step of the press; longer ones can catch the skin on an edge"
+    )
     first_slide_step_mm: Positive = Field(
         0.02, description="first step of the slide: stick turns to slip everywhere"
     )

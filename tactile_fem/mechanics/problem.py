@@ -26,8 +26,10 @@ from tactile_fem.stimulus.body import RigidBody
 from tactile_fem.study import Elastic, Polynomial, Solver, Tissue
 from tactile_fem.tissue.energies import law_of, shear_modulus, stress, young_modulus
 
+PetscOption = str | int | float | bool
 PREFIX = "tactile_"
-PETSC_DEFAULTS: dict[str, str | int | float | bool] = {
+_FROM_ENVIRONMENT: dict[str, PetscOption] = dict(PETSc.Options(PREFIX).getAll())
+PETSC_DEFAULTS: dict[str, PetscOption] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "bt",
     "snes_linesearch_order": 1,
@@ -163,17 +165,17 @@ class FingerProblem:
         maps = self.obstacle.entity_maps
         self._contact_form = fem.form(contact_form, jit_options=jit, entity_maps=maps)
         residual = bulk + contact_form
-        self.options = {**PETSC_DEFAULTS, **solver.petsc}
+        self.options = _set_options(solver.petsc)
         self._bcs = [fem.dirichletbc(np.zeros(3), self._held, V), *constraints(V)]
         self._problem = fem_petsc.NonlinearProblem(
             residual,
             self.u,
             bcs=self._bcs,
             petsc_options_prefix=PREFIX,
-            petsc_options=self.options,
             jit_options=jit,
             entity_maps=maps,
         )
+        self.snes.setFromOptions()
         pc = self.snes.getKSP().getPC()
         if pc.getType() == "mg":
             multigrid.set_up(pc, V, self._held, self.order.lines())
@@ -282,6 +284,24 @@ class FingerProblem:
         self._update(x)
         with common.Timer("tactile: jacobian"):
             fem_petsc.assemble_jacobian(snes, x, J, P, self.u, self._problem.J, None, self._bcs)
+
+
+def _set_options(wanted: dict[str, PetscOption]) -> dict[str, PetscOption]:
+    """Put defaults, then the study's options, then PETSC_OPTIONS' into PETSc's database.
+
+    They stay there, since multigrid reads its own at the first solve; those of an earlier
+    problem go. Returns what is in force.
+    """
+    database = PETSc.Options(PREFIX)
+    for name in database.getAll():
+        del database[name]
+    options = {**PETSC_DEFAULTS, **wanted, **_FROM_ENVIRONMENT}
+    for name, value in options.items():
+        database[name] = value
+    whole = PETSc.Options()
+    if not whole.hasName("options_left"):
+        whole["options_left"] = False  # a press without contact uses few of them
+    return options
 
 
 def deformation_gradient(u: Expr) -> Expr:
