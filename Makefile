@@ -7,7 +7,7 @@
 # Variables: RANKS=2 STUDY=study.toml SET="stimulus.text=EFG protocol.depth_mm=1.5"
 # RESULTS=folder PYTHON=python3 (an environment of your own that has DOLFINx).
 
-RANKS   ?= $(shell test "$$(nproc 2>/dev/null || echo 1)" -ge 2 && echo 2 || echo 1)
+RANKS   ?= $(shell test "$$(env -u OMP_NUM_THREADS nproc 2>/dev/null || echo 1)" -ge 2 && echo 2 || echo 1)
 STUDY   ?=
 SET     ?=
 RESULTS ?=
