@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_ABOVE_MM = 2.0
 
 
 @dataclass(frozen=True)
@@ -155,9 +156,17 @@ class Embossed:
     blend: float = 0.2
 
     def distance(self, points: Array) -> Distance:
-        """Return the signed distance at `points` (n, 3)."""
-        raised = self._extrusion(points)
-        return smooth_minimum(raised, HalfSpace(self.relief).distance(points), self.blend)
+        """Return the signed distance at `points` (n, 3).
+
+        Points more than `_ABOVE_MM` above the relief cannot touch it: they get the plate's.
+        """
+        whole = HalfSpace(self.relief).distance(points)
+        low = np.flatnonzero(points[:, 2] < _ABOVE_MM)
+        plate = Distance(whole.gap[low], whole.normal[low], whole.hessian[low])
+        united = smooth_minimum(self._extrusion(points[low]), plate, self.blend)
+        whole.gap[low], whole.normal[low] = united.gap, united.normal
+        whole.hessian[low] = united.hessian
+        return whole
 
     def _extrusion(self, points: Array) -> Distance:
         """Distance of ``{d <= 0, z <= 0}`` shrunk and swollen by the fillet radius."""
