@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 from cyclopts import run
 
+from tactile_fem.extrema import central_receptor
 from tactile_fem.figures import draw
 from tactile_fem.logs import ProgressDisplay, set_up
 from tactile_fem.results import Results
@@ -67,8 +68,7 @@ def tell(result) -> None:
     pressed = int(np.flatnonzero(trace.displacement_mm == 0)[-1])
     sliding = slice(pressed, None)
     normal, along = trace.force_N[sliding, 2], trace.force_N[sliding, 1]
-    central = int(np.argmin(np.linalg.norm(trace.receptors_mm[:, :2], axis=1)))
-    sed = trace.sed_kPa[sliding, central]
+    sed = trace.sed_kPa[sliding, central_receptor(trace.receptors_mm)]
     print(f"normal force at {trace.depth_mm[-1]:.2f} mm       {normal[0]:.3f} N")
     print(f"normal force in the slide     {normal.min():.3f} to {normal.max():.3f} N")
     print(f"tangential / normal at end    {-along[-1] / normal[-1]:.3f}")

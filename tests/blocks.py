@@ -6,7 +6,7 @@ from itertools import permutations
 
 import numpy as np
 
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, quadratic
 
 
 def block_mesh(x: np.ndarray, y: np.ndarray, z: np.ndarray, tissue_of_row: list[str]) -> FingerMesh:
@@ -40,36 +40,11 @@ def block_mesh(x: np.ndarray, y: np.ndarray, z: np.ndarray, tissue_of_row: list[
             on = np.all(np.isclose(corners[f, 2], height), axis=1)
             triangles.append(f[on])
             surface.append(np.full(on.sum(), SURFACES[tag]))
-    return _with_midpoints(
-        corners,
-        linear,
+    nodes, tets10, triangles6 = quadratic(corners, linear, np.concatenate(triangles))
+    return FingerMesh(
+        nodes,
+        tets10,
         np.array(tissue, dtype=np.int32),
-        np.concatenate(triangles),
+        triangles6,
         np.concatenate(surface).astype(np.int32),
     )
-
-
-def _with_midpoints(
-    corners: np.ndarray,
-    tets: np.ndarray,
-    tissue: np.ndarray,
-    triangles: np.ndarray,
-    surface: np.ndarray,
-) -> FingerMesh:
-    tet_edges = [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)]
-    triangle_edges = [(0, 1), (1, 2), (0, 2)]
-    number: dict[tuple[int, int], int] = {}
-    points = list(corners)
-
-    def middle(a: int, b: int) -> int:
-        key = (min(a, b), max(a, b))
-        if key not in number:
-            number[key] = len(points)
-            points.append((corners[a] + corners[b]) / 2)
-        return number[key]
-
-    tets10 = np.array([[*t, *(middle(t[a], t[b]) for a, b in tet_edges)] for t in tets])
-    triangles6 = np.array(
-        [[*t, *(middle(t[a], t[b]) for a, b in triangle_edges)] for t in triangles]
-    )
-    return FingerMesh(np.array(points), tets10, tissue, triangles6, surface)

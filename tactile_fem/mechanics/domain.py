@@ -15,7 +15,7 @@ from dolfinx.io.gmsh import cell_perm_array
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMesh
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,8 @@ def _lines(finger: FingerMesh) -> np.ndarray:
 
 def _is_straight(finger: FingerMesh) -> bool:
     """Tell whether every mid-node halves its edge."""
-    edges = [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)]
     points = finger.nodes[finger.tets]
-    middle = np.stack([(points[:, a] + points[:, b]) / 2 for a, b in edges], axis=1)
+    middle = points[:, TET_EDGES].mean(axis=2)
     return bool(np.abs(points[:, 4:] - middle).max() < 1e-9)
 
 

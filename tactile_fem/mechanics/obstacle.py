@@ -89,10 +89,6 @@ class Obstacle:
         u0 = displacement.eval(self._parent, self._entities)
         self._base.x.array[: u0.size] = u0.ravel()
 
-    def least_gap(self) -> float:
-        """Return the least signed distance over this rank's contact points, in mm."""
-        return float(self._gap.x.array.min(initial=np.inf))
-
 
 def _cells_and_local_facets(
     parent: mesh.Mesh, entity_map: mesh.EntityMap, submesh: mesh.Mesh
