@@ -25,7 +25,16 @@ from tactile_fem.study import Study
 from tactile_fem.together import on_root
 from tactile_fem.trace import Histories, Trace
 
-_TIMERS = ("solve", "jacobian", "residual", "obstacle", "load", "probe")
+_TIMERS = (
+    "solve",
+    "jacobian",
+    "residual",
+    "obstacle",
+    "preconditioner",
+    "load",
+    "probe",
+    "output",
+)
 
 
 class Recorder:
@@ -86,7 +95,8 @@ class Recorder:
                 u_before=before,
             )
 
-        on_root(self._comm, write)
+        with common.Timer("tactile: output"):
+            on_root(self._comm, write)
 
     def _field_due(self, step: Step) -> bool:
         """Tell whether a field is due: at the end of the press, then at equal slides."""
@@ -139,7 +149,7 @@ class Recorder:
             "mesh": {
                 "hash": self._mesh_hash,
                 "tetrahedra": self._cells,
-                "unknowns": 3 * self._problem.u.function_space.dofmap.index_map.size_global,
+                "unknowns": self._problem.unknowns,
             },
             "ranks": self._comm.size,
             "petsc_options": self._problem.options,

@@ -16,6 +16,7 @@ from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.logs import log_to
 from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.estimate import announce
 from tactile_fem.mechanics.march import March, Step
 from tactile_fem.mechanics.probe import Probe
 from tactile_fem.mechanics.problem import FingerProblem
@@ -145,10 +146,12 @@ def _run(
         logger.info(
             "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
             len(domain.file_cells),
-            3 * problem.u.function_space.dofmap.index_map.size_global,
+            problem.unknowns,
             len(positions),
             comm.size,
         )
+        if not proceed:
+            announce(study, problem.unknowns, comm)
         probe = Probe(problem, scene.samples, len(positions), study.receptors.side)
         deepest = _DEEPEST * study.finger.pad_thickness_mm
         march = March(problem, study.protocol, study.solver, deepest)
@@ -170,6 +173,8 @@ def _run(
                     moment_Nmm=step.load.moment_Nmm,
                     imbalance_N=step.load.imbalance_N,
                     newton_iterations=step.newton_iterations,
+                    linear_iterations=step.linear_iterations,
+                    wall_s=step.wall_s,
                     sed_kPa=feeling.sed_kPa,
                     von_mises_kPa=feeling.von_mises_kPa,
                     stretches=feeling.stretches,

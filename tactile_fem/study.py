@@ -279,7 +279,7 @@ class Protocol(Section):
     press_speed_mm_s: Positive = Field(20.0, description="proposed: speed of the indentation")
     speed_mm_s: Positive = Field(20.0, description="paper: speed of the slide")
     distance_mm: NonNegative = Field(10.0, description="paper: length of the slide")
-    output_mm: Positive = Field(0.2, description="slide positions that are hit exactly")
+    output_mm: Positive = Field(0.1, description="slide positions that are hit exactly")
 
 
 class Receptors(Section):
@@ -328,6 +328,9 @@ class Solver(Section):
     nitsche_theta: Literal[-1, 0, 1] = Field(
         0, description="0 incomplete, the robust one; 1 symmetric, -1 skew"
     )
+    contact_width_MPa: NonNegative = Field(
+        0.005, description="pressure over which contact sets in smoothly; 0 is a kink"
+    )
     bulk_degree: Annotated[Whole, Field(ge=1, le=12)] = Field(3, description="quadrature degree")
     contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
         10, description="quadrature degree"
@@ -347,6 +350,9 @@ class Solver(Section):
     compiler_flags: tuple[str, ...] = Field(
         ("-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"),
         description="C flags for the compiled forms; none leaves DOLFINx's own",
+    )
+    linear: Literal["multigrid", "direct"] = Field(
+        "multigrid", description="linear solver; direct (MUMPS) needs much more time and memory"
     )
     petsc: dict[str, str | int | float | bool] = Field(
         default_factory=dict, description="PETSc options without the prefix tactile_"

@@ -22,8 +22,8 @@ class Trace:
         the clock starts with the indentation.
     stimulator_mm, force_N, moment_Nmm
         (steps, 3); force and moment (about the origin) act on the finger.
-    imbalance_N, newton_iterations
-        (steps,): contact force against held reaction; Newton's work.
+    imbalance_N, newton_iterations, linear_iterations, wall_s
+        (steps,): contact force against held reaction; what the step cost.
     receptors_mm
         (receptors, 3).
     sed_kPa, von_mises_kPa, stretches
@@ -39,6 +39,8 @@ class Trace:
     moment_Nmm: Array
     imbalance_N: Array
     newton_iterations: Array
+    linear_iterations: Array
+    wall_s: Array
     receptors_mm: Array
     sed_kPa: Array
     von_mises_kPa: Array
@@ -70,6 +72,8 @@ class Histories:
             "moment_Nmm": [np.zeros(3)],
             "imbalance_N": [0.0],
             "newton_iterations": [0],
+            "linear_iterations": [0],
+            "wall_s": [0.0],
             "sed_kPa": [np.zeros(count)],
             "von_mises_kPa": [np.zeros(count)],
             "stretches": [np.ones((count, 3))],

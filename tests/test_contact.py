@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+import ufl
 from scipy.optimize import fsolve
 
 from tactile_fem import backend  # noqa: F401
@@ -15,6 +17,7 @@ from mpi4py import MPI  # isort: skip
 from blocks import block_mesh
 from dolfinx import fem, mesh
 
+from tactile_fem.mechanics.contact import smooth_positive
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.stimulus import make_body
@@ -22,7 +25,7 @@ from tactile_fem.study import Plate, Solver, Sphere, Tissue
 
 LAYERS = ["stratum_corneum", "epidermis", "dermis", "subcutaneous"]
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0])
-DIRECT = {"pc_type": "lu", "pc_factor_mat_solver_type": "mumps", "ksp_rtol": 1e-12}
+EXACT = {"snes_atol": 1e-11}
 ELASTIC = Tissue.model_validate({"viscous_time_s": 0.0})
 
 
@@ -33,7 +36,7 @@ def block(width: float = 3.0, count: int = 3):
 
 
 def problem(body, *, tissue=ELASTIC, constraints=lambda V: [], domain=None, **solver):
-    settings = Solver(held=("cut",), petsc=DIRECT, **solver)
+    settings = Solver(held=("cut",), linear="direct", petsc=EXACT, **solver)
     return FingerProblem(
         domain or block(), tissue, make_body(body), body.friction, settings, constraints
     )
@@ -83,7 +86,9 @@ def test_patch_of_four_layers_is_exact(theta):
 
     stretch, _, ok, _ = fsolve(balance, np.full(4, 0.9), xtol=1e-13, full_output=True)
     assert ok == 1
-    contact = problem(Plate(friction=0.0), constraints=rollers, nitsche_theta=theta)
+    contact = problem(
+        Plate(friction=0.0), constraints=rollers, nitsche_theta=theta, contact_width_MPa=0
+    )
     load = pressed(contact, (0, 0, depth / 2), (0, 0, depth))
     heights = np.interp(
         contact.u.function_space.tabulate_dof_coordinates()[:, 2],
@@ -139,7 +144,7 @@ def test_tangent_is_the_derivative_of_the_residual(state, theta):
 
 def test_newton_converges_quadratically_on_a_fixed_contact_set():
     """A large ball over the whole face: the contact set cannot change."""
-    contact = problem(Sphere(radius_mm=60.0, friction=0.0))
+    contact = problem(Sphere(radius_mm=60.0, friction=0.0), contact_width_MPa=0)
     pressed(contact, *((0, 0, depth) for depth in (0.1, 0.2, 0.3, 0.4, 0.5)))
     contact.snes.setConvergenceHistory()
     pressed(contact, (0, 0, 0.8))
@@ -186,3 +191,44 @@ def test_no_contact_no_force():
     contact = problem(Sphere(radius_mm=4.0))
     assert np.all(pressed(contact, (0, 0, -0.5)).force_N == 0)
     assert np.all(contact.u.x.array == 0)
+
+
+@pytest.mark.parametrize("x", [-30.0, -1.0, -0.1, 0.0, 0.03, 0.1, 0.5])
+def test_contact_sets_in_smoothly_and_not_far_away(x):
+    width, step = 0.1, 1e-6
+
+    def value(at):
+        return smooth_positive(ufl.as_ufl(at), width)(())
+
+    exact = (x + np.hypot(x, width)) / 2 - width / 1000
+    assert value(x) == pytest.approx(max(exact, 0.0), abs=1e-12)
+    assert abs(value(x) - max(x, 0.0)) <= width / 2
+    assert value(-251 * width) == 0.0
+    assert -1e-9 <= (value(x + step) - value(x)) / step <= 1 + 1e-6
+
+
+def test_the_width_of_contact_hardly_changes_the_force():
+    forces = []
+    for width in (0.0, Solver().contact_width_MPa):
+        contact = problem(Sphere(radius_mm=4.0, friction=0.3), contact_width_MPa=width)
+        forces.append(pressed(contact, (0, 0, 0.2), (0, 0, 0.4), (0, -0.1, 0.4)).force_N)
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-3, atol=1e-6)
+
+
+def test_where_newton_fails_contact_sets_in_more_gently_first(monkeypatch):
+    contact = problem(Plate(friction=0.3))
+    newton, widths = contact._newton, []
+
+    def fail_at_first():
+        widths.append(float(contact._width.value))
+        report = newton()
+        return replace(report, converged=False) if len(widths) == 1 else report
+
+    monkeypatch.setattr(contact, "_newton", fail_at_first)
+    report = contact.solve(np.array([0, 0, 0.1]), 0.01)
+    width = Solver().contact_width_MPa
+    assert report.converged
+    assert widths == pytest.approx([width, 4 * width, width])
+    assert report.iterations > contact.snes.getIterationNumber() > 0
+    plain = pressed(problem(Plate(friction=0.3)), (0, 0, 0.1))
+    np.testing.assert_allclose(contact.load().force_N, plain.force_N, rtol=1e-7, atol=1e-9)

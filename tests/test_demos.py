@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -9,11 +10,16 @@ from pathlib import Path
 
 import pytest
 
+from tactile_fem import ranks
+
 DEMOS = Path(__file__).resolve().parents[1] / "demos"
 
 
 def run(name: str, *arguments: str) -> str:
-    command = [sys.executable, str(DEMOS / name), *arguments]
+    return run_command(sys.executable, str(DEMOS / name), *arguments)
+
+
+def run_command(*command: str) -> str:
     finished = subprocess.run(command, check=True, capture_output=True, text=True)
     return finished.stdout
 
@@ -41,6 +47,40 @@ def test_flat_plate(tmp_path):
     assert (tmp_path / "plate.png").is_file()
 
 
+@pytest.mark.slow
+def test_cost(tmp_path):
+    sizes = ["--sizes", "3.0,6.0", "--sizes", "2.2,5.0"]
+    way = ["--ranks", "1", "--depth", "0.15", "--distance", "0"]
+    told = run("benchmarks/cost.py", str(tmp_path), *sizes, *way)
+    assert 0.2 < number(r"seconds grow with unknowns\^([\d.]+)", told) < 3
+    rows = json.loads((tmp_path / "costs.json").read_text())
+    assert [row["ranks"] for row in rows] == [1, 1]
+    assert rows[1]["unknowns"] > rows[0]["unknowns"] > 3000
+    for row in rows:
+        assert row["linear"] >= row["newton"] > 0 and row["force_N"] > 0
+        assert 0 < row["assembly_s"] + row["linear_s"] + row["set_up_s"] < row["seconds"]
+
+
+@pytest.mark.slow
+def test_hard_states(tmp_path):
+    few = ["--moments", "first touch", "--steps", "1"]
+    strategies = ["--strategies", "default", "--strategies", "secant (l2)"]
+    told = run("benchmarks/hard_states.py", str(tmp_path), *few, *strategies)
+    rows = [line.split() for line in told.splitlines() if "first touch" in line]
+    assert len(rows) == 2
+    assert all(row[-6] == "1" and row[-5] == "0" for row in rows)  # one step, no failure
+    assert (tmp_path / "strategies.csv").is_file()
+
+
+@pytest.mark.mpi
+def test_partition():
+    script = str(DEMOS / "benchmarks/partition.py")
+    told = run_command(ranks.launcher(), "-n", "3", sys.executable, script)
+    cells = re.search(r"cells +(\d+) +([\d.]+) +(\d+)", told)
+    assert cells and float(cells[2]) * 3 == pytest.approx(8576, abs=1)
+    assert number(r"lines cut +(\d+)", told) >= 0
+
+
 def test_every_demo_is_tested():
-    tested = set(re.findall(r'run\("(\w+\.py)"', Path(__file__).read_text()))
-    assert tested == {path.name for path in DEMOS.glob("**/*.py")}
+    tested = set(re.findall(r'"((?:\w+/)?\w+\.py)"', Path(__file__).read_text()))
+    assert tested == {str(path.relative_to(DEMOS)) for path in DEMOS.glob("**/*.py")}

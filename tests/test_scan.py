@@ -64,6 +64,8 @@ def test_a_scan_presses_slides_feels_and_keeps(finished, study):
     # The plate drags the skin its own way, towards the palm.
     assert trace.force_N[-1, 1] < -0.1 * trace.force_N[-1, 2]
     assert np.all(trace.imbalance_N < 1e-5)
+    assert np.all(trace.linear_iterations >= trace.newton_iterations)
+    assert trace.newton_iterations.sum() > 20 and np.all(trace.wall_s[1:] > 0)
     assert trace.sed_kPa.shape == (len(trace.time_s), 5)
     assert np.all(trace.sed_kPa[0] == 0)
     assert trace.sed_kPa[-1].max() > 1e-4

@@ -4,7 +4,7 @@ After Chouly, Mlika and Renard (Numer. Math. 2018) on Nitsche's method for large
 frictional contact, for one deformable body. With the Piola traction ``t = P N`` on the finger,
 the obstacle's outward normal `nu`, ``p = t.nu`` (compression positive) and ``t_t = t - p nu``:
 
-    s_n = [p - gamma_h g]_+                                 non-penetration
+    s_n = [p - gamma_h g]_+                                 non-penetration, smoothed
     s_t = Coulomb(t_t - gamma_h slip; mu s_n)               friction
     residual -= Int s.v + theta/gamma_h (t - s).Dt[v] dA,   s = s_n nu + s_t
 """
@@ -20,6 +20,17 @@ from tactile_fem.mechanics.obstacle import Obstacle
 
 # Keeps the friction law differentiable where neither pressure nor slip acts, in MPa.
 _TINY_MPa = 1e-12
+
+
+def smooth_positive(x: Expr, width: Expr | float) -> Expr:
+    """Return ``[x]_+`` with its kink rounded over the pressure `width`.
+
+    In the gap that is ``width/gamma_h``, less than a micrometre: too little for the result, but
+    it lets Newton's method settle where points of the skin open and close. Pulled down by a
+    thousandth of the width it is zero, not only small, where the skin is far from the body.
+    """
+    rounded = (x + ufl.sqrt(x**2 + width**2 + _TINY_MPa**2)) / 2
+    return ufl.max_value(rounded - width / 1000, 0.0)
 
 
 def smooth_coulomb(q: Expr, bound: Expr) -> Expr:
@@ -44,6 +55,8 @@ class Contact:
         Coulomb's coefficient.
     stiffness
         ``gamma_h`` in MPa/mm.
+    width
+        Pressure over which contact sets in, in MPa.
     theta
         0 incomplete, 1 symmetric, -1 skew-symmetric Nitsche.
     """
@@ -51,13 +64,14 @@ class Contact:
     obstacle: Obstacle
     friction: Expr | float
     stiffness: Expr | float
+    width: Expr | float
     theta: int = 0
 
     def traction(self, t: Expr, u: Expr, u_old: Expr) -> Expr:
         """Return the contact traction `s` on the finger, given its Piola traction `t`."""
         nu, g = self.obstacle.normal, self.obstacle.gap
         p = ufl.dot(t, nu)
-        s_n = ufl.max_value(p - self.stiffness * g, 0.0)
+        s_n = smooth_positive(p - self.stiffness * g, self.width)
         motion = (u - u_old) - (self.obstacle.translation - self.obstacle.translation_old)
         slip = motion - ufl.dot(motion, nu) * nu
         s_t = smooth_coulomb(t - p * nu - self.stiffness * slip, self.friction * s_n)

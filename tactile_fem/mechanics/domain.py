@@ -150,6 +150,10 @@ def _tags(
     return tags
 
 
+# Larger groups (unstructured meshes) fall apart into single nodes.
+_LONGEST_LINE = 24
+
+
 class NodeOrder:
     """Carries nodal vectors between a P2 space and the file's node order.
 
@@ -162,6 +166,7 @@ class NodeOrder:
         distance, self._file = cKDTree(domain.nodes).query(points)
         if len(distance) and distance.max() > 1e-6:
             raise MeshError("mesh: a P2 node is not a node of the file; 10-node tetrahedra needed")
+        self._space = space
         self._owned = space.dofmap.index_map.size_local
         self._count = len(domain.nodes)
         self._held = domain.held
@@ -172,9 +177,29 @@ class NodeOrder:
         """Return this rank's dofs (blocks, ghosts included) of the held nodes."""
         return np.flatnonzero(self._held[self._file]).astype(np.int32)
 
-    def lines(self) -> np.ndarray:
-        """Return the line number of each of this rank's blocks, ghosts included."""
-        return self._line[self._file]
+    def blocks(self) -> list[np.ndarray]:
+        """Return the lines of nodes through the skin's layers that this rank has to care for.
+
+        Every node of the mesh is in one line of one rank, deeper nodes in a line of their own; a
+        line belongs to the rank that owns its node on the skin, wherever its other nodes are.
+
+        Returns
+        -------
+        Global block indices, one array (lines, length) for each length.
+        """
+        index_map = self._space.dofmap.index_map
+        number, owner = np.zeros((2, self._count), dtype=np.int64)
+        owned = self._file[: self._owned]
+        number[owned] = index_map.local_range[0] + np.arange(self._owned)
+        owner[owned] = self._comm.rank
+        self._comm.Allreduce(MPI.IN_PLACE, number)
+        self._comm.Allreduce(MPI.IN_PLACE, owner)
+        present = np.zeros(self._count, dtype=bool)
+        present[owned] = True
+        self._comm.Allreduce(MPI.IN_PLACE, present, MPI.LOR)
+        head = np.where(self._line >= 0, self._line, np.arange(self._count))
+        mine = np.flatnonzero(present & (owner[head] == self._comm.rank))
+        return [number[mine[group]] for group in _groups(self._line[mine])]
 
     def gather(self, u: fem.Function) -> np.ndarray:
         """Return the nodal vectors (n, 3) in file order, on every rank."""
@@ -186,3 +211,16 @@ class NodeOrder:
     def scatter(self, values: np.ndarray, u: fem.Function) -> None:
         """Set `u` from nodal vectors (n, 3) in file order."""
         u.x.array[:] = values[self._file].ravel()
+
+
+def _groups(line: np.ndarray) -> list[np.ndarray]:
+    """Return the nodes of equally long lines as arrays (lines, length)."""
+    numbers, inverse, count = np.unique(line, return_inverse=True, return_counts=True)
+    single = (numbers[inverse] < 0) | (count[inverse] > _LONGEST_LINE)
+    groups = [np.flatnonzero(single)[:, None]]
+    order = np.argsort(line, kind="stable")
+    length = count[inverse]
+    for size in np.unique(length[~single]):
+        chosen = order[(length[order] == size) & ~single[order]]
+        groups.append(chosen.reshape(-1, size))
+    return [group for group in groups if group.size]

@@ -33,24 +33,32 @@ class Step:
     ----------
     phase
         "press" or "slide".
+    size_mm
+        How far the body moved.
     clock_s
         Time since the start of the indentation.
     translation_mm
         Place of the body relative to where it touches the undeformed pad's apex, (3,).
+    failed
+        Solves that failed on the way to this step and were cut.
     milestone
         Whether the protocol asked for output here.
     fraction
         Share of the protocol's path that is done.
+    wall_s
+        What the step took, failed tries included.
     """
 
     index: int
     phase: Phase
     displacement_mm: float
     depth_mm: float
+    size_mm: float
     clock_s: float
     translation_mm: np.ndarray
     load: Load
     solve: SolveReport
+    failed: tuple[SolveReport, ...]
     milestone: bool
     fraction: float
     wall_s: float
@@ -62,8 +70,13 @@ class Step:
 
     @property
     def newton_iterations(self) -> int:
-        """Newton iterations of the step."""
-        return self.solve.iterations
+        """Newton iterations of the step, failed tries included."""
+        return sum(report.iterations for report in (*self.failed, self.solve))
+
+    @property
+    def linear_iterations(self) -> int:
+        """Iterations of the linear solver in all of them."""
+        return sum(report.linear_iterations for report in (*self.failed, self.solve))
 
 
 class March:
@@ -97,6 +110,8 @@ class March:
         self._force = 0.0
         self._u_before = problem.u.x.array.copy()
         self._last_step = 0.0
+        self._failed: list[SolveReport] = []
+        self._started = 0.0
 
     def __iter__(self) -> Iterator[Step]:
         """Yield each accepted step until the protocol ends.
@@ -116,6 +131,8 @@ class March:
                 self._last_step = 0.0
                 if self._control.finished:
                     return
+            if not self._failed:
+                self._started = time.perf_counter()
             step = self._try_step()
             if step is not None:
                 yield step
@@ -134,7 +151,6 @@ class March:
 
     def _try_step(self) -> Step | None:
         """Solve for the next position; return the accepted step, or None if it was cut."""
-        started = time.perf_counter()
         control, problem = self._control, self.problem
         target = control.target_mm()
         size = target - control.position_mm
@@ -150,6 +166,7 @@ class March:
         _check_balance(load)
         if pressing and p.force_N is not None and not self._fits_force(target, load, p.force_N):
             return None
+        failed, self._failed = tuple(self._failed), []
         self._u_before[:] = problem.u_old.x.array
         self._last_step = size
         problem.accept()
@@ -166,13 +183,15 @@ class March:
             self._phase,
             0.0 if pressing else target,
             self._depth,
+            size,
             self._clock,
             self._translation(target),
             load,
             report,
+            failed,
             control.at_milestone,
             self._fraction(),
-            time.perf_counter() - started,
+            time.perf_counter() - self._started,
         )
 
     def _translation(self, position: float) -> np.ndarray:
@@ -187,6 +206,7 @@ class March:
             u += (size / self._last_step) * (old - self._u_before)
 
     def _cut(self, target: float, report: SolveReport) -> None:
+        self._failed.append(report)
         self.problem.u.x.array[:] = self.problem.u_old.x.array
         logger.info(
             "%s to %.4f mm failed after %d iterations (%s): step halved",

@@ -12,111 +12,136 @@ from petsc4py import PETSc
 
 import numpy as np
 import scipy.sparse
-from dolfinx import fem
+from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
-
-# Larger groups (unstructured meshes) fall apart into single nodes.
-_LONGEST_LINE = 24
 
 MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "pc_type": "mg",
     "pc_mg_levels": 2,
-    "pc_mg_galerkin": "both",
+    "pc_mg_galerkin": "none",  # `TwoLevel` makes the coarse operator
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_ksp_max_it": 3,
     "mg_levels_ksp_chebyshev_esteig": "0,0.1,0,1.1",
     "mg_levels_pc_type": "python",
-    # The coarse problem is small: solved on each rank it needs no waiting for the others.
-    "mg_coarse_pc_type": "redundant",
-    "mg_coarse_redundant_pc_type": "lu",
-    "mg_coarse_redundant_pc_factor_mat_solver_type": "mumps",
-    "mg_coarse_redundant_mat_mumps_icntl_24": 1,
+    "mg_coarse_pc_type": "lu",
+    "mg_coarse_pc_factor_mat_solver_type": "mumps",
+    "mg_coarse_mat_mumps_icntl_24": 1,  # the held nodes' rows are empty
 }
 
+# Setting up costs as much as twenty iterations: worth it where solves have become slow.
+_FEW_ITERATIONS = 10
 
-def set_up(pc: PETSc.PC, fine: fem.FunctionSpace, held: np.ndarray, line: np.ndarray) -> None:
-    """Give PETSc's multigrid its interpolation and its smoother.
+
+class TwoLevel:
+    """Coarse operator and smoother for PETSc's multigrid.
 
     Parameters
     ----------
-    pc
-        Preconditioner of type "mg" with two levels.
+    snes
+        Solver whose preconditioner is of type "mg".
     fine
         The P2 space.
     held
         Blocks (ghosts included) that do not move: nothing is interpolated onto them.
-    line
-        Number of the vertical line of each block of `fine`, -1 for none.
+    lines
+        This rank's lines of blocks, see `NodeOrder.blocks`.
     """
-    coarse = fem.functionspace(fine.mesh, ("Lagrange", 1, (3,)))
-    interpolation = fem_petsc.interpolation_matrix(coarse, fine)
-    interpolation.assemble()
-    owned = fine.dofmap.index_map.size_local
-    rows = 3 * held[held < owned][:, None] + np.arange(3)
-    first = interpolation.getOwnershipRange()[0]
-    interpolation.zeroRows((rows.ravel() + first).astype(np.int32), diag=0.0)
-    pc.setMGLevels(2)
-    pc.setMGInterpolation(1, interpolation)
-    smoother = pc.getMGSmoother(1).getPC()
-    smoother.setType("python")
-    smoother.setPythonContext(LineJacobi(line[:owned]))
+
+    def __init__(
+        self,
+        snes: PETSc.SNES,
+        fine: fem.FunctionSpace,
+        held: np.ndarray,
+        lines: list[np.ndarray],
+    ) -> None:
+        coarse = fem.functionspace(fine.mesh, ("Lagrange", 1, (3,)))
+        interpolation = fem_petsc.interpolation_matrix(coarse, fine)
+        interpolation.assemble()
+        owned = fine.dofmap.index_map.size_local
+        rows = 3 * held[held < owned][:, None] + np.arange(3)
+        first = interpolation.getOwnershipRange()[0]
+        interpolation.zeroRows((rows.ravel() + first).astype(np.int32), diag=0.0)
+        self._snes = snes
+        pc = snes.getKSP().getPC()
+        pc.setMGLevels(2)
+        pc.setMGInterpolation(1, interpolation)
+        self._interpolation = interpolation
+        self._smoother = LineJacobi(lines, interpolation.createVecLeft())
+        smoother = pc.getMGSmoother(1).getPC()
+        smoother.setType("python")
+        smoother.setPythonContext(self._smoother)
+        self._fine = PETSc.Mat()  # the Jacobian in the one format that gives its entries
+        self._coarse: PETSc.Mat | None = None
+
+    def follow(self, jacobian: PETSc.Mat) -> None:
+        """Take over a new Jacobian, unless what an earlier one of this solve gave still serves.
+
+        A solve begins anew, so that a resumed scan does what an uninterrupted one does.
+        """
+        spent = self._snes.getKSP().getIterationNumber()
+        if self._snes.getIterationNumber() > 0 and spent <= _FEW_ITERATIONS:
+            return
+        with common.Timer("tactile: preconditioner"):
+            jacobian.convert("aij", out=self._fine)
+            self._coarse = self._fine.ptap(self._interpolation, self._coarse)
+            self._snes.getKSP().getPC().getMGCoarseSolve().setOperators(self._coarse)
+            self._smoother.invert(self._fine)
 
 
 class LineJacobi:
     """Block Jacobi over lines of nodes, a preconditioner for PETSc's Python type.
 
+    A line is inverted whole by one rank also where the partition cuts it, so that iterations do
+    not depend on the number of ranks.
+
     Parameters
     ----------
-    line
-        Number of the line of each owned node, -1 for a block of its own.
+    lines
+        This rank's lines: global block indices, one array (lines, length) for each length.
+    like
+        A vector of the matrix's rows.
     """
 
-    def __init__(self, line: np.ndarray) -> None:
-        self._blocks = [3 * nodes[..., None] + np.arange(3) for nodes in _groups(line)]
-        self._blocks = [block.reshape(len(block), -1) for block in self._blocks]
+    def __init__(self, lines: list[np.ndarray], like: PETSc.Vec) -> None:
+        wanted = np.concatenate([nodes.ravel() for nodes in lines]).astype(np.int32)
+        self._rows = PETSc.IS().createBlock(3, wanted, comm=like.comm)
+        self._given = PETSc.Vec().createSeq(3 * len(wanted))
+        self._result = self._given.duplicate()
+        self._scatter = PETSc.Scatter().create(like, self._rows, self._given, None)
+        ends = np.cumsum([3 * nodes.size for nodes in lines])
+        self._spans = [(end - 3 * nodes.size, end) for end, nodes in zip(ends, lines, strict=True)]
+        self._sizes = [3 * nodes.shape[1] for nodes in lines]
+        self._parts: list[PETSc.Mat] | None = None
         self._positions: list[np.ndarray] = []
         self._inverses: list[np.ndarray] = []
-        self._entries = -1
 
-    def setUp(self, pc: PETSc.PC) -> None:
-        """Invert the blocks of the rank's diagonal block."""
-        matrix = pc.getOperators()[1].getDiagonalBlock()
-        starts, columns, values = matrix.getValuesCSR()
-        if len(values) != self._entries:
-            self._locate(starts, columns, matrix.getSize())
-            self._entries = len(values)
+    def invert(self, matrix: PETSc.Mat) -> None:
+        """Invert the blocks of `matrix`, of PETSc's AIJ format."""
+        self._parts = matrix.createSubMatrices(self._rows, submats=self._parts)
+        starts, columns, values = self._parts[0].getValuesCSR()
+        if not self._positions:
+            self._locate(starts, columns)
         padded = np.append(values, 0.0)
         self._inverses = [np.linalg.inv(padded[position]) for position in self._positions]
 
-    def _locate(self, starts: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> None:
+    def _locate(self, starts: np.ndarray, columns: np.ndarray) -> None:
         """Find where the blocks' entries stand among the matrix's values."""
         number = np.arange(1, len(columns) + 1)
-        order = scipy.sparse.csr_array((number, columns, starts), shape=shape)
-        self._positions = []
-        for block in self._blocks:
-            rows = np.broadcast_to(block[:, :, None], (*block.shape, block.shape[1]))
-            cols = np.broadcast_to(block[:, None, :], rows.shape)
-            found = order[rows.ravel(), cols.ravel()]
+        size = len(starts) - 1
+        order = scipy.sparse.csr_array((number, columns, starts), shape=(size, size))
+        for (first, end), length in zip(self._spans, self._sizes, strict=True):
+            block = np.arange(first, end).reshape(-1, length)
+            rows = np.broadcast_to(block[:, :, None], (*block.shape, length))
+            found = order[rows.ravel(), np.swapaxes(rows, 1, 2).ravel()]
             found = np.asarray(found.todense() if hasattr(found, "todense") else found)
             self._positions.append(found.reshape(rows.shape) - 1)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set ``y`` to the block-diagonal inverse times ``x``."""
         del pc
-        given = x.getArray(readonly=True)
-        result = y.getArray()
-        for block, inverse in zip(self._blocks, self._inverses, strict=True):
-            result[block] = (inverse @ given[block][..., None])[..., 0]
-
-
-def _groups(line: np.ndarray) -> list[np.ndarray]:
-    """Return the nodes of equally long lines as arrays (lines, length)."""
-    numbers, inverse, count = np.unique(line, return_inverse=True, return_counts=True)
-    single = (numbers[inverse] < 0) | (count[inverse] > _LONGEST_LINE)
-    groups = [np.flatnonzero(single)[:, None]]
-    order = np.argsort(line, kind="stable")
-    length = count[inverse]
-    for size in np.unique(length[~single]):
-        chosen = order[(length[order] == size) & ~single[order]]
-        groups.append(chosen.reshape(-1, size))
-    return [group for group in groups if group.size]
+        self._scatter.scatter(x, self._given)
+        given, result = self._given.array_r, self._result.array_w
+        for (first, end), inverse in zip(self._spans, self._inverses, strict=True):
+            block = given[first:end].reshape(len(inverse), -1, 1)
+            result[first:end] = (inverse @ block).ravel()
+        self._scatter.scatter(self._result, y, mode=PETSc.ScatterMode.REVERSE)

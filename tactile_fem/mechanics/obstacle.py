@@ -48,6 +48,7 @@ class Obstacle:
         parent = u.function_space.mesh
         self.body = body
         self.u = u
+        self._at = np.empty(0)
         self.translation = fem.Constant(parent, np.zeros(3))
         self.translation_old = fem.Constant(parent, np.zeros(3))
         submesh, entity_map = mesh.create_submesh(parent, 2, facets)[:2]
@@ -78,8 +79,10 @@ class Obstacle:
 
     def refresh(self) -> None:
         """Expand the signed distance anew at the current displacement."""
-        if not len(self._entities):
+        at = np.append(self.u.x.array, self.translation.value)
+        if not len(self._entities) or np.array_equal(at, self._at):
             return
+        self._at = at
         position, displacement = self._evaluate
         y = position.eval(self._parent, self._entities).reshape(-1, 3)
         d = self.body.distance(y - self.translation.value)

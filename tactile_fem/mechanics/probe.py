@@ -15,7 +15,8 @@ from dolfinx import common, fem
 from dolfinx.mesh import entities_to_geometry
 
 from tactile_fem.finger.mesh_data import TISSUES
-from tactile_fem.mechanics.problem import FingerProblem, deformation_gradient
+from tactile_fem.mechanics.elasticity import deformation_gradient
+from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.receptors import Samples
 from tactile_fem.tissue.energies import law_of, stress
 
@@ -50,8 +51,8 @@ class Probe:
         self._comm = problem.domain.comm
         self._mesh = problem.domain.mesh
         F = deformation_gradient(problem.u)
-        W = problem.energy(tissue)
-        P = stress(law_of(problem.constants(tissue)), F)
+        W = problem.elasticity.energy(tissue)
+        P = stress(law_of(problem.elasticity.constants(tissue)), F)
         sigma = P * F.T / ufl.det(F)
         deviator = ufl.dev(sigma)
         von_mises = ufl.sqrt(1.5 * ufl.inner(deviator, deviator) + 1e-30)
@@ -122,7 +123,7 @@ class CellEnergy:
             cells = domain.tissue.find(tag)
             cells = cells[cells < len(owned)]
             if domain.comm.allreduce(len(cells)):
-                expression = fem.Expression(problem.energy(name), points)
+                expression = fem.Expression(problem.elasticity.energy(name), points)
                 self._parts.append((expression, cells, owned[cells]))
 
     def gather(self) -> np.ndarray:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -15,48 +15,39 @@ from dolfinx.fem import petsc as fem_petsc
 from ufl.core.expr import Expr
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES
+from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.mechanics import multigrid
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.contact import Contact
 from tactile_fem.mechanics.domain import Domain, NodeOrder
-from tactile_fem.mechanics.multigrid import MULTIGRID_OPTIONS
+from tactile_fem.mechanics.elasticity import Elasticity, everywhere, name_of
 from tactile_fem.mechanics.obstacle import Obstacle
+from tactile_fem.mechanics.petsc_options import PREFIX, set_options
 from tactile_fem.stimulus.body import RigidBody
-from tactile_fem.study import Elastic, Polynomial, Solver, Tissue
-from tactile_fem.tissue.energies import law_of, shear_modulus, stress, young_modulus
+from tactile_fem.study import Solver, Tissue
+from tactile_fem.tissue.energies import young_modulus
 
-PetscOption = str | int | float | bool
-PREFIX = "tactile_"
-_FROM_ENVIRONMENT: dict[str, PetscOption] = dict(PETSc.Options(PREFIX).getAll())
-PETSC_DEFAULTS: dict[str, PetscOption] = {
-    "snes_type": "newtonls",
-    "snes_linesearch_type": "bt",
-    "snes_linesearch_order": 1,
-    "snes_atol": 1e-8,
-    "snes_rtol": 1e-14,
-    "snes_stol": 0.0,
-    "snes_max_it": 25,
-    "snes_error_if_not_converged": False,
-    "ksp_type": "fgmres",
-    "snes_ksp_ew": True,
-    "snes_ksp_ew_rtol0": 0.05,
-    "snes_ksp_ew_rtolmax": 0.05,
-    "snes_max_linear_solve_fail": 1000,
-    "ksp_max_it": 25,
-    **MULTIGRID_OPTIONS,
-}
+logger = logging.getLogger(__name__)
 
+# How much wider contact sets in where Newton's method fails.
+_GENTLER = 4.0
 
 Constraints = Callable[[fem.FunctionSpace], Sequence[fem.DirichletBC]]
 
 
 @dataclass(frozen=True)
 class SolveReport:
-    """How one nonlinear solve ended."""
+    """How one nonlinear solve ended.
+
+    Attributes
+    ----------
+    iterations, linear_iterations
+        Of Newton's method, and of the linear solver in all of them.
+    """
 
     converged: bool
     iterations: int
+    linear_iterations: int
     residual_N: float
     reason: str
 
@@ -98,6 +89,8 @@ class FingerProblem:
     ----------
     u, u_old
         Displacement (P2, mm), now and at the last accepted step.
+    elasticity
+        Stress and energy of the tissues.
     obstacle
         The rigid body and its place.
     order
@@ -120,105 +113,113 @@ class FingerProblem:
         V = fem.functionspace(msh, ("Lagrange", 2, (3,)))
         self.u = fem.Function(V, name="displacement")
         self.u_old = fem.Function(V)
-        self._tissue = tissue
-        self._rate = fem.Constant(msh, 0.0)  # viscous time over time step
-        v = ufl.TestFunction(V)
-
+        self.elasticity = Elasticity(tissue, self.u, self.u_old)
         self.order = NodeOrder(domain, V)
         self._held = self.order.held_dofs()
         if not domain.comm.allreduce(len(self._held)):
             raise MeshError(f"solver.held = {list(solver.held)}: nothing of the mesh is held")
-        skin_tags = _skin_by_tissue(domain)
-        facets = np.sort(skin_tags.indices)
-        self.obstacle = Obstacle(body, self.u, facets, solver.contact_degree)
-        dx = ufl.Measure(
-            "dx",
-            msh,
-            subdomain_data=domain.tissue,
-            metadata={"quadrature_degree": solver.bulk_degree},
-        )
-        ds = ufl.Measure(
-            "ds",
-            msh,
-            subdomain_data=skin_tags,
-            metadata={"quadrature_degree": solver.contact_degree},
-        )
-        present = domain.comm.allreduce(set(domain.tissue.values.tolist()), op=_UNION)
-        bulk = sum(
-            ufl.inner(self.stress(_name(tag)), ufl.grad(v)) * dx(tag) for tag in sorted(present)
-        )
-        contact_form = 0
-        N = ufl.FacetNormal(msh)
-        height = 3 * ufl.CellVolume(msh) / ufl.FacetArea(msh)
-        for tag in sorted(domain.comm.allreduce(set(skin_tags.values.tolist()), op=_UNION)):
-            name = _name(tag)
-            E = fem.Constant(msh, young_modulus(self.constants(name)))
-            contact = Contact(
-                self.obstacle,
-                fem.Constant(msh, friction),
-                fem.Constant(msh, solver.nitsche_gamma) * E / height,
-                solver.nitsche_theta,
-            )
-            t = self.stress(name) * N
-            contact_form += contact.residual(t, self.u, self.u_old, v) * ds(tag)
+        self._width = fem.Constant(msh, solver.contact_width_MPa)
+        skin = _skin_by_tissue(domain)
+        self.obstacle = Obstacle(body, self.u, np.sort(skin.indices), solver.contact_degree)
+        v = ufl.TestFunction(V)
+        bulk = self.elasticity.residual(domain, v, solver.bulk_degree)
+        contact_form = self._contact_residual(skin, friction, solver, v)
         jit = jit_options(solver.compiler_flags)
         maps = self.obstacle.entity_maps
         self._contact_form = fem.form(contact_form, jit_options=jit, entity_maps=maps)
-        residual = bulk + contact_form
-        self.options = _set_options(solver.petsc)
+        self.options = set_options(solver)
         self._bcs = [fem.dirichletbc(np.zeros(3), self._held, V), *constraints(V)]
         self._problem = fem_petsc.NonlinearProblem(
-            residual,
+            bulk + contact_form,
             self.u,
             bcs=self._bcs,
             petsc_options_prefix=PREFIX,
+            kind="baij" if self.options["pc_type"] == "mg" else None,
             jit_options=jit,
             entity_maps=maps,
         )
         self.snes.setFromOptions()
         pc = self.snes.getKSP().getPC()
+        self._two_level: multigrid.TwoLevel | None = None
         if pc.getType() == "mg":
-            multigrid.set_up(pc, V, self._held, self.order.lines())
+            blocks = self.order.blocks()
+            self._two_level = multigrid.TwoLevel(self.snes, V, self._held, blocks)
         self.snes.setFunction(self._assemble_residual, self._problem.b)
         self.snes.setJacobian(self._assemble_jacobian, self._problem.A)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of displacement components of the whole finger, held ones included."""
+        return 3 * self.u.function_space.dofmap.index_map.size_global
 
     @property
     def snes(self) -> PETSc.SNES:
         """PETSc's nonlinear solver."""
         return self._problem.solver
 
-    def stress(self, tissue: str) -> Expr:
-        """Return the first Piola stress of a tissue, elastic and viscous, in MPa.
-
-        The viscous part is Kelvin-Voigt's: ``S = 2 G tau (E - E_old)/dt`` with the tissue's
-        small-strain shear modulus `G`.
-        """
-        F = deformation_gradient(self.u)
-        F_old = deformation_gradient(self.u_old)
-        constants = self.constants(tissue)
-        P = stress(law_of(constants, self._wrap), F)
-        if self._tissue.viscous_time_s:
-            G = self._wrap(shear_modulus(constants))
-            P += F * (G * self._rate * (F.T * F - F_old.T * F_old))
-        return P
-
-    def energy(self, tissue: str) -> Expr:
-        """Return the strain energy density of a tissue, in MPa."""
-        return law_of(self.constants(tissue), self._wrap).energy(deformation_gradient(self.u))
+    def _contact_residual(
+        self, skin: mesh.MeshTags, friction: float, solver: Solver, v: Expr
+    ) -> ufl.Form:
+        """Return the virtual work of the contact traction in `v`."""
+        msh = self.domain.mesh
+        N = ufl.FacetNormal(msh)
+        height = 3 * ufl.CellVolume(msh) / ufl.FacetArea(msh)
+        ds = ufl.Measure(
+            "ds",
+            msh,
+            subdomain_data=skin,
+            metadata={"quadrature_degree": solver.contact_degree},
+        )
+        form = 0
+        for tag in everywhere(self.domain, set(skin.values.tolist())):
+            tissue = name_of(tag)
+            E = fem.Constant(msh, young_modulus(self.elasticity.constants(tissue)))
+            contact = Contact(
+                self.obstacle,
+                fem.Constant(msh, friction),
+                fem.Constant(msh, solver.nitsche_gamma) * E / height,
+                self._width,
+                solver.nitsche_theta,
+            )
+            t = self.elasticity.stress(tissue) * N
+            form += contact.residual(t, self.u, self.u_old, v) * ds(tag)
+        return form
 
     def solve(self, translation: np.ndarray, dt_s: float) -> SolveReport:
         """Find the equilibrium with the body at `translation` (3,), `dt_s` after the last one.
 
-        `u` is the initial guess and the result; on failure the caller resets it.
+        `u` is the initial guess and the result; on failure the caller resets it. Where Newton's
+        method fails, contact is made to set in more gently, and then as it should from there.
         """
         self.obstacle.translation.value[:] = translation
-        self._rate.value = self._tissue.viscous_time_s / dt_s
+        self.elasticity.set_time_step(dt_s)
+        guess = self.u.x.array.copy()
+        width = float(self._width.value)
+        report = self._newton()
+        if not report.converged and width:
+            self.u.x.array[:] = guess
+            self._width.value = _GENTLER * width
+            gentle = self._newton()
+            self._width.value = width
+            if gentle.converged:
+                logger.debug("contact over %g MPa, then over %g MPa", _GENTLER * width, width)
+                sharp = self._newton()
+                tries = (report, gentle, sharp)
+                report = replace(
+                    sharp,
+                    iterations=sum(t.iterations for t in tries),
+                    linear_iterations=sum(t.linear_iterations for t in tries),
+                )
+        return report
+
+    def _newton(self) -> SolveReport:
         with common.Timer("tactile: solve"):
             self._problem.solve()
         reason = self.snes.getConvergedReason()
         return SolveReport(
             reason > 0,
             self.snes.getIterationNumber(),
+            self.snes.getLinearSolveIterations(),
             float(self.snes.getFunctionNorm()),
             _REASONS.get(reason, str(reason)),
         )
@@ -254,13 +255,6 @@ class FingerProblem:
         vector.destroy()
         return values
 
-    def constants(self, tissue: str) -> Polynomial | Elastic:
-        """Return the constants of a tissue."""
-        return getattr(self._tissue, tissue)
-
-    def _wrap(self, value: float) -> fem.Constant:
-        return fem.Constant(self.domain.mesh, float(value))
-
     def _update(self, x: PETSc.Vec) -> None:
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
         fem_petsc.assign(x, self.u)
@@ -284,41 +278,15 @@ class FingerProblem:
         self._update(x)
         with common.Timer("tactile: jacobian"):
             fem_petsc.assemble_jacobian(snes, x, J, P, self.u, self._problem.J, None, self._bcs)
+        if self._two_level:
+            self._two_level.follow(P)
 
 
-def _set_options(wanted: dict[str, PetscOption]) -> dict[str, PetscOption]:
-    """Put defaults, then the study's options, then PETSC_OPTIONS' into PETSc's database.
-
-    They stay there, since multigrid reads its own at the first solve; those of an earlier
-    problem go. Returns what is in force.
-    """
-    database = PETSc.Options(PREFIX)
-    for name in database.getAll():
-        del database[name]
-    options = {**PETSC_DEFAULTS, **wanted, **_FROM_ENVIRONMENT}
-    for name, value in options.items():
-        database[name] = value
-    whole = PETSc.Options()
-    if not whole.hasName("options_left"):
-        whole["options_left"] = False  # a press without contact uses few of them
-    return options
-
-
-def deformation_gradient(u: Expr) -> Expr:
-    """Return ``F = I + grad u``."""
-    return ufl.Identity(3) + ufl.grad(u)
-
-
-_UNION = MPI.Op.Create(lambda a, b, _: a | b, commute=True)
 _REASONS = {
     value: name.lower().replace("_", " ")
     for name, value in vars(PETSc.SNES.ConvergedReason).items()
     if isinstance(value, int)
 }
-
-
-def _name(tag: int) -> str:
-    return next(name for name, value in TISSUES.items() if value == tag)
 
 
 def _skin_by_tissue(domain: Domain) -> mesh.MeshTags:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_ABOVE_MM = 2.0
+_ABOVE_MM = 0.5
 
 
 @dataclass(frozen=True)

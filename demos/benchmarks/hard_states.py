@@ -1,0 +1,221 @@
+# %% [markdown]
+# # Which nonlinear solver gets through the hard states?
+#
+# This benchmark emphasizes
+# - where Newton's method has trouble: first touch, the deep press, the start of the slide, a
+#   letter's edge that arrives or leaves,
+# - how PETSc's line searches and trust regions compare on exactly the same saved states.
+#
+# A scan is run once and the state before each of these moments is kept in its folder. Each strategy
+# then takes the same few steps from each state; a step that fails is halved, and counted.
+#
+#     python demos/benchmarks/hard_states.py states
+#     python demos/benchmarks/hard_states.py states --friction 1 --fillet 0.1
+#
+# A strategy is a set of PETSc options over the package's defaults, and a contact width in MPa.
+
+# %%
+import csv
+import json
+import logging
+import shutil
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from cyclopts import run
+
+from tactile_fem.errors import ConvergenceError
+from tactile_fem.finger import load_finger
+from tactile_fem.logs import set_up
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.march import March, Step
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.results import Results
+from tactile_fem.scan import scan
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Finger, Output, Protocol, Solver, Study, Text
+from tactile_fem.together import on_root
+
+from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
+
+
+# %%
+@dataclass(frozen=True)
+class Strategy:
+    """PETSc options over the defaults, and how softly contact sets in."""
+
+    name: str
+    petsc: dict[str, str | int | float] = field(default_factory=dict)
+    width_MPa: float = Solver().contact_width_MPa
+
+
+def line_search(name: str, **more: str | int | float) -> dict[str, str | int | float]:
+    """Return the options of a line search without our lower bound of its step."""
+    return {"snes_linesearch_type": name, "snes_linesearch_minlambda": 1e-12, **more}
+
+
+STRATEGIES = (
+    Strategy("default"),
+    Strategy("kink (no width)", width_MPa=0.0),
+    Strategy("kink, any short step", {"snes_linesearch_minlambda": 1e-12}, 0.0),
+    Strategy("bt, cubic", line_search("bt", snes_linesearch_order=3)),
+    Strategy("cp", line_search("cp")),
+    Strategy("secant (l2)", line_search("secant")),
+    Strategy("nleqerr", line_search("nleqerr")),
+    Strategy("full steps", line_search("basic")),
+    Strategy("trust region", {"snes_type": "newtontr"}),
+    Strategy("trust region, dogleg", {"snes_type": "newtontrdc"}),
+    Strategy("exact linear solves", {"snes_ksp_ew_rtol0": 1e-3, "snes_ksp_ew_rtolmax": 1e-3}),
+)
+
+# Moments of the scan: name, depth and slide, in mm, that the state has just reached.
+MOMENTS = {
+    "first touch": (0.04, 0.0),
+    "deep press": (1.2, 0.0),
+    "slide start": (1.97, 0.0),
+    "edge arrives": (1.97, 3.0),
+    "edge leaves": (1.97, 7.8),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a strategy did from one state."""
+
+    strategy: str
+    moment: str
+    steps: int
+    failures: int
+    newton: int
+    linear: int
+    seconds: float
+    advance_mm: float
+
+
+# %%
+def main(
+    folder: Path,
+    *,
+    preset: str = "coarse",
+    friction: float = 0.3,
+    fillet: float = 0.3,
+    steps: int = 4,
+    moments: list[str] | None = None,
+    strategies: list[str] | None = None,
+) -> None:
+    """Save the states, replay them with each strategy, print and keep the table.
+
+    Parameters
+    ----------
+    folder
+        Where states and `strategies.csv` go; states that are there are used again.
+    preset, friction, fillet
+        Mesh, Coulomb's coefficient, radius of the letters' top edge in mm.
+    steps
+        Accepted steps from each state.
+    moments, strategies
+        Names of those wanted; default all.
+    """
+    set_up(MPI.COMM_WORLD.rank, level=logging.ERROR)
+    study = Study(
+        finger=Finger(preset=preset),
+        stimulus=Text(friction=friction, fillet_radius_mm=fillet),
+        output=Output(pictures=False, fields_mm=5.0),
+    )
+    wanted = {name: MOMENTS[name] for name in moments or MOMENTS}
+    outcomes = []
+    states = save_states(study, folder, wanted)
+    for strategy in STRATEGIES:
+        if strategies and strategy.name not in strategies:
+            continue
+        for outcome in replay(study, strategy, states, steps):
+            outcomes.append(outcome)
+            tell(outcome, heading=len(outcomes) == 1)
+    if MPI.COMM_WORLD.rank == 0:
+        with open(folder / "strategies.csv", "w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, asdict(outcomes[0]))
+            writer.writeheader()
+            writer.writerows(map(asdict, outcomes))
+
+
+# %% [markdown]
+# The checkpoint that a scan leaves after each step is all that is needed.
+
+
+# %%
+def save_states(
+    study: Study, folder: Path, moments: dict[str, tuple[float, float]]
+) -> dict[str, Results]:
+    """Run the scan as far as needed; return a results folder for each moment."""
+    places = {name: folder / name.replace(" ", "-") for name in moments}
+    missing = [name for name, place in places.items() if not place.exists()]
+
+    def keep(step: Step) -> None:
+        for name in list(missing):
+            depth, slide = moments[name]
+            if step.depth_mm >= depth - 1e-9 and step.displacement_mm >= slide - 1e-9:
+                missing.remove(name)
+                if MPI.COMM_WORLD.rank == 0:
+                    shutil.copytree(folder / "scan", places[name])
+
+    if missing:
+        depth = max(moments[name][0] for name in missing)
+        slide = max(moments[name][1] for name in missing)
+        protocol = Protocol(depth_mm=min(depth + 0.1, 1.97), distance_mm=slide)
+        short = study.model_copy(update={"protocol": protocol})
+        scan(short, folder / "scan", overwrite=True, observers=[keep])
+    return {name: Results.open(place) for name, place in places.items()}
+
+
+# %%
+def replay(
+    study: Study, strategy: Strategy, states: dict[str, Results], steps: int
+) -> Iterator[Outcome]:
+    """Take `steps` steps from each state."""
+    comm = MPI.COMM_WORLD
+    finger = load_finger(study.finger) if comm.rank == 0 else None
+    domain = create_domain(finger, comm, study.solver.held)
+    solver = Solver(petsc=strategy.petsc, contact_width_MPa=strategy.width_MPa)
+    body, friction = make_body(study.stimulus), study.stimulus.friction
+    problem = FingerProblem(domain, study.tissue, body, friction, solver)
+    for name, results in states.items():
+        march = March(problem, study.protocol, solver, study.finger.pad_thickness_mm)
+        saved = on_root(comm, results.load_checkpoint)
+        march.restore(json.loads(str(saved["state"])), saved["u"], saved["u_before"])
+        started = time.perf_counter()
+        taken = []
+        try:
+            for step in march:
+                taken.append(step)
+                if len(taken) == steps:
+                    break
+        except ConvergenceError:
+            pass  # the table tells
+        yield Outcome(
+            strategy.name,
+            name,
+            len(taken),
+            sum(len(step.failed) for step in taken),
+            sum(step.newton_iterations for step in taken),
+            sum(step.linear_iterations for step in taken),
+            time.perf_counter() - started,
+            sum(step.size_mm for step in taken),
+        )
+
+
+def tell(outcome: Outcome, heading: bool) -> None:
+    """Print a row of the table on the first rank."""
+    if MPI.COMM_WORLD.rank:
+        return
+    row = asdict(outcome)
+    if heading:
+        print("".join(f"{name:>22}" if i < 2 else f"{name:>11}" for i, name in enumerate(row)))
+    values = [f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()]
+    print("".join(f"{v:>22}" if i < 2 else f"{v:>11}" for i, v in enumerate(values)), flush=True)
+
+
+# %%
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,56 @@
+# %% [markdown]
+# # What many ranks would have to do
+#
+# This benchmark emphasizes
+# - how evenly the work is spread: cells, and skin facets, where the contact is integrated,
+# - what the ranks have to tell each other: ghost nodes, neighbours, lines that the partition cuts,
+# - without solving anything, so that one computer can look at 64 ranks.
+#
+#     mpirun -n 16 python demos/benchmarks/partition.py --preset paper
+
+# %%
+import numpy as np
+from cyclopts import run
+
+from tactile_fem.finger import load_finger
+from tactile_fem.finger.mesh_data import SURFACES
+from tactile_fem.mechanics.domain import NodeOrder, create_domain
+from tactile_fem.study import Finger, Solver
+
+from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
+from dolfinx import fem  # isort: skip
+
+
+# %%
+def main(*, preset: str = "coarse") -> None:
+    """Distribute the finger and print what each rank got: least, mean, most."""
+    comm = MPI.COMM_WORLD
+    finger = load_finger(Finger(preset=preset)) if comm.rank == 0 else None
+    domain = create_domain(finger, comm, Solver().held)
+    space = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
+    nodes = space.dofmap.index_map
+    corners = domain.mesh.topology.index_map(0)
+    first, end = nodes.local_range
+    lines = NodeOrder(domain, space).blocks()
+    whole = [np.all((line >= first) & (line < end), axis=1) for line in lines if line.shape[1] > 1]
+    cut = sum(np.count_nonzero(~inside) for inside in whole)
+    numbers = {
+        "cells": domain.mesh.topology.index_map(3).size_local,
+        "skin facets": len(domain.surface.find(SURFACES["skin"])),
+        "P2 nodes": nodes.size_local,
+        "ghost P2 nodes": nodes.num_ghosts,
+        "P1 nodes": corners.size_local,
+        "neighbours": len(set(nodes.owners.tolist())),
+        "lines": sum(map(len, whole)),
+        "lines cut": cut,
+    }
+    for name, mine in numbers.items():
+        every = comm.gather(mine)
+        if comm.rank == 0:
+            row = f"{min(every):>9}{np.mean(every):>11.1f}{max(every):>9}"
+            print(f"{name:16}{row}   imbalance {max(every) / max(np.mean(every), 1e-9):.2f}")
+
+
+# %%
+if __name__ == "__main__":
+    run(main)

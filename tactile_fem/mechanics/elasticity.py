@@ -1,0 +1,90 @@
+"""Stress and strain energy of the layered tissue at a displacement, in UFL."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import ufl
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from tactile_fem.finger.mesh_data import TISSUES
+from tactile_fem.mechanics.domain import Domain
+from tactile_fem.study import Elastic, Polynomial, Tissue
+from tactile_fem.tissue.energies import law_of, shear_modulus, stress
+
+_UNION = MPI.Op.Create(lambda a, b, _: a | b, commute=True)
+
+
+def deformation_gradient(u: Expr) -> Expr:
+    """Return ``F = I + grad u``."""
+    return ufl.Identity(3) + ufl.grad(u)
+
+
+class Elasticity:
+    """The tissues between two states.
+
+    Parameters
+    ----------
+    tissue
+        Constants of the tissues.
+    u, u_old
+        Displacement (mm) now and at the last accepted step.
+    """
+
+    def __init__(self, tissue: Tissue, u: fem.Function, u_old: fem.Function) -> None:
+        self._tissue = tissue
+        self._F = deformation_gradient(u)
+        self._F_old = deformation_gradient(u_old)
+        self._mesh = u.function_space.mesh
+        self._rate = fem.Constant(self._mesh, 0.0)  # viscous time over time step
+
+    def set_time_step(self, dt_s: float) -> None:
+        """Let `dt_s` pass between the two states."""
+        self._rate.value = self._tissue.viscous_time_s / dt_s
+
+    def constants(self, tissue: str) -> Polynomial | Elastic:
+        """Return the constants of a tissue."""
+        return getattr(self._tissue, tissue)
+
+    def energy(self, tissue: str) -> Expr:
+        """Return the strain energy density of a tissue, in MPa."""
+        return law_of(self.constants(tissue), self._wrap).energy(self._F)
+
+    def stress(self, tissue: str) -> Expr:
+        """Return the first Piola stress of a tissue, elastic and viscous, in MPa.
+
+        The viscous part is Kelvin-Voigt's: ``S = 2 G tau (E - E_old)/dt`` with the tissue's
+        small-strain shear modulus `G`.
+        """
+        F, F_old = self._F, self._F_old
+        constants = self.constants(tissue)
+        P = stress(law_of(constants, self._wrap), F)
+        if self._tissue.viscous_time_s:
+            G = self._wrap(shear_modulus(constants))
+            P += F * (G * self._rate * (F.T * F - F_old.T * F_old))
+        return P
+
+    def residual(self, domain: Domain, v: Expr, degree: int) -> ufl.Form:
+        """Return the virtual work of the stresses in `v`, with quadrature of `degree`."""
+        dx = ufl.Measure(
+            "dx",
+            domain.mesh,
+            subdomain_data=domain.tissue,
+            metadata={"quadrature_degree": degree},
+        )
+        present = everywhere(domain, set(domain.tissue.values.tolist()))
+        return sum(ufl.inner(self.stress(name_of(tag)), ufl.grad(v)) * dx(tag) for tag in present)
+
+    def _wrap(self, value: float) -> fem.Constant:
+        return fem.Constant(self._mesh, float(value))
+
+
+def everywhere(domain: Domain, tags: set[int]) -> list[int]:
+    """Return the tags that any rank has, in order: all ranks then make the same form."""
+    return sorted(domain.comm.allreduce(tags, op=_UNION))
+
+
+def name_of(tag: int) -> str:
+    """Return the tissue with the tag."""
+    return next(name for name, value in TISSUES.items() if value == tag)

@@ -1,0 +1,86 @@
+"""What a scan will need, said before it starts.
+
+The laws are fitted to whole scans of the default study at 37,000 to 332,000 unknowns on one and
+two cores (demos/benchmarks/README.md); another machine or stimulus may differ by a factor of two.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from mpi4py import MPI
+
+from tactile_fem.study import Study
+
+logger = logging.getLogger(__name__)
+
+_MB = 1e6
+_RANK_MB = 190.0
+_UNKNOWN_MB = 0.008
+_REFERENCE_UNKNOWNS = 37_000
+_FACTORS_MB = 390.0  # of the direct solver, at the reference
+_NEWTON_S = 0.24  # one iteration at the reference on one core
+_DIRECT_NEWTON_S = 1.6
+_NEWTON_PER_STEP = 6
+_FIRST_SLIDE_STEPS = 6
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Memory of all ranks together, and wall time."""
+
+    memory_MB: float
+    wall_s: float
+
+
+def estimate(study: Study, unknowns: int, ranks: int) -> Estimate:
+    """Return what the scan will need, for displacement `unknowns` on `ranks` cores."""
+    size = unknowns / _REFERENCE_UNKNOWNS
+    memory = _RANK_MB * ranks + _UNKNOWN_MB * unknowns
+    if study.solver.linear == "direct":
+        memory += _FACTORS_MB * size**1.35
+        newton = _DIRECT_NEWTON_S * size**1.7
+    else:
+        newton = _NEWTON_S * size**1.08
+    protocol, solver = study.protocol, study.solver
+    slide = min(protocol.output_mm, solver.max_slide_step_mm)
+    steps = protocol.depth_mm / solver.max_press_step_mm + protocol.distance_mm / slide
+    steps += _FIRST_SLIDE_STEPS
+    return Estimate(memory, newton * _NEWTON_PER_STEP * steps * ranks**-0.7)
+
+
+def announce(study: Study, unknowns: int, comm: MPI.Comm) -> None:
+    """Say what the scan will need; warn where this machine has not enough memory."""
+    needed = estimate(study, unknowns, comm.size)
+    minutes = math.ceil(needed.wall_s / 60)
+    logger.info("expect about %d min and %.1f GB for all ranks", minutes, needed.memory_MB / 1000)
+    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    here = needed.memory_MB * node.size / comm.size
+    node.Free()
+    free = available_memory_MB()
+    if free is not None and here > free:
+        logger.warning(
+            "this scan needs about %.1f GB here, but %.1f GB are free: "
+            'take a smaller finger.preset, solver.linear = "multigrid" or more machines',
+            here / 1000,
+            free / 1000,
+        )
+
+
+def available_memory_MB() -> float | None:
+    """Return the memory that is free here, a container's limit heeded; None if not known."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        available = next(line.split()[1] for line in lines if line.startswith("MemAvailable"))
+    except (OSError, StopIteration):
+        return None
+    free = int(available) * 1024 / _MB
+    try:
+        limit = Path("/sys/fs/cgroup/memory.max").read_text(encoding="ascii").strip()
+        used = Path("/sys/fs/cgroup/memory.current").read_text(encoding="ascii").strip()
+    except OSError:
+        return free
+    return free if limit == "max" else min(free, (int(limit) - int(used)) / _MB)

@@ -1,0 +1,98 @@
+"""Multigrid: same iterations on any number of ranks, and few of them under a thin stiff layer."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_fem import backend, ranks  # noqa: F401
+
+from mpi4py import MPI  # isort: skip
+
+from blocks import block_mesh
+
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Solver, Sphere, Tissue
+
+LAYERS = ["stratum_corneum", "epidermis", "dermis", "subcutaneous"]
+DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 4.0])
+TIGHT = {"snes_atol": 1e-10}
+
+
+def pressed(comm=MPI.COMM_SELF, **solver) -> tuple[FingerProblem, int]:
+    """Press a ball into a layered block; return the problem and its linear iterations."""
+    line = np.linspace(-5, 5, 8)
+    mesh = block_mesh(line, line, DEPTHS, LAYERS) if comm.rank == 0 else None
+    domain = create_domain(mesh, comm, ("cut",))
+    settings = Solver(held=("cut",), **solver)
+    body = make_body(Sphere(radius_mm=3.0))
+    problem = FingerProblem(domain, Tissue.model_validate({}), body, 0.3, settings)
+    linear = 0
+    for place in ((0, 0, 0.2), (0, 0, 0.4), (0, -0.05, 0.4)):
+        report = problem.solve(np.array(place, dtype=float), 0.01)
+        assert report.converged
+        problem.accept()
+        linear += report.linear_iterations
+    return problem, linear
+
+
+def test_multigrid_finds_what_the_direct_solver_finds():
+    displacements = [
+        pressed(linear=linear, petsc=TIGHT)[0].u.x.array for linear in ("multigrid", "direct")
+    ]
+    scale = np.abs(displacements[1]).max()
+    assert np.abs(displacements[0] - displacements[1]).max() < 1e-7 * scale
+
+
+@pytest.mark.mpi
+def test_iterations_do_not_depend_on_the_number_of_ranks():
+    counts = {1: pressed()[1]}
+    for count in (2, 3):
+        command = [ranks.launcher(), "-n", str(count), sys.executable, __file__]
+        told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        counts[count] = json.loads(told)
+    # Rounding may turn one iteration; lines cut at the ranks' borders would double them.
+    assert counts[2] == pytest.approx(counts[1], rel=0.02)
+    assert counts[3] == pytest.approx(counts[1], rel=0.02)
+
+
+def test_lines_through_the_layers_are_worth_it():
+    """Point blocks in their place need at least three times the iterations."""
+    strict = {"snes_ksp_ew": False, "ksp_rtol": 1e-3, "ksp_max_it": 200}
+    lines = pressed(petsc=strict)[1]
+    points = pressed(petsc={**strict, "mg_levels_pc_type": "pbjacobi"})[1]
+    assert points > 3 * lines
+
+
+def test_a_line_is_inverted_whole():
+    problem, _ = pressed()
+    matrix = problem.snes.getJacobian()[0]
+    smoother = problem.snes.getKSP().getPC().getMGSmoother(1).getPC()
+    problem.snes.computeJacobian(problem.snes.getSolution(), matrix)
+    smoother.getPythonContext().invert(matrix.convert("aij", out=type(matrix)()))
+    dense = matrix.convert("dense", out=type(matrix)()).getDenseArray()
+    x, y = matrix.createVecs()
+    random = np.random.default_rng(0)
+    x.array = random.normal(size=x.getSize())
+    smoother.getPythonContext().apply(smoother, x, y)
+    blocks = problem.order.blocks()
+    assert max(block.shape[1] for block in blocks) == 7  # nodes through three rows
+    assert sum(block.size for block in blocks) * 3 == x.getSize()
+    for block in blocks:
+        dofs = (3 * block[0][:, None] + np.arange(3)).ravel()
+        exact = np.linalg.solve(dense[np.ix_(dofs, dofs)], x.array[dofs])
+        np.testing.assert_allclose(y.array[dofs], exact, rtol=1e-8, atol=1e-12)
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parent))
+    found = pressed(MPI.COMM_WORLD)[1]
+    if MPI.COMM_WORLD.rank == 0:
+        print(found)
