@@ -53,6 +53,17 @@ def test_failure_halves_until_the_floor():
     assert control.position_mm == 0.0
 
 
+def test_after_a_failure_the_step_grows_only_when_it_has_been_easy_for_a_while():
+    control = StepControl(10.0, 0.2, 0.2, 1e-3, patience=3)
+    control.reject(control.target_mm())
+    taken = []
+    for _ in range(6):
+        target = control.target_mm()
+        taken.append(target - control.position_mm)
+        control.accept(target, 4)
+    assert taken == pytest.approx([0.1, 0.1, 0.1, 0.1, 0.2, 0.2], rel=0.05)
+
+
 def test_milestone_is_reported():
     control = StepControl(1.0, 0.5, 0.5, 0.1, (0.5,))
     control.accept(0.25, 4)

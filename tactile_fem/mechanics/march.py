@@ -258,6 +258,7 @@ class March:
             "length_mm": c.length_mm,
             "step_mm": c.step_mm,
             "largest_mm": c.largest_mm,
+            "wait": c.wait,
             "depth_mm": self._depth,
             "clock_s": self._clock,
             "index": self._index,
@@ -270,7 +271,7 @@ class March:
         self._phase = state["phase"]
         press = self._phase == "press"
         self._control = self._press_control(0.0) if press else self._slide_control()
-        for name in ("position_mm", "length_mm", "step_mm", "largest_mm"):
+        for name in ("position_mm", "length_mm", "step_mm", "largest_mm", "wait"):
             setattr(self._control, name, state[name])
         self._depth, self._clock = state["depth_mm"], state["clock_s"]
         self._index, self._force = state["index"], state["force"]

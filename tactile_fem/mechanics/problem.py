@@ -195,22 +195,20 @@ class FingerProblem:
         self.elasticity.set_time_step(dt_s)
         guess = self.u.x.array.copy()
         width = float(self._width.value)
-        report = self._newton()
-        if not report.converged and width:
+        tries = [self._newton()]
+        if not tries[0].converged and width:
             self.u.x.array[:] = guess
             self._width.value = _GENTLER * width
-            gentle = self._newton()
+            tries.append(self._newton())
             self._width.value = width
-            if gentle.converged:
+            if tries[1].converged:
                 logger.debug("contact over %g MPa, then over %g MPa", _GENTLER * width, width)
-                sharp = self._newton()
-                tries = (report, gentle, sharp)
-                report = replace(
-                    sharp,
-                    iterations=sum(t.iterations for t in tries),
-                    linear_iterations=sum(t.linear_iterations for t in tries),
-                )
-        return report
+                tries.append(self._newton())
+        return replace(
+            tries[-1],
+            iterations=sum(report.iterations for report in tries),
+            linear_iterations=sum(report.linear_iterations for report in tries),
+        )
 
     def _newton(self) -> SolveReport:
         with common.Timer("tactile: solve"):

@@ -14,7 +14,8 @@ class StepTooSmallError(Exception):
 class StepControl:
     """Adaptive positions from 0 to `length_mm`, hitting every milestone exactly.
 
-    A failed step is halved; a step that took at most `easy_iterations` lets the next one grow.
+    A failed step is halved; a step that took at most `easy_iterations` lets the next one grow,
+    after a failure only when `patience` such steps have been taken.
 
     Parameters
     ----------
@@ -35,7 +36,9 @@ class StepControl:
     milestones_mm: tuple[float, ...] = ()
     easy_iterations: int = 8
     growth: float = 2.0
+    patience: int = 4
     position_mm: float = field(default=0.0)
+    wait: int = field(default=0)
 
     @property
     def finished(self) -> bool:
@@ -61,7 +64,11 @@ class StepControl:
         """Move on to `target_mm`, reached in `iterations`."""
         taken = target_mm - self.position_mm
         self.position_mm = target_mm
-        if iterations <= self.easy_iterations:
+        if iterations > self.easy_iterations:
+            return
+        if self.wait:
+            self.wait -= 1
+        else:
             # A step cut short by a milestone does not make the next one shorter.
             self.step_mm = min(max(self.step_mm, self.growth * taken), self.largest_mm)
 
@@ -74,5 +81,6 @@ class StepControl:
             If the halved step is below `smallest_mm`.
         """
         self.step_mm = (target_mm - self.position_mm) / 2
+        self.wait = self.patience
         if self.step_mm < self.smallest_mm:
             raise StepTooSmallError
