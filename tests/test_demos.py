@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -70,6 +71,19 @@ def test_hard_states(tmp_path):
     assert len(rows) == 2
     assert all(row[-6] == "1" and row[-5] == "0" for row in rows)  # one step, no failure
     assert (tmp_path / "strategies.csv").is_file()
+
+
+@pytest.mark.slow
+def test_calculix(tmp_path):
+    way = ["--pad-size", "3", "--far-size", "6", "--rows", "1", "--depth", "0.2"]
+    way += ["--press-step", "0.1", "--distance", "0.05", "--slide-step", "0.05", "--cores", "1"]
+    told = run("benchmarks/calculix.py", str(tmp_path), "--stimulus", "plate", *way)
+    if not shutil.which("ccx"):
+        assert "not installed" in told
+        return
+    ours, theirs = map(float, re.search(r"press normal N +(\S+) +(\S+)", told).groups())
+    assert ours == pytest.approx(theirs, rel=0.02)
+    assert (tmp_path / "comparison.csv").is_file()
 
 
 @pytest.mark.mpi

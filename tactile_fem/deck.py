@@ -1,0 +1,275 @@
+"""Writes a study as an input deck for CalculiX or Abaqus: the same contact with another code.
+
+Units are mm, N, MPa; step time is the share of the leg that is done. The deck differs from this
+package's own model in three ways: contact is a linear penalty instead of Nitsche's method, the
+stimulator is a facetted height field instead of a smooth distance, and tissues have no viscosity
+(``tissue.viscous_time_s`` is left out).
+
+Both codes read the deck's words alike but for two lines. ``*FRICTION``: CalculiX takes the stick
+slope (MPa/mm) after the coefficient; Abaqus wants it as an elastic slip in the keyword line.
+``*NODE PRINT, TOTALS=ONLY``: Abaqus knows ``TOTALS=YES``. Abaqus was not tried.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_fem.errors import StudyError
+from tactile_fem.files import write_text
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+from tactile_fem.stimulus import make_body
+from tactile_fem.stimulus.height_field import HeightField, height_field
+from tactile_fem.study import Elastic, Polynomial, Study
+from tactile_fem.tissue.energies import young_modulus
+
+# Our mid-nodes of the edges 3-4 and 2-4 stand the other way round in C3D10.
+C3D10_ORDER = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
+# Corners of the faces S1 to S4 of C3D10.
+C3D10_FACES = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])
+# CalculiX puts its own value in the place of a D2 of zero; this one takes the term out.
+NO_D2_PER_MPa = 1e12
+_THICKNESS_MM = 0.5
+_SMALLEST_INCREMENT = 1e-5
+
+
+@dataclass(frozen=True)
+class Penalty:
+    """Linear contact law of the deck.
+
+    Attributes
+    ----------
+    stiffness_MPa_per_mm
+        Pressure over penetration.
+    stick_MPa_per_mm
+        Shear over slip while the skin sticks.
+    """
+
+    stiffness_MPa_per_mm: float
+    stick_MPa_per_mm: float
+
+    @classmethod
+    def of(cls, study: Study) -> Penalty:
+        """Return the stiffness of Nitsche's method, ``gamma E/h`` with h the stratum corneum.
+
+        Sticking is ten times softer: CalculiX converges better so, and the skin then creeps by
+        a few micrometres only.
+        """
+        E_MPa = young_modulus(study.tissue.stratum_corneum)
+        stiffness = study.solver.nitsche_gamma * E_MPa / study.finger.stratum_corneum_mm
+        return cls(stiffness, stiffness / 10)
+
+
+@dataclass(frozen=True)
+class DeckSize:
+    """What a deck holds.
+
+    Attributes
+    ----------
+    tets, unknowns
+        Elements of the finger and components of displacement that are free.
+    held_nodes
+        Nodes of the finger that are fixed.
+    skin_facets
+        Faces of the slave surface.
+    stimulator_cells
+        Hexahedra of the stimulator.
+    """
+
+    tets: int
+    unknowns: int
+    held_nodes: int
+    skin_facets: int
+    stimulator_cells: int
+
+
+def write_deck(
+    study: Study,
+    finger: FingerMesh,
+    path: Path | str,
+    *,
+    press_step_mm: float | None = None,
+    slide_step_mm: float | None = None,
+    grid_mm: tuple[float, float] = (0.1, 0.1),
+    penalty: Penalty | None = None,
+) -> DeckSize:
+    """Write press and slide of a study as an input deck.
+
+    Nodes and tetrahedra keep the mesh's order and are counted from 1. Parts that
+    ``solver.held`` names are fixed as in this package: held tissues are left out and the nodes
+    they share with others do not move. For each increment the sum of forces on the sets
+    STIMULATOR (force on the finger) and HELD (its reaction) is printed.
+
+    Parameters
+    ----------
+    study, finger
+        What to do, and the mesh on which to do it.
+    path
+        The deck; CalculiX wants the ending .inp.
+    press_step_mm, slide_step_mm
+        Fixed increments; default the longest ones that the study allows. The other code may
+        halve them if it does not converge.
+    grid_mm
+        Spacing of the height field in X and Y.
+    penalty
+        The contact law; default as stiff as this package's.
+
+    Raises
+    ------
+    StudyError
+        The study presses to a force, or nothing of the mesh is held.
+    """
+    protocol = study.protocol
+    if protocol.force_N is not None:
+        raise StudyError("protocol.force_N: a deck presses to protocol.depth_mm only")
+    rigid = np.isin(finger.tissue, [TISSUES[n] for n in study.solver.held if n in TISSUES])
+    kept = np.flatnonzero(~rigid)
+    held = _held_nodes(study.solver.held, finger, rigid, kept)
+    if not len(held):
+        raise StudyError(f"solver.held = {list(study.solver.held)}: nothing of the mesh is held")
+    skin = finger.triangles[finger.surface == SURFACES["skin"], :3]
+    faces = element_faces(finger.tets, skin)
+    field = height_field(make_body(study.stimulus), protocol, finger.nodes[skin], grid_mm)
+
+    present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[kept] == tag)]
+    lines = ["** Fingertip and rigid stimulator, written by tactile_fem; mm, N, MPa"]
+    lines += _finger_lines(finger, kept, held, present)
+    lines += _stimulator_lines(field, len(finger.nodes), len(finger.tets))
+    for name in present:
+        lines += material_lines(name, getattr(study.tissue, name))
+    lines += _contact_lines(faces, study.stimulus.friction, penalty or Penalty.of(study))
+    press = press_step_mm or study.solver.max_press_step_mm
+    lines += _step_lines("press", 3, protocol.depth_mm, press)
+    if protocol.distance_mm:
+        slide = slide_step_mm or study.solver.max_slide_step_mm
+        lines += _step_lines("slide", 2, -protocol.distance_mm, slide)
+    write_text(Path(path), "\n".join([*lines, ""]))
+    free = len(np.unique(finger.tets[kept])) - len(held)
+    return DeckSize(len(kept), 3 * free, len(held), len(faces), len(field.cells))
+
+
+def element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return tetrahedron and face, 0 to 3 for S1 to S4, of each boundary triangle.
+
+    Parameters
+    ----------
+    tets
+        (m, 10) nodes.
+    triangles
+        (k, 3) corners, in any order.
+
+    Returns
+    -------
+    faces
+        (k, 2).
+    """
+    corners = np.sort(tets[:, C3D10_FACES].reshape(-1, 3), axis=1)
+    place = {tuple(face): i for i, face in enumerate(corners.tolist())}
+    flat = [place[tuple(sorted(triangle))] for triangle in triangles.tolist()]
+    return np.column_stack(np.divmod(np.array(flat, dtype=np.int64), 4))
+
+
+def _held_nodes(
+    parts: Sequence[str], finger: FingerMesh, rigid: NDArray[np.bool_], kept: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the nodes of held tissues and surfaces that belong to a kept tetrahedron."""
+    surfaces = np.isin(finger.surface, [SURFACES[n] for n in parts if n in SURFACES])
+    fixed = np.union1d(finger.tets[rigid], finger.triangles[surfaces])
+    return np.intersect1d(fixed, finger.tets[kept])
+
+
+def _finger_lines(
+    finger: FingerMesh, kept: NDArray[np.int64], held: NDArray[np.int64], present: list[str]
+) -> list[str]:
+    used = np.unique(finger.tets[kept])
+    lines = ["*NODE, NSET=FINGER", *_rows(used, finger.nodes[used])]
+    for name in present:
+        own = kept[finger.tissue[kept] == TISSUES[name]]
+        lines.append(f"*ELEMENT, TYPE=C3D10, ELSET={name.upper()}")
+        lines += _rows(own, finger.tets[own][:, C3D10_ORDER] + 1)
+        lines.append(f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}")
+    return [*lines, "*NSET, NSET=HELD", *_listed(held + 1), "*BOUNDARY", "HELD, 1, 3"]
+
+
+def _stimulator_lines(field: HeightField, first_node: int, first_cell: int) -> list[str]:
+    """Write one layer of hexahedra; all nodes are driven, so its material does not matter."""
+    count = len(field.points)
+    below = field.points - [0.0, 0.0, _THICKNESS_MM]
+    numbers = np.arange(first_node, first_node + 2 * count)
+    above = field.cells + first_node + 1
+    cells = np.arange(first_cell, first_cell + len(field.cells))
+    return [
+        "*NODE, NSET=STIMULATOR",
+        *_rows(numbers, np.vstack([field.points, below])),
+        "*ELEMENT, TYPE=C3D8, ELSET=BODY",
+        *_rows(cells, np.hstack([above + count, above])),
+        "*SOLID SECTION, ELSET=BODY, MATERIAL=BODY",
+        "*MATERIAL, NAME=BODY",
+        "*ELASTIC",
+        "1.0, 0.0",
+        "*SURFACE, NAME=MASTER, TYPE=ELEMENT",
+        "BODY, S2",
+    ]
+
+
+def material_lines(name: str, constants: Polynomial | Elastic) -> list[str]:
+    """Return the material of a tissue; the polynomial form has the constants of our energy."""
+    head = f"*MATERIAL, NAME={name.upper()}"
+    c = constants
+    if isinstance(c, Elastic):
+        return [head, "*ELASTIC", _row(c.E_MPa, c.nu)]
+    if not (c.C01_MPa or c.C20_MPa or c.C11_MPa or c.C02_MPa or c.D2_per_MPa):
+        return [head, "*HYPERELASTIC, NEO HOOKE", _row(c.C10_MPa, c.D1_per_MPa)]
+    shear = c.C10_MPa, c.C01_MPa, c.C20_MPa, c.C11_MPa, c.C02_MPa
+    volume = c.D1_per_MPa, c.D2_per_MPa or NO_D2_PER_MPa
+    return [head, "*HYPERELASTIC, POLYNOMIAL, N=2", _row(*shear, *volume)]
+
+
+def _contact_lines(faces: NDArray[np.int64], friction: float, penalty: Penalty) -> list[str]:
+    lines = ["*SURFACE, NAME=SKIN, TYPE=ELEMENT"]
+    lines += [f"{tet + 1}, S{face + 1}" for tet, face in faces.tolist()]
+    lines += [
+        "*SURFACE INTERACTION, NAME=TOUCH",
+        "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR",
+        _row(penalty.stiffness_MPa_per_mm),
+    ]
+    if friction:
+        lines += ["*FRICTION", _row(friction, penalty.stick_MPa_per_mm)]
+    return [
+        *lines,
+        "*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE",
+        "SKIN, MASTER",
+    ]
+
+
+def _step_lines(name: str, axis: int, end_mm: float, step_mm: float) -> list[str]:
+    """Write one leg: the stimulator moves along `axis` to `end_mm` in equal increments."""
+    share = 1 / math.ceil(abs(end_mm) / step_mm - 1e-9)
+    lines = [f"** {name}: {abs(end_mm):g} mm", "*STEP, NLGEOM, INC=10000", "*STATIC"]
+    lines += [_row(share, 1.0, _SMALLEST_INCREMENT, share), "*BOUNDARY"]
+    if name == "press":
+        lines.append("STIMULATOR, 1, 2")
+    lines.append(_row("STIMULATOR", axis, axis, end_mm))
+    for nodes in ("STIMULATOR", "HELD"):
+        lines += [f"*NODE PRINT, NSET={nodes}, TOTALS=ONLY", "RF"]
+    return [*lines, "*END STEP"]
+
+
+def _rows(numbers: NDArray[np.int64], values: NDArray) -> list[str]:
+    """Return lines of a number, counted from 1, and its values."""
+    pairs = zip((numbers + 1).tolist(), values.tolist(), strict=True)
+    return [_row(number, *row) for number, row in pairs]
+
+
+def _listed(numbers: NDArray[np.int64], width: int = 16) -> list[str]:
+    return [_row(*numbers[i : i + width].tolist()) for i in range(0, len(numbers), width)]
+
+
+def _row(*values: float | str) -> str:
+    """Return one data line; CalculiX reads 20 characters of a number."""
+    return ", ".join(f"{v:.12g}" if isinstance(v, float) else str(v) for v in values)

@@ -1,0 +1,62 @@
+"""The part of a rigid body that can touch the finger, as a facetted surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_fem.stimulus.body import Array, RigidBody
+from tactile_fem.stimulus.make import height_map
+from tactile_fem.study import Protocol
+
+# Skin and body that stay this far apart, by undeformed shapes, are taken not to touch.
+_MARGIN_MM = 0.5
+
+
+@dataclass(frozen=True)
+class HeightField:
+    """A body's upper side as squares, the body being where it touches the undeformed pad.
+
+    Attributes
+    ----------
+    points
+        (n, 3) in mm.
+    cells
+        (m, 4) points, counter-clockwise seen from above.
+    """
+
+    points: Array
+    cells: NDArray[np.int64]
+
+
+def height_field(
+    body: RigidBody, protocol: Protocol, skin: Array, grid_mm: tuple[float, float]
+) -> HeightField:
+    """Sample what of a body's upper side can touch the finger along the protocol.
+
+    Parameters
+    ----------
+    body, protocol
+        The body and its way.
+    skin
+        (..., 3) undeformed points of the skin in mm.
+    grid_mm
+        Largest spacing in X and Y.
+    """
+    points = skin.reshape(-1, 3)
+    near = points[points[:, 2] < protocol.depth_mm + _MARGIN_MM, :2]
+    low, high = near.min(axis=0) - _MARGIN_MM, near.max(axis=0) + _MARGIN_MM
+    high[1] += protocol.distance_mm
+    counts = np.ceil((high - low) / grid_mm).astype(int) + 1
+    x, y = (np.linspace(*ends) for ends in zip(low, high, counts, strict=True))
+    lowest = -protocol.depth_mm - _MARGIN_MM
+    z = height_map(body, x, y, lowest)
+    xyz = np.stack([*np.meshgrid(x, y, indexing="ij"), z], -1).reshape(-1, 3)
+    index = np.arange(len(xyz)).reshape(z.shape)
+    corners = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    cells = np.stack(corners, -1).reshape(-1, 4)
+    cells = cells[np.all(xyz[cells, 2] > lowest, axis=1)]
+    used, cells = np.unique(cells, return_inverse=True)
+    return HeightField(xyz[used], cells.reshape(-1, 4))
