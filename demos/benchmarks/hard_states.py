@@ -21,6 +21,7 @@ import logging
 import shutil
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -35,7 +36,7 @@ from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.results import Results
 from tactile_fem.scan import scan
 from tactile_fem.stimulus import make_body
-from tactile_fem.study import Finger, Output, Protocol, Solver, Study, Text
+from tactile_fem.study import Finger, Output, Solver, Study, Text
 from tactile_fem.together import on_root
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -140,6 +141,10 @@ def main(
             writer.writerows(map(asdict, outcomes))
 
 
+class FarEnoughError(Exception):
+    """Ends the scan when all states are saved."""
+
+
 # %% [markdown]
 # The checkpoint that a scan leaves after each step is all that is needed.
 
@@ -159,13 +164,12 @@ def save_states(
                 missing.remove(name)
                 if MPI.COMM_WORLD.rank == 0:
                     shutil.copytree(folder / "scan", places[name])
+        if not missing:
+            raise FarEnoughError
 
     if missing:
-        depth = max(moments[name][0] for name in missing)
-        slide = max(moments[name][1] for name in missing)
-        protocol = Protocol(depth_mm=min(depth + 0.1, 1.97), distance_mm=slide)
-        short = study.model_copy(update={"protocol": protocol})
-        scan(short, folder / "scan", overwrite=True, observers=[keep])
+        with suppress(FarEnoughError):
+            scan(study, folder / "scan", overwrite=True, observers=[keep])
     return {name: Results.open(place) for name, place in places.items()}
 
 
