@@ -30,7 +30,7 @@ from cyclopts import run
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.finger import load_finger
 from tactile_fem.logs import set_up
-from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.domain import Domain, create_domain
 from tactile_fem.mechanics.march import March, Step
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.results import Results
@@ -128,10 +128,12 @@ def main(
     wanted = {name: MOMENTS[name] for name in moments or MOMENTS}
     outcomes = []
     states = save_states(study, folder, wanted)
+    finger = load_finger(study.finger) if MPI.COMM_WORLD.rank == 0 else None
+    domain = create_domain(finger, MPI.COMM_WORLD, study.solver.held)
     for strategy in STRATEGIES:
         if strategies and strategy.name not in strategies:
             continue
-        for outcome in replay(study, strategy, states, steps):
+        for outcome in replay(study, domain, strategy, states, steps):
             outcomes.append(outcome)
             tell(outcome, heading=len(outcomes) == 1)
     if MPI.COMM_WORLD.rank == 0:
@@ -175,12 +177,10 @@ def save_states(
 
 # %%
 def replay(
-    study: Study, strategy: Strategy, states: dict[str, Results], steps: int
+    study: Study, domain: Domain, strategy: Strategy, states: dict[str, Results], steps: int
 ) -> Iterator[Outcome]:
     """Take `steps` steps from each state."""
     comm = MPI.COMM_WORLD
-    finger = load_finger(study.finger) if comm.rank == 0 else None
-    domain = create_domain(finger, comm, study.solver.held)
     solver = Solver(petsc=strategy.petsc, contact_width_MPa=strategy.width_MPa)
     body, friction = make_body(study.stimulus), study.stimulus.friction
     problem = FingerProblem(domain, study.tissue, body, friction, solver)
