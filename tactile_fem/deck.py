@@ -13,7 +13,6 @@ slope (MPa/mm) after the coefficient; Abaqus wants it as an elastic slip in the 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,16 +21,21 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.files import write_text
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+from tactile_fem.finger.mesh_data import (
+    SURFACES,
+    TET_FACETS,
+    TISSUES,
+    VTK_ORDER,
+    FingerMesh,
+    held_parts,
+)
 from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.height_field import HeightField, height_field
 from tactile_fem.study import Elastic, Polynomial, Study
 from tactile_fem.tissue.energies import young_modulus
 
-# Our mid-nodes of the edges 3-4 and 2-4 stand the other way round in C3D10.
-C3D10_ORDER = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
-# Corners of the faces S1 to S4 of C3D10.
-C3D10_FACES = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])
+# The faces S1 to S4 of C3D10 are opposite to the corners 4, 3, 1 and 2.
+C3D10_FACES = TET_FACETS[[3, 2, 0, 1]]
 # CalculiX puts its own value in the place of a D2 of zero; this one takes the term out.
 NO_D2_PER_MPa = 1e12
 _THICKNESS_MM = 0.5
@@ -127,9 +131,10 @@ def write_deck(
     protocol = study.protocol
     if protocol.force_N is not None:
         raise StudyError("protocol.force_N: a deck presses to protocol.depth_mm only")
-    rigid = np.isin(finger.tissue, [TISSUES[n] for n in study.solver.held if n in TISSUES])
+    rigid, fixed = held_parts(finger, study.solver.held)
     kept = np.flatnonzero(~rigid)
-    held = _held_nodes(study.solver.held, finger, rigid, kept)
+    used = np.unique(finger.tets[kept])
+    held = used[fixed[used]]
     if not len(held):
         raise StudyError(f"solver.held = {list(study.solver.held)}: nothing of the mesh is held")
     skin = finger.triangles[finger.surface == SURFACES["skin"], :3]
@@ -138,7 +143,7 @@ def write_deck(
 
     present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[kept] == tag)]
     lines = ["** Fingertip and rigid stimulator, written by tactile_fem; mm, N, MPa"]
-    lines += _finger_lines(finger, kept, held, present)
+    lines += _finger_lines(finger, kept, used, held, present)
     lines += _stimulator_lines(field, len(finger.nodes), len(finger.tets))
     for name in present:
         lines += material_lines(name, getattr(study.tissue, name))
@@ -149,8 +154,7 @@ def write_deck(
         slide = slide_step_mm or study.solver.max_slide_step_mm
         lines += _step_lines("slide", 2, -protocol.distance_mm, slide)
     write_text(Path(path), "\n".join([*lines, ""]))
-    free = len(np.unique(finger.tets[kept])) - len(held)
-    return DeckSize(len(kept), 3 * free, len(held), len(faces), len(field.cells))
+    return DeckSize(len(kept), 3 * (len(used) - len(held)), len(held), len(faces), len(field.cells))
 
 
 def element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -174,24 +178,18 @@ def element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDAr
     return np.column_stack(np.divmod(np.array(flat, dtype=np.int64), 4))
 
 
-def _held_nodes(
-    parts: Sequence[str], finger: FingerMesh, rigid: NDArray[np.bool_], kept: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Return the nodes of held tissues and surfaces that belong to a kept tetrahedron."""
-    surfaces = np.isin(finger.surface, [SURFACES[n] for n in parts if n in SURFACES])
-    fixed = np.union1d(finger.tets[rigid], finger.triangles[surfaces])
-    return np.intersect1d(fixed, finger.tets[kept])
-
-
 def _finger_lines(
-    finger: FingerMesh, kept: NDArray[np.int64], held: NDArray[np.int64], present: list[str]
+    finger: FingerMesh,
+    kept: NDArray[np.int64],
+    used: NDArray[np.int64],
+    held: NDArray[np.int64],
+    present: list[str],
 ) -> list[str]:
-    used = np.unique(finger.tets[kept])
     lines = ["*NODE, NSET=FINGER", *_rows(used, finger.nodes[used])]
     for name in present:
         own = kept[finger.tissue[kept] == TISSUES[name]]
         lines.append(f"*ELEMENT, TYPE=C3D10, ELSET={name.upper()}")
-        lines += _rows(own, finger.tets[own][:, C3D10_ORDER] + 1)
+        lines += _rows(own, finger.tets[own][:, VTK_ORDER] + 1)
         lines.append(f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}")
     return [*lines, "*NSET, NSET=HELD", *_listed(held + 1), "*BOUNDARY", "HELD, 1, 3"]
 

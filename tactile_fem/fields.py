@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.files import replacing, write_text
+from tactile_fem.finger.mesh_data import VTK_ORDER
 
 SERIES = "deformation.pvd"
 # VTK lists the mid-nodes of edges 1-3 and 2-3 the other way round than gmsh.
-_GMSH_TO_VTK = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
 
 
 class FieldWriter:
@@ -34,7 +34,7 @@ class FieldWriter:
     def __init__(self, folder: Path, nodes: ArrayLike, tets: ArrayLike, tissue: ArrayLike) -> None:
         self.folder = folder
         self.nodes = np.asarray(nodes, dtype=np.float32)
-        self.tets = np.asarray(tets)[:, _GMSH_TO_VTK]
+        self.tets = np.asarray(tets)[:, VTK_ORDER]
         self.tissue = np.asarray(tissue, dtype=np.int32)
         self._series: list[tuple[float, str]] = []
 

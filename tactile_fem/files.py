@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 PART_SUFFIX = ".part"
 
@@ -30,3 +33,12 @@ def write_text(path: Path, text: str) -> None:
     """Write a text file whole."""
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8")
+
+
+def write_table(path: Path, rows: Sequence[Any]) -> None:
+    """Write equal dataclasses, at least one, as a CSV file with a heading."""
+    records = [asdict(row) for row in rows]
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, records[0])
+        writer.writeheader()
+        writer.writerows(records)

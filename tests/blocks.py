@@ -8,6 +8,8 @@ import numpy as np
 
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, quadratic
 
+LAYERS = ["stratum_corneum", "epidermis", "dermis", "subcutaneous"]
+
 
 def block_mesh(x: np.ndarray, y: np.ndarray, z: np.ndarray, tissue_of_row: list[str]) -> FingerMesh:
     """Return a box of 10-node tetrahedra (six per brick); skin at z[0], cut at z[-1].

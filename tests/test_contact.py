@@ -14,7 +14,7 @@ from tactile_fem import backend  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 
-from blocks import block_mesh
+from blocks import LAYERS, block_mesh
 from dolfinx import fem, mesh
 
 from tactile_fem.mechanics.contact import smooth_positive
@@ -23,7 +23,6 @@ from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Sphere, Tissue
 
-LAYERS = ["stratum_corneum", "epidermis", "dermis", "subcutaneous"]
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0])
 EXACT = {"snes_atol": 1e-11}
 ELASTIC = Tissue.model_validate({"viscous_time_s": 0.0})

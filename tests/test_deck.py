@@ -9,7 +9,8 @@ import subprocess
 import numpy as np
 import pytest
 import ufl
-from blocks import block_mesh
+from blocks import LAYERS, block_mesh
+from materials import FULL, NEO_HOOKEAN, SECOND_ORDER
 
 from tactile_fem.deck import material_lines, write_deck
 from tactile_fem.errors import StudyError
@@ -19,10 +20,9 @@ from tactile_fem.stimulus.height_field import height_field
 from tactile_fem.study import Cylinder, Plate, Polynomial, Protocol, Solver, Study, Text
 from tactile_fem.tissue.energies import law_of
 
-LAYERS = ["stratum_corneum", "epidermis", "dermis", "subcutaneous", "bone"]
 LINE = np.linspace(-3.0, 3.0, 4)
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0, 4.0])
-BLOCK = block_mesh(LINE, LINE, DEPTHS, LAYERS)
+BLOCK = block_mesh(LINE, LINE, DEPTHS, [*LAYERS, "bone"])
 PRESS = Protocol(depth_mm=0.3, distance_mm=0.4)
 STUDY = Study(stimulus=Plate(friction=0.3), protocol=PRESS)
 # After Abaqus' manual, counted from 1: ends of the edges with nodes 5 to 10; corners of S1 to S4.
@@ -83,7 +83,7 @@ def test_tetrahedra_have_the_node_order_of_c3d10(written):
 
 def test_each_tissue_has_its_elements_and_material(written):
     deck = written[1]
-    for name in LAYERS[:-1]:
+    for name in LAYERS:
         numbers = deck.elements(f"*ELEMENT, TYPE=C3D10, ELSET={name.upper()}")
         tags = BLOCK.tissue[np.array(list(numbers)) - 1]
         assert len(numbers) == 54
@@ -206,17 +206,6 @@ def run_ccx(folder, name):
     return (folder / f"{name}.dat").read_text()
 
 
-NEO_HOOKEAN = Polynomial(C10_MPa=0.02297, D1_per_MPa=1.765)
-SECOND_ORDER = Polynomial(C10_MPa=0.0135, C20_MPa=0.01, D1_per_MPa=3.0)
-FULL = Polynomial(
-    C10_MPa=0.01,
-    C01_MPa=0.004,
-    C20_MPa=0.003,
-    C11_MPa=0.002,
-    C02_MPa=0.001,
-    D1_per_MPa=2.0,
-    D2_per_MPa=3.0,
-)
 STRETCH = np.diag([1.3, 0.85, 0.85])
 SHEAR = np.array([[1.0, 0.4, 0.1], [0.0, 0.9, 0.2], [0.1, 0.0, 1.1]])
 

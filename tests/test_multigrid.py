@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,14 +13,13 @@ from tactile_fem import backend, ranks  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 
-from blocks import block_mesh
+from blocks import LAYERS, block_mesh
 
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue
 
-LAYERS = ["stratum_corneum", "epidermis", "dermis", "subcutaneous"]
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 4.0])
 TIGHT = {"snes_atol": 1e-10}
 
@@ -92,7 +90,6 @@ def test_a_line_is_inverted_whole():
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parent))
     found = pressed(MPI.COMM_WORLD)[1]
     if MPI.COMM_WORLD.rank == 0:
         print(found)

@@ -11,21 +11,10 @@ from tactile_fem import backend  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from dolfinx import fem, mesh
+from materials import FULL, NEO_HOOKEAN, SECOND_ORDER
 
 from tactile_fem.study import Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import law_of, shear_modulus, stress, young_modulus
-
-NEO_HOOKEAN = Polynomial(C10_MPa=0.02297, D1_per_MPa=1.765)
-SECOND_ORDER = Polynomial(C10_MPa=0.0135, C20_MPa=0.01, D1_per_MPa=3.0)
-FULL = Polynomial(
-    C10_MPa=0.01,
-    C01_MPa=0.004,
-    C20_MPa=0.003,
-    C11_MPa=0.002,
-    C02_MPa=0.001,
-    D1_per_MPa=2.0,
-    D2_per_MPa=3.0,
-)
 
 
 class Point:

@@ -30,7 +30,6 @@
 # so `--timeout` ends it; the table then tells how far it came.
 
 # %%
-import csv
 import os
 import re
 import resource
@@ -46,7 +45,7 @@ import numpy as np
 from cyclopts import run
 
 from tactile_fem.deck import DeckSize, write_deck
-from tactile_fem.files import write_text
+from tactile_fem.files import write_table, write_text
 from tactile_fem.finger import load_finger
 from tactile_fem.results import Results
 from tactile_fem.study import (
@@ -141,10 +140,7 @@ def main(
     size = write_deck(study, load_finger(study.finger), deck, grid_mm=GRIDS_MM[stimulus])
     outcomes = [ours(study, size, folder, cores), theirs(deck, size, cores, timeout)]
     tell(outcomes)
-    with open(folder / "comparison.csv", "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(asdict(outcomes[0])))
-        writer.writeheader()
-        writer.writerows(map(asdict, outcomes))
+    write_table(folder / "comparison.csv", outcomes)
 
 
 # %% [markdown]

@@ -17,7 +17,6 @@
 # A size is a preset or the element edges under the pad and far from it in mm, as in `0.6,1.8`.
 
 # %%
-import csv
 import json
 import subprocess
 import sys
@@ -27,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from cyclopts import run
 
-from tactile_fem.files import write_text
+from tactile_fem.files import write_table, write_text
 from tactile_fem.results import Results
 from tactile_fem.study import Finger, Output, Protocol, Solver, Study
 from tactile_fem.study_file import dump_study
@@ -123,7 +122,7 @@ def main(
                 solver=Solver(linear=linear),
                 output=Output(pictures=False, fields_mm=5.0),
             )
-            if not complete(place / "scan"):
+            if not complete(place / "scan", study):
                 scan(study, place, count)
             costs.append(Cost.of(size, Results.open(place / "scan")))
             tell(costs[-1:], heading=len(costs) == 1)
@@ -141,9 +140,14 @@ def finger_of(size: str) -> Finger:
     return Finger(preset="medium", pad_size_mm=pad, far_size_mm=far)
 
 
-def complete(folder: Path) -> bool:
-    """Tell whether the folder holds a finished scan."""
-    return folder.exists() and Results.open(folder).run["status"] == "complete"
+def complete(folder: Path, study: Study) -> bool:
+    """Tell whether the folder holds the study's finished scan; refuse that of another study."""
+    if not folder.exists():
+        return False
+    found = Results.open(folder)
+    if found.study != study:
+        sys.exit(f"{folder} holds the scan of another study: choose another folder.")
+    return found.run["status"] == "complete"
 
 
 def scan(study: Study, place: Path, ranks: int) -> None:
@@ -189,12 +193,8 @@ def shown(value: str | float) -> str:
 
 def keep(folder: Path, costs: list[Cost]) -> None:
     """Write the table as CSV and JSON."""
-    rows = [asdict(cost) for cost in costs]
-    with open(folder / "costs.csv", "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
-    write_text(folder / "costs.json", json.dumps(rows, indent=1))
+    write_table(folder / "costs.csv", costs)
+    write_text(folder / "costs.json", json.dumps([asdict(cost) for cost in costs], indent=1))
 
 
 # %%

@@ -15,10 +15,10 @@
 # A strategy is a set of PETSc options over the package's defaults, and a contact width in MPa.
 
 # %%
-import csv
 import json
 import logging
 import shutil
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -28,6 +28,7 @@ from pathlib import Path
 from cyclopts import run
 
 from tactile_fem.errors import ConvergenceError
+from tactile_fem.files import write_table
 from tactile_fem.finger import load_finger
 from tactile_fem.logs import set_up
 from tactile_fem.mechanics.domain import Domain, create_domain
@@ -128,8 +129,9 @@ def main(
     wanted = {name: MOMENTS[name] for name in moments or MOMENTS}
     outcomes = []
     states = save_states(study, folder, wanted)
-    finger = load_finger(study.finger) if MPI.COMM_WORLD.rank == 0 else None
-    domain = create_domain(finger, MPI.COMM_WORLD, study.solver.held)
+    comm = MPI.COMM_WORLD
+    finger = on_root(comm, lambda: load_finger(study.finger), share=False)
+    domain = create_domain(finger, comm, study.solver.held)
     for strategy in STRATEGIES:
         if strategies and strategy.name not in strategies:
             continue
@@ -137,10 +139,7 @@ def main(
             outcomes.append(outcome)
             tell(outcome, heading=len(outcomes) == 1)
     if MPI.COMM_WORLD.rank == 0:
-        with open(folder / "strategies.csv", "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, asdict(outcomes[0]))
-            writer.writeheader()
-            writer.writerows(map(asdict, outcomes))
+        write_table(folder / "strategies.csv", outcomes)
 
 
 class FarEnoughError(Exception):
@@ -172,7 +171,11 @@ def save_states(
     if missing:
         with suppress(FarEnoughError):
             scan(study, folder / "scan", overwrite=True, observers=[keep])
-    return {name: Results.open(place) for name, place in places.items()}
+    states = {name: Results.open(place) for name, place in places.items()}
+    for results in states.values():
+        if results.study != study:
+            sys.exit(f"{results.folder} holds a state of another study: choose another folder.")
+    return states
 
 
 # %%

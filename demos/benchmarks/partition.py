@@ -16,6 +16,7 @@ from tactile_fem.finger import load_finger
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.study import Finger, Solver
+from tactile_fem.together import on_root
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 from dolfinx import fem  # isort: skip
@@ -25,7 +26,7 @@ from dolfinx import fem  # isort: skip
 def main(*, preset: str = "coarse") -> None:
     """Distribute the finger and print what each rank got: least, mean, most."""
     comm = MPI.COMM_WORLD
-    finger = load_finger(Finger(preset=preset)) if comm.rank == 0 else None
+    finger = on_root(comm, lambda: load_finger(Finger(preset=preset)), share=False)
     domain = create_domain(finger, comm, Solver().held)
     space = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
     nodes = space.dofmap.index_map

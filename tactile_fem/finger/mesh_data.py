@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,6 +25,8 @@ TET_FACETS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 # Corners of the edges that carry nodes 5 to 10 (tetra10) and 4 to 6 (triangle6), gmsh's order.
 TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [2, 3], [1, 3]])
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
+# VTK, meshio, CalculiX and Abaqus have the last two mid-nodes of a tetrahedron the other way round.
+VTK_ORDER = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,24 @@ class FingerMesh:
         for array in (self.tets, self.tissue, self.triangles, self.surface):
             digest.update(np.ascontiguousarray(array, dtype="<i8").tobytes())
         return digest.hexdigest()
+
+
+def held_parts(
+    mesh: FingerMesh, names: Sequence[str]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Tell which tetrahedra and which nodes the named tissues and surfaces hold.
+
+    Returns
+    -------
+    tets, nodes
+        (m,) tetrahedra of the tissues; (n,) their nodes and those of the surfaces.
+    """
+    tets = np.isin(mesh.tissue, [tag for name, tag in TISSUES.items() if name in names])
+    facets = np.isin(mesh.surface, [tag for name, tag in SURFACES.items() if name in names])
+    nodes = np.zeros(len(mesh.nodes), dtype=bool)
+    nodes[mesh.tets[tets]] = True
+    nodes[mesh.triangles[facets]] = True
+    return tets, nodes
 
 
 def facets_of(tets: NDArray[np.int64]) -> tuple[NDArray, NDArray, NDArray]:

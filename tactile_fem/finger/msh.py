@@ -9,10 +9,9 @@ import meshio
 import numpy as np
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, VTK_ORDER, FingerMesh
 
 OPTIONAL = {"nail"}
-_SWAP = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]  # meshio keeps tetra10 in VTK's order
 
 
 def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
@@ -61,7 +60,7 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
         raise MeshError(f"the mesh {path} has surface triangles that are no facets of tetrahedra")
     return FingerMesh(
         nodes=np.ascontiguousarray(raw.points[used], dtype=np.float64),
-        tets=flat.reshape(-1, 10)[:, _SWAP].astype(np.int64),
+        tets=flat.reshape(-1, 10)[:, VTK_ORDER].astype(np.int64),
         tissue=tissue,
         triangles=np.searchsorted(used, triangles).astype(np.int64),
         surface=surface,

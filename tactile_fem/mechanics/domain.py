@@ -15,7 +15,7 @@ from dolfinx.io.gmsh import cell_perm_array
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMesh
+from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMesh, held_parts
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,18 @@ class Domain:
     def comm(self) -> MPI.Comm:
         """The communicator of the mesh."""
         return self.mesh.comm
+
+    def tissues_of(self, tags: mesh.MeshTags) -> dict[str, int]:
+        """Return name and tag of the tissues that any rank has among `tags`.
+
+        All ranks get the same in the same order, so that they make the same forms.
+        """
+        here = set(tags.values.tolist())
+        return {
+            name: tag
+            for name, tag in TISSUES.items()
+            if self.comm.allreduce(tag in here, op=MPI.LOR)
+        }
 
     def owned_file_cells(self) -> np.ndarray:
         """Return the file's index of each owned cell."""
@@ -110,11 +122,7 @@ def _plan(
     finger: FingerMesh, held: Sequence[str]
 ) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return straightness, nodes, held nodes, lines and deformable cells; on rank 0."""
-    rigid = np.isin(finger.tissue, [tag for name, tag in TISSUES.items() if name in held])
-    fixed = np.isin(finger.surface, [tag for name, tag in SURFACES.items() if name in held])
-    held_nodes = np.zeros(len(finger.nodes), dtype=bool)
-    held_nodes[finger.tets[rigid]] = True
-    held_nodes[finger.triangles[fixed]] = True
+    rigid, held_nodes = held_parts(finger, held)
     return _is_straight(finger), finger.nodes, held_nodes, _lines(finger), np.flatnonzero(~rigid)
 
 
@@ -166,8 +174,8 @@ class NodeOrder:
         distance, self._file = cKDTree(domain.nodes).query(points)
         if len(distance) and distance.max() > 1e-6:
             raise MeshError("mesh: a P2 node is not a node of the file; 10-node tetrahedra needed")
-        self._space = space
         self._owned = space.dofmap.index_map.size_local
+        self._first = space.dofmap.index_map.local_range[0]
         self._count = len(domain.nodes)
         self._held = domain.held
         self._line = domain.line
@@ -187,18 +195,14 @@ class NodeOrder:
         -------
         Global block indices, one array (lines, length) for each length.
         """
-        index_map = self._space.dofmap.index_map
-        number, owner = np.zeros((2, self._count), dtype=np.int64)
+        number, owner = place = np.full((2, self._count), -1)  # -1: of a held tissue only
         owned = self._file[: self._owned]
-        number[owned] = index_map.local_range[0] + np.arange(self._owned)
+        number[owned] = self._first + np.arange(self._owned)
         owner[owned] = self._comm.rank
-        self._comm.Allreduce(MPI.IN_PLACE, number)
-        self._comm.Allreduce(MPI.IN_PLACE, owner)
-        present = np.zeros(self._count, dtype=bool)
-        present[owned] = True
-        self._comm.Allreduce(MPI.IN_PLACE, present, MPI.LOR)
+        self._comm.Allreduce(MPI.IN_PLACE, place, MPI.MAX)
         head = np.where(self._line >= 0, self._line, np.arange(self._count))
-        mine = np.flatnonzero(present & (owner[head] == self._comm.rank))
+        caring = np.maximum(owner[head], 0)
+        mine = np.flatnonzero((number >= 0) & (caring == self._comm.rank))
         return [number[mine[group]] for group in _groups(self._line[mine])]
 
     def gather(self, u: fem.Function) -> np.ndarray:

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.mechanics.domain import Domain
 from tactile_fem.study import Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import law_of, shear_modulus, stress
-
-_UNION = MPI.Op.Create(lambda a, b, _: a | b, commute=True)
 
 
 def deformation_gradient(u: Expr) -> Expr:
@@ -73,18 +68,10 @@ class Elasticity:
             subdomain_data=domain.tissue,
             metadata={"quadrature_degree": degree},
         )
-        present = everywhere(domain, set(domain.tissue.values.tolist()))
-        return sum(ufl.inner(self.stress(name_of(tag)), ufl.grad(v)) * dx(tag) for tag in present)
+        present = domain.tissues_of(domain.tissue)
+        return sum(
+            ufl.inner(self.stress(name), ufl.grad(v)) * dx(tag) for name, tag in present.items()
+        )
 
     def _wrap(self, value: float) -> fem.Constant:
         return fem.Constant(self._mesh, float(value))
-
-
-def everywhere(domain: Domain, tags: set[int]) -> list[int]:
-    """Return the tags that any rank has, in order: all ranks then make the same form."""
-    return sorted(domain.comm.allreduce(tags, op=_UNION))
-
-
-def name_of(tag: int) -> str:
-    """Return the tissue with the tag."""
-    return next(name for name, value in TISSUES.items() if value == tag)

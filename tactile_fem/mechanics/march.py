@@ -111,7 +111,6 @@ class March:
         self._u_before = problem.u.x.array.copy()
         self._last_step = 0.0
         self._failed: list[SolveReport] = []
-        self._started = 0.0
 
     def __iter__(self) -> Iterator[Step]:
         """Yield each accepted step until the protocol ends.
@@ -121,6 +120,7 @@ class March:
         ConvergenceError
             If a step fails at the smallest size.
         """
+        started = time.perf_counter()
         while True:
             if self._control.finished:
                 if self._phase == "slide":
@@ -131,11 +131,10 @@ class March:
                 self._last_step = 0.0
                 if self._control.finished:
                     return
-            if not self._failed:
-                self._started = time.perf_counter()
-            step = self._try_step()
+            step = self._try_step(started)
             if step is not None:
                 yield step
+                started = time.perf_counter()
 
     def _press_control(self, depth: float) -> StepControl:
         s = self._solver
@@ -149,7 +148,7 @@ class March:
             p.distance_mm, s.first_slide_step_mm, s.max_slide_step_mm, s.min_step_mm, milestones
         )
 
-    def _try_step(self) -> Step | None:
+    def _try_step(self, started: float) -> Step | None:
         """Solve for the next position; return the accepted step, or None if it was cut."""
         control, problem = self._control, self.problem
         target = control.target_mm()
@@ -191,7 +190,7 @@ class March:
             failed,
             control.at_milestone,
             self._fraction(),
-            time.perf_counter() - self._started,
+            time.perf_counter() - started,
         )
 
     def _translation(self, position: float) -> np.ndarray:

@@ -79,9 +79,11 @@ class Obstacle:
 
     def refresh(self) -> None:
         """Expand the signed distance anew at the current displacement."""
-        at = np.append(self.u.x.array, self.translation.value)
-        if not len(self._entities) or np.array_equal(at, self._at):
+        if not len(self._entities):
             return
+        at = np.append(self.u.x.array, self.translation.value)
+        if np.array_equal(at, self._at):
+            return  # the Jacobian follows a residual at the same place
         self._at = at
         position, displacement = self._evaluate
         y = position.eval(self._parent, self._entities).reshape(-1, 3)

@@ -14,7 +14,6 @@ import ufl
 from dolfinx import common, fem
 from dolfinx.mesh import entities_to_geometry
 
-from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.mechanics.elasticity import deformation_gradient
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.receptors import Samples
@@ -119,12 +118,11 @@ class CellEnergy:
         self._weights = _KPA_PER_MPA * weights / weights.sum()
         owned = domain.owned_file_cells()
         self._parts = []
-        for name, tag in TISSUES.items():
+        for name, tag in domain.tissues_of(domain.tissue).items():
             cells = domain.tissue.find(tag)
             cells = cells[cells < len(owned)]
-            if domain.comm.allreduce(len(cells)):
-                expression = fem.Expression(problem.elasticity.energy(name), points)
-                self._parts.append((expression, cells, owned[cells]))
+            expression = fem.Expression(problem.elasticity.energy(name), points)
+            self._parts.append((expression, cells, owned[cells]))
 
     def gather(self) -> np.ndarray:
         """Return the mean strain energy density in kPa of the file's cells, on every rank."""

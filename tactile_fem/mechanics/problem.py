@@ -20,7 +20,7 @@ from tactile_fem.mechanics import multigrid
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.contact import Contact
 from tactile_fem.mechanics.domain import Domain, NodeOrder
-from tactile_fem.mechanics.elasticity import Elasticity, everywhere, name_of
+from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import PREFIX, set_options
 from tactile_fem.stimulus.body import RigidBody
@@ -128,20 +128,20 @@ class FingerProblem:
         maps = self.obstacle.entity_maps
         self._contact_form = fem.form(contact_form, jit_options=jit, entity_maps=maps)
         self.options = set_options(solver)
+        uses_multigrid = self.options["pc_type"] == "mg"
         self._bcs = [fem.dirichletbc(np.zeros(3), self._held, V), *constraints(V)]
         self._problem = fem_petsc.NonlinearProblem(
             bulk + contact_form,
             self.u,
             bcs=self._bcs,
             petsc_options_prefix=PREFIX,
-            kind="baij" if self.options["pc_type"] == "mg" else None,
+            kind="baij" if uses_multigrid else None,
             jit_options=jit,
             entity_maps=maps,
         )
         self.snes.setFromOptions()
-        pc = self.snes.getKSP().getPC()
         self._two_level: multigrid.TwoLevel | None = None
-        if pc.getType() == "mg":
+        if uses_multigrid:
             blocks = self.order.blocks()
             self._two_level = multigrid.TwoLevel(self.snes, V, self._held, blocks)
         self.snes.setFunction(self._assemble_residual, self._problem.b)
@@ -171,8 +171,7 @@ class FingerProblem:
             metadata={"quadrature_degree": solver.contact_degree},
         )
         form = 0
-        for tag in everywhere(self.domain, set(skin.values.tolist())):
-            tissue = name_of(tag)
+        for tissue, tag in self.domain.tissues_of(skin).items():
             E = fem.Constant(msh, young_modulus(self.elasticity.constants(tissue)))
             contact = Contact(
                 self.obstacle,
