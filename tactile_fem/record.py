@@ -79,20 +79,19 @@ class Recorder:
 
     def step(self, step: Step, trace: Trace) -> None:
         """Keep an accepted step."""
-        now, before = self._march.gather()
+        nodal = self._march.gather()
         sed = self._energy.gather() if self._field_due(step) else None
 
         def write() -> None:
             if sed is not None and self._fields is not None:
-                self._fields.write(float(trace.time_s[-1]), now, sed)
+                self._fields.write(float(trace.time_s[-1]), nodal["u"], sed)
             self._results.save_trace(**trace.arrays())
             self._results.save_checkpoint(
                 state=json.dumps(self._march.state()),
                 mesh=self._mesh_hash,
                 rows=len(trace.time_s),
                 next_field_mm=self._next_field_mm,
-                u=now,
-                u_before=before,
+                **nodal,
             )
 
         with common.Timer("tactile: output"):
@@ -119,7 +118,7 @@ class Recorder:
                 f"{self._results.checkpoint_file} belongs to another mesh than the study's."
             )
         state = json.loads(str(saved["state"]))
-        self._march.restore(state, saved["u"], saved["u_before"])
+        self._march.restore(state, saved)
         self._next_field_mm = float(saved["next_field_mm"])
         if self._fields is not None:
             self._fields.go_on()

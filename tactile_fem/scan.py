@@ -169,15 +169,11 @@ def _run(
                     depth_mm=step.depth_mm,
                     clock_s=step.clock_s,
                     stimulator_mm=step.translation_mm,
-                    force_N=step.load.force_N,
-                    moment_Nmm=step.load.moment_Nmm,
-                    imbalance_N=step.load.imbalance_N,
                     newton_iterations=step.newton_iterations,
                     linear_iterations=step.linear_iterations,
                     wall_s=step.wall_s,
-                    sed_kPa=feeling.sed_kPa,
-                    von_mises_kPa=feeling.von_mises_kPa,
-                    stretches=feeling.stretches,
+                    **vars(step.load),
+                    **vars(feeling),
                 )
                 if recorder:
                     recorder.step(step, histories.trace())

@@ -22,6 +22,10 @@ class Trace:
         the clock starts with the indentation.
     stimulator_mm, force_N, moment_Nmm
         (steps, 3); force and moment (about the origin) act on the finger.
+    contact_area_mm2, gap_error_mm, traction_error, volume_change, stored_mJ
+        (steps,): see `tactile_fem.mechanics.load.Load`.
+    work_mJ, friction_mJ
+        Of each step, (steps,): work of the stimulator on the finger; heat of friction.
     imbalance_N, newton_iterations, linear_iterations, wall_s
         (steps,): contact force against held reaction; what the step cost.
     receptors_mm
@@ -37,6 +41,13 @@ class Trace:
     stimulator_mm: Array
     force_N: Array
     moment_Nmm: Array
+    contact_area_mm2: Array
+    gap_error_mm: Array
+    traction_error: Array
+    volume_change: Array
+    stored_mJ: Array
+    work_mJ: Array
+    friction_mJ: Array
     imbalance_N: Array
     newton_iterations: Array
     linear_iterations: Array
@@ -70,6 +81,13 @@ class Histories:
             "stimulator_mm": [np.zeros(3)],
             "force_N": [np.zeros(3)],
             "moment_Nmm": [np.zeros(3)],
+            "contact_area_mm2": [0.0],
+            "gap_error_mm": [0.0],
+            "traction_error": [0.0],
+            "volume_change": [0.0],
+            "stored_mJ": [0.0],
+            "work_mJ": [0.0],
+            "friction_mJ": [0.0],
             "imbalance_N": [0.0],
             "newton_iterations": [0],
             "linear_iterations": [0],

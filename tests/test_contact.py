@@ -214,20 +214,22 @@ def test_the_width_of_contact_hardly_changes_the_force():
     np.testing.assert_allclose(forces[1], forces[0], rtol=1e-3, atol=1e-6)
 
 
-def test_where_newton_fails_contact_sets_in_more_gently_first(monkeypatch):
+@pytest.mark.parametrize("failures", [1, 2])
+def test_where_newton_fails_contact_is_gentler_first(monkeypatch, failures):
     contact = problem(Plate(friction=0.3))
-    newton, widths = contact._newton, []
+    newton, laws = contact._newton, []
 
     def fail_at_first():
-        widths.append(float(contact._width.value))
+        laws.append((float(contact._width.value), float(contact._softness.value)))
         report = newton()
-        return replace(report, converged=False) if len(widths) == 1 else report
+        return replace(report, converged=False) if len(laws) <= failures else report
 
     monkeypatch.setattr(contact, "_newton", fail_at_first)
     report = contact.solve(np.array([0, 0, 0.1]), 0.01)
     width = Solver().contact_width_MPa
     assert report.converged
-    assert widths == pytest.approx([width, 4 * width, width])
+    expected = [(width, 0), (width, 0.3), (4 * width, 0.3)][: failures + 1]
+    np.testing.assert_allclose(laws, [*expected, (width, 0)])
     assert report.iterations > contact.snes.getIterationNumber() > 0
     plain = pressed(problem(Plate(friction=0.3)), (0, 0, 0.1))
     np.testing.assert_allclose(contact.load().force_N, plain.force_N, rtol=1e-7, atol=1e-9)

@@ -190,7 +190,7 @@ def replay(
     for name, results in states.items():
         march = March(problem, study.protocol, solver, study.finger.pad_thickness_mm)
         saved = on_root(comm, results.load_checkpoint)
-        march.restore(json.loads(str(saved["state"])), saved["u"], saved["u_before"])
+        march.restore(json.loads(str(saved["state"])), saved)
         started = time.perf_counter()
         taken = []
         try:

@@ -33,14 +33,18 @@ def smooth_positive(x: Expr, width: Expr | float) -> Expr:
     return ufl.max_value(rounded - width / 1000, 0.0)
 
 
-def smooth_coulomb(q: Expr, bound: Expr) -> Expr:
-    """Return the tangential traction ``bound q/sqrt(|q|^2 + bound^2)``.
+def smooth_coulomb(q: Expr, bound: Expr, softness: Expr | float) -> Expr:
+    """Return the tangential traction ``bound q/(|q|^n + bound^n)^(1/n)``.
 
     It is the projection of the trial traction `q` onto the disc of radius `bound` with its edge
-    rounded: never above Coulomb's bound, equal to it within ``(bound/|q|)^2/2`` when sliding.
-    The rounding lets Newton start a slide at once.
+    rounded: never above Coulomb's bound, so that Newton can start a slide at once. At `softness`
+    0 it is ``n = 8``: what slides feels the bound within ``(bound/|q|)^8/8``, what sticks hardly
+    creeps from step to step. At 1 it is ``n = 2``, between them the denominators are mixed.
     """
-    return bound * q / ufl.sqrt(ufl.dot(q, q) + bound**2 + _TINY_MPa**2)
+    square = ufl.dot(q, q) + _TINY_MPa**2
+    sharp = ufl.sqrt(ufl.sqrt(ufl.sqrt(square**4 + bound**8)))
+    soft = ufl.sqrt(square + bound**2)
+    return bound * q / (sharp + softness * (soft - sharp))
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,8 @@ class Contact:
         ``gamma_h`` in MPa/mm.
     width
         Pressure over which contact sets in, in MPa.
+    softness
+        Of the friction law, 0 to 1; see `smooth_coulomb`.
     theta
         0 incomplete, 1 symmetric, -1 skew-symmetric Nitsche.
     """
@@ -65,21 +71,24 @@ class Contact:
     friction: Expr | float
     stiffness: Expr | float
     width: Expr | float
+    softness: Expr | float
     theta: int = 0
 
-    def traction(self, t: Expr, u: Expr, u_old: Expr) -> Expr:
-        """Return the contact traction `s` on the finger, given its Piola traction `t`."""
+    def tractions(self, t: Expr, u: Expr, u_old: Expr) -> tuple[Expr, Expr]:
+        """Return pressure `s_n` and friction `s_t` on the finger, given its Piola traction `t`."""
         nu, g = self.obstacle.normal, self.obstacle.gap
         p = ufl.dot(t, nu)
         s_n = smooth_positive(p - self.stiffness * g, self.width)
         motion = (u - u_old) - (self.obstacle.translation - self.obstacle.translation_old)
         slip = motion - ufl.dot(motion, nu) * nu
-        s_t = smooth_coulomb(t - p * nu - self.stiffness * slip, self.friction * s_n)
-        return s_n * nu + s_t
+        trial = t - p * nu - self.stiffness * slip
+        s_t = smooth_coulomb(trial, self.friction * s_n, self.softness)
+        return s_n, s_t
 
     def residual(self, t: Expr, u: Expr, u_old: Expr, v: Expr) -> Expr:
         """Return the contact part of the residual's integrand over the skin."""
-        s = self.traction(t, u, u_old)
+        s_n, s_t = self.tractions(t, u, u_old)
+        s = s_n * self.obstacle.normal + s_t
         residual = -ufl.dot(s, v)
         if self.theta:
             Dt = ufl.derivative(t, u, v)

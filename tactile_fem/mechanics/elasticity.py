@@ -62,16 +62,21 @@ class Elasticity:
 
     def residual(self, domain: Domain, v: Expr, degree: int) -> ufl.Form:
         """Return the virtual work of the stresses in `v`, with quadrature of `degree`."""
-        dx = ufl.Measure(
-            "dx",
-            domain.mesh,
-            subdomain_data=domain.tissue,
-            metadata={"quadrature_degree": degree},
-        )
-        present = domain.tissues_of(domain.tissue)
         return sum(
-            ufl.inner(self.stress(name), ufl.grad(v)) * dx(tag) for name, tag in present.items()
+            ufl.inner(self.stress(name), ufl.grad(v)) * dx
+            for name, dx in _measures(domain, degree).items()
         )
+
+    def stored(self, domain: Domain, w: Expr, degree: int) -> ufl.Form:
+        """Return the strain energy of all tissues, weighted with `w`."""
+        return sum(self.energy(name) * w * dx for name, dx in _measures(domain, degree).items())
 
     def _wrap(self, value: float) -> fem.Constant:
         return fem.Constant(self._mesh, float(value))
+
+
+def _measures(domain: Domain, degree: int) -> dict[str, ufl.Measure]:
+    """Return the volume measure of each tissue, with quadrature of `degree`."""
+    metadata = {"quadrature_degree": degree}
+    dx = ufl.Measure("dx", domain.mesh, subdomain_data=domain.tissue, metadata=metadata)
+    return {name: dx(tag) for name, tag in domain.tissues_of(domain.tissue).items()}

@@ -107,7 +107,6 @@ class March:
         self._depth = 0.0
         self._clock = 0.0
         self._index = 0
-        self._force = 0.0
         self._u_before = problem.u.x.array.copy()
         self._last_step = 0.0
         self._failed: list[SolveReport] = []
@@ -172,7 +171,6 @@ class March:
         control.accept(target, report.iterations)
         self._clock += dt
         self._index += 1
-        self._force = float(load.force_N[2])
         if pressing:
             self._depth = target
             if p.force_N is not None and not self._short_of_force():
@@ -224,14 +222,20 @@ class March:
         reached = float(load.force_N[2])
         if reached <= force * (1 + _FORCE_TOLERANCE):
             return True
-        share = (force - self._force) / (reached - self._force)
+        before = self._force_N
+        share = (force - before) / (reached - before)
         step = max(share, 0.05) * (target - self._control.position_mm)
         self._control.step_mm = self._control.largest_mm = step
         return False
 
+    @property
+    def _force_N(self) -> float:
+        """Normal force at the last accepted step."""
+        return float(self.problem.load_cell.force_old_N[2])
+
     def _short_of_force(self) -> bool:
         force = self._protocol.force_N
-        return force is not None and self._force < force * (1 - _FORCE_TOLERANCE)
+        return force is not None and self._force_N < force * (1 - _FORCE_TOLERANCE)
 
     def _fraction(self) -> float:
         whole = self._control.length_mm if self._phase == "press" else self._depth
@@ -261,33 +265,39 @@ class March:
             "depth_mm": self._depth,
             "clock_s": self._clock,
             "index": self._index,
-            "force": self._force,
+            "force_N": self.problem.load_cell.force_old_N.tolist(),
             "last_step_mm": self._last_step,
         }
 
-    def restore(self, state: dict[str, Any], u: np.ndarray, u_before: np.ndarray) -> None:
-        """Go back to a saved `state`, with displacements (n, 3) in the mesh file's node order."""
+    def restore(self, state: dict[str, Any], nodal: dict[str, np.ndarray]) -> None:
+        """Go back to what `state` and `gather` returned."""
         self._phase = state["phase"]
         press = self._phase == "press"
         self._control = self._press_control(0.0) if press else self._slide_control()
         for name in ("position_mm", "length_mm", "step_mm", "largest_mm", "wait"):
             setattr(self._control, name, state[name])
         self._depth, self._clock = state["depth_mm"], state["clock_s"]
-        self._index, self._force = state["index"], state["force"]
+        self._index = state["index"]
         self._last_step = state["last_step_mm"]
         order, problem = self.problem.order, self.problem
-        order.scatter(u_before, problem.u)
+        order.scatter(nodal["u_before"], problem.u)
         self._u_before[:] = problem.u.x.array
-        order.scatter(u, problem.u)
+        order.scatter(nodal["u"], problem.u)
         problem.obstacle.translation.value[:] = self._translation(self._control.position_mm)
         problem.accept()
+        problem.load_cell.force_old_N = np.array(state["force_N"])
+        order.scatter(nodal["friction"], problem.load_cell.friction_old)
 
-    def gather(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the displacements (n, 3) now and a step before, in the file's node order."""
+    def gather(self) -> dict[str, np.ndarray]:
+        """Return the nodal part of the state, arrays (n, 3) in the mesh file's node order.
+
+        Displacements now, `u`, and a step before, `u_before`; forces of `friction`.
+        """
         problem = self.problem
         before = problem.u.copy()
         before.x.array[:] = self._u_before
-        return problem.order.gather(problem.u), problem.order.gather(before)
+        functions = {"u": problem.u, "u_before": before, "friction": problem.load_cell.friction_old}
+        return {name: problem.order.gather(function) for name, function in functions.items()}
 
 
 def _check_balance(load: Load) -> None:

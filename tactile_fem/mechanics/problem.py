@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from petsc4py import PETSc
 
@@ -21,16 +22,15 @@ from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.contact import Contact
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.elasticity import Elasticity
+from tactile_fem.mechanics.load import Load, LoadCell
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import PREFIX, set_options
 from tactile_fem.stimulus.body import RigidBody
 from tactile_fem.study import Solver, Tissue
 from tactile_fem.tissue.energies import young_modulus
 
-logger = logging.getLogger(__name__)
-
-# How much wider contact sets in where Newton's method fails.
-_GENTLER = 4.0
+# Where Newton's method fails: how much wider contact sets in, how soft friction is.
+_GENTLER = ((1.0, 0.3), (4.0, 0.3))
 
 Constraints = Callable[[fem.FunctionSpace], Sequence[fem.DirichletBC]]
 
@@ -53,20 +53,22 @@ class SolveReport:
 
 
 @dataclass(frozen=True)
-class Load:
-    """Forces of one accepted step, on the finger.
+class SkinPart:
+    """Skin of one tissue.
 
     Attributes
     ----------
-    force_N, moment_Nmm
-        Of the contact traction, (3,); the moment about the origin.
-    imbalance_N
-        Distance between the contact force and the reaction at the held boundary.
+    contact
+        Its contact law.
+    t
+        The tissue's Piola traction.
+    ds
+        Measure of its facets.
     """
 
-    force_N: np.ndarray
-    moment_Nmm: np.ndarray
-    imbalance_N: float
+    contact: Contact
+    t: Expr
+    ds: ufl.Measure
 
 
 class FingerProblem:
@@ -95,6 +97,10 @@ class FingerProblem:
         The rigid body and its place.
     order
         Carries displacements to and from the mesh file's node order.
+    held
+        This rank's dofs (blocks) of the nodes that do not move.
+    skin
+        The parts of the skin that may touch, with their contact laws.
     options
         PETSc's options without the prefix.
     """
@@ -115,35 +121,37 @@ class FingerProblem:
         self.u_old = fem.Function(V)
         self.elasticity = Elasticity(tissue, self.u, self.u_old)
         self.order = NodeOrder(domain, V)
-        self._held = self.order.held_dofs()
-        if not domain.comm.allreduce(len(self._held)):
+        self.held = self.order.held_dofs()
+        if not domain.comm.allreduce(len(self.held)):
             raise MeshError(f"solver.held = {list(solver.held)}: nothing of the mesh is held")
         self._width = fem.Constant(msh, solver.contact_width_MPa)
-        skin = _skin_by_tissue(domain)
-        self.obstacle = Obstacle(body, self.u, np.sort(skin.indices), solver.contact_degree)
+        self._softness = fem.Constant(msh, 0.0)
+        facets = _skin_by_tissue(domain)
+        self.obstacle = Obstacle(body, self.u, np.sort(facets.indices), solver.contact_degree)
+        self.bulk_degree = solver.bulk_degree
+        self.skin = self._skin(facets, friction, solver)
+        self._jit = jit_options(solver.compiler_flags)
         v = ufl.TestFunction(V)
-        bulk = self.elasticity.residual(domain, v, solver.bulk_degree)
-        contact_form = self._contact_residual(skin, friction, solver, v)
-        jit = jit_options(solver.compiler_flags)
-        maps = self.obstacle.entity_maps
-        self._contact_form = fem.form(contact_form, jit_options=jit, entity_maps=maps)
+        residual = self.elasticity.residual(domain, v, solver.bulk_degree)
+        for part in self.skin:
+            residual += part.contact.residual(part.t, self.u, self.u_old, v) * part.ds
         self.options = set_options(solver)
         uses_multigrid = self.options["pc_type"] == "mg"
-        self._bcs = [fem.dirichletbc(np.zeros(3), self._held, V), *constraints(V)]
+        self._bcs = [fem.dirichletbc(np.zeros(3), self.held, V), *constraints(V)]
         self._problem = fem_petsc.NonlinearProblem(
-            bulk + contact_form,
+            residual,
             self.u,
             bcs=self._bcs,
             petsc_options_prefix=PREFIX,
             kind="baij" if uses_multigrid else None,
-            jit_options=jit,
-            entity_maps=maps,
+            jit_options=self._jit,
+            entity_maps=self.obstacle.entity_maps,
         )
         self.snes.setFromOptions()
         self._two_level: multigrid.TwoLevel | None = None
         if uses_multigrid:
             blocks = self.order.blocks()
-            self._two_level = multigrid.TwoLevel(self.snes, V, self._held, blocks)
+            self._two_level = multigrid.TwoLevel(self.snes, V, self.held, blocks)
         self.snes.setFunction(self._assemble_residual, self._problem.b)
         self.snes.setJacobian(self._assemble_jacobian, self._problem.A)
 
@@ -157,10 +165,27 @@ class FingerProblem:
         """PETSc's nonlinear solver."""
         return self._problem.solver
 
-    def _contact_residual(
-        self, skin: mesh.MeshTags, friction: float, solver: Solver, v: Expr
-    ) -> ufl.Form:
-        """Return the virtual work of the contact traction in `v`."""
+    @property
+    def residual_form(self) -> fem.Form:
+        """The compiled residual, without boundary conditions."""
+        return self._problem.F
+
+    @cached_property
+    def load_cell(self) -> LoadCell:
+        """Reads what the finger carries; compiled when first used."""
+        return LoadCell(self)
+
+    def load(self) -> Load:
+        """Return forces and energies at the present displacement."""
+        return self.load_cell.read()
+
+    def compile(self, form: ufl.Form) -> fem.Form:
+        """Compile a form that may use the obstacle."""
+        maps = self.obstacle.entity_maps
+        return fem.form(form, jit_options=self._jit, entity_maps=maps)
+
+    def _skin(self, skin: mesh.MeshTags, friction: float, solver: Solver) -> list[SkinPart]:
+        """Return the parts of the skin, one for each tissue."""
         msh = self.domain.mesh
         N = ufl.FacetNormal(msh)
         height = 3 * ufl.CellVolume(msh) / ufl.FacetArea(msh)
@@ -170,7 +195,7 @@ class FingerProblem:
             subdomain_data=skin,
             metadata={"quadrature_degree": solver.contact_degree},
         )
-        form = 0
+        parts = []
         for tissue, tag in self.domain.tissues_of(skin).items():
             E = fem.Constant(msh, young_modulus(self.elasticity.constants(tissue)))
             contact = Contact(
@@ -178,36 +203,47 @@ class FingerProblem:
                 fem.Constant(msh, friction),
                 fem.Constant(msh, solver.nitsche_gamma) * E / height,
                 self._width,
+                self._softness,
                 solver.nitsche_theta,
             )
             t = self.elasticity.stress(tissue) * N
-            form += contact.residual(t, self.u, self.u_old, v) * ds(tag)
-        return form
+            parts.append(SkinPart(contact, t, ds(tag)))
+        return parts
 
     def solve(self, translation: np.ndarray, dt_s: float) -> SolveReport:
         """Find the equilibrium with the body at `translation` (3,), `dt_s` after the last one.
 
         `u` is the initial guess and the result; on failure the caller resets it. Where Newton's
-        method fails, contact is made to set in more gently, and then as it should from there.
+        method fails, contact sets in more gently and friction is softer at first; the law as it
+        should be follows from there.
         """
         self.obstacle.translation.value[:] = translation
         self.elasticity.set_time_step(dt_s)
         guess = self.u.x.array.copy()
-        width = float(self._width.value)
         tries = [self._newton()]
-        if not tries[0].converged and width:
+        for width, softness in _GENTLER:
+            if tries[-1].converged:
+                break
             self.u.x.array[:] = guess
-            self._width.value = _GENTLER * width
-            tries.append(self._newton())
-            self._width.value = width
-            if tries[1].converged:
-                logger.debug("contact over %g MPa, then over %g MPa", _GENTLER * width, width)
+            with self._gentle_contact(width, softness):
+                tries.append(self._newton())
+            if tries[-1].converged:
                 tries.append(self._newton())
         return replace(
             tries[-1],
             iterations=sum(report.iterations for report in tries),
             linear_iterations=sum(report.linear_iterations for report in tries),
         )
+
+    @contextmanager
+    def _gentle_contact(self, width: float, softness: float) -> Iterator[None]:
+        """Round contact and friction more, for a while."""
+        own_width = float(self._width.value)
+        self._width.value, self._softness.value = width * own_width, softness
+        try:
+            yield
+        finally:
+            self._width.value, self._softness.value = own_width, 0.0
 
     def _newton(self) -> SolveReport:
         with common.Timer("tactile: solve"):
@@ -225,32 +261,7 @@ class FingerProblem:
         """Make the present state the history of the next step."""
         self.u_old.x.array[:] = self.u.x.array
         self.obstacle.translation_old.value[:] = self.obstacle.translation.value
-
-    def load(self) -> Load:
-        """Return the contact force and its balance with the reaction at the held parts."""
-        with common.Timer("tactile: load"):
-            self.obstacle.refresh()
-            contact = self._owned(fem_petsc.assemble_vector(self._contact_form))
-            whole = self._owned(fem_petsc.assemble_vector(self._problem.F))
-        V = self.u.function_space
-        owned = V.dofmap.index_map.size_local
-        position = V.tabulate_dof_coordinates()[:owned] + self.u.x.array.reshape(-1, 3)[:owned]
-        held = self._held[self._held < owned]
-        local = np.stack(
-            [
-                -contact.sum(axis=0),
-                -np.cross(position, contact).sum(axis=0),
-                (whole - contact)[held].sum(axis=0),
-            ]
-        )
-        force, moment, reaction = self.domain.comm.allreduce(local)
-        return Load(force, moment, float(np.linalg.norm(force + reaction)))
-
-    def _owned(self, vector: PETSc.Vec) -> np.ndarray:
-        vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-        values = vector.array.reshape(-1, 3).copy()
-        vector.destroy()
-        return values
+        self.load_cell.keep()
 
     def _update(self, x: PETSc.Vec) -> None:
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
