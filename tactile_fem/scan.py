@@ -108,6 +108,28 @@ def resume(
     return _run(_Scene.of(study, comm), results, comm, observers, proceed=True)
 
 
+def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None) -> Results:
+    """Return the study's finished scan in `folder`; run it or go on with it where needed.
+
+    So a series of scans that was interrupted is started again, and does what is left.
+
+    Raises
+    ------
+    StudyError
+        The folder holds the scan of another study.
+    """
+    comm = comm or MPI.COMM_WORLD
+    there = on_root(comm, lambda: Path(folder).is_dir() and any(Path(folder).iterdir()))
+    if not there:
+        scan(study, folder, comm=comm)
+    results = on_root(comm, lambda: Results.open(folder))
+    if on_root(comm, lambda: results.study) != study:
+        raise StudyError(f"{folder} holds the scan of another study: choose another folder.")
+    if on_root(comm, lambda: results.run.get("status")) != "complete":
+        resume(folder, comm=comm)
+    return Results.open(folder)
+
+
 @dataclass(frozen=True)
 class _Scene:
     """Finger, body and receptors; `finger` is None on all ranks but the first."""

@@ -86,6 +86,19 @@ def test_calculix(tmp_path):
     assert (tmp_path / "comparison.csv").is_file()
 
 
+@pytest.mark.slow
+def test_convergence(tmp_path):
+    meshes = ["--meshes", "3.0,6.0", "--meshes", "2.2,5.0"]
+    way = ["--depth", "0.2", "--distance", "0.1"]
+    told = run("verification/convergence.py", str(tmp_path), *meshes, *way)
+    halved = re.search(r"half the step .* ([\d.]+)%", told)
+    assert halved and float(halved[1]) < 10
+    assert 0 < number(r"spreads by ([\d.]+)%", told) < 50
+    assert (tmp_path / "convergence.png").is_file()
+    # A second start finds everything done.
+    assert run("verification/convergence.py", str(tmp_path), *meshes, *way) == told
+
+
 @pytest.mark.mpi
 def test_partition():
     script = str(DEMOS / "benchmarks/partition.py")
