@@ -167,6 +167,30 @@ def test_fields_are_as_short_as_calculix_reads_them(written):
             assert max(len(field) for row in rows for field in row) < 20
 
 
+def test_energy_of_chosen_tetrahedra_is_printed_in_both_steps(tmp_path):
+    way = {"grid_mm": (1.0, 1.0), "energy_of": np.array([0, 7])}
+    write_deck(STUDY, BLOCK, tmp_path / "felt.inp", **way)
+    deck = Deck(tmp_path / "felt.inp")
+    assert deck.one("*ELSET, ELSET=FELT") == [["1", "8"]]
+    assert deck.all("*EL PRINT, ELSET=FELT") == [[["ENER"]], [["ENER"]]]
+
+
+def test_abaqus_differs_in_three_words(tmp_path):
+    way = {"grid_mm": (1.0, 1.0), "energy_of": np.array([0])}
+    lines = {}
+    for code in ("calculix", "abaqus"):
+        write_deck(STUDY, BLOCK, tmp_path / f"{code}.inp", code=code, **way)
+        lines[code] = (tmp_path / f"{code}.inp").read_text().splitlines()
+    pairs = zip(lines["calculix"], lines["abaqus"], strict=True)
+    stick = Deck(tmp_path / "calculix.inp").one("*FRICTION")[0][1]
+    assert {pair for pair in pairs if pair[0] != pair[1]} == {
+        (f"0.3, {stick}", "0.3"),
+        ("*NODE PRINT, NSET=STIMULATOR, TOTALS=ONLY", "*NODE PRINT, NSET=STIMULATOR, TOTALS=YES"),
+        ("*NODE PRINT, NSET=HELD, TOTALS=ONLY", "*NODE PRINT, NSET=HELD, TOTALS=YES"),
+        ("ENER", "SENER"),
+    }
+
+
 def test_no_step_without_a_slide(tmp_path):
     study = Study(stimulus=Plate(friction=0.0), protocol=Protocol(depth_mm=0.3, distance_mm=0.0))
     write_deck(study, BLOCK, tmp_path / "press.inp", grid_mm=(1.0, 1.0))
