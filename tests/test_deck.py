@@ -234,19 +234,19 @@ STRETCH = np.diag([1.3, 0.85, 0.85])
 SHEAR = np.array([[1.0, 0.4, 0.1], [0.0, 0.9, 0.2], [0.1, 0.0, 1.1]])
 
 
+def energy_of(constants: Polynomial, F: np.ndarray) -> float:
+    return float(law_of(constants).energy(ufl.as_matrix(F.tolist()))(()))
+
+
 def piola(constants: Polynomial, F: np.ndarray) -> np.ndarray:
     """Return the first Piola stress by central differences of our energy."""
-    law, h = law_of(constants), 1e-5
-
-    def energy(G):
-        return float(law.energy(ufl.as_matrix(G.tolist()))(()))
-
+    h = 1e-5
     P = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
             step = np.zeros((3, 3))
             step[i, j] = h
-            P[i, j] = (energy(F + step) - energy(F - step)) / (2 * h)
+            P[i, j] = (energy_of(constants, F + step) - energy_of(constants, F - step)) / (2 * h)
     return P
 
 
@@ -254,7 +254,10 @@ def piola(constants: Polynomial, F: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("constants", [NEO_HOOKEAN, SECOND_ORDER, FULL])
 @pytest.mark.parametrize("F", [STRETCH, SHEAR], ids=["stretch", "shear"])
 def test_calculix_has_our_energy(constants, F, tmp_path):
-    """One tetrahedron deformed by `F`: its middle nodes carry P V (grad l_a + grad l_b)."""
+    """One tetrahedron deformed by `F`: its middle nodes carry P V (grad l_a + grad l_b).
+
+    Its energy per undeformed volume is summed up by the trapezoidal rule, so in many increments.
+    """
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
     nodes = np.vstack([corners, corners[EDGES].mean(axis=1)])
     moved = nodes @ (F - np.eye(3)).T
@@ -262,16 +265,19 @@ def test_calculix_has_our_energy(constants, F, tmp_path):
     lines += [f"{n}, {x:.9g}, {y:.9g}, {z:.9g}" for n, (x, y, z) in enumerate(nodes, 1)]
     lines += ["*ELEMENT, TYPE=C3D10, ELSET=TET", ", ".join(map(str, [1, *range(1, 11)]))]
     lines += ["*SOLID SECTION, ELSET=TET, MATERIAL=SOFT", *material_lines("soft", constants)]
-    lines += ["*STEP, NLGEOM", "*STATIC", "1., 1.", "*BOUNDARY"]
+    lines += ["*STEP, NLGEOM", "*STATIC", "0.02, 1., 1e-5, 0.02", "*BOUNDARY"]
     lines += [
         f"{n}, {axis}, {axis}, {value:.9g}"
         for n, row in enumerate(moved, 1)
         for axis, value in enumerate(row, 1)
     ]
-    lines += ["*NODE PRINT, NSET=ALL", "RF", "*END STEP", ""]
+    lines += ["*NODE PRINT, NSET=ALL", "RF", "*EL PRINT, ELSET=TET", "ENER", "*END STEP", ""]
     (tmp_path / "tet.inp").write_text("\n".join(lines))
-    rows = re.findall(r"^ +\d+((?: +-?[\d.]+E[+-]\d+){3})", run_ccx(tmp_path, "tet"), re.M)
+    told = run_ccx(tmp_path, "tet")
+    rows = re.findall(r"^ +\d+((?: +-?[\d.]+E[+-]\d+){3})", told, re.M)[-10:]
     found = np.array([row.split() for row in rows], dtype=float)
+    energy = float(re.findall(r"^ +1 +4 +(\S+)$", told, re.M)[-1])
+    assert energy == pytest.approx(energy_of(constants, F), rel=5e-4)
     gradients = np.array([[-1, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     forces = gradients[EDGES].sum(axis=1) @ piola(constants, F).T / 6
     np.testing.assert_allclose(found[:4], 0.0, atol=1e-9)
