@@ -110,6 +110,15 @@ def test_pad():
 
 
 @pytest.mark.slow
+def test_partial_slip(tmp_path):
+    few = ["--per-radius", "3", "--steps", "3"]
+    told = run("verification/partial_slip.py", str(tmp_path), *few)
+    assert number(r"stick radius: largest error ([\d.]+)%", told) < 3
+    assert number(r"closed loop: .* ([+-][\d.]+)%", told) == pytest.approx(0, abs=2)
+    assert (tmp_path / "partial_slip.png").is_file()
+
+
+@pytest.mark.slow
 def test_convergence(tmp_path):
     meshes = ["--meshes", "3.0,6.0", "--meshes", "2.2,5.0"]
     way = ["--depth", "0.2", "--distance", "0.1"]

@@ -159,12 +159,12 @@ def body_mesh(shape: Shape, per_radius: float, radius: float) -> FingerMesh:
 
 
 # %%
-def symmetry(shape: Shape) -> Constraints:
+def symmetry(shape: Shape, axes: tuple[int, ...] = (0, 1)) -> Constraints:
     """Keep the planes x = 0 and, under the ball, y = 0; the whole slice under the bar."""
 
     def conditions(V: fem.FunctionSpace) -> list[fem.DirichletBC]:
         found = []
-        for axis in range(2):
+        for axis in axes:
             component, _ = V.sub(axis).collapse()
             everywhere = axis == 1 and shape == "bar"
             dofs = fem.locate_dofs_geometrical(
@@ -222,7 +222,7 @@ def press(shape: Shape, R: float, per_radius: float, body_radius: float) -> Solu
         problem.accept()
         iterations += report.iterations
     force = problem.load().force_N[2]
-    points = SkinProbe(problem, "subcutaneous", solver)()
+    points = SkinProbe(problem)()
     return Solution(
         shape, R, depth, per_radius, body_radius, domain.cell_count, iterations, force, points
     )
