@@ -41,11 +41,49 @@ def test_letters(tmp_path):
 
 @pytest.mark.slow
 def test_flat_plate(tmp_path):
-    told = run("flat_plate.py", str(tmp_path / "plate.png"), "--depth", "0.5")
-    force = number(r"0\.5 +([\d.]+) +0\.037", told)
-    # Within two standard deviations of the measured mean.
-    assert force == pytest.approx(0.037, abs=0.020)
-    assert (tmp_path / "plate.png").is_file()
+    told = run("validation/flat_plate.py", str(tmp_path), "--depth", "0.5", "--step", "0.25")
+    off = number(r"0\.5 +[\d.]+ +0\.037 \(0\.010\) +([+-][\d.]+)", told)
+    assert abs(off) < 1
+    assert 0 < number(r"volume lost at 0\.50 mm: ([\d.]+) %", told) < 1
+    assert (tmp_path / "flat_plate.png").is_file()
+
+
+@pytest.mark.slow
+def test_fit_tissue_repeats_no_run(tmp_path):
+    # The start and a step of each constant, which is what a fit of one evaluation asks for.
+    rows = ["C10_MPa,C20_MPa,force_05mm_N,force_10mm_N,force_15mm_N,force_20mm_N"]
+    rows += ["0.00013,0.0009,0.045,0.15,0.35,0.8", "0.00013804,0.0009,0.046,0.151,0.35,0.8"]
+    rows += ["0.00013,0.00095565,0.045,0.15,0.36,0.82"]
+    (tmp_path / "runs.csv").write_text("\n".join(rows) + "\n")
+    told = run("validation/fit_tissue.py", str(tmp_path), "--evaluations", "1")
+    assert number(r"2\.0 +[\d.]+ +0\.769 \(0\.229\) +([+-][\d.]+)", told) == pytest.approx(0.14)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stimulus", ["cylinder", "edge"])
+def test_skin_profile(tmp_path, stimulus):
+    way = ["--stimulus", stimulus, "--depth", "0.2"]
+    told = run("validation/skin_profile.py", str(tmp_path), *way)
+    assert number(r"deepest point of the skin ([\d.]+) mm", told) == pytest.approx(0.2, abs=0.01)
+    assert ("not resolved" in told) == (stimulus == "edge")
+    assert (tmp_path / f"{stimulus}.png").is_file()
+
+
+@pytest.mark.slow
+def test_letters_force(tmp_path):
+    told = run("validation/letters_force.py", str(tmp_path), "--depth", "0.3")
+    assert number(r"at 0\.300 mm: ([\d.]+) N", told) == pytest.approx(0.0125, rel=0.2)
+    assert (tmp_path / "letters_force.png").is_file()
+
+
+@pytest.mark.slow
+def test_sensitivity(tmp_path):
+    way = ["--plate-depth", "0.5", "--depth", "0.2", "--constants", "epidermis.C10_MPa"]
+    told = run("validation/sensitivity.py", str(tmp_path), *way)
+    change = re.search(r"epidermis\.C10_MPa +([+-][\d.]+) +([+-][\d.]+)", told)
+    assert change and -10 < float(change[1]) < 0 < float(change[2]) < 10
+    again = run("validation/sensitivity.py", str(tmp_path), *way)
+    assert "Run(" not in again and change[0] in again
 
 
 @pytest.mark.slow

@@ -118,7 +118,7 @@ def test_paths_in_a_file_start_from_its_folder_and_paths_of_overrides_from_here(
         ),
         (
             "tissue.set=[1]",
-            'tissue.set is [1] but must be "proposed", "maeno1998" or "gerling2014".',
+            'tissue.set is [1] but must be "fitted", "proposed", "maeno1998" or "gerling2014".',
         ),
         (
             "solver.held=[bone]",

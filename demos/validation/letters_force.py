@@ -1,0 +1,111 @@
+# %% [markdown]
+# # The letters' force at the paper's depth, and the depth of the paper's force
+#
+# This demo emphasizes
+# - one press that answers two questions: steps that hit a depth exactly, interpolation between
+#   them,
+# - a prediction: the letters are not in the data that the tissue was fitted to.
+#
+# Hamasaki et al. 2020 press F G H 1.97 mm deep, "which corresponds to 0.6 N". The gate is 15 %.
+#
+#     python demos/validation/letters_force.py results/letters
+#     python demos/validation/letters_force.py results/letters --preset medium
+#     python demos/validation/letters_force.py results/letters --depth 0.3
+
+# %%
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from cyclopts import run
+from matplotlib.figure import Figure
+
+from tactile_fem.files import write_table
+from tactile_fem.scan import scan
+from tactile_fem.study import Finger, Protocol, Receptors, Solver, Study, Text
+
+from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
+
+DEPTH_MM, FORCE_N, GATE = 1.97, 0.6, 0.15
+STEP_MM = DEPTH_MM / 20
+BLUE, ORANGE = "#0072B2", "#D55E00"
+
+
+@dataclass(frozen=True)
+class State:
+    """The finger at one depth of the letters."""
+
+    depth_mm: float
+    force_N: float
+    contact_area_mm2: float
+    volume_change: float
+
+
+# %%
+def main(
+    folder: Path,
+    *,
+    depth: float = 24 * STEP_MM,
+    tissue: str = "fitted",
+    preset: Literal["coarse", "medium", "paper"] = "coarse",
+) -> None:
+    """Press the letters to at most `depth` mm; print force at 1.97 mm and depth at 0.6 N."""
+    study = Study.model_validate(
+        {
+            "finger": Finger(preset=preset),
+            "tissue": {"set": tissue},
+            "stimulus": Text(),
+            "protocol": Protocol(depth_mm=depth, distance_mm=0.0),
+            "receptors": Receptors(spacing_mm=5.0),
+            "solver": Solver(first_step_mm=STEP_MM, max_press_step_mm=STEP_MM),
+        }
+    )
+    trace = scan(study).trace
+    if MPI.COMM_WORLD.rank:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    columns = (trace.depth_mm, trace.force_N[:, 2], trace.contact_area_mm2, trace.volume_change)
+    states = [State(*row) for row in np.column_stack(columns).tolist()]
+    write_table(folder / "letters_force.csv", states)
+    tell(states)
+    draw(states, folder / "letters_force.png")
+
+
+# %%
+def tell(states: list[State]) -> None:
+    """Print force at the paper's depth and depth at the paper's force, as far as it went."""
+    depth = np.array([state.depth_mm for state in states])
+    force = np.array([state.force_N for state in states])
+    last = states[-1]
+    print(f"at {last.depth_mm:.3f} mm: {last.force_N:.4f} N on {last.contact_area_mm2:.1f} mm²")
+    if depth[-1] >= DEPTH_MM - 1e-9:
+        model = np.interp(DEPTH_MM, depth, force)
+        off = model / FORCE_N - 1
+        verdict = "within" if abs(off) <= GATE else "outside"
+        print(
+            f"force at {DEPTH_MM} mm {model:.4f} N: {off:+.1%}, {verdict} {GATE:.0%} of {FORCE_N}"
+        )
+    if force[-1] >= FORCE_N:
+        print(f"depth at {FORCE_N} N {np.interp(FORCE_N, force, depth):.3f} mm")
+    else:
+        print(f"{FORCE_N} N is not reached at {depth[-1]:.3f} mm")
+
+
+# %%
+def draw(states: list[State], picture: Path) -> None:
+    """Draw force over depth with the paper's point and its gate."""
+    figure = Figure(figsize=(4.5, 3.3), layout="constrained")
+    axes = figure.add_subplot()
+    depth, force = [state.depth_mm for state in states], [state.force_N for state in states]
+    axes.plot(depth, force, color=BLUE, label="model, letters F G H")
+    point = {"fmt": "o", "capsize": 3, "color": ORANGE, "label": "Hamasaki et al. 2020, ± 15 %"}
+    axes.errorbar(DEPTH_MM, FORCE_N, GATE * FORCE_N, **point)
+    axes.set(xlabel="Indentation (mm)", ylabel="Normal force (N)", ylim=(0, None))
+    axes.legend(frameon=False, loc="upper left")
+    figure.savefig(picture, dpi=150)
+
+
+# %%
+if __name__ == "__main__":
+    run(main)

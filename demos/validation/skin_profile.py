@@ -1,0 +1,151 @@
+# %% [markdown]
+# # The skin's profile under a cylinder and under a sharp edge
+#
+# This demo emphasizes
+# - how far the skin beside an indenter follows it, against published measurements,
+# - how the deformed skin is read from a results folder (`tactile_fem.profile`),
+# - whether the mesh resolves what presses.
+#
+# A bar lies across the finger and is pressed $d = 1$ mm into the pad: a cylinder of 3.17 mm
+# diameter, or a wedge whose edge has a radius of 0.025 mm. The deflection is the rise of the
+# skin's points on the midline, $w = u_z$, over their deformed place $y + u_y$. Model and data are
+# compared by
+#
+# $$R^2 = 1 - \frac{\sum_k (w_k - m_k)^2}{\sum_k (m_k - \bar m)^2}$$
+#
+# and the root mean square of $w_k - m_k$, $w_k$ being the mean of both sides. Data: Srinivasan's
+# experiments with a cylinder as digitised by Gerling's group.
+#
+# Under the edge the profile alone is shown: there are no numbers to compare it with. Between the
+# nodes of a facet the skin cannot bend more sharply than a parabola, so the demo prints the facets'
+# size next to the edge's radius.
+#
+#     python demos/validation/skin_profile.py results/cylinder
+#     python demos/validation/skin_profile.py results/edge --stimulus edge --pad-size 0.5
+
+# %%
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from cyclopts import run
+from matplotlib.figure import Figure
+from scipy.spatial.distance import pdist
+
+from tactile_fem.files import write_table
+from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem.finger.mesh_data import SURFACES
+from tactile_fem.profile import SkinPoints
+from tactile_fem.results import Results
+from tactile_fem.scan import scan
+from tactile_fem.study import Cylinder, Edge, Finger, Output, Protocol, Receptors, Study
+
+from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
+
+LATERAL_MM = np.array([0, 0.5, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7])
+DEFLECTION_MM = np.array([1.00, 0.92, 0.78, 0.62, 0.49, 0.39, 0.28, 0.20, 0.09, 0.04, 0])
+STIMULI = {"cylinder": Cylinder(radius_mm=1.585), "edge": Edge(radius_mm=0.025)}
+HALF_LENGTH_MM = 8.0
+BLUE, ORANGE = "#0072B2", "#D55E00"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point of the midline: deformed place along the finger, and how far it rose."""
+
+    place_mm: float
+    deflection_mm: float
+
+
+# %%
+def main(
+    folder: Path,
+    *,
+    stimulus: Literal["cylinder", "edge"] = "cylinder",
+    depth: float = 1.0,
+    tissue: str = "fitted",
+    preset: Literal["coarse", "medium", "paper"] = "coarse",
+    pad_size: float | None = None,
+    far_size: float | None = None,
+) -> None:
+    """Press a bar into the pad and read the skin's profile; lengths in mm."""
+    study = Study.model_validate(
+        {
+            "finger": Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size),
+            "tissue": {"set": tissue},
+            "stimulus": STIMULI[stimulus],
+            "protocol": Protocol(depth_mm=depth, distance_mm=0.0),
+            "receptors": Receptors(spacing_mm=5.0),
+            "output": Output(pictures=False),
+        }
+    )
+    force = scan(study, folder / "press", overwrite=True).trace.force_N[-1, 2]
+    if MPI.COMM_WORLD.rank:
+        return
+    finger = load_finger(study.finger)
+    profile = midline(finger, Results.open(folder / "press").load_checkpoint()["u"])
+    write_table(folder / f"{stimulus}.csv", [Point(*row) for row in profile.T.tolist()])
+    print(f"normal force {force:.4f} N, deepest point of the skin {profile[1].max():.4f} mm")
+    resolution(finger, STIMULI[stimulus].radius_mm)
+    measured = stimulus == "cylinder"
+    if measured:
+        agreement(*profile)
+    draw(*profile, folder / f"{stimulus}.png", measured=measured)
+
+
+def midline(finger: FingerMesh, displacement: np.ndarray) -> np.ndarray:
+    """Return deformed place and deflection, (2, points), of the skin at X = 0."""
+    y = np.linspace(-HALF_LENGTH_MM, HALF_LENGTH_MM, 641)
+    points = SkinPoints(finger, np.column_stack([np.zeros_like(y), y]))
+    moved = points.deformed_mm(displacement)
+    return np.stack([moved[:, 1], moved[:, 2] - points.rest_mm[:, 2]])
+
+
+# %%
+def resolution(finger: FingerMesh, radius: float) -> None:
+    """Print how the facets under the bar compare with its radius."""
+    skin = finger.nodes[finger.triangles[finger.surface == SURFACES["skin"], :3]]
+    near = skin[np.all(np.abs(skin.mean(axis=1)[:, :2]) < 1.5, axis=1)]
+    size = float(np.mean([pdist(corners).mean() for corners in near]))
+    verdict = "resolved" if size <= radius else "not resolved: the mesh rounds it"
+    print(f"facets under the bar {size:.2f} mm, its radius {radius:.3f} mm: {verdict}")
+
+
+def agreement(place: np.ndarray, deflection: np.ndarray) -> None:
+    """Print the model's deflection beside the measured one, R2 and rms."""
+    sides = np.array([np.interp(sign * LATERAL_MM, place, deflection) for sign in (-1, 1)])
+    model = sides.mean(axis=0)
+    print("lateral mm  proximal mm  distal mm  mean mm  measured mm")
+    for at, (one, other), mean, measured in zip(
+        LATERAL_MM, sides.T, model, DEFLECTION_MM, strict=True
+    ):
+        print(f"{at:10.1f}  {one:11.3f}  {other:9.3f}  {mean:7.3f}  {measured:11.2f}")
+    off = model - DEFLECTION_MM
+    r2 = 1 - np.sum(off**2) / np.sum((DEFLECTION_MM - DEFLECTION_MM.mean()) ** 2)
+    print(f"R2 {r2:.4f}, rms {np.sqrt(np.mean(off**2)):.4f} mm")
+
+
+# %%
+def draw(place: np.ndarray, deflection: np.ndarray, picture: Path, *, measured: bool) -> None:
+    """Draw the profile with the bar's lowest point at 0, and the data where there are any."""
+    figure = Figure(figsize=(5.5, 3.3), layout="constrained")
+    axes = figure.add_subplot()
+    axes.plot(place, deflection, color=BLUE, label="model")
+    if measured:
+        both = np.concatenate([-LATERAL_MM[:0:-1], LATERAL_MM])
+        data = np.concatenate([DEFLECTION_MM[:0:-1], DEFLECTION_MM])
+        axes.plot(both, data, "o", color=ORANGE, label="measured (one side, mirrored)")
+    axes.set(
+        xlabel="Place along the finger from the bar, distal positive (mm)",
+        ylabel="Deflection of the skin (mm)",
+        xlim=(-HALF_LENGTH_MM, HALF_LENGTH_MM),
+    )
+    axes.invert_yaxis()
+    axes.legend(frameon=False, loc="lower right")
+    figure.savefig(picture, dpi=150)
+
+
+# %%
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,72 @@
+"""The skin's profile: where points of the pad are, undeformed and deformed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactile_fem.errors import StudyError
+from tactile_fem.finger.mesh_data import SURFACES, TRIANGLE_EDGES, FingerMesh
+
+Array = NDArray[np.float64]
+_EDGE = 1e-9
+
+
+class SkinPoints:
+    """Points of the undeformed skin on the pad's side, and what nodal vectors are there.
+
+    Parameters
+    ----------
+    finger
+        The mesh.
+    xy_mm
+        (k, 2) places X, Y of the points.
+
+    Attributes
+    ----------
+    rest_mm
+        (k, 3) undeformed points.
+
+    Raises
+    ------
+    StudyError
+        If there is no skin at a place.
+    """
+
+    def __init__(self, finger: FingerMesh, xy_mm: ArrayLike) -> None:
+        skin = finger.triangles[finger.surface == SURFACES["skin"]]
+        found = [_below(x, y, finger.nodes[skin[:, :3]]) for x, y in np.asarray(xy_mm, float)]
+        self._nodes = skin[[facet for facet, _ in found]]
+        self._basis = _quadratic_basis(np.array([weights for _, weights in found]))
+        self.rest_mm = self.at(finger.nodes)
+
+    def at(self, nodal: ArrayLike) -> Array:
+        """Return the points' values (k, c) of nodal values (n, c) in the mesh file's order."""
+        return np.einsum("kn,knc->kc", self._basis, np.asarray(nodal)[self._nodes])
+
+    def deformed_mm(self, displacement_mm: ArrayLike) -> Array:
+        """Return the deformed points (k, 3) for nodal displacements (n, 3)."""
+        return self.rest_mm + self.at(displacement_mm)
+
+
+def _below(x: float, y: float, facets: Array) -> tuple[int, Array]:
+    """Return the lowest of the facets (m, 3, 3) over (x, y) and the barycentric coordinates."""
+    corner, edges = facets[:, 0, :2], facets[:, 1:, :2] - facets[:, :1, :2]
+    (a, b), (c, d) = edges[:, :, 0].T, edges[:, :, 1].T
+    det = a * d - b * c
+    safe = np.where(det == 0, np.inf, det)
+    px, py = (np.array([x, y]) - corner).T
+    second, third = (d * px - b * py) / safe, (a * py - c * px) / safe
+    weights = np.column_stack([1 - second - third, second, third])
+    inside = np.flatnonzero((det != 0) & np.all(weights >= -_EDGE, axis=1))
+    if not len(inside):
+        raise StudyError(f"there is no skin at X {x:.2f}, Y {y:.2f} mm")
+    height = np.einsum("mi,mi->m", weights[inside], facets[inside, :, 2])
+    lowest = int(inside[np.argmin(height)])
+    return lowest, weights[lowest]
+
+
+def _quadratic_basis(weights: Array) -> Array:
+    """Return the six P2 functions (k, 6), gmsh's order, at barycentric coordinates (k, 3)."""
+    first, second = TRIANGLE_EDGES.T
+    return np.hstack([weights * (2 * weights - 1), 4 * weights[:, first] * weights[:, second]])
