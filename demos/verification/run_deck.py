@@ -76,12 +76,17 @@ def run_deck(deck: Path, *, cores: int = 1, timeout: float = 3600.0) -> DeckRun:
     rows = [row for row in rows_of(deck.with_suffix(".sta")) if not row[2].endswith("U")]
     told = text_of(deck.with_suffix(".dat"))
     total = r"total force .* set STIMULATOR .*\s+(\S+)\s+(\S+)\s+(\S+)"
+    force, sed = np.array(re.findall(total, told), dtype=float), energies(told)
+    finished = "Job finished" in text_of(deck.with_suffix(".log"))
+    if not finished:
+        sed = sed[:-1]  # it may have been cut off
+    whole = min(len(rows), len(force), len(sed) if "energy density" in told else len(rows))
     return DeckRun(
-        np.array([int(row[0]) - 1 for row in rows]),
-        np.array([float(row[5]) for row in rows]),
-        np.array(re.findall(total, told), dtype=float)[: len(rows)],
-        energies(told)[: len(rows)],
-        "Job finished" in text_of(deck.with_suffix(".log")),
+        np.array([int(row[0]) - 1 for row in rows[:whole]], dtype=int),
+        np.array([float(row[5]) for row in rows[:whole]]),
+        force[:whole],
+        sed[:whole],
+        finished,
         len(rows_of(deck.with_suffix(".cvg"))),
         seconds,
         cpu,
