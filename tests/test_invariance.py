@@ -60,7 +60,7 @@ def made(Q, c) -> FingerProblem:
     domain = create_domain(block, MPI.COMM_SELF, tight.held)
     tissue = Tissue.model_validate({"set": "maeno1998"})
     problem = FingerProblem(domain, tissue, Turned(make_body(LETTER), Q), LETTER.friction, tight)
-    problem.obstacle.translation.value[:] = c
+    problem.place(c)
     return problem
 
 
@@ -79,8 +79,9 @@ def outcome(problem: FingerProblem) -> Outcome:
 
 def travel(problem: FingerProblem, places) -> Outcome:
     """Move the body along the places."""
-    for place in places:
-        problem.accept()
+    for number, place in enumerate(places):
+        if number:
+            problem.accept()
         report = problem.solve(np.asarray(place), DT_S)
         assert report.converged, report
     return outcome(problem)

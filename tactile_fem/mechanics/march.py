@@ -283,8 +283,7 @@ class March:
         order.scatter(arrays["u_before"], problem.u)
         self._u_before[:] = problem.u.x.array
         order.scatter(arrays["u"], problem.u)
-        problem.obstacle.translation.value[:] = self._translation(self._control.position_mm)
-        problem.accept()
+        problem.place(self._translation(self._control.position_mm))
         problem.load_cell.force_old_N = np.array(state["force_N"])
         order.scatter(arrays["friction"], problem.load_cell.friction_old)
         problem.elastic_slip.scatter(arrays["slip"])

@@ -264,11 +264,16 @@ class FingerProblem:
         )
 
     def accept(self) -> None:
-        """Make the present state the history of the next step."""
+        """Make the present state the history of the next step; its load has to be read before."""
         self.elastic_slip.keep()
-        self.u_old.x.array[:] = self.u.x.array
-        self.obstacle.translation_old.value[:] = self.obstacle.translation.value
         self.load_cell.keep()
+        self.place(self.obstacle.translation.value)
+
+    def place(self, translation: np.ndarray) -> None:
+        """Take the present displacement, with the body at `translation` (3,), as a start."""
+        self.u_old.x.array[:] = self.u.x.array
+        self.obstacle.translation.value[:] = translation
+        self.obstacle.translation_old.value[:] = translation
 
     def _update(self, x: PETSc.Vec) -> None:
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
