@@ -34,7 +34,7 @@ from tactile_fem.finger.mesh_data import (
 from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.height_field import HeightField, height_field
 from tactile_fem.study import Elastic, Polynomial, Study
-from tactile_fem.tissue.energies import young_modulus
+from tactile_fem.tissue.energies import compression_modulus
 
 Code = Literal["calculix", "abaqus"]
 
@@ -63,13 +63,13 @@ class Penalty:
 
     @classmethod
     def of(cls, study: Study) -> Penalty:
-        """Return the stiffness of Nitsche's method, ``gamma E/h`` with h the stratum corneum.
+        """Return the stiffness of Nitsche's method, ``gamma M/h`` with h the stratum corneum.
 
         Sticking is ten times softer: CalculiX converges better so, and the skin then creeps by
         a few micrometres only.
         """
-        E_MPa = young_modulus(study.tissue.stratum_corneum)
-        stiffness = study.solver.nitsche_gamma * E_MPa / study.finger.stratum_corneum_mm
+        modulus_MPa = compression_modulus(study.tissue.stratum_corneum)
+        stiffness = study.solver.nitsche_gamma * modulus_MPa / study.finger.stratum_corneum_mm
         return cls(stiffness, stiffness / 10)
 
 

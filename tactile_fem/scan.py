@@ -35,6 +35,8 @@ Observer = Callable[[Step], None]
 # Pressing to a force is given up when this share of the pad is squeezed.
 _DEEPEST = 0.8
 _TOUCH_TOLERANCE_MM = 1e-3
+# Mean distance of pressed skin from the body, as a share of the depth, that is worth a warning.
+_GAP_ERROR = 0.01
 
 
 @dataclass(frozen=True)
@@ -206,11 +208,29 @@ def _run(
                 recorder.finish(f"failed: {error}")
             raise
         trace = histories.trace()
+        _tell_exactness(trace)
         response = respond(trace.time_s, trace.sed_kPa, study.neuron)
         if recorder:
             recorder.spikes(response)
             recorder.finish("complete")
     return ScanResult(trace, response, results.folder if results else None)
+
+
+def _tell_exactness(trace: Trace) -> None:
+    """Log how exact the contact was at full depth; warn where it was not."""
+    deep = trace.depth_mm == trace.depth_mm.max()
+    gap, depth = trace.gap_error_mm[deep].max(), trace.depth_mm.max()
+    logger.info(
+        "contact at full depth: skin off the body's surface by %.4f mm, traction of the tissue off "
+        "the contact's by %.0f %% (means, at most)",
+        gap,
+        100 * np.abs(trace.traction_error[deep]).max(),
+    )
+    if gap > _GAP_ERROR * depth:
+        logger.warning(
+            "the skin is off the stimulator's surface by more than a hundredth of the depth: "
+            "forces may be several percent off; a finer mesh or a larger solver.nitsche_gamma helps"
+        )
 
 
 def _check_apart(body: RigidBody, finger: FingerMesh) -> None:

@@ -336,7 +336,10 @@ class Neuron(Section):
 class Solver(Section):
     """Discretization of the contact and control of the steps."""
 
-    nitsche_gamma: Positive = Field(5.0, description="gamma_h = gamma E_s / h")
+    nitsche_gamma: Positive = Field(
+        1.2,
+        description="gamma_h = gamma (K + 4 G/3)/h of the skin: too little is inexact, much slow",
+    )
     nitsche_theta: Literal[-1, 0, 1] = Field(
         0, description="0 incomplete, the robust one; 1 symmetric, -1 skew"
     )

@@ -154,9 +154,9 @@ def test_contact_law(written):
     deck = written[1]
     ((stiffness,),) = deck.one("*SURFACE BEHAVIOR")
     ((friction, stick),) = deck.one("*FRICTION")
-    # gamma E/h with gamma 5, E 0.5 MPa and h 0.17 mm
-    assert float(stiffness) == pytest.approx(14.7, rel=0.01)
-    assert float(stick) == pytest.approx(1.47, rel=0.01)
+    # gamma (K + 4 G/3)/h with gamma 1.2, K 4.167 and G 0.169 MPa, h 0.17 mm
+    assert float(stiffness) == pytest.approx(31.0, rel=0.01)
+    assert float(stick) == pytest.approx(3.10, rel=0.01)
     assert friction == "0.3"
     assert deck.one("*CONTACT PAIR") == [["SKIN", "MASTER"]]
 

@@ -21,7 +21,7 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Cylinder, Solver, Sphere, Tissue
-from tactile_fem.tissue.energies import young_modulus
+from tactile_fem.tissue.energies import compression_modulus, young_modulus
 
 TISSUE = Tissue.model_validate({"set": "maeno1998", "viscous_time_s": 0.0})
 E_STAR = young_modulus(TISSUE.dermis) / (1 - 0.48**2)
@@ -85,7 +85,7 @@ def middle_pressure(contact):
     msh, obstacle = contact.domain.mesh, contact.obstacle
     X, N = ufl.SpatialCoordinate(msh), ufl.FacetNormal(msh)
     height = 3 * ufl.CellVolume(msh) / ufl.FacetArea(msh)
-    gamma = SOLVER.nitsche_gamma * young_modulus(TISSUE.dermis) / height
+    gamma = SOLVER.nitsche_gamma * compression_modulus(TISSUE.dermis) / height
     bulk = ufl.dot(contact.elasticity.stress("dermis") * N, obstacle.normal)
     pressure = smooth_positive(bulk - gamma * obstacle.gap, SOLVER.contact_width_MPa)
     inside = ufl.And(ufl.lt(X[0], WIDTH), ufl.lt(X[1], WIDTH))

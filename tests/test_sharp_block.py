@@ -39,13 +39,13 @@ def forces(count: int, gamma: float, slides=()) -> np.ndarray:
 def test_what_gamma_changes_is_small_and_goes_with_the_mesh():
     differences = []
     for count in (2, 3):
-        default, stiff = (forces(count, g)[0, 2] for g in (Solver().nitsche_gamma, 100.0))
+        default, stiff = (forces(count, g)[0, 2] for g in (Solver().nitsche_gamma, 12.0))
         differences.append(abs(default / stiff - 1))
     assert differences[1] < 0.02
     assert differences[1] < differences[0]
 
 
-@pytest.mark.parametrize("gamma", [5.0, 50.0])
+@pytest.mark.parametrize("gamma", [1.2, 6.0])
 def test_the_slid_block_feels_mu_times_its_normal_force(gamma):
     x, y, z = forces(2, gamma, (0.02, 0.1, 0.3, 0.6, 0.9, 1.2, 1.5))[-1]
     assert -y / z == pytest.approx(0.3, rel=5e-3)

@@ -14,7 +14,13 @@ from dolfinx import fem, mesh
 from materials import FULL, NEO_HOOKEAN, SECOND_ORDER
 
 from tactile_fem.study import Elastic, Polynomial, Tissue
-from tactile_fem.tissue.energies import law_of, shear_modulus, stress, young_modulus
+from tactile_fem.tissue.energies import (
+    compression_modulus,
+    law_of,
+    shear_modulus,
+    stress,
+    young_modulus,
+)
 
 
 class Point:
@@ -103,6 +109,8 @@ def test_small_strain_moduli(constants):
     lateral = brentq(side, -shear, 0, xtol=1e-16)
     axial = point.stress(np.diag([1 + shear, 1 + lateral, 1 + lateral]))[0, 0]
     assert axial / shear == pytest.approx(young_modulus(constants), rel=1e-3)
+    one_sided = point.stress(np.diag([1 + shear, 1, 1]))[0, 0]
+    assert one_sided / shear == pytest.approx(compression_modulus(constants), rel=1e-3)
 
 
 def test_named_set_is_nearly_incompressible():

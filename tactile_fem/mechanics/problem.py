@@ -28,7 +28,7 @@ from tactile_fem.mechanics.petsc_options import PREFIX, set_options
 from tactile_fem.mechanics.slip import ElasticSlip
 from tactile_fem.stimulus.body import RigidBody
 from tactile_fem.study import Solver, Tissue
-from tactile_fem.tissue.energies import young_modulus
+from tactile_fem.tissue.energies import compression_modulus
 
 # Where Newton's method fails: how much wider contact sets in, how soft friction is.
 _GENTLER = ((1.0, 0.3), (4.0, 0.3))
@@ -202,11 +202,11 @@ class FingerProblem:
         )
         parts = []
         for tissue, tag in self.domain.tissues_of(skin).items():
-            E = fem.Constant(msh, young_modulus(self.elasticity.constants(tissue)))
+            M = fem.Constant(msh, compression_modulus(self.elasticity.constants(tissue)))
             contact = Contact(
                 self.obstacle,
                 fem.Constant(msh, friction),
-                fem.Constant(msh, solver.nitsche_gamma) * E / height,
+                fem.Constant(msh, solver.nitsche_gamma) * M / height,
                 self._width,
                 self._softness,
                 self.elastic_slip.old,

@@ -89,13 +89,22 @@ def shear_modulus(constants: Polynomial | Elastic) -> float:
     return 2 * (constants.C10_MPa + constants.C01_MPa)
 
 
+def bulk_modulus(constants: Polynomial | Elastic) -> float:
+    """Return the small-strain bulk modulus, in MPa."""
+    if isinstance(constants, Elastic):
+        return constants.E_MPa / (3 * (1 - 2 * constants.nu))
+    return 2 / constants.D1_per_MPa
+
+
 def young_modulus(constants: Polynomial | Elastic) -> float:
     """Return the small-strain Young's modulus, in MPa."""
-    if isinstance(constants, Elastic):
-        return constants.E_MPa
-    G = shear_modulus(constants)
-    K = 2 / constants.D1_per_MPa
+    G, K = shear_modulus(constants), bulk_modulus(constants)
     return 9 * K * G / (3 * K + G)
+
+
+def compression_modulus(constants: Polynomial | Elastic) -> float:
+    """Return the small-strain stiffness ``K + 4 G/3`` against one-sided compression, in MPa."""
+    return bulk_modulus(constants) + 4 * shear_modulus(constants) / 3
 
 
 def law_of(constants: Polynomial | Elastic, wrap: Wrap = float) -> Law:
