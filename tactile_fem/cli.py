@@ -11,7 +11,7 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated
+from typing import Annotated, Literal
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the cores
 
@@ -57,6 +57,8 @@ Settings = Annotated[
 Ranks = Annotated[
     int, Parameter(name="--ranks", help="MPI processes.", validator=validators.Number(gte=1))
 ]
+
+_positive = validators.Number(gt=0)
 
 
 @app.command
@@ -183,6 +185,60 @@ def mesh(
         except OSError as error:
             raise StudyError(f"{output} cannot be written: {error.strerror}.") from None
         print(f"Written to {output}")
+
+
+@app.command
+def export(
+    study: StudyFile = None,
+    /,
+    *,
+    deck: Annotated[Path, Parameter(help="Write the deck to this .inp file.")],
+    settings: Settings = None,
+    format_: Annotated[
+        Literal["calculix", "abaqus"],
+        Parameter(name="--format", help="Whose words; they differ in three lines."),
+    ] = "calculix",
+    press_step_mm: Annotated[
+        float | None, Parameter(help="Increments of the indentation.", validator=_positive)
+    ] = None,
+    slide_step_mm: Annotated[
+        float | None, Parameter(help="Increments of the slide.", validator=_positive)
+    ] = None,
+    grid_mm: Annotated[
+        float, Parameter(help="Spacing of the stimulator's height field.", validator=_positive)
+    ] = 0.1,
+    overwrite: Annotated[
+        bool, Parameter(negative="", show_default=False, help="Replace the file.")
+    ] = False,
+) -> None:
+    """Write mesh, materials, contact and steps as an input deck for CalculiX or Abaqus.
+
+    Lengths in mm. Increments default to the study's longest steps.
+    """
+    the_study = load_study(study, settings or ())
+    if deck.suffix != ".inp":
+        raise StudyError(f'--deck is "{deck}" but must end in .inp.')
+    if deck.exists() and not overwrite:
+        raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
+    from tactile_fem.deck import write_deck
+    from tactile_fem.finger import load_finger
+
+    logs.set_up(console=logs.stderr_console())
+    finger = load_finger(the_study.finger)
+    try:
+        size = write_deck(
+            the_study,
+            finger,
+            deck,
+            press_step_mm=press_step_mm,
+            slide_step_mm=slide_step_mm,
+            grid_mm=(grid_mm, grid_mm),
+            code=format_,
+        )
+    except OSError as error:
+        raise StudyError(f"{deck} cannot be written: {error.strerror}.") from None
+    print(f"{size.tets} tetrahedra, {size.unknowns} unknowns, {size.skin_facets} faces of the skin")
+    print(f"Written to {deck}")
 
 
 @app.command

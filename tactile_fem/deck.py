@@ -5,9 +5,10 @@ package's own model in three ways: contact is a linear penalty instead of Nitsch
 stimulator is a facetted height field instead of a smooth distance, and tissues have no viscosity
 (``tissue.viscous_time_s`` is left out).
 
-Both codes read the deck's words alike but for two lines. ``*FRICTION``: CalculiX takes the stick
-slope (MPa/mm) after the coefficient; Abaqus wants it as an elastic slip in the keyword line.
-``*NODE PRINT, TOTALS=ONLY``: Abaqus knows ``TOTALS=YES``. Abaqus was not tried.
+Both codes read the same words but for three, which `Code` tells apart. ``*FRICTION``: CalculiX
+takes the stick slope (MPa/mm) after the coefficient; Abaqus has an elastic slip of its own, which
+is left at its default. ``*NODE PRINT``: ``TOTALS=ONLY`` in CalculiX, ``TOTALS=YES`` in Abaqus.
+Strain energy density: ``ENER`` and ``SENER``. Abaqus was not tried.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +35,8 @@ from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.height_field import HeightField, height_field
 from tactile_fem.study import Elastic, Polynomial, Study
 from tactile_fem.tissue.energies import young_modulus
+
+Code = Literal["calculix", "abaqus"]
 
 # The faces S1 to S4 of C3D10 are opposite to the corners 4, 3, 1 and 2.
 C3D10_FACES = TET_FACETS[[3, 2, 0, 1]]
@@ -101,6 +105,8 @@ def write_deck(
     slide_step_mm: float | None = None,
     grid_mm: tuple[float, float] = (0.1, 0.1),
     penalty: Penalty | None = None,
+    energy_of: NDArray[np.int64] | None = None,
+    code: Code = "calculix",
 ) -> DeckSize:
     """Write press and slide of a study as an input deck.
 
@@ -122,6 +128,11 @@ def write_deck(
         Spacing of the height field in X and Y.
     penalty
         The contact law; default as stiff as this package's.
+    energy_of
+        Tetrahedra, numbered as in the mesh, whose strain energy density is printed at their
+        integration points for each increment; the set FELT.
+    code
+        Whose words the deck uses.
 
     Raises
     ------
@@ -144,15 +155,18 @@ def write_deck(
     present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[kept] == tag)]
     lines = ["** Fingertip and rigid stimulator, written by tactile_fem; mm, N, MPa"]
     lines += _finger_lines(finger, kept, used, held, present)
+    if energy_of is not None:
+        lines += ["*ELSET, ELSET=FELT", *_listed(energy_of + 1)]
     lines += _stimulator_lines(field, len(finger.nodes), len(finger.tets))
     for name in present:
         lines += material_lines(name, getattr(study.tissue, name))
-    lines += _contact_lines(faces, study.stimulus.friction, penalty or Penalty.of(study))
+    lines += _contact_lines(faces, study.stimulus.friction, penalty or Penalty.of(study), code)
+    printed = _print_lines(code, energy_of is not None)
     press = press_step_mm or study.solver.max_press_step_mm
-    lines += _step_lines("press", 3, protocol.depth_mm, press)
+    lines += _step_lines("press", 3, protocol.depth_mm, press, printed)
     if protocol.distance_mm:
         slide = slide_step_mm or study.solver.max_slide_step_mm
-        lines += _step_lines("slide", 2, -protocol.distance_mm, slide)
+        lines += _step_lines("slide", 2, -protocol.distance_mm, slide, printed)
     write_text(Path(path), "\n".join([*lines, ""]))
     return DeckSize(len(kept), 3 * (len(used) - len(held)), len(held), len(faces), len(field.cells))
 
@@ -228,7 +242,9 @@ def material_lines(name: str, constants: Polynomial | Elastic) -> list[str]:
     return [head, "*HYPERELASTIC, POLYNOMIAL, N=2", _row(*shear, *volume)]
 
 
-def _contact_lines(faces: NDArray[np.int64], friction: float, penalty: Penalty) -> list[str]:
+def _contact_lines(
+    faces: NDArray[np.int64], friction: float, penalty: Penalty, code: Code
+) -> list[str]:
     lines = ["*SURFACE, NAME=SKIN, TYPE=ELEMENT"]
     lines += [f"{tet + 1}, S{face + 1}" for tet, face in faces.tolist()]
     lines += [
@@ -237,7 +253,8 @@ def _contact_lines(faces: NDArray[np.int64], friction: float, penalty: Penalty) 
         _row(penalty.stiffness_MPa_per_mm),
     ]
     if friction:
-        lines += ["*FRICTION", _row(friction, penalty.stick_MPa_per_mm)]
+        stick = [penalty.stick_MPa_per_mm] if code == "calculix" else []
+        lines += ["*FRICTION", _row(friction, *stick)]
     return [
         *lines,
         "*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE",
@@ -245,17 +262,24 @@ def _contact_lines(faces: NDArray[np.int64], friction: float, penalty: Penalty) 
     ]
 
 
-def _step_lines(name: str, axis: int, end_mm: float, step_mm: float) -> list[str]:
+def _print_lines(code: Code, energy: bool) -> list[str]:
+    totals, density = ("ONLY", "ENER") if code == "calculix" else ("YES", "SENER")
+    lines = []
+    for nodes in ("STIMULATOR", "HELD"):
+        lines += [f"*NODE PRINT, NSET={nodes}, TOTALS={totals}", "RF"]
+    return [*lines, "*EL PRINT, ELSET=FELT", density] if energy else lines
+
+
+def _step_lines(
+    name: str, axis: int, end_mm: float, step_mm: float, printed: list[str]
+) -> list[str]:
     """Write one leg: the stimulator moves along `axis` to `end_mm` in equal increments."""
     share = 1 / math.ceil(abs(end_mm) / step_mm - 1e-9)
     lines = [f"** {name}: {abs(end_mm):g} mm", "*STEP, NLGEOM, INC=10000", "*STATIC"]
     lines += [_row(share, 1.0, _SMALLEST_INCREMENT, share), "*BOUNDARY"]
     if name == "press":
         lines.append("STIMULATOR, 1, 2")
-    lines.append(_row("STIMULATOR", axis, axis, end_mm))
-    for nodes in ("STIMULATOR", "HELD"):
-        lines += [f"*NODE PRINT, NSET={nodes}, TOTALS=ONLY", "RF"]
-    return [*lines, "*END STEP"]
+    return [*lines, _row("STIMULATOR", axis, axis, end_mm), *printed, "*END STEP"]
 
 
 def _rows(numbers: NDArray[np.int64], values: NDArray) -> list[str]:

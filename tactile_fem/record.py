@@ -79,19 +79,19 @@ class Recorder:
 
     def step(self, step: Step, trace: Trace) -> None:
         """Keep an accepted step."""
-        nodal = self._march.gather()
+        state = self._march.gather()
         sed = self._energy.gather() if self._field_due(step) else None
 
         def write() -> None:
             if sed is not None and self._fields is not None:
-                self._fields.write(float(trace.time_s[-1]), nodal["u"], sed)
+                self._fields.write(float(trace.time_s[-1]), state["u"], sed)
             self._results.save_trace(**trace.arrays())
             self._results.save_checkpoint(
                 state=json.dumps(self._march.state()),
                 mesh=self._mesh_hash,
                 rows=len(trace.time_s),
                 next_field_mm=self._next_field_mm,
-                **nodal,
+                **state,
             )
 
         with common.Timer("tactile: output"):

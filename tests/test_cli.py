@@ -1,4 +1,5 @@
 import os
+import re
 import subprocess
 import sys
 import types
@@ -90,6 +91,13 @@ def test_bad_values_are_one_sentence_before_anything_starts(capsys, scans, setti
         (["mesh", "--set", "finger.half_width_mm=0"], "greater than 0"),
         (["mesh", "-o", "finger.stl"], "must end in .msh"),
         (["mesh", "-o", "none/finger.msh"], "cannot be written"),
+        (["export"], "--deck"),
+        (["export", "--deck", "finger.stl"], "must end in .inp"),
+        (["export", "--deck", "old.inp"], "exists already"),
+        (["export", "--deck", "none/finger.inp"], "cannot be written"),
+        (["export", "--deck", "new.inp", "--format", "ansys"], "--format"),
+        (["export", "--deck", "new.inp", "--grid-mm", "0"], "--grid-mm"),
+        (["export", "--deck", "new.inp", "--set", "protocol.force_N=0.5"], "force_N"),
         (["plot", "none"], "holds no results"),
         (["plot"], "RESULTS"),
         (["resume", "none"], "holds no results"),
@@ -102,8 +110,11 @@ def test_bad_arguments_are_one_sentence(capsys, scans, arguments, part):
     Path("full").mkdir()
     Path("full/notes.md").write_text("mine")
     Path("file").write_text("neither TOML nor a folder")
+    Path("old.inp").write_text("mine")
     assert part in sentence_of(capsys, arguments)
     assert scans == []
+    assert Path("old.inp").read_text() == "mine"
+    assert not Path("new.inp").exists()
 
 
 def test_an_unwritable_results_folder(capsys, scans, monkeypatch):
@@ -236,6 +247,22 @@ def test_mesh_prints_its_report_and_writes_the_file(capsys):
     for word in ("tetrahedra", "stratum_corneum", "gamma", "interface", "finger.msh"):
         assert word in out
     assert len(meshio.read("finger.msh").cells_dict["tetra10"]) > 1000
+
+
+def test_export_writes_a_deck(capsys):
+    settings = ["--set", "stimulus.kind=plate", "--set", "protocol.depth_mm=0.3"]
+    lengths = ["--press-step-mm", "0.1", "--slide-step-mm", "2.5", "--grid-mm", "4"]
+    assert cli.main(["export", "--deck", "finger.inp", *settings, *lengths]) == 0
+    out = capsys.readouterr().out
+    assert "8576 tetrahedra" in out and "finger.inp" in out
+    deck = Path("finger.inp").read_text()
+    starts = [float(share) for share in re.findall(r"\*STATIC\n([\d.]+),", deck)]
+    assert starts == pytest.approx([1 / 3, 1 / 4])
+    assert "TOTALS=ONLY" in deck
+
+    again = ["export", "--deck", "finger.inp", "--overwrite", "--format", "abaqus"]
+    assert cli.main([*again, *settings, "--grid-mm", "4"]) == 0
+    assert "TOTALS=YES" in Path("finger.inp").read_text()
 
 
 def test_plot_draws_again(capsys, monkeypatch):

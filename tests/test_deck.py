@@ -167,6 +167,30 @@ def test_fields_are_as_short_as_calculix_reads_them(written):
             assert max(len(field) for row in rows for field in row) < 20
 
 
+def test_energy_of_chosen_tetrahedra_is_printed_in_both_steps(tmp_path):
+    way = {"grid_mm": (1.0, 1.0), "energy_of": np.array([0, 7])}
+    write_deck(STUDY, BLOCK, tmp_path / "felt.inp", **way)
+    deck = Deck(tmp_path / "felt.inp")
+    assert deck.one("*ELSET, ELSET=FELT") == [["1", "8"]]
+    assert deck.all("*EL PRINT, ELSET=FELT") == [[["ENER"]], [["ENER"]]]
+
+
+def test_abaqus_differs_in_three_words(tmp_path):
+    way = {"grid_mm": (1.0, 1.0), "energy_of": np.array([0])}
+    lines = {}
+    for code in ("calculix", "abaqus"):
+        write_deck(STUDY, BLOCK, tmp_path / f"{code}.inp", code=code, **way)
+        lines[code] = (tmp_path / f"{code}.inp").read_text().splitlines()
+    pairs = zip(lines["calculix"], lines["abaqus"], strict=True)
+    stick = Deck(tmp_path / "calculix.inp").one("*FRICTION")[0][1]
+    assert {pair for pair in pairs if pair[0] != pair[1]} == {
+        (f"0.3, {stick}", "0.3"),
+        ("*NODE PRINT, NSET=STIMULATOR, TOTALS=ONLY", "*NODE PRINT, NSET=STIMULATOR, TOTALS=YES"),
+        ("*NODE PRINT, NSET=HELD, TOTALS=ONLY", "*NODE PRINT, NSET=HELD, TOTALS=YES"),
+        ("ENER", "SENER"),
+    }
+
+
 def test_no_step_without_a_slide(tmp_path):
     study = Study(stimulus=Plate(friction=0.0), protocol=Protocol(depth_mm=0.3, distance_mm=0.0))
     write_deck(study, BLOCK, tmp_path / "press.inp", grid_mm=(1.0, 1.0))
@@ -210,19 +234,19 @@ STRETCH = np.diag([1.3, 0.85, 0.85])
 SHEAR = np.array([[1.0, 0.4, 0.1], [0.0, 0.9, 0.2], [0.1, 0.0, 1.1]])
 
 
+def energy_of(constants: Polynomial, F: np.ndarray) -> float:
+    return float(law_of(constants).energy(ufl.as_matrix(F.tolist()))(()))
+
+
 def piola(constants: Polynomial, F: np.ndarray) -> np.ndarray:
     """Return the first Piola stress by central differences of our energy."""
-    law, h = law_of(constants), 1e-5
-
-    def energy(G):
-        return float(law.energy(ufl.as_matrix(G.tolist()))(()))
-
+    h = 1e-5
     P = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
             step = np.zeros((3, 3))
             step[i, j] = h
-            P[i, j] = (energy(F + step) - energy(F - step)) / (2 * h)
+            P[i, j] = (energy_of(constants, F + step) - energy_of(constants, F - step)) / (2 * h)
     return P
 
 
@@ -230,7 +254,10 @@ def piola(constants: Polynomial, F: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("constants", [NEO_HOOKEAN, SECOND_ORDER, FULL])
 @pytest.mark.parametrize("F", [STRETCH, SHEAR], ids=["stretch", "shear"])
 def test_calculix_has_our_energy(constants, F, tmp_path):
-    """One tetrahedron deformed by `F`: its middle nodes carry P V (grad l_a + grad l_b)."""
+    """One tetrahedron deformed by `F`: its middle nodes carry P V (grad l_a + grad l_b).
+
+    Its energy per undeformed volume is summed up by the trapezoidal rule, so in many increments.
+    """
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
     nodes = np.vstack([corners, corners[EDGES].mean(axis=1)])
     moved = nodes @ (F - np.eye(3)).T
@@ -238,16 +265,19 @@ def test_calculix_has_our_energy(constants, F, tmp_path):
     lines += [f"{n}, {x:.9g}, {y:.9g}, {z:.9g}" for n, (x, y, z) in enumerate(nodes, 1)]
     lines += ["*ELEMENT, TYPE=C3D10, ELSET=TET", ", ".join(map(str, [1, *range(1, 11)]))]
     lines += ["*SOLID SECTION, ELSET=TET, MATERIAL=SOFT", *material_lines("soft", constants)]
-    lines += ["*STEP, NLGEOM", "*STATIC", "1., 1.", "*BOUNDARY"]
+    lines += ["*STEP, NLGEOM", "*STATIC", "0.02, 1., 1e-5, 0.02", "*BOUNDARY"]
     lines += [
         f"{n}, {axis}, {axis}, {value:.9g}"
         for n, row in enumerate(moved, 1)
         for axis, value in enumerate(row, 1)
     ]
-    lines += ["*NODE PRINT, NSET=ALL", "RF", "*END STEP", ""]
+    lines += ["*NODE PRINT, NSET=ALL", "RF", "*EL PRINT, ELSET=TET", "ENER", "*END STEP", ""]
     (tmp_path / "tet.inp").write_text("\n".join(lines))
-    rows = re.findall(r"^ +\d+((?: +-?[\d.]+E[+-]\d+){3})", run_ccx(tmp_path, "tet"), re.M)
+    told = run_ccx(tmp_path, "tet")
+    rows = re.findall(r"^ +\d+((?: +-?[\d.]+E[+-]\d+){3})", told, re.M)[-10:]
     found = np.array([row.split() for row in rows], dtype=float)
+    energy = float(re.findall(r"^ +1 +4 +(\S+)$", told, re.M)[-1])
+    assert energy == pytest.approx(energy_of(constants, F), rel=5e-4)
     gradients = np.array([[-1, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     forces = gradients[EDGES].sum(axis=1) @ piola(constants, F).T / 6
     np.testing.assert_allclose(found[:4], 0.0, atol=1e-9)

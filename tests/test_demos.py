@@ -113,15 +113,47 @@ def test_hard_states(tmp_path):
 
 @pytest.mark.slow
 def test_calculix(tmp_path):
-    way = ["--pad-size", "3", "--far-size", "6", "--rows", "1", "--depth", "0.2"]
-    way += ["--press-step", "0.1", "--distance", "0.05", "--slide-step", "0.05", "--cores", "1"]
-    told = run("benchmarks/calculix.py", str(tmp_path), "--stimulus", "plate", *way)
+    way = ["--pad-size", "2", "--depth", "0.6", "--press-step", "0.2"]
+    way += ["--distance", "0.6", "--slide-step", "0.2"]
+    told = run("verification/calculix.py", str(tmp_path), "pad", *way)
     if not shutil.which("ccx"):
         assert "not installed" in told
         return
-    ours, theirs = map(float, re.search(r"press normal N +(\S+) +(\S+)", told).groups())
-    assert ours == pytest.approx(theirs, rel=0.02)
-    assert (tmp_path / "comparison.csv").is_file()
+    assert number(r"press: normal force at the end differs by ([\d.]+) %", told) < 1.0
+    assert number(r"slide: friction at the end differs by ([\d.]+) %", told) < 3.0
+    assert number(r"press: SED at Y \+1.0 mm .* differs by ([\d.]+)%", told) < 5.0
+    for name in ("cost.csv", "forces.csv", "sed.csv", "comparison.png"):
+        assert (tmp_path / name).is_file()
+
+
+@pytest.mark.slow
+def test_run_deck(tmp_path):
+    deck = str(tmp_path / "plate.inp")
+    small = ["finger.pad_size_mm=3.0", "finger.far_size_mm=6.0", "finger.epidermis_rows=1"]
+    small += ["stimulus.kind=plate", "protocol.depth_mm=0.1", "protocol.distance_mm=0.0"]
+    settings = [word for setting in small for word in ("--set", setting)]
+    export = [sys.executable, "-m", "tactile_fem", "export", "--deck", deck, "--grid-mm", "4"]
+    run_command(*export, *settings)
+    told = run("verification/run_deck.py", deck)
+    if not shutil.which("ccx"):
+        assert "not installed" in told
+        return
+    assert number(r"1 +1\.000 +([\d.]+)", told) == pytest.approx(0.0032, rel=0.1)
+    assert "\nfinished" in told
+
+
+def test_pad():
+    told = run("verification/pad.py", "--size", "3")
+    assert number(r"([\d.]+) of the half ellipsoid", told) == pytest.approx(0.952, abs=0.02)
+
+
+@pytest.mark.slow
+def test_partial_slip(tmp_path):
+    few = ["--per-radius", "3", "--steps", "3"]
+    told = run("verification/partial_slip.py", str(tmp_path), *few)
+    assert number(r"stick radius: largest error ([\d.]+)%", told) < 3
+    assert number(r"closed loop: .* ([+-][\d.]+)%", told) == pytest.approx(0, abs=2)
+    assert (tmp_path / "partial_slip.png").is_file()
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
 
 def test_the_commands_exist(capsys):
     commands = re.findall(r"^tactile-fem (\w+)", "\n".join(blocks("sh")), flags=re.MULTILINE)
-    assert set(commands) == {"init", "scan", "resume", "plot", "mesh", "doctor"}
+    assert set(commands) == {"init", "scan", "resume", "plot", "mesh", "export", "doctor"}
     for command in commands:
         assert cli.main([command, "--help"]) == 0
 

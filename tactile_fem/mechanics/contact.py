@@ -5,7 +5,7 @@ frictional contact, for one deformable body. With the Piola traction ``t = P N``
 the obstacle's outward normal `nu`, ``p = t.nu`` (compression positive) and ``t_t = t - p nu``:
 
     s_n = [p - gamma_h g]_+                                 non-penetration, smoothed
-    s_t = Coulomb(t_t - gamma_h slip; mu s_n)               friction
+    s_t = Coulomb(t_t - gamma_h (slip + e_old); mu s_n)     friction, see `ElasticSlip`
     residual -= Int s.v + theta/gamma_h (t - s).Dt[v] dA,   s = s_n nu + s_t
 """
 
@@ -20,6 +20,8 @@ from tactile_fem.mechanics.obstacle import Obstacle
 
 # Keeps the friction law differentiable where neither pressure nor slip acts, in MPa.
 _TINY_MPa = 1e-12
+# Share of Coulomb's bound over which sticking turns to sliding.
+_ROUND = 0.2
 
 
 def smooth_positive(x: Expr, width: Expr | float) -> Expr:
@@ -34,17 +36,19 @@ def smooth_positive(x: Expr, width: Expr | float) -> Expr:
 
 
 def smooth_coulomb(q: Expr, bound: Expr, softness: Expr | float) -> Expr:
-    """Return the tangential traction ``bound q/(|q|^n + bound^n)^(1/n)``.
+    """Return the trial traction `q` brought back to Coulomb's `bound`.
 
-    It is the projection of the trial traction `q` onto the disc of radius `bound` with its edge
-    rounded: never above Coulomb's bound, so that Newton can start a slide at once. At `softness`
-    0 it is ``n = 8``: what slides feels the bound within ``(bound/|q|)^8/8``, what sticks hardly
-    creeps from step to step. At 1 it is ``n = 2``, between them the denominators are mixed.
+    It is the projection onto the disc of radius `bound` with its edge rounded by a parabola:
+    `q` itself up to 0.8 of the bound, so that what sticks does not creep from step to step, and
+    the bound from 1.2 of it on. A `softness` of 1 rounds more, ``bound q/sqrt(|q|^2 + bound^2)``;
+    values between mix the two. Newton then finds its way from sticking to sliding.
     """
-    square = ufl.dot(q, q) + _TINY_MPa**2
-    sharp = ufl.sqrt(ufl.sqrt(ufl.sqrt(square**4 + bound**8)))
-    soft = ufl.sqrt(square + bound**2)
-    return bound * q / (sharp + softness * (soft - sharp))
+    size = ufl.sqrt(ufl.dot(q, q) + _TINY_MPa**2)
+    rounded = bound - ((1 + _ROUND) * bound - size) ** 2 / (4 * _ROUND * (bound + _TINY_MPa))
+    sliding = ufl.conditional(ufl.ge(size, (1 + _ROUND) * bound), bound, rounded)
+    sharp = ufl.conditional(ufl.le(size, (1 - _ROUND) * bound), size, sliding)
+    soft = bound * size / ufl.sqrt(size**2 + bound**2)
+    return (sharp + softness * (soft - sharp)) * q / size
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,8 @@ class Contact:
         Pressure over which contact sets in, in MPa.
     softness
         Of the friction law, 0 to 1; see `smooth_coulomb`.
+    slip_old
+        Elastic slip of the last accepted step, in mm.
     theta
         0 incomplete, 1 symmetric, -1 skew-symmetric Nitsche.
     """
@@ -72,6 +78,7 @@ class Contact:
     stiffness: Expr | float
     width: Expr | float
     softness: Expr | float
+    slip_old: Expr
     theta: int = 0
 
     def tractions(self, t: Expr, u: Expr, u_old: Expr) -> tuple[Expr, Expr]:
@@ -79,11 +86,19 @@ class Contact:
         nu, g = self.obstacle.normal, self.obstacle.gap
         p = ufl.dot(t, nu)
         s_n = smooth_positive(p - self.stiffness * g, self.width)
-        motion = (u - u_old) - (self.obstacle.translation - self.obstacle.translation_old)
+        advance = self.obstacle.translation - self.obstacle.translation_old
+        motion = (u - u_old) - advance + self.slip_old
         slip = motion - ufl.dot(motion, nu) * nu
         trial = t - p * nu - self.stiffness * slip
         s_t = smooth_coulomb(trial, self.friction * s_n, self.softness)
         return s_n, s_t
+
+    def elastic_slip(self, t: Expr, u: Expr, u_old: Expr) -> Expr:
+        """Return the elastic slip ``(t_t - s_t)/gamma_h``; none where nothing presses."""
+        nu = self.obstacle.normal
+        s_n, s_t = self.tractions(t, u, u_old)
+        slip = (t - ufl.dot(t, nu) * nu - s_t) / self.stiffness
+        return ufl.conditional(ufl.gt(s_n, 0.0), slip, 0.0 * slip)
 
     def residual(self, t: Expr, u: Expr, u_old: Expr, v: Expr) -> Expr:
         """Return the contact part of the residual's integrand over the skin."""

@@ -269,7 +269,7 @@ class March:
             "last_step_mm": self._last_step,
         }
 
-    def restore(self, state: dict[str, Any], nodal: dict[str, np.ndarray]) -> None:
+    def restore(self, state: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Go back to what `state` and `gather` returned."""
         self._phase = state["phase"]
         press = self._phase == "press"
@@ -280,24 +280,27 @@ class March:
         self._index = state["index"]
         self._last_step = state["last_step_mm"]
         order, problem = self.problem.order, self.problem
-        order.scatter(nodal["u_before"], problem.u)
+        order.scatter(arrays["u_before"], problem.u)
         self._u_before[:] = problem.u.x.array
-        order.scatter(nodal["u"], problem.u)
+        order.scatter(arrays["u"], problem.u)
         problem.obstacle.translation.value[:] = self._translation(self._control.position_mm)
         problem.accept()
         problem.load_cell.force_old_N = np.array(state["force_N"])
-        order.scatter(nodal["friction"], problem.load_cell.friction_old)
+        order.scatter(arrays["friction"], problem.load_cell.friction_old)
+        problem.elastic_slip.scatter(arrays["slip"])
 
     def gather(self) -> dict[str, np.ndarray]:
-        """Return the nodal part of the state, arrays (n, 3) in the mesh file's node order.
+        """Return the arrays of the state, independent of the number of ranks.
 
-        Displacements now, `u`, and a step before, `u_before`; forces of `friction`.
+        Displacements now, `u`, and a step before, `u_before`, and nodal forces of `friction`,
+        (n, 3) in the mesh file's node order; elastic `slip`, see `ElasticSlip.gather`.
         """
         problem = self.problem
         before = problem.u.copy()
         before.x.array[:] = self._u_before
         functions = {"u": problem.u, "u_before": before, "friction": problem.load_cell.friction_old}
-        return {name: problem.order.gather(function) for name, function in functions.items()}
+        nodal = {name: problem.order.gather(function) for name, function in functions.items()}
+        return {**nodal, "slip": problem.elastic_slip.gather()}
 
 
 def _check_balance(load: Load) -> None:

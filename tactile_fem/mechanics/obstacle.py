@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mpi4py import MPI
+
 import basix
 import basix.ufl
 import numpy as np
@@ -56,26 +58,40 @@ class Obstacle:
 
         scheme = basix.quadrature.string_to_type("default")
         points, _ = basix.make_quadrature(basix.CellType.triangle, degree, rule=scheme)
-        self._points_per_facet = len(points)
         position = fem.Expression(ufl.SpatialCoordinate(parent) + u, points)
         displacement = fem.Expression(u, points)
         self._parent = parent
         self._evaluate = position, displacement
         self._entities = _cells_and_local_facets(parent, entity_map, submesh)
 
-        def quadrature_function(shape: tuple[int, ...]) -> fem.Function:
-            element = basix.ufl.quadrature_element("triangle", value_shape=shape, degree=degree)
-            return fem.Function(fem.functionspace(submesh, element))
-
-        self._gap = quadrature_function(())
-        self._normal = quadrature_function((3,))
-        self._hessian = quadrature_function((3, 3))
-        self._base = quadrature_function((3,))
+        self._submesh, self._degree = submesh, degree
+        self._gap = self.quadrature_function(())
+        self._normal = self.quadrature_function((3,))
+        self._hessian = self.quadrature_function((3, 3))
+        self._base = self.quadrature_function((3,))
         du = u - self._base
         self.gap: Expr = self._gap + ufl.dot(self._normal, du) + ufl.dot(du, self._hessian * du) / 2
         gradient = self._normal + self._hessian * du
         # Unit already, but where two surfaces are blended.
         self.normal: Expr = gradient / ufl.sqrt(ufl.dot(gradient, gradient))
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The communicator of the finger."""
+        return self._parent.comm
+
+    def quadrature_function(self, shape: tuple[int, ...]) -> fem.Function:
+        """Return a function with a value of `shape` at each contact quadrature point."""
+        degree = self._degree
+        element = basix.ufl.quadrature_element("triangle", value_shape=shape, degree=degree)
+        return fem.Function(fem.functionspace(self._submesh, element))
+
+    def points_mm(self) -> np.ndarray:
+        """Return the undeformed contact quadrature points of this rank, (n, 3)."""
+        if not len(self._entities):
+            return np.empty((0, 3))
+        deformed, displacement = (e.eval(self._parent, self._entities) for e in self._evaluate)
+        return (deformed - displacement).reshape(-1, 3)
 
     def refresh(self) -> None:
         """Expand the signed distance anew at the current displacement."""

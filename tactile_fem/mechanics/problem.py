@@ -25,6 +25,7 @@ from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.load import Load, LoadCell
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import PREFIX, set_options
+from tactile_fem.mechanics.slip import ElasticSlip
 from tactile_fem.stimulus.body import RigidBody
 from tactile_fem.study import Solver, Tissue
 from tactile_fem.tissue.energies import young_modulus
@@ -97,6 +98,8 @@ class FingerProblem:
         The rigid body and its place.
     order
         Carries displacements to and from the mesh file's node order.
+    elastic_slip
+        What sticking skin remembers.
     held
         This rank's dofs (blocks) of the nodes that do not move.
     skin
@@ -128,9 +131,11 @@ class FingerProblem:
         self._softness = fem.Constant(msh, 0.0)
         facets = _skin_by_tissue(domain)
         self.obstacle = Obstacle(body, self.u, np.sort(facets.indices), solver.contact_degree)
+        self.elastic_slip = ElasticSlip(self.obstacle)
         self.bulk_degree = solver.bulk_degree
         self.skin = self._skin(facets, friction, solver)
         self._jit = jit_options(solver.compiler_flags)
+        self.elastic_slip.compile(self)
         v = ufl.TestFunction(V)
         residual = self.elasticity.residual(domain, v, solver.bulk_degree)
         for part in self.skin:
@@ -204,6 +209,7 @@ class FingerProblem:
                 fem.Constant(msh, solver.nitsche_gamma) * E / height,
                 self._width,
                 self._softness,
+                self.elastic_slip.old,
                 solver.nitsche_theta,
             )
             t = self.elasticity.stress(tissue) * N
@@ -259,6 +265,7 @@ class FingerProblem:
 
     def accept(self) -> None:
         """Make the present state the history of the next step."""
+        self.elastic_slip.keep()
         self.u_old.x.array[:] = self.u.x.array
         self.obstacle.translation_old.value[:] = self.obstacle.translation.value
         self.load_cell.keep()

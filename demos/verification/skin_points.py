@@ -1,0 +1,84 @@
+"""What acts at the contact quadrature points of the skin; shared by the demos of this folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_fem import backend  # noqa: F401
+
+import ufl  # isort: skip  (after the backend, which finds it)
+from dolfinx import fem  # isort: skip
+
+from tactile_fem.mechanics.problem import FingerProblem
+
+
+@dataclass(frozen=True)
+class SkinPoints:
+    """Contact quadrature points of the whole skin, on rank 0.
+
+    Attributes
+    ----------
+    place_mm, deformed_mm
+        Undeformed and deformed, (n, 3).
+    area_mm2
+        Undeformed area of each point, its quadrature weight, (n,).
+    friction_MPa
+        Nitsche's friction, (n, 3).
+    pressure_MPa, bulk_MPa
+        Nitsche's contact pressure and that of the tissue's own Piola stress, (n,).
+    gap_mm
+        Distance from the body, negative inside it, (n,).
+    facet
+        Number of the point's facet, (n,).
+    """
+
+    place_mm: np.ndarray
+    deformed_mm: np.ndarray
+    area_mm2: np.ndarray
+    friction_MPa: np.ndarray
+    pressure_MPa: np.ndarray
+    bulk_MPa: np.ndarray
+    gap_mm: np.ndarray
+    facet: np.ndarray
+
+
+class SkinProbe:
+    """Evaluates a problem's skin, which has to be of one tissue."""
+
+    def __init__(self, problem: FingerProblem) -> None:
+        self._problem = problem
+        obstacle = problem.obstacle
+        # Tested with the quadrature element a form gives the values at the points times weights.
+        q = ufl.TestFunction(obstacle.quadrature_function(()).function_space)
+        (part,) = problem.skin
+        pressure, friction = part.contact.tractions(part.t, problem.u, problem.u_old)
+        bulk = ufl.dot(part.t, obstacle.normal)
+        X = ufl.SpatialCoordinate(problem.domain.mesh)
+        values = [*X, *(X + problem.u), *friction, pressure, bulk, obstacle.gap]
+        self._area = problem.compile(q * part.ds)
+        self._values = [problem.compile(value * q * part.ds) for value in values]
+
+    def __call__(self) -> SkinPoints | None:
+        """Return the points of all ranks on rank 0, None elsewhere."""
+        self._problem.obstacle.refresh()
+        area = fem.assemble_vector(self._area).array
+        mine = np.flatnonzero(area)  # a ghost facet's points are another rank's
+        facets, of = np.unique(self._facet_of(area)[mine], return_inverse=True)
+        rows = [fem.assemble_vector(form).array[mine] / area[mine] for form in self._values]
+        comm = self._problem.domain.comm
+        first = comm.exscan(len(facets)) or 0
+        parts = comm.gather(np.stack([area[mine], first + of, *rows]))
+        if comm.rank:
+            return None
+        area, facet, *rows = np.concatenate(parts, axis=1)
+        place, deformed, friction = (np.transpose(rows[i : i + 3]) for i in (0, 3, 6))
+        return SkinPoints(place, deformed, area, friction, *rows[9:], facet.astype(int))
+
+    def _facet_of(self, area: np.ndarray) -> np.ndarray:
+        """Return the facet's number of each point; the points of a facet follow each other."""
+        V = self._area.function_spaces[0]
+        facets = V.mesh.topology.index_map(2)
+        count = facets.size_local + facets.num_ghosts
+        return np.arange(len(area)) // (len(area) // max(count, 1))

@@ -1,0 +1,145 @@
+"""A rigid ball and a rigid bar on an elastic block against Hertz, in the small-strain range."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import ufl
+
+from tactile_fem import backend  # noqa: F401
+
+from mpi4py import MPI  # isort: skip
+
+from blocks import block_mesh
+from dolfinx import fem
+
+from tactile_fem.finger.mesh_data import SURFACES
+from tactile_fem.mechanics.contact import smooth_positive
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Cylinder, Solver, Sphere, Tissue
+from tactile_fem.tissue.energies import young_modulus
+
+TISSUE = Tissue.model_validate({"set": "maeno1998", "viscous_time_s": 0.0})
+E_STAR = young_modulus(TISSUE.dermis) / (1 - 0.48**2)
+R = 20.0
+# Side of a square in the middle of the contact, half of what is fine.
+WIDTH = 0.6
+# The width is an absolute pressure: 5 kPa would be twice the peak here.
+SOLVER = Solver(held=("cut",), linear="direct", contact_width_MPa=1e-6, petsc={"snes_atol": 1e-10})
+
+
+def graded(inner: int, reach: float) -> np.ndarray:
+    """Return a line that is fine up to 1.2 mm, just outside the contact, and grows beyond."""
+    line = list(np.linspace(0.0, 1.2, inner + 1))
+    while line[-1] < reach:
+        line.append(line[-1] + 2.5 * (line[-1] - line[-2]))
+    return np.array(line)
+
+
+def symmetry(is_bar):
+    """Keep the planes x = 0 and y = 0; of the slice under the bar every y."""
+
+    def conditions(V):
+        found = []
+        for axis, reach in ((0, 1e-9), (1, np.inf if is_bar else 1e-9)):
+            component, _ = V.sub(axis).collapse()
+            dofs = fem.locate_dofs_geometrical(
+                (V.sub(axis), component), lambda x, axis=axis, reach=reach: np.abs(x[axis]) <= reach
+            )
+            found.append(fem.dirichletbc(fem.Function(component), dofs, V.sub(axis)))
+        return found
+
+    return conditions
+
+
+@cache
+def pressed(stimulus, inner, reach, depth):
+    """Return force, contact radius and peak pressure of the whole ball, or of 1 mm of the bar.
+
+    The radius follows from the load's moment: the centre of a quarter of Hertz's pressure lies
+    at 3/8 a, that of half the bar's at 4/(3 pi) a.
+    """
+    is_bar = isinstance(stimulus, Cylinder)
+    line = graded(inner, reach)
+    across = np.array([0.0, WIDTH]) if is_bar else line
+    block = block_mesh(line, across, line, ["dermis"] * (len(line) - 1))
+    domain = create_domain(block, MPI.COMM_SELF, ("cut",))
+    contact = FingerProblem(domain, TISSUE, make_body(stimulus), 0.0, SOLVER, symmetry(is_bar))
+    for share in (0.5, 1.0):
+        assert contact.solve(np.array([0, 0, share * depth]), 1.0).converged
+        contact.accept()
+    load = contact.load()
+    force = load.force_N[2]
+    centre = (depth * load.force_N[0] - load.moment_Nmm[1]) / force
+    a = centre * (3 * np.pi / 4 if is_bar else 8 / 3)
+    peak = middle_pressure(contact) / middle_of_ellipse(a, is_bar)
+    return force * (2 / WIDTH if is_bar else 4), a, peak
+
+
+def middle_pressure(contact):
+    """Return the mean contact pressure in the square of side `WIDTH` in the middle."""
+    msh, obstacle = contact.domain.mesh, contact.obstacle
+    X, N = ufl.SpatialCoordinate(msh), ufl.FacetNormal(msh)
+    height = 3 * ufl.CellVolume(msh) / ufl.FacetArea(msh)
+    gamma = SOLVER.nitsche_gamma * young_modulus(TISSUE.dermis) / height
+    bulk = ufl.dot(contact.elasticity.stress("dermis") * N, obstacle.normal)
+    pressure = smooth_positive(bulk - gamma * obstacle.gap, SOLVER.contact_width_MPa)
+    inside = ufl.And(ufl.lt(X[0], WIDTH), ufl.lt(X[1], WIDTH))
+    skin = ufl.ds(
+        SURFACES["skin"],
+        domain=msh,
+        subdomain_data=contact.domain.surface,
+        metadata={"quadrature_degree": SOLVER.contact_degree},
+    )
+    middle = ufl.conditional(inside, pressure, 0.0) * skin
+    form = fem.form(middle, entity_maps=obstacle.entity_maps)
+    return fem.assemble_scalar(form) / WIDTH**2
+
+
+def middle_of_ellipse(a, is_bar):
+    """Return the mean of ``sqrt(1 - r^2/a^2)`` in that square."""
+    x = WIDTH * (np.arange(200) + 0.5) / 200
+    square = x[:, None] ** 2 + (0 if is_bar else x**2)
+    return np.sqrt(1 - square / a**2).mean()
+
+
+def errors(stimulus, inner, depth):
+    """Return the relative errors of radius and peak pressure at the same force."""
+    force, a, peak = pressed(stimulus, inner, 12.0, depth)
+    if isinstance(stimulus, Cylinder):
+        exact = np.sqrt(4 * force * R / (np.pi * E_STAR))
+        exact_peak = 2 * force / (np.pi * exact)
+    else:
+        exact = (0.75 * force * R / E_STAR) ** (1 / 3)
+        exact_peak = 1.5 * force / (np.pi * exact**2)
+    return np.array([a / exact - 1, peak / exact_peak - 1])
+
+
+@pytest.mark.parametrize(
+    ("stimulus", "depth", "meshes", "bounds"),
+    [
+        (Sphere(radius_mm=R), 0.05, (2, 4), (0.02, 0.05)),
+        (Cylinder(radius_mm=R, along="y"), 0.07, (4, 8), (0.005, 0.005)),
+    ],
+    ids=["ball", "bar"],
+)
+def test_radius_and_peak_pressure_converge_to_hertz(stimulus, depth, meshes, bounds):
+    coarse, fine = (np.abs(errors(stimulus, inner, depth)) for inner in meshes)
+    assert np.all(fine < bounds), fine
+    assert np.all(fine < coarse / 2), (coarse, fine)
+
+
+def test_force_at_a_depth_is_hertz_when_the_size_of_the_body_is_extrapolated():
+    """The held surface stiffens the body by a term in 1/size, which two sizes tell."""
+    depth, sizes, ratios = 0.05, [], []
+    for reach in (12.0, 24.0):
+        force = pressed(Sphere(radius_mm=R), 4, reach, depth)[0]
+        sizes.append(graded(4, reach)[-1])
+        ratios.append(force / (4 / 3 * E_STAR * np.sqrt(R) * depth**1.5))
+    assert ratios[0] > ratios[1] > 1.02
+    half_space = np.diff(np.multiply(sizes, ratios)) / np.diff(sizes)
+    assert half_space == pytest.approx(1, abs=0.03)  # 1.023; finer meshes do better
