@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -169,6 +171,30 @@ def test_convergence(tmp_path):
     assert run("verification/convergence.py", str(tmp_path), *meshes, *way) == told
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not find_spec("gmsh"), reason="gmsh is not installed")
+def test_hertz(tmp_path):
+    run("verification/hertz.py", str(tmp_path), "--per-radius", "4", "--body-radius", "20")
+    with (tmp_path / "hertz.csv").open() as table:
+        rows = {row["shape"]: row for row in csv.DictReader(table)}
+    assert set(rows) == {"ball", "bar"}
+    for row in rows.values():
+        assert float(row["radius_error"]) == pytest.approx(0, abs=0.02)
+        assert float(row["peak_error"]) == pytest.approx(0, abs=0.02)
+    assert (tmp_path / "hertz.png").is_file()
+
+
+@pytest.mark.slow
+def test_sharp_block(tmp_path):
+    way = ["--meshes", "2", "--gammas", "5", "--thetas", "0"]
+    run("verification/sharp_block.py", str(tmp_path), *way)
+    with (tmp_path / "sharp_block.csv").open() as table:
+        (row,) = csv.DictReader(table)
+    assert not row["failed"]
+    assert float(row["tangential_N"]) / float(row["normal_N"]) == pytest.approx(0.3, rel=0.01)
+    assert (tmp_path / "sharp_block.png").is_file()
+
+
 @pytest.mark.mpi
 def test_partition():
     script = str(DEMOS / "benchmarks/partition.py")
@@ -180,4 +206,6 @@ def test_partition():
 
 def test_every_demo_is_tested():
     tested = set(re.findall(r'"((?:\w+/)?\w+\.py)"', Path(__file__).read_text()))
-    assert tested == {str(path.relative_to(DEMOS)) for path in DEMOS.glob("**/*.py")}
+    # What has no title is a module that demos share.
+    demos = (path for path in DEMOS.glob("**/*.py") if path.read_text().startswith("# %%"))
+    assert tested == {str(path.relative_to(DEMOS)) for path in demos}

@@ -65,8 +65,8 @@ def errors(rows: int) -> tuple[float, float]:
         ufl.inner(exact_stress(elasticity.constants(name), F), ufl.grad(v)) * dx(tag)
         for name, tag in domain.tissues_of(domain.tissue).items()
     )
-    # Held all around: under the dead traction on free sides the exact state would be unstable.
-    # The nodal values are also where Newton's method starts.
+    # Held all around: with dead tractions on free sides Newton's method does not reach the exact
+    # state. Its nodal values are also the first guess.
     u.interpolate(fem.Expression(exact, V.element.interpolation_points))
     domain.mesh.topology.create_connectivity(2, 3)
     facets = mesh.exterior_facet_indices(domain.mesh.topology)

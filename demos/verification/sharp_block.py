@@ -1,0 +1,217 @@
+# %% [markdown]
+# # A block with sharp edges, pressed and slid: what Nitsche's parameters change
+#
+# This demo emphasizes
+# - the force over two decades of gamma and for theta 0, 1 and -1, on two meshes,
+# - what a small gamma costs in accuracy and a large one in Newton iterations,
+# - three ways to see a wrong choice: penetration, the oscillation of the contact pressure, and the
+#   contact force against the traction of the tissue itself.
+#
+# A cube-like block of dermis, 6 x 6 x 3 mm, is held on top, pressed on a flat plate by 10 % of its
+# height and slid with friction 0.3 until it slips everywhere. Its edges carry a singular pressure.
+# Nitsche's contact pressure and the tissue's traction,
+#
+# $$ s_n = [p - \gamma_h g]_+, \qquad p = \nu \cdot P N, \qquad \gamma_h = \gamma E / h, $$
+#
+# agree where the mesh resolves the solution: $s_n - p$ is a residual of consistency. The
+# oscillation is the root mean square of $s_n$ minus its facet's mean, by the mean, more than
+# 1 mm away from the edges.
+#
+#     python demos/verification/sharp_block.py results/sharp_block
+#     python demos/verification/sharp_block.py results/sharp_block --meshes 2 --gammas 5 --thetas 0
+
+# %%
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import permutations, product
+from pathlib import Path
+
+import numpy as np
+from cyclopts import run
+from matplotlib.figure import Figure
+from skin_points import SkinPoints, SkinProbe
+
+from tactile_fem.files import write_table
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
+from tactile_fem.mechanics.domain import Domain, create_domain
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Plate, Solver, Tissue
+
+from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
+
+COMM = MPI.COMM_WORLD
+HALF_MM, HEIGHT_MM = 3.0, 3.0
+TISSUE = Tissue.model_validate({"set": "maeno1998"})
+PLATE = Plate(friction=0.3)
+PRESS_MM = (0.1, 0.2, 0.3)
+SLIDE_MM = (0.02, 0.1, 0.3, 0.6, 0.9, 1.2)
+DT_S = 0.01
+
+
+@dataclass(frozen=True)
+class Row:
+    """One way to solve; NaN and the step at which it failed where Newton's method did.
+
+    Attributes
+    ----------
+    per_height
+        Bricks of six tetrahedra over the block's height.
+    pressed_N, normal_N, tangential_N
+        Normal force at the end of the press; both forces at the end of the slide.
+    penetration_mm, oscillation, consistency
+        At the end of the press: largest depth of a point in the plate; of the contact pressure
+        (see above); the tissue's traction to the contact force, minus one.
+    """
+
+    per_height: int
+    theta: int
+    gamma: float
+    newton_iterations: int
+    pressed_N: float
+    normal_N: float
+    tangential_N: float
+    penetration_mm: float
+    oscillation: float
+    consistency: float
+    failed: str
+
+
+# %%
+def block(count: int) -> FingerMesh:
+    """Return the block with `count` bricks over its height, skin below and cut on top."""
+    sides = np.linspace(-HALF_MM, HALF_MM, 2 * count + 1)
+    up = np.linspace(0.0, HEIGHT_MM, count + 1)
+    nodes = np.stack(np.meshgrid(sides, sides, up, indexing="ij"), -1).reshape(-1, 3)
+    index = np.arange(len(nodes)).reshape(len(sides), len(sides), len(up))
+    tets = []
+    for order in permutations(np.eye(3, dtype=int)):
+        # Each tetrahedron follows three edges of the brick, from its first corner to the last.
+        steps = np.cumsum([np.zeros(3, dtype=int), *order], axis=0)
+        corners = [
+            index[i : i + 2 * count, j : j + 2 * count, k : k + count].ravel() for i, j, k in steps
+        ]
+        odd = np.linalg.det(np.array(order)) < 0
+        tets.append(np.stack(corners, -1)[:, [0, 2, 1, 3] if odd else [0, 1, 2, 3]])
+    cells = np.concatenate(tets)
+    facets = facets_of(cells)[0][facets_of(cells)[2] < 0]
+    height = nodes[facets, 2]
+    skin, cut = (facets[np.all(np.abs(height - z) < 1e-9, axis=1)] for z in (0.0, HEIGHT_MM))
+    nodes, cells, triangles = quadratic(nodes, cells, np.concatenate([skin, cut]))
+    surface = np.repeat([SURFACES["skin"], SURFACES["cut"]], [len(skin), len(cut)])
+    return FingerMesh(nodes, cells, np.full(len(cells), TISSUES["dermis"]), triangles, surface)
+
+
+# %%
+def places() -> Iterator[tuple[float, float]]:
+    """Yield slide and depth of each step."""
+    for depth in PRESS_MM:
+        yield 0.0, depth
+    for slide in SLIDE_MM:
+        yield slide, PRESS_MM[-1]
+
+
+def solve(domain: Domain, count: int, theta: int, gamma: float) -> Row:
+    """Press and slide with one choice of the parameters."""
+    solver = Solver(held=("cut",), linear="direct", nitsche_gamma=gamma, nitsche_theta=theta)
+    problem = FingerProblem(domain, TISSUE, make_body(PLATE), PLATE.friction, solver)
+    iterations, pressed, normal, tangential = 0, math.nan, math.nan, math.nan
+    seen = (math.nan, math.nan, math.nan)
+    for slide, depth in places():
+        report = problem.solve(np.array([0.0, -slide, depth]), DT_S)
+        iterations += report.iterations
+        if not report.converged:
+            failed = f"slide {slide:g}" if slide else f"press {depth:g}"
+            return Row(count, theta, gamma, iterations, pressed, math.nan, math.nan, *seen, failed)
+        force = problem.load().force_N
+        if slide == 0 and depth == PRESS_MM[-1]:
+            pressed = float(force[2])
+            points = SkinProbe(problem)()
+            if points is not None:
+                seen = measures(points)
+        normal, tangential = float(force[2]), -float(force[1])
+        problem.accept()
+    return Row(count, theta, gamma, iterations, pressed, normal, tangential, *seen, "")
+
+
+def measures(points: SkinPoints) -> tuple[float, float, float]:
+    """Return penetration, oscillation and consistency, as in `Row`."""
+    area, pressure = points.area_mm2, points.pressure_MPa
+    facet_area = np.bincount(points.facet, area)
+    mean = (np.bincount(points.facet, area * pressure) / facet_area)[points.facet]
+    inner = np.abs(points.place_mm[:, :2]).max(axis=1) < HALF_MM - 1.0
+    weight = area[inner] / area[inner].sum()
+    square = weight @ (pressure - mean)[inner] ** 2
+    oscillation = math.sqrt(square) / (weight @ pressure[inner])
+    consistency = np.sum(area * points.bulk_MPa) / np.sum(area * pressure) - 1
+    return max(0.0, -points.gap_mm.min()), oscillation, consistency
+
+
+# %%
+def tell(row: Row) -> None:
+    """Print a row."""
+    print(
+        f"{row.per_height:4d}  {row.theta:5d}  {row.gamma:6g}  {row.pressed_N:8.5f}  "
+        f"{row.normal_N:8.5f}  {row.tangential_N:8.5f}  {row.newton_iterations:6d}  "
+        f"{1000 * row.penetration_mm:8.1f}  {100 * row.oscillation:8.2f}  "
+        f"{100 * row.consistency:8.1f}  {row.failed}",
+        flush=True,
+    )
+
+
+COLOURS = {0: "#0072b2", 1: "#d55e00", -1: "#009e73"}
+
+
+def draw(rows: list[Row], picture: Path) -> None:
+    """Draw pressed force and Newton iterations over gamma."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    meshes = sorted({row.per_height for row in rows})
+    for count, theta in product(meshes, COLOURS):
+        few = [r for r in rows if r.per_height == count and r.theta == theta and not r.failed]
+        if not few:
+            continue
+        line = "--" if count == meshes[0] and len(meshes) > 1 else "-"
+        style = {"color": COLOURS[theta], "ls": line, "marker": "o", "ms": 4}
+        gamma = [row.gamma for row in few]
+        label = rf"$\theta$ = {theta}, {count} bricks high"
+        left.semilogx(gamma, [row.pressed_N for row in few], label=label, **style)
+        right.semilogx(gamma, [row.newton_iterations for row in few], **style)
+    left.set(xlabel=r"$\gamma$", ylabel="Normal force, pressed (N)")
+    right.set(xlabel=r"$\gamma$", ylabel="Newton iterations, 9 steps", ylim=(0, None))
+    figure.legend(*left.get_legend_handles_labels(), frameon=False, loc="outside right upper")
+    figure.savefig(picture, dpi=150)
+
+
+# %%
+def main(
+    folder: Path,
+    *,
+    meshes: tuple[int, ...] = (3, 5),
+    gammas: tuple[float, ...] = (1.0, 5.0, 20.0, 100.0),
+    thetas: tuple[int, ...] = (0, 1, -1),
+) -> None:
+    """Solve with all gammas, thetas and meshes; write table and figure into the folder."""
+    if COMM.rank == 0:
+        print(
+            "mesh  theta   gamma  pressed N  normal N  tangent N  Newton    in um  oscill %  ",
+            end="",
+        )
+        print("traction %")
+    rows = []
+    for count in meshes:
+        domain = create_domain(block(count) if COMM.rank == 0 else None, COMM, ("cut",))
+        for theta, gamma in product(thetas, gammas):
+            rows.append(solve(domain, count, theta, gamma))
+            if COMM.rank == 0:
+                tell(rows[-1])
+    if COMM.rank == 0:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_table(folder / "sharp_block.csv", rows)
+        draw(rows, folder / "sharp_block.png")
+
+
+# %%
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,52 @@
+"""A block with sharp edges pressed by a tenth and slid: what gamma changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_fem import backend  # noqa: F401
+
+from mpi4py import MPI  # isort: skip
+
+from blocks import block_mesh
+
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Plate, Solver, Tissue
+
+TISSUE = Tissue.model_validate({"set": "maeno1998"})
+PLATE = Plate(friction=0.3)
+
+
+def forces(count: int, gamma: float, slides=()) -> np.ndarray:
+    """Return the forces after the press and after each slide, with `count` bricks over 3 mm."""
+    line, up = np.linspace(-3, 3, 2 * count + 1), np.linspace(0, 3, count + 1)
+    block = block_mesh(line, line, up, ["dermis"] * count)
+    solver = Solver(held=("cut",), linear="direct", nitsche_gamma=gamma)
+    domain = create_domain(block, MPI.COMM_SELF, solver.held)
+    problem = FingerProblem(domain, TISSUE, make_body(PLATE), PLATE.friction, solver)
+    found = []
+    for y, z in [(0.0, 0.1), (0.0, 0.2), (0.0, 0.3), *((slide, 0.3) for slide in slides)]:
+        report = problem.solve(np.array([0.0, -y, z]), 0.01)
+        assert report.converged, report
+        found.append(problem.load().force_N)
+        problem.accept()
+    return np.array(found[2:])
+
+
+def test_what_gamma_changes_is_small_and_goes_with_the_mesh():
+    differences = []
+    for count in (2, 3):
+        default, stiff = (forces(count, g)[0, 2] for g in (Solver().nitsche_gamma, 100.0))
+        differences.append(abs(default / stiff - 1))
+    assert differences[1] < 0.02
+    assert differences[1] < differences[0]
+
+
+@pytest.mark.parametrize("gamma", [5.0, 50.0])
+def test_the_slid_block_feels_mu_times_its_normal_force(gamma):
+    x, y, z = forces(2, gamma, (0.02, 0.1, 0.3, 0.6, 0.9, 1.2, 1.5))[-1]
+    assert -y / z == pytest.approx(0.3, rel=5e-3)
+    assert abs(x) < 5e-3 * z
