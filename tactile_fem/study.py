@@ -157,10 +157,10 @@ class Tissue(Section):
     """Constants of the tissues; a table left out is taken from the named set."""
 
     set: Literal["fitted", "proposed", "maeno1998", "gerling2014"] = Field(
-        "proposed", description="constants of the tissues that are not given below"
+        "fitted", description="constants of the tissues that are not given below"
     )
     viscous_time_s: NonNegative = Field(
-        0.001,
+        0.005,
         description="proposed: Kelvin-Voigt relaxation time, steadies the solver; 0 is elastic",
     )
     stratum_corneum: Polynomial
@@ -175,9 +175,9 @@ class Tissue(Section):
     def _fill_from_set(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
-        name = data.get("set", "proposed")
+        name = data.get("set", "fitted")
         known = isinstance(name, str) and name in TISSUE_SETS
-        constants = TISSUE_SETS[name if known else "proposed"]
+        constants = TISSUE_SETS[name if known else "fitted"]
         filled = dict(data)
         for tissue, values in constants.items():
             given = data.get(tissue, {})

@@ -9,6 +9,7 @@
 # Hamasaki et al. 2020 press F G H 1.97 mm deep, "which corresponds to 0.6 N". The gate is 15 %.
 #
 #     python demos/validation/letters_force.py results/letters
+#     python demos/validation/letters_force.py results/slowly --press-speed 0.2
 #     python demos/validation/letters_force.py results/letters --preset medium
 #     python demos/validation/letters_force.py results/letters --depth 0.3
 
@@ -60,16 +61,20 @@ def main(
     folder: Path,
     *,
     depth: float = 22 * STEP_MM,
+    press_speed: float = 20.0,
     tissue: str = "fitted",
     preset: Literal["coarse", "medium", "paper"] = "coarse",
 ) -> None:
-    """Press the letters to at most `depth` mm; print force at 1.97 mm and depth at 0.6 N."""
+    """Press the letters to at most `depth` mm; print force at 1.97 mm and depth at 0.6 N.
+
+    The speed (mm/s) counts by the viscosity: at 0.2 mm/s nearly nothing.
+    """
     study = Study.model_validate(
         {
             "finger": Finger(preset=preset),
             "tissue": {"set": tissue},
             "stimulus": Text(),
-            "protocol": Protocol(depth_mm=depth, distance_mm=0.0),
+            "protocol": Protocol(depth_mm=depth, distance_mm=0.0, press_speed_mm_s=press_speed),
             "receptors": Receptors(spacing_mm=5.0),
             "solver": Solver(first_step_mm=STEP_MM, max_press_step_mm=STEP_MM),
         }
