@@ -1,5 +1,5 @@
 # %% [markdown]
-# # The fit that makes the default tissue
+# # The fit that makes the tissue set "fitted"
 #
 # This demo emphasizes
 # - how two constants of the subcutaneous tissue follow from a flat plate's force,

@@ -12,8 +12,8 @@
 # were not used. The gates of the area are wide, as fingers are: 40 to 70 mm² at 0.25 N, 60 to 90
 # at 0.5 N, 90 to 130 at 1 N. A finger's volume falls by at most 5 %.
 #
-# The plate rises at 1 mm/s: the viscosity, which is there to steady the solver, then adds less
-# than 0.3 % to the force.
+# The plate rises at 0.2 mm/s: the viscosity, which is there to steady the solver, then adds about
+# 0.2 % to the force.
 #
 #     python demos/validation/flat_plate.py results/plate
 #     python demos/validation/flat_plate.py results/plate --tissue proposed
@@ -82,7 +82,7 @@ def plate_study(depth: float, step: float, tissue: dict[str, Any], preset: str) 
             "finger": Finger(preset=preset),
             "stimulus": Plate(),
             "tissue": tissue,
-            "protocol": Protocol(depth_mm=depth, distance_mm=0.0, press_speed_mm_s=1.0),
+            "protocol": Protocol(depth_mm=depth, distance_mm=0.0, press_speed_mm_s=0.2),
             "receptors": Receptors(spacing_mm=5.0),
             "solver": Solver(first_step_mm=step, max_press_step_mm=step),
         }

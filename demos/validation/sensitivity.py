@@ -5,7 +5,7 @@
 # - which constants the force and the receptors' strain energy hang on, and which hardly matter,
 # - a series of runs that goes on where it was cut off.
 #
-# Each constant of the default tissue, and the friction, is multiplied by 0.9 and by 1.1, the
+# Each constant of the tissue set "fitted", and the friction, is multiplied by 0.9 and by 1.1, the
 # others kept. $D_1$ is varied on its own: 10 % more of it is about 10 % less bulk modulus. For
 # each: the flat plate's force at 2.0 mm, the letters' force at 1.97 mm, and the largest strain
 # energy density (SED) that any receptor of the line across the finger feels, in the letters' press

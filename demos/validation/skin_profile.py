@@ -142,7 +142,7 @@ def draw(place: np.ndarray, deflection: np.ndarray, picture: Path, *, measured: 
         xlim=(-HALF_LENGTH_MM, HALF_LENGTH_MM),
     )
     axes.invert_yaxis()
-    axes.legend(frameon=False, loc="lower right")
+    axes.legend(frameon=False, loc="upper center")
     figure.savefig(picture, dpi=150)
 
 
