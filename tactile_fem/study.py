@@ -160,7 +160,7 @@ class Tissue(Section):
         "fitted", description="constants of the tissues that are not given below"
     )
     viscous_time_s: NonNegative = Field(
-        0.005,
+        0.001,
         description="proposed: Kelvin-Voigt relaxation time, steadies the solver; 0 is elastic",
     )
     stratum_corneum: Polynomial
