@@ -58,6 +58,19 @@ def line_search(name: str, **more: str | int | float) -> dict[str, str | int | f
     return {"snes_linesearch_type": name, "snes_linesearch_minlambda": 1e-12, **more}
 
 
+# One Newton step as the preconditioner of an accelerated iteration; it solves with MUMPS.
+NEWTON_STEP: dict[str, str | int | float] = {
+    "npc_snes_type": "newtonls",
+    "npc_snes_max_it": 1,
+    "npc_snes_linesearch_type": "bt",
+    "npc_snes_linesearch_order": 1,
+    "npc_ksp_type": "preonly",
+    "npc_pc_type": "lu",
+    "npc_pc_factor_mat_solver_type": "mumps",
+    "npc_snes_convergence_test": "skip",
+    "snes_max_it": 40,
+}
+
 STRATEGIES = (
     Strategy("default"),
     Strategy("kink (no width)", width_MPa=0.0),
@@ -69,6 +82,8 @@ STRATEGIES = (
     Strategy("full steps", line_search("basic")),
     Strategy("trust region", {"snes_type": "newtontr"}),
     Strategy("trust region, dogleg", {"snes_type": "newtontrdc"}),
+    Strategy("NGMRES around Newton", {"snes_type": "ngmres", **NEWTON_STEP}),
+    Strategy("Anderson around Newton", {"snes_type": "anderson", **NEWTON_STEP}),
     Strategy("exact linear solves", {"snes_ksp_ew_rtol0": 1e-3, "snes_ksp_ew_rtolmax": 1e-3}),
 )
 
