@@ -160,8 +160,9 @@ class Tissue(Section):
         "fitted", description="constants of the tissues that are not given below"
     )
     viscous_time_s: NonNegative = Field(
-        0.001,
-        description="proposed: Kelvin-Voigt relaxation time, steadies the solver; 0 is elastic",
+        0.004,
+        description="Kelvin-Voigt time, the shortest relaxation time of measured finger pads "
+        "(Pawluk and Howe 1999, DOI 10.1115/1.2835100); steadies the solver; 0 is elastic",
     )
     stratum_corneum: Polynomial
     epidermis: Polynomial

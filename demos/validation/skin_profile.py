@@ -75,7 +75,7 @@ def main(
             "finger": Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size),
             "tissue": {"set": tissue},
             "stimulus": STIMULI[stimulus],
-            "protocol": Protocol(depth_mm=depth, distance_mm=0.0),
+            "protocol": Protocol(depth_mm=depth, distance_mm=0.0, press_speed_mm_s=0.2),
             "receptors": Receptors(spacing_mm=5.0),
             "output": Output(pictures=False),
         }
