@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import SURFACES, TRIANGLE_EDGES, FingerMesh
+from tactile_fem.finger.mesh_data import SURFACES, TRIANGLE_EDGES, FingerMesh, lowest_facet
 
 Array = NDArray[np.float64]
-_EDGE = 1e-9
 
 
 class SkinPoints:
@@ -35,7 +34,13 @@ class SkinPoints:
 
     def __init__(self, finger: FingerMesh, xy_mm: ArrayLike) -> None:
         skin = finger.triangles[finger.surface == SURFACES["skin"]]
-        found = [_below(x, y, finger.nodes[skin[:, :3]]) for x, y in np.asarray(xy_mm, float)]
+        facets = finger.nodes[skin[:, :3]]
+        found = []
+        for x, y in np.asarray(xy_mm, float):
+            below = lowest_facet(x, y, facets)
+            if below is None:
+                raise StudyError(f"there is no skin at X {x:.2f}, Y {y:.2f} mm")
+            found.append(below)
         self._nodes = skin[[facet for facet, _ in found]]
         self._basis = _quadratic_basis(np.array([weights for _, weights in found]))
         self.rest_mm = self.at(finger.nodes)
@@ -47,23 +52,6 @@ class SkinPoints:
     def deformed_mm(self, displacement_mm: ArrayLike) -> Array:
         """Return the deformed points (k, 3) for nodal displacements (n, 3)."""
         return self.rest_mm + self.at(displacement_mm)
-
-
-def _below(x: float, y: float, facets: Array) -> tuple[int, Array]:
-    """Return the lowest of the facets (m, 3, 3) over (x, y) and the barycentric coordinates."""
-    corner, edges = facets[:, 0, :2], facets[:, 1:, :2] - facets[:, :1, :2]
-    (a, b), (c, d) = edges[:, :, 0].T, edges[:, :, 1].T
-    det = a * d - b * c
-    safe = np.where(det == 0, np.inf, det)
-    px, py = (np.array([x, y]) - corner).T
-    second, third = (d * px - b * py) / safe, (a * py - c * px) / safe
-    weights = np.column_stack([1 - second - third, second, third])
-    inside = np.flatnonzero((det != 0) & np.all(weights >= -_EDGE, axis=1))
-    if not len(inside):
-        raise StudyError(f"there is no skin at X {x:.2f}, Y {y:.2f} mm")
-    height = np.einsum("mi,mi->m", weights[inside], facets[inside, :, 2])
-    lowest = int(inside[np.argmin(height)])
-    return lowest, weights[lowest]
 
 
 def _quadratic_basis(weights: Array) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, lowest_facet
 from tactile_fem.study import Receptors
 
 
@@ -45,27 +45,16 @@ def _symmetric(half: float, spacing: float) -> np.ndarray:
     return np.arange(-count, count + 1) * spacing
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
 def _lift(x: float, y: float, facets: np.ndarray) -> np.ndarray:
     """Return the lowest point of the interface over (x, y)."""
-    a, b, c = facets[:, 0, :2], facets[:, 1, :2], facets[:, 2, :2]
-    det = _cross(b - a, c - a)
-    safe = np.where(det == 0, np.inf, det)
-    p = np.array([x, y])
-    s = _cross(p - a, c - a) / safe
-    t = _cross(b - a, p - a) / safe
-    inside = np.flatnonzero((det != 0) & (s >= -1e-9) & (t >= -1e-9) & (s + t <= 1 + 1e-9))
-    if not len(inside):
+    found = lowest_facet(x, y, facets)
+    if found is None:
         raise StudyError(
             f"receptors: the receptor at X {x:g}, Y {y:g} mm lies outside the finger; "
             "choose a smaller extent or another place"
         )
-    z = facets[inside, 0, 2]
-    z = z + s[inside] * (facets[inside, 1, 2] - z) + t[inside] * (facets[inside, 2, 2] - z)
-    return np.array([x, y, z.min()])
+    facet, weights = found
+    return np.array([x, y, weights @ facets[facet, :, 2]])
 
 
 @dataclass(frozen=True)

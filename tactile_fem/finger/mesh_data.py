@@ -27,6 +27,8 @@ TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [2, 3], [1, 3]])
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 # VTK, meshio, CalculiX and Abaqus have the last two mid-nodes of a tetrahedron the other way round.
 VTK_ORDER = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
+# A point this far outside a facet, in barycentric coordinates, is still in it.
+_EDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -137,3 +139,34 @@ def quadratic(
         np.hstack([tets, middle]),
         np.hstack([triangles, sides]),
     )
+
+
+def lowest_facet(
+    x: float, y: float, facets: NDArray[np.float64]
+) -> tuple[int, NDArray[np.float64]] | None:
+    """Return the lowest of flat facets over a place, and where in it.
+
+    Parameters
+    ----------
+    x, y
+        The place in mm.
+    facets
+        (m, 3, 3) corners.
+
+    Returns
+    -------
+    Index of the facet and barycentric coordinates (3,) of the point; None if there is no facet.
+    """
+    corner, edges = facets[:, 0, :2], facets[:, 1:, :2] - facets[:, :1, :2]
+    (a, b), (c, d) = edges[:, :, 0].T, edges[:, :, 1].T
+    det = a * d - b * c
+    safe = np.where(det == 0, np.inf, det)
+    px, py = (np.array([x, y]) - corner).T
+    second, third = (d * px - b * py) / safe, (a * py - c * px) / safe
+    weights = np.column_stack([1 - second - third, second, third])
+    inside = np.flatnonzero((det != 0) & np.all(weights >= -_EDGE, axis=1))
+    if not len(inside):
+        return None
+    height = np.einsum("mi,mi->m", weights[inside], facets[inside, :, 2])
+    lowest = int(inside[np.argmin(height)])
+    return lowest, weights[lowest]
