@@ -13,7 +13,6 @@ from tactile_fem.files import replacing, write_text
 from tactile_fem.finger.mesh_data import VTK_ORDER
 
 SERIES = "deformation.pvd"
-# VTK lists the mid-nodes of edges 1-3 and 2-3 the other way round than gmsh.
 
 
 class FieldWriter:

@@ -134,10 +134,9 @@ def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None)
 
 @dataclass(frozen=True)
 class _Scene:
-    """Finger, body and receptors; `finger` is None on all ranks but the first."""
+    """Finger and receptors; `finger` is None on all ranks but the first."""
 
     study: Study
-    body: RigidBody
     finger: FingerMesh | None
     positions: Array
     samples: Samples
@@ -150,7 +149,7 @@ class _Scene:
         positions = on_root(comm, lambda: place(study.receptors, finger))
         samples = on_root(comm, lambda: sample(study.receptors, positions, finger))
         on_root(comm, lambda: _check_apart(body, finger))
-        return cls(study, body, finger, positions, samples)
+        return cls(study, finger, positions, samples)
 
 
 def _run(
@@ -165,8 +164,7 @@ def _run(
     keep_log = log_to(results.log_file, comm.rank) if results else nullcontext()
     with keep_log:
         domain = create_domain(scene.finger, comm, study.solver.held)
-        friction = study.stimulus.friction
-        problem = FingerProblem(domain, study.tissue, scene.body, friction, study.solver)
+        problem = FingerProblem.of(study, domain)
         logger.info(
             "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
             len(domain.file_cells),

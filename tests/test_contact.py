@@ -15,10 +15,9 @@ from tactile_fem import backend  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
-from dolfinx import fem, mesh
 
 from tactile_fem.mechanics.contact import smooth_positive
-from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Sphere, Tissue
@@ -43,15 +42,7 @@ def problem(body, *, tissue=ELASTIC, constraints=lambda V: [], domain=None, **so
 
 def rollers(V):
     """Keep the block's sides in their planes."""
-    conditions = []
-    for axis in range(2):
-        component, _ = V.sub(axis).collapse()
-        facets = mesh.locate_entities_boundary(
-            V.mesh, 2, lambda x, axis=axis: np.isclose(np.abs(x[axis]), 3.0)
-        )
-        dofs = fem.locate_dofs_topological((V.sub(axis), component), 2, facets)
-        conditions.append(fem.dirichletbc(fem.Function(component), dofs, V.sub(axis)))
-    return conditions
+    return [roller(V, axis, lambda x, i=axis: np.isclose(np.abs(x[i]), 3.0)) for axis in range(2)]
 
 
 def pressed(contact, *places):

@@ -15,13 +15,11 @@ from mpi4py import MPI  # isort: skip
 from blocks import block_mesh
 from dolfinx import fem
 
-from tactile_fem.finger.mesh_data import SURFACES
-from tactile_fem.mechanics.contact import smooth_positive
-from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Cylinder, Solver, Sphere, Tissue
-from tactile_fem.tissue.energies import compression_modulus, young_modulus
+from tactile_fem.tissue.energies import young_modulus
 
 TISSUE = Tissue.model_validate({"set": "maeno1998", "viscous_time_s": 0.0})
 E_STAR = young_modulus(TISSUE.dermis) / (1 - 0.48**2)
@@ -43,17 +41,11 @@ def graded(inner: int, reach: float) -> np.ndarray:
 def symmetry(is_bar):
     """Keep the planes x = 0 and y = 0; of the slice under the bar every y."""
 
-    def conditions(V):
-        found = []
-        for axis, reach in ((0, 1e-9), (1, np.inf if is_bar else 1e-9)):
-            component, _ = V.sub(axis).collapse()
-            dofs = fem.locate_dofs_geometrical(
-                (V.sub(axis), component), lambda x, axis=axis, reach=reach: np.abs(x[axis]) <= reach
-            )
-            found.append(fem.dirichletbc(fem.Function(component), dofs, V.sub(axis)))
-        return found
-
-    return conditions
+    reaches = (1e-9, np.inf if is_bar else 1e-9)
+    return lambda V: [
+        roller(V, axis, lambda x, i=axis, reach=reach: np.abs(x[i]) <= reach)
+        for axis, reach in enumerate(reaches)
+    ]
 
 
 @cache
@@ -82,21 +74,12 @@ def pressed(stimulus, inner, reach, depth):
 
 def middle_pressure(contact):
     """Return the mean contact pressure in the square of side `WIDTH` in the middle."""
-    msh, obstacle = contact.domain.mesh, contact.obstacle
-    X, N = ufl.SpatialCoordinate(msh), ufl.FacetNormal(msh)
-    height = 3 * ufl.CellVolume(msh) / ufl.FacetArea(msh)
-    gamma = SOLVER.nitsche_gamma * compression_modulus(TISSUE.dermis) / height
-    bulk = ufl.dot(contact.elasticity.stress("dermis") * N, obstacle.normal)
-    pressure = smooth_positive(bulk - gamma * obstacle.gap, SOLVER.contact_width_MPa)
+    (part,) = contact.skin
+    contact.obstacle.refresh()
+    pressure, _ = part.contact.tractions(part.t, contact.u, contact.u_old)
+    X = ufl.SpatialCoordinate(contact.domain.mesh)
     inside = ufl.And(ufl.lt(X[0], WIDTH), ufl.lt(X[1], WIDTH))
-    skin = ufl.ds(
-        SURFACES["skin"],
-        domain=msh,
-        subdomain_data=contact.domain.surface,
-        metadata={"quadrature_degree": SOLVER.contact_degree},
-    )
-    middle = ufl.conditional(inside, pressure, 0.0) * skin
-    form = fem.form(middle, entity_maps=obstacle.entity_maps)
+    form = contact.compile(ufl.conditional(inside, pressure, 0.0) * part.ds)
     return fem.assemble_scalar(form) / WIDTH**2
 
 

@@ -67,11 +67,7 @@ def made(Q, c) -> FingerProblem:
 def outcome(problem: FingerProblem) -> Outcome:
     domain = problem.domain
     q = ufl.TestFunction(fem.functionspace(domain.mesh, ("DG", 0)))
-    dx = ufl.Measure(
-        "dx", domain.mesh, subdomain_data=domain.tissue, metadata={"quadrature_degree": 4}
-    )
-    tissues = domain.tissues_of(domain.tissue)
-    form = sum(problem.elasticity.energy(name) * q * dx(tag) for name, tag in tissues.items())
+    form = problem.elasticity.stored(domain, q, 4)
     energy = np.empty(domain.cell_count)
     energy[domain.owned_file_cells()] = fem.assemble_vector(fem.form(form)).array
     return Outcome(problem.load().force_N, problem.order.gather(problem.u), energy)

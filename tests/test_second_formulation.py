@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import cache
 
-import basix.ufl
 import numpy as np
 import ufl
 
@@ -13,11 +12,11 @@ from tactile_fem import backend  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from blocks import block_mesh
-from dolfinx import fem, mesh
+from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 from tactile_fem.finger.mesh_data import SURFACES
-from tactile_fem.mechanics.domain import NodeOrder, create_domain
+from tactile_fem.mechanics.domain import NodeOrder, create_domain, roller
 from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import LINEAR, NEWTON
@@ -42,9 +41,7 @@ def block():
 
 
 def symmetry(V):
-    component, _ = V.sub(0).collapse()
-    dofs = fem.locate_dofs_geometrical((V.sub(0), component), lambda x: np.abs(x[0]) < 1e-9)
-    return [fem.dirichletbc(fem.Function(component), dofs, V.sub(0))]
+    return [roller(V, 0, lambda x: np.abs(x[0]) < 1e-9)]
 
 
 class Penalty:
@@ -58,10 +55,7 @@ class Penalty:
         v = ufl.TestFunction(V)
         facets = np.sort(domain.surface.find(SURFACES["skin"]))
         self.obstacle = Obstacle(make_body(BALL), self.u, facets, degree)
-        submesh, own_map = mesh.create_submesh(msh, 2, facets)[:2]
-        element = basix.ufl.quadrature_element("triangle", value_shape=(3,), degree=degree)
-        Q = fem.functionspace(submesh, element)
-        self.shear_old = fem.Function(Q)
+        self.shear_old = self.obstacle.quadrature_function((3,))
         nu, k = self.obstacle.normal, fem.Constant(msh, stiffness)
         pressure = k * ufl.max_value(-self.obstacle.gap, 0.0)
         motion = self.u - self.u_old
@@ -75,7 +69,7 @@ class Penalty:
         )(SURFACES["skin"])
         traction = pressure * nu + shear
         bulk = Elasticity(TISSUE, self.u, self.u_old).residual(domain, v, Solver().bulk_degree)
-        maps = [*self.obstacle.entity_maps, own_map]
+        maps = self.obstacle.entity_maps
         held = NodeOrder(domain, V).held_dofs()
         self.held = [fem.dirichletbc(np.zeros(3), held, V), *symmetry(V)]
         self.problem = fem_petsc.NonlinearProblem(
@@ -89,10 +83,10 @@ class Penalty:
         self.problem.solver.setFunction(self._residual, self.problem.b)
         self.force_forms = [fem.form(traction[i] * skin, entity_maps=maps) for i in range(3)]
         # Tested with the quadrature element a form gives the values at the points times weights.
-        q = ufl.TestFunction(Q)
+        q = ufl.TestFunction(self.shear_old.function_space)
         ones = ufl.as_vector([1.0, 1.0, 1.0])
         self.weights = fem.assemble_vector(
-            fem.form(ufl.dot(ones, q) * skin, entity_maps=[own_map])
+            fem.form(ufl.dot(ones, q) * skin, entity_maps=maps)
         ).array
         self.shear_form = fem.form(ufl.dot(shear, q) * skin, entity_maps=maps)
 

@@ -36,7 +36,6 @@ from tactile_fem.mechanics.march import March, Step
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.results import Results
 from tactile_fem.scan import scan
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Output, Solver, Study, Text
 from tactile_fem.together import on_root
 
@@ -200,8 +199,7 @@ def replay(
     """Take `steps` steps from each state."""
     comm = MPI.COMM_WORLD
     solver = Solver(petsc=strategy.petsc, contact_width_MPa=strategy.width_MPa)
-    body, friction = make_body(study.stimulus), study.stimulus.friction
-    problem = FingerProblem(domain, study.tissue, body, friction, solver)
+    problem = FingerProblem.of(study.model_copy(update={"solver": solver}), domain)
     for name, results in states.items():
         march = March(problem, study.protocol, solver, study.finger.pad_thickness_mm)
         saved = on_root(comm, results.load_checkpoint)

@@ -46,7 +46,7 @@ BLUE, ORANGE = "#0072B2", "#D55E00"
 
 @dataclass(frozen=True)
 class State:
-    """The finger at one depth of the plate."""
+    """The finger at one depth of what presses."""
 
     depth_mm: float
     force_N: float

@@ -14,42 +14,30 @@
 #     python demos/validation/letters_force.py results/letters --depth 0.3
 
 # %%
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from cyclopts import run
+from flat_plate import BLUE, ORANGE, State, plate_study
 from matplotlib.figure import Figure
 
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.files import write_table
 from tactile_fem.mechanics.march import Step
 from tactile_fem.scan import scan
-from tactile_fem.study import Finger, Protocol, Receptors, Solver, Study, Text
+from tactile_fem.study import Protocol, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
 DEPTH_MM, FORCE_N, GATE = 1.97, 0.6, 0.15
 STEP_MM = DEPTH_MM / 20
-BLUE, ORANGE = "#0072B2", "#D55E00"
 
 
-@dataclass(frozen=True)
-class State:
-    """The finger at one depth of the letters."""
-
-    depth_mm: float
-    force_N: float
-    contact_area_mm2: float
-    volume_change: float
-
-    @classmethod
-    def of(cls, step: Step) -> "State":
-        """Return the state at the end of a step."""
-        load = step.load
-        force = float(load.force_N[2])
-        return cls(step.depth_mm, force, load.contact_area_mm2, load.volume_change)
+def state_of(step: Step) -> State:
+    """Return the state at the end of a step."""
+    load = step.load
+    return State(step.depth_mm, float(load.force_N[2]), load.contact_area_mm2, load.volume_change)
 
 
 # %% [markdown]
@@ -69,19 +57,13 @@ def main(
 
     The speed (mm/s) counts by the viscosity: at 0.2 mm/s nearly nothing.
     """
-    study = Study.model_validate(
-        {
-            "finger": Finger(preset=preset),
-            "tissue": {"set": tissue},
-            "stimulus": Text(),
-            "protocol": Protocol(depth_mm=depth, distance_mm=0.0, press_speed_mm_s=press_speed),
-            "receptors": Receptors(spacing_mm=5.0),
-            "solver": Solver(first_step_mm=STEP_MM, max_press_step_mm=STEP_MM),
-        }
+    protocol = Protocol(depth_mm=depth, distance_mm=0.0, press_speed_mm_s=press_speed)
+    study = plate_study(depth, STEP_MM, {"set": tissue}, preset).model_copy(
+        update={"stimulus": Text(), "protocol": protocol}
     )
     states = [State(0.0, 0.0, 0.0, 0.0)]
     try:
-        scan(study, observers=[lambda step: states.append(State.of(step))])
+        scan(study, observers=[lambda step: states.append(state_of(step))])
     except ConvergenceError as error:
         if len(states) == 1:
             raise

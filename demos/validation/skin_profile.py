@@ -30,6 +30,7 @@ from typing import Literal
 
 import numpy as np
 from cyclopts import run
+from flat_plate import BLUE, ORANGE
 from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
 
@@ -47,7 +48,6 @@ LATERAL_MM = np.array([0, 0.5, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7])
 DEFLECTION_MM = np.array([1.00, 0.92, 0.78, 0.62, 0.49, 0.39, 0.28, 0.20, 0.09, 0.04, 0])
 STIMULI = {"cylinder": Cylinder(radius_mm=1.585), "edge": Edge(radius_mm=0.025)}
 HALF_LENGTH_MM = 8.0
-BLUE, ORANGE = "#0072B2", "#D55E00"
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,6 @@ from tactile_fem.mechanics.march import March
 from tactile_fem.mechanics.probe import CellEnergy
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.receptors import Samples, place, sample
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import (
     AnyStimulus,
     Cylinder,
@@ -250,8 +249,7 @@ def ours(study: Study, finger: FingerMesh, samples: Samples, size: DeckSize) -> 
     """March through the protocol; the seconds are those of the steps, without compiling."""
     comm = MPI.COMM_WORLD
     domain = create_domain(finger, comm, study.solver.held)
-    body = make_body(study.stimulus)
-    problem = FingerProblem(domain, study.tissue, body, study.stimulus.friction, study.solver)
+    problem = FingerProblem.of(study, domain)
     energy = CellEnergy(problem)
     cpu = time.process_time()
     steps, sed = [], []

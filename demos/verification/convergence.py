@@ -45,7 +45,6 @@ from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.receptors import Samples, place, sample
 from tactile_fem.results import Results
 from tactile_fem.scan import completed
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Output, Protocol, Solver, Study
 from tactile_fem.together import on_root
 
@@ -216,8 +215,7 @@ def spread_of(name: str, results: Results) -> Spread:
     strongest = int(np.argmax(felt))
     u = on_root(COMM, lambda: meshio.read(files[strongest]).point_data["displacement_mm"])
     domain = create_domain(finger, COMM, study.solver.held)
-    friction = study.stimulus.friction
-    problem = FingerProblem(domain, study.tissue, make_body(study.stimulus), friction, study.solver)
+    problem = FingerProblem.of(study, domain)
     problem.order.scatter(u.astype(float), problem.u)
 
     positions = place(study.receptors, finger)

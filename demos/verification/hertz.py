@@ -47,8 +47,8 @@ from skin_points import SkinPoints, SkinProbe
 
 from tactile_fem.files import write_table
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
-from tactile_fem.finger.session import gmsh_model
-from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.finger.session import gmsh_model, simplices
+from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.mechanics.problem import Constraints, FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Cylinder, Solver, Sphere, Tissue
@@ -139,12 +139,7 @@ def body_mesh(shape: Shape, per_radius: float, radius: float) -> FingerMesh:
         occ.synchronize()
         gmsh.model.mesh.setSizeCallback(size)
         gmsh.model.mesh.generate(3)
-        tags, flat, _ = gmsh.model.mesh.getNodes()
-        tets = gmsh.model.mesh.getElementsByType(4)[1]
-    used, cells = np.unique(tets, return_inverse=True)
-    order = np.argsort(tags)
-    nodes = flat.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
-    cells = cells.reshape(-1, 4)
+        nodes, cells = simplices(gmsh, 3)
     facets, _, second = facets_of(cells)
     facets = facets[second < 0]
     axes = [0, 1, 2] if shape == "ball" else [0, 2]
@@ -163,16 +158,11 @@ def symmetry(shape: Shape, axes: tuple[int, ...] = (0, 1)) -> Constraints:
     """Keep the planes x = 0 and, under the ball, y = 0; the whole slice under the bar."""
 
     def conditions(V: fem.FunctionSpace) -> list[fem.DirichletBC]:
-        found = []
-        for axis in axes:
-            component, _ = V.sub(axis).collapse()
-            everywhere = axis == 1 and shape == "bar"
-            dofs = fem.locate_dofs_geometrical(
-                (V.sub(axis), component),
-                lambda x, axis=axis, all_=everywhere: np.abs(x[axis]) < (np.inf if all_ else 1e-7),
-            )
-            found.append(fem.dirichletbc(fem.Function(component), dofs, V.sub(axis)))
-        return found
+        everywhere = {1} if shape == "bar" else set()
+        return [
+            roller(V, axis, lambda x, i=axis: np.abs(x[i]) < (np.inf if i in everywhere else 1e-7))
+            for axis in axes
+        ]
 
     return conditions
 

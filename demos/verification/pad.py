@@ -18,7 +18,7 @@ from cyclopts import run
 
 from tactile_fem.finger import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.mesh_data import facets_of, quadratic
-from tactile_fem.finger.session import gmsh_model
+from tactile_fem.finger.session import gmsh_model, simplices
 
 AXES_MM = np.array([8.0, 10.0, 6.5])
 SKIN_MM = 1.0
@@ -52,12 +52,7 @@ def _tetrahedra(size_mm: float) -> tuple[np.ndarray, np.ndarray]:
         occ.synchronize()
         gmsh.option.setNumber("Mesh.MeshSizeMax", size_mm)
         gmsh.model.mesh.generate(3)
-        number, x, _ = gmsh.model.mesh.getNodes()
-        _, corners = gmsh.model.mesh.getElementsByType(4)
-    place = np.empty(int(number.max()) + 1, dtype=np.int64)
-    place[number.astype(np.int64)] = np.arange(len(number))
-    used, tets = np.unique(place[corners.astype(np.int64)], return_inverse=True)
-    return x.reshape(-1, 3)[used], tets.reshape(-1, 4)
+        return simplices(gmsh, 3)
 
 
 # %%

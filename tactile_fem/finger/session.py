@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError
 
@@ -63,3 +67,21 @@ def gmsh_model() -> Iterator[ModuleType]:
             gmsh.option.setNumber(name, value)
         if started:
             gmsh.finalize()
+
+
+def simplices(
+    gmsh: ModuleType, dim: Literal[2, 3]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the meshed triangles (`dim` 2) or tetrahedra (3) of the open model.
+
+    Returns
+    -------
+    points, cells
+        (n, 3) the corners that are used, in the order of gmsh's tags; (m, dim + 1).
+    """
+    tags, flat, _ = gmsh.model.mesh.getNodes()
+    _, corners = gmsh.model.mesh.getElementsByType({2: 2, 3: 4}[dim])
+    used, cells = np.unique(corners, return_inverse=True)
+    order = np.argsort(tags)
+    points = flat.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)]]
+    return points, cells.reshape(-1, dim + 1).astype(np.int64)

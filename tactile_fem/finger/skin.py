@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.session import gmsh_model
+from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.finger.shape import Array, Capsule
 from tactile_fem.study import Finger
 
@@ -164,12 +164,7 @@ def triangulate(
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.optimize("Relocate2D", niter=5)  # mends the pole of the tip
         gmsh.model.mesh.removeSizeCallback()
-        tags, flat, _ = gmsh.model.mesh.getNodes()
-        _, corners = gmsh.model.mesh.getElementsByType(2)
-    used, triangles = np.unique(corners, return_inverse=True)
-    triangles = triangles.reshape(-1, 3).astype(np.int64)
-    order = np.argsort(tags)
-    raw = flat.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)]]
+        raw, triangles = simplices(gmsh, 2)
     points, normals = capsule.place(raw / [capsule.half_width, 1.0, capsule.below])
     corner = points[triangles]
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -156,6 +156,15 @@ def _tags(
     tags = mesh.meshtags_from_entities(msh, dim, adjacency, local_values.astype(np.int32))
     tags.name = name
     return tags
+
+
+def roller(
+    V: fem.FunctionSpace, axis: int, where: Callable[[np.ndarray], np.ndarray]
+) -> fem.DirichletBC:
+    """Return the condition that points do not move along `axis` where `where(x)`, x (3, n)."""
+    component, _ = V.sub(axis).collapse()
+    dofs = fem.locate_dofs_geometrical((V.sub(axis), component), where)
+    return fem.dirichletbc(fem.Function(component), dofs, V.sub(axis))
 
 
 # Larger groups (unstructured meshes) fall apart into single nodes.

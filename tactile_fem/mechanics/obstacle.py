@@ -9,6 +9,7 @@ each Jacobian.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 from mpi4py import MPI
 
@@ -86,6 +87,7 @@ class Obstacle:
         element = basix.ufl.quadrature_element("triangle", value_shape=shape, degree=degree)
         return fem.Function(fem.functionspace(self._submesh, element))
 
+    @cached_property
     def points_mm(self) -> np.ndarray:
         """Return the undeformed contact quadrature points of this rank, (n, 3)."""
         if not len(self._entities):

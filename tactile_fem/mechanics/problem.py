@@ -26,8 +26,8 @@ from tactile_fem.mechanics.load import Load, LoadCell
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import PREFIX, set_options
 from tactile_fem.mechanics.slip import ElasticSlip
-from tactile_fem.stimulus.body import RigidBody
-from tactile_fem.study import Solver, Tissue
+from tactile_fem.stimulus import RigidBody, make_body
+from tactile_fem.study import Solver, Study, Tissue
 from tactile_fem.tissue.energies import compression_modulus
 
 # Where Newton's method fails: how much wider contact sets in, how soft friction is.
@@ -159,6 +159,13 @@ class FingerProblem:
             self._two_level = multigrid.TwoLevel(self.snes, V, self.held, blocks)
         self.snes.setFunction(self._assemble_residual, self._problem.b)
         self.snes.setJacobian(self._assemble_jacobian, self._problem.A)
+
+    @classmethod
+    def of(cls, study: Study, domain: Domain) -> FingerProblem:
+        """Return the problem that a study states, on its finger."""
+        stimulus = study.stimulus
+        body = make_body(stimulus)
+        return cls(domain, study.tissue, body, stimulus.friction, study.solver)
 
     @property
     def unknowns(self) -> int:

@@ -67,14 +67,14 @@ class ElasticSlip:
         """Return undeformed places and slips (n, 6) in mm of all points that stick or slide."""
         slip = self.old.x.array.reshape(-1, 3)
         touching = np.any(slip != 0, axis=1)
-        here = np.hstack([self._obstacle.points_mm()[touching], slip[touching]])
+        here = np.hstack([self._obstacle.points_mm[touching], slip[touching]])
         return np.concatenate(self._obstacle.comm.allgather(here))
 
     def scatter(self, saved: np.ndarray) -> None:
         """Set the slip from what `gather` returned, on any number of ranks."""
         slip = self.old.x.array.reshape(-1, 3)
         slip[:] = 0.0
-        points = self._obstacle.points_mm()
+        points = self._obstacle.points_mm
         if len(points) and len(saved):
             distance, place = cKDTree(points).query(saved[:, :3])
             mine = distance < _SAME_POINT_MM
