@@ -14,7 +14,6 @@ from types import ModuleType
 from typing import Annotated, Literal
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the cores
-os.environ.setdefault("MPIR_CVAR_SUPPRESS_ABORT_MESSAGE", "1")  # MPICH: our own is enough
 
 from cyclopts import App, CycloptsError, Parameter, validators
 
@@ -306,8 +305,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except TactileError as error:
         return _complain(str(error), error.exit_code)
     except OSError as error:
-        what = f"{error.filename}: " if error.filename else ""
-        return _complain(f"{what}{error.strerror or error}.", 1)
+        what = error.filename or "A file"
+        return _complain(f"{what} cannot be read or written: {error.strerror or error}.", 1)
     except KeyboardInterrupt:
         return _complain("interrupted", 130)
     except Exception:  # a bug
@@ -336,5 +335,6 @@ def _complain(message: str, code: int) -> int:
     """Say on rank 0 what is wrong."""
     if ranks.launched_rank() in (None, 0):
         for line in message.strip().splitlines():
-            print(f"tactile-fem: {line}", file=sys.stderr)
+            stop = "" if line.endswith((".", "?", "!")) else "."
+            print(f"tactile-fem: {line}{stop}", file=sys.stderr)
     return code

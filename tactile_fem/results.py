@@ -238,7 +238,10 @@ class Results:
     @cached_property
     def study(self) -> Study:
         """The resolved study."""
-        return load_study(self.folder / "study.toml")
+        try:
+            return load_study(self.folder / "study.toml")
+        except StudyError as error:
+            raise StudyError(f"The study of {self.folder} cannot be used: {error}") from None
 
     @cached_property
     def run(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -17,6 +17,10 @@ Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Finite, Field(gt=0)]
 NonNegative = Annotated[Finite, Field(ge=0)]
 Whole = Annotated[int, Field(strict=True)]
+
+
+MOST_OUTPUTS = 100_000
+MOST_MEMBRANE_STEPS = 100_000_000
 
 
 class Section(BaseModel):
@@ -60,10 +64,10 @@ class Finger(Section):
     nail_thickness_mm: Positive = Field(0.5, description="proposed")
     nail_width_mm: Positive = Field(11.0, description="proposed")
     nail_length_mm: Positive = Field(12.0, description="proposed")
-    pad_size_mm: Positive | None = Field(
+    pad_size_mm: Annotated[Positive, Field(ge=0.05)] | None = Field(
         None, description="element edge under the contact patch; default by preset"
     )
-    far_size_mm: Positive | None = Field(
+    far_size_mm: Annotated[Positive, Field(ge=0.05)] | None = Field(
         None, description="element edge away from the contact patch; default by preset"
     )
     epidermis_rows: Annotated[Whole, Field(ge=1, le=8)] | None = Field(
@@ -89,6 +93,15 @@ class Polynomial(Section):
     C02_MPa: Finite = Field(0.0, description="of (I2bar - 3)^2")
     D1_per_MPa: Positive = Field(description="2/K, of (J - 1)^2 / D1")
     D2_per_MPa: Positive | None = Field(None, description="of (J - 1)^4 / D2; default without it")
+
+    @model_validator(mode="after")
+    def _resists_shear(self) -> Self:
+        if self.C10_MPa + self.C01_MPa <= 0:
+            raise ValueError(
+                f"C10_MPa + C01_MPa is {self.C10_MPa + self.C01_MPa:g} but must be greater than 0, "
+                "being half the shear modulus"
+            )
+        return self
 
 
 class Elastic(Section):
@@ -206,7 +219,9 @@ class Text(Stimulus):
         "FGH", description="paper: letters in the order in which they pass the receptor"
     )
     font: str = Field("DejaVu Sans", description="proposed: font family or path of a font file")
-    g_width_mm: Positive = Field(6.5, description="paper: width of the letter G, sets the scale")
+    g_width_mm: Annotated[Positive, Field(le=100)] = Field(
+        6.5, description="paper: width of the letter G, sets the scale"
+    )
     pitch_mm: Positive = Field(10.0, description="paper: centre to centre")
     relief_mm: Positive = Field(0.6, description="paper: height of the letters")
     corner_radius_mm: Positive = Field(0.3, description="proposed: least radius of the outline")
@@ -294,6 +309,15 @@ class Protocol(Section):
     distance_mm: NonNegative = Field(10.0, description="paper: length of the slide")
     output_mm: Positive = Field(0.1, description="slide positions that are hit exactly")
 
+    @model_validator(mode="after")
+    def _outputs_can_be_counted(self) -> Self:
+        if self.distance_mm / self.output_mm > MOST_OUTPUTS:
+            raise ValueError(
+                f"distance_mm = {self.distance_mm:g} holds more than {MOST_OUTPUTS:,} times "
+                f"output_mm = {self.output_mm:g}"
+            )
+        return self
+
 
 class Receptors(Section):
     """SA1 end organs on the epidermis-dermis interface."""
@@ -351,7 +375,7 @@ class Solver(Section):
     contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
         10, description="quadrature degree"
     )
-    held: tuple[Literal["bone", "nail", "cut"], ...] = Field(
+    held: Annotated[tuple[Literal["bone", "nail", "cut"], ...], Field(min_length=1)] = Field(
         ("bone", "nail", "cut"), description="parts that are fixed; the others deform"
     )
     first_step_mm: Positive = Field(0.05, description="first step of the press")
@@ -393,6 +417,17 @@ class Study(Section):
     neuron: Neuron = Neuron()
     solver: Solver = Solver()
     output: Output = Output()
+
+    @model_validator(mode="after")
+    def _membrane_steps_can_be_counted(self) -> Self:
+        p = self.protocol
+        lasts_s = p.depth_mm / p.press_speed_mm_s + p.distance_mm / p.speed_mm_s
+        if lasts_s / self.neuron.dt_s > MOST_MEMBRANE_STEPS:
+            raise ValueError(
+                f"neuron.dt_s = {self.neuron.dt_s:g} is too short for a protocol of {lasts_s:g} s, "
+                f"which would take more than {MOST_MEMBRANE_STEPS:,} steps"
+            )
+        return self
 
     @model_validator(mode="before")
     @classmethod

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -60,7 +61,9 @@ def ending_together(comm: MPI.Comm) -> Iterator[None]:
         if not _all_arrive(own):
             trace = None if isinstance(error, TactileError | OSError) else error
             logger.critical("rank %d ends all: %s", comm.rank, error, exc_info=trace)
-            comm.Abort(getattr(error, "exit_code", 1))
+            code = getattr(error, "exit_code", 1)
+            comm.Abort(code)
+            os._exit(code)  # some MPI return from their abort
         raise
     finally:
         own.Free()
