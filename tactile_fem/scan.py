@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import jit
 
-from tactile_fem.errors import StoppedError, StudyError, TactileError
+from tactile_fem.errors import ConvergenceError, StoppedError, StudyError, TactileError
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.lock import alone_in
 from tactile_fem.logs import log_to
@@ -23,7 +23,7 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.estimate import announce
 from tactile_fem.mechanics.faults import last_line, preparing
 from tactile_fem.mechanics.march import March, Step
-from tactile_fem.mechanics.probe import Probe
+from tactile_fem.mechanics.probe import Feeling, Probe
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.neuron import Response, respond
 from tactile_fem.receptors import Samples, place, sample
@@ -222,6 +222,7 @@ def _run(
             with ending_together(comm), _stopping(problem, comm) as stop:
                 for step in march:
                     feeling = probe.feel()
+                    _check_sound(step, feeling, positions)
                     histories.add(
                         displacement_mm=step.displacement_mm,
                         depth_mm=step.depth_mm,
@@ -251,6 +252,26 @@ def _run(
             recorder.spikes(response)
             recorder.finish("complete")
     return ScanResult(trace, response, results.folder if results else None)
+
+
+def _check_sound(step: Step, feeling: Feeling, positions: Array) -> None:
+    """Raise ConvergenceError where a receptor feels no number: a cell is turned inside out there.
+
+    The quadrature points that the solver sees may still be right way round.
+    """
+    lost = ~np.isfinite(feeling.sed_kPa + feeling.von_mises_kPa + feeling.stretches.sum(axis=1))
+    if lost.any():
+        x, y, _ = positions[lost][0]
+        reason = f"the tissue at the receptor at X {x:.1f}, Y {y:.1f} mm is turned inside out"
+        what, place = "slide", step.displacement_mm
+        if step.phase == "press":
+            what, place = "indentation", step.depth_mm
+        raise ConvergenceError(
+            f"the {what} stopped before {place:.4f} mm ({reason}); everything up to there is kept; "
+            "try less depth, stiffer tissue or a finer mesh",
+            place - step.size_mm,
+            reason,
+        )
 
 
 @contextmanager
