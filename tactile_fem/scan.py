@@ -18,7 +18,7 @@ from tactile_fem.errors import ConvergenceError, StoppedError, StudyError, Tacti
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.lock import alone_in
 from tactile_fem.logs import log_to
-from tactile_fem.mechanics.compile import forget_abandoned
+from tactile_fem.mechanics.compile import mend_cache
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.estimate import announce
 from tactile_fem.mechanics.faults import last_line, preparing
@@ -196,7 +196,7 @@ def _run(
         proceed = on_root(comm, lambda: _has_checkpoint(results))
     keep_log = log_to(results.log_file, comm.rank) if results else nullcontext()
     with keep_log:
-        on_root(comm, lambda: forget_abandoned(jit.get_options()["cache_dir"]))
+        on_root(comm, lambda: mend_cache(jit.get_options()["cache_dir"]))
         with preparing():
             domain = create_domain(scene.finger, comm, study.solver.held)
             problem = FingerProblem.of(study, domain)

@@ -12,13 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy._core import _multiarray_umath
 
 from tactile_fem import ranks
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.figures import draw_plots
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.lock import alone_in
-from tactile_fem.mechanics.compile import forget_abandoned
+from tactile_fem.mechanics.compile import mend_cache
 from tactile_fem.results import Results
 from tactile_fem.scan import resume, scan
 from tactile_fem.study import (
@@ -248,6 +249,7 @@ def run_with_cache(study, tmp_path):
             command, cwd=tmp_path, env=environment, capture_output=True, text=True
         )
         assert done.returncode == 1 and "Traceback" not in done.stderr
+        assert "Exception ignored" not in done.stderr
         (line,) = [x for x in done.stderr.splitlines() if x.startswith("tactile-fem: ")]
         return line
 
@@ -266,15 +268,20 @@ def test_compiler_flags_that_the_compiler_refuses(run_with_cache, tmp_path):
     assert "The C compiler failed" in sentence and "solver.compiler_flags" in sentence
 
 
-def test_what_a_killed_process_began_to_compile_is_forgotten(tmp_path):
-    old, new, ready = (tmp_path / f"libffcx_{name}.c" for name in ("old", "new", "ready"))
-    for path in (old, new, ready):
+def test_what_a_killed_process_left_in_the_cache_is_removed(tmp_path):
+    old, new, ready, cut = sources = [
+        tmp_path / f"libffcx_{name}.c" for name in ("old", "new", "ready", "cut")
+    ]
+    for path in sources:
         path.touch()
-    for path in (old, ready):
-        os.utime(path, (0, 0))
-    ready.with_suffix(".c.cached").touch()
-    forget_abandoned(tmp_path)
+    os.utime(old, (0, 0))
+    whole = Path(_multiarray_umath.__file__).read_bytes()  # any library
+    for path, library in ((ready, whole), (cut, whole[: len(whole) // 2])):
+        path.with_suffix(".c.cached").touch()
+        path.with_suffix(".abi3.so").write_bytes(library)
+    mend_cache(tmp_path)
     assert sorted(tmp_path.glob("*.c")) == sorted([new, ready])
+    assert list(tmp_path.glob("*.cached")) == [ready.with_suffix(".c.cached")]
 
 
 def test_options_that_petsc_refuses(study, tmp_path):

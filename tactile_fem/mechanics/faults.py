@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -27,16 +29,26 @@ def preparing() -> Iterator[None]:
     try:
         yield
     except PETSc.Error as error:
+        _drop_half_made(error)
         raise StudyError(
             f"PETSc refuses its options ({last_line(error)}): look at [solver.petsc] and at the "
             "options that start with -tactile_."
         ) from error
     except (OSError, ImportError, VerificationError) as error:
+        _drop_half_made(error)
         raise TactileError(_of_compilation(error)) from error
     except RuntimeError as error:  # DOLFINx's word on several ranks
         if "JIT" not in str(error):
             raise
+        _drop_half_made(error)
         raise TactileError(_of_compilation(error)) from error
+
+
+def _drop_half_made(error: Exception) -> None:
+    """Let go of half-made solvers, silently: DOLFINx's stumble when they are destroyed."""
+    hook, sys.unraisablehook = sys.unraisablehook, lambda unraisable: None
+    traceback.clear_frames(error.__traceback__)
+    sys.unraisablehook = hook
 
 
 def last_line(error: PETSc.Error) -> str:
