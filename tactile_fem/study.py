@@ -80,15 +80,22 @@ class Finger(Section):
 
 
 class Polynomial(Section):
-    """Polynomial energy of order one or two; neo-Hookean with C20 = C01 = C11 = C02 = 0."""
+    """Polynomial energy of order two, with the cubic term of Yeoh; neo-Hookean with C10 alone."""
 
     C10_MPa: Positive = Field(description="of (I1bar - 3)")
     C01_MPa: Finite = Field(0.0, description="of (I2bar - 3)")
     C20_MPa: Finite = Field(0.0, description="of (I1bar - 3)^2")
     C11_MPa: Finite = Field(0.0, description="of (I1bar - 3)(I2bar - 3)")
     C02_MPa: Finite = Field(0.0, description="of (I2bar - 3)^2")
+    C30_MPa: Finite = Field(0.0, description="of (I1bar - 3)^3")
     D1_per_MPa: Positive = Field(description="2/K, of (J - 1)^2 / D1")
     D2_per_MPa: Positive | None = Field(None, description="of (J - 1)^4 / D2; default without it")
+
+    @property
+    def is_neo_hookean(self) -> bool:
+        """Whether C10 and D1 say all."""
+        higher = (self.C01_MPa, self.C20_MPa, self.C11_MPa, self.C02_MPa, self.C30_MPa)
+        return not any(higher) and self.D2_per_MPa is None
 
 
 class Elastic(Section):
