@@ -320,18 +320,35 @@ class Receptors(Section):
 class Neuron(Section):
     """Transduction current and leaky integrate-and-fire membrane."""
 
+    model: Literal["hamasaki2020", "gerling2018"] = Field(
+        "hamasaki2020", description="transduction: alpha, kappa, beta; or the generator function"
+    )
     static_gain_pA_per_kPa: NonNegative = Field(10.0, description="alpha; proposed")
     dynamic_gain_pA_s_per_kPa: NonNegative = Field(1.0, description="beta; proposed")
     adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(0.45, description="kappa; proposed")
     adaptation_time_s: Positive = Field(0.5, description="tau_a; proposed")
     intercept_pA: Finite | None = Field(
-        None, description="I_0 while S > 0; default is the rheobase V_th/R"
+        None,
+        description="I_0 while S > 0; default is the rheobase V_th/R, 0 for gerling2018",
+    )
+    generator_gains_pA_per_kPa: tuple[NonNegative, NonNegative, NonNegative, NonNegative] = Field(
+        (100.0, 50.0, 25.0, 50.0),
+        description="gerling2018: k_i of the parts, the last does not inactivate; proposed",
+    )
+    generator_times_s: tuple[Positive, Positive, Positive] = Field(
+        (0.008, 0.2, 1.745), description="gerling2018: tau_i; Gerling 2018"
     )
     capacitance_pF: Positive = Field(30.0, description="C; after Gerling 2018's public constants")
     resistance_GOhm: Positive = Field(1.667, description="R; after Gerling 2018's constants")
     threshold_mV: Positive = Field(30.0, description="V_th; after Gerling 2018's constants")
     refractory_s: NonNegative = Field(0.001, description="t_ref; after Gerling 2018's constants")
-    dt_s: Positive = Field(1e-4, description="time step of the membrane equation")
+    gain_spread: NonNegative = Field(
+        0.0, description="sd of the logarithm of the gains between afferents"
+    )
+    threshold_noise: NonNegative = Field(
+        0.0, description="sd of the logarithm of V_th from spike to spike"
+    )
+    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of spread and noise")
 
 
 class Solver(Section):
