@@ -53,7 +53,7 @@ def respond(
         strain energy density.
     """
     neuron = neuron or Neuron()
-    time, sed = _checked(time_s, sed_kPa)
+    time, sed = checked_history(time_s, sed_kPa)
     variability = Variability(neuron, _numbered(units, sed.shape[1]))
     membrane = Membrane(neuron, variability)
     if neuron.gain_spread:
@@ -71,7 +71,8 @@ def _numbered(units: ArrayLike | None, count: int) -> NDArray[np.int64]:
     return numbers
 
 
-def _checked(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+def checked_history(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return history as arrays, or raise what `respond` raises."""
     time, sed = _numbers("time_s", time_s), _numbers("sed_kPa", sed_kPa)
     if time.ndim != 1 or len(time) < 2:
         raise StudyError(f"time_s has shape {time.shape}; it needs (t,) with two times or more.")
