@@ -72,9 +72,8 @@ class Membrane:
             left = h[going] - begin[going]
             now = current.of(going).from_(begin[going])
             course = Course(v[going], now, self._resistance, self._tau)
-            after = course.first_at(self._threshold[who[going]], left)
+            after, result[going] = course.first_at(self._threshold[who[going]], left)
             fires = np.isfinite(after)
-            result[going] = course.at(left)
             going = going[fires]
             fired = begin[going] + after[fires]
             firing = who[going]
@@ -129,29 +128,30 @@ class Course:
             driven += amplitude * (s / tau * np.exp(-s / max(tau, time)) * exprel(-apart))
         return self._v * (1 - gone) + self._resistance * driven
 
-    def first_at(self, level: Array, end: Array) -> Array:
-        """Return where in [0, end] V first reaches `level`; infinity where it does not.
+    def first_at(self, level: Array, end: Array) -> tuple[Array, Array]:
+        """Return where in [0, end] V first reaches `level`, infinity without, and V at the end.
 
         (V - level) exp(s/tau) rises where R I > level and falls elsewhere, so that between
         sign changes of R I - level one look at the ends tells.
         """
+        last = self.at(end)
+        low, high, below, above = np.zeros_like(end), end.copy(), self._v.copy(), last.copy()
         excess = self._current.minus(level / self._resistance)
-        breaks = np.stack([np.zeros_like(end), end])
-        low, high = excess.bounds(end)
-        turns = np.flatnonzero((low < 0) & (high > 0))
+        least, most = excess.bounds(end)
+        turns = np.flatnonzero((least < 0) & (most > 0))
         if turns.size:
-            zeros = np.repeat(end[None], len(self._current.times) + 1, axis=0)
-            zeros[:, turns] = excess.of(turns).zeros(end[turns])
-            breaks = np.concatenate([breaks[:1], zeros, breaks[1:]])
-        potential = self.at(breaks)
-        reached = potential >= level
-        first = reached.argmax(axis=0)
-        result = np.where(reached[0], 0.0, np.inf)
-        who = np.flatnonzero(reached.any(axis=0) & ~reached[0])
+            ends = end[turns]
+            breaks = np.vstack([np.zeros_like(ends), excess.of(turns).zeros(ends), ends])
+            potential = self.of(turns).at(breaks)
+            row = (potential[1:] >= level[turns]).argmax(axis=0)
+            column = np.arange(len(turns))
+            low[turns], high[turns] = breaks[row, column], breaks[row + 1, column]
+            below[turns], above[turns] = potential[row, column], potential[row + 1, column]
+        result = np.where(self._v >= level, 0.0, np.inf)
+        who = np.flatnonzero((above >= level) & (self._v < level))
         if who.size:
-            mine, aim, row = self.of(who), level[who], first[who]
-            low, high = breaks[row - 1, who], breaks[row, who]
-            below, above = potential[row - 1, who], potential[row, who]
+            mine, aim, low, high = self.of(who), level[who], low[who], high[who]
+            below, above = below[who], above[who]
             result[who] = root(
                 lambda s: mine.over(aim, s),
                 low,
@@ -160,7 +160,7 @@ class Course:
                 size=aim,
                 start=low + (high - low) * (aim - below) / (above - below),
             )
-        return result
+        return result, last
 
     def over(self, level: Array, s: Array) -> tuple[Array, Array]:
         """Return V - level, mV, and dV/ds, mV/s."""
