@@ -298,14 +298,16 @@ class Protocol(Section):
 class Receptors(Section):
     """SA1 end organs on the epidermis-dermis interface."""
 
-    placement: Literal["line", "grid", "random"] = Field(
-        "line", description="paper: a line across the finger; or a grid, or at random by density"
+    placement: Literal["line", "grid", "random", "afferents"] = Field(
+        "line",
+        description="paper: a line across the finger; or a grid, at random, or by density on the "
+        "interface with distance kept, as afferents lie",
     )
     half_width_mm: NonNegative = Field(5.0, description="extent across the finger (X)")
-    half_length_mm: NonNegative = Field(4.0, description="extent along (Y) of grid and random")
+    half_length_mm: NonNegative = Field(4.0, description="extent along (Y), not of the line")
     spacing_mm: Positive = Field(0.2, description="of line and grid; paper's shift per pass")
-    density_per_cm2: Positive = Field(70.0, description="of random placement: SA1 afferents")
-    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of random placement")
+    density_per_cm2: Positive = Field(70.0, description="of random and afferents: SA1 afferents")
+    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of random and afferents")
     extra_mm: tuple[tuple[Finite, Finite], ...] = Field(
         (), description="further receptors: pairs X, Y"
     )
