@@ -17,8 +17,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the c
 
 from cyclopts import App, CycloptsError, Parameter, validators
 
+from tactile_fem import cli_series, logs, ranks
 from tactile_fem import doctor as diagnosis
-from tactile_fem import logs, ranks
+from tactile_fem.cli_options import Ranks, Settings, StudyFile
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.files import write_text
 from tactile_fem.results import Results
@@ -43,20 +44,8 @@ def _version() -> str:
 
 
 app = App(name="tactile-fem", help=HELP, version=_version, help_format="plaintext")
-
-StudyFile = Annotated[Path | None, Parameter(help="Study file in TOML; without it the paper's.")]
-Settings = Annotated[
-    list[str] | None,
-    Parameter(
-        name="--set",
-        negative="",
-        consume_multiple=False,
-        help="Change a value: section.key=value. May be repeated.",
-    ),
-]
-Ranks = Annotated[
-    int, Parameter(name="--ranks", help="MPI processes.", validator=validators.Number(gte=1))
-]
+app.command(cli_series.sweep)
+app.command(cli_series.fibre)
 
 _positive = validators.Number(gt=0)
 
@@ -253,6 +242,23 @@ def plot(results: Annotated[Path, Parameter(help="Folder of a scan.")], /) -> No
     found = Results.open(results)
     logs.set_up(console=logs.stderr_console())
     _draw(found)
+
+
+@app.command
+def report(
+    results: Annotated[Path, Parameter(help="Folder of a scan or of a series.")],
+    /,
+    *,
+    fibre: Annotated[
+        Path | None, Parameter(help="Folder of passes over one receptor, to compare a scan with.")
+    ] = None,
+    output: Annotated[Path | None, Parameter(help="Default report.html in the folder.")] = None,
+) -> None:
+    """Write one HTML file with the figures, numbers and parameters."""
+    from tactile_fem.report import write_report
+
+    logs.set_up(console=logs.stderr_console())
+    print(f"Written to {write_report(results, fibre=fibre, output=output)}")
 
 
 def _draw(results: Results) -> None:

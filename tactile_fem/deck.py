@@ -41,7 +41,7 @@ Code = Literal["calculix", "abaqus"]
 # The faces S1 to S4 of C3D10 are opposite to the corners 4, 3, 1 and 2.
 C3D10_FACES = TET_FACETS[[3, 2, 0, 1]]
 # CalculiX puts its own value in the place of a D2 of zero; this one takes the term out.
-NO_D2_PER_MPa = 1e12
+NO_D_PER_MPa = 1e12
 _THICKNESS_MM = 0.5
 _SMALLEST_INCREMENT = 1e-5
 
@@ -235,11 +235,15 @@ def material_lines(name: str, constants: Polynomial | Elastic) -> list[str]:
     c = constants
     if isinstance(c, Elastic):
         return [head, "*ELASTIC", _row(c.E_MPa, c.nu)]
-    if not (c.C01_MPa or c.C20_MPa or c.C11_MPa or c.C02_MPa or c.D2_per_MPa):
+    if c.is_neo_hookean:
         return [head, "*HYPERELASTIC, NEO HOOKE", _row(c.C10_MPa, c.D1_per_MPa)]
     shear = c.C10_MPa, c.C01_MPa, c.C20_MPa, c.C11_MPa, c.C02_MPa
-    volume = c.D1_per_MPa, c.D2_per_MPa or NO_D2_PER_MPa
-    return [head, "*HYPERELASTIC, POLYNOMIAL, N=2", _row(*shear, *volume)]
+    volume = c.D1_per_MPa, c.D2_per_MPa or NO_D_PER_MPa
+    if not c.C30_MPa:
+        return [head, "*HYPERELASTIC, POLYNOMIAL, N=2", _row(*shear, *volume)]
+    cubic = c.C30_MPa, 0.0, 0.0
+    rows = [_row(*shear, *cubic), _row(0.0, *volume, NO_D_PER_MPa)]
+    return [head, "*HYPERELASTIC, POLYNOMIAL, N=3", *rows]
 
 
 def _contact_lines(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -46,7 +46,11 @@ def write_text(path: Path, text: str) -> None:
 
 def write_table(path: Path, rows: Sequence[Any]) -> None:
     """Write equal dataclasses, at least one, as a CSV file with a heading."""
-    records = [asdict(row) for row in rows]
+    write_records(path, [asdict(row) for row in rows])
+
+
+def write_records(path: Path, records: Sequence[Mapping[str, Any]]) -> None:
+    """Write dictionaries with the same keys, at least one, as a CSV file with a heading."""
     with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, records[0])
         writer.writeheader()

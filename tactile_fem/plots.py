@@ -44,7 +44,7 @@ _STYLE: Any = {
 }
 
 
-def _styled[**P](draw: Callable[P, Figure]) -> Callable[P, Figure]:
+def styled[**P](draw: Callable[P, Figure]) -> Callable[P, Figure]:
     """Draw in the package's style without touching the user's."""
 
     @wraps(draw)
@@ -55,7 +55,7 @@ def _styled[**P](draw: Callable[P, Figure]) -> Callable[P, Figure]:
     return styled
 
 
-@_styled
+@styled
 def sed_figure(
     displacement_mm: ArrayLike,
     sed_kPa: ArrayLike,
@@ -78,7 +78,7 @@ def sed_figure(
     if below is None:
         top.set_xlabel(DISPLACEMENT)
     else:
-        _draw_outlines(below, outlines)
+        draw_outlines(below, outlines)
         below.axhline(receptor_x_mm, color=BLUE, lw=1, ls=(0, (4, 3)))
         below.set(xlabel=DISPLACEMENT, ylabel="X (mm)")
         top.tick_params(labelbottom=False)
@@ -91,7 +91,7 @@ def sed_figure(
     return figure
 
 
-@_styled
+@styled
 def raster_figure(
     spike_displacement_mm: ArrayLike,
     spike_x_mm: ArrayLike,
@@ -116,7 +116,7 @@ def raster_figure(
         Of the horizontal axis.
     """
     figure, axes = _map_axes(rows_mm, range_mm, label)
-    _draw_outlines(axes, outlines)
+    draw_outlines(axes, outlines)
     inside = _within(spike_displacement_mm, range_mm)
     axes.plot(
         np.asarray(spike_displacement_mm)[inside],
@@ -132,7 +132,7 @@ def raster_figure(
     return figure
 
 
-@_styled
+@styled
 def firing_figure(
     displacement_mm: ArrayLike,
     rows_mm: ArrayLike,
@@ -165,7 +165,7 @@ def firing_figure(
     return figure
 
 
-@_styled
+@styled
 def force_figure(
     depth_mm: ArrayLike,
     displacement_mm: ArrayLike,
@@ -237,7 +237,7 @@ def _map_axes(rows_mm: ArrayLike, range_mm: tuple[float, float], label: str) -> 
     return figure, axes
 
 
-def _draw_outlines(axes: Axes, outlines: Outlines) -> None:
+def draw_outlines(axes: Axes, outlines: Outlines) -> None:
     """Fill the outlines; one within another is a hole."""
     curves = [Curve(np.vstack([o, o[:1]])[:, ::-1], closed=True) for o in outlines if len(o) > 2]
     if curves:

@@ -11,6 +11,7 @@ from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, lowest_f
 from tactile_fem.study import Receptors
 
 _MOST = 100_000
+_TRIES = 1000
 
 
 def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
@@ -19,17 +20,47 @@ def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
     Raises
     ------
     StudyError
-        If a receptor's X, Y has no interface above it.
+        If a receptor's X, Y has no interface above it, or there are far too many.
     """
-    xy = _layout(receptors)
+    _check_count(receptors)
     facets = finger.nodes[finger.triangles[finger.surface == SURFACES["interface"], :3]]
-    return np.array([_lift(x, y, facets) for x, y in xy])
+    if receptors.placement == "afferents":
+        spread, extra = _spread(receptors, facets), receptors.extra_mm
+        return np.array([*spread, *(_lift(x, y, facets)[0] for x, y in extra)])
+    return np.array([_lift(x, y, facets)[0] for x, y in _layout(receptors)])
+
+
+def _spread(receptors: Receptors, facets: np.ndarray) -> list[np.ndarray]:
+    """Return places on the interface by density, none close to another (Poisson-disc).
+
+    Darts are thrown evenly over the interface's area, and stay where they keep their distance. It
+    is 0.75/sqrt(density), which darts can fill (they jam at 0.83), and less where they cannot.
+    """
+    half = receptors.half_width_mm, receptors.half_length_mm
+    random = np.random.default_rng(receptors.seed)
+    tries = [_lift(x, y, facets) for x, y in random.uniform(-1, 1, (_TRIES, 2)) * half]
+    area_mm2 = 4 * half[0] * half[1] * np.mean([stretch for _, stretch in tries])
+    count = max(1, round(receptors.density_per_cm2 * area_mm2 / 100))
+    distance = 7.5 / np.sqrt(receptors.density_per_cm2)
+    steepest = max(stretch for _, stretch in tries)
+    found: list[np.ndarray] = []
+    while len(found) < count:
+        for _ in range(_TRIES):
+            (x, y), chance = random.uniform(-1, 1, 2) * half, random.uniform()
+            place, stretch = _lift(x, y, facets)
+            if chance * steepest > stretch:
+                continue
+            if not found or np.linalg.norm(np.array(found) - place, axis=1).min() >= distance:
+                found.append(place)
+                if len(found) == count:
+                    break
+        distance *= 0.95
+    return found
 
 
 def _layout(receptors: Receptors) -> np.ndarray:
     """Return X, Y of the receptors, (n, 2)."""
     half = receptors.half_width_mm, receptors.half_length_mm
-    _check_count(receptors)
     lines = [_symmetric(h, receptors.spacing_mm) for h in half]
     if receptors.placement == "line":
         xy = np.column_stack([lines[0], np.zeros_like(lines[0])])
@@ -50,7 +81,7 @@ def _check_count(receptors: Receptors) -> None:
     count = max(rows, columns)  # both lines are laid out, whatever the placement
     if receptors.placement == "grid":
         count = max(count, rows * columns)
-    elif receptors.placement == "random":
+    elif receptors.placement in ("random", "afferents"):
         count = max(count, receptors.density_per_cm2 * across * along / 100)
     if count > _MOST:
         raise StudyError(
@@ -64,8 +95,8 @@ def _symmetric(half: float, spacing: float) -> np.ndarray:
     return np.arange(-count, count + 1) * spacing
 
 
-def _lift(x: float, y: float, facets: np.ndarray) -> np.ndarray:
-    """Return the lowest point of the interface over (x, y)."""
+def _lift(x: float, y: float, facets: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the lowest point of the interface over (x, y), and its area per area of the plane."""
     found = lowest_facet(x, y, facets)
     if found is None:
         raise StudyError(
@@ -73,7 +104,10 @@ def _lift(x: float, y: float, facets: np.ndarray) -> np.ndarray:
             "choose a smaller extent or another place"
         )
     facet, weights = found
-    return np.array([x, y, weights @ facets[facet, :, 2]])
+    corners = facets[facet]
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    stretch = float(np.linalg.norm(normal) / abs(normal[2]))
+    return np.array([x, y, weights @ corners[:, 2]]), stretch
 
 
 @dataclass(frozen=True)

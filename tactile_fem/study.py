@@ -20,7 +20,7 @@ Whole = Annotated[int, Field(strict=True)]
 
 
 MOST_OUTPUTS = 100_000
-MOST_MEMBRANE_STEPS = 100_000_000
+LONGEST_S = 100_000.0
 
 
 class Section(BaseModel):
@@ -84,15 +84,22 @@ class Finger(Section):
 
 
 class Polynomial(Section):
-    """Polynomial energy of order one or two; neo-Hookean with C20 = C01 = C11 = C02 = 0."""
+    """Polynomial energy of order two, with the cubic term of Yeoh; neo-Hookean with C10 alone."""
 
     C10_MPa: Positive = Field(description="of (I1bar - 3)")
     C01_MPa: Finite = Field(0.0, description="of (I2bar - 3)")
     C20_MPa: Finite = Field(0.0, description="of (I1bar - 3)^2")
     C11_MPa: Finite = Field(0.0, description="of (I1bar - 3)(I2bar - 3)")
     C02_MPa: Finite = Field(0.0, description="of (I2bar - 3)^2")
+    C30_MPa: Finite = Field(0.0, description="of (I1bar - 3)^3")
     D1_per_MPa: Positive = Field(description="2/K, of (J - 1)^2 / D1")
     D2_per_MPa: Positive | None = Field(None, description="of (J - 1)^4 / D2; default without it")
+
+    @property
+    def is_neo_hookean(self) -> bool:
+        """Whether C10 and D1 say all."""
+        higher = (self.C01_MPa, self.C20_MPa, self.C11_MPa, self.C02_MPa, self.C30_MPa)
+        return not any(higher) and self.D2_per_MPa is None
 
     @model_validator(mode="after")
     def _resists_shear(self) -> Self:
@@ -310,26 +317,31 @@ class Protocol(Section):
     output_mm: Positive = Field(0.1, description="slide positions that are hit exactly")
 
     @model_validator(mode="after")
-    def _outputs_can_be_counted(self) -> Self:
+    def _comes_to_an_end(self) -> Self:
         if self.distance_mm / self.output_mm > MOST_OUTPUTS:
             raise ValueError(
                 f"distance_mm = {self.distance_mm:g} holds more than {MOST_OUTPUTS:,} times "
                 f"output_mm = {self.output_mm:g}"
             )
+        lasts_s = self.depth_mm / self.press_speed_mm_s + self.distance_mm / self.speed_mm_s
+        if lasts_s > LONGEST_S:
+            raise ValueError(f"it lasts {lasts_s:g} s at these speeds, more than {LONGEST_S:,.0f}")
         return self
 
 
 class Receptors(Section):
     """SA1 end organs on the epidermis-dermis interface."""
 
-    placement: Literal["line", "grid", "random"] = Field(
-        "line", description="paper: a line across the finger; or a grid, or at random by density"
+    placement: Literal["line", "grid", "random", "afferents"] = Field(
+        "line",
+        description="paper: a line across the finger; or a grid, at random, or by density on the "
+        "interface with distance kept, as afferents lie",
     )
     half_width_mm: NonNegative = Field(5.0, description="extent across the finger (X)")
-    half_length_mm: NonNegative = Field(4.0, description="extent along (Y) of grid and random")
+    half_length_mm: NonNegative = Field(4.0, description="extent along (Y), not of the line")
     spacing_mm: Positive = Field(0.2, description="of line and grid; paper's shift per pass")
-    density_per_cm2: Positive = Field(70.0, description="of random placement: SA1 afferents")
-    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of random placement")
+    density_per_cm2: Positive = Field(70.0, description="of random and afferents: SA1 afferents")
+    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of random and afferents")
     extra_mm: tuple[tuple[Finite, Finite], ...] = Field(
         (), description="further receptors: pairs X, Y"
     )
@@ -344,18 +356,41 @@ class Receptors(Section):
 class Neuron(Section):
     """Transduction current and leaky integrate-and-fire membrane."""
 
-    static_gain_pA_per_kPa: NonNegative = Field(10.0, description="alpha; proposed")
-    dynamic_gain_pA_s_per_kPa: NonNegative = Field(1.0, description="beta; proposed")
+    model: Literal["hamasaki2020", "gerling2018"] = Field(
+        "hamasaki2020", description="transduction: alpha, kappa, beta; or the generator function"
+    )
+    # alpha and beta: demos/neurons/fit_bar.py, on rates that Phillips and Johnson (1981) measured
+    # under a bar; kappa and tau_a stayed as here in that fit.
+    static_gain_pA_per_kPa: NonNegative = Field(
+        113.0, description="alpha; fitted to rates under a bar (Phillips and Johnson 1981)"
+    )
+    dynamic_gain_pA_s_per_kPa: NonNegative = Field(
+        17.2, description="beta; fitted to rates under a bar (Phillips and Johnson 1981)"
+    )
     adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(0.45, description="kappa; proposed")
     adaptation_time_s: Positive = Field(0.5, description="tau_a; proposed")
     intercept_pA: Finite | None = Field(
-        None, description="I_0 while S > 0; default is the rheobase V_th/R"
+        None,
+        description="I_0 while S > 0; default is the rheobase V_th/R, 0 for gerling2018",
+    )
+    generator_gains_pA_per_kPa: tuple[NonNegative, NonNegative, NonNegative, NonNegative] = Field(
+        (100.0, 50.0, 25.0, 50.0),
+        description="gerling2018: k_i of the parts, the last does not inactivate; proposed",
+    )
+    generator_times_s: tuple[Positive, Positive, Positive] = Field(
+        (0.008, 0.2, 1.745), description="gerling2018: tau_i; Gerling 2018"
     )
     capacitance_pF: Positive = Field(30.0, description="C; after Gerling 2018's public constants")
     resistance_GOhm: Positive = Field(1.667, description="R; after Gerling 2018's constants")
     threshold_mV: Positive = Field(30.0, description="V_th; after Gerling 2018's constants")
     refractory_s: NonNegative = Field(0.001, description="t_ref; after Gerling 2018's constants")
-    dt_s: Positive = Field(1e-4, description="time step of the membrane equation")
+    gain_spread: NonNegative = Field(
+        0.0, description="sd of the logarithm of the gains between afferents"
+    )
+    threshold_noise: NonNegative = Field(
+        0.0, description="sd of the logarithm of V_th from spike to spike"
+    )
+    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of spread and noise")
 
 
 class Solver(Section):
@@ -417,17 +452,6 @@ class Study(Section):
     neuron: Neuron = Neuron()
     solver: Solver = Solver()
     output: Output = Output()
-
-    @model_validator(mode="after")
-    def _membrane_steps_can_be_counted(self) -> Self:
-        p = self.protocol
-        lasts_s = p.depth_mm / p.press_speed_mm_s + p.distance_mm / p.speed_mm_s
-        if lasts_s / self.neuron.dt_s > MOST_MEMBRANE_STEPS:
-            raise ValueError(
-                f"neuron.dt_s = {self.neuron.dt_s:g} is too short for a protocol of {lasts_s:g} s, "
-                f"which would take more than {MOST_MEMBRANE_STEPS:,} steps"
-            )
-        return self
 
     @model_validator(mode="before")
     @classmethod

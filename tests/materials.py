@@ -10,6 +10,8 @@ FULL = Polynomial(
     C20_MPa=0.003,
     C11_MPa=0.002,
     C02_MPa=0.001,
+    C30_MPa=0.0005,
     D1_per_MPa=2.0,
     D2_per_MPa=3.0,
 )
+YEOH = Polynomial(C10_MPa=0.02, C30_MPa=0.1, D1_per_MPa=2.0)

@@ -99,7 +99,7 @@ SETTINGS = [
     (
         "tissue.dermis.nu=0.3",
         "tissue.dermis.nu is not a key of [tissue.dermis]; allowed: C10_MPa, C01_MPa, "
-        "C20_MPa, C11_MPa, C02_MPa, D1_per_MPa, D2_per_MPa.",
+        "C20_MPa, C11_MPa, C02_MPa, C30_MPa, D1_per_MPa, D2_per_MPa.",
     ),
     (
         "tissue.dermis.C01_MPa=-1",
@@ -153,14 +153,10 @@ SETTINGS = [
         "protocol.output_mm=1e-12",
         "protocol: distance_mm = 10 holds more than 100,000 times output_mm = 1e-12.",
     ),
-    (
-        "protocol.speed_mm_s=1e-9",
-        "neuron.dt_s = 0.0001 is too short for a protocol of 1e+10 s, which would take more "
-        "than 100,000,000 steps.",
-    ),
+    ("protocol.speed_mm_s=1e-9", "protocol: it lasts 1e+10 s at these speeds, more than 100,000."),
     (
         "receptors.placement=circle",
-        'receptors.placement is "circle" but must be "line", "grid" or "random".',
+        'receptors.placement is "circle" but must be "line", "grid", "random" or "afferents".',
     ),
     (
         "receptors.half_width_mm=30",
@@ -183,7 +179,14 @@ SETTINGS = [
     ),
     ("receptors.seed=-1", "receptors.seed is -1 but must be at least 0."),
     ("neuron.adaptation=1.5", "neuron.adaptation is 1.5 but must be at most 1."),
-    ("neuron.dt_s=0", "neuron.dt_s is 0 but must be greater than 0."),
+    (
+        "neuron.model=poisson",
+        'neuron.model is "poisson" but must be "hamasaki2020" or "gerling2018".',
+    ),
+    (
+        "neuron.generator_times_s=[1, 2]",
+        "neuron.generator_times_s (entry 3) is missing: neuron.generator_times_s is [1, 2].",
+    ),
     ("solver.held=[bone]", 'solver.held is "[bone]" but must be a list.'),
     ("solver.held=[]", "solver.held is [] but must be a list of at least 1 entry."),
     (
@@ -209,6 +212,11 @@ SETTINGS = [
 ]
 
 COMMANDS = [
+    (
+        "scan --set receptors.placement=afferents --set receptors.density_per_cm2=1e9",
+        "receptors: 8e+08 receptors are more than 100,000; choose a smaller extent, a longer "
+        "spacing_mm or a lower density_per_cm2.",
+    ),
     ("scan none.toml", "There is no study file none.toml."),
     (
         "scan twice.toml",
@@ -242,11 +250,7 @@ COMMANDS = [
     ("scan --ranks two", 'Invalid value for --ranks: unable to convert "two" into int.'),
     ("scan --unknown", "Unknown option: --unknown."),
     ("scan -tactile_", '"solver.petsc.=""" sets nothing: write section.key=value.'),
-    (
-        "walk",
-        'Unknown command "walk". Available commands: scan, resume, mesh, export, plot, init, '
-        "doctor.",
-    ),
+    ("walk", 'Unknown command "walk". ...'),
     ("plot", 'Command "plot" parameter RESULTS requires an argument.'),
     ("plot none", "none holds no results: there is no study.toml in it."),
     ("plot emptied", "There is no emptied/trace.npz: the scan has not come so far."),
@@ -294,6 +298,14 @@ COMMANDS = [
         "export --deck new.inp --set protocol.force_N=0.5",
         "protocol.force_N: a deck presses to protocol.depth_mm only.",
     ),
+    ("sweep", 'Command "sweep" parameter --over requires an argument.'),
+    ("sweep --over protocol.depth_mm=0,1", "protocol.depth_mm is 0 but must be greater than 0."),
+    (
+        "fibre --spacing-mm 0",
+        "spacing 0 mm, half width 5 mm: the spacing must be positive and at most the half width.",
+    ),
+    ("report none", "none holds no results: there is no study.toml in it."),
+    ("report cut", "cut/trace.npz cannot be read: File is not a zip file."),
     ("export --deck old.inp", "old.inp exists already: choose another name, or --overwrite."),
 ]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import ufl
 from blocks import LAYERS, block_mesh
-from materials import FULL, NEO_HOOKEAN, SECOND_ORDER
+from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH
 
 from tactile_fem.deck import material_lines, write_deck
 from tactile_fem.errors import StudyError
@@ -251,7 +251,7 @@ def piola(constants: Polynomial, F: np.ndarray) -> np.ndarray:
 
 
 @needs_ccx
-@pytest.mark.parametrize("constants", [NEO_HOOKEAN, SECOND_ORDER, FULL])
+@pytest.mark.parametrize("constants", [NEO_HOOKEAN, SECOND_ORDER, YEOH, FULL])
 @pytest.mark.parametrize("F", [STRETCH, SHEAR], ids=["stretch", "shear"])
 def test_calculix_has_our_energy(constants, F, tmp_path):
     """One tetrahedron deformed by `F`: its middle nodes carry P V (grad l_a + grad l_b).

@@ -1,11 +1,18 @@
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Response, respond, transduction
+from tactile_fem.neuron import ReceptiveField, Response, load, respond, save, to_neo
+from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.study import Neuron
 
-PLAIN = Neuron(adaptation=0, dynamic_gain_pA_s_per_kPa=0)
+GAINS = {"static_gain_pA_per_kPa": 10.0, "dynamic_gain_pA_s_per_kPa": 1.0}
+PLAIN = Neuron(static_gain_pA_per_kPa=10.0, adaptation=0, dynamic_gain_pA_s_per_kPa=0)
+USUAL = Neuron(**GAINS, adaptation=0.45, adaptation_time_s=0.5, intercept_pA=18.0)
+GENERATOR = Neuron(model="gerling2018", generator_gains_pA_per_kPa=(40.0, 20.0, 10.0, 8.0))
 
 
 def constant(sed, duration=1.0):
@@ -18,14 +25,14 @@ def closed_form(current, n):
     return 1 / (n.refractory_s + tau * np.log(drive / (drive - n.threshold_mV)))
 
 
-@pytest.mark.parametrize("dt", [1e-4, 3.3e-3])
-def test_constant_current_fires_at_the_closed_form_rate(dt):
-    n = PLAIN.model_copy(update={"dt_s": dt})
+def test_constant_current_fires_at_the_closed_form_rate():
     sed = np.array([0.1, 1.0, 5.0, 40.0])
-    spikes = respond(*constant(sed, 2.0), n).spikes
-    rates = [1 / np.diff(times) for times in spikes]
-    for rate, current in zip(rates, n.threshold_mV / n.resistance_GOhm + 10 * sed, strict=True):
-        assert rate == pytest.approx(closed_form(current, n), rel=1e-10)
+    spikes = respond(*constant(sed, 2.0), PLAIN).spikes
+    currents = PLAIN.threshold_mV / PLAIN.resistance_GOhm + 10 * sed
+    for times, current in zip(spikes, currents, strict=True):
+        rate = closed_form(current, PLAIN)
+        assert len(times) == int(2.0 * rate + PLAIN.refractory_s * rate)
+        assert 1 / np.diff(times) == pytest.approx(rate, rel=1e-10)
 
 
 def test_refractoriness_limits_the_rate():
@@ -35,9 +42,10 @@ def test_refractoriness_limits_the_rate():
     assert len(times) == pytest.approx(0.1 / 0.00123, abs=1)
 
 
-def test_several_spikes_fit_into_one_step():
-    n = PLAIN.model_copy(update={"refractory_s": 0, "dt_s": 0.05})
+def test_many_spikes_fit_between_two_samples():
+    n = PLAIN.model_copy(update={"refractory_s": 0})
     (times,) = respond(*constant([20.0], 0.5), n).spikes
+    assert len(times) > 50
     current = n.threshold_mV / n.resistance_GOhm + 200
     assert 1 / np.diff(times) == pytest.approx(closed_form(current, n), rel=1e-9)
 
@@ -52,7 +60,7 @@ def test_a_finger_at_rest_is_silent():
 
 
 def test_rate_decays_with_the_adaptation():
-    n = Neuron(adaptation=0.4, adaptation_time_s=0.5, refractory_s=0.0005)
+    n = PLAIN.model_copy(update={"adaptation": 0.4, "adaptation_time_s": 0.5})
     (times,) = respond(*constant([4.0], 5.0), n).spikes
     rest = n.threshold_mV / n.resistance_GOhm
     middle = 0.5 * (times[1:] + times[:-1])
@@ -64,8 +72,8 @@ def test_rate_decays_with_the_adaptation():
 def test_dynamic_part_counts_on_a_rise_only():
     time = np.array([0, 0.2, 0.4, 0.6])
     sed = np.array([0, 4, 4, 0])[:, None]
-    dynamic = respond(time, sed, Neuron(dynamic_gain_pA_s_per_kPa=5)).psth(0.2)[1][:, 0]
-    static = respond(time, sed, Neuron(dynamic_gain_pA_s_per_kPa=0)).psth(0.2)[1][:, 0]
+    gain, none = (USUAL.model_copy(update={"dynamic_gain_pA_s_per_kPa": k}) for k in (5.0, 0.0))
+    dynamic, static = (respond(time, sed, n).psth(0.2)[1][:, 0] for n in (gain, none))
     assert dynamic[0] > static[0] + 5
     assert np.abs(dynamic - static)[1:].max() <= 1
 
@@ -78,33 +86,146 @@ def history(receptors=7, samples=40):
     return time, sed
 
 
-def test_receptors_do_not_know_of_each_other(monkeypatch):
+def reference(time, sed, n):
+    """Integrate one receptor's equations step by step; return the spikes."""
+    generator = n.model == "gerling2018"
+    tau = n.generator_times_s if generator else (n.adaptation_time_s,)
+    membrane = 1e-3 * n.resistance_GOhm * n.capacitance_pF
+    *gains, lasting = n.generator_gains_pA_per_kPa
+
+    def current(s, slope, state):
+        rest = n.intercept_pA * (sed[k] + sed[k + 1] > 0) if not generator else 0.0
+        if generator:
+            parts = (max(k * e, 0.0) for k, e in zip(gains, state, strict=True))
+            return rest + lasting * s + sum(parts)
+        static = n.static_gain_pA_per_kPa * (s - n.adaptation * state[0])
+        return rest + static + n.dynamic_gain_pA_s_per_kPa * max(slope, 0.0)
+
+    def change(t, y):
+        s = sed[k] + slope * (t - time[k])
+        if generator:
+            states = [slope - e / way for e, way in zip(y[1:], tau, strict=True)]
+        else:
+            states = [(s - y[1]) / tau[0]]
+        free = t >= quiet
+        return [free * (n.resistance_GOhm * current(s, slope, y[1:]) - y[0]) / membrane, *states]
+
+    def crossing(t, y):
+        return y[0] - n.threshold_mV
+
+    crossing.terminal, crossing.direction = True, 1
+    spikes, quiet = [], -np.inf
+    y = np.array([0.0, *([sed[0]] * 3 if generator else [0.0])])
+    for k, slope in enumerate(np.diff(sed) / np.diff(time)):
+        t = time[k]
+        while t < time[k + 1]:
+            end = min(quiet, time[k + 1]) if quiet > t else time[k + 1]
+            way = {"rtol": 1e-11, "atol": 1e-12, "method": "DOP853", "max_step": 2e-3}
+            solved = solve_ivp(change, (t, end), y, events=crossing, **way)
+            t, y = solved.t[-1], solved.y[:, -1]
+            if solved.status == 1:
+                spikes.append(t)
+                quiet, y[0] = t + n.refractory_s, 0.0
+    return np.array(spikes)
+
+
+@pytest.mark.parametrize("n", [USUAL, GENERATOR], ids=lambda n: n.model)
+def test_spikes_equal_an_accurate_integration(n):
+    time, sed = history(3, 25)
+    for column, times in zip(sed.T, respond(time, sed, n).spikes, strict=True):
+        expected = reference(time, column, n)
+        assert len(times) == len(expected) > 4
+        # The integrator, not the closed form, sets the tolerance; clipped parts have kinks.
+        assert times == pytest.approx(expected, abs=1e-9 if n is USUAL else 1e-7)
+
+
+def test_adaptation_as_fast_as_the_membrane():
+    tau = 1e-3 * USUAL.resistance_GOhm * USUAL.capacitance_pF
     time, sed = history()
-    together = respond(time, sed, Neuron())
-    monkeypatch.setattr(transduction, "VALUES_PER_PIECE", 100)
-    for k, times in enumerate(together.spikes):
-        (alone,) = respond(time, sed[:, [k]], Neuron()).spikes
-        assert times.size and np.array_equal(times, alone)
+    equal, near = (
+        respond(time, sed, USUAL.model_copy(update={"adaptation_time_s": tau * factor})).spikes
+        for factor in (1.0, 1 + 1e-9)
+    )
+    for a, b in zip(equal, near, strict=True):
+        assert a.size and a == pytest.approx(b, abs=1e-8)
+
+
+@pytest.mark.parametrize("n", [USUAL, GENERATOR], ids=lambda n: n.model)
+def test_parts_of_a_population_fire_as_the_whole(n):
+    time, sed = history()
+    noisy = n.model_copy(update={"threshold_noise": 0.1, "gain_spread": 0.3})
+    together = respond(time, sed, noisy)
+    for units in ([0], [5, 2], [1, 3, 4, 6]):
+        part = respond(time, sed[:, units], noisy, units=units).spikes
+        for unit, times in zip(units, part, strict=True):
+            assert times.size and np.array_equal(times, together.spikes[unit])
     assert together.counts().tolist() == [len(times) for times in together.spikes]
+    other = respond(time, sed, noisy.model_copy(update={"seed": 2}))
+    assert not np.array_equal(other.spikes[0], together.spikes[0])
 
 
-def test_more_samples_of_the_same_history_change_nothing():
+def test_noise_has_the_spread_that_was_asked_for():
+    n = PLAIN.model_copy(update={"threshold_noise": 0.05, "refractory_s": 0.0})
+    sed = np.full((2, 200), 100.0)
+    spikes = respond([0.0, 0.2], sed, n).spikes
+    assert min(map(len, spikes)) > 200  # several blocks of random numbers
+    # At a current far above rheobase an interval is proportional to the threshold.
+    logarithm = np.log(np.concatenate([np.diff(times) for times in spikes]))
+    assert logarithm.std() == pytest.approx(0.05, rel=0.01)
+    assert np.corrcoef(logarithm[:-1], logarithm[1:])[0, 1] == pytest.approx(0, abs=0.02)
+    gains = PLAIN.model_copy(update={"gain_spread": 0.2, "refractory_s": 0.0})
+    rates = respond([0.0, 0.2], sed, gains).counts()
+    assert np.log(rates).std() == pytest.approx(0.2, rel=0.2)
+
+
+@pytest.mark.parametrize("n", [USUAL, GENERATOR], ids=lambda n: n.model)
+def test_more_samples_of_the_same_history_change_nothing(n):
     time, sed = history()
     fine = np.unique(np.concatenate([time, np.linspace(time[0], time[-1], 777)]))
     split = np.stack([np.interp(fine, time, column) for column in sed.T], axis=1)
-    for a, b in zip(
-        respond(time, sed, Neuron()).spikes, respond(fine, split, Neuron()).spikes, strict=True
-    ):
+    pairs = zip(respond(time, sed, n).spikes, respond(fine, split, n).spikes, strict=True)
+    for a, b in pairs:
         assert len(a) == len(b) > 5
-        assert a == pytest.approx(b, abs=1e-8)
+        assert a == pytest.approx(b, abs=1e-10)
 
 
-def test_a_crossing_that_turns_back_within_a_step_is_found():
+def test_a_crossing_that_turns_back_between_samples_is_found():
     n = PLAIN.model_copy(update={"intercept_pA": 0.0, "refractory_s": 0.2})
     time, sed = np.array([0, 0.1]), np.array([[10.0], [0.0]])
-    coarse = respond(time, sed, n.model_copy(update={"dt_s": 0.1})).spikes[0]
-    assert coarse == pytest.approx(respond(time, sed, n).spikes[0], abs=1e-12)
+    (coarse,) = respond(time, sed, n).spikes
+    fine = np.linspace(0, 0.1, 1000)
+    assert coarse == pytest.approx(respond(fine, 10 - 100 * fine[:, None], n).spikes[0], abs=1e-12)
     assert len(coarse) == 1
+
+
+def test_signs_of_a_sum_of_exponentials_change_where_a_fine_grid_says():
+    rng = np.random.default_rng(1)
+    n, end = 200, 2.0
+    curves = ExponentialSum(
+        rng.normal(size=n), rng.normal(size=n), rng.normal(0, 3, (3, n)), np.array([0.05, 0.2, 1.0])
+    )
+    zeros = curves.zeros(np.full(n, end))
+    grid = np.linspace(0, end, 20001)[:, None]
+    changes = np.diff(curves.at(grid) < 0, axis=0)
+    found = 0
+    for k in range(n):
+        expected = grid[1:, 0][changes[:, k]]
+        mine = zeros[:, k][zeros[:, k] < end]
+        found = max(found, len(mine))
+        assert mine == pytest.approx(expected, abs=1e-4)
+    assert found >= 3
+    single = curves.of(np.array([3])).at(zeros[:, [3]])
+    assert np.abs(single[zeros[:, [3]] < end]).max() < 1e-13
+
+
+def test_parts_of_the_generator_function_never_hinder_each_other():
+    """After a fall of S the fast parts are below zero: the current is the lasting part's."""
+    time = np.array([0.0, 0.1, 0.12, 0.6])
+    sed = np.array([5.0, 5.0, 3.0, 3.0])[:, None]
+    n = GENERATOR.model_copy(update={"generator_gains_pA_per_kPa": (500.0, 0.0, 0.0, 10.0)})
+    late = respond(time, sed, n).spikes[0]
+    intervals = np.diff(late[late > 0.12])
+    assert 1 / intervals == pytest.approx(closed_form(30.0, n), rel=1e-9)
 
 
 def test_rate_and_psth_hold_all_spikes():
@@ -119,6 +240,65 @@ def test_rate_and_psth_hold_all_spikes():
     for wrong in (0, -1, np.nan):
         with pytest.raises(StudyError, match="must be positive"):
             response.rate(times, wrong)
+
+
+def test_latency_intervals_and_events():
+    response = Response([np.array([0.0, 0.05, 0.15]), np.empty(0)], -0.1, 0.2)
+    assert response.latency() == pytest.approx([0.1, np.nan], nan_ok=True)
+    assert response.latency(0.01) == pytest.approx([0.04, np.nan], nan_ok=True)
+    assert [list(np.round(times, 9)) for times in response.intervals()] == [[0.05, 0.1], []]
+    assert response.mean_rate(0.0, 0.15) == pytest.approx([2 / 0.15, 0])
+    receptor, time = response.events()
+    assert receptor.tolist() == [0, 0, 0] and time.tolist() == [0.0, 0.05, 0.15]
+
+
+def test_responses_are_kept(tmp_path):
+    response = Response([np.empty(0), np.array([0.1, 1 / 3]), np.empty(0)], -0.1, 0.5)
+    save(response, tmp_path / "spikes.npz")
+    again = load(tmp_path / "spikes.npz")
+    assert (again.start_s, again.end_s, len(again.spikes)) == (-0.1, 0.5, 3)
+    assert all(np.array_equal(*pair) for pair in zip(again.spikes, response.spikes, strict=True))
+    save(response, tmp_path / "spikes.csv")
+    lines = (tmp_path / "spikes.csv").read_text().splitlines()
+    assert lines == ["receptor,time_s", "1,0.1", f"1,{1 / 3}"]
+    with pytest.raises(StudyError, match=r'not "\.mat"'):
+        save(response, tmp_path / "spikes.mat")
+    with pytest.raises(StudyError, match="holds no response"):
+        load(tmp_path / "spikes.csv")
+
+
+def test_neo_gets_every_spike():
+    response = Response([np.empty(0), np.array([0.1, 0.3])], -0.1, 0.5)
+    if not find_spec("neo"):
+        with pytest.raises(StudyError, match="neo is not installed"):
+            to_neo(response)
+        return
+    trains = to_neo(response).spiketrains
+    assert [train.rescale("s").magnitude.tolist() for train in trains] == [[], [0.1, 0.3]]
+    assert float(trains[0].t_start) == -0.1 and float(trains[1].t_stop) == 0.5
+
+
+def test_receptive_fields_are_means_or_maxima_of_their_points():
+    points = np.array([[0.0, 0], [1, 0], [2, 0], [9, 0]])
+    sed = np.array([[1.0, 2, 6, 7], [4, 2, 0, 5]])
+    mean, largest = (
+        ReceptiveField.around([[1.0, 0], [9, 0]], points, 1.0, rule).combine(sed)
+        for rule in ("sum", "max")
+    )
+    assert mean == pytest.approx(np.array([[3, 7], [2, 5]]))
+    assert largest == pytest.approx(np.array([[6, 7], [4, 5]]))
+    one = ReceptiveField.around(points, points, 0.0).combine(sed)
+    assert np.array_equal(one, sed)
+    with pytest.raises(StudyError, match="No point lies within 1 mm of afferent 1"):
+        ReceptiveField.around([[0.0, 0], [5, 0]], points, 1.0)
+    with pytest.raises(StudyError, match=r"it needs \(t, 4\)"):
+        ReceptiveField.around(points, points, 0.0).combine(sed[:, :2])
+
+
+def test_numbers_of_afferents_must_fit():
+    for units in ([0], [0, -1], [0.0, 1.0]):
+        with pytest.raises(StudyError, match="2 whole numbers from 0 on"):
+            respond([0, 1], np.ones((2, 2)), PLAIN, units=units)
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,8 @@ NEURONS = st.builds(
     resistance_GOhm=positive(1e-2, 1e3),
     threshold_mV=positive(1e-2, 1e3),
     refractory_s=positive(2e-4, 1e2),
-    dt_s=positive(1e-3, 1e2),
+    gain_spread=st.floats(0.0, 1.0),
+    threshold_noise=st.floats(0.0, 0.5),
 )
 
 
@@ -180,7 +181,7 @@ ANYTHING = st.one_of(
 @given(ANYTHING, ANYTHING)
 def test_any_arrays_are_a_response_or_a_sentence(time, sed):
     try:
-        response = respond(time, sed, Neuron(dt_s=1e300))
+        response = respond(time, sed, Neuron())
     except StudyError as error:
         assert str(error).strip()
     else:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
+from scipy.spatial.distance import pdist
 
 from tactile_fem import backend  # noqa: F401
 
@@ -11,6 +15,7 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import block_mesh
 
+from tactile_fem import ranks
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import SURFACES, load_finger
 from tactile_fem.finger.mesh_data import FingerMesh
@@ -18,6 +23,7 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.probe import CellEnergy, Probe
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.receptors import place, sample
+from tactile_fem.results import Results
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Plate, Receptors, Solver, Tissue
 
@@ -69,6 +75,40 @@ def test_placements_are_reproducible_and_within_their_extent(placement):
     np.testing.assert_array_equal(positions, place(wanted, finger))
     assert np.all(np.abs(positions[:, :2]) <= [3, 2])
     assert len(positions) == (35 if placement == "grid" else round(70 * 0.24))
+
+
+def test_afferents_have_their_density_on_the_interface_and_keep_apart():
+    finger = load_finger(Finger())
+    wanted = Receptors(placement="afferents", half_width_mm=5, half_length_mm=4, seed=3)
+    positions = place(wanted, finger)
+    np.testing.assert_array_equal(positions, place(wanted, finger))
+    assert np.all(np.abs(positions[:, :2]) <= [5, 4])
+    # Across, the interface has a radius of about 7.2 mm: the arc over 10 mm is 11.0 mm long.
+    assert len(positions) == pytest.approx(0.70 * 8 * 2 * 7.2 * np.arcsin(5 / 7.2), rel=0.03)
+    # Beside the apex the interface is steep: there are more receptors per mm of X.
+    beside = np.abs(positions[:, 0]) > 2.5
+    assert beside.sum() > (~beside).sum()
+    assert pdist(positions).min() >= 0.95 * 7.5 / np.sqrt(70)
+    other = place(wanted.model_copy(update={"seed": 4}), finger)
+    assert not np.array_equal(other[0], positions[0])
+    more = place(wanted.model_copy(update={"extra_mm": ((0.0, 0.0),)}), finger)
+    assert len(more) == len(positions) + 1 and np.all(more[-1, :2] == 0)
+
+
+@pytest.mark.mpi
+def test_two_ranks_place_the_same_afferents(tmp_path):
+    sizes = ["finger.pad_size_mm=3.0", "finger.far_size_mm=6.0", "finger.epidermis_rows=1"]
+    settings = [*sizes, "stimulus.kind=plate", "protocol.depth_mm=0.05", "protocol.distance_mm=0.0"]
+    settings += ["receptors.placement=afferents", "output.pictures=false"]
+    words = [word for setting in settings for word in ("--set", setting)]
+    command = [ranks.launcher(), "-n", "2", sys.executable, "-m", "tactile_fem", "scan", *words]
+    subprocess.run([*command, "--results", str(tmp_path / "two")], check=True)
+    results = Results.open(tmp_path / "two")
+    study = results.study
+    positions = place(study.receptors, load_finger(study.finger))
+    np.testing.assert_allclose(results.trace["receptors_mm"], positions, atol=1e-12)
+    sed = results.trace["sed_kPa"]
+    assert sed.shape == (len(results.trace["time_s"]), len(positions)) and sed[-1].max() > 0
 
 
 def test_a_receptor_outside_the_finger_is_named():

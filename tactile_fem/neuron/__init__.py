@@ -1,6 +1,20 @@
-"""From the strain energy density at a receptor to the spikes of its afferent (NumPy only)."""
+"""From the strain energy density at a receptor to the spikes of its afferent (NumPy, SciPy)."""
 
 from tactile_fem.neuron.afferent import respond
+from tactile_fem.neuron.field import ReceptiveField
+from tactile_fem.neuron.fit import Fit, FitWarning, Window, fit
+from tactile_fem.neuron.keep import load, save, to_neo
 from tactile_fem.neuron.response import Response
 
-__all__ = ["Response", "respond"]
+__all__ = [
+    "Fit",
+    "FitWarning",
+    "ReceptiveField",
+    "Response",
+    "Window",
+    "fit",
+    "load",
+    "respond",
+    "save",
+    "to_neo",
+]

@@ -10,14 +10,23 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.membrane import Membrane
 from tactile_fem.neuron.response import Response
-from tactile_fem.neuron.transduction import Transduction
+from tactile_fem.neuron.transduction import transduction_of
+from tactile_fem.neuron.variability import Variability
 from tactile_fem.study import Neuron
 
 ROUNDING_KPA = 1e-9  # what rounding may leave below zero
 
 
-def respond(time_s: ArrayLike, sed_kPa: ArrayLike, neuron: Neuron) -> Response:
+def respond(
+    time_s: ArrayLike,
+    sed_kPa: ArrayLike,
+    neuron: Neuron | None = None,
+    units: ArrayLike | None = None,
+) -> Response:
     """Return the spikes that a history of strain energy density evokes.
+
+    Strain energy density is linear between the samples. Current and potential are then exact,
+    and spikes are found to rounding: samples that add nothing to the history change nothing.
 
     Parameters
     ----------
@@ -25,9 +34,12 @@ def respond(time_s: ArrayLike, sed_kPa: ArrayLike, neuron: Neuron) -> Response:
         Increasing times of the samples, s, (t,); the indentation may have negative times.
         Receptors are unadapted and membranes at rest at the first.
     sed_kPa
-        Strain energy density, kPa, (t, receptors), taken as linear between the samples.
+        Strain energy density, or what else a model of your own takes, kPa, (t, receptors).
     neuron
-        Constants of transduction and membrane.
+        Constants of transduction and membrane; default ``Neuron()``.
+    units
+        Numbers of the afferents, (receptors,), which their random numbers belong to; default 0,
+        1, 2 ... So parts of a population fire as the whole does.
 
     Returns
     -------
@@ -40,15 +52,27 @@ def respond(time_s: ArrayLike, sed_kPa: ArrayLike, neuron: Neuron) -> Response:
         Shapes that do not fit, values that are not finite, times that do not increase, negative
         strain energy density.
     """
-    time, sed = _checked(time_s, sed_kPa)
-    transduction = Transduction(time, sed, neuron)
-    membrane = Membrane(sed.shape[1], neuron)
-    for piece in transduction.pieces():
-        membrane.advance(piece)
+    neuron = neuron or Neuron()
+    time, sed = checked_history(time_s, sed_kPa)
+    variability = Variability(neuron, _numbered(units, sed.shape[1]))
+    membrane = Membrane(neuron, variability)
+    if neuron.gain_spread:
+        sed = sed * variability.gains()  # the current is homogeneous in S
+    for segment in transduction_of(neuron).segments(time, sed):
+        membrane.advance(segment)
     return Response(membrane.spikes(), float(time[0]), float(time[-1]))
 
 
-def _checked(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+def _numbered(units: ArrayLike | None, count: int) -> NDArray[np.int64]:
+    numbers = np.arange(count) if units is None else np.asarray(units)
+    whole = numbers.shape == (count,) and np.issubdtype(numbers.dtype, np.integer)
+    if not whole or (numbers < 0).any():
+        raise StudyError(f"units must be {count} whole numbers from 0 on, one per receptor.")
+    return numbers
+
+
+def checked_history(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return history as arrays, or raise what `respond` raises."""
     time, sed = _numbers("time_s", time_s), _numbers("sed_kPa", sed_kPa)
     if time.ndim != 1 or len(time) < 2:
         raise StudyError(f"time_s has shape {time.shape}; it needs (t,) with two times or more.")

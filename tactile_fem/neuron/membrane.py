@@ -6,88 +6,83 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import exprel
 
-from tactile_fem.neuron.transduction import Piece
+from tactile_fem.neuron.exponentials import ExponentialSum, root
+from tactile_fem.neuron.transduction import Segment
+from tactile_fem.neuron.variability import Variability
 from tactile_fem.study import Neuron
 
 Array = NDArray[Any]
 
 
 class Membrane:
-    """Membranes of all receptors, advanced together.
+    """Membranes of all receptors, advanced together from event to event.
 
-    Proposed: the form of Hamasaki et al. (2020) as reconstructed, with a number of our own::
+    Proposed: the form of Hamasaki et al. (2020) as reconstructed, with numbers of our own::
 
         C dV/dt = -V/R + I;   V >= V_th: spike, then V = 0 for t_ref      (5)
 
-    For a current linear within a step the potential is known in closed form: steps without
-    events cost one multiplication; threshold crossings (also those that turn back before the end
-    of the step) and the end of refractoriness are located inside the step. A negative current
+    A stretch takes a few products per receptor. Only where an upper bound of the current lets V
+    come to the threshold is the first crossing looked for, to rounding. A negative current
     drives V below 0 without a floor.
 
     Parameters
     ----------
-    receptors
-        How many.
     neuron
         The constants; pF GOhm = ms, pA GOhm = mV.
+    variability
+        Thresholds of the receptors, anew after each spike.
     """
 
-    def __init__(self, receptors: int, neuron: Neuron) -> None:
+    def __init__(self, neuron: Neuron, variability: Variability) -> None:
         self._resistance = neuron.resistance_GOhm
-        self._threshold = neuron.threshold_mV
         self._refractory = neuron.refractory_s
         self._tau = 1e-3 * neuron.resistance_GOhm * neuron.capacitance_pF
-        self._potential = np.zeros(receptors)
-        self._free = np.full(receptors, -np.inf)  # end of refractoriness, s
+        self._variability = variability
+        self._threshold = neuron.threshold_mV * variability.threshold_factors()
+        self._nominal = neuron.threshold_mV
+        self._potential = np.zeros_like(self._threshold)
+        self._all = np.arange(len(self._threshold))
+        self._free = np.full_like(self._threshold, -np.inf)  # end of refractoriness, s
         self._fired: list[tuple[Array, Array]] = []
 
-    def advance(self, piece: Piece) -> None:
-        """Advance through steps that follow the last ones."""
-        first, last = self._resistance * piece.first_pA, self._resistance * piece.last_pA
-        h = piece.step_s[:, None]
-        gone = -np.expm1(-h / self._tau)
-        drive = first * gone + (last - first) * (1 - self._tau / h * gone)
-        kept = 1 - gone[:, 0]
-        turning = (first > self._threshold) & (last < self._threshold)
-        turns = turning.any(axis=1)
-        for k, start in enumerate(piece.start_s):
-            end = kept[k] * self._potential + drive[k]
-            event = (end >= self._threshold) | (self._free > start)
-            if turns[k]:
-                event |= turning[k]
-            who = np.flatnonzero(event)
-            if who.size:
-                end[who] = self._eventful(who, start, piece.step_s[k], first[k, who], last[k, who])
-            self._potential = end
+    def advance(self, segment: Segment) -> None:
+        """Advance through a stretch that follows the last one."""
+        start, h, current, who = segment
+        potential, threshold = self._potential[who], self._threshold[who]
+        # V cannot exceed what the current's upper bound would make of it if held throughout.
+        drive = self._resistance * current.bounds(h)[1]
+        reach = drive + (potential - drive) * np.exp(-h / self._tau)
+        event = (np.maximum(reach, potential) >= threshold) | (self._free[who] > start)
+        end = Course(potential, current, self._resistance, self._tau).at(h)
+        some = np.flatnonzero(event)
+        if some.size:
+            start, h = (np.broadcast_to(values, end.shape)[some] for values in (start, h))
+            end[some] = self._eventful(self._all[who][some], start, h, current.of(some))
+        self._potential[who] = end
 
-    def _eventful(self, who: Array, start: float, h: float, first: Array, last: Array) -> Array:
-        """Return V at the end of a step in which `who` may fire or become free."""
-        slope = (last - first) / h
+    def _eventful(self, who: Array, start: Array, h: Array, current: ExponentialSum) -> Array:
+        """Return V at the end of a stretch in which `who` may fire or become free."""
         begin = np.clip(self._free[who] - start, 0.0, h)
         v = np.where(self._free[who] > start, 0.0, self._potential[who])
-        result = np.zeros(len(who))
+        result = np.where(begin < h, 0.0, v)
         going = np.flatnonzero(begin < h)
         while going.size:
-            course = Course(
-                v[going],
-                first[going] + slope[going] * begin[going],
-                slope[going],
-                self._tau,
-            )
-            left = h - begin[going]
-            result[going] = course.at(left)
-            top = course.top(left)
-            fires = course.at(top) >= self._threshold
+            left = h[going] - begin[going]
+            now = current.of(going).from_(begin[going])
+            course = Course(v[going], now, self._resistance, self._tau)
+            after, result[going] = course.first_at(self._threshold[who[going]], left)
+            fires = np.isfinite(after)
             going = going[fires]
-            if not going.size:
-                break
-            fired = begin[going] + course.of(fires).first_at(self._threshold, top[fires])
-            self._fired.append((who[going], start + fired))
+            fired = begin[going] + after[fires]
+            firing = who[going]
+            self._fired.append((firing, start[going] + fired))
+            self._threshold[firing] = self._nominal * self._variability.after_spike(firing)
             begin[going] = fired + self._refractory
-            self._free[who[going]] = start + begin[going]
+            self._free[firing] = start[going] + begin[going]
             v[going] = result[going] = 0.0
-            going = going[begin[going] < h]
+            going = going[begin[going] < h[going]]
         return result
 
     def spikes(self) -> list[Array]:
@@ -101,49 +96,73 @@ class Membrane:
 
 
 class Course:
-    """Potential under a linear current: v + (p - tau q - v)(1 - exp(-s/tau)) + q s.
+    """Potential V(s) that starts at `v` under a current: tau dV/ds = R I(s) - V.
 
     Parameters
     ----------
     v
-        Potential at s = 0, mV, (n,).
-    p, q
-        R I at s = 0, mV, and its slope, mV/s, (n,).
-    tau
-        Time constant R C, s.
+        mV, (n,).
+    current
+        pA.
+    resistance, tau
+        R in GOhm; R C in s.
     """
 
-    def __init__(self, v: Array, p: Array, q: Array, tau: float) -> None:
-        self._v, self._q, self._tau = v, q, tau
-        self._pull = p - tau * q - v  # positive: the course is concave, negative: convex
+    def __init__(self, v: Array, current: ExponentialSum, resistance: float, tau: float) -> None:
+        self._v, self._current = v, current
+        self._resistance, self._tau = resistance, tau
 
     def of(self, which: Array) -> Course:
         """Return the course of some."""
-        v, q, pull = self._v[which], self._q[which], self._pull[which]
-        return Course(v, pull + self._tau * q + v, q, self._tau)
+        current = self._current.of(which)
+        return Course(self._v[which], current, self._resistance, self._tau)
 
-    def at(self, s: Array) -> Array:
-        """Return the potential, mV."""
-        return self._v - self._pull * np.expm1(-s / self._tau) + self._q * s
+    def at(self, s: Any) -> Array:
+        """Return V, mV, at `s`, a number or (n,) or (m, n)."""
+        current, tau = self._current, self._tau
+        gone = -np.expm1(-s / tau)
+        driven = current.constant * gone + current.slope * (s - tau * gone)
+        for amplitude, time in zip(current.amplitudes, current.times, strict=True):
+            # (exp(-s/time) - exp(-s/tau)) / (1/tau - 1/time), also where they are equal.
+            apart = np.abs(1 / tau - 1 / time) * s
+            driven += amplitude * (s / tau * np.exp(-s / max(tau, time)) * exprel(-apart))
+        return self._v * (1 - gone) + self._resistance * driven
 
-    def top(self, s: Array) -> Array:
-        """Return where in (0, s] the potential is highest, apart from its start."""
-        turning = (self._pull > 0) & (self._q < 0)
-        ratio = np.where(turning, self._pull, 1.0) / np.where(turning, -self._q * self._tau, 1.0)
-        peak = self._tau * np.log(ratio)
-        return np.where(turning & (peak > 0) & (peak < s), peak, s)
+    def first_at(self, level: Array, end: Array) -> tuple[Array, Array]:
+        """Return where in [0, end] V first reaches `level`, infinity without, and V at the end.
 
-    def first_at(self, level: float, s: Array) -> Array:
-        """Return where a level that is below at 0 and reached at `s` is first crossed.
-
-        Newton's method from the end at which the tangent keeps to the crossing's side: from the
-        left where the course is concave, from the right where it is convex.
+        (V - level) exp(s/tau) rises where R I > level and falls elsewhere, so that between
+        sign changes of R I - level one look at the ends tells.
         """
-        x = np.where(self._pull > 0, 0.0, s)
-        for _ in range(50):
-            rate = self._pull / self._tau * np.exp(-x / self._tau) + self._q
-            change = np.divide(level - self.at(x), rate, out=np.zeros_like(x), where=rate > 0)
-            old, x = x, np.clip(x + change, 0.0, s)
-            if np.all(np.abs(x - old) <= 1e-13 * s):
-                break
-        return x
+        last = self.at(end)
+        low, high, below, above = np.zeros_like(end), end.copy(), self._v.copy(), last.copy()
+        excess = self._current.minus(level / self._resistance)
+        least, most = excess.bounds(end)
+        turns = np.flatnonzero((least < 0) & (most > 0))
+        if turns.size:
+            ends = end[turns]
+            breaks = np.vstack([np.zeros_like(ends), excess.of(turns).zeros(ends), ends])
+            potential = self.of(turns).at(breaks)
+            row = (potential[1:] >= level[turns]).argmax(axis=0)
+            column = np.arange(len(turns))
+            low[turns], high[turns] = breaks[row, column], breaks[row + 1, column]
+            below[turns], above[turns] = potential[row, column], potential[row + 1, column]
+        result = np.where(self._v >= level, 0.0, np.inf)
+        who = np.flatnonzero((above >= level) & (self._v < level))
+        if who.size:
+            mine, aim, low, high = self.of(who), level[who], low[who], high[who]
+            below, above = below[who], above[who]
+            result[who] = root(
+                lambda s: mine.over(aim, s),
+                low,
+                high,
+                rising=np.ones(len(who), dtype=bool),
+                size=aim,
+                start=low + (high - low) * (aim - below) / (above - below),
+            )
+        return result, last
+
+    def over(self, level: Array, s: Array) -> tuple[Array, Array]:
+        """Return V - level, mV, and dV/ds, mV/s."""
+        v = self.at(s)
+        return v - level, (self._resistance * self._current.at(s) - v) / self._tau

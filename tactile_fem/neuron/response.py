@@ -33,6 +33,34 @@ class Response:
         """Return the number of spikes, (receptors,)."""
         return np.array([len(times) for times in self.spikes], dtype=np.int64)
 
+    def events(self) -> tuple[NDArray[np.int64], Array]:
+        """Return the receptor and the time, s, of every spike, by receptor: (spikes,) each."""
+        counts = self.counts()
+        times = np.concatenate([np.empty(0), *self.spikes])
+        return np.repeat(np.arange(len(counts)), counts), times
+
+    def latency(self, onset_s: float | None = None) -> Array:
+        """Return how long after the onset the first spike comes, s, (receptors,); nan without.
+
+        Parameters
+        ----------
+        onset_s
+            Spikes before it do not count; default the start.
+        """
+        onset = self.start_s if onset_s is None else onset_s
+        late = (times[times >= onset] for times in self.spikes)
+        return np.array([times[0] - onset if len(times) else np.nan for times in late])
+
+    def intervals(self) -> list[Array]:
+        """Return the intervals between spikes, s, an array per receptor."""
+        return [np.diff(times) for times in self.spikes]
+
+    def mean_rate(self, start_s: float, end_s: float) -> Array:
+        """Return the number of spikes in [start, end) over its length, spikes/s, (receptors,)."""
+        length = _positive("end_s - start_s", end_s - start_s)
+        inside = [np.searchsorted(times, (start_s, end_s)) for times in self.spikes]
+        return np.array([last - first for first, last in inside], dtype=float) / length
+
     def rate(self, times_s: ArrayLike, window_s: float) -> Array:
         """Return smoothed firing rates: each spike spread by a Gaussian.
 
@@ -51,8 +79,7 @@ class Response:
         at, width = np.asarray(times_s, dtype=float), _positive("window_s", window_s)
         rates = np.zeros((len(at), len(self.spikes)))
         for k, times in enumerate(self.spikes):
-            for time in times:
-                rates[:, k] += np.exp(-0.5 * ((at - time) / width) ** 2)
+            rates[:, k] = np.exp(-0.5 * ((at[:, None] - times) / width) ** 2).sum(axis=1)
         return rates / (width * np.sqrt(2 * np.pi))
 
     def psth(self, bin_s: float) -> tuple[Array, NDArray[np.int64]]:

@@ -3,110 +3,179 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.study import Neuron
 
 Array = NDArray[Any]
-VALUES_PER_PIECE = 500_000  # fine steps times receptors held at once
 
 
-class Piece(NamedTuple):
-    """Consecutive fine steps; within each the current is linear.
+class Segment(NamedTuple):
+    """A stretch of time with one expression for the current.
 
     Attributes
     ----------
-    start_s, step_s
-        Begin and length of the steps, s, (n,).
-    first_pA, last_pA
-        Current at the begin and the end of the steps, pA, (n, receptors). They differ from step
-        to step where the current jumps: at samples.
+    start_s, length_s
+        Begin and length, s: numbers, or (n,) where the stretches differ.
+    current_pA
+        The current over the time since the begin, pA.
+    who
+        Which receptors; all have come to the begin.
     """
 
-    start_s: Array
-    step_s: Array
-    first_pA: Array
-    last_pA: Array
+    start_s: Any
+    length_s: Any
+    current_pA: ExponentialSum
+    who: Any = slice(None)
 
 
-class Transduction:
-    """Current of piecewise-linear histories.
+class Transduction(Protocol):
+    """A model of transduction."""
 
-    Static, dynamic part and intercept, proposed: the form of Hamasaki et al. (2020) as
-    reconstructed, with numbers of our own::
+    def segments(self, time_s: Array, sed_kPa: Array) -> Iterator[Segment]:
+        """Yield the current that a history (t,), (t, receptors) evokes, in order.
+
+        The history is linear between its samples; the current is exact.
+        """
+        ...
+
+
+def transduction_of(neuron: Neuron) -> Transduction:
+    """Return the model that the study names."""
+    return GeneratorFunction(neuron) if neuron.model == "gerling2018" else StaticDynamic(neuron)
+
+
+class StaticDynamic:
+    """Static part with exponential decay, dynamic part and intercept.
+
+    Proposed: the form of Hamasaki et al. (2020) as reconstructed, with numbers of our own::
 
         I = I_s + I_d + I_0                                       (2)
         I_s = alpha (S - kappa a),   tau_a da/dt = S - a          (3)
         I_d = beta max(dS/dt, 0)                                  (4)
 
-    with the intercept I_0 (the rheobase V_th/R unless set) only while S > 0, exactly: a finger
-    at rest is silent. Where S leaves or reaches zero, I_0 belongs to the whole segment between
-    the two samples. The adaptation starts at a = 0.
-
-    Every segment is cut evenly into steps no longer than `Neuron.dt_s`, so that no step spans a
-    sample.
+    with the intercept I_0 only while S > 0, exactly: a finger at rest is silent. Where S leaves
+    or reaches zero, I_0 belongs to the whole stretch between the two samples. The adaptation
+    starts at a = 0. S is linear between the samples; the current is then a line and one
+    exponential, and jumps with dS/dt.
 
     Parameters
     ----------
-    time_s
-        Increasing times of the samples, s, (t,).
-    sed_kPa
-        S >= 0, kPa, (t, receptors).
     neuron
         The constants.
     """
 
-    def __init__(self, time_s: Array, sed_kPa: Array, neuron: Neuron) -> None:
+    def __init__(self, neuron: Neuron) -> None:
         self._neuron = neuron
-        self._time, self._sed = time_s, sed_kPa
-        length = np.diff(time_s)
-        steps = np.maximum(np.ceil(length / neuron.dt_s - 1e-9), 1).astype(np.int64)
-        self._step = length / steps
-        self._offset = np.concatenate([[0], np.cumsum(steps)])
-        self._adaptation = self._at_samples(length)
 
-    def _at_samples(self, length: Array) -> Array:
-        a = np.zeros_like(self._sed)
-        for k, h in enumerate(length):
-            a[k + 1] = self._relaxed(self._sed[k], (self._sed[k + 1] - self._sed[k]) / h, a[k], h)
-        return a
-
-    def _relaxed(self, sed: Array, slope: Array, a: Array, after_s: Any) -> Array:
-        """Return a of equation (3), exactly, `after_s` into a segment that starts with `a`."""
-        tau = self._neuron.adaptation_time_s
-        gone = -np.expm1(-after_s / tau)
-        return a + (sed - a) * gone + slope * (after_s - tau * gone)
-
-    def pieces(self) -> Iterator[Piece]:
-        """Yield the current of all fine steps in order, a bounded number at a time."""
-        size = max(1, VALUES_PER_PIECE // max(1, self._sed.shape[1]))
-        for begin in range(0, int(self._offset[-1]), size):
-            step = np.arange(begin, min(begin + size, self._offset[-1]))
-            segment = np.searchsorted(self._offset, step, side="right") - 1
-            h = self._step[segment]
-            after = (step - self._offset[segment]) * h
-            first, last = self._current(segment, after, after + h)
-            yield Piece(self._time[segment] + after, h, first, last)
-
-    def _current(self, segment: Array, *after_s: Array) -> list[Array]:
+    def segments(self, time_s: Array, sed_kPa: Array) -> Iterator[Segment]:
+        """Yield the current of each stretch between two samples."""
         n = self._neuron
-        sed, end, a = self._sed[segment], self._sed[segment + 1], self._adaptation[segment]
-        slope = (end - sed) / (self._time[segment + 1] - self._time[segment])[:, None]
-        constant = np.where(sed + end > 0, intercept_pA(n), 0.0)
-        constant += n.dynamic_gain_pA_s_per_kPa * np.maximum(slope, 0.0)
-        currents = []
-        for after in after_s:
-            s = after[:, None]
-            adapted = n.adaptation * self._relaxed(sed, slope, a, s)
-            currents.append(constant + n.static_gain_pA_per_kPa * (sed + slope * s - adapted))
-        return currents
+        static, dynamic = n.static_gain_pA_per_kPa, n.dynamic_gain_pA_s_per_kPa
+        tau, adapting = n.adaptation_time_s, static * n.adaptation
+        lasting, times = static - adapting, np.array([tau])
+        rest = intercept_pA(n)
+        lag = -sed_kPa[0]  # a - S
+        for k, h in enumerate(np.diff(time_s)):
+            sed, end = sed_kPa[k], sed_kPa[k + 1]
+            slope = (end - sed) / h
+            behind = tau * slope
+            away = lag + behind  # of a from where it follows S
+            constant = lasting * sed + adapting * behind + dynamic * np.maximum(slope, 0.0)
+            constant += rest * (sed + end > 0)
+            current = ExponentialSum(constant, lasting * slope, -adapting * away[None], times)
+            yield Segment(time_s[k], h, current)
+            lag = away * np.exp(-h / tau) - behind
+
+
+class GeneratorFunction:
+    """The generator function of Gerling et al. (2018), DOI 10.1371/journal.pcbi.1006264.
+
+    Parts that inactivate at different speeds::
+
+        I = I_0 + sum_i max(k_i e_i, 0),   de_i/dt = dS/dt - e_i/tau_i
+
+    with I_0 while S > 0 as in `StaticDynamic` (zero unless set), times tau_i of 8, 200, 1745 ms
+    and one without inactivation, e = S. Theirs takes stress; it takes S here, be it strain
+    energy density or stress, in kPa. All S at the first sample counts as a step.
+
+    Parameters
+    ----------
+    neuron
+        The constants.
+    """
+
+    def __init__(self, neuron: Neuron) -> None:
+        self._times = np.array(neuron.generator_times_s)
+        *gains, self._lasting = neuron.generator_gains_pA_per_kPa
+        self._gains = np.array(gains)[:, None]
+        self._rest = intercept_pA(neuron)
+
+    def segments(self, time_s: Array, sed_kPa: Array) -> Iterator[Segment]:
+        """Yield the current between samples, cut where a part changes its sign."""
+        times = self._times[:, None]
+        part = np.tile(sed_kPa[0], (len(times), 1))
+        for k, h in enumerate(np.diff(time_s)):
+            sed, end = sed_kPa[k], sed_kPa[k + 1]
+            slope = (end - sed) / h
+            level = times * slope  # where a part tends to
+            away = part - level
+            after = level + away * np.exp(-h / times)
+            base = self._lasting * sed + self._rest * (sed + end > 0)
+            parts = _Parts(base, self._lasting * slope, level, away, times)
+            changing = (part * after < 0).any(axis=0)
+            if not changing.any():
+                yield Segment(time_s[k], h, parts.current(self._gains * (part + after > 0)))
+            else:
+                who = np.flatnonzero(~changing)
+                active = self._gains * (part + after > 0)[:, who]
+                yield Segment(time_s[k], h, parts.of(who).current(active), who)
+                who = np.flatnonzero(changing)
+                yield from self._cut(time_s[k], h, parts.of(who), who)
+            part = after
+
+    def _cut(self, start: float, h: float, parts: _Parts, who: Array) -> Iterator[Segment]:
+        """Yield a stretch for those with parts that change their sign in it."""
+        zero = np.sort(parts.zeros(h), axis=0)
+        cuts = [np.zeros(len(who)), *zero, np.full(len(who), h)]
+        for begin, until in pairwise(cuts):
+            active = self._gains * (parts.at(0.5 * (begin + until)) > 0)
+            yield Segment(start + begin, until - begin, parts.current(active).from_(begin), who)
+
+
+class _Parts(NamedTuple):
+    """Parts level + away exp(-s/times) of the current, (k, n), and the line base + slope s."""
+
+    base: Array
+    slope: Array
+    level: Array
+    away: Array
+    times: Array
+
+    def of(self, who: Array) -> _Parts:
+        base, slope, level, away, times = self
+        return _Parts(base[who], slope[who], level[:, who], away[:, who], times)
+
+    def at(self, s: Array) -> Array:
+        return self.level + self.away * np.exp(-s / self.times)
+
+    def zeros(self, h: float) -> Array:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            zero = self.times * np.log(-self.away / self.level)
+        return np.where((zero > 0) & (zero < h), zero, h)
+
+    def current(self, gains: Array) -> ExponentialSum:
+        constant = self.base + (gains * self.level).sum(axis=0)
+        return ExponentialSum(constant, self.slope, gains * self.away, self.times[:, 0])
 
 
 def intercept_pA(neuron: Neuron) -> float:
-    """Return I_0: as set, or the rheobase V_th/R, mV/GOhm = pA."""
-    if neuron.intercept_pA is None:
-        return neuron.threshold_mV / neuron.resistance_GOhm
-    return neuron.intercept_pA
+    """Return I_0: as set; else the rheobase V_th/R, mV/GOhm = pA, or 0 of "gerling2018"."""
+    if neuron.intercept_pA is not None:
+        return neuron.intercept_pA
+    return 0.0 if neuron.model == "gerling2018" else neuron.threshold_mV / neuron.resistance_GOhm

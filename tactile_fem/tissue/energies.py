@@ -28,10 +28,10 @@ class Law(Protocol):
 
 @dataclass(frozen=True)
 class PolynomialEnergy:
-    """Second-order polynomial energy (paper; Abaqus' standard writing).
+    """Second-order polynomial energy (paper; Abaqus' standard writing) with Yeoh's cubic term.
 
-    ``W = sum_{1<=i+j<=2} C_ij (I1bar-3)^i (I2bar-3)^j + sum_i (J-1)^(2i)/D_i`` with the
-    invariants of ``Cbar = J^(-2/3) C``. With C10 alone it is neo-Hookean.
+    ``W = sum_{1<=i+j<=2} C_ij (I1bar-3)^i (I2bar-3)^j + C_30 (I1bar-3)^3 + sum_i (J-1)^(2i)/D_i``
+    with the invariants of ``Cbar = J^(-2/3) C``. With C10 alone it is neo-Hookean.
     """
 
     constants: Polynomial
@@ -47,6 +47,8 @@ class PolynomialEnergy:
         W = self.wrap(c.C10_MPa) * a + self.wrap(1 / c.D1_per_MPa) * (J - 1) ** 2
         if c.C20_MPa:
             W += self.wrap(c.C20_MPa) * a**2
+        if c.C30_MPa:
+            W += self.wrap(c.C30_MPa) * a**3
         if c.C01_MPa or c.C11_MPa or c.C02_MPa:
             b = J ** (-4 / 3) * (I1**2 - ufl.tr(C * C)) / 2 - 3
             W += self.wrap(c.C01_MPa) * b

@@ -1,0 +1,128 @@
+# %% [markdown]
+# # Strain energy density under a bar and under four cylinders, pressed and held
+#
+# This demo emphasizes
+# - how a row of receptors stands in for one receptor and a stimulus that is moved,
+# - how the protocol makes a hold: a slide of 2 µm in 50 ms,
+# - how histories are kept in a small file for work on neurons alone.
+#
+# Phillips and Johnson (1981) pressed a bar 3 mm wide 1 mm deep into the finger pads of monkeys,
+# again and again at other distances $y$ from an afferent. Here the bar is pressed once and
+# receptors lie on the epidermis-dermis interface at all these distances. The bar lies across the
+# finger: along it the pad is flatter (radius 18 mm, against 8 mm across). It is still curved: the
+# skin at $y$ lies $y^2/36$ mm higher than the apex, so that the bar's edge, at 1.5 mm, goes 0.94
+# mm deep, and the pad is not equally thick under all receptors, as it was when the bar was moved.
+# The cylinders have curvatures of 16, 8, 4, 2 per inch.
+#
+# The press takes 50 ms (20 mm/s, assumed). Strain energy density is kept at each step until the
+# tissue's viscosity (4 ms) has died out in the hold; from there on it is constant.
+#
+#     python demos/neurons/histories.py results/histories
+#     python demos/neurons/histories.py results/histories --preset coarse --stimuli bar
+#
+# It writes `bar.csv`, `cylinder_1.59.csv` ...: a row per step, a column per receptor with its $y$
+# in mm as heading. Those in `histories/`, beside this script, come from the first command: 13
+# minutes on one core.
+
+# %%
+import csv
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from cyclopts import run
+
+from tactile_fem.files import replacing
+from tactile_fem.logs import ProgressDisplay, set_up
+from tactile_fem.scan import scan
+from tactile_fem.study import (
+    Cylinder,
+    Finger,
+    Grating,
+    Output,
+    Protocol,
+    Receptors,
+    Solver,
+    Study,
+)
+
+from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
+
+RADII_MM = (1.59, 3.18, 6.35, 12.7)
+STIMULI = {
+    "bar": Grating(ridge_mm=3.0, count=1, relief_mm=3.0, fillet_radius_mm=0.2, along="x"),
+    **{f"cylinder_{radius:g}": Cylinder(radius_mm=radius, along="x") for radius in RADII_MM},
+}
+HALF_LENGTH_MM, SPACING_MM = 4.0, 0.1
+HOLD_MM, HOLD_S = 0.002, 0.05
+
+
+# %%
+def main(
+    folder: Path,
+    *,
+    stimuli: tuple[str, ...] = tuple(STIMULI),
+    preset: Literal["coarse", "medium", "paper"] = "medium",
+    depth: float = 1.0,
+    speed: float = 20.0,
+    step: float = 0.05,
+) -> None:
+    """Press each stimulus and keep what the receptors felt; lengths in mm, speed in mm/s."""
+    rank = MPI.COMM_WORLD.rank
+    set_up(rank)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in stimuli:
+        with ProgressDisplay(rank) as display:
+            trace = scan(
+                press(STIMULI[name], preset, depth, speed, step), observers=[display.step]
+            ).trace
+        if rank == 0:
+            time = trace.time_s - trace.time_s[0]
+            keep(folder / f"{name}.csv", time, trace.receptors_mm[:, 1], trace.sed_kPa)
+            end = trace.displacement_mm == 0
+            settling = trace.sed_kPa[-1].max() / trace.sed_kPa[end][-1].max() - 1
+            print(
+                f"{name}: {trace.force_N[-1, 2]:.4f} N, SED at most {trace.sed_kPa[-1].max():.4f} "
+                f"kPa, {100 * settling:+.1f} % in the hold"
+            )
+
+
+def press(stimulus: Grating | Cylinder, preset: str, depth: float, speed: float, step: float):
+    """Return a press and a hold over a row of receptors along the finger."""
+    places = np.arange(1, round(HALF_LENGTH_MM / SPACING_MM) + 1) * SPACING_MM
+    row = tuple((0.0, float(y)) for y in np.round(np.concatenate([-places, places]), 6))
+    return Study(
+        finger=Finger(preset=preset),
+        stimulus=stimulus,
+        protocol=Protocol(
+            depth_mm=depth,
+            press_speed_mm_s=speed,
+            distance_mm=HOLD_MM,
+            speed_mm_s=HOLD_MM / HOLD_S,
+            output_mm=HOLD_MM,
+        ),
+        receptors=Receptors(half_width_mm=0.0, extra_mm=row),
+        solver=Solver(
+            first_step_mm=step,
+            max_press_step_mm=step,
+            first_slide_step_mm=HOLD_MM / 10,
+            max_slide_step_mm=HOLD_MM / 2,
+            min_step_mm=HOLD_MM / 40,
+        ),
+        output=Output(pictures=False),
+    )
+
+
+def keep(path: Path, time_s: np.ndarray, y_mm: np.ndarray, sed_kPa: np.ndarray) -> None:
+    """Write a row per step and a column per receptor, from proximal to distal."""
+    order = np.argsort(y_mm)
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["time_s", *(f"{y:g}" for y in y_mm[order])])
+        for time, row in zip(time_s, sed_kPa[:, order], strict=True):
+            writer.writerow([f"{time:.7g}", *(f"{value:.5g}" for value in row)])
+
+
+# %%
+if __name__ == "__main__":
+    run(main)

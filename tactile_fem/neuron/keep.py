@@ -1,0 +1,88 @@
+"""Keeps responses: CSV and NPZ files, and the objects of neo."""
+
+from __future__ import annotations
+
+import csv
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactile_fem.errors import StudyError
+from tactile_fem.files import replacing
+from tactile_fem.neuron.response import Response
+
+if TYPE_CHECKING:
+    import neo
+
+
+def save(response: Response, path: Path | str) -> None:
+    """Write a response.
+
+    Parameters
+    ----------
+    response
+        What to keep.
+    path
+        ``.npz`` keeps everything, see `load`; ``.csv`` the columns ``receptor,time_s``, a row per
+        spike with all digits.
+
+    Raises
+    ------
+    StudyError
+        Another ending.
+    """
+    path = Path(path)
+    receptor, time = response.events()
+    match path.suffix:
+        case ".npz":
+            covered = np.array([response.start_s, response.end_s])
+            with replacing(path) as part, part.open("wb") as stream:
+                count = len(response.spikes)
+                arrays = {"receptor": receptor, "time_s": time, "covered_s": covered}
+                np.savez_compressed(stream, receptors=count, **arrays)
+        case ".csv":
+            with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+                writer = csv.writer(stream, lineterminator="\n")
+                writer.writerow(["receptor", "time_s"])
+                writer.writerows(zip(receptor.tolist(), time.tolist(), strict=True))
+        case other:
+            raise StudyError(f'A response is kept as .npz or .csv, not "{other}".')
+
+
+def load(path: Path | str) -> Response:
+    """Return the response that `save` wrote as ``.npz``.
+
+    Raises
+    ------
+    StudyError
+        The file is none.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            receptor, time, covered = kept["receptor"], kept["time_s"], kept["covered_s"]
+            count = int(kept["receptors"])
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise StudyError(f"{path} holds no response: {error}.") from None
+    spikes = [time[receptor == number] for number in range(count)]
+    return Response(spikes, *covered.tolist())
+
+
+def to_neo(response: Response) -> neo.Segment:
+    """Return a neo segment with a spike train per receptor.
+
+    Raises
+    ------
+    StudyError
+        neo is not installed.
+    """
+    try:
+        import neo
+    except ImportError:
+        raise StudyError('neo is not installed: pip install "tactile-fem[neo]".') from None
+    segment = neo.Segment(name="afferents")
+    for number, times in enumerate(response.spikes):
+        limits = {"t_start": response.start_s, "t_stop": response.end_s}
+        segment.spiketrains.append(neo.SpikeTrain(times, units="s", name=str(number), **limits))
+    return segment

@@ -1,0 +1,81 @@
+"""Figures of reading: both protocols side by side, and what was taken for what."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from tactile_fem.plots import ACROSS, DISPLACEMENT, INK, Outlines, draw_outlines, styled
+from tactile_fem.reading.image import RateImage
+from tactile_fem.reading.legibility import Reading
+
+
+@styled
+def side_by_side(images: Mapping[str, RateImage], outlines: Outlines = ()) -> Figure:
+    """Draw spikes above and firing rates below, a column for each image.
+
+    Parameters
+    ----------
+    images
+        By their titles, over the same places.
+    outlines
+        As for `tactile_fem.plots.raster_figure`.
+    """
+    figure = Figure(figsize=(3.4 * len(images), 6.4), layout="constrained")
+    grid = figure.subplots(2, len(images), sharex=True, sharey=True, squeeze=False)
+    brightest = max(image.rate_Hz.max(initial=1e-9) for image in images.values())
+    drawn = None
+    for (title, image), (top, below) in zip(images.items(), grid.T, strict=True):
+        speed = image.along_mm[-1] / max(image.response.end_s, 1e-12)
+        row, times = image.response.events()
+        draw_outlines(top, outlines)
+        dots = {"ls": "none", "marker": "o", "ms": 1.5, "mew": 0, "color": INK, "zorder": 3}
+        top.plot(times * speed, image.across_mm[row], **dots)
+        top.set_title(f"{title}: {len(times)} spikes", fontsize=9)
+        drawn = below.pcolormesh(
+            image.along_mm,
+            image.across_mm,
+            image.rate_Hz,
+            cmap="cividis",
+            shading="nearest",
+            vmin=0,
+            vmax=brightest,
+            rasterized=True,
+        )
+        for outline in outlines:
+            closed = np.vstack([outline, outline[:1]])
+            below.plot(closed[:, 1], closed[:, 0], color="white", lw=0.8, alpha=0.8)
+        below.set_xlabel(DISPLACEMENT)
+        for axes in (top, below):
+            axes.set_aspect("equal")
+            axes.set_xlim(image.along_mm[0], image.along_mm[-1])
+            # X falls upwards, so that letters which read along the scan stand upright.
+            axes.set_ylim(image.across_mm[-1] + 0.2, image.across_mm[0] - 0.2)
+    for axes in grid[:, 0]:
+        axes.set_ylabel(ACROSS.replace("Receptor position", "Place"), fontsize=8)
+    bar = figure.colorbar(drawn, ax=grid[1], shrink=0.8, label="Firing rate (spikes/s)")
+    bar.outline.set_visible(False)
+    return figure
+
+
+@styled
+def confusion_figure(readings: Mapping[str, Reading]) -> Figure:
+    """Draw which letter was read as which, a panel for each reading."""
+    figure = Figure(figsize=(3.6 * len(readings), 3.6), layout="constrained")
+    panels: Sequence = figure.subplots(1, len(readings), squeeze=False)[0]
+    for axes, (title, reading) in zip(panels, readings.items(), strict=True):
+        share = reading.confusion / reading.confusion.sum(axis=1, keepdims=True)
+        axes.imshow(share, cmap="cividis", vmin=0, vmax=1)
+        for (row, column), value in np.ndenumerate(share):
+            if value > 0:
+                colour = "black" if value > 0.6 else "white"
+                text = f"{100 * value:.0f}"
+                axes.text(column, row, text, ha="center", va="center", fontsize=6, color=colour)
+        places = range(len(reading.letters))
+        axes.set_xticks(places, reading.letters)
+        axes.set_yticks(places, reading.letters)
+        axes.set(xlabel="Read as", ylabel="Letter")
+        axes.set_title(f"{title}: {100 * reading.accuracy:.0f} % right", fontsize=9)
+    return figure

@@ -1,0 +1,141 @@
+"""Images of firing: rate over the place on the stimulator, in both protocols."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_fem.errors import StudyError
+from tactile_fem.neuron import Response, respond
+from tactile_fem.results import Results
+from tactile_fem.study import Neuron
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Histories whose receptors met the stimulator at X `across_mm`, by rising X.
+
+    Attributes
+    ----------
+    time_s, sed_kPa
+        (steps,) and (steps, rows); the slide begins at time 0.
+    """
+
+    across_mm: Array
+    time_s: Array
+    sed_kPa: Array
+    speed_mm_s: float
+
+
+@dataclass(frozen=True)
+class RateImage:
+    """Firing rate over the stimulator.
+
+    Attributes
+    ----------
+    across_mm, along_mm
+        Evenly rising X (rows,) and Y (columns,) of the place that is met.
+    rate_Hz
+        Spikes/s, (rows, columns).
+    response
+        The spikes it is made of, a row each; times from the start of the slide.
+    """
+
+    across_mm: Array
+    along_mm: Array
+    rate_Hz: Array
+    response: Response
+
+
+def population_histories(results: Results) -> Sweep:
+    """Return what the receptors on the line Y = 0 felt in one scan.
+
+    Raises
+    ------
+    StudyError
+        They are not evenly apart, or fewer than three.
+    """
+    trace, study = results.trace, results.study
+    places = trace["receptors_mm"]
+    line = np.flatnonzero(np.abs(places[:, 1]) < 1e-9)
+    line = line[np.argsort(places[line, 0])]
+    across = places[line, 0]
+    _check_even(across, f"the receptors on Y = 0 in {results.folder}")
+    # What is at X of the body at rest is met by the receptor at X: body and finger share axes.
+    return Sweep(across, trace["time_s"], trace["sed_kPa"][:, line], study.protocol.speed_mm_s)
+
+
+def fibre_histories(passes: Sequence[Results]) -> Sweep:
+    """Return what the receptor at X = Y = 0 felt in passes with shifted stimulators.
+
+    A stimulator shifted by s brings what lies at X = -s of the unshifted one to the receptor.
+
+    Raises
+    ------
+    StudyError
+        The shifts are not even, or fewer than three, or the speeds differ.
+    """
+    if not passes:
+        raise StudyError("There is no complete pass.")
+    middle = np.mean([results.study.stimulus.shift_mm[0] for results in passes])
+    across = np.array([middle - results.study.stimulus.shift_mm[0] for results in passes])
+    order = np.argsort(across)
+    across = across[order]
+    _check_even(across, "the passes")
+    speeds = {results.study.protocol.speed_mm_s for results in passes}
+    if len(speeds) > 1:
+        raise StudyError(f"The passes have different speeds: {sorted(speeds)} mm/s.")
+    traces = [passes[k].trace for k in order]
+    # The steps differ between passes; between two of them the histories are linear.
+    time = np.unique(np.concatenate([trace["time_s"] for trace in traces]).round(12))
+    central = [int(np.argmin(np.hypot(*trace["receptors_mm"][:, :2].T))) for trace in traces]
+    sed = [
+        np.interp(time, trace["time_s"], trace["sed_kPa"][:, k])
+        for trace, k in zip(traces, central, strict=True)
+    ]
+    return Sweep(across, time, np.column_stack(sed), speeds.pop())
+
+
+def rate_image(
+    sweep: Sweep, neuron: Neuron, *, column_mm: float = 0.2, window_mm: float = 0.2
+) -> RateImage:
+    """Return the firing rates that histories evoke.
+
+    Parameters
+    ----------
+    neuron
+        Constants; another ``seed`` gives another realization of its noise.
+    column_mm
+        Distance of the columns.
+    window_mm
+        Standard deviation of the Gaussian that spreads a spike along the scan.
+    """
+    fired = respond(sweep.time_s, sweep.sed_kPa, neuron)
+    spikes = [times[times >= 0] for times in fired.spikes]
+    response = Response(spikes, 0.0, fired.end_s)
+    end = fired.end_s * sweep.speed_mm_s
+    along = np.arange(0.0, end + 1e-9, column_mm)
+    rate = response.rate(along / sweep.speed_mm_s, window_mm / sweep.speed_mm_s)
+    return RateImage(sweep.across_mm, along, rate.T, response)
+
+
+def population_image(results: Results, neuron: Neuron | None = None) -> RateImage:
+    """Return the image of one scan's receptors on Y = 0, with the study's neuron or another."""
+    return rate_image(population_histories(results), neuron or results.study.neuron)
+
+
+def fibre_image(passes: Sequence[Results], neuron: Neuron | None = None) -> RateImage:
+    """Return the image that passes over one receptor make: the classic spatial event plot."""
+    histories = fibre_histories(passes)
+    return rate_image(histories, neuron or passes[0].study.neuron)
+
+
+def _check_even(across: Array, what: str) -> None:
+    steps = np.diff(across)
+    if len(across) < 3 or not np.allclose(steps, steps[0], atol=1e-6):
+        raise StudyError(f"For an image {what} must be three or more, evenly apart in X.")

@@ -1,0 +1,234 @@
+"""One HTML file that shows a scan, or a series of them: figures, numbers, parameters."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from tactile_fem.errors import StudyError
+from tactile_fem.extrema import central_receptor
+from tactile_fem.figures import draw_plots, rings
+from tactile_fem.files import write_text
+from tactile_fem.reading import RateImage, bundles, fibre_image, population_image
+from tactile_fem.reading.figures import side_by_side
+from tactile_fem.reading.legibility import outline_correlation
+from tactile_fem.results import Results
+from tactile_fem.study import AnyStimulus
+from tactile_fem.study_file import dump_study
+
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 62em; margin: 2em auto;
+       padding: 0 1em; }
+table { border-collapse: collapse; margin: 1em 0; font-size: 14px; }
+th, td { border-bottom: 1px solid #ddd; padding: .25em .8em; text-align: left; }
+td { font-variant-numeric: tabular-nums; }
+img { max-width: 100%; height: auto; }
+figure { margin: 1.5em 0; } figcaption { color: #555; font-size: 14px; }
+pre { background: #f5f4f0; padding: 1em; overflow-x: auto; font-size: 12px; }
+"""
+_CAPTIONS = {
+    "force": "Force on the finger over the indentation and the slide.",
+    "sed": "Strain energy density of the central receptor, and what passes beneath it.",
+    "raster": "Spikes: a dot each, where the stimulator was and where the receptor lies.",
+    "firing": "Firing rate.",
+    "finger": "The deformed finger.",
+}
+
+
+def write_report(
+    folder: Path | str, *, fibre: Path | str | None = None, output: Path | None = None
+) -> Path:
+    """Write the report of a scan, or of a series, and return its path.
+
+    Parameters
+    ----------
+    folder
+        Results of a scan, or the folder of a series.
+    fibre
+        Folder of passes over one receptor, to be compared with the scan.
+    output
+        Default ``report.html`` in `folder`.
+
+    Raises
+    ------
+    StudyError
+        There are no results.
+    """
+    folder = Path(folder)
+    summary = folder / "summary.csv"
+    if summary.is_file():
+        title, parts = _series(summary)
+    else:
+        title, parts = _scan(Results.open(folder), Path(fibre) if fibre else None)
+    path = output or folder / "report.html"
+    write_text(path, _page(title, parts))
+    return path
+
+
+def passes_in(folder: Path) -> list[Results]:
+    """Return the complete scans in a series' folder.
+
+    Raises
+    ------
+    StudyError
+        There is none.
+    """
+    found = [Results.open(place.parent) for place in sorted(folder.glob("*/study.toml"))]
+    complete = [results for results in found if results.run.get("status") == "complete"]
+    if not complete:
+        raise StudyError(f"{folder} holds no complete scan of a series.")
+    return complete
+
+
+# --- what is told ------------------------------------------------------------------------------
+
+
+def _scan(results: Results, fibre: Path | None) -> tuple[str, list[str]]:
+    study = results.study
+    what = getattr(study.stimulus, "text", study.stimulus.kind)
+    title = f"Scan of {what}"
+    parts = [_table(["quantity", "value"], _numbers(results))]
+    if (results.trace["displacement_mm"] > 0).any():
+        parts += _spikes(results)
+    parts += _drawn(results)
+    if fibre is not None:
+        parts += _protocols(results, passes_in(fibre))
+    run = [(name, value) for name, value in results.run.items() if not isinstance(value, dict)]
+    parts += ["<h2>How it was made</h2>", _table(["", ""], run)]
+    parts += [
+        f"<details><summary>The study</summary><pre>{escape(dump_study(study))}</pre></details>"
+    ]
+    return title, parts
+
+
+def _numbers(results: Results) -> list[tuple[str, str]]:
+    trace, study = results.trace, results.study
+    deepest = int(np.argmax(trace["depth_mm"]))
+    slide = trace["displacement_mm"] > 0
+    central = central_receptor(trace["receptors_mm"])
+    rows = [
+        ("status", str(results.run.get("status", "unknown"))),
+        ("depth", f"{trace['depth_mm'][deepest]:.3f} mm"),
+        ("normal force there", f"{trace['force_N'][deepest, 2]:.4f} N"),
+        ("friction coefficient", f"{study.stimulus.friction:g}"),
+        ("receptors", str(len(trace["receptors_mm"]))),
+    ]
+    if slide.any():
+        force = trace["force_N"][slide]
+        sed = trace["sed_kPa"][slide, central]
+        rows += [
+            (
+                "slide",
+                f"{trace['displacement_mm'][-1]:.2f} mm at {study.protocol.speed_mm_s:g} mm/s",
+            ),
+            ("normal force in the slide", f"{force[:, 2].min():.4f} to {force[:, 2].max():.4f} N"),
+            ("SED of the central receptor", f"{sed.min():.3f} to {sed.max():.3f} kPa"),
+            ("spikes in the slide", str(int((results.spikes.time_s >= 0).sum()))),
+        ]
+    return rows
+
+
+def _spikes(results: Results) -> list[str]:
+    spikes, study = results.spikes, results.study
+    central = central_receptor(results.trace["receptors_mm"])
+    own = (spikes.receptor == central) & (spikes.time_s >= 0)
+    found = bundles(spikes.displacement_mm[own], study.protocol.speed_mm_s)
+    rows = [
+        (k, f"{b.start_mm:.2f}", f"{b.end_mm:.2f}", b.spikes, f"{b.rate_Hz:.0f}")
+        for k, b in enumerate(found, 1)
+    ]
+    head = ["bundle", "start mm", "end mm", "spikes", "rate 1/s"]
+    return ["<h2>Spike bundles of the central receptor</h2>", _table(head, rows)]
+
+
+def _drawn(results: Results) -> list[str]:
+    parts = ["<h2>Figures</h2>"]
+    results.figures.mkdir(exist_ok=True)
+    paths = {path.stem: path for path in draw_plots(results)}
+    paths |= {path.stem: path for path in sorted(results.figures.glob("*.png"))}
+    for name, path in paths.items():
+        caption = _CAPTIONS.get(
+            name, name.replace("_", " ").replace("deformation", "deformation at")
+        )
+        parts.append(_image(path.read_bytes(), caption))
+    return parts
+
+
+def _protocols(results: Results, passes: Sequence[Results]) -> list[str]:
+    images = {"population": population_image(results), "single fibre": fibre_image(passes)}
+    figure = side_by_side(images, rings(results.study.stimulus))
+    rows = [
+        (name, len(image.across_mm), int(image.response.counts().sum()), _likeness(image, results))
+        for name, image in images.items()
+    ]
+    head = ["protocol", "rows", "spikes", "correlation with the outline"]
+    caption = "The population's image and that of passes over one receptor."
+    return ["<h2>Both protocols</h2>", _table(head, rows), _image(_png(figure), caption)]
+
+
+def _likeness(image: RateImage, results: Results) -> str:
+    return f"{outline_correlation(image, results.study.stimulus):.3f}"
+
+
+def _series(summary: Path) -> tuple[str, list[str]]:
+    with summary.open(newline="", encoding="utf-8") as stream:
+        head, *rows = csv.reader(stream)
+    scans = passes_in(summary.parent)
+    parts = [_table(head, rows)]
+    if all(len(results.trace["receptors_mm"]) == 1 for results in scans):
+        figure = side_by_side({"single fibre": fibre_image(scans)}, rings(_unshifted(scans)))
+        parts.append(_image(_png(figure), "Passes over one receptor."))
+    else:
+        parts += [part for results in scans for part in _rasters(results)]
+    return f"Series {summary.parent.name}", parts
+
+
+def _unshifted(passes: Sequence[Results]) -> AnyStimulus:
+    """Return the stimulator of the middle pass."""
+    stimuli = sorted((results.study.stimulus for results in passes), key=lambda s: s.shift_mm[0])
+    return stimuli[len(stimuli) // 2]
+
+
+def _rasters(results: Results) -> list[str]:
+    if not (results.trace["displacement_mm"] > 0).any():
+        return []
+    image = population_image(results)
+    figure = side_by_side({results.folder.name: image}, rings(results.study.stimulus))
+    return [_image(_png(figure), results.folder.name)]
+
+
+# --- HTML --------------------------------------------------------------------------------------
+
+
+def _page(title: str, parts: Iterable[str]) -> str:
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
+    body = "\n".join([f"<h1>{escape(title)}</h1>", *parts])
+    return f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    lines = ["<tr>" + "".join(f"<th>{escape(str(cell))}</th>" for cell in head) + "</tr>"]
+    for row in rows:
+        lines.append("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>")
+    return "<table>\n" + "\n".join(lines) + "\n</table>"
+
+
+def _image(png: bytes, caption: str) -> str:
+    data = base64.b64encode(png).decode("ascii")
+    text = escape(caption)
+    source = f'<img alt="{text}" src="data:image/png;base64,{data}">'
+    return f"<figure>{source}<figcaption>{text}</figcaption></figure>"
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()

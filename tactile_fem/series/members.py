@@ -1,0 +1,139 @@
+"""Which scans a series has."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactile_fem.errors import StudyError
+from tactile_fem.study import Study
+from tactile_fem.study_file import load_study
+
+
+@dataclass(frozen=True)
+class Member:
+    """One scan of a series.
+
+    Attributes
+    ----------
+    name
+        Of its folder.
+    values
+        What it has for itself, by the name of the study's value.
+    """
+
+    name: str
+    study: Study
+    values: dict[str, Any]
+
+
+def single_fibre(
+    study: Study, *, spacing_mm: float = 0.2, half_width_mm: float = 5.0
+) -> list[Member]:
+    """Return the passes of the classic protocol: one receptor, the stimulator shifted between.
+
+    Parameters
+    ----------
+    study
+        What every pass does; of its receptors only the one at X = Y = 0 is kept.
+    spacing_mm, half_width_mm
+        The shifts in X go from ``-half_width_mm`` to ``half_width_mm`` (paper: 0.2 and 5 mm).
+
+    Raises
+    ------
+    StudyError
+        The spacing is not positive or is wider than the half width.
+    """
+    if not 0 < spacing_mm <= half_width_mm < math.inf:
+        raise StudyError(
+            f"spacing {spacing_mm:g} mm, half width {half_width_mm:g} mm: the spacing must be "
+            "positive and at most the half width."
+        )
+    one = {"placement": "line", "half_width_mm": 0.0, "extra_mm": ()}
+    receptors = study.receptors.model_copy(update=one)
+    across, along = study.stimulus.shift_mm
+    count = math.floor(half_width_mm / spacing_mm + 1e-9)
+    members = []
+    for k in range(-count, count + 1):
+        shift = float(np.round(k * spacing_mm, 9))
+        stimulus = study.stimulus.model_copy(update={"shift_mm": (across + shift, along)})
+        own = {"receptors": receptors, "stimulus": stimulus}
+        name = f"shift{shift:+.3f}"
+        members.append(Member(name, _without_pictures(study, own), {"shift_mm": shift}))
+    return members
+
+
+def sweep(
+    axes: Sequence[str], path: Path | None = None, overrides: Sequence[str] = ()
+) -> list[Member]:
+    """Return the studies with every combination of the values on some axes.
+
+    Parameters
+    ----------
+    axes
+        ``section.key=value,value,...`` each.
+    path, overrides
+        The study that is varied, as for `load_study`.
+
+    Raises
+    ------
+    StudyError
+        An axis without values, the same axis twice, or a study that is not valid.
+    """
+    names, values = zip(*map(_axis, axes), strict=True) if axes else ((), ())
+    if not axes or len(set(names)) < len(names):
+        raise StudyError("A sweep needs one or more different axes: section.key=value,value,...")
+    members = []
+    for combination in itertools.product(*values):
+        own = [f"{name}={text}" for name, text in zip(names, combination, strict=True)]
+        study = load_study(path, [*overrides, *own])
+        plain = [text.strip('"') for text in combination]
+        short = [f"{n.split('.')[-1]}-{t}" for n, t in zip(names, plain, strict=True)]
+        name = re.sub(r"[^A-Za-z0-9.+-]+", "_", "_".join(short))
+        values_ = dict(zip(names, plain, strict=True))
+        members.append(Member(name, _without_pictures(study, {}), values_))
+    doubled = len({member.name for member in members}) < len(members)
+    if doubled:
+        raise StudyError("Two scans of the sweep have the same values: name each value once.")
+    return members
+
+
+def _without_pictures(study: Study, changes: dict[str, Any]) -> Study:
+    output = study.output.model_copy(update={"pictures": False})
+    return study.model_copy(update={**changes, "output": output})
+
+
+def _axis(text: str) -> tuple[str, list[str]]:
+    """Return name and values, as TOML or plain text, of an axis."""
+    name, equals, listed = text.partition("=")
+    values = _as_toml(listed) or [part.strip() for part in listed.split(",")]
+    if not equals or not listed.strip() or not all(values):
+        raise StudyError(f'"{text}" is no axis of a sweep: write section.key=value,value,...')
+    return name.strip(), values
+
+
+def _as_toml(listed: str) -> list[str] | None:
+    """Return the values of a TOML list without its brackets, each as TOML again; None if not."""
+    try:
+        values = tomllib.loads(f"values = [{listed}]")["values"]
+    except tomllib.TOMLDecodeError:
+        return None
+    return [_toml(value) for value in values]
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return str(value)

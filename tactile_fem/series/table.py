@@ -1,0 +1,58 @@
+"""One row of numbers for each scan of a series."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactile_fem.extrema import central_receptor
+from tactile_fem.files import write_records
+from tactile_fem.results import Results
+from tactile_fem.series.members import Member
+from tactile_fem.series.run import folder_of, is_complete
+
+
+def write_summary(members: Sequence[Member], folder: Path | str) -> Path:
+    """Write ``summary.csv``: values, status and numbers of each scan; return its path."""
+    folder = Path(folder)
+    rows = [
+        {"scan": member.name, **member.values, **_numbers(member, folder)} for member in members
+    ]
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    path = folder / "summary.csv"
+    write_records(path, [{name: row.get(name, "") for name in columns} for row in rows])
+    return path
+
+
+def _numbers(member: Member, folder: Path) -> dict[str, Any]:
+    """Return what a scan gave; only its status if it is not complete."""
+    if not is_complete(member, folder):
+        return {"status": "not complete"}
+    results = Results.open(folder_of(member, folder))
+    trace, spikes = results.trace, results.spikes
+    slide = trace["displacement_mm"] > 0
+    if not slide.any():
+        slide[-1] = True
+    force, sed = trace["force_N"][slide], trace["sed_kPa"][slide]
+    central = central_receptor(trace["receptors_mm"])
+    sliding = spikes.time_s >= 0
+    return {
+        "status": "complete",
+        "steps": len(trace["time_s"]),
+        "newton_iterations": int(trace["newton_iterations"].sum()),
+        "wall_s": round(float(trace["wall_s"].sum()), 1),
+        "pressed_N": _short(trace["force_N"][np.argmax(trace["depth_mm"]), 2]),
+        "normal_N": _short(force[:, 2].mean()),
+        "tangential_N": _short(np.hypot(force[:, 0], force[:, 1]).mean()),
+        "largest_sed_kPa": _short(sed.max()),
+        "central_largest_sed_kPa": _short(sed[:, central].max()),
+        "spikes": int(sliding.sum()),
+        "central_spikes": int((spikes.receptor[sliding] == central).sum()),
+    }
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.5g}")

@@ -1,0 +1,124 @@
+"""Bundles, images of firing in both protocols, and reading letters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from synthetic import SPEED, make_results, make_trace
+
+from tactile_fem.errors import StudyError
+from tactile_fem.neuron import Response
+from tactile_fem.reading import (
+    RateImage,
+    bundles,
+    correlation,
+    edge_image,
+    fibre_image,
+    population_image,
+    read,
+)
+from tactile_fem.reading.figures import confusion_figure, side_by_side
+from tactile_fem.reading.image import Sweep, rate_image
+from tactile_fem.study import Neuron, Plate, Study, Text
+
+ACROSS = np.arange(-25, 26) * 0.2
+ALONG = np.arange(51) * 0.2
+
+
+def image_of(rates: np.ndarray) -> RateImage:
+    nothing = Response([np.empty(0)] * len(ACROSS), 0.0, ALONG[-1] / SPEED)
+    return RateImage(ACROSS, ALONG, rates, nothing)
+
+
+def letter(text: str) -> Text:
+    return Text(text=text, start_mm=-5.0)
+
+
+def test_bundles_end_where_spikes_are_rare():
+    places = [0.1, 0.3, 0.5, 2.0, 4.0, 4.2, 4.3, 4.6]
+    found = bundles(places, SPEED, gap_mm=0.6, least=3)
+    assert [(b.start_mm, b.end_mm, b.spikes) for b in found] == [(0.1, 0.5, 3), (4.0, 4.6, 4)]
+    assert found[0].rate_Hz == pytest.approx(2 / (0.4 / SPEED))
+    assert bundles([], SPEED) == []
+    with pytest.raises(StudyError, match="must be positive"):
+        bundles(places, SPEED, gap_mm=0.0)
+
+
+def test_correlation_finds_a_shifted_template():
+    template = np.zeros((12, 20))
+    template[4:8, 6:12] = np.arange(24).reshape(4, 6)
+    moved = np.roll(template, (2, -3), axis=(0, 1))
+    assert correlation(moved, template, (2, 3)) == pytest.approx(1.0)
+    assert correlation(moved, template, (1, 3)) < 0.99
+    assert correlation(2 * moved + 5, template, (2, 3)) == pytest.approx(1.0)
+    assert correlation(np.ones((12, 20)), template, (2, 3)) == 0.0
+
+
+def test_edge_image_lies_on_the_outline():
+    stimulus = letter("O")
+    image = edge_image(stimulus, ACROSS, ALONG)
+    from tactile_fem.stimulus import outlines
+
+    (shape,) = outlines(stimulus)
+    x, y = np.meshgrid(ACROSS, ALONG, indexing="ij")
+    away = shapely.distance(shape.boundary, shapely.points(x, y))
+    np.testing.assert_allclose(image, np.exp(-0.5 * (away / 0.3) ** 2), atol=0.11)
+    with pytest.raises(StudyError, match='"plate" has no outline'):
+        edge_image(Plate(), ACROSS, ALONG)
+
+
+def test_reader_tells_letters_apart_and_guesses_in_noise():
+    rng = np.random.default_rng(1)
+    edges = {name: edge_image(letter(name), ACROSS, ALONG) for name in "CDFGHO"}
+
+    def images(noise: float) -> dict[str, list[RateImage]]:
+        return {
+            name: [
+                image_of(np.roll(e, k - 2, 0) + noise * rng.normal(size=e.shape)) for k in range(5)
+            ]
+            for name, e in edges.items()
+        }
+
+    clear = read(images(0.2))
+    assert clear.accuracy == 1.0
+    assert clear.letters == tuple("CDFGHO")
+    np.testing.assert_array_equal(clear.confusion, 5 * np.eye(6, dtype=int))
+    assert read(images(50.0)).accuracy < 0.5
+    assert len(confusion_figure({"clear": clear}).axes) == 1
+    with pytest.raises(StudyError, match="two or more images"):
+        read({"C": images(0.0)["C"][:1]})
+
+
+def test_rate_image_counts_the_spikes_of_the_slide():
+    time = np.linspace(-0.1, 0.5, 61)
+    sed = np.outer(np.clip(time + 0.1, 0, 0.1) * 30, [0.0, 1.0, 2.0])
+    image = rate_image(Sweep(np.array([-1.0, 0.0, 1.0]), time, sed, SPEED), Neuron())
+    assert all((times >= 0).all() for times in image.response.spikes)
+    counted = image.rate_Hz.sum(axis=1) * 0.2 / SPEED
+    np.testing.assert_allclose(counted, image.response.counts(), atol=0.7)
+    assert counted[2] > counted[1] > counted[0] == 0
+
+
+def test_population_and_fibre_agree_where_every_receptor_feels_the_same_body(tmp_path):
+    """A plane wave in X seen by a row of receptors, and by one receptor in shifted passes."""
+    across = np.arange(-2, 3) * 1.0
+    trace = make_trace(across)
+    felt = np.exp(-((across - 0.5) ** 2))
+    history = trace["sed_kPa"][:, 2] * 2
+    trace["sed_kPa"] = np.outer(history, felt)
+    population = population_image(make_results(tmp_path / "population", trace=trace))
+    passes = []
+    for k, x in enumerate(across[::-1]):
+        one = make_trace(np.zeros(1))
+        one["sed_kPa"] = history[:, None] * np.exp(-((x - 0.5) ** 2))
+        study = Study(stimulus=Text(shift_mm=(-x, 0.0)))
+        passes.append(make_results(tmp_path / f"pass{k}", study, one))
+    fibre = fibre_image(passes)
+    np.testing.assert_allclose(fibre.across_mm, population.across_mm)
+    np.testing.assert_allclose(fibre.rate_Hz, population.rate_Hz, atol=1e-6)
+    assert population.response.counts().sum() > 20
+    figure = side_by_side({"population": population, "single fibre": fibre})
+    assert len(figure.axes) == 5
+    with pytest.raises(StudyError, match="three or more, evenly apart"):
+        fibre_image(passes[:2])

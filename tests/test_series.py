@@ -1,0 +1,136 @@
+"""Series of scans: which they are, and that each is run once."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+from synthetic import make_results, make_trace
+
+from tactile_fem import cli
+from tactile_fem.errors import StudyError
+from tactile_fem.finger import build_finger, write_msh
+from tactile_fem.results import Results
+from tactile_fem.series import Task, run_series, single_fibre, sweep, write_summary
+from tactile_fem.series.run import folder_of
+from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
+
+
+def test_passes_shift_the_stimulator_over_one_receptor():
+    study = Study(stimulus=Text(shift_mm=(0.3, 1.0)))
+    members = single_fibre(study)
+    assert len(members) == 51
+    shifts = np.array([member.study.stimulus.shift_mm for member in members])
+    np.testing.assert_allclose(shifts[:, 0], 0.3 + np.arange(-25, 26) * 0.2, atol=1e-9)
+    assert (shifts[:, 1] == 1.0).all()
+    assert all(member.study.receptors.half_width_mm == 0 for member in members)
+    assert len({member.name for member in members}) == 51
+    assert members[25].name == "shift+0.000"
+    with pytest.raises(StudyError, match="at most the half width"):
+        single_fibre(study, spacing_mm=6.0)
+
+
+def test_sweep_combines_its_axes():
+    axes = ["stimulus.friction=0,0.1", "stimulus.text=C,D,G"]
+    members = sweep(axes, overrides=["protocol.depth_mm=1.5"])
+    assert [m.name for m in members[:3]] == [f"friction-0_text-{c}" for c in "CDG"]
+    assert members[-1].study.stimulus.friction == 0.1
+    assert members[-1].study.stimulus.text == "G"
+    assert {m.study.protocol.depth_mm for m in members} == {1.5}
+    assert members[0].values == {"stimulus.friction": "0", "stimulus.text": "C"}
+    pairs = sweep(["stimulus.shift_mm=[0,1],[2,3]"])
+    assert [m.study.stimulus.shift_mm for m in pairs] == [(0.0, 1.0), (2.0, 3.0)]
+
+
+@pytest.mark.parametrize(
+    ("axes", "says"),
+    [
+        ([], "one or more different axes"),
+        (["stimulus.friction"], "is no axis"),
+        (["stimulus.friction="], "is no axis"),
+        (["stimulus.friction=0,,1"], "is no axis"),
+        (["stimulus.friction=0,1", "stimulus.friction=2"], "different axes"),
+        (["stimulus.friction=0.1,0.1"], "name each value once"),
+        (["stimulus.friction=-1"], "stimulus.friction is -1"),
+        (["stimulus.colour=red"], "colour"),
+    ],
+)
+def test_bad_axes_are_told(axes, says):
+    with pytest.raises(StudyError, match=says):
+        sweep(axes)
+
+
+def test_tasks_share_a_series():
+    members = single_fibre(Study(), spacing_mm=1.0)
+    shares = [Task(k, 3).of(members) for k in (1, 2, 3)]
+    assert sorted(m.name for share in shares for m in share) == sorted(m.name for m in members)
+    assert Task.parse("2/3") == Task(2, 3)
+    for text in ("0/3", "4/3", "a/b", "2", "-1/2"):
+        with pytest.raises(StudyError, match="K from 1 to N"):
+            Task.parse(text)
+
+
+def test_complete_scans_are_not_repeated_and_foreign_ones_refused(tmp_path):
+    members = sweep(["stimulus.friction=0.1,0.2"], overrides=["finger.preset=coarse"])
+    for member in members:
+        make_results(folder_of(member, tmp_path), member.study, full_trace())
+    outcomes = run_series(members, tmp_path)  # would take minutes if it ran
+    assert [(o.member.name, o.problem, o.wall_s) for o in outcomes] == [
+        (member.name, "", 0.0) for member in members
+    ]
+    rows = list(csv.DictReader(write_summary(members, tmp_path).open()))
+    assert [row["stimulus.friction"] for row in rows] == ["0.1", "0.2"]
+    assert float(rows[0]["pressed_N"]) == pytest.approx(0.6)
+    assert rows[0]["status"] == "complete"
+    others = sweep(["stimulus.friction=0.1,0.2"], overrides=["protocol.depth_mm=1"])
+    with pytest.raises(StudyError, match="another series"):
+        run_series(others, tmp_path)
+
+
+def full_trace():
+    trace = make_trace()
+    steps = len(trace["time_s"])
+    return trace | {"newton_iterations": np.full(steps, 5), "wall_s": np.full(steps, 0.5)}
+
+
+@pytest.fixture(scope="module")
+def small_study(tmp_path_factory) -> Study:
+    path = tmp_path_factory.mktemp("mesh") / "small.msh"
+    write_msh(path, build_finger(Finger(pad_size_mm=3.0, far_size_mm=6.0)))
+    return Study(
+        finger=Finger(mesh_file=path),
+        stimulus=Text(text="G"),
+        protocol=Protocol(depth_mm=0.2, distance_mm=0.1, output_mm=0.1),
+        receptors=Receptors(spacing_mm=2.5),
+        output=Output(pictures=False),
+    )
+
+
+def test_a_failed_scan_loses_no_other(small_study, tmp_path):
+    members = single_fibre(small_study, spacing_mm=1.0, half_width_mm=1.0)
+    # A folder that is in use by something else: this pass cannot run.
+    blocked = folder_of(members[1], tmp_path)
+    blocked.mkdir(parents=True)
+    (blocked / "notes.txt").write_text("mine")
+    outcomes = run_series(members, tmp_path, jobs=2)
+    assert [bool(outcome.problem) for outcome in outcomes] == [False, True, False]
+    assert "is not empty" in outcomes[1].problem
+    rows = list(csv.DictReader(write_summary(members, tmp_path).open()))
+    assert [row["status"] for row in rows] == ["complete", "not complete", "complete"]
+    (blocked / "notes.txt").unlink()
+    before = (folder_of(members[0], tmp_path) / "trace.npz").stat().st_mtime_ns
+    again = run_series(members, tmp_path)
+    assert not any(outcome.problem for outcome in again)
+    assert (folder_of(members[0], tmp_path) / "trace.npz").stat().st_mtime_ns == before
+    shapes = {Results.open(folder_of(m, tmp_path)).trace["sed_kPa"].shape[1] for m in members}
+    assert shapes == {1}
+
+
+def test_command_line_tells_what_is_wrong(capsys, tmp_path):
+    folder = ["--results", str(tmp_path)]
+    assert cli.main(["sweep", "--over", "stimulus.friction=x", *folder]) == 2
+    assert 'stimulus.friction is "x"' in capsys.readouterr().err
+    assert cli.main(["fibre", "--task", "3/2", *folder]) == 2
+    assert "K from 1 to N" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
