@@ -200,6 +200,7 @@ def _run(
         with preparing():
             domain = create_domain(scene.finger, comm, study.solver.held)
             problem = FingerProblem.of(study, domain)
+            _ = problem.load_cell  # compiled here, not in the first step
             probe = Probe(problem, scene.samples, len(positions), study.receptors.side)
             deepest = _DEEPEST * study.finger.pad_thickness_mm
             march = March(problem, study.protocol, study.solver, deepest)
@@ -241,17 +242,28 @@ def _run(
                     stop.check()
         except Exception as error:
             if recorder:
-                with suppress(OSError):  # it may be what failed
-                    stopped = isinstance(error, StoppedError)
-                    recorder.finish("stopped" if stopped else f"failed: {error}")
+                with suppress(OSError, TactileError):  # writing may be what failed
+                    _conclude(recorder, histories.trace(), study, _status(error))
             raise
         trace = histories.trace()
         _tell_exactness(trace)
-        response = respond(trace.time_s, trace.sed_kPa, study.neuron)
-        if recorder:
-            recorder.spikes(response)
-            recorder.finish("complete")
+        response = _conclude(recorder, trace, study, "complete")
     return ScanResult(trace, response, results.folder if results else None)
+
+
+def _conclude(recorder: Recorder | None, trace: Trace, study: Study, status: str) -> Response:
+    """Return the afferents' spikes up to here; keep them and say how it ended."""
+    response = Response([np.empty(0)] * len(trace.receptors_mm), 0.0, 0.0)
+    if len(trace.time_s) > 1:
+        response = respond(trace.time_s, trace.sed_kPa, study.neuron)
+    if recorder:
+        recorder.spikes(response)
+        recorder.finish(status)
+    return response
+
+
+def _status(error: Exception) -> str:
+    return "stopped" if isinstance(error, StoppedError) else f"failed: {error}"
 
 
 def _check_sound(step: Step, feeling: Feeling, positions: Array) -> None:

@@ -301,6 +301,7 @@ def diverged(study: Study, folder: Path) -> ConvergenceError:
     results = Results(folder)
     assert results.run["status"].startswith("failed: the indentation stopped")
     assert np.isfinite(results.trace["sed_kPa"]).all()
+    assert (folder / "spikes.csv").is_file()
     assert [path.name for path in draw_plots(results)] == ["force.png"]
     return caught.value
 
