@@ -64,10 +64,10 @@ class Finger(Section):
     nail_thickness_mm: Positive = Field(0.5, description="proposed")
     nail_width_mm: Positive = Field(11.0, description="proposed")
     nail_length_mm: Positive = Field(12.0, description="proposed")
-    pad_size_mm: Annotated[Positive, Field(ge=0.05)] | None = Field(
+    pad_size_mm: Annotated[Finite, Field(ge=0.05)] | None = Field(
         None, description="element edge under the contact patch; default by preset"
     )
-    far_size_mm: Annotated[Positive, Field(ge=0.05)] | None = Field(
+    far_size_mm: Annotated[Finite, Field(ge=0.05)] | None = Field(
         None, description="element edge away from the contact patch; default by preset"
     )
     epidermis_rows: Annotated[Whole, Field(ge=1, le=8)] | None = Field(

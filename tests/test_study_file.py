@@ -1,5 +1,6 @@
 import re
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -7,6 +8,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.study import Study, Text
 from tactile_fem.study_errors import KINDS
 from tactile_fem.study_file import dump_study, load_study
+from tactile_fem.study_page import study_page
 from tactile_fem.study_template import commented_template
 
 
@@ -34,6 +36,12 @@ def test_the_template_mentions_every_key():
             words = " ".join(re.sub(r"\n# ", " ", template).split())
             assert " ".join((info.description or "").split()) in words, key
     assert max(map(len, template.splitlines())) <= 100
+
+
+def test_the_page_of_all_keys_is_up_to_date():
+    """Make it anew: python -m tactile_fem.study_page > docs/study.md."""
+    page = Path(__file__).parents[1] / "docs" / "study.md"
+    assert page.read_text(encoding="utf-8") == study_page()
 
 
 def test_what_is_dumped_loads_to_the_same_study(tmp_path):
