@@ -15,7 +15,7 @@ _HEAD = """\
 
 Made from the models by `python -m tactile_fem.study_page > docs/study.md`. A name carries its unit:
 mm, N, MPa, s, pA, pF, GOhm, mV. *paper* marks what stands in Hamasaki et al. 2020, *proposed* what
-this project chose. Axes: X across the finger, Y along it towards the tip, Z from the pad to the nail.
+this project chose. Axes: X across the finger, Y along it towards the tip, Z from pad to nail.
 `tactile-fem init study.toml` writes the same as a file to edit; `--set section.key=value` changes a
 value for one run.
 """
