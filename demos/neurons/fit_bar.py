@@ -35,6 +35,7 @@ from scipy.optimize import isotonic_regression
 from tactile_fem.files import write_table
 from tactile_fem.neuron import Fit, FitWarning, Window, fit, respond
 from tactile_fem.neuron.fit import mean_rates
+from tactile_fem.ranks import launched_rank
 from tactile_fem.study import Neuron
 
 # y mm: dynamic, static spikes/s.
@@ -98,6 +99,8 @@ def main(
     folder: Path, *, histories: Path = Path(__file__).with_name("histories"), every: int = 1
 ) -> None:
     """Fit, predict, print and draw; `every` n-th position counts."""
+    if launched_rank():
+        return
     folder.mkdir(parents=True, exist_ok=True)
     y = np.array(list(MEASURED))[::every]
     rates = np.array(list(MEASURED.values()), dtype=float)[::every].T
