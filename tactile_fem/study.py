@@ -356,7 +356,7 @@ class Neuron(Section):
     threshold_noise: NonNegative = Field(
         0.0, description="sd of the logarithm of V_th from spike to spike"
     )
-    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of spread and noise")
+    seed: Annotated[Whole, Field(ge=0, lt=2**63)] = Field(1, description="of spread and noise")
 
 
 class Solver(Section):
