@@ -317,6 +317,12 @@ class Receptors(Section):
     average_radius_mm: NonNegative = Field(
         0.25, description="proposed: radius of the averaged ball; 0 is the point value"
     )
+    end_organs: Annotated[Whole, Field(ge=1, le=50)] = Field(
+        1, description="paper: one; more are averaged, one at the receptor, the others around it"
+    )
+    end_organs_radius_mm: Positive = Field(
+        1.0, description="proposed: of the circle on which the other end organs lie"
+    )
 
 
 class Neuron(Section):
