@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from importlib.util import find_spec
 from time import process_time
 
@@ -312,6 +314,15 @@ def test_ten_thousand_afferents_take_less_than_two_seconds(n):
         seconds.append(process_time() - start)
     assert 20 < rate < 60
     assert min(seconds) < 2.0
+
+
+def test_neurons_need_neither_solver_nor_plots():
+    code = (
+        "import sys, tactile_fem.neuron; wanted = ('dolfinx', 'mpi4py', 'petsc4py', 'matplotlib'); "
+        "print([name for name in wanted if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_numbers_of_afferents_must_fit():
