@@ -326,6 +326,12 @@ class Receptors(Section):
     average_radius_mm: NonNegative = Field(
         0.25, description="proposed: radius of the averaged ball; 0 is the point value"
     )
+    end_organs: Annotated[Whole, Field(ge=1, le=50)] = Field(
+        1, description="paper: one; more are averaged, one at the receptor, the others around it"
+    )
+    end_organs_radius_mm: Positive = Field(
+        1.0, description="proposed: of the circle on which the other end organs lie"
+    )
 
 
 class Neuron(Section):
@@ -365,7 +371,7 @@ class Neuron(Section):
     threshold_noise: NonNegative = Field(
         0.0, description="sd of the logarithm of V_th from spike to spike"
     )
-    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of spread and noise")
+    seed: Annotated[Whole, Field(ge=0, lt=2**63)] = Field(1, description="of spread and noise")
 
 
 class Solver(Section):

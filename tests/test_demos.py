@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from tactile_fem import ranks
+from tactile_fem.study import Neuron
 
 DEMOS = Path(__file__).resolve().parents[1] / "demos"
 
@@ -194,6 +195,43 @@ def test_sharp_block(tmp_path):
     assert not row["failed"]
     assert float(row["tangential_N"]) / float(row["normal_N"]) == pytest.approx(0.3, rel=0.01)
     assert (tmp_path / "sharp_block.png").is_file()
+
+
+@pytest.mark.slow
+def test_histories(tmp_path):
+    way = ["--preset", "coarse", "--stimuli", "bar", "--depth", "0.1", "--step", "0.05"]
+    told = run("neurons/histories.py", str(tmp_path), *way)
+    assert number(r"bar: ([\d.]+) N", told) == pytest.approx(0.006, rel=0.1)
+    with (tmp_path / "bar.csv").open() as table:
+        heading, *rows = csv.reader(table)
+    assert [float(y) for y in heading[1:]] == pytest.approx([0.1 * k - 4 for k in range(81)])
+    assert float(rows[-1][0]) == pytest.approx(0.055)
+    assert max(map(float, rows[-1][1:])) == pytest.approx(0.025, rel=0.1)
+
+
+def test_fit_bar(tmp_path):
+    told = run("neurons/fit_bar.py", str(tmp_path))
+    gains = [number(rf"{name} +([\d.]+)", told) for name in ("static_gain\\w+", "dynamic_gain\\w+")]
+    n = Neuron()
+    assert n.static_gain_pA_per_kPa == pytest.approx(gains[0], rel=0.005)
+    assert n.dynamic_gain_pA_s_per_kPa == pytest.approx(gains[1], rel=0.005)
+    predicted = re.search(r"y < 0" + r" +([\d.]+)" * 6, told)
+    assert predicted and float(predicted[6]) == pytest.approx(0.764, abs=0.002)
+    assert "adaptation is not determined" in told
+    assert "all rates fall with the radius: yes" in told
+    assert number(r"1\.59 +0\.830 +([\d.]+)", told) == pytest.approx(278, abs=2)
+    for name in ("bar.csv", "bar.png", "cylinders.csv", "cylinders.png"):
+        assert (tmp_path / name).is_file()
+
+
+def test_brian(tmp_path):
+    way = ["--afferents", "20", "--duration", "0.3", "--steps-ms", "0.1"]
+    told = run("neurons/brian.py", str(tmp_path), *way)
+    if not find_spec("brian2"):
+        assert "not installed" in told
+        return
+    assert number(r"first spikes differ by at most ([\d.]+) steps", told) < 1
+    assert number(r"the k-th by at most ([\d.]+) k steps", told) < 5
 
 
 @pytest.mark.mpi
