@@ -11,6 +11,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tactile_fem import ranks
@@ -232,6 +233,37 @@ def test_brian(tmp_path):
         return
     assert number(r"first spikes differ by at most ([\d.]+) steps", told) < 1
     assert number(r"the k-th by at most ([\d.]+) k steps", told) < 5
+
+
+@pytest.mark.slow
+def test_single_fibre(tmp_path):
+    way = ["--spacing", "1", "--half-width", "1", "--depth", "0.5", "--distance", "0.2"]
+    told = run("protocols/single_fibre.py", str(tmp_path), *way, "--jobs", "2")
+    # The middle pass is the population's own scan, with one receptor.
+    assert re.search(r"population +3 rows", told) and re.search(r"single fibre +3 rows", told)
+    middle = np.load(tmp_path / "passes" / "shift+0.000" / "trace.npz")
+    population = np.load(tmp_path / "population" / "text-G" / "trace.npz")
+    np.testing.assert_allclose(
+        middle["sed_kPa"][:, 0], population["sed_kPa"][:, 1], atol=1e-6 * middle["sed_kPa"].max()
+    )
+    assert (tmp_path / "protocols.png").is_file()
+
+
+@pytest.mark.slow
+def test_legibility(tmp_path):
+    way = ["--letters", "CO", "--depth", "0.5", "--distance", "0.2", "--realizations", "2"]
+    told = run("protocols/legibility.py", str(tmp_path), *way, "--jobs", "2")
+    assert 0 <= number(r"([\d.]+) % right of 4", told) <= 100
+    assert (tmp_path / "confusion.png").is_file()
+
+
+@pytest.mark.slow
+def test_friction(tmp_path):
+    way = ["--values", "0", "0.5", "--depth", "0.5", "--distance", "0.2", "--jobs", "2"]
+    told = run("protocols/friction.py", str(tmp_path), *way)
+    assert number(r"friction 0.00: .* ([\d.]+) N across", told) < 0.002
+    assert number(r"friction 0.50: .* ([\d.]+) N across", told) > 0.01
+    assert (tmp_path / "friction.png").is_file()
 
 
 @pytest.mark.mpi
