@@ -4,7 +4,8 @@
 # This demo emphasizes
 # - a number for "obscure": how often a letter is told from its afferents' firing alone,
 # - afferents that differ in gain and a threshold that is noisy from spike to spike,
-# - a sweep over letters: one scan each, resumed, never repeated.
+# - a sweep over letters: one scan each, resumed, never repeated; with `--passes` also the classic
+#   protocol, one fibre in passes that are so many mm apart.
 #
 # Each letter is scanned once. Its strain energy densities then drive a population whose gains
 # and thresholds vary: $n$ realizations of the rate image $r(x, d)$. Every image is read as the
@@ -18,10 +19,12 @@
 # the accuracy.
 #
 #     python demos/protocols/legibility.py results/legibility --jobs 2
+#     python demos/protocols/legibility.py results/legibility --jobs 2 --passes 1.0
 #     python demos/protocols/legibility.py results/quick --letters CO --depth 0.6 --distance 0.6
 
 # %%
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,12 +32,13 @@ from cyclopts import run
 
 from tactile_fem.files import replacing, write_table
 from tactile_fem.logs import set_up
-from tactile_fem.reading import RateImage, Reading, population_image, read
+from tactile_fem.reading import RateImage, Reading, fibre_image, population_image, read
 from tactile_fem.reading.figures import confusion_figure
 from tactile_fem.reading.legibility import outline_correlation
 from tactile_fem.results import Results
-from tactile_fem.series import run_series, sweep, write_summary
+from tactile_fem.series import run_series, single_fibre, sweep, write_summary
 from tactile_fem.series.run import folder_of, is_complete
+from tactile_fem.study import Neuron
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,7 @@ def main(
     gain_spread: float = 0.3,
     threshold_noise: float = 0.1,
     blur: float = 0.0,
+    passes: float | None = None,
     jobs: int = 1,
 ) -> None:
     """Scan each letter, fire, and read.
@@ -73,6 +78,8 @@ def main(
     ----------
     blur
         Standard deviation of a Gaussian over the images, mm: what a reader cannot resolve.
+    passes
+        Shift between two passes over one fibre, mm; without it only the population is read.
     jobs
         Scans at a time.
     """
@@ -90,32 +97,60 @@ def main(
         for member in members
         if is_complete(member, folder)
     }
-    images = {
-        letter: [
-            noisy(results, k, gain_spread, threshold_noise) for k in range(1, realizations + 1)
-        ]
-        for letter, results in scans.items()
+    noise = {"gain_spread": gain_spread, "threshold_noise": threshold_noise}
+    makers = {
+        "population": {letter: partial(population_image, scan) for letter, scan in scans.items()}
     }
-    tell(scans, read(images, blur), folder, blur)
+    if passes is not None:
+        makers["single fibre"] = {
+            letter: partial(fibre_image, passes_of(scan, passes, folder / "passes" / letter, jobs))
+            for letter, scan in scans.items()
+        }
+    readings = {}
+    for protocol, of_letter in makers.items():
+        images = {
+            letter: [make(noisy(scans[letter], noise, k)) for k in range(1, realizations + 1)]
+            for letter, make in of_letter.items()
+        }
+        readings[protocol] = read(images, blur)
+        plain = {letter: make() for letter, make in of_letter.items()}
+        tell(protocol, plain, scans, readings[protocol], folder)
+    with replacing(folder / "confusion.png") as part:
+        confusion_figure(readings).savefig(part, format="png")
+    print(folder / "confusion.png")
 
 
-def noisy(results: Results, seed: int, gain_spread: float, threshold_noise: float) -> RateImage:
-    """Return a realization of the population's image."""
-    variability = {"gain_spread": gain_spread, "threshold_noise": threshold_noise, "seed": seed}
-    return population_image(results, results.study.neuron.model_copy(update=variability))
+def noisy(scan: Results, noise: dict[str, float], seed: int) -> Neuron:
+    """Return the scan's neuron with variability."""
+    return scan.study.neuron.model_copy(update={**noise, "seed": seed})
 
 
-def tell(scans: dict[str, Results], reading: Reading, folder: Path, blur: float) -> None:
-    """Print and draw which letter was read as which."""
+def passes_of(scan: Results, spacing: float, folder: Path, jobs: int) -> list[Results]:
+    """Return the passes with a scan's letter, run where they are missing."""
+    half_width = scan.study.receptors.half_width_mm
+    members = single_fibre(scan.study, spacing_mm=spacing, half_width_mm=half_width)
+    run_series(members, folder, jobs=jobs)
+    write_summary(members, folder)
+    done = [member for member in members if is_complete(member, folder)]
+    return [Results.open(folder_of(member, folder)) for member in done]
+
+
+def tell(
+    protocol: str,
+    images: dict[str, RateImage],
+    scans: dict[str, Results],
+    reading: Reading,
+    folder: Path,
+) -> None:
+    """Print which letter was read as which, and how much of its outline its firing shows."""
     rows = []
     for k, letter in enumerate(reading.letters):
-        image = population_image(scans[letter])
         own = reading.confusion[k]
         rows.append(
             Row(
                 letter,
-                int(image.response.counts().sum()),
-                round(outline_correlation(image, scans[letter].study.stimulus), 3),
+                int(images[letter].response.counts().sum()),
+                round(outline_correlation(images[letter], scans[letter].study.stimulus), 3),
                 round(float(own[k] / own.sum()), 3),
                 reading.letters[int(np.argmax(own))],
             )
@@ -125,12 +160,8 @@ def tell(scans: dict[str, Results], reading: Reading, folder: Path, blur: float)
             f"{letter}: {r.spikes:5d} spikes, outline r = {r.outline_correlation:.3f}, "
             f"{100 * r.share_right:3.0f} % right, mostly read as {r.mostly_read_as}"
         )
-    print(f"{100 * reading.accuracy:.1f} % right of {reading.confusion.sum()}, blur {blur:g} mm")
-    write_table(folder / "legibility.csv", rows)
-    title = "population" if not blur else f"population, blur {blur:g} mm"
-    with replacing(folder / "confusion.png") as part:
-        confusion_figure({title: reading}).savefig(part, format="png")
-    print(folder / "confusion.png")
+    print(f"{protocol}: {100 * reading.accuracy:.1f} % right of {reading.confusion.sum()}")
+    write_table(folder / f"{protocol.replace(' ', '_')}.csv", rows)
 
 
 if __name__ == "__main__":
