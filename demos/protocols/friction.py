@@ -55,16 +55,26 @@ def main(
     text: str = "G",
     depth: float = 1.97,
     distance: float = 10.0,
+    output: float = 0.1,
     preset: str = "coarse",
     jobs: int = 1,
 ) -> None:
-    """Scan a letter with each friction and compare what is felt."""
+    """Scan a letter with each friction and compare what is felt.
+
+    Parameters
+    ----------
+    output
+        Positions of the slide that are hit exactly, mm; steps are no longer than that.
+    jobs
+        Scans at a time.
+    """
     set_up()
     overrides = [
         f"finger.preset={preset}",
         f"stimulus.text={text}",
         f"protocol.depth_mm={depth}",
         f"protocol.distance_mm={distance}",
+        f"protocol.output_mm={output}",
     ]
     axis = f"stimulus.friction={','.join(map(str, values))}"
     members = sweep([axis], overrides=overrides)

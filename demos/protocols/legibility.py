@@ -64,6 +64,7 @@ def main(
     letters: str = "CDFGHOQ",
     depth: float = 1.97,
     distance: float = 10.0,
+    output: float = 0.1,
     preset: str = "coarse",
     realizations: int = 10,
     gain_spread: float = 0.3,
@@ -80,6 +81,8 @@ def main(
         Standard deviation of a Gaussian over the images, mm: what a reader cannot resolve.
     passes
         Shift between two passes over one fibre, mm; without it only the population is read.
+    output
+        Positions of the slide that are hit exactly, mm; steps are no longer than that.
     jobs
         Scans at a time.
     """
@@ -88,6 +91,7 @@ def main(
         f"finger.preset={preset}",
         f"protocol.depth_mm={depth}",
         f"protocol.distance_mm={distance}",
+        f"protocol.output_mm={output}",
     ]
     members = sweep([f"stimulus.text={','.join(letters)}"], overrides=overrides)
     run_series(members, folder, jobs=jobs)

@@ -63,6 +63,7 @@ def main(
     half_width: float = 5.0,
     depth: float = 1.97,
     distance: float = 10.0,
+    output: float = 0.1,
     preset: str = "coarse",
     jobs: int = 1,
 ) -> None:
@@ -72,6 +73,8 @@ def main(
     ----------
     spacing, half_width
         Of receptors and shifts, mm.
+    output
+        Positions of the slide that are hit exactly, mm; steps are no longer than that.
     jobs
         Scans at a time.
     """
@@ -79,7 +82,7 @@ def main(
     study = Study(
         finger=Finger(preset=preset),
         stimulus=Text(text=text),
-        protocol=Protocol(depth_mm=depth, distance_mm=distance),
+        protocol=Protocol(depth_mm=depth, distance_mm=distance, output_mm=output),
         receptors=Receptors(half_width_mm=half_width, spacing_mm=spacing),
         output=Output(pictures=False),
     )
