@@ -71,13 +71,14 @@ def scan(
 ) -> None:
     """Run a study and leave data and pictures in a folder.
 
+    Started again after it was cut off, it goes on from the last step.
     Options that start with -tactile_ go to PETSc: -tactile_snes_rtol 1e-8.
     """
     from tactile_fem.checks import check_study
 
     the_study = load_study(study, settings or ())
     first = ranks.launched_rank() in (None, 0)
-    if first:
+    if first and (overwrite or not Results.unfinished(results, the_study)):
         Results.check(results, overwrite=overwrite)
     check_study(the_study)
     _require_compiler()
@@ -100,9 +101,9 @@ def resume(
     ranks_: Ranks = 1,
 ) -> None:
     """Go on with a scan from its last step, on any number of ranks."""
-    found = Results.open(results)
-    if not found.checkpoint_file.is_file():
-        raise StudyError(f"{results} has no checkpoint to go on from.")
+    from tactile_fem.checks import check_study
+
+    check_study(Results.open(results).study)
     _require_compiler()
     if ranks_ > 1:
         ranks.restart(ranks_, ["resume", str(results)])
@@ -137,10 +138,15 @@ def _run(start: Callable[[list[Callable[..., None]]], object], folder: Path) -> 
     """Scan or resume on all ranks; the first one shows progress and draws."""
     from mpi4py import MPI
 
+    from tactile_fem.stopping import answering, stop_at_once
+
     rank = MPI.COMM_WORLD.rank
     console = logs.stderr_console()
     logs.set_up(rank, console=console)
-    with logs.ProgressDisplay(rank, console=console) as display:
+    with (
+        answering(stop_at_once),
+        logs.ProgressDisplay(rank, console=console) as display,
+    ):
         start([display.step])
     if rank == 0:
         found = Results.open(folder)
@@ -293,7 +299,10 @@ def doctor() -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code: 0, 1, 2 for bad input, 3 for divergence."""
+    """Run a command and return its exit code.
+
+    0, 2 for bad input, 3 for divergence, 130 and 143 after SIGINT and SIGTERM, 1 otherwise.
+    """
     tokens = petsc_settings(sys.argv[1:] if arguments is None else arguments)
     try:
         code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
@@ -301,11 +310,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _complain(str(error), 2)
     except TactileError as error:
         return _complain(str(error), error.exit_code)
+    except OSError as error:
+        what = error.filename or "A file"
+        return _complain(f"{what} cannot be read or written: {error.strerror or error}.", 1)
     except KeyboardInterrupt:
         return _complain("interrupted", 130)
-    except Exception:
-        _abort_all_ranks()
-        raise
+    except Exception:  # a bug
+        if ranks.launched_rank() in (None, 0):
+            traceback.print_exc()
+        return 1
     return code if isinstance(code, int) else 0
 
 
@@ -328,15 +341,6 @@ def _complain(message: str, code: int) -> int:
     """Say on rank 0 what is wrong."""
     if ranks.launched_rank() in (None, 0):
         for line in message.strip().splitlines():
-            print(f"tactile-fem: {line}", file=sys.stderr)
+            stop = "" if line.endswith((".", "?", "!")) else "."
+            print(f"tactile-fem: {line}{stop}", file=sys.stderr)
     return code
-
-
-def _abort_all_ranks() -> None:
-    """After a bug on one rank: the others would wait for ever."""
-    if "mpi4py.MPI" in sys.modules:
-        from mpi4py import MPI
-
-        if MPI.COMM_WORLD.size > 1:
-            traceback.print_exc()
-            MPI.COMM_WORLD.Abort(1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+
 
 class TactileError(Exception):
     """Base of the package's own errors."""
@@ -42,3 +44,25 @@ class ConvergenceError(TactileError):
     def __reduce__(self) -> tuple[type[ConvergenceError], tuple[str, float, str]]:
         """Survive the way from one rank to the others."""
         return type(self), (str(self), self.displacement_mm, self.reason)
+
+
+class StoppedError(TactileError):
+    """A signal ended the scan; its exit code is the shell's, 128 and the signal's number.
+
+    Parameters
+    ----------
+    number
+        The signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.exit_code = 128 + number
+        super().__init__(
+            f"stopped by {signal.Signals(number).name}: everything up to the last step is kept, "
+            "tactile-fem resume goes on from there"
+        )
+
+    def __reduce__(self) -> tuple[type[StoppedError], tuple[int]]:
+        """Survive the way from one rank to the others."""
+        return type(self), (self.number,)

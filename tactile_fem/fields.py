@@ -9,6 +9,7 @@ import meshio
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_fem.errors import StudyError
 from tactile_fem.files import replacing, write_text
 from tactile_fem.finger.mesh_data import VTK_ORDER
 
@@ -65,10 +66,16 @@ class FieldWriter:
         self._write_series()
         return path
 
-    def go_on(self) -> None:
-        """Add to the series that is already in the folder."""
+    @property
+    def count(self) -> int:
+        """Number of states in the series."""
+        return len(self._series)
+
+    def go_on(self, count: int) -> None:
+        """Add to the first `count` states of the series that is already in the folder."""
         times, files = read_series(self.folder)
-        self._series = [(float(t), path.name) for t, path in zip(times, files, strict=True)]
+        pairs = zip(times[:count], files[:count], strict=True)
+        self._series = [(float(t), path.name) for t, path in pairs]
 
     def _write_series(self) -> None:
         root = ET.Element("VTKFile", type="Collection", version="0.1")
@@ -81,10 +88,19 @@ class FieldWriter:
 
 
 def read_series(folder: Path) -> tuple[NDArray[np.float64], list[Path]]:
-    """Return times in s and files of the written states; both empty if there are none."""
+    """Return times in s and files of the written states; both empty if there are none.
+
+    Raises
+    ------
+    StudyError
+        The series cannot be read.
+    """
     path = folder / SERIES
     if not path.exists():
         return np.empty(0), []
-    entries = list(ET.parse(path).iter("DataSet"))
-    times = np.array([float(entry.get("timestep", "nan")) for entry in entries])
+    try:
+        entries = list(ET.parse(path).iter("DataSet"))
+        times = np.array([float(entry.get("timestep", "nan")) for entry in entries])
+    except (OSError, ET.ParseError, ValueError) as error:
+        raise StudyError(f"{path} cannot be read: {error}.") from None
     return times, [folder / str(entry.get("file")) for entry in entries]

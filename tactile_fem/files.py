@@ -18,14 +18,23 @@ def replacing(path: Path) -> Iterator[Path]:
     """Give a path to write to; it takes the place of `path` when the block ends well.
 
     A reader sees the old file or the new one, also when the writer is killed.
+
+    Raises
+    ------
+    OSError
+        It cannot be written; names `path`.
     """
     part = path.with_name(f".{path.name}{PART_SUFFIX}")
     try:
         yield part
+        with part.open("rb") as written:
+            os.fsync(written.fileno())  # or a power cut could leave the new name empty
         os.replace(part, path)
-    except BaseException:
+    except BaseException as error:
         with suppress(OSError):
             part.unlink()
+        if isinstance(error, OSError):  # a full disk names no file, others the part
+            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
         raise
 
 

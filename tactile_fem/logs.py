@@ -82,13 +82,20 @@ def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None 
     package.propagate = False
 
 
+class _LogFile(logging.FileHandler):
+    """A log that keeps silent on a full disk: the scan fails there as well, and tells."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Drop a record."""
+
+
 @contextmanager
 def log_to(path: Path, rank: int = 0) -> Iterator[None]:
     """Keep the package's log in a file as well, on rank 0, with every step."""
     if rank != 0:
         yield
         return
-    handler = logging.FileHandler(path, encoding="utf-8")
+    handler = _LogFile(path, encoding="utf-8")
     handler.setFormatter(logging.Formatter(_FORMAT))
     package = logging.getLogger(PACKAGE)
     before = package.level

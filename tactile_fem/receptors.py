@@ -11,6 +11,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, lowest_facet
 from tactile_fem.study import Receptors
 
+_MOST = 100_000
 _TRIES = 1000
 
 
@@ -20,8 +21,9 @@ def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
     Raises
     ------
     StudyError
-        If a receptor's X, Y has no interface above it.
+        If a receptor's X, Y has no interface above it, or there are far too many.
     """
+    _check_count(receptors)
     facets = _interface(finger)
     if receptors.placement == "afferents":
         spread, extra = _spread(receptors, facets), receptors.extra_mm
@@ -71,6 +73,22 @@ def _layout(receptors: Receptors) -> np.ndarray:
         random = np.random.default_rng(receptors.seed)
         xy = random.uniform(-1, 1, (count, 2)) * half
     return np.concatenate([xy, np.reshape(receptors.extra_mm, (-1, 2))])
+
+
+def _check_count(receptors: Receptors) -> None:
+    """Raise StudyError for more receptors than a fingertip has by far."""
+    across, along = 2 * receptors.half_width_mm, 2 * receptors.half_length_mm
+    rows, columns = across / receptors.spacing_mm, along / receptors.spacing_mm
+    count = max(rows, columns)  # both lines are laid out, whatever the placement
+    if receptors.placement == "grid":
+        count = max(count, rows * columns)
+    elif receptors.placement in ("random", "afferents"):
+        count = max(count, receptors.density_per_cm2 * across * along / 100)
+    if count > _MOST:
+        raise StudyError(
+            f"receptors: {count:.3g} receptors are more than {_MOST:,}; choose a smaller extent, a "
+            "longer spacing_mm or a lower density_per_cm2"
+        )
 
 
 def _symmetric(half: float, spacing: float) -> np.ndarray:

@@ -23,8 +23,12 @@ from tactile_fem.neuron import Response
 from tactile_fem.results import Results
 from tactile_fem.study import Study
 from tactile_fem.together import on_root
-from tactile_fem.trace import Histories, Trace
+from tactile_fem.trace import Array, Histories, Trace
 
+# Counts up when what a checkpoint holds changes its names or meaning.
+_FORMAT = 1
+# What of a study may change between two runs: it acts after the mechanics, or is seen by the hash.
+_FREE: dict[str, bool | set[str]] = {"neuron": True, "output": True, "finger": {"mesh_file"}}
 _TIMERS = (
     "solve",
     "jacobian",
@@ -62,6 +66,7 @@ class Recorder:
         self._problem, self._march = problem, march
         self._comm = problem.domain.comm
         self._energy = CellEnergy(problem)
+        self._fixed = study.model_dump_json(exclude=_FREE)
         self._started = time.perf_counter()
         self._next_field_mm = 0.0
         self._mesh_hash = on_root(self._comm, lambda: finger.hash if finger else "")
@@ -71,11 +76,11 @@ class Recorder:
             if finger is not None and self._comm.rank == 0
             else None
         )
-        self._save_run("running")
 
     def begin(self, trace: Trace) -> None:
         """Keep the state of rest, so that a scan that fails at once leaves a whole folder."""
         on_root(self._comm, lambda: self._results.save_trace(**trace.arrays()))
+        self._save_run("running")
 
     def step(self, step: Step, trace: Trace) -> None:
         """Keep an accepted step."""
@@ -87,9 +92,13 @@ class Recorder:
                 self._fields.write(float(trace.time_s[-1]), state["u"], sed)
             self._results.save_trace(**trace.arrays())
             self._results.save_checkpoint(
-                state=json.dumps(self._march.state()),
+                format=_FORMAT,
+                version=__version__,
+                study=self._fixed,
                 mesh=self._mesh_hash,
+                state=json.dumps(self._march.state()),
                 rows=len(trace.time_s),
+                fields=self._fields.count if self._fields else 0,
                 next_field_mm=self._next_field_mm,
                 **state,
             )
@@ -110,20 +119,39 @@ class Recorder:
         Raises
         ------
         StudyError
-            The checkpoint belongs to another mesh.
+            The checkpoint belongs to another version, study or mesh.
         """
-        saved = on_root(self._comm, self._results.load_checkpoint)
-        if str(saved["mesh"]) != self._mesh_hash:
-            raise StudyError(
-                f"{self._results.checkpoint_file} belongs to another mesh than the study's."
-            )
-        state = json.loads(str(saved["state"]))
-        self._march.restore(state, saved)
+        saved = on_root(self._comm, self._load)
+        trace = on_root(self._comm, lambda: self._results.trace)
+        histories = Histories.from_trace(trace, int(saved["rows"]))
+        self._march.restore(json.loads(str(saved["state"])), saved)
         self._next_field_mm = float(saved["next_field_mm"])
         if self._fields is not None:
-            self._fields.go_on()
-        trace = on_root(self._comm, lambda: self._results.trace)
-        return Histories.from_trace(trace, int(saved["rows"]))
+            self._fields.go_on(int(saved["fields"]))
+        self._save_run("running")
+        return histories
+
+    def _load(self) -> dict[str, Array]:
+        """Return the checkpoint if it is this version's, this study's and this mesh's."""
+        saved, file = self._results.load_checkpoint(), self._results.checkpoint_file
+        if int(saved.get("format", 0)) != _FORMAT:
+            raise StudyError(
+                f"{file} is from {saved.get('version', 'an older version')}, this is tactile_fem "
+                f"{__version__}, which cannot go on from it: run the study again in another folder."
+            )
+        then, now = json.loads(str(saved["study"])), json.loads(self._fixed)
+        changed = [section for section in now if now[section] != then[section]]
+        if changed:
+            raise StudyError(
+                f"study.toml has changed since {file} was written ({', '.join(changed)}): only "
+                "neuron and output may; run the changed study in another folder."
+            )
+        if str(saved["mesh"]) != self._mesh_hash:
+            raise StudyError(
+                f"{file} belongs to another mesh than the study's: bring that mesh back, or run "
+                "the study again in another folder."
+            )
+        return saved
 
     def spikes(self, response: Response) -> None:
         """Keep the spikes."""

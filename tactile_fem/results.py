@@ -18,7 +18,6 @@ import csv
 import json
 import os
 import tempfile
-import zipfile
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -53,6 +52,7 @@ _OWN = (
     "figures/.*.part",
 )
 _SHAPES = {"stimulator_mm": (3,), "force_N": (3,), "moment_Nmm": (3,), "displacement_mm": ()}
+_TRACE = ("time_s", "displacement_mm", "depth_mm", "force_N", "receptors_mm", "sed_kPa")
 
 
 class Spikes(NamedTuple):
@@ -110,7 +110,7 @@ class Results:
         path = Path(folder)
         try:
             if path.is_dir():
-                if any(path.iterdir()) and not overwrite:
+                if _has_files(path) and not overwrite:
                     raise StudyError(
                         f"The results folder {folder} is not empty: choose another name with "
                         "--results, or --overwrite to replace the scan in it."
@@ -139,10 +139,18 @@ class Results:
             There is no such folder or no scan in it.
         """
         results = cls(folder)
-        for name in ("study.toml", "trace.npz"):
-            if not (results.folder / name).is_file():
-                raise StudyError(f"{folder} holds no results: there is no {name} in it.")
+        if not (results.folder / "study.toml").is_file():
+            raise StudyError(f"{folder} holds no results: there is no study.toml in it.")
         return results
+
+    @classmethod
+    def unfinished(cls, folder: Path | str, study: Study) -> bool:
+        """Tell whether the folder holds a scan of this study that has not come to its end."""
+        results = cls(folder)
+        try:
+            return results.study == study and results.run.get("status") != "complete"
+        except StudyError:
+            return False
 
     @property
     def fields(self) -> Path:
@@ -230,7 +238,10 @@ class Results:
     @cached_property
     def study(self) -> Study:
         """The resolved study."""
-        return load_study(self.folder / "study.toml")
+        try:
+            return load_study(self.folder / "study.toml")
+        except StudyError as error:
+            raise StudyError(f"The study of {self.folder} cannot be used: {error}") from None
 
     @cached_property
     def run(self) -> dict[str, Any]:
@@ -239,27 +250,35 @@ class Results:
         if not path.exists():
             return {}
         try:
-            run = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError as error:
+            return dict(json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError) as error:
             raise StudyError(f"{path} cannot be read: {error}.") from None
-        return dict(run)
 
     @cached_property
     def trace(self) -> dict[str, NDArray[Any]]:
         """Histories: see `save_trace`."""
-        return self._load_npz("trace.npz")
+        trace = self._load_npz("trace.npz")
+        missing = [name for name in _TRACE if name not in trace]
+        try:
+            if missing:
+                raise ValueError(f"it lacks {', '.join(missing)}")
+            _check_trace(trace)
+        except ValueError as error:
+            path = self.folder / "trace.npz"
+            raise StudyError(f"{path} is no trace of a scan: {error}.") from None
+        return trace
 
     @cached_property
     def spikes(self) -> Spikes:
         """Spikes of all receptors; none if the scan has not come so far."""
         path = self.folder / "spikes.csv"
         rows: list[list[str]] = []
-        if path.exists():
-            with path.open(newline="", encoding="utf-8") as stream:
-                rows = list(csv.reader(stream))[1:]
         try:
+            if path.exists():
+                with path.open(newline="", encoding="utf-8") as stream:
+                    rows = list(csv.reader(stream))[1:]
             values = np.array(rows, dtype=float).reshape(-1, len(Spikes._fields))
-        except ValueError:
+        except (OSError, ValueError, csv.Error):
             columns = ",".join(Spikes._fields)
             raise StudyError(f"{path} cannot be read: its columns must be {columns}.") from None
         return Spikes(values[:, 0].astype(int), values[:, 1], values[:, 2])
@@ -273,8 +292,15 @@ class Results:
         try:
             with np.load(path, allow_pickle=False) as arrays:
                 return dict(arrays)
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        except FileNotFoundError:
+            raise StudyError(f"There is no {path}: the scan has not come so far.") from None
+        except Exception as error:  # a damaged archive fails in many ways
             raise StudyError(f"{path} cannot be read: {error}.") from None
+
+
+def _has_files(folder: Path) -> bool:
+    """Tell whether there is more in a folder than other folders and hidden files."""
+    return any(path.is_file() and not path.name.startswith(".") for path in folder.rglob("*"))
 
 
 def _check_trace(trace: dict[str, NDArray[Any]]) -> None:

@@ -3,30 +3,36 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
+from dolfinx import jit
 
-from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.errors import ConvergenceError, StoppedError, StudyError, TactileError
 from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem.lock import alone_in
 from tactile_fem.logs import log_to
+from tactile_fem.mechanics.compile import mend_cache
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.estimate import announce
+from tactile_fem.mechanics.faults import last_line, preparing
 from tactile_fem.mechanics.march import March, Step
-from tactile_fem.mechanics.probe import Probe
+from tactile_fem.mechanics.probe import Feeling, Probe
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.neuron import Response, respond
 from tactile_fem.receptors import Samples, place, sample
 from tactile_fem.record import Recorder
 from tactile_fem.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
+from tactile_fem.stopping import StopRequest, answering
 from tactile_fem.study import Study
-from tactile_fem.together import on_root
+from tactile_fem.together import ending_together, on_root
 from tactile_fem.trace import Array, Histories, Trace
 
 logger = logging.getLogger(__name__)
@@ -73,7 +79,8 @@ def scan(
     study
         What to do; ``Study()`` is the paper's.
     folder
-        Results folder; None keeps the results in memory only.
+        Results folder; None keeps the results in memory only. An unfinished scan of the same
+        study in it is gone on with.
     overwrite
         Replace an earlier scan in the folder.
     comm
@@ -87,14 +94,30 @@ def scan(
         Bad input, before any long work.
     ConvergenceError
         The mechanics diverged; everything up to there is kept in the folder.
+    StoppedError
+        SIGTERM or SIGINT came; likewise.
+    OSError
+        A file cannot be written; likewise.
     """
     comm = comm or MPI.COMM_WORLD
-    scene = _Scene.of(study, comm)
-    results = None
-    if folder is not None:
-        results = on_root(comm, lambda: Results.create(folder, overwrite=overwrite))
-        on_root(comm, lambda: results.save_study(study))
-    return _run(scene, results, comm, observers, proceed=False)
+    with ending_together(comm), ExitStack() as held:
+        scene = _Scene.of(study, comm)
+        if folder is None:
+            return _run(scene, None, comm, observers, proceed=False)
+        place = Path(folder)
+
+        def begin() -> bool:
+            if overwrite or not Results.unfinished(place, study):
+                Results.check(place, overwrite=overwrite)
+            held.enter_context(alone_in(place))
+            if not overwrite and Results.unfinished(place, study):
+                logger.info("going on with the scan in %s", place)
+                return True
+            Results.create(place, overwrite=overwrite).save_study(study)
+            return False
+
+        proceed = on_root(comm, begin)
+        return _run(scene, Results(place), comm, observers, proceed=proceed)
 
 
 def resume(
@@ -103,11 +126,20 @@ def resume(
     comm: MPI.Comm | None = None,
     observers: Iterable[Observer] = (),
 ) -> ScanResult:
-    """Go on with the scan in `folder` from its last accepted step, on any number of ranks."""
+    """Go on with the scan in `folder` from its last accepted step, on any number of ranks.
+
+    Raises
+    ------
+    StudyError
+        There is no scan, another run is at it, or what it left does not belong together.
+    """
     comm = comm or MPI.COMM_WORLD
-    results = on_root(comm, lambda: Results.open(folder))
-    study = on_root(comm, lambda: results.study)
-    return _run(_Scene.of(study, comm), results, comm, observers, proceed=True)
+    with ending_together(comm), ExitStack() as held:
+        results = on_root(comm, lambda: Results.open(folder))
+        study = on_root(comm, lambda: results.study)
+        scene = _Scene.of(study, comm)
+        on_root(comm, lambda: held.enter_context(alone_in(results.folder)), share=False)
+        return _run(scene, results, comm, observers, proceed=True)
 
 
 def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None) -> Results:
@@ -121,15 +153,14 @@ def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None)
         The folder holds the scan of another study.
     """
     comm = comm or MPI.COMM_WORLD
-    there = on_root(comm, lambda: Path(folder).is_dir() and any(Path(folder).iterdir()))
-    if not there:
+    results = Results(folder)
+    if not on_root(comm, lambda: (results.folder / "study.toml").exists()):
         scan(study, folder, comm=comm)
-    results = on_root(comm, lambda: Results.open(folder))
-    if on_root(comm, lambda: results.study) != study:
+    elif on_root(comm, lambda: results.study) != study:
         raise StudyError(f"{folder} holds the scan of another study: choose another folder.")
-    if on_root(comm, lambda: results.run.get("status")) != "complete":
+    elif on_root(comm, lambda: results.run.get("status")) != "complete":
         resume(folder, comm=comm)
-    return Results.open(folder)
+    return Results(folder)
 
 
 @dataclass(frozen=True)
@@ -161,10 +192,19 @@ def _run(
     proceed: bool,
 ) -> ScanResult:
     study, positions = scene.study, scene.positions
+    if results and proceed:
+        proceed = on_root(comm, lambda: _has_checkpoint(results))
     keep_log = log_to(results.log_file, comm.rank) if results else nullcontext()
     with keep_log:
-        domain = create_domain(scene.finger, comm, study.solver.held)
-        problem = FingerProblem.of(study, domain)
+        on_root(comm, lambda: mend_cache(jit.get_options()["cache_dir"]))
+        with preparing():
+            domain = create_domain(scene.finger, comm, study.solver.held)
+            problem = FingerProblem.of(study, domain)
+            _ = problem.load_cell  # compiled here, not in the first step
+            probe = Probe(problem, scene.samples, len(positions), study.receptors.side)
+            deepest = _DEEPEST * study.finger.pad_thickness_mm
+            march = March(problem, study.protocol, study.solver, deepest)
+            recorder = Recorder(results, study, problem, march, scene.finger) if results else None
         logger.info(
             "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
             len(domain.file_cells),
@@ -174,44 +214,109 @@ def _run(
         )
         if not proceed:
             announce(study, problem.unknowns, comm)
-        probe = Probe(problem, scene.samples, len(positions), study.receptors.side)
-        deepest = _DEEPEST * study.finger.pad_thickness_mm
-        march = March(problem, study.protocol, study.solver, deepest)
         histories = Histories(positions)
-        recorder = Recorder(results, study, problem, march, scene.finger) if results else None
         if recorder and proceed:
             histories = recorder.restore()
         elif recorder:
             recorder.begin(histories.trace())
         try:
-            for step in march:
-                feeling = probe.feel()
-                histories.add(
-                    displacement_mm=step.displacement_mm,
-                    depth_mm=step.depth_mm,
-                    clock_s=step.clock_s,
-                    stimulator_mm=step.translation_mm,
-                    newton_iterations=step.newton_iterations,
-                    linear_iterations=step.linear_iterations,
-                    wall_s=step.wall_s,
-                    **vars(step.load),
-                    **vars(feeling),
-                )
-                if recorder:
-                    recorder.step(step, histories.trace())
-                for observer in observers:
-                    observer(step)
-        except TactileError as error:
+            with ending_together(comm), _stopping(problem, comm) as stop:
+                for step in march:
+                    feeling = probe.feel()
+                    _check_sound(step, feeling, positions)
+                    histories.add(
+                        displacement_mm=step.displacement_mm,
+                        depth_mm=step.depth_mm,
+                        clock_s=step.clock_s,
+                        stimulator_mm=step.translation_mm,
+                        newton_iterations=step.newton_iterations,
+                        linear_iterations=step.linear_iterations,
+                        wall_s=step.wall_s,
+                        **vars(step.load),
+                        **vars(feeling),
+                    )
+                    if recorder:
+                        recorder.step(step, histories.trace())
+                    for observer in observers:
+                        observer(step)
+                    stop.check()
+        except Exception as error:
             if recorder:
-                recorder.finish(f"failed: {error}")
+                with suppress(OSError, TactileError):  # writing may be what failed
+                    _conclude(recorder, histories.trace(), study, _status(error))
             raise
         trace = histories.trace()
         _tell_exactness(trace)
-        response = respond(trace.time_s, trace.sed_kPa, study.neuron)
-        if recorder:
-            recorder.spikes(response)
-            recorder.finish("complete")
+        response = _conclude(recorder, trace, study, "complete")
     return ScanResult(trace, response, results.folder if results else None)
+
+
+def _conclude(recorder: Recorder | None, trace: Trace, study: Study, status: str) -> Response:
+    """Return the afferents' spikes up to here; keep them and say how it ended."""
+    response = Response([np.empty(0)] * len(trace.receptors_mm), 0.0, 0.0)
+    if len(trace.time_s) > 1:
+        response = respond(trace.time_s, trace.sed_kPa, study.neuron)
+    if recorder:
+        recorder.spikes(response)
+        recorder.finish(status)
+    return response
+
+
+def _status(error: Exception) -> str:
+    return "stopped" if isinstance(error, StoppedError) else f"failed: {error}"
+
+
+def _check_sound(step: Step, feeling: Feeling, positions: Array) -> None:
+    """Raise ConvergenceError where a receptor feels no number: a cell is turned inside out there.
+
+    The quadrature points that the solver sees may still be right way round.
+    """
+    lost = ~np.isfinite(feeling.sed_kPa + feeling.von_mises_kPa + feeling.stretches.sum(axis=1))
+    if lost.any():
+        x, y, _ = positions[lost][0]
+        reason = f"the tissue at the receptor at X {x:.1f}, Y {y:.1f} mm is turned inside out"
+        what, place = "slide", step.displacement_mm
+        if step.phase == "press":
+            what, place = "indentation", step.depth_mm
+        raise ConvergenceError(
+            f"the {what} stopped before {place:.4f} mm ({reason}); everything up to there is kept; "
+            "try less depth, stiffer tissue or a finer mesh",
+            place - step.size_mm,
+            reason,
+        )
+
+
+@contextmanager
+def _stopping(problem: FingerProblem, comm: MPI.Comm) -> Iterator[StopRequest]:
+    """Heed signals between steps and Newton iterations; explain what PETSc stumbles over."""
+    stop = StopRequest(comm)
+    problem.snes.setMonitor(stop.check)
+    try:
+        with answering(stop.note):
+            yield stop
+    except PETSc.Error as error:
+        if error.__cause__:  # a monitor's or an assembly's own
+            raise error.__cause__ from None
+        raise TactileError(
+            f"PETSc failed ({last_line(error)}): everything up to the last step is kept."
+        ) from error
+    finally:
+        problem.snes.cancelMonitor()
+
+
+def _has_checkpoint(results: Results) -> bool:
+    """Tell whether there is a state to go on from; False where no step was accepted yet.
+
+    Raises
+    ------
+    StudyError
+        There are steps but no state.
+    """
+    if results.checkpoint_file.is_file():
+        return True
+    if (results.folder / "trace.npz").is_file() and len(results.trace["time_s"]) > 1:
+        raise StudyError(f"{results.folder} has no checkpoint to go on from.")
+    return False
 
 
 def _tell_exactness(trace: Trace) -> None:

@@ -8,7 +8,7 @@ Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -17,6 +17,10 @@ Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Finite, Field(gt=0)]
 NonNegative = Annotated[Finite, Field(ge=0)]
 Whole = Annotated[int, Field(strict=True)]
+
+
+MOST_OUTPUTS = 100_000
+LONGEST_S = 100_000.0
 
 
 class Section(BaseModel):
@@ -60,10 +64,10 @@ class Finger(Section):
     nail_thickness_mm: Positive = Field(0.5, description="proposed")
     nail_width_mm: Positive = Field(11.0, description="proposed")
     nail_length_mm: Positive = Field(12.0, description="proposed")
-    pad_size_mm: Positive | None = Field(
+    pad_size_mm: Annotated[Finite, Field(ge=0.05)] | None = Field(
         None, description="element edge under the contact patch; default by preset"
     )
-    far_size_mm: Positive | None = Field(
+    far_size_mm: Annotated[Finite, Field(ge=0.05)] | None = Field(
         None, description="element edge away from the contact patch; default by preset"
     )
     epidermis_rows: Annotated[Whole, Field(ge=1, le=8)] | None = Field(
@@ -96,6 +100,15 @@ class Polynomial(Section):
         """Whether C10 and D1 say all."""
         higher = (self.C01_MPa, self.C20_MPa, self.C11_MPa, self.C02_MPa, self.C30_MPa)
         return not any(higher) and self.D2_per_MPa is None
+
+    @model_validator(mode="after")
+    def _resists_shear(self) -> Self:
+        if self.C10_MPa + self.C01_MPa <= 0:
+            raise ValueError(
+                f"C10_MPa + C01_MPa is {self.C10_MPa + self.C01_MPa:g} but must be greater than 0, "
+                "being half the shear modulus"
+            )
+        return self
 
 
 class Elastic(Section):
@@ -215,7 +228,9 @@ class Text(Stimulus):
         "FGH", description="paper: letters in the order in which they pass the receptor"
     )
     font: str = Field("DejaVu Sans", description="proposed: font family or path of a font file")
-    g_width_mm: Positive = Field(6.5, description="paper: width of the letter G, sets the scale")
+    g_width_mm: Annotated[Positive, Field(le=100)] = Field(
+        6.5, description="paper: width of the letter G, sets the scale"
+    )
     pitch_mm: Positive = Field(10.0, description="paper: centre to centre")
     relief_mm: Positive = Field(0.6, description="paper: height of the letters")
     corner_radius_mm: Positive = Field(0.3, description="proposed: least radius of the outline")
@@ -302,6 +317,18 @@ class Protocol(Section):
     speed_mm_s: Positive = Field(20.0, description="paper: speed of the slide")
     distance_mm: NonNegative = Field(10.0, description="paper: length of the slide")
     output_mm: Positive = Field(0.1, description="slide positions that are hit exactly")
+
+    @model_validator(mode="after")
+    def _comes_to_an_end(self) -> Self:
+        if self.distance_mm / self.output_mm > MOST_OUTPUTS:
+            raise ValueError(
+                f"distance_mm = {self.distance_mm:g} holds more than {MOST_OUTPUTS:,} times "
+                f"output_mm = {self.output_mm:g}"
+            )
+        lasts_s = self.depth_mm / self.press_speed_mm_s + self.distance_mm / self.speed_mm_s
+        if lasts_s > LONGEST_S:
+            raise ValueError(f"it lasts {lasts_s:g} s at these speeds, more than {LONGEST_S:,.0f}")
+        return self
 
 
 class Receptors(Section):
@@ -392,7 +419,7 @@ class Solver(Section):
     contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
         10, description="quadrature degree"
     )
-    held: tuple[Literal["bone", "nail", "cut"], ...] = Field(
+    held: Annotated[tuple[Literal["bone", "nail", "cut"], ...], Field(min_length=1)] = Field(
         ("bone", "nail", "cut"), description="parts that are fixed; the others deform"
     )
     first_step_mm: Positive = Field(0.05, description="first step of the press")

@@ -48,6 +48,8 @@ def toml_value(value: Any) -> str:
     """Return `value` as it would stand in a study file, on one line."""
     if isinstance(value, dict):
         return "a table" if value else "an empty table"
+    if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
+        return "a list of tables"
     try:
         text = tomlkit.item(value).as_string()
     except (TypeError, ValueError):
@@ -121,7 +123,8 @@ def _allowed(kind: str, path: tuple[str | int, ...], context: Any, message: str)
     if kind == "too_long":
         return f"a list of at most {context['max_length']} entries"
     if kind == "too_short":
-        return f"a list of at least {context['min_length']} entries"
+        least = context["min_length"]
+        return f"a list of at least {least} {'entry' if least == 1 else 'entries'}"
     if kind in _TYPES:
         return _TYPES[kind]
     return "valid: " + message[:1].lower() + message[1:]

@@ -109,7 +109,7 @@ def _take_as_text(
     taken = False
     for problem in error.errors(include_url=False):
         location = problem["loc"]
-        keys = location[:1] + location[2:] if location[0] == "stimulus" else location
+        keys = location[:1] + location[2:] if location[:1] == ("stimulus",) else location
         if problem["type"] == "string_type" and keys in texts:
             section = data
             for key in keys[:-1]:

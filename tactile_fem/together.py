@@ -1,11 +1,22 @@
-"""What one rank does for all: the result or the error reaches every rank."""
+"""What one rank does for all, and an end for all: the result or the error reaches every rank."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from mpi4py import MPI
+
+from tactile_fem.errors import TactileError
+
+logger = logging.getLogger(__name__)
+
+# How long a rank that failed waits for the others to fail as well.
+_PATIENCE_S = 5.0
 
 
 def on_root[T](comm: MPI.Comm, action: Callable[[], T], *, share: bool = True) -> T:
@@ -31,3 +42,39 @@ def on_root[T](comm: MPI.Comm, action: Callable[[], T], *, share: bool = True) -
     if error is not None:
         raise error
     return comm.bcast(result) if share else result
+
+
+@contextmanager
+def ending_together(comm: MPI.Comm) -> Iterator[None]:
+    """Let an error out of the block only if all ranks have one; otherwise end all ranks.
+
+    An error on some ranks would leave the others waiting for ever. What they wait for is left
+    alone: the ranks meet on a communicator of their own.
+    """
+    if comm.size == 1:
+        yield
+        return
+    own = comm.Dup()
+    try:
+        yield
+    except BaseException as error:
+        if not _all_arrive(own):
+            trace = None if isinstance(error, TactileError | OSError) else error
+            logger.critical("rank %d ends all: %s", comm.rank, error, exc_info=trace)
+            code = getattr(error, "exit_code", 1)
+            comm.Abort(code)
+            os._exit(code)  # some MPI return from their abort
+        raise
+    finally:
+        own.Free()
+
+
+def _all_arrive(comm: MPI.Comm) -> bool:
+    """Tell whether all ranks call this within a few seconds."""
+    request = comm.Ibarrier()
+    end = time.monotonic() + _PATIENCE_S
+    while not request.Test():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.01)
+    return True

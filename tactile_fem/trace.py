@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_fem.errors import StudyError
+
 Array = NDArray[Any]
 
 
@@ -99,8 +101,18 @@ class Histories:
 
     @classmethod
     def from_trace(cls, trace: dict[str, Array], rows: int) -> Histories:
-        """Return the first `rows` rows of a saved trace."""
+        """Return the first `rows` rows of a saved trace.
+
+        Raises
+        ------
+        StudyError
+            It has fewer rows or columns.
+        """
         histories = cls(trace["receptors_mm"])
+        missing = [name for name in histories._columns if name not in trace]
+        if missing or len(trace["time_s"]) < rows:
+            lack = f"columns {', '.join(missing)}" if missing else f"rows: {rows} are needed"
+            raise StudyError(f"The trace does not belong to its checkpoint: it lacks {lack}.")
         for name in histories._columns:
             histories._columns[name] = list(trace[name][:rows])
         return histories

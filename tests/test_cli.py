@@ -1,5 +1,6 @@
 import os
 import re
+import signal
 import subprocess
 import sys
 import types
@@ -52,69 +53,6 @@ def sentence_of(capsys, arguments, code=2):
 
 
 # --- bad input ---------------------------------------------------------------------------------
-
-BAD_SETTINGS = [
-    ("finger.dermis=1", "finger.dermis is not a key of [finger]; did you mean dermis_mm?"),
-    ("fingers.dermis_mm=1", "fingers is not a section of the study; did you mean finger?"),
-    ("finger.dermis_mm=0.8 mm", 'finger.dermis_mm is "0.8 mm" but must be a number.'),
-    ("finger.dermis_mm=-0.8", "finger.dermis_mm is -0.8 but must be greater than 0."),
-    ("finger.dermis_mm=6", "bone"),
-    ("finger.mesh_file=none.msh", "none.msh"),
-    ("stimulus.text=F\u4e2d", "no glyph"),
-    ("stimulus.font=Nosuchfont", "Nosuchfont"),
-    ("stimulus.font=none.ttf", "none.ttf"),
-    ("stimulus.kind=spoon", 'stimulus.kind is "spoon"'),
-    ("stimulus.fillet_radius_mm=0.5", "fillet_radius_mm"),
-    ("receptors.half_width_mm=30", "outside the finger"),
-    ("stimulus.friction", "write section.key=value"),
-]
-
-
-@pytest.mark.parametrize("setting, part", BAD_SETTINGS)
-def test_bad_values_are_one_sentence_before_anything_starts(capsys, scans, setting, part):
-    assert part in sentence_of(capsys, ["scan", "--set", setting])
-    assert scans == []
-    assert not Path("results").exists()
-
-
-@pytest.mark.parametrize(
-    "arguments, part",
-    [
-        (["scan", "none.toml"], "There is no study file none.toml."),
-        (["scan", "--results", "full"], "--overwrite"),
-        (["scan", "--results", "file"], "is a file"),
-        (["scan", "--results", "file/below"], "is a file"),
-        (["scan", "--ranks", "0"], "--ranks"),
-        (["scan", "--ranks", "two"], "--ranks"),
-        (["scan", "--unknown"], "--unknown"),
-        (["scan", "file"], "not valid TOML"),
-        (["mesh", "--set", "finger.half_width_mm=0"], "greater than 0"),
-        (["mesh", "-o", "finger.stl"], "must end in .msh"),
-        (["mesh", "-o", "none/finger.msh"], "cannot be written"),
-        (["export"], "--deck"),
-        (["export", "--deck", "finger.stl"], "must end in .inp"),
-        (["export", "--deck", "old.inp"], "exists already"),
-        (["export", "--deck", "none/finger.inp"], "cannot be written"),
-        (["export", "--deck", "new.inp", "--format", "ansys"], "--format"),
-        (["export", "--deck", "new.inp", "--grid-mm", "0"], "--grid-mm"),
-        (["export", "--deck", "new.inp", "--set", "protocol.force_N=0.5"], "force_N"),
-        (["plot", "none"], "holds no results"),
-        (["plot"], "RESULTS"),
-        (["resume", "none"], "holds no results"),
-        (["init", "file"], "exists already"),
-        (["init", "none/study.toml"], "cannot be written"),
-        (["walk"], "walk"),
-    ],
-)
-def test_bad_arguments_are_one_sentence(capsys, scans, arguments, part):
-    Path("full").mkdir()
-    Path("full/notes.md").write_text("mine")
-    Path("file").write_text("neither TOML nor a folder")
-    Path("old.inp").write_text("mine")
-    assert part in sentence_of(capsys, arguments)
-    assert scans == []
-    assert Path("old.inp").read_text() == "mine"
-    assert not Path("new.inp").exists()
 
 
 def test_an_unwritable_results_folder(capsys, scans, monkeypatch):
@@ -274,13 +212,42 @@ def test_plot_draws_again(capsys, monkeypatch):
     ]
 
 
-def test_resume_wants_a_checkpoint(capsys, scans, monkeypatch):
+def test_resume_goes_on(scans, monkeypatch):
     monkeypatch.setattr("tactile_fem.figures.draw_pictures", lambda results: [])
-    results = make_results("r")
-    assert "no checkpoint" in sentence_of(capsys, ["resume", "r"])
-    results.save_checkpoint(u=[0.0])
+    make_results("r")
     assert cli.main(["resume", "r"]) == 0
     assert scans == [Path("r")]
+
+
+def test_a_scan_started_again_goes_on_but_only_with_the_same_study(capsys, scans, monkeypatch):
+    made = []
+    monkeypatch.setattr(sys.modules["tactile_fem.scan"], "scan", lambda *a, **k: made.append(a))
+    monkeypatch.setattr(cli, "_draw", lambda results: None)
+    results = make_results("r")
+    assert "not empty" in sentence_of(capsys, ["scan", "--results", "r"])
+    results.save_run({"status": "running"})
+    changed = ["scan", "--results", "r", "--set", "protocol.depth_mm=1"]
+    assert "not empty" in sentence_of(capsys, changed)
+    assert made == []
+    assert cli.main(["scan", "--results", "r"]) == 0
+    assert made == [(Study(), Path("r"))]
+
+
+def test_a_file_that_cannot_be_written_is_one_sentence(capsys, scans, monkeypatch):
+    def fail(*args, **kwargs):
+        raise OSError(28, "No space left on device", "r/trace.npz")
+
+    monkeypatch.setattr(sys.modules["tactile_fem.scan"], "scan", fail)
+    sentence = sentence_of(capsys, ["scan"], code=1)
+    assert sentence == "r/trace.npz cannot be read or written: No space left on device."
+
+
+def test_a_signal_has_its_own_code(capsys, scans, monkeypatch):
+    def stop(*args, **kwargs):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(sys.modules["tactile_fem.scan"], "scan", stop)
+    assert "stopped by SIGTERM" in sentence_of(capsys, ["scan"], code=143)
 
 
 def test_init_writes_the_papers_study(capsys):

@@ -1,9 +1,13 @@
 import json
+import pickle
+import re
+from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
 
+from tactile_fem import results as results_module
 from tactile_fem.errors import StudyError
 from tactile_fem.fields import FieldWriter, read_series
 from tactile_fem.files import replacing
@@ -18,6 +22,7 @@ def trace():
     return {
         "time_s": time,
         "displacement_mm": 20 * np.maximum(time, 0),
+        "depth_mm": np.full(STEPS, 1.97),
         "stimulator_mm": np.zeros((STEPS, 3)),
         "force_N": np.ones((STEPS, 3)),
         "moment_Nmm": np.ones((STEPS, 3)),
@@ -83,12 +88,58 @@ def test_nothing_that_needs_pickle_is_written_or_read(tmp_path):
         _ = results.trace
 
 
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04broken"])
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04broken", pickle.dumps([1])])
 def test_a_broken_trace_is_a_study_error(tmp_path, content):
     results = Results.create(tmp_path / "r")
     (results.folder / "trace.npz").write_bytes(content)
     with pytest.raises(StudyError, match=r"trace\.npz cannot be read"):
         _ = results.trace
+
+
+def test_a_damaged_trace_is_read_rightly_or_a_study_error(tmp_path):
+    """Bytes of an archive are changed here and there."""
+    results = Results.create(tmp_path / "r")
+    results.save_trace(**trace())
+    path = results.folder / "trace.npz"
+    whole = path.read_bytes()
+    random = np.random.default_rng(0)
+    refused = 0
+    for _ in range(200):
+        damaged = bytearray(whole)
+        for place in random.integers(0, len(whole), 3):
+            damaged[place] = random.integers(0, 256)
+        path.write_bytes(damaged)
+        try:
+            read = Results(results.folder).trace
+        except StudyError:
+            refused += 1
+        else:
+            for name, array in trace().items():
+                np.testing.assert_array_equal(read[name], array)
+    assert refused > 50
+
+
+@pytest.mark.parametrize("name", ["run.json", "spikes.csv", "fields/deformation.pvd"])
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[1]", b"<a", b"x,y\n1,2\n"])
+def test_other_broken_files_are_study_errors_or_empty(tmp_path, name, content):
+    results = Results.create(tmp_path / "r")
+    (results.folder / name).write_bytes(content)
+    try:
+        assert not results.run
+        assert not results.spikes.time_s.size
+        assert not read_series(results.fields)[1]
+    except StudyError as error:
+        assert name in str(error)
+        assert "\n" not in str(error)
+    else:
+        assert name == "spikes.csv" and content in (b"", b"[1]", b"<a")
+
+
+def test_no_module_of_the_package_unpickles():
+    """Meshes and results of others are data: loading them runs no code."""
+    for path in Path(results_module.__file__).parent.rglob("*.py"):
+        words = set(re.findall(r"\w*(?:pickle|shelve|joblib)\w*(?:=\w+)?", path.read_text()))
+        assert words <= {"allow_pickle=False"}, path.name
 
 
 def test_a_folder_with_something_in_it_needs_overwrite(tmp_path):

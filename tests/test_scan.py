@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,14 +20,6 @@ from tactile_fem.study_file import dump_study
 
 class Stopped(Exception):
     """Raised by an observer in place of a kill."""
-
-
-@pytest.fixture(scope="session")
-def small_finger(tmp_path_factory) -> Path:
-    """A finger of 2,000 tetrahedra."""
-    path = tmp_path_factory.mktemp("mesh") / "small.msh"
-    write_msh(path, build_finger(Finger(pad_size_mm=3.0, far_size_mm=6.0)))
-    return path
 
 
 @pytest.fixture(scope="session")

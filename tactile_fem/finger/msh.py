@@ -31,8 +31,13 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
     """
     try:
         raw = meshio.gmsh.read(path)
-    except (OSError, meshio.ReadError, ValueError, KeyError, IndexError) as error:
-        raise MeshError(f"cannot read the mesh {path}: {error}") from error
+    except OSError as error:
+        raise MeshError(f"cannot read the mesh {path}: {error.strerror}") from error
+    except Exception as error:  # a damaged file fails in many ways
+        reason = str(error).strip() or type(error).__name__
+        raise MeshError(
+            f"cannot read the mesh {path}: it is no .msh file, or damaged ({reason})"
+        ) from error
     kinds = {block.type for block in raw.cells}
     if "tetra10" not in kinds or kinds & {"tetra", "triangle"}:
         raise MeshError(

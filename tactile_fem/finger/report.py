@@ -13,6 +13,7 @@ from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMes
 from tactile_fem.study import Finger
 
 LAYERS = ("stratum_corneum", "epidermis", "dermis")
+_SMALLEST_MM, _LARGEST_MM = 1.0, 1000.0
 PAD_MM = (6.0, 9.0)  # half width and half length in which the layers are measured
 
 
@@ -60,13 +61,19 @@ def check_mesh(mesh: FingerMesh) -> None:
     Raises
     ------
     MeshError
-        For inverted tetrahedra, facets of more than two, or missing tissues or surfaces.
+        For inverted tetrahedra, facets of more than two, missing tissues or surfaces, nodes that
+        are nowhere, or another unit of length.
     """
     missing = [name for name, tag in TISSUES.items() if not np.any(mesh.tissue == tag)]
     missing += [name for name, tag in SURFACES.items() if not np.any(mesh.surface == tag)]
     missing = [name for name in missing if name != "nail"]
     if missing:
         raise MeshError(f"the mesh lacks the part {', '.join(missing)}")
+    if not np.all(np.isfinite(mesh.nodes)):
+        raise MeshError("the mesh has nodes whose coordinates are no finite numbers")
+    length = float(np.ptp(mesh.nodes, axis=0).max())
+    if not _SMALLEST_MM < length < _LARGEST_MM:
+        raise MeshError(f"the mesh is {length:g} mm long, which is no finger: is it in mm?")
     bad = np.flatnonzero(_jacobians(mesh).min(axis=1) <= 0.0)
     if len(bad):
         where = mesh.nodes[mesh.tets[bad[0], :4]].mean(axis=0)

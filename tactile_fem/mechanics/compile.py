@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import platform
+import struct
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
+
+logger = logging.getLogger(__name__)
+
+# Another process that compiles the same form is waited for.
+_WAIT_S = 120
+# So long no form takes to compile: its process was killed.
+_ABANDONED_S = 600
 
 
-def jit_options(flags: Sequence[str]) -> dict[str, list[str]]:
+def jit_options(flags: Sequence[str]) -> dict[str, Any]:
     """Return DOLFINx's JIT options for the given C compiler flags.
 
     ``-march=native`` is dropped where it is not understood (other than x86-64). Where it stays,
@@ -17,10 +29,39 @@ def jit_options(flags: Sequence[str]) -> dict[str, list[str]]:
     """
     chosen = [flag for flag in flags if flag != "-march=native" or _is_x86()]
     if not chosen:
-        return {}
+        return {"timeout": _WAIT_S}
     if "-march=native" in chosen:
         chosen.append(f"-DTACTILE_CPU={_processor()}")
-    return {"cffi_extra_compile_args": chosen}
+    return {"timeout": _WAIT_S, "cffi_extra_compile_args": chosen}
+
+
+def mend_cache(folder: Path) -> None:
+    """Remove from DOLFINx's cache what a process that was killed left unfinished.
+
+    DOLFINx would wait for it and give up at every start, or crash on a library cut short.
+    """
+    for source in folder.glob("libffcx_*.c"):
+        ready = source.with_suffix(".c.cached")
+        with suppress(OSError):
+            if ready.exists():
+                if any(map(_is_cut_short, folder.glob(f"{source.stem}.*.so"))):
+                    ready.unlink()
+                    source.unlink()
+            elif time.time() - source.stat().st_mtime > _ABANDONED_S:
+                source.unlink()
+            else:
+                logger.info("waiting for another process that compiles, %d s at most", _WAIT_S)
+
+
+def _is_cut_short(library: Path) -> bool:
+    """Tell whether an ELF file ends before its table of sections, which stands last."""
+    with library.open("rb") as stream:
+        header = stream.read(64)
+    if len(header) < 64:
+        return True
+    (start,) = struct.unpack_from("<Q", header, 0x28)
+    size, count = struct.unpack_from("<HH", header, 0x3A)
+    return library.stat().st_size < int(start) + int(size) * int(count)
 
 
 def _is_x86() -> bool:

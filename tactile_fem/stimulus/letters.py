@@ -42,7 +42,8 @@ class Letters:
 
     def __init__(self, text: Text) -> None:
         font = _font(text.font)
-        glyphs = {c: _glyph(c, font, text.font) for c in set(text.text) if not c.isspace()}
+        characters = dict.fromkeys(c for c in text.text if not c.isspace())
+        glyphs = {c: _glyph(c, font, text.font) for c in characters}
         if not glyphs:
             raise StudyError('stimulus.text holds no letter; for a flat plate set kind = "plate"')
         reference = _glyph("G", font, text.font)

@@ -1,0 +1,60 @@
+"""SIGTERM and SIGINT end a scan between two Newton iterations, on all ranks together."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from mpi4py import MPI
+
+from tactile_fem.errors import StoppedError
+
+_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+@contextmanager
+def answering(answer: Callable[[int], None]) -> Iterator[None]:
+    """Call `answer` with the number of a signal that asks to stop; main thread only."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    for number in _SIGNALS:
+        signal.signal(number, lambda caught, frame: answer(caught))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def stop_at_once(number: int) -> None:
+    """Answer a signal where nothing is to be saved."""
+    raise StoppedError(number)
+
+
+class StopRequest:
+    """A signal that any rank got, heeded by all at the same place.
+
+    Parameters
+    ----------
+    comm
+        Communicator; all its ranks must check.
+    """
+
+    def __init__(self, comm: MPI.Comm) -> None:
+        self._comm = comm
+        self._number = 0
+
+    def note(self, number: int) -> None:
+        """Remember a signal; for `answering`."""
+        self._number = number
+
+    def check(self, *args: Any) -> None:
+        """Raise StoppedError on all ranks if one of them got a signal; fit for a SNES monitor."""
+        number = self._comm.allreduce(self._number, op=MPI.MAX)
+        if number:
+            raise StoppedError(number)

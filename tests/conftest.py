@@ -1,0 +1,14 @@
+from pathlib import Path
+
+import pytest
+
+from tactile_fem.finger import build_finger, write_msh
+from tactile_fem.study import Finger
+
+
+@pytest.fixture(scope="session")
+def small_finger(tmp_path_factory) -> Path:
+    """A finger of 2,000 tetrahedra."""
+    path = tmp_path_factory.mktemp("mesh") / "small.msh"
+    write_msh(path, build_finger(Finger(pad_size_mm=3.0, far_size_mm=6.0)))
+    return path

@@ -1,0 +1,372 @@
+"""Faults of disk, cache, checkpoint, mechanics and ranks: one sentence, nothing lost."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy._core import _multiarray_umath
+
+from tactile_fem import ranks
+from tactile_fem.errors import ConvergenceError, StudyError
+from tactile_fem.figures import draw_plots
+from tactile_fem.finger import FingerMesh, read_msh, write_msh
+from tactile_fem.lock import alone_in
+from tactile_fem.mechanics.compile import mend_cache
+from tactile_fem.results import Results
+from tactile_fem.scan import resume, scan
+from tactile_fem.study import (
+    Finger,
+    Output,
+    Plate,
+    Polynomial,
+    Protocol,
+    Receptors,
+    Solver,
+    Study,
+    Text,
+    Tissue,
+)
+from tactile_fem.study_file import dump_study
+
+
+@pytest.fixture(scope="module")
+def study(small_finger) -> Study:
+    return Study(
+        finger=Finger(mesh_file=small_finger),
+        stimulus=Text(text="FG"),
+        protocol=Protocol(depth_mm=0.2, distance_mm=0.1, speed_mm_s=1.0),
+        receptors=Receptors(spacing_mm=2.5),
+        output=Output(pictures=False),
+    )
+
+
+class Stopped(Exception):
+    """Raised by an observer in place of a kill."""
+
+
+@pytest.fixture(scope="module")
+def half_done(study, tmp_path_factory) -> Path:
+    """A scan that was cut off after two steps."""
+    folder = tmp_path_factory.mktemp("half") / "r"
+
+    def stop(step):
+        if step.index == 2:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        scan(study, folder, observers=[stop])
+    return folder
+
+
+@pytest.fixture
+def cut(half_done, tmp_path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(half_done, tmp_path / "r"))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    names = ("study.toml", "trace.npz", "checkpoint.npz", "run.json")
+    return {name: (folder / name).read_bytes() for name in names if (folder / name).is_file()}
+
+
+def change_checkpoint(folder: Path, **changes) -> None:
+    results = Results(folder)
+    saved = {**results.load_checkpoint(), **changes}
+    results.save_checkpoint(**{name: array for name, array in saved.items() if array is not None})
+
+
+# --- checkpoints -------------------------------------------------------------------------------
+
+
+def of_an_older_version(folder: Path) -> None:
+    change_checkpoint(folder, format=None, version=None, study=None, fields=None)
+
+
+def of_a_newer_version(folder: Path) -> None:
+    change_checkpoint(folder, format=99, version="7.0")
+
+
+def foreign(folder: Path) -> None:
+    np.savez(folder / "checkpoint.npz", x=np.zeros(3))
+
+
+def half_written(folder: Path) -> None:
+    path = folder / "checkpoint.npz"
+    path.write_bytes(path.read_bytes()[:1000])
+
+
+def pickled(folder: Path) -> None:
+    np.savez(folder / "checkpoint.npz", format=np.array([{}], dtype=object))
+
+
+def no_archive(folder: Path) -> None:
+    np.save(folder / "x.npy", np.zeros(3))
+    (folder / "x.npy").rename(folder / "checkpoint.npz")
+
+
+def removed(folder: Path) -> None:
+    (folder / "checkpoint.npz").unlink()
+
+
+def of_another_study(folder: Path) -> None:
+    path = folder / "study.toml"
+    path.write_text(path.read_text().replace("depth_mm = 0.2", "depth_mm = 0.3"))
+
+
+def of_another_mesh(folder: Path) -> None:
+    change_checkpoint(folder, mesh="0123")
+
+
+def with_another_trace(folder: Path) -> None:
+    results = Results(folder)
+    results.save_trace(**{name: a for name, a in results.trace.items() if name != "work_mJ"})
+
+
+def with_a_shorter_trace(folder: Path) -> None:
+    results = Results(folder)
+    trace = results.trace
+    short = {name: a if name == "receptors_mm" else a[:2] for name, a in trace.items()}
+    results.save_trace(**short)
+
+
+def of_no_study(folder: Path) -> None:
+    (folder / "study.toml").unlink()
+
+
+FAULTS = [
+    (of_an_older_version, "an older version, this is tactile_fem"),
+    (of_a_newer_version, r"checkpoint\.npz is from 7\.0, this is tactile_fem .* another folder"),
+    (foreign, "an older version"),
+    (half_written, r"checkpoint\.npz cannot be read"),
+    (pickled, r"checkpoint\.npz cannot be read"),
+    (no_archive, r"checkpoint\.npz cannot be read"),
+    (removed, "has no checkpoint to go on from"),
+    (of_another_study, r"study\.toml has changed since .* was written \(protocol\)"),
+    (of_another_mesh, "belongs to another mesh"),
+    (with_another_trace, "lacks columns work_mJ"),
+    (with_a_shorter_trace, "lacks rows: 3 are needed"),
+    (of_no_study, r"there is no study\.toml"),
+]
+
+
+@pytest.mark.parametrize("spoil, sentence", FAULTS)
+def test_a_checkpoint_that_cannot_be_used_is_told_and_nothing_is_overwritten(cut, spoil, sentence):
+    spoil(cut)
+    before = contents(cut)
+    with pytest.raises(StudyError, match=sentence) as caught:
+        resume(cut)
+    assert "\n" not in str(caught.value)
+    assert contents(cut) == before
+
+
+def test_another_mesh_file_of_the_same_name_is_told(study, cut, small_finger, tmp_path):
+    finger = read_msh(small_finger)
+    moved = tmp_path / "moved.msh"
+    path = cut / "study.toml"
+    path.write_text(path.read_text().replace(str(small_finger), str(moved)))
+    shrunk = FingerMesh(
+        0.99 * finger.nodes, finger.tets, finger.tissue, finger.triangles, finger.surface
+    )
+    write_msh(moved, shrunk)
+    with pytest.raises(StudyError, match="belongs to another mesh"):
+        resume(cut)
+    write_msh(moved, finger)  # the same mesh may lie elsewhere
+    assert len(resume(cut).trace.time_s) > 3
+
+
+def test_what_comes_after_the_mechanics_may_change(cut):
+    path = cut / "study.toml"
+    changed = path.read_text().replace(
+        "static_gain_pA_per_kPa = 113.0", "static_gain_pA_per_kPa = 1e7"
+    )
+    path.write_text(changed)
+    assert resume(cut).response.counts().sum() > 0
+
+
+def test_begun_and_not_come_to_a_step_it_begins_anew(study, cut):
+    removed(cut)
+    (cut / "trace.npz").unlink()
+    steps = []
+    resume(cut, observers=[steps.append])
+    assert steps[0].index == 1
+
+
+def test_two_runs_into_one_folder(cut, study):
+    before = contents(cut)
+    with alone_in(cut):
+        for start in (lambda: resume(cut), lambda: scan(study, cut, overwrite=True)):
+            with pytest.raises(StudyError, match="Another run is writing into"):
+                start()
+    assert contents(cut) == before
+
+
+# --- disk and cache ----------------------------------------------------------------------------
+
+
+def test_a_full_disk_keeps_what_was_written(cut, study, capsys):
+    """A limit on the size of files stands for it; both fail in the write."""
+    before = contents(cut)
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limit[1]))
+    try:
+        with pytest.raises(OSError, match=r"deformation_0000\.vtu"):
+            resume(cut)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert contents(cut)["checkpoint.npz"] == before["checkpoint.npz"]
+    assert capsys.readouterr().err == ""
+    assert not list(cut.glob(".*.part"))
+    assert len(resume(cut).trace.time_s) > 3
+    assert Results(cut).run["status"] == "complete"
+
+
+def test_a_folder_removed_under_the_run(study, tmp_path):
+    def remove(step):
+        shutil.rmtree(tmp_path / "r", ignore_errors=True)
+
+    with pytest.raises(FileNotFoundError, match=r"trace\.npz"):
+        scan(study, tmp_path / "r", observers=[remove])
+    assert not (tmp_path / "r").exists()
+
+
+@pytest.fixture
+def run_with_cache(study, tmp_path):
+    """Return a function that runs a scan with a cache of its own and returns its complaint."""
+
+    def run(cache: Path, *settings: str) -> str:
+        (tmp_path / "s.toml").write_text(dump_study(study))
+        command = [sys.executable, "-m", "tactile_fem", "scan", "s.toml", *settings]
+        environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True
+        )
+        assert done.returncode == 1 and "Traceback" not in done.stderr
+        assert "Exception ignored" not in done.stderr
+        (line,) = [x for x in done.stderr.splitlines() if x.startswith("tactile-fem: ")]
+        return line
+
+    return run
+
+
+def test_a_cache_that_cannot_be_written(run_with_cache, tmp_path):
+    (tmp_path / "cache").write_text("a file in its place")
+    sentence = run_with_cache(tmp_path / "cache")
+    assert f"The cache of compiled forms, {tmp_path}/cache/fenics, cannot be used" in sentence
+    assert "XDG_CACHE_HOME" in sentence
+
+
+def test_compiler_flags_that_the_compiler_refuses(run_with_cache, tmp_path):
+    sentence = run_with_cache(tmp_path / "cache", "--set", 'solver.compiler_flags=["-nonsense"]')
+    assert "The C compiler failed" in sentence and "solver.compiler_flags" in sentence
+
+
+def test_what_a_killed_process_left_in_the_cache_is_removed(tmp_path):
+    old, new, ready, cut = sources = [
+        tmp_path / f"libffcx_{name}.c" for name in ("old", "new", "ready", "cut")
+    ]
+    for path in sources:
+        path.touch()
+    os.utime(old, (0, 0))
+    whole = Path(_multiarray_umath.__file__).read_bytes()  # any library
+    for path, library in ((ready, whole), (cut, whole[: len(whole) // 2])):
+        path.with_suffix(".c.cached").touch()
+        path.with_suffix(".abi3.so").write_bytes(library)
+    mend_cache(tmp_path)
+    assert sorted(tmp_path.glob("*.c")) == sorted([new, ready])
+    assert list(tmp_path.glob("*.cached")) == [ready.with_suffix(".c.cached")]
+
+
+def test_options_that_petsc_refuses(study, tmp_path):
+    wrong = study.model_copy(update={"solver": Solver(petsc={"pc_type": "nonsense"})})
+    with pytest.raises(StudyError, match=r"\(.*PC type nonsense\): look at \[solver\.petsc\]"):
+        scan(wrong)
+
+
+# --- mechanics ---------------------------------------------------------------------------------
+
+
+def diverged(study: Study, folder: Path) -> ConvergenceError:
+    """Run, expect divergence, and look at what is left."""
+    with pytest.raises(ConvergenceError, match=r"stopped (at|before) .* mm \(.*try") as caught:
+        scan(study, folder)
+    assert caught.value.exit_code == 3
+    results = Results(folder)
+    assert results.run["status"].startswith("failed: the indentation stopped")
+    assert np.isfinite(results.trace["sed_kPa"]).all()
+    assert (folder / "spikes.csv").is_file()
+    assert [path.name for path in draw_plots(results)] == ["force.png"]
+    return caught.value
+
+
+@pytest.mark.slow
+def test_a_stimulus_driven_through_the_bone(study, tmp_path):
+    through = study.model_copy(
+        update={
+            "stimulus": Plate(),
+            "protocol": Protocol(depth_mm=9.0, distance_mm=0.1),
+            "solver": Solver(first_step_mm=0.5, max_press_step_mm=0.5, min_step_mm=0.4),
+        }
+    )
+    assert 1.0 < diverged(through, tmp_path / "r").displacement_mm < 6.0
+
+
+@pytest.mark.parametrize("C10_MPa", [1e-30, 1e300])
+def test_absurd_materials(study, tmp_path, C10_MPa):
+    fat = Polynomial(C10_MPa=C10_MPa, D1_per_MPa=96.0)
+    absurd = study.model_copy(
+        update={
+            "tissue": Tissue.model_validate({"subcutaneous": fat.model_dump()}),
+            "solver": Solver(min_step_mm=0.05),
+        }
+    )
+    try:
+        trace = scan(absurd, tmp_path / "r").trace
+    except ConvergenceError as error:
+        assert error.exit_code == 3
+    else:
+        assert np.isfinite(trace.sed_kPa).all() and np.isfinite(trace.force_N).all()
+
+
+def test_friction_of_five(study, tmp_path):
+    sticky = study.model_copy(update={"stimulus": Text(text="FG", friction=5.0)})
+    trace = scan(sticky, tmp_path / "r").trace
+    assert np.isfinite(trace.sed_kPa).all()
+
+
+# --- ranks -------------------------------------------------------------------------------------
+
+ONE_RANK_FAILS = """
+import logging, sys
+from tactile_fem.errors import StudyError
+from tactile_fem.together import ending_together
+from mpi4py import MPI
+logging.basicConfig(format="%(message)s")
+comm = MPI.COMM_WORLD
+with ending_together(comm):
+    if comm.rank == 1 or "all" in sys.argv:
+        raise StudyError("the sentence")
+    comm.Barrier()
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("who", ["one", "all"])
+def test_an_error_on_one_rank_ends_all(who):
+    command = [ranks.launcher(), "-n", "2", sys.executable, "-c", ONE_RANK_FAILS, who]
+    started = time.monotonic()
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert time.monotonic() - started < 10 + 20  # and the start of Python on a busy machine
+    if who == "one":
+        assert done.returncode == 2
+        ours = [line for line in done.stderr.splitlines() if "MPI_Abort" not in line]
+        assert ours == ["rank 1 ends all: the sentence"]
+    else:
+        assert done.returncode == 1 and done.stderr.count("StudyError: the sentence") == 2

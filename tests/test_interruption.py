@@ -1,0 +1,229 @@
+"""Scans that are killed, stopped or cut off in their writes, and go on."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_fem import ranks
+from tactile_fem.errors import StoppedError
+from tactile_fem.fields import read_series
+from tactile_fem.results import Results
+from tactile_fem.scan import resume, scan
+from tactile_fem.study import Finger, Neuron, Output, Protocol, Receptors, Solver, Study, Text
+from tactile_fem.study_file import dump_study
+
+PATIENCE_S = 300.0
+
+
+@pytest.fixture(scope="module")
+def study(small_finger) -> Study:
+    return Study(
+        finger=Finger(mesh_file=small_finger),
+        stimulus=Text(text="FG"),
+        protocol=Protocol(depth_mm=0.4, distance_mm=0.6, output_mm=0.05),
+        receptors=Receptors(spacing_mm=2.5),
+        neuron=Neuron(static_gain_pA_per_kPa=1e4),  # so that so small a press is felt
+        solver=Solver(first_slide_step_mm=0.05),
+        output=Output(pictures=False, fields_mm=0.2),
+    )
+
+
+@pytest.fixture(scope="module")
+def whole(study, tmp_path_factory) -> Results:
+    """The scan without interruption, on one rank."""
+    folder = tmp_path_factory.mktemp("whole") / "results"
+    scan(study, folder)
+    return Results(folder)
+
+
+def assert_equal(results: Results, whole: Results, tolerance: float) -> None:
+    """Hold histories, spikes and fields against those of the scan without interruption."""
+    assert results.run["status"] == "complete"
+    for name, expected in whole.trace.items():
+        if name not in ("wall_s", "imbalance_N", "newton_iterations", "linear_iterations"):
+            error = np.abs(results.trace[name] - expected).max()
+            assert error <= tolerance * max(np.abs(expected).max(), 1e-3), name
+    assert len(whole.spikes.time_s) > 10
+    np.testing.assert_array_equal(results.spikes.receptor, whole.spikes.receptor)
+    np.testing.assert_allclose(results.spikes.time_s, whole.spikes.time_s, atol=1e-6)
+    times, files = read_series(results.fields)
+    np.testing.assert_allclose(times, read_series(whole.fields)[0], atol=1e-12)
+    assert all(file.is_file() for file in files)
+
+
+# --- real signals ------------------------------------------------------------------------------
+
+
+class Run:
+    """The command line in a process of its own."""
+
+    def __init__(self, study: Study, folder: Path, count: int = 1) -> None:
+        file = folder.with_suffix(".toml")
+        file.write_text(dump_study(study))
+        launch = [ranks.launcher(), "-n", str(count)] if count > 1 else []
+        command = [*launch, sys.executable, "-m", "tactile_fem", "scan", str(file)]
+        self.folder = folder
+        self.log = folder.with_suffix(".log")
+        self._lines = self._said()
+        with self.log.open("a") as log:
+            self.process = subprocess.Popen(
+                [*command, "--results", str(folder)],
+                stdout=log,
+                stderr=log,
+                stdin=subprocess.DEVNULL,
+            )
+
+    def _said(self) -> int:
+        log = self.folder / "log.txt"
+        return len(log.read_text().splitlines()) if log.exists() else 0
+
+    def await_start(self) -> None:
+        """Wait until it has said in its log that it begins to march."""
+        end = time.monotonic() + PATIENCE_S
+        while self._said() == self._lines and self.process.poll() is None:
+            assert time.monotonic() < end
+            time.sleep(0.02)
+
+    def send(self, number: int) -> int:
+        """Send a signal, and return the exit code."""
+        self.process.send_signal(number)
+        return self.process.wait(PATIENCE_S)
+
+    def rank_pids(self) -> list[int]:
+        """Return the processes below the launcher's proxy."""
+        return [pid for proxy in _children(self.process.pid) for pid in _children(proxy)]
+
+
+def _children(pid: int) -> list[int]:
+    return [int(text) for text in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def kill_often(study: Study, folder: Path, moments: int, count: int = 1) -> None:
+    """Start the scan again and again and kill it at random moments; then let it end."""
+    random_ = random.Random(20)
+    hits = 0
+    for moment in range(moments):
+        run = Run(study, folder, count)
+        if moment % 5 == 4:
+            time.sleep(random_.uniform(0.0, 3.0))  # before it marches, mostly
+        else:
+            run.await_start()
+            time.sleep(random_.uniform(0.0, 4.0 / moments))
+        if run.process.poll() is not None:
+            break
+        hits += 1
+        if count > 1 and moment % 2 and len(run.rank_pids()) == count:
+            os.kill(random_.choice(run.rank_pids()), signal.SIGKILL)
+            run.process.wait(PATIENCE_S)
+        else:
+            for pid in run.rank_pids():
+                os.kill(pid, signal.SIGKILL)
+            run.send(signal.SIGKILL)
+    assert hits >= moments // 2
+    if Results(folder).run.get("status") != "complete":
+        assert Run(study, folder, count).process.wait(PATIENCE_S) == 0
+
+
+def test_killed_at_ten_moments_it_ends_the_same(study, whole, tmp_path):
+    kill_often(study, tmp_path / "r", 10)
+    assert_equal(Results(tmp_path / "r"), whole, 1e-10)
+
+
+@pytest.mark.slow
+@pytest.mark.mpi
+def test_two_ranks_killed_at_ten_moments_end_the_same(study, tmp_path):
+    """One rank is killed, or all of them and the launcher."""
+    assert Run(study, tmp_path / "whole", 2).process.wait(PATIENCE_S) == 0
+    kill_often(study, tmp_path / "r", 10, count=2)
+    assert_equal(Results(tmp_path / "r"), Results(tmp_path / "whole"), 1e-10)
+
+
+@pytest.mark.mpi
+def test_two_ranks_stop_on_a_signal_and_one_goes_on(study, whole, tmp_path):
+    run = Run(study, tmp_path / "r", 2)
+    run.await_start()
+    time.sleep(0.5)
+    asked = time.monotonic()
+    assert run.send(signal.SIGTERM) == 128 + signal.SIGTERM
+    assert time.monotonic() - asked < 30
+    sentences = [line for line in run.log.read_text().splitlines() if "tactile-fem" in line]
+    assert len(sentences) == 1 and "stopped by SIGTERM" in sentences[0]
+    assert "Traceback" not in run.log.read_text()
+    assert Results(run.folder).run["status"] == "stopped"
+    resume(run.folder)
+    assert_equal(Results(run.folder), whole, 1e-6)
+
+
+def test_a_signal_is_heeded_within_a_step(study, tmp_path):
+    def interrupt(step):
+        if step.index == 5:
+            signal.setitimer(signal.ITIMER_REAL, 0.05)
+
+    def on_alarm(number, frame):
+        os.kill(os.getpid(), signal.SIGINT)
+
+    before = signal.signal(signal.SIGALRM, on_alarm)
+    try:
+        with pytest.raises(StoppedError) as caught:
+            scan(study, tmp_path / "r", observers=[interrupt])
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert caught.value.exit_code == 130
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+# --- power cuts between the writes -------------------------------------------------------------
+
+
+class PowerCut(BaseException):
+    """In place of a kill that hits a write."""
+
+
+@pytest.mark.parametrize("writes, finished", [(0, False), (3, False), (16, True)])
+def test_cut_off_at_a_write_it_ends_the_same(study, whole, tmp_path, monkeypatch, writes, finished):
+    """The file is half written, or renamed just before."""
+    real, count = os.replace, 0
+
+    def replace(source, target):
+        nonlocal count
+        count += 1
+        if count > writes:
+            if finished:
+                real(source, target)
+            raise PowerCut
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(PowerCut):
+        scan(study, tmp_path / "r")
+    monkeypatch.undo()
+    scan(study, tmp_path / "r")
+    assert_equal(Results(tmp_path / "r"), whole, 1e-10)
+
+
+def test_cut_off_between_field_and_checkpoint_the_field_is_not_listed_twice(
+    study, whole, tmp_path, monkeypatch
+):
+    real = Results.save_checkpoint
+
+    def save_checkpoint(results, **arrays):
+        if int(arrays["fields"]) == 2:
+            raise PowerCut
+        real(results, **arrays)
+
+    monkeypatch.setattr(Results, "save_checkpoint", save_checkpoint)
+    with pytest.raises(PowerCut):
+        scan(study, tmp_path / "r")
+    monkeypatch.undo()
+    assert len(read_series(tmp_path / "r" / "fields")[0]) == 2
+    resume(tmp_path / "r")
+    assert_equal(Results(tmp_path / "r"), whole, 1e-10)
