@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
         If a receptor's X, Y has no interface above it, or there are far too many.
     """
     _check_count(receptors)
-    facets = finger.nodes[finger.triangles[finger.surface == SURFACES["interface"], :3]]
+    facets = _interface(finger)
     if receptors.placement == "afferents":
         spread, extra = _spread(receptors, facets), receptors.extra_mm
         return np.array([*spread, *(_lift(x, y, facets)[0] for x, y in extra)])
@@ -143,7 +144,7 @@ def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> S
     radius = receptors.average_radius_mm
     offsets = _lattice(radius)
     found = []
-    for number, position in enumerate(positions):
+    for number, position in _end_organs(receptors, positions, finger):
         near = np.flatnonzero(
             np.all((low <= position + radius + 1e-6) & (high >= position - radius - 1e-6), axis=1)
         )
@@ -159,8 +160,27 @@ def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> S
             )
         first = near[inside[hit].argmax(axis=1)]
         count = len(first)
-        found.append((np.full(count, number), cells[first], points[hit], np.full(count, 1 / count)))
+        weight = 1 / (count * receptors.end_organs)
+        found.append((np.full(count, number), cells[first], points[hit], np.full(count, weight)))
     return Samples(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
+def _end_organs(
+    receptors: Receptors, positions: np.ndarray, finger: FingerMesh
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield the receptor's number and the place of each end organ."""
+    angle = np.linspace(0, 2 * np.pi, receptors.end_organs - 1, endpoint=False)
+    around = receptors.end_organs_radius_mm * np.column_stack([np.cos(angle), np.sin(angle)])
+    facets = _interface(finger)
+    for number, position in enumerate(positions):
+        yield number, position
+        for x, y in position[:2] + around:
+            yield number, _lift(x, y, facets)[0]
+
+
+def _interface(finger: FingerMesh) -> np.ndarray:
+    """Return the corners (m, 3, 3) of the epidermis-dermis interface's facets."""
+    return finger.nodes[finger.triangles[finger.surface == SURFACES["interface"], :3]]
 
 
 def _lattice(radius: float) -> np.ndarray:

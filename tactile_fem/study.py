@@ -127,8 +127,10 @@ def _neo_hookean(E_MPa: float, nu: float = 0.48) -> dict[str, float]:
 
 
 _DERMIS = {"C10_MPa": 0.01351, "C20_MPa": 0.010, "D1_per_MPa": 3.0}
-_CORNEUM = {"C10_MPa": 0.0845, "D1_per_MPa": 0.48}
-_EPIDERMIS = {"C10_MPa": 0.02297, "D1_per_MPa": 1.765}
+# The paper's outer layers are neo-Hookean. C30 acts where they are stretched or squeezed by tens
+# of percent, as friction of 1 does; with 0.3 it changes SED by less than 0.5 %.
+_CORNEUM = {"C10_MPa": 0.0845, "C30_MPa": 0.4225, "D1_per_MPa": 0.48}
+_EPIDERMIS = {"C10_MPa": 0.02297, "C30_MPa": 0.006, "D1_per_MPa": 1.765}
 _BONE = {"E_MPa": 17_000.0, "nu": 0.3}
 _NAIL = {"E_MPa": 170.0, "nu": 0.3}
 
@@ -351,6 +353,12 @@ class Receptors(Section):
     average_radius_mm: NonNegative = Field(
         0.25, description="proposed: radius of the averaged ball; 0 is the point value"
     )
+    end_organs: Annotated[Whole, Field(ge=1, le=50)] = Field(
+        1, description="paper: one; more are averaged, one at the receptor, the others around it"
+    )
+    end_organs_radius_mm: Positive = Field(
+        1.0, description="proposed: of the circle on which the other end organs lie"
+    )
 
 
 class Neuron(Section):
@@ -390,7 +398,7 @@ class Neuron(Section):
     threshold_noise: NonNegative = Field(
         0.0, description="sd of the logarithm of V_th from spike to spike"
     )
-    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of spread and noise")
+    seed: Annotated[Whole, Field(ge=0, lt=2**63)] = Field(1, description="of spread and noise")
 
 
 class Solver(Section):
@@ -398,7 +406,8 @@ class Solver(Section):
 
     nitsche_gamma: Positive = Field(
         1.2,
-        description="gamma_h = gamma (K + 4 G/3)/h of the skin: too little is inexact, much slow",
+        description="gamma_h = gamma (K + 4 G/3)/h of the skin as it is: too little is "
+        "inexact, much slow",
     )
     nitsche_theta: Literal[-1, 0, 1] = Field(
         0, description="0 incomplete, the robust one; 1 symmetric, -1 skew"

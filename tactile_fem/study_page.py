@@ -1,4 +1,4 @@
-"""Writes the page of every study key: ``python -m tactile_fem.study_page > docs/study.md``."""
+"""Writes the page of every study key, `demos/pages/study.md`; a test compares the two."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from tactile_fem.study_errors import KINDS, toml_value
 _HEAD = """\
 # Every key of the study
 
-Made from the models by `python -m tactile_fem.study_page > docs/study.md`. A name carries its unit:
-mm, N, MPa, s, pA, pF, GOhm, mV. *paper* marks what stands in Hamasaki et al. 2020, *proposed* what
-this project chose. Axes: X across the finger, Y along it towards the tip, Z from pad to nail.
+Made from the models by `python -m tactile_fem.study_page > demos/pages/study.md`. A name carries
+its unit: mm, N, MPa, s, pA, pF, GOhm, mV. *paper* marks what stands in Hamasaki et al. 2020,
+*proposed* what this project chose. Axes: X across the finger, Y along it towards the tip, Z from
+the pad to the nail.
 `tactile-fem init study.toml` writes the same as a file to edit; `--set section.key=value` changes a
 value for one run.
 """

@@ -11,9 +11,11 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tactile_fem import ranks
+from tactile_fem.study import Neuron
 
 DEMOS = Path(__file__).resolve().parents[1] / "demos"
 
@@ -194,6 +196,74 @@ def test_sharp_block(tmp_path):
     assert not row["failed"]
     assert float(row["tangential_N"]) / float(row["normal_N"]) == pytest.approx(0.3, rel=0.01)
     assert (tmp_path / "sharp_block.png").is_file()
+
+
+@pytest.mark.slow
+def test_histories(tmp_path):
+    way = ["--preset", "coarse", "--stimuli", "bar", "--depth", "0.1", "--step", "0.05"]
+    told = run("neurons/histories.py", str(tmp_path), *way)
+    assert number(r"bar: ([\d.]+) N", told) == pytest.approx(0.006, rel=0.1)
+    with (tmp_path / "bar.csv").open() as table:
+        heading, *rows = csv.reader(table)
+    assert [float(y) for y in heading[1:]] == pytest.approx([0.1 * k - 4 for k in range(81)])
+    assert float(rows[-1][0]) == pytest.approx(0.055)
+    assert max(map(float, rows[-1][1:])) == pytest.approx(0.025, rel=0.1)
+
+
+def test_fit_bar(tmp_path):
+    told = run("neurons/fit_bar.py", str(tmp_path))
+    gains = [number(rf"{name} +([\d.]+)", told) for name in ("static_gain\\w+", "dynamic_gain\\w+")]
+    n = Neuron()
+    assert n.static_gain_pA_per_kPa == pytest.approx(gains[0], rel=0.005)
+    assert n.dynamic_gain_pA_s_per_kPa == pytest.approx(gains[1], rel=0.005)
+    predicted = re.search(r"y < 0" + r" +([\d.]+)" * 6, told)
+    assert predicted and float(predicted[6]) == pytest.approx(0.764, abs=0.002)
+    assert "adaptation is not determined" in told
+    assert "all rates fall with the radius: yes" in told
+    assert number(r"1\.59 +0\.830 +([\d.]+)", told) == pytest.approx(278, abs=2)
+    for name in ("bar.csv", "bar.png", "cylinders.csv", "cylinders.png"):
+        assert (tmp_path / name).is_file()
+
+
+def test_brian(tmp_path):
+    way = ["--afferents", "20", "--duration", "0.3", "--steps-ms", "0.1"]
+    told = run("neurons/brian.py", str(tmp_path), *way)
+    if not find_spec("brian2"):
+        assert "not installed" in told
+        return
+    assert number(r"first spikes differ by at most ([\d.]+) steps", told) < 1
+    assert number(r"the k-th by at most ([\d.]+) k steps", told) < 5
+
+
+@pytest.mark.slow
+def test_single_fibre(tmp_path):
+    way = ["--spacing", "1", "--half-width", "1", "--depth", "0.5", "--distance", "0.2"]
+    told = run("protocols/single_fibre.py", str(tmp_path), *way, "--jobs", "2")
+    # The middle pass is the population's own scan, with one receptor.
+    assert re.search(r"population +3 rows", told) and re.search(r"single fibre +3 rows", told)
+    middle = np.load(tmp_path / "passes" / "shift+0.000" / "trace.npz")
+    population = np.load(tmp_path / "population" / "text-G" / "trace.npz")
+    np.testing.assert_allclose(
+        middle["sed_kPa"][:, 0], population["sed_kPa"][:, 1], atol=1e-6 * middle["sed_kPa"].max()
+    )
+    assert (tmp_path / "protocols.png").is_file()
+
+
+@pytest.mark.slow
+def test_legibility(tmp_path):
+    way = ["--letters", "CO", "--depth", "0.5", "--distance", "0.2", "--realizations", "2"]
+    told = run("protocols/legibility.py", str(tmp_path), *way, "--jobs", "2")
+    assert 0 <= number(r"([\d.]+) % right of 4", told) <= 100
+    assert (tmp_path / "confusion.png").is_file()
+
+
+@pytest.mark.slow
+def test_friction(tmp_path):
+    way = ["--values", "0", "0.5", "--depth", "0.5", "--distance", "0.2", "--jobs", "2"]
+    told = run("protocols/friction.py", str(tmp_path), *way)
+    assert number(r"friction 0.00: .* ([\d.]+) N across", told) < 0.002
+    assert number(r"friction 0.50: .* ([\d.]+) N across", told) > 0.01
+    assert (tmp_path / "friction.png").is_file()
 
 
 @pytest.mark.mpi

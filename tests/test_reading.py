@@ -96,7 +96,7 @@ def test_rate_image_counts_the_spikes_of_the_slide():
     image = rate_image(Sweep(np.array([-1.0, 0.0, 1.0]), time, sed, SPEED), Neuron())
     assert all((times >= 0).all() for times in image.response.spikes)
     counted = image.rate_Hz.sum(axis=1) * 0.2 / SPEED
-    np.testing.assert_allclose(counted, image.response.counts(), atol=0.7)
+    np.testing.assert_allclose(counted, image.response.counts(), rtol=0.02)
     assert counted[2] > counted[1] > counted[0] == 0
 
 

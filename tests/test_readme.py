@@ -24,8 +24,17 @@ def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
     exec(compile(small, "README.md", "exec"), {})
     assert Path("results/letters/figures/raster.png").is_file()
     assert "[" in capsys.readouterr().out
-    reading = blocks("python")[1].replace("results/scan", "results/letters")
+    reading = blocks("python")[2].replace("results/scan", "results/letters")
     exec(compile(reading, "README.md", "exec"), {})
+
+
+def test_neurons_run_on_their_own(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(compile(blocks("python")[1], "README.md", "exec"), names)
+    counts = names["response"].counts()
+    assert counts[15] > counts[0] + 20 and counts.sum() == len(names["spike_s"])
+    assert Path("spikes.npz").is_file() and Path("spikes.png").is_file()
 
 
 def test_the_commands_exist(capsys):

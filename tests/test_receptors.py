@@ -128,6 +128,23 @@ def test_samples_lie_in_the_wanted_tissue_within_the_ball():
     np.testing.assert_allclose(np.bincount(samples.receptor, samples.weight), 1.0)
 
 
+def test_end_organs_share_a_receptors_mean():
+    finger = layered_block()
+    wanted = Receptors(half_width_mm=0, average_radius_mm=0, end_organs=5, end_organs_radius_mm=0.5)
+    samples = sample(wanted, place(wanted, finger), finger)
+    expected = [(0, 0), (0.5, 0), (0, 0.5), (-0.5, 0), (0, -0.5)]
+    np.testing.assert_allclose(samples.point[:, :2], expected, atol=1e-12)
+    np.testing.assert_allclose(samples.point[:, 2], 1.0)
+    np.testing.assert_allclose(samples.weight, 0.2)
+    balls = wanted.model_copy(update={"average_radius_mm": 0.25})
+    samples = sample(balls, place(balls, finger), finger)
+    np.testing.assert_allclose(samples.weight @ samples.point[:, :2], [0, 0], atol=1e-12)
+    np.testing.assert_allclose(samples.weight.sum(), 1.0)
+    far = wanted.model_copy(update={"end_organs_radius_mm": 9.0})
+    with pytest.raises(StudyError, match="lies outside the finger"):
+        sample(far, place(far, finger), finger)
+
+
 @pytest.mark.parametrize("radius", [0.0, 0.25])
 def test_probe_reads_a_homogeneous_state_exactly(radius):
     finger = layered_block()

@@ -39,8 +39,8 @@ def test_the_template_mentions_every_key():
 
 
 def test_the_page_of_all_keys_is_up_to_date():
-    """Make it anew: python -m tactile_fem.study_page > docs/study.md."""
-    page = Path(__file__).parents[1] / "docs" / "study.md"
+    """Make it anew: python -m tactile_fem.study_page > demos/pages/study.md."""
+    page = Path(__file__).parents[1] / "demos" / "pages" / "study.md"
     assert page.read_text(encoding="utf-8") == study_page()
 
 

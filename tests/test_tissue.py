@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import ufl
 from scipy.optimize import brentq
 
 from tactile_fem import backend  # noqa: F401
@@ -33,10 +34,15 @@ class Point:
         centre = np.full((1, 3), 0.25)
         self._stress = fem.Expression(stress(law, self.F), centre)
         self._energy = fem.Expression(law.energy(self.F), centre)
+        self._stiffness = fem.form(law.stiffness(self.F) * ufl.dx(self.mesh))
 
     def stress(self, F):
         self.F.value[:] = F
         return self._stress.eval(self.mesh, np.array([0], dtype=np.int32)).reshape(3, 3)
+
+    def stiffness(self, F):
+        self.F.value[:] = F
+        return fem.assemble_scalar(self._stiffness)
 
     def energy(self, F):
         self.F.value[:] = F
@@ -111,6 +117,21 @@ def test_small_strain_moduli(constants):
     assert axial / shear == pytest.approx(young_modulus(constants), rel=1e-3)
     one_sided = point.stress(np.diag([1 + shear, 1, 1]))[0, 0]
     assert one_sided / shear == pytest.approx(compression_modulus(constants), rel=1e-3)
+    assert point.stiffness(np.eye(3)) == pytest.approx(compression_modulus(constants), rel=1e-12)
+
+
+@pytest.mark.parametrize("constants", [NEO_HOOKEAN, SECOND_ORDER, YEOH, FULL])
+def test_stiffness_follows_the_slope_of_simple_shear(constants):
+    point = Point(constants)
+
+    def sheared(amount: float) -> np.ndarray:
+        F = np.eye(3)
+        F[0, 1] = amount
+        return F
+
+    rise = point.stress(sheared(0.701))[0, 1] - point.stress(sheared(0.699))[0, 1]
+    shear = (point.stiffness(sheared(0.7)) - 2 / constants.D1_per_MPa) * 3 / 4
+    assert rise / 0.002 == pytest.approx(shear, rel=1e-5)
 
 
 def test_named_set_is_nearly_incompressible():

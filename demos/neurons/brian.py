@@ -30,6 +30,7 @@ from cyclopts import run
 
 from tactile_fem.files import write_table
 from tactile_fem.neuron import Response, respond
+from tactile_fem.ranks import launched_rank
 from tactile_fem.study import Neuron
 
 NEURON = Neuron()
@@ -67,6 +68,8 @@ def main(
     steps_ms: tuple[float, ...] = (0.1, 0.05),
 ) -> None:
     """Compare spikes and seconds; duration in s, samples and Brian2's steps in ms."""
+    if launched_rank():
+        return
     if not find_spec("brian2"):
         print("Brian2 is not installed: pip install brian2")
         return

@@ -35,6 +35,7 @@ from scipy.optimize import isotonic_regression
 from tactile_fem.files import write_table
 from tactile_fem.neuron import Fit, FitWarning, Window, fit, respond
 from tactile_fem.neuron.fit import mean_rates
+from tactile_fem.ranks import launched_rank
 from tactile_fem.study import Neuron
 
 # y mm: dynamic, static spikes/s.
@@ -98,6 +99,8 @@ def main(
     folder: Path, *, histories: Path = Path(__file__).with_name("histories"), every: int = 1
 ) -> None:
     """Fit, predict, print and draw; `every` n-th position counts."""
+    if launched_rank():
+        return
     folder.mkdir(parents=True, exist_ok=True)
     y = np.array(list(MEASURED))[::every]
     rates = np.array(list(MEASURED.values()), dtype=float)[::every].T
@@ -234,8 +237,8 @@ def draw_bar(
 
 
 # %% [markdown]
-# The cylinders were not used in the fit. Peak: the highest steady rate in the ramp; one second: at
-# the end of the hold.
+# The cylinders were not used in the fit. Peak: of the spikes of many trials, spread by a Gaussian
+# of 10 ms; mean: of the steady rate over the ramp; after 1 s: the steady rate at the hold's end.
 
 
 # %%
@@ -247,13 +250,12 @@ def cylinders(histories: Path, neuron: Neuron, folder: Path) -> None:
     for radius in RADII_MM:
         time, places, felt = load(histories / f"cylinder_{radius:g}.csv")
         sed = felt[:, [int(np.abs(places).argmin())]]
-        moments = [Window(t, t + 1e-4, [0.0]) for t in np.arange(0.0, RAMP_S, 1e-3)]
-        ramp = mean_rates(time, sed, moments, neuron)
-        end = mean_rates(time, sed, [Window(time[-1] - 1e-3, time[-1], [0.0])], neuron)
-        numbers = (radius, sed[-1, 0], ramp.max(), ramp.mean(), end[0, 0])
-        rows.append(Cylinder(*map(float, numbers)))
+        moments = [Window(0.0, RAMP_S, [0.0]), Window(time[-1] - 1e-3, time[-1], [0.0])]
+        ramp, end = mean_rates(time, sed, moments, neuron)[:, 0]
         response = respond(time, np.repeat(sed, TRIALS, axis=1), noisy)
         courses.append(response.rate(at, 0.01).mean(axis=1))
+        numbers = (radius, sed[-1, 0], courses[-1].max(), ramp, end)
+        rows.append(Cylinder(*map(float, numbers)))
     print("radius mm  SED kPa  ramp: peak  mean  after 1 s (spikes/s)")
     for r in rows:
         print(

@@ -21,8 +21,7 @@
 #     python demos/neurons/histories.py results/histories --preset coarse --stimuli bar
 #
 # It writes `bar.csv`, `cylinder_1.59.csv` ...: a row per step, a column per receptor with its $y$
-# in mm as heading. Those in `histories/`, beside this script, come from the first command: 13
-# minutes on one core.
+# in mm as heading. Those in `histories/`, beside this script, come from the first command.
 
 # %%
 import csv

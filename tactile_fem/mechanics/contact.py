@@ -5,7 +5,7 @@ frictional contact, for one deformable body. With the Piola traction ``t = P N``
 the obstacle's outward normal `nu`, ``p = t.nu`` (compression positive) and ``t_t = t - p nu``:
 
     s_n = [p - gamma_h g]_+                                 non-penetration, smoothed
-    s_t = Coulomb(t_t - gamma_h (slip + e_old); mu s_n)     friction, see `ElasticSlip`
+    s_t = Coulomb(t_t - d_old - gamma_h slip; mu s_n)       friction, see `StickMemory`
     residual -= Int s.v + theta/gamma_h (t - s).Dt[v] dA,   s = s_n nu + s_t
 """
 
@@ -67,8 +67,8 @@ class Contact:
         Pressure over which contact sets in, in MPa.
     softness
         Of the friction law, 0 to 1; see `smooth_coulomb`.
-    slip_old
-        Elastic slip of the last accepted step, in mm.
+    unmatched_old
+        ``t_t - s_t`` of the last accepted step, in MPa; see `StickMemory`.
     theta
         0 incomplete, 1 symmetric, -1 skew-symmetric Nitsche.
     """
@@ -78,7 +78,7 @@ class Contact:
     stiffness: Expr | float
     width: Expr | float
     softness: Expr | float
-    slip_old: Expr
+    unmatched_old: Expr
     theta: int = 0
 
     def tractions(self, t: Expr, u: Expr, u_old: Expr) -> tuple[Expr, Expr]:
@@ -87,18 +87,17 @@ class Contact:
         p = ufl.dot(t, nu)
         s_n = smooth_positive(p - self.stiffness * g, self.width)
         advance = self.obstacle.translation - self.obstacle.translation_old
-        motion = (u - u_old) - advance + self.slip_old
-        slip = motion - ufl.dot(motion, nu) * nu
-        trial = t - p * nu - self.stiffness * slip
+        trial = t - self.unmatched_old - self.stiffness * ((u - u_old) - advance)
+        trial -= ufl.dot(trial, nu) * nu
         s_t = smooth_coulomb(trial, self.friction * s_n, self.softness)
         return s_n, s_t
 
-    def elastic_slip(self, t: Expr, u: Expr, u_old: Expr) -> Expr:
-        """Return the elastic slip ``(t_t - s_t)/gamma_h``; none where nothing presses."""
+    def unmatched(self, t: Expr, u: Expr, u_old: Expr) -> Expr:
+        """Return ``d = t_t - s_t`` in MPa; none where nothing presses."""
         nu = self.obstacle.normal
         s_n, s_t = self.tractions(t, u, u_old)
-        slip = (t - ufl.dot(t, nu) * nu - s_t) / self.stiffness
-        return ufl.conditional(ufl.gt(s_n, 0.0), slip, 0.0 * slip)
+        d = t - ufl.dot(t, nu) * nu - s_t
+        return ufl.conditional(ufl.gt(s_n, 0.0), d, 0.0 * d)
 
     def residual(self, t: Expr, u: Expr, u_old: Expr, v: Expr) -> Expr:
         """Return the contact part of the residual's integrand over the skin."""

@@ -60,6 +60,15 @@ class Elasticity:
             P += F * (G * self._rate * (F.T * F - F_old.T * F_old))
         return P
 
+    def stiffness(self, tissue: str) -> Expr:
+        """Return how stiff a tissue is in this step, at the last accepted state, in MPa.
+
+        ``K + 4 G/3`` in small strain; stiffening adds to it, and viscosity ``2 G tau/dt``.
+        """
+        constants = self.constants(tissue)
+        elastic = law_of(constants, self._wrap).stiffness(self._F_old)
+        return elastic + self._wrap(2 * shear_modulus(constants)) * self._rate
+
     def residual(self, domain: Domain, v: Expr, degree: int) -> ufl.Form:
         """Return the virtual work of the stresses in `v`, with quadrature of `degree`."""
         return sum(

@@ -286,20 +286,20 @@ class March:
         problem.place(self._translation(self._control.position_mm))
         problem.load_cell.force_old_N = np.array(state["force_N"])
         order.scatter(arrays["friction"], problem.load_cell.friction_old)
-        problem.elastic_slip.scatter(arrays["slip"])
+        problem.stick.scatter(arrays["unmatched_MPa"])
 
     def gather(self) -> dict[str, np.ndarray]:
         """Return the arrays of the state, independent of the number of ranks.
 
         Displacements now, `u`, and a step before, `u_before`, and nodal forces of `friction`,
-        (n, 3) in the mesh file's node order; elastic `slip`, see `ElasticSlip.gather`.
+        (n, 3) in the mesh file's node order; `unmatched_MPa`, see `StickMemory.gather`.
         """
         problem = self.problem
         before = problem.u.copy()
         before.x.array[:] = self._u_before
         functions = {"u": problem.u, "u_before": before, "friction": problem.load_cell.friction_old}
         nodal = {name: problem.order.gather(function) for name, function in functions.items()}
-        return {**nodal, "slip": problem.elastic_slip.gather()}
+        return {**nodal, "unmatched_MPa": problem.stick.gather()}
 
 
 def _check_balance(load: Load) -> None:

@@ -25,10 +25,9 @@ from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.load import Load, LoadCell
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import PREFIX, set_options
-from tactile_fem.mechanics.slip import ElasticSlip
+from tactile_fem.mechanics.slip import StickMemory
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.study import Solver, Study, Tissue
-from tactile_fem.tissue.energies import compression_modulus
 
 # Where Newton's method fails: how much wider contact sets in, how soft friction is.
 _GENTLER = ((1.0, 0.3), (4.0, 0.3))
@@ -98,7 +97,7 @@ class FingerProblem:
         The rigid body and its place.
     order
         Carries displacements to and from the mesh file's node order.
-    elastic_slip
+    stick
         What sticking skin remembers.
     held
         This rank's dofs (blocks) of the nodes that do not move.
@@ -131,11 +130,11 @@ class FingerProblem:
         self._softness = fem.Constant(msh, 0.0)
         facets = _skin_by_tissue(domain)
         self.obstacle = Obstacle(body, self.u, np.sort(facets.indices), solver.contact_degree)
-        self.elastic_slip = ElasticSlip(self.obstacle)
+        self.stick = StickMemory(self.obstacle)
         self.bulk_degree = solver.bulk_degree
         self.skin = self._skin(facets, friction, solver)
         self._jit = jit_options(solver.compiler_flags)
-        self.elastic_slip.compile(self)
+        self.stick.compile(self)
         v = ufl.TestFunction(V)
         residual = self.elasticity.residual(domain, v, solver.bulk_degree)
         for part in self.skin:
@@ -201,6 +200,7 @@ class FingerProblem:
         msh = self.domain.mesh
         N = ufl.FacetNormal(msh)
         height = 3 * ufl.CellVolume(msh) / ufl.FacetArea(msh)
+        gamma = fem.Constant(msh, solver.nitsche_gamma)
         ds = ufl.Measure(
             "ds",
             msh,
@@ -209,14 +209,13 @@ class FingerProblem:
         )
         parts = []
         for tissue, tag in self.domain.tissues_of(skin).items():
-            M = fem.Constant(msh, compression_modulus(self.elasticity.constants(tissue)))
             contact = Contact(
                 self.obstacle,
                 fem.Constant(msh, friction),
-                fem.Constant(msh, solver.nitsche_gamma) * M / height,
+                gamma * self.elasticity.stiffness(tissue) / height,
                 self._width,
                 self._softness,
-                self.elastic_slip.old,
+                self.stick.old,
                 solver.nitsche_theta,
             )
             t = self.elasticity.stress(tissue) * N
@@ -272,7 +271,7 @@ class FingerProblem:
 
     def accept(self) -> None:
         """Make the present state the history of the next step; its load has to be read before."""
-        self.elastic_slip.keep()
+        self.stick.keep()
         self.load_cell.keep()
         self.place(self.obstacle.translation.value)
 

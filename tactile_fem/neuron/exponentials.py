@@ -141,27 +141,27 @@ def root(
     start
         First guess.
     """
-    x = 0.5 * (low + high) if start is None else np.clip(start, low, high)
+    x = 0.5 * (low + high) if start is None else np.minimum(np.maximum(start, low), high)
     before = high - low
     shortest = _ROUNDING * np.maximum(np.abs(low), np.abs(high))
     done = np.zeros(len(x), dtype=bool)
     last_slope = np.full(len(x), np.nan)
-    for _ in range(200):
-        value, slope = function(x)
-        done |= np.abs(value) <= _ROUNDING * size
-        beyond = (value >= 0) == rising
-        low, high = np.where(beyond, low, x), np.where(beyond, x, high)
-        with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for _ in range(200):
+            value, slope = function(x)
+            done |= np.abs(value) <= _ROUNDING * size
+            beyond = (value >= 0) == rising
+            low, high = np.where(beyond, low, x), np.where(beyond, x, high)
             guess = x - value / slope
             step = np.abs(guess - x)
             good = (guess >= low) & (guess <= high) & (step <= 0.5 * before)
             # What Newton's step leaves, from how the slope has changed over the step before.
             left = step**2 * np.abs((slope - last_slope) / (before * slope))
-        # What is found stays, so that none depends on how long the others take.
-        guess = np.where(done, x, np.where(good, guess, 0.5 * (low + high)))
-        done |= good & (left <= shortest)
-        before, x, last_slope = np.abs(guess - x), guess, slope
-        done |= before <= shortest
-        if done.all():
-            break
+            # What is found stays, so that none depends on how long the others take.
+            guess = np.where(done, x, np.where(good, guess, 0.5 * (low + high)))
+            done |= good & (left <= shortest)
+            before, x, last_slope = np.abs(guess - x), guess, slope
+            done |= before <= shortest
+            if done.all():
+                break
     return x

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import exprel
 
 from tactile_fem.neuron.exponentials import ExponentialSum, root
 from tactile_fem.neuron.transduction import Segment
@@ -64,7 +63,7 @@ class Membrane:
 
     def _eventful(self, who: Array, start: Array, h: Array, current: ExponentialSum) -> Array:
         """Return V at the end of a stretch in which `who` may fire or become free."""
-        begin = np.clip(self._free[who] - start, 0.0, h)
+        begin = np.minimum(np.maximum(self._free[who] - start, 0.0), h)
         v = np.where(self._free[who] > start, 0.0, self._potential[who])
         result = np.where(begin < h, 0.0, v)
         going = np.flatnonzero(begin < h)
@@ -123,9 +122,11 @@ class Course:
         gone = -np.expm1(-s / tau)
         driven = current.constant * gone + current.slope * (s - tau * gone)
         for amplitude, time in zip(current.amplitudes, current.times, strict=True):
-            # (exp(-s/time) - exp(-s/tau)) / (1/tau - 1/time), also where they are equal.
-            apart = np.abs(1 / tau - 1 / time) * s
-            driven += amplitude * (s / tau * np.exp(-s / max(tau, time)) * exprel(-apart))
+            # (exp(-s/slow) - exp(-s/fast)) / (1 - fast/slow): the same rounded rate twice keeps it
+            # exact where the times are nearly equal.
+            rate = abs(1 / tau - 1 / time)
+            lag = -np.expm1(-rate * s) / (tau * rate) if rate else s / tau
+            driven += amplitude * (np.exp(-s / max(tau, time)) * lag)
         return self._v * (1 - gone) + self._resistance * driven
 
     def first_at(self, level: Array, end: Array) -> tuple[Array, Array]:

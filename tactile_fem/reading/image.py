@@ -130,9 +130,13 @@ def population_image(results: Results, neuron: Neuron | None = None) -> RateImag
 
 
 def fibre_image(passes: Sequence[Results], neuron: Neuron | None = None) -> RateImage:
-    """Return the image that passes over one receptor make: the classic spatial event plot."""
+    """Return the image that passes over one receptor make: the classic spatial event plot.
+
+    The afferent is the same in all passes, so its gain does not vary between rows.
+    """
     histories = fibre_histories(passes)
-    return rate_image(histories, neuron or passes[0].study.neuron)
+    neuron = neuron or passes[0].study.neuron
+    return rate_image(histories, neuron.model_copy(update={"gain_spread": 0.0}))
 
 
 def _check_even(across: Array, what: str) -> None:

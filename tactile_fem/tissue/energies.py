@@ -25,6 +25,9 @@ class Law(Protocol):
     def energy(self, F: Expr) -> Expr:
         """Return the strain energy density of the deformation gradient `F`, in MPa."""
 
+    def stiffness(self, F: Expr) -> Expr:
+        """Return how stiff it is at `F`, in MPa: ``K + 4 G/3`` without deformation."""
+
 
 @dataclass(frozen=True)
 class PolynomialEnergy:
@@ -39,20 +42,36 @@ class PolynomialEnergy:
 
     def energy(self, F: Expr) -> Expr:
         """Return the strain energy density of `F`, in MPa."""
+        J, a, b = _invariants(F)
+        return self._isochoric(a, b) + self._volumetric(J)
+
+    def stiffness(self, F: Expr) -> Expr:
+        """Return how stiff it is at `F`, in MPa: ``K + 4 G/3`` without deformation.
+
+        Against shear it is ``2 (W_a + W_b) + 4 (a W_aa + (a + b) W_ab + b W_bb)``, with
+        ``a = I1bar-3`` and ``b = I2bar-3``: the slope of Mooney and Rivlin's stress.
+        """
+        J, a, b = map(ufl.variable, _invariants(F))
+        W, U = self._isochoric(a, b), self._volumetric(J)
+        W_a, W_b = ufl.diff(W, a), ufl.diff(W, b)
+        slope = a * ufl.diff(W_a, a) + (a + b) * ufl.diff(W_a, b) + b * ufl.diff(W_b, b)
+        return ufl.diff(ufl.diff(U, J), J) + 4 / 3 * (2 * (W_a + W_b) + 4 * slope)
+
+    def _isochoric(self, a: Expr, b: Expr) -> Expr:
         c = self.constants
-        J = ufl.det(F)
-        C = F.T * F
-        I1 = ufl.tr(C)
-        a = J ** (-2 / 3) * I1 - 3
-        W = self.wrap(c.C10_MPa) * a + self.wrap(1 / c.D1_per_MPa) * (J - 1) ** 2
+        W = self.wrap(c.C10_MPa) * a
         if c.C20_MPa:
             W += self.wrap(c.C20_MPa) * a**2
         if c.C30_MPa:
             W += self.wrap(c.C30_MPa) * a**3
         if c.C01_MPa or c.C11_MPa or c.C02_MPa:
-            b = J ** (-4 / 3) * (I1**2 - ufl.tr(C * C)) / 2 - 3
             W += self.wrap(c.C01_MPa) * b
             W += self.wrap(c.C11_MPa) * a * b + self.wrap(c.C02_MPa) * b**2
+        return W
+
+    def _volumetric(self, J: Expr) -> Expr:
+        c = self.constants
+        W = self.wrap(1 / c.D1_per_MPa) * (J - 1) ** 2
         if c.D2_per_MPa is not None:
             W += self.wrap(1 / c.D2_per_MPa) * (J - 1) ** 4
         return W
@@ -76,6 +95,19 @@ class StVenantKirchhoff:
         shear = self.wrap(E_MPa / (2 * (1 + nu)))
         E = (F.T * F - ufl.Identity(3)) / 2
         return lame / 2 * ufl.tr(E) ** 2 + shear * ufl.inner(E, E)
+
+    def stiffness(self, F: Expr) -> Expr:
+        """Return ``K + 4 G/3``, in MPa."""
+        del F
+        return self.wrap(compression_modulus(self.constants))
+
+
+def _invariants(F: Expr) -> tuple[Expr, Expr, Expr]:
+    """Return ``J``, ``I1bar - 3`` and ``I2bar - 3``."""
+    J, C = ufl.det(F), F.T * F
+    I1 = ufl.tr(C)
+    I2 = (I1**2 - ufl.tr(C * C)) / 2
+    return J, J ** (-2 / 3) * I1 - 3, J ** (-4 / 3) * I2 - 3
 
 
 def stress(law: Law, F: Expr) -> Expr:

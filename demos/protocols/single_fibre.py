@@ -1,0 +1,127 @@
+# %% [markdown]
+# # A population of afferents against one fibre in many passes
+#
+# This demo emphasizes
+# - the classic protocol of single-fibre recordings: the letter is shifted across the finger between
+#   passes, and one receptor's spikes are stacked to an image,
+# - the population protocol of Hamasaki et al. 2020 (DOI 10.1177/1687814020984651): one pass, many
+#   receptors,
+# - that the passes are scans of their own: some at a time, resumed, never repeated.
+#
+# Let $r_p(x, d)$ be the rate of the afferent at $x$ when the letter has moved by $d$, and
+# $r_f(s, d)$ that of the afferent at $x = 0$ when the letter is shifted by $s$. A skin that is
+# the same everywhere and pressed evenly has $r_p(x, d) = r_f(-x, d)$. A finger is round:
+# receptors far from its middle carry less force, and the population's image is the more obscure
+# one. Both are held against the letter's outline by Pearson's correlation after the best shift
+# of up to 1 mm.
+#
+#     python demos/protocols/single_fibre.py results/fibre --jobs 2
+#     python demos/protocols/single_fibre.py results/quick --spacing 1 --half-width 1 --depth 0.4 \
+#         --distance 0.4
+
+# %%
+from dataclasses import dataclass
+from pathlib import Path
+
+from cyclopts import run
+
+from tactile_fem.figures import rings
+from tactile_fem.files import replacing, write_table
+from tactile_fem.logs import set_up
+from tactile_fem.reading import RateImage, bundles, fibre_image, population_image
+from tactile_fem.reading.figures import side_by_side
+from tactile_fem.reading.legibility import outline_correlation
+from tactile_fem.results import Results
+from tactile_fem.series import run_series, single_fibre, sweep, write_summary
+from tactile_fem.series.run import folder_of, is_complete
+from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
+from tactile_fem.study_file import dump_study
+
+
+@dataclass(frozen=True)
+class Row:
+    """A bundle of one protocol's middle receptor."""
+
+    protocol: str
+    start_mm: float
+    end_mm: float
+    spikes: int
+    rate_Hz: float
+
+
+# %% [markdown]
+# The population's receptors lie as far apart as the passes are shifted, so both images have the
+# same rows.
+
+
+# %%
+def main(
+    folder: Path,
+    *,
+    text: str = "G",
+    spacing: float = 0.2,
+    half_width: float = 5.0,
+    depth: float = 1.97,
+    distance: float = 10.0,
+    output: float = 0.1,
+    preset: str = "coarse",
+    jobs: int = 1,
+) -> None:
+    """Scan in both protocols and compare their images.
+
+    Parameters
+    ----------
+    spacing, half_width
+        Of receptors and shifts, mm.
+    output
+        Positions of the slide that are hit exactly, mm; steps are no longer than that.
+    jobs
+        Scans at a time.
+    """
+    set_up()
+    study = Study(
+        finger=Finger(preset=preset),
+        stimulus=Text(text=text),
+        protocol=Protocol(depth_mm=depth, distance_mm=distance, output_mm=output),
+        receptors=Receptors(half_width_mm=half_width, spacing_mm=spacing),
+        output=Output(pictures=False),
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "study.toml").write_text(dump_study(study), encoding="utf-8")
+    population = sweep([f"stimulus.text={text}"], folder / "study.toml")
+    passes = single_fibre(study, spacing_mm=spacing, half_width_mm=half_width)
+    run_series(population, folder / "population")
+    run_series(passes, folder / "passes", jobs=jobs)
+    print(write_summary(passes, folder / "passes"))
+    done = [member for member in passes if is_complete(member, folder / "passes")]
+    found = [Results.open(folder_of(member, folder / "passes")) for member in done]
+    one = Results.open(folder_of(population[0], folder / "population"))
+    images = {"population": population_image(one), "single fibre": fibre_image(found)}
+    tell(images, study, folder)
+
+
+def tell(images: dict[str, RateImage], study: Study, folder: Path) -> None:
+    """Print and draw both images."""
+    rows = []
+    for name, image in images.items():
+        r = outline_correlation(image, study.stimulus)
+        count = image.response.counts().sum()
+        print(f"{name:12s} {len(image.across_mm):3d} rows {count:6d} spikes, outline r = {r:.3f}")
+        middle = image.response.spikes[len(image.across_mm) // 2]
+        speed = study.protocol.speed_mm_s
+        for bundle in bundles(middle * speed, speed):
+            rows.append(Row(name, **vars(bundle)))
+            print(
+                f"    {bundle.start_mm:5.2f} to {bundle.end_mm:5.2f} mm: {bundle.spikes:3d} "
+                f"spikes, {bundle.rate_Hz:4.0f} /s"
+            )
+    if rows:
+        write_table(folder / "bundles.csv", rows)
+    figure = side_by_side(images, rings(study.stimulus))
+    with replacing(folder / "protocols.png") as part:
+        figure.savefig(part, format="png")
+    print(folder / "protocols.png")
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,86 @@
+"""The report is one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from synthetic import make_results, make_trace
+
+from tactile_fem import cli
+from tactile_fem.errors import StudyError
+from tactile_fem.report import write_report
+from tactile_fem.series import single_fibre, sweep, write_summary
+from tactile_fem.series.run import folder_of
+from tactile_fem.study import Study, Text
+
+
+class Tags(HTMLParser):
+    """Collects tags; raises where they do not match."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.seen: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.seen.append(tag)
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def tags(path) -> list[str]:
+    parser = Tags()
+    parser.feed(path.read_text(encoding="utf-8"))
+    assert not parser.open
+    return parser.seen
+
+
+def whole(trace):
+    steps = len(trace["time_s"])
+    return trace | {"newton_iterations": np.full(steps, 5), "wall_s": np.full(steps, 0.5)}
+
+
+def test_scan(tmp_path, capsys):
+    results = make_results(tmp_path / "scan", Study(stimulus=Text(text="<G>")))
+    assert cli.main(["report", str(results.folder)]) == 0
+    path = results.folder / "report.html"
+    assert str(path) in capsys.readouterr().out
+    text = path.read_text(encoding="utf-8")
+    assert "&lt;G&gt;" in text and "<G>" not in text
+    assert "0.6000 N" in text  # the normal force of the made-up trace
+    assert tags(path).count("img") >= 4
+    assert not re.search(r'(src|href)="(?!data:)', text)
+
+
+def test_both_protocols(tmp_path):
+    across = np.arange(-2, 3) * 1.0
+    population = make_results(tmp_path / "scan", trace=make_trace(across))
+    passes = single_fibre(Study(), spacing_mm=1.0, half_width_mm=2.0)
+    for member in passes:
+        make_results(
+            folder_of(member, tmp_path / "fibre"), member.study, whole(make_trace(np.zeros(1)))
+        )
+    path = write_report(population.folder, fibre=tmp_path / "fibre", output=tmp_path / "both.html")
+    text = path.read_text(encoding="utf-8")
+    assert re.search(r"<td>population</td><td>5</td><td>\d+</td><td>-?0\.\d{3}</td>", text)
+    assert re.search(r"<td>single fibre</td><td>5</td>", text)
+    write_summary(passes, tmp_path / "fibre")
+    assert tags(write_report(tmp_path / "fibre")).count("tr") == 6
+
+
+def test_sweep_and_nothing(tmp_path):
+    members = sweep(["stimulus.friction=0.1,0.2"])
+    make_results(folder_of(members[0], tmp_path), members[0].study, whole(make_trace()))
+    write_summary(members, tmp_path)
+    path = write_report(tmp_path)
+    assert tags(path).count("img") == 1
+    assert "not complete" in path.read_text(encoding="utf-8")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(StudyError, match="holds no results"):
+        write_report(tmp_path / "empty")
