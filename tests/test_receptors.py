@@ -160,10 +160,12 @@ def test_probe_reads_a_homogeneous_state_exactly(radius):
     feeling = probe.feel()
     J = stretch.prod()
     c = tissue.epidermis
-    energy = c.C10_MPa * (J ** (-2 / 3) * (stretch**2).sum() - 3) + (J - 1) ** 2 / c.D1_per_MPa
+    a = J ** (-2 / 3) * (stretch**2).sum() - 3
+    energy = c.C10_MPa * a + c.C30_MPa * a**3 + (J - 1) ** 2 / c.D1_per_MPa
     np.testing.assert_allclose(feeling.sed_kPa, 1000 * energy, rtol=1e-9)
     np.testing.assert_allclose(feeling.stretches, np.tile(np.sort(stretch), (3, 1)), rtol=1e-9)
-    deviator = 2 * c.C10_MPa * J ** (-5 / 3) * (stretch**2 - (stretch**2).mean())
+    slope = c.C10_MPa + 3 * c.C30_MPa * a**2
+    deviator = 2 * slope * J ** (-5 / 3) * (stretch**2 - (stretch**2).mean())
     von_mises = 1000 * np.sqrt(1.5 * (deviator**2).sum())
     np.testing.assert_allclose(feeling.von_mises_kPa, von_mises, rtol=1e-9)
     cells = CellEnergy(problem).gather()

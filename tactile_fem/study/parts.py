@@ -1,0 +1,207 @@
+"""Finger, protocol, receptors, neuron, solver and output of a study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole
+
+MOST_OUTPUTS = 100_000
+LONGEST_S = 100_000.0
+
+
+class Finger(Section):
+    """Shape of the fingertip and of its mesh."""
+
+    preset: Literal["coarse", "medium", "paper"] = Field(
+        "coarse", description="mesh size: coarse, medium or paper (81,000 tetrahedra)"
+    )
+    mesh_file: Path | None = Field(
+        None, description="a .msh file with the package's tags; replaces the parametric finger"
+    )
+    half_width_mm: Positive = Field(8.0, description="proposed: half the finger's width (X)")
+    palmar_height_mm: Positive = Field(8.0, description="proposed: axis to pad")
+    dorsal_height_mm: Positive = Field(5.5, description="proposed: axis to nail side")
+    tip_length_mm: Positive = Field(11.0, description="proposed: length of the rounded tip (Y)")
+    straight_length_mm: Positive = Field(14.0, description="proposed: proximal of the rounded tip")
+    contact_from_tip_mm: Positive = Field(12.0, description="proposed: tip to contact point")
+    pad_radius_mm: Positive = Field(
+        18.0, description="proposed: radius of the pad's contour along the finger"
+    )
+    stratum_corneum_mm: Positive = Field(0.17, description="paper: layer thickness")
+    epidermis_mm: Positive = Field(0.65, description="paper: layer thickness")
+    dermis_mm: Positive = Field(0.8, description="paper: layer thickness")
+    subcutaneous_mm: Positive = Field(
+        3.68,
+        description="proposed: dermis to bone under the contact point; the paper's nominal 0.7 "
+        "leaves too little tissue for its own indentation",
+    )
+    bone_half_width_mm: Positive = Field(4.0, description="proposed")
+    bone_half_height_mm: Positive = Field(2.3, description="proposed")
+    bone_tip_gap_mm: Positive = Field(6.0, description="proposed: end of the bone to fingertip")
+    nail_thickness_mm: Positive = Field(0.5, description="proposed")
+    nail_width_mm: Positive = Field(11.0, description="proposed")
+    nail_length_mm: Positive = Field(12.0, description="proposed")
+    pad_size_mm: Annotated[Finite, Field(ge=0.05)] | None = Field(
+        None, description="element edge under the contact patch; default by preset"
+    )
+    far_size_mm: Annotated[Finite, Field(ge=0.05)] | None = Field(
+        None, description="element edge away from the contact patch; default by preset"
+    )
+    epidermis_rows: Annotated[Whole, Field(ge=1, le=8)] | None = Field(
+        None, description="rows of elements through the epidermis; default by preset"
+    )
+
+    @property
+    def pad_thickness_mm(self) -> float:
+        """Skin surface to bone under the contact point."""
+        return self.stratum_corneum_mm + self.epidermis_mm + self.dermis_mm + self.subcutaneous_mm
+
+
+class Protocol(Section):
+    """Press, then slide towards the palm (-Y), the bone being fixed."""
+
+    depth_mm: Positive = Field(
+        1.97, description="paper: indentation of the undeformed pad's lowest point"
+    )
+    force_N: Positive | None = Field(
+        None, description="press to this normal force instead of to depth_mm (paper: 0.6)"
+    )
+    press_speed_mm_s: Positive = Field(20.0, description="proposed: speed of the indentation")
+    speed_mm_s: Positive = Field(20.0, description="paper: speed of the slide")
+    distance_mm: NonNegative = Field(10.0, description="paper: length of the slide")
+    output_mm: Positive = Field(0.1, description="slide positions that are hit exactly")
+
+    @model_validator(mode="after")
+    def _comes_to_an_end(self) -> Self:
+        if self.distance_mm / self.output_mm > MOST_OUTPUTS:
+            raise ValueError(
+                f"distance_mm = {self.distance_mm:g} holds more than {MOST_OUTPUTS:,} times "
+                f"output_mm = {self.output_mm:g}"
+            )
+        lasts_s = self.depth_mm / self.press_speed_mm_s + self.distance_mm / self.speed_mm_s
+        if lasts_s > LONGEST_S:
+            raise ValueError(f"it lasts {lasts_s:g} s at these speeds, more than {LONGEST_S:,.0f}")
+        return self
+
+
+class Receptors(Section):
+    """SA1 end organs on the epidermis-dermis interface."""
+
+    placement: Literal["line", "grid", "random", "afferents"] = Field(
+        "line",
+        description="paper: a line across the finger; or a grid, at random, or by density on the "
+        "interface with distance kept, as afferents lie",
+    )
+    half_width_mm: NonNegative = Field(5.0, description="extent across the finger (X)")
+    half_length_mm: NonNegative = Field(4.0, description="extent along (Y), not of the line")
+    spacing_mm: Positive = Field(0.2, description="of line and grid; paper's shift per pass")
+    density_per_cm2: Positive = Field(70.0, description="of random and afferents: SA1 afferents")
+    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of random and afferents")
+    extra_mm: tuple[tuple[Finite, Finite], ...] = Field(
+        (), description="further receptors: pairs X, Y"
+    )
+    side: Literal["epidermis", "dermis"] = Field(
+        "epidermis", description="tissue whose strain energy the receptor feels"
+    )
+    average_radius_mm: NonNegative = Field(
+        0.25, description="proposed: radius of the averaged ball; 0 is the point value"
+    )
+    end_organs: Annotated[Whole, Field(ge=1, le=50)] = Field(
+        1, description="paper: one; more are averaged, one at the receptor, the others around it"
+    )
+    end_organs_radius_mm: Positive = Field(
+        1.0, description="proposed: of the circle on which the other end organs lie"
+    )
+
+
+class Neuron(Section):
+    """Transduction current and leaky integrate-and-fire membrane."""
+
+    model: Literal["hamasaki2020", "gerling2018"] = Field(
+        "hamasaki2020", description="transduction: alpha, kappa, beta; or the generator function"
+    )
+    # alpha and beta: demos/neurons/fit_bar.py, on rates that Phillips and Johnson (1981) measured
+    # under a bar; kappa and tau_a stayed as here in that fit.
+    static_gain_pA_per_kPa: NonNegative = Field(
+        113.0, description="alpha; fitted to rates under a bar (Phillips and Johnson 1981)"
+    )
+    dynamic_gain_pA_s_per_kPa: NonNegative = Field(
+        17.2, description="beta; fitted to rates under a bar (Phillips and Johnson 1981)"
+    )
+    adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(0.45, description="kappa; proposed")
+    adaptation_time_s: Positive = Field(0.5, description="tau_a; proposed")
+    intercept_pA: Finite | None = Field(
+        None,
+        description="I_0 while S > 0; default is the rheobase V_th/R, 0 for gerling2018",
+    )
+    generator_gains_pA_per_kPa: tuple[NonNegative, NonNegative, NonNegative, NonNegative] = Field(
+        (100.0, 50.0, 25.0, 50.0),
+        description="gerling2018: k_i of the parts, the last does not inactivate; proposed",
+    )
+    generator_times_s: tuple[Positive, Positive, Positive] = Field(
+        (0.008, 0.2, 1.745), description="gerling2018: tau_i; Gerling 2018"
+    )
+    capacitance_pF: Positive = Field(30.0, description="C; after Gerling 2018's public constants")
+    resistance_GOhm: Positive = Field(1.667, description="R; after Gerling 2018's constants")
+    threshold_mV: Positive = Field(30.0, description="V_th; after Gerling 2018's constants")
+    refractory_s: NonNegative = Field(0.001, description="t_ref; after Gerling 2018's constants")
+    gain_spread: NonNegative = Field(
+        0.0, description="sd of the logarithm of the gains between afferents"
+    )
+    threshold_noise: NonNegative = Field(
+        0.0, description="sd of the logarithm of V_th from spike to spike"
+    )
+    seed: Annotated[Whole, Field(ge=0, lt=2**63)] = Field(1, description="of spread and noise")
+
+
+class Solver(Section):
+    """Discretization of the contact and control of the steps."""
+
+    nitsche_gamma: Positive = Field(
+        1.2,
+        description="gamma_h = gamma (K + 4 G/3)/h of the skin as it is: too little is "
+        "inexact, much slow",
+    )
+    nitsche_theta: Literal[-1, 0, 1] = Field(
+        0, description="0 incomplete, the robust one; 1 symmetric, -1 skew"
+    )
+    contact_width_MPa: NonNegative = Field(
+        0.005, description="pressure over which contact sets in smoothly; 0 is a kink"
+    )
+    bulk_degree: Annotated[Whole, Field(ge=1, le=12)] = Field(3, description="quadrature degree")
+    contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
+        10, description="quadrature degree"
+    )
+    held: Annotated[tuple[Literal["bone", "nail", "cut"], ...], Field(min_length=1)] = Field(
+        ("bone", "nail", "cut"), description="parts that are fixed; the others deform"
+    )
+    first_step_mm: Positive = Field(0.05, description="first step of the press")
+    max_press_step_mm: Positive = Field(
+        0.1, description="longest step of the press; longer ones can catch the skin on an edge"
+    )
+    first_slide_step_mm: Positive = Field(
+        0.02, description="first step of the slide: stick turns to slip everywhere"
+    )
+    max_slide_step_mm: Positive = Field(0.2, description="longest step of the slide")
+    min_step_mm: Positive = Field(0.0005, description="a step that fails at this length ends it")
+    compiler_flags: tuple[str, ...] = Field(
+        ("-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"),
+        description="C flags for the compiled forms; none leaves DOLFINx's own",
+    )
+    linear: Literal["multigrid", "direct"] = Field(
+        "multigrid", description="linear solver; direct (MUMPS) needs much more time and memory"
+    )
+    petsc: dict[str, str | int | float | bool] = Field(
+        default_factory=dict, description="PETSc options without the prefix tactile_"
+    )
+
+
+class Output(Section):
+    """What is written besides the receptors' histories."""
+
+    fields_mm: Positive = Field(0.4, description="slide between two written fields (VTU)")
+    pictures: bool = Field(True, strict=True, description="draw the figures at the end")

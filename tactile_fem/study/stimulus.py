@@ -1,0 +1,100 @@
+"""Rigid bodies that the finger touches."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole
+
+
+class Stimulus(Section):
+    """What every rigid body has; it translates along the protocol without turning."""
+
+    friction: NonNegative = Field(0.3, description="paper: Coulomb friction (nylon)")
+    shift_mm: tuple[Finite, Finite] = Field(
+        (0.0, 0.0), description="shift of the body across (X) and along (Y) the finger"
+    )
+
+
+class Text(Stimulus):
+    """Embossed letters on a plate."""
+
+    kind: Literal["text"] = "text"
+    text: Annotated[str, Field(min_length=1, max_length=40)] = Field(
+        "FGH", description="paper: letters in the order in which they pass the receptor"
+    )
+    font: str = Field("DejaVu Sans", description="proposed: font family or path of a font file")
+    g_width_mm: Annotated[Positive, Field(le=100)] = Field(
+        6.5, description="paper: width of the letter G, sets the scale"
+    )
+    pitch_mm: Positive = Field(10.0, description="paper: centre to centre")
+    relief_mm: Positive = Field(0.6, description="paper: height of the letters")
+    corner_radius_mm: Positive = Field(0.3, description="proposed: least radius of the outline")
+    fillet_radius_mm: Positive = Field(0.3, description="proposed: radius of the top edge")
+    start_mm: Finite | None = Field(
+        None,
+        description="place of the text over the contact point at displacement 0, from the first "
+        "letter's centre; default half way to the second letter (single letter: half a pitch "
+        "before it)",
+    )
+
+
+class Plate(Stimulus):
+    """A flat plate."""
+
+    kind: Literal["plate"] = "plate"
+
+
+class Cylinder(Stimulus):
+    """A cylindrical bar lying in the horizontal plane."""
+
+    kind: Literal["cylinder"] = "cylinder"
+    radius_mm: Positive = Field(1.585, description="half of 3.17 mm, a usual test bar")
+    along: Literal["x", "y"] = Field("x", description="axis of the bar: across or along the finger")
+
+
+class Sphere(Stimulus):
+    """A ball."""
+
+    kind: Literal["sphere"] = "sphere"
+    radius_mm: Positive = Field(3.0, description="of the ball")
+
+
+class Edge(Stimulus):
+    """A wedge with a rounded ridge, for the sharp-edge test."""
+
+    kind: Literal["edge"] = "edge"
+    radius_mm: Positive = Field(0.025, description="paper: radius of the ridge")
+    angle_deg: Annotated[Finite, Field(gt=0, lt=180)] = Field(60.0, description="opening angle")
+    along: Literal["x", "y"] = Field("x", description="the ridge: across or along the finger")
+
+
+class Grating(Stimulus):
+    """Parallel rectangular ridges with rounded edges on a plate."""
+
+    kind: Literal["grating"] = "grating"
+    ridge_mm: Positive = Field(1.0, description="width of a ridge")
+    groove_mm: Positive = Field(1.0, description="width of a groove")
+    relief_mm: Positive = Field(0.6, description="height of the ridges")
+    fillet_radius_mm: Positive = Field(0.2, description="radius of the top edges")
+    count: Annotated[Whole, Field(ge=1, le=200)] = Field(9, description="number of ridges")
+    along: Literal["x", "y"] = Field("x", description="direction of the ridges")
+
+
+class Dots(Stimulus):
+    """A rectangular array of round, flat-topped, filleted dots on a plate."""
+
+    kind: Literal["dots"] = "dots"
+    radius_mm: Positive = Field(0.7, description="radius of a dot")
+    spacing_mm: Positive = Field(3.0, description="centre to centre, both ways")
+    relief_mm: Positive = Field(0.6, description="height of the dots")
+    fillet_radius_mm: Positive = Field(0.2, description="radius of the top edge")
+    columns: Annotated[Whole, Field(ge=1, le=100)] = Field(3, description="across the finger (X)")
+    rows: Annotated[Whole, Field(ge=1, le=100)] = Field(7, description="along the finger (Y)")
+
+
+AnyStimulus = Annotated[
+    Text | Plate | Cylinder | Sphere | Edge | Grating | Dots, Field(discriminator="kind")
+]

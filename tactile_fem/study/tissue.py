@@ -1,0 +1,134 @@
+"""Constants of the tissues, and the sets of them that have a name."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from tactile_fem.study.base import Finite, NonNegative, Positive, Section
+
+
+class Polynomial(Section):
+    """Polynomial energy of order two, with the cubic term of Yeoh; neo-Hookean with C10 alone."""
+
+    C10_MPa: Positive = Field(description="of (I1bar - 3)")
+    C01_MPa: Finite = Field(0.0, description="of (I2bar - 3)")
+    C20_MPa: Finite = Field(0.0, description="of (I1bar - 3)^2")
+    C11_MPa: Finite = Field(0.0, description="of (I1bar - 3)(I2bar - 3)")
+    C02_MPa: Finite = Field(0.0, description="of (I2bar - 3)^2")
+    C30_MPa: Finite = Field(0.0, description="of (I1bar - 3)^3")
+    D1_per_MPa: Positive = Field(description="2/K, of (J - 1)^2 / D1")
+    D2_per_MPa: Positive | None = Field(None, description="of (J - 1)^4 / D2; default without it")
+
+    @property
+    def is_neo_hookean(self) -> bool:
+        """Whether C10 and D1 say all."""
+        higher = (self.C01_MPa, self.C20_MPa, self.C11_MPa, self.C02_MPa, self.C30_MPa)
+        return not any(higher) and self.D2_per_MPa is None
+
+    @model_validator(mode="after")
+    def _resists_shear(self) -> Self:
+        if self.C10_MPa + self.C01_MPa <= 0:
+            raise ValueError(
+                f"C10_MPa + C01_MPa is {self.C10_MPa + self.C01_MPa:g} but must be greater than 0, "
+                "being half the shear modulus"
+            )
+        return self
+
+
+class Elastic(Section):
+    """Linear elastic constants of bone and nail (St. Venant-Kirchhoff at finite rotation)."""
+
+    E_MPa: Positive = Field(description="Young's modulus")
+    nu: Annotated[Finite, Field(gt=-1.0, lt=0.5)] = Field(description="Poisson's ratio")
+
+
+def _neo_hookean(E_MPa: float, nu: float = 0.48) -> dict[str, float]:
+    """Return C10 = G/2 and D1 = 2/K of a neo-Hookean tissue."""
+    return {
+        "C10_MPa": E_MPa / (4 * (1 + nu)),
+        "D1_per_MPa": 6 * (1 - 2 * nu) / E_MPa,
+    }
+
+
+_DERMIS = {"C10_MPa": 0.01351, "C20_MPa": 0.010, "D1_per_MPa": 3.0}
+# The paper's outer layers are neo-Hookean. C30 acts where they are stretched or squeezed by tens
+# of percent, as friction of 1 does; with 0.3 it changes the maxima of SED by 0.5 % (rms).
+_CORNEUM = {"C10_MPa": 0.0845, "C30_MPa": 0.4225, "D1_per_MPa": 0.48}
+_EPIDERMIS = {"C10_MPa": 0.02297, "C30_MPa": 0.006, "D1_per_MPa": 1.765}
+_BONE = {"E_MPa": 17_000.0, "nu": 0.3}
+_NAIL = {"E_MPa": 170.0, "nu": 0.3}
+
+TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
+    # C10 and C20 of the subcutaneous tissue: demos/validation/fit_tissue.py, on the force that
+    # measured finger pads take from a flat plate; D1 of 5 kPa and nu 0.48; the rest as below.
+    "fitted": {
+        "stratum_corneum": _CORNEUM,
+        "epidermis": _EPIDERMIS,
+        "dermis": _DERMIS,
+        "subcutaneous": {"C10_MPa": 1.1e-4, "C20_MPa": 8.95e-4, "D1_per_MPa": 48.0},
+        "bone": _BONE,
+        "nail": _NAIL,
+    },
+    # Proposed: chosen by hand after the same forces.
+    "proposed": {
+        "stratum_corneum": _CORNEUM,
+        "epidermis": _EPIDERMIS,
+        "dermis": _DERMIS,
+        "subcutaneous": {"C10_MPa": 4.22e-4, "C20_MPa": 3.0e-4, "D1_per_MPa": 96.0},
+        "bone": _BONE,
+        "nail": _NAIL,
+    },
+    # Maeno et al. 1998; stratum corneum as above.
+    "maeno1998": {
+        "stratum_corneum": _neo_hookean(1.0),
+        "epidermis": _neo_hookean(0.136),
+        "dermis": _neo_hookean(0.080),
+        "subcutaneous": _neo_hookean(0.034),
+        "bone": _BONE,
+        "nail": _NAIL,
+    },
+    # Gerling et al. 2014: shear moduli; its epidermis includes the stratum corneum.
+    "gerling2014": {
+        "stratum_corneum": _neo_hookean(1.212 * 2 * 1.48),
+        "epidermis": _neo_hookean(1.212 * 2 * 1.48),
+        "dermis": _neo_hookean(0.0507 * 2 * 1.48),
+        "subcutaneous": _neo_hookean(0.00237 * 2 * 1.48),
+        "bone": _BONE,
+        "nail": _NAIL,
+    },
+}
+
+
+class Tissue(Section):
+    """Constants of the tissues; a table left out is taken from the named set."""
+
+    set: Literal["fitted", "proposed", "maeno1998", "gerling2014"] = Field(
+        "fitted", description="constants of the tissues that are not given below"
+    )
+    viscous_time_s: NonNegative = Field(
+        0.004,
+        description="Kelvin-Voigt time, the shortest relaxation time of measured finger pads "
+        "(Pawluk and Howe 1999, DOI 10.1115/1.2835100); steadies the solver; 0 is elastic",
+    )
+    stratum_corneum: Polynomial
+    epidermis: Polynomial
+    dermis: Polynomial
+    subcutaneous: Polynomial
+    bone: Elastic
+    nail: Elastic
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_set(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        name = data.get("set", "fitted")
+        known = isinstance(name, str) and name in TISSUE_SETS
+        constants = TISSUE_SETS[name if known else "fitted"]
+        filled = dict(data)
+        for tissue, values in constants.items():
+            given = data.get(tissue, {})
+            filled[tissue] = {**values, **given} if isinstance(given, dict) else given
+        return filled
