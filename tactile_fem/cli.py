@@ -23,6 +23,7 @@ from tactile_fem.cli_options import Ranks, Settings, StudyFile
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.files import write_text
 from tactile_fem.results import Results
+from tactile_fem.stopping import answering, stop_at_once
 from tactile_fem.study_file import load_study
 from tactile_fem.study_template import commented_template
 
@@ -137,8 +138,6 @@ def _require_compiler() -> None:
 def _run(start: Callable[[list[Callable[..., None]]], object], folder: Path) -> None:
     """Scan or resume on all ranks; the first one shows progress and draws."""
     from mpi4py import MPI
-
-    from tactile_fem.stopping import answering, stop_at_once
 
     rank = MPI.COMM_WORLD.rank
     console = logs.stderr_console()

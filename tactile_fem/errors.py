@@ -60,7 +60,7 @@ class StoppedError(TactileError):
         self.exit_code = 128 + number
         super().__init__(
             f"stopped by {signal.Signals(number).name}: everything up to the last step is kept, "
-            "tactile-fem resume goes on from there"
+            "and started again it goes on from there"
         )
 
     def __reduce__(self) -> tuple[type[StoppedError], tuple[int]]:

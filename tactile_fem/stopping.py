@@ -6,11 +6,12 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
-
-from mpi4py import MPI
+from typing import TYPE_CHECKING, Any
 
 from tactile_fem.errors import StoppedError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
@@ -55,6 +56,6 @@ class StopRequest:
 
     def check(self, *args: Any) -> None:
         """Raise StoppedError on all ranks if one of them got a signal; fit for a SNES monitor."""
-        number = self._comm.allreduce(self._number, op=MPI.MAX)
+        number = self._comm.allreduce(self._number, op=max)
         if number:
             raise StoppedError(number)

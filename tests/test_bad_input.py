@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shlex
 from pathlib import Path
 
@@ -366,6 +367,7 @@ def answer(here, monkeypatch, capsys):
     """Return a function that runs a command and returns its one sentence."""
     monkeypatch.chdir(here)
     monkeypatch.setattr(logs, "set_up", lambda *args, **kwargs: None)
+    monkeypatch.setattr(logging.getLogger(logs.PACKAGE), "handlers", [])
     for name in ranks._RANK_VARIABLES:
         monkeypatch.delenv(name, raising=False)
 

@@ -7,12 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_fem.errors import StudyError
 from tactile_fem.neuron.exponentials import ExponentialSum, root
 from tactile_fem.neuron.transduction import Segment
 from tactile_fem.neuron.variability import Variability
 from tactile_fem.study import Neuron
 
 Array = NDArray[Any]
+
+# Spikes that follow one another faster would take for ever.
+_SHORTEST_S = 1e-5
 
 
 class Membrane:
@@ -74,6 +78,11 @@ class Membrane:
             after, result[going] = course.first_at(self._threshold[who[going]], left)
             fires = np.isfinite(after)
             going = going[fires]
+            if np.any((after[fires] + self._refractory < _SHORTEST_S) & (v[going] == 0)):
+                raise StudyError(
+                    f"neuron: an afferent fires more than {1 / _SHORTEST_S:,.0f} times a second: "
+                    "the gains are too high or refractory_s is too short"
+                )
             fired = begin[going] + after[fires]
             firing = who[going]
             self._fired.append((firing, start[going] + fired))
