@@ -136,6 +136,17 @@ def test_every_page_is_in_the_index():
         assert page.name == "README.md" or f"]({page.name})" in index, page.name
 
 
+def test_citation_and_package_have_the_same_version():
+    cited, packaged = (
+        re.findall(pattern, (ROOT / name).read_text(), flags=re.MULTILINE)
+        for name, pattern in (
+            ("CITATION.cff", r"^version: (\S+)$"),
+            ("pyproject.toml", r'^version = "(\S+)"$'),
+        )
+    )
+    assert cited == packaged and len(cited) == 1
+
+
 def test_pictures_are_small():
     for picture in PAGES.glob("*.png"):
         assert picture.stat().st_size < 150_000, picture.name
