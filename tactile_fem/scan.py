@@ -8,6 +8,8 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from tactile_fem import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
+
 from mpi4py import MPI
 from petsc4py import PETSc
 

@@ -284,3 +284,17 @@ def test_the_module_ends_with_the_code():
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 2
     assert done.stderr == "tactile-fem: There is no study file none.toml.\n"
+
+
+def test_without_dolfinx_a_scan_says_where_to_get_it(tmp_path):
+    code = (
+        "import sys\n"
+        "for name in ('dolfinx', 'dolfinx_solver', 'mpi4py', 'petsc4py'):\n"
+        "    sys.modules[name] = None\n"
+        "from tactile_fem.cli import main\n"
+        "sys.exit(main(['scan', '--results', sys.argv[1]]))"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "none")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1 and not (tmp_path / "none").exists()
+    assert 'pip install "tactile-fem[solver]"' in done.stderr

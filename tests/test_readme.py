@@ -1,15 +1,33 @@
+"""README and pages: their code runs, their commands exist, their links lead somewhere."""
+
 import re
+import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tactile_fem import cli
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+PAGES = ROOT / "demos" / "pages"
+TEXTS = [README, ROOT / "docker" / "README.md", *sorted(ROOT.glob("demos/**/*.md"))]
 
 
-def blocks(language):
-    return re.findall(rf"```{language}\n(.*?)```", README.read_text(), flags=re.DOTALL)
+def blocks(page, language):
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text(), flags=re.DOTALL)
+
+
+def run(code, page):
+    names = {"__name__": page.stem}
+    exec(compile(code, page.name, "exec"), names)
+    return names
+
+
+def shortened(code, old, new):
+    assert old in code
+    return code.replace(old, new)
 
 
 @pytest.mark.slow
@@ -17,29 +35,68 @@ def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
     pytest.importorskip("tactile_fem.backend")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("tactile_fem.figures.draw_pictures", lambda results: [])
-    script = blocks("python")[0]
+    (script,) = blocks(README, "python")
     assert len([line for line in script.splitlines() if line.strip()]) <= 13
-    small = script.replace("depth_mm=1.97, distance_mm=10.0", "depth_mm=0.2, distance_mm=0.2")
-    assert small != script
-    exec(compile(small, "README.md", "exec"), {})
+    run(
+        shortened(script, "depth_mm=1.97, distance_mm=10.0", "depth_mm=0.2, distance_mm=0.2"),
+        README,
+    )
     assert Path("results/letters/figures/raster.png").is_file()
     assert "[" in capsys.readouterr().out
-    reading = blocks("python")[2].replace("results/scan", "results/letters")
-    exec(compile(reading, "README.md", "exec"), {})
+    page = PAGES / "results.md"
+    (reading,) = blocks(page, "python")
+    names = run(shortened(reading, "results/scan", "results/letters"), page)
+    described = {
+        name
+        for row in re.findall(r"^\| (`.*?) \| (?:steps|receptors)", page.read_text(), re.MULTILINE)
+        for name in re.findall(r"`(\w+)`", row)
+    }
+    assert described == set(names["results"].trace)
+
+
+@pytest.mark.slow
+def test_parts_of_ones_own_make_a_scan(small_finger):
+    pytest.importorskip("tactile_fem.backend")
+    page = PAGES / "extending.md"
+    code = "\n".join(blocks(page, "python"))
+    code = shortened(code, "depth_mm=1.0, distance_mm=2.0", "depth_mm=0.2, distance_mm=0.1")
+    code = shortened(code, "Finger()", f"Finger(mesh_file={str(small_finger)!r})")
+    names = run(code, page)
+    assert names["step"].force_N[2] > 0.005
+    # Current that only change evokes: 20 kPa/s for 50 ms, then none.
+    time_s, sed_kPa = np.array([0.0, 0.05, 1.0]), np.array([[0.0], [1.0], [1.0]])
+    transduction = names["RapidlyAdapting"](gain=30.0)
+    (spikes,) = names["fire"](transduction, time_s, sed_kPa, names["Neuron"]()).spikes
+    assert len(spikes) > 5 and spikes[-1] <= 0.05
+    # The law's stiffness is K + 4 G/3 at rest, and its energy Fung's.
+    constants = names["Fung"](C10_MPa=0.01, b=2.0, D1_per_MPa=2.0)
+    law = names["law_of"](constants)
+    rest, stretched = np.eye(3), np.diag([1.2, 1.0, 1 / 1.2])
+    assert at(law.stiffness, rest) == pytest.approx(1.0 + 8 / 3 * 0.01)
+    a = 1.2**2 + 1 + 1.2**-2 - 3
+    assert at(law.energy, stretched) == pytest.approx(0.01 / 2 * np.expm1(2 * a))
+
+
+def at(expression, F):
+    """Return a UFL expression of the deformation gradient as a number."""
+    import ufl
+
+    return ufl.as_ufl(expression(ufl.as_matrix(F.tolist())))(())
 
 
 def test_neurons_run_on_their_own(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    names = {}
-    exec(compile(blocks("python")[1], "README.md", "exec"), names)
+    page = PAGES / "neurons.md"
+    names = run(blocks(page, "python")[0], page)
     counts = names["response"].counts()
     assert counts[15] > counts[0] + 20 and counts.sum() == len(names["spike_s"])
     assert Path("spikes.npz").is_file() and Path("spikes.png").is_file()
 
 
 def test_the_commands_exist(capsys):
-    commands = re.findall(r"^tactile-fem (\w+)", "\n".join(blocks("sh")), flags=re.MULTILINE)
-    assert set(commands) == {
+    page = "\n".join(blocks(PAGES / "commands.md", "sh"))
+    commands = set(re.findall(r"^tactile-fem (\w+)", page, flags=re.MULTILINE))
+    assert commands >= {
         *("init", "scan", "resume", "plot", "report", "sweep", "fibre", "mesh", "export", "doctor")
     }
     for command in commands:
@@ -47,6 +104,49 @@ def test_the_commands_exist(capsys):
 
 
 def test_the_files_of_the_results_folder_are_all_named():
-    text = README.read_text()
+    text = (PAGES / "results.md").read_text()
     for name in ("study.toml", "run.json", "trace.npz", "spikes.csv", "checkpoint.npz", "log.txt"):
         assert f"`{name}`" in text
+
+
+def test_shell_scripts_are_well_formed():
+    scripts = blocks(PAGES / "parallel.md", "bash")
+    assert len(scripts) == 2
+    for script in scripts:
+        subprocess.run(["bash", "-n"], input=script, text=True, check=True)
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_somewhere(text):
+    for target in re.findall(r"\]\(([^)\s]+)\)", text.read_text()):
+        if target.startswith(("http:", "https:", "mailto:")):
+            continue
+        path, _, anchor = target.partition("#")
+        page = text.parent / path if path else text
+        assert page.exists(), target
+        if anchor:
+            titles = re.findall(r"^#+ (.*)$", page.read_text(), flags=re.MULTILINE)
+            slugs = {re.sub(r"[^\w\- ]", "", title).lower().replace(" ", "-") for title in titles}
+            assert anchor in slugs, target
+
+
+def test_every_page_is_in_the_index():
+    index = (PAGES / "README.md").read_text()
+    for page in PAGES.glob("*.md"):
+        assert page.name == "README.md" or f"]({page.name})" in index, page.name
+
+
+def test_citation_and_package_have_the_same_version():
+    cited, packaged = (
+        re.findall(pattern, (ROOT / name).read_text(), flags=re.MULTILINE)
+        for name, pattern in (
+            ("CITATION.cff", r"^version: (\S+)$"),
+            ("pyproject.toml", r'^version = "(\S+)"$'),
+        )
+    )
+    assert cited == packaged and len(cited) == 1
+
+
+def test_pictures_are_small():
+    for picture in PAGES.glob("*.png"):
+        assert picture.stat().st_size < 150_000, picture.name

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import sys
 import tomllib
 from pathlib import Path
 
@@ -16,10 +15,12 @@ from tactile_fem.study import Finger
 
 logger = logging.getLogger(__name__)
 
-# Beside the package in a clone, in the environment's share folder when installed.
+_BESIDE = Path(__file__).resolve().parents[2:]
+# Beside the package in a clone; when installed in the share folder of the environment, of the
+# user (pip --user), of /usr/local (Debian) or of any other folder (pip --target).
 MESH_FOLDERS = (
-    Path(__file__).resolve().parents[2] / "meshes",
-    Path(sys.prefix) / "share" / "tactile_fem" / "meshes",
+    _BESIDE[0] / "meshes",
+    *(folder / "share" / "tactile_fem" / "meshes" for folder in _BESIDE),
 )
 
 

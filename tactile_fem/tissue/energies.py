@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from functools import singledispatch
+from typing import Any, Protocol
 
 import ufl
 from ufl.core.expr import Expr
@@ -141,8 +142,18 @@ def compression_modulus(constants: Polynomial | Elastic) -> float:
     return bulk_modulus(constants) + 4 * shear_modulus(constants) / 3
 
 
-def law_of(constants: Polynomial | Elastic, wrap: Wrap = float) -> Law:
-    """Return the law that goes with a tissue's constants."""
-    if isinstance(constants, Elastic):
-        return StVenantKirchhoff(constants, wrap)
+@singledispatch
+def law_of(constants: Any, wrap: Wrap = float) -> Law:
+    """Return the law that goes with a tissue's constants; ``law_of.register`` adds one."""
+    del wrap
+    raise TypeError(f"no law goes with {type(constants).__name__}")
+
+
+@law_of.register
+def _polynomial(constants: Polynomial, wrap: Wrap = float) -> Law:
     return PolynomialEnergy(constants, wrap)
+
+
+@law_of.register
+def _elastic(constants: Elastic, wrap: Wrap = float) -> Law:
+    return StVenantKirchhoff(constants, wrap)
