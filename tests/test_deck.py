@@ -214,7 +214,7 @@ def test_what_a_deck_cannot_hold_is_refused(tmp_path):
     to_force = STUDY.model_copy(update={"protocol": Protocol(force_N=0.5)})
     with pytest.raises(StudyError, match="force_N"):
         write_deck(to_force, BLOCK, tmp_path / "no.inp")
-    free = STUDY.model_copy(update={"solver": Solver(held=())})
+    free = STUDY.model_copy(update={"solver": Solver(held=("nail",))})
     with pytest.raises(StudyError, match="nothing of the mesh is held"):
         write_deck(free, BLOCK, tmp_path / "no.inp")
     assert not list(tmp_path.iterdir())
