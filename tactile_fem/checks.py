@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from tactile_fem.finger.layers import layering
 from tactile_fem.finger.load import load_finger, shipped_file
+from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.skin import nail_outline, sizes_of
 from tactile_fem.receptors import place
 from tactile_fem.stimulus import make_body
-from tactile_fem.study import Study
+from tactile_fem.study import Finger, Study
 
 
 def check_study(study: Study) -> None:
@@ -28,4 +31,10 @@ def check_study(study: Study) -> None:
         nail_outline(finger)
         layering(finger, sizes_of(finger).epidermis_rows)
     if finger.mesh_file is not None or shipped_file(finger) is not None:
-        place(study.receptors, load_finger(finger))
+        place(study.receptors, _loaded(finger))
+
+
+@lru_cache(maxsize=1)
+def _loaded(finger: Finger) -> FingerMesh:
+    """Return a finger; a series' scans often share one."""
+    return load_finger(finger)
