@@ -8,8 +8,10 @@ Import it only where a graphics library is known to load: see `tactile_fem.pictu
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -18,20 +20,23 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from PIL import Image
 
 from tactile_fem import drawing
 from tactile_fem.errors import StudyError
 from tactile_fem.fields import read_series
-from tactile_fem.files import replacing
+from tactile_fem.files import replacing, write_text
 from tactile_fem.finger.mesh_data import TISSUES, facets_of
 from tactile_fem.pictures import Surface, at_time
 from tactile_fem.results import Results
 
-SED = "viridis"
-SILENT, FIRING = ("#101010", 0.07), ("#FFFFFF", 0.1)
+logger = logging.getLogger(__name__)
+
+_SED = "Strain energy density\non the interface (kPa)"
+_SED_COLOURS = "viridis"
+# Colour and radius in mm.
+_SILENT, _FIRING = ("#101010", 0.07), ("#FFFFFF", 0.1)
 _LINE = {"color": "black", "line_width": 1.5}
 # Frames from one written state to the next.
 _BETWEEN = 4
@@ -41,7 +46,6 @@ _BEHIND_MM = 0.15
 _BOWL_MM, _DOWN = 2.3, -0.3
 _PIXELS = (1100, 700)
 _PER_SECOND, _DPI = 20, 112
-_SED_LABEL = "Strain energy density\non the interface (kPa)"
 
 
 # --- what there is to see ----------------------------------------------------------------------
@@ -105,11 +109,17 @@ class Film:
     def __len__(self) -> int:
         return len(self._times_s)
 
+    def nearest(self, displacement_mm: float) -> int:
+        """Return the number of the frame next to a displacement."""
+        return int(np.argmin(np.abs(self.displacement_mm - displacement_mm)))
+
     def __getitem__(self, k: int) -> State:
         time = self._times_s[k]
         solid = self._fields(k)
         interface = self._interface.of(solid)
-        recent = (self._spikes.time_s > self._times_s[k - 1]) & (self._spikes.time_s <= time)
+        recent = (self._spikes.time_s > self._times_s[max(k - 1, 0)]) & (
+            self._spikes.time_s <= time
+        )
         fired = np.zeros(len(self._trace["receptors_mm"]), dtype=bool)
         fired[self._spikes.receptor[recent]] = True
         translation = at_time(self._trace, "stimulator_mm", time)
@@ -210,14 +220,14 @@ class Anchors:
 
 
 def _read(path: Path) -> pv.UnstructuredGrid:
-    """Return a written state; raise StudyError if it cannot be read."""
+    """Return a written state; raise StudyError if it is none."""
     try:
-        meta = pv.read(path)
-        for name in ("displacement_mm", "sed_kPa", "tissue"):
-            meta[name]
-    except (OSError, KeyError, ValueError) as error:
-        raise StudyError(f"{path} cannot be read: {error}.") from None
-    return meta
+        grid = pv.read(path)
+        if all(name in grid.array_names for name in ("displacement_mm", "sed_kPa", "tissue")):
+            return grid
+    except (OSError, ValueError):
+        pass
+    raise StudyError(f"{path} cannot be read as a field file of a scan.")
 
 
 def deformed(mesh: pv.PolyData) -> pv.PolyData:
@@ -275,12 +285,17 @@ def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict]]:
     carpet = state.interface.clip("y", origin=cut, invert=False)
     lowest = state.interface.bounds.z_min
     carpet = deformed(carpet.clip("z", origin=(0, 0, lowest + _BOWL_MM)))
-    look = {"scalars": "sed_kPa", "cmap": SED, "clim": (0, film.top_kPa), "lighting": False}
+    look = {
+        "scalars": "sed_kPa",
+        "cmap": _SED_COLOURS,
+        "clim": (0, film.top_kPa),
+        "lighting": False,
+    }
     yield "interface", carpet, look
     yield "interface rim", _rim(carpet).translate((0, 0.03, 0.03)), _LINE
     for name, which, (colour, radius) in (
-        ("silent", ~state.fired, SILENT),
-        ("firing", state.fired, FIRING),
+        ("silent", ~state.fired, _SILENT),
+        ("firing", state.fired, _FIRING),
     ):
         points = pv.PolyData(state.receptors_mm[which])
         balls = points.glyph(geom=pv.Sphere(radius=radius), scale=False, orient=False)
@@ -302,114 +317,136 @@ def _rim(surface: pv.PolyData) -> pv.PolyData:
 
 def window(film: Film) -> None:
     """Open a window with a slider over the slide, and wait until it is closed."""
-    plotter = pv.Plotter(window_size=_PIXELS, title="tactile-fem")
-    scene = Scene(plotter, film)
-    _label(plotter, film)
-
-    def to(displacement_mm: float) -> None:
-        scene.show(int(np.argmin(np.abs(film.displacement_mm - displacement_mm))))
-
-    ends = float(film.displacement_mm[0]), float(film.displacement_mm[-1])
-    plotter.add_slider_widget(
-        to, ends, title="Displacement (mm)", color="black", fmt="%.1f", pointa=(0.3, 0.92), pointb=(0.7, 0.92)
-    )
+    plotter = _window_plotter(film, off_screen=False)
     plotter.show()
 
 
-def _label(plotter: pv.Plotter, film: Film) -> None:
-    """Write a colour bar and the layers' names into the scene itself."""
-    plotter.add_scalar_bar(
-        title=_SED_LABEL,
-        mapper=plotter.actors["interface"].mapper,
-        color="black",
-        vertical=True,
-        position_x=0.88,
-        position_y=0.5,
-        height=0.4,
-        width=0.06,
-        n_labels=5,
-        fmt="%.1f",
-    )
-    names = [name for name in drawing.COLOURS if f"{name} face" in plotter.actors]
-    labels = [[name.replace("_", " "), drawing.COLOURS[name]] for name in names]
-    labels += [["receptor, silent", SILENT[0]], ["receptor, firing", FIRING[0]]]
-    plotter.add_legend(labels, face="circle", loc="lower left", bcolor="white", size=(0.2, 0.3))
+def _window_plotter(film: Film, *, off_screen: bool) -> pv.Plotter:
+    plotter = pv.Plotter(window_size=_PIXELS, title="tactile-fem", off_screen=off_screen)
+    scene = Scene(plotter, film)
+    scene.show(0)
+    _colour_bar(plotter)
+    legend = [[name, colour] for name, colour in _legend().items()]
+    plotter.add_legend(legend, face="circle", loc="lower left", size=(0.2, 0.3))
+    if len(film) > 1:
+        plotter.add_slider_widget(
+            lambda displacement_mm: scene.show(film.nearest(displacement_mm)),
+            (film.displacement_mm[0], film.displacement_mm[-1]),
+            title="Displacement (mm)",
+            color="black",
+            fmt="%.1f",
+            pointa=(0.03, 0.91),
+            pointb=(0.33, 0.91),
+        )
+    return plotter
 
 
-def save_html(film: Film, path: Path) -> None:
-    """Write a page that turns and zooms in a browser: the frame of the strongest SED."""
+def save_html(film: Film, k: int, path: Path) -> None:
+    """Write the frame number `k` as a page that turns and zooms in a browser."""
     plotter = pv.Plotter(off_screen=True, window_size=_PIXELS)
-    Scene(plotter, film).show(film.strongest)
-    _label(plotter, film)
-    with replacing(path) as part:
-        page = plotter.trame.export_html(None)
-        part.write_text(page.read(), encoding="utf-8")
+    state = Scene(plotter, film).show(k)
+    _colour_bar(plotter)
+    page = plotter.trame.export_html(None).read()
     plotter.close()
+    rows = "".join(
+        f'<br><span style="color:{colour};text-shadow:0 0 1px black">&#9679;</span> {name}'
+        for name, colour in _legend().items()
+    )
+    box = (
+        '<div style="position:fixed;left:1em;top:1em;padding:.5em 1em;background:#ffffffe6;'
+        f'font:15px/1.5 sans-serif;pointer-events:none">{_title(state)}{rows}</div>'
+    )
+    write_text(path, page.replace("</body>", f"{box}</body>"))
 
 
 def save_gif(film: Film, path: Path) -> None:
-    """Write an animation, ten times slower than the finger's."""
-    pictures = [_few_colours(image) for image in frames(film)]
+    """Write an animation, 20 frames a second."""
+    first, *others = [_few_colours(image) for image in frames(film)]
     with replacing(path) as part:
-        pictures[0].save(
+        first.save(
             part,
             format="GIF",
             save_all=True,
-            append_images=pictures[1:],
-            duration=1000 / _PER_SECOND,
+            append_images=others,
+            duration=1000 // _PER_SECOND,
             loop=0,
         )
 
 
 def save_mp4(film: Film, path: Path) -> None:
-    """Write an animation, ten times slower than the finger's."""
+    """Write an animation, 20 frames a second."""
     import imageio_ffmpeg
 
+    images = frames(film)
+    first = next(images)
     with replacing(path) as part:
-        stream = None
-        for image in frames(film):
-            if stream is None:
-                size = image.size
-                stream = imageio_ffmpeg.write_frames(str(part), size, fps=_PER_SECOND, output_params=["-f", "mp4"])
-                stream.send(None)
+        stream = imageio_ffmpeg.write_frames(
+            str(part),
+            first.size,
+            fps=_PER_SECOND,
+            macro_block_size=2,
+            output_params=["-f", "mp4"],
+        )
+        stream.send(None)
+        for image in chain([first], images):
             stream.send(image.tobytes())
         stream.close()
 
 
 def frames(film: Film) -> Iterator[Image.Image]:
     """Yield the pictures of an animation, with colour bar and legend."""
+    logger.info("%d frames to draw", len(film))
     plotter = drawing.off_screen(_PIXELS)
     scene = Scene(plotter, film)
     for k in range(len(film)):
         state = scene.show(k)
-        yield _framed(np.asarray(plotter.screenshot(return_img=True)), state, film)
+        yield _framed(np.asarray(plotter.screenshot(return_img=True)), state, film.top_kPa)
     plotter.close()
 
 
-def _framed(image: NDArray[np.uint8], state: State, film: Film) -> Image.Image:
+def _framed(image: NDArray[np.uint8], state: State, top_kPa: float) -> Image.Image:
     figure = drawing.framed(image)
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.9, "pad": 4}
-    title = f"Displacement {state.displacement_mm:.1f} mm, {1000 * state.time_s:.0f} ms"
-    figure.text(0.02, 0.97, title, fontsize=11, va="top", bbox=box)
-    names = [name for name, _ in drawing.parts(state.solid)]
-    handles = [Patch(color=drawing.COLOURS[n], label=n.replace("_", " ")) for n in names]
-    for label, (colour, _) in (("receptor, silent", SILENT), ("receptor, firing", FIRING)):
-        handles.append(
-            Line2D([], [], ls="", marker="o", color=colour, mec="black", label=label)
-        )
-    legend = figure.legend(handles=handles, loc="lower left", fontsize=9, framealpha=0.9, edgecolor="none")
+    figure.text(0.02, 0.97, _title(state), fontsize=11, va="top", bbox=box)
+    dot = {"ls": "", "marker": "o", "ms": 7, "mec": "black", "mew": 0.7}
+    handles = [Line2D([], [], color=c, label=name, **dot) for name, c in _legend().items()]
+    look = {"loc": "lower left", "fontsize": 9, "framealpha": 0.9, "edgecolor": "none"}
+    figure.legend(handles=handles, handletextpad=0.2, **look)
     bar = figure.colorbar(
-        ScalarMappable(Normalize(0, film.top_kPa), SED),
+        ScalarMappable(Normalize(0, top_kPa), _SED_COLOURS),
         cax=figure.add_axes((0.87, 0.56, 0.016, 0.38)),
         extend="max",
     )
-    bar.set_label(_SED_LABEL, fontsize=9)
+    bar.set_label(_SED, fontsize=9)
     bar.ax.tick_params(labelsize=8)
     figure.set_dpi(_DPI)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
 
 
 def _few_colours(image: Image.Image) -> Image.Image:
     return image.quantize(256, dither=Image.Dither.NONE)
+
+
+def _title(state: State) -> str:
+    return f"Displacement {state.displacement_mm:.1f} mm, {1000 * state.time_s:.0f} ms"
+
+
+def _legend() -> dict[str, str]:
+    layers = {name.replace("_", " "): colour for name, colour in drawing.COLOURS.items()}
+    return {**layers, "receptor, silent": _SILENT[0], "receptor, firing": _FIRING[0]}
+
+
+def _colour_bar(plotter: pv.Plotter) -> None:
+    plotter.add_scalar_bar(
+        title=_SED,
+        mapper=plotter.actors["interface"].mapper,
+        color="black",
+        vertical=True,
+        position_x=0.88,
+        position_y=0.5,
+        height=0.42,
+        width=0.06,
+        fmt="%.1f",
+    )
