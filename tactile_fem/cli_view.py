@@ -40,9 +40,13 @@ def view(
     logs.set_up(console=logs.stderr_console())
     if save is not None:
         os.environ.pop("DISPLAY", None)  # it might not answer
-    from tactile_fem import view as viewing
+    import pyvista
 
-    film = viewing.Film(found)
+    from tactile_fem import view as viewing
+    from tactile_fem.film import Film
+
+    pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
+    film = Film(found)
     if save is None:
         viewing.window(film)
         return
