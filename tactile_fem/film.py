@@ -5,6 +5,8 @@ Import it only where a graphics library is known to load: see `tactile_fem.pictu
 
 from __future__ import annotations
 
+import warnings
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,8 +25,8 @@ from tactile_fem.results import Results
 _BETWEEN = 4
 # The cut is this far behind the receptors, so that they stand before it.
 _BEHIND_MM = 0.15
-# A facet of the interface lies over the pad if its normal points down like this.
-_DOWN = -0.3
+# A facet of the interface lies over the pad if its normal points down at least so much.
+_DOWN = 0.3
 
 
 @dataclass(frozen=True)
@@ -134,17 +136,22 @@ class Interface:
     """
 
     def __init__(self, grid: pv.UnstructuredGrid, side: str) -> None:
-        facets, *cells = facets_of(grid.cells.reshape(-1, 11)[:, 1:])
+        tets = grid.cells.reshape(-1, 11)[:, 1:5]
+        facets, *cells = facets_of(tets)
         tissues = np.where(np.array(cells) >= 0, grid["tissue"][np.array(cells)], 0)
-        pair = [TISSUES["epidermis"], TISSUES["dermis"]]
-        between = (np.sort(tissues, axis=0) == np.array(pair)[:, None]).all(axis=0)
+        epidermis, dermis = (
+            np.where(tissues[0] == TISSUES[name], *cells) for name in ("epidermis", "dermis")
+        )
+        between = np.sort(tissues, axis=0).T == (TISSUES["epidermis"], TISSUES["dermis"])
+        centres = grid.points[tets].mean(axis=1)
         a, b, c = np.moveaxis(grid.points[facets], 1, 0)
         normal = np.cross(b - a, c - a)
-        outward = np.where(tissues[0] == TISSUES["dermis"], 1, -1)[:, None] * normal
-        chosen = between & (outward[:, 2] < _DOWN * np.linalg.norm(normal, axis=1))
+        outward = np.sign(((centres[epidermis] - centres[dermis]) * normal).sum(axis=1))
+        down = -outward * normal[:, 2] / np.linalg.norm(normal, axis=1)
+        chosen = between.all(axis=1) & (down > _DOWN)
         if not chosen.any():
             raise StudyError("The fields have no interface between epidermis and dermis to view.")
-        owner = np.where(tissues[0] == TISSUES[side], *cells)[chosen]
+        owner = (epidermis if side == "epidermis" else dermis)[chosen]
         self._nodes, corners = np.unique(facets[chosen], return_inverse=True)
         self._corners = corners.reshape(-1, 3)
         self._owner = owner
@@ -197,12 +204,11 @@ class Anchors:
 
 def _read(path: Path) -> pv.UnstructuredGrid:
     """Return a written state; raise StudyError if it is none."""
-    try:
+    with suppress(OSError, ValueError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the sentence below says enough
         grid = pv.read(path)
         if all(name in grid.array_names for name in ("displacement_mm", "sed_kPa", "tissue")):
             return grid
-    except (OSError, ValueError):
-        pass
     raise StudyError(f"{path} cannot be read as a field file of a scan.")
 
 

@@ -160,7 +160,7 @@ def save_html(film: Film, k: int, path: Path) -> None:
     )
     box = (  # beside the viewer, which empties what it is put into
         '<div class="content" style="width:100vw;height:100vh"></div>'
-        '<div style="position:fixed;left:1em;top:1em;padding:.5em 1em;background:#ffffffe6;'
+        '<div style="position:fixed;left:1em;bottom:1em;padding:.5em 1em;background:#ffffffe6;'
         f'font:15px/1.5 sans-serif;pointer-events:none">{_title(state)}{rows}</div>'
     )
     write_text(path, page.replace("</body>", f"{box}</body>"))

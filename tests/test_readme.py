@@ -40,7 +40,8 @@ def test_neurons_run_on_their_own(tmp_path, monkeypatch, capsys):
 def test_the_commands_exist(capsys):
     commands = re.findall(r"^tactile-fem (\w+)", "\n".join(blocks("sh")), flags=re.MULTILINE)
     assert set(commands) == {
-        *("init", "scan", "resume", "plot", "report", "sweep", "fibre", "mesh", "export", "doctor")
+        *("init", "scan", "resume", "plot", "view", "report"),
+        *("sweep", "fibre", "mesh", "export", "doctor"),
     }
     for command in commands:
         assert cli.main([command, "--help"]) == 0
