@@ -5,7 +5,7 @@ Import it only where a graphics library is known to load: see `tactile_fem.pictu
 
 from __future__ import annotations
 
-import warnings
+import xml.etree.ElementTree as ET
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +25,8 @@ from tactile_fem.results import Results
 _BETWEEN = 4
 # The cut is this far behind the receptors, so that they stand before it.
 _BEHIND_MM = 0.15
+# The interface is shown up to this height over its lowest point, or so much over the receptors.
+_BOWL_MM, _MARGIN_MM = 2.3, 0.2
 # A facet of the interface lies over the pad if its normal points down at least so much.
 _DOWN = 0.3
 
@@ -66,6 +68,19 @@ class Film:
     ------
     StudyError
         There are no field files, or they do not fit.
+
+    Attributes
+    ----------
+    displacement_mm
+        (frames,) of the slide.
+    cut_mm
+        Where the finger is cut, along Y of the undeformed finger.
+    rim_mm
+        Height up to which the interface is shown, undeformed.
+    top_kPa
+        Strain energy density at the end of the colours: what 0.2 % of the interface exceed.
+    strongest
+        Number of the frame in which that is largest.
     """
 
     def __init__(self, results: Results) -> None:
@@ -82,6 +97,8 @@ class Film:
         self._since_s = np.concatenate([self._times_s[:1] - step, self._times_s[:-1]])
         self.displacement_mm = at_time(self._trace, "displacement_mm", self._times_s)
         self.cut_mm = float(self._trace["receptors_mm"][:, 1].min()) - _BEHIND_MM
+        highest = float(self._trace["receptors_mm"][:, 2].max()) + _MARGIN_MM
+        self.rim_mm = max(self._interface.lowest_mm + _BOWL_MM, highest)
         tops = [np.percentile(self._interface.sed_kPa(_read(p)), 99.8) for p in self._files]
         self.top_kPa = max(*tops, 1e-6)
         self.strongest = _BETWEEN * int(np.argmax(tops))
@@ -157,6 +174,11 @@ class Interface:
         self._owner = owner
         self._rest = pv.PolyData.from_regular_faces(grid.points[self._nodes], self._corners)
 
+    @property
+    def lowest_mm(self) -> float:
+        """Height of its lowest point."""
+        return float(self._rest.bounds.z_min)
+
     def sed_kPa(self, grid: pv.UnstructuredGrid) -> NDArray[np.float64]:
         """Return the strain energy density at the nodes: the mean of the facets around."""
         around = np.bincount(self._corners.ravel(), minlength=len(self._nodes))
@@ -204,8 +226,8 @@ class Anchors:
 
 def _read(path: Path) -> pv.UnstructuredGrid:
     """Return a written state; raise StudyError if it is none."""
-    with suppress(OSError, ValueError), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the sentence below says enough
+    with suppress(OSError, ValueError, ET.ParseError):
+        ET.parse(path)  # VTK would say at length what is wrong with it
         grid = pv.read(path)
         if all(name in grid.array_names for name in ("displacement_mm", "sed_kPa", "tissue")):
             return grid

@@ -12,6 +12,7 @@ import logging
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -35,8 +36,6 @@ _SED_COLOURS = "viridis"
 # Colour and radius in mm.
 _SILENT, _FIRING = ("#101010", 0.07), ("#FFFFFF", 0.1)
 _LINE = {"color": "black", "line_width": 1.5}
-# The interface is shown up to this height over its lowest point.
-_BOWL_MM = 2.3
 _PIXELS = (1100, 700)
 _PER_SECOND, _DPI = 20, 112
 
@@ -72,20 +71,22 @@ class Scene:
         return state
 
 
-def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict]]:
+def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict[str, Any]]]:
     """Yield everything to be drawn: a name, a mesh and its look."""
     cut = (0.0, film.cut_mm, 0.0)
     for name, part in drawing.parts(state.solid):
         colour = drawing.COLOURS[name]
         shell = part.extract_surface(algorithm=None).clip("y", origin=cut)
-        yield f"{name} shell", deformed(shell), {"color": colour, "ambient": 0.25}
-        face = deformed(part.slice("y", origin=cut))
-        yield f"{name} face", face, {"color": colour, "lighting": False}
-        # A little towards the eye, so that the face does not hide its own rim.
-        yield f"{name} rim", _rim(face).translate((0, 0.03, 0.03)), _LINE
+        if shell.n_points:
+            yield f"{name} shell", deformed(shell), {"color": colour, "ambient": 0.25}
+        face = part.slice("y", origin=cut)
+        if face.n_points:
+            face = deformed(face)
+            yield f"{name} face", face, {"color": colour, "lighting": False}
+            # A little towards the eye, so that the face does not hide its own rim.
+            yield f"{name} rim", _rim(face).translate((0, 0.03, 0.03)), _LINE
     carpet = state.interface.clip("y", origin=cut, invert=False)
-    lowest = state.interface.bounds.z_min
-    carpet = deformed(carpet.clip("z", origin=(0, 0, lowest + _BOWL_MM)))
+    carpet = deformed(carpet.clip("z", origin=(0.0, 0.0, film.rim_mm)))
     look = {
         "scalars": "sed_kPa",
         "cmap": _SED_COLOURS,
