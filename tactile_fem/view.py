@@ -244,11 +244,11 @@ def _add_legend(figure: Figure) -> None:
 
 
 def _palette(image: Image.Image) -> Image.Image:
-    """Return 256 colours: half of them the scale's, which all frames need, the others a frame's."""
+    """Return 256 colours: white, half of them the scale's, which all frames need, and a frame's."""
     scale = colormaps[_SED_COLOURS](np.linspace(0, 1, 128), bytes=True)[:, :3]
-    others = image.quantize(128, dither=Image.Dither.NONE).getpalette()
+    others = image.quantize(127, dither=Image.Dither.NONE).getpalette()
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*scale.ravel().tolist(), *others])
+    palette.putpalette([255, 255, 255, *scale.ravel().tolist(), *others])
     return palette
 
 

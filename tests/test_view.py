@@ -102,6 +102,7 @@ def test_an_animation_is_written_without_a_display(tmp_path, monkeypatch, capsys
         gif.seek(4)
         last = np.asarray(gif.convert("RGB"))
     assert (first != last).any(axis=2).mean() > 0.01
+    assert tuple(first[0, -1]) == (255, 255, 255)
     # The upper end of the colour bar is viridis' yellow, whatever else the palette must hold.
     assert (np.abs(first.astype(int) - (253, 231, 36)).max(axis=2) <= 3).any()
 
