@@ -19,11 +19,12 @@ import pyvista as pv
 from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.spatial import cKDTree
 
 from tactile_fem import drawing
 from tactile_fem.files import replacing, write_text
@@ -172,10 +173,7 @@ def save_gif(film: Film, path: Path) -> None:
     images = frames(film)
     first = next(images)
     palette = _palette(first)
-    few = [
-        image.quantize(palette=palette, dither=Image.Dither.NONE)
-        for image in chain([first], images)
-    ]
+    few = [_indexed(image, palette) for image in chain([first], images)]
     with replacing(path) as part:
         few[0].save(
             part,
@@ -243,13 +241,23 @@ def _add_legend(figure: Figure) -> None:
     figure.legend(handles=handles, handletextpad=0.2, **look)
 
 
-def _palette(image: Image.Image) -> Image.Image:
-    """Return 256 colours: white, half of them the scale's, which all frames need, and a frame's."""
-    scale = colormaps[_SED_COLOURS](np.linspace(0, 1, 128), bytes=True)[:, :3]
-    others = image.quantize(127, dither=Image.Dither.NONE).getpalette()
-    palette = Image.new("P", (1, 1))
-    palette.putpalette([255, 255, 255, *scale.ravel().tolist(), *others])
-    return palette
+def _palette(image: Image.Image) -> NDArray[np.uint8]:
+    """Return (256, 3) colours: those of the scale and the legend, the others from a frame."""
+    fixed = [*colormaps[_SED_COLOURS](np.linspace(0, 1, 128)), *map(to_rgba, _legend().values())]
+    kept = np.round(255 * np.array(fixed)[:, :3])
+    others = image.quantize(256 - len(kept), dither=Image.Dither.NONE).getpalette()
+    return np.vstack([kept, np.reshape(others, (-1, 3))])[:256].astype(np.uint8)
+
+
+def _indexed(image: Image.Image, palette: NDArray[np.uint8]) -> Image.Image:
+    """Return the picture in the colours next to its own; Pillow's search is not exact."""
+    pixels = np.asarray(image).astype(np.int64) @ [1 << 16, 1 << 8, 1]
+    colours, place = np.unique(pixels, return_inverse=True)
+    rgb = np.column_stack([colours >> 16, (colours >> 8) & 255, colours & 255])
+    nearest = cKDTree(palette).query(rgb)[1].astype(np.uint8)
+    few = Image.fromarray(nearest[place.reshape(pixels.shape)])
+    few.putpalette(palette.tobytes())
+    return few
 
 
 def _title(state: State) -> str:
