@@ -17,7 +17,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the c
 
 from cyclopts import App, CycloptsError, Parameter, validators
 
-from tactile_fem import cli_series, logs, ranks
+from tactile_fem import cli_series, cli_view, logs, ranks
 from tactile_fem import doctor as diagnosis
 from tactile_fem.cli_options import Ranks, Settings, StudyFile
 from tactile_fem.errors import StudyError, TactileError
@@ -47,6 +47,7 @@ def _version() -> str:
 app = App(name="tactile-fem", help=HELP, version=_version, help_format="plaintext")
 app.command(cli_series.sweep)
 app.command(cli_series.fibre)
+app.command(cli_view.view)
 
 _positive = validators.Number(gt=0)
 

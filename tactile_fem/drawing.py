@@ -26,7 +26,7 @@ COLOURS = {
     "nail": "#7FB0BF",
 }
 RIGID = ("bone", "nail")
-_RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
+RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
 _PIXELS = (1650, 1050)
 _FAR = 1e3
 
@@ -42,10 +42,10 @@ def finger_figure(grid: pv.UnstructuredGrid) -> Figure:
     grid
         Quadratic tetrahedra with cell data ``tissue``.
     """
-    solid = _linear(grid, grid.points)
-    plotter = _plotter()
+    solid = linear(grid, grid.points)
+    plotter = off_screen()
     names = []
-    for name, part in _parts(solid):
+    for name, part in parts(solid):
         names.append(name)
         look = {"color": COLOURS[name], "show_edges": True, "line_width": 1}
         shell = part.extract_surface(algorithm=None)
@@ -59,7 +59,7 @@ def finger_figure(grid: pv.UnstructuredGrid) -> Figure:
     size = solid.length
     middle = (x + 0.02 * size, y, z - 0.07 * size)
     image = _picture(plotter, (26.0, 34.0, -12.0), middle, half_height=0.27 * size)
-    figure = _framed(image)
+    figure = framed(image)
     handles = [Patch(color=COLOURS[name], label=name.replace("_", " ")) for name in names]
     figure.legend(handles=handles, loc="lower right", frameon=False, fontsize=9)
     return figure
@@ -84,9 +84,9 @@ def deformation_figure(
     title
         Written above.
     """
-    solid = _linear(grid, grid.points + grid["displacement_mm"])
-    plotter = _plotter()
-    for name, part in _parts(solid):
+    solid = linear(grid, grid.points + grid["displacement_mm"])
+    plotter = off_screen()
+    for name, part in parts(solid):
         rigid = name in RIGID
         shell = part.extract_surface(algorithm=None)
         shell = shell.clip_box((-_FAR, 0, -_FAR, _FAR, -_FAR, _FAR), invert=False)
@@ -119,12 +119,12 @@ def deformation_figure(
         plotter.add_mesh(
             stimulator,
             scalars="height_mm",
-            cmap=_RELIEF,
+            cmap=RELIEF,
             show_scalar_bar=False,
             smooth_shading=True,
         )
     image = _picture(plotter, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), half_height=8.4)
-    figure = _framed(image)
+    figure = framed(image)
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 3}
     figure.text(0.02, 0.97, title, fontsize=10, va="top", bbox=box)
     bar = figure.colorbar(
@@ -169,8 +169,9 @@ def relief(x_mm: ArrayLike, y_mm: ArrayLike, height_mm: ArrayLike) -> pv.Structu
 # --- parts of figures --------------------------------------------------------------------------
 
 
-def _plotter() -> pv.Plotter:
-    plotter = pv.Plotter(off_screen=True, window_size=_PIXELS)
+def off_screen(pixels: tuple[int, int] = _PIXELS) -> pv.Plotter:
+    """Return a smooth white page to draw on."""
+    plotter = pv.Plotter(off_screen=True, window_size=pixels)
     plotter.set_background("white")
     plotter.enable_anti_aliasing("ssaa")
     return plotter
@@ -190,7 +191,7 @@ def _picture(
     return image
 
 
-def _framed(image: NDArray[np.uint8]) -> Figure:
+def framed(image: NDArray[np.uint8]) -> Figure:
     """Return a figure that the picture fills, to write on."""
     height, width = image.shape[:2]
     figure = Figure(figsize=(7.5, 7.5 * height / width), dpi=200)
@@ -200,7 +201,7 @@ def _framed(image: NDArray[np.uint8]) -> Figure:
     return figure
 
 
-def _linear(grid: pv.UnstructuredGrid, points: NDArray[np.floating]) -> pv.UnstructuredGrid:
+def linear(grid: pv.UnstructuredGrid, points: NDArray[np.floating]) -> pv.UnstructuredGrid:
     """Return the tetrahedra by their corners only: VTK cuts those cleanly."""
     corners = grid.cells.reshape(-1, 11)[:, 1:5]
     cells = np.hstack([np.full((len(corners), 1), 4), corners])
@@ -211,7 +212,8 @@ def _linear(grid: pv.UnstructuredGrid, points: NDArray[np.floating]) -> pv.Unstr
     return linear
 
 
-def _parts(solid: pv.UnstructuredGrid) -> Iterator[tuple[str, pv.UnstructuredGrid]]:
+def parts(solid: pv.UnstructuredGrid) -> Iterator[tuple[str, pv.UnstructuredGrid]]:
+    """Yield the name and the cells of each tissue."""
     for name, tag in TISSUES.items():
         inside = np.flatnonzero(solid["tissue"] == tag)
         if len(inside):

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem import doctor
 from tactile_fem.extrema import central_receptor, extrema
@@ -125,8 +125,8 @@ def main(folder: str) -> int:
     limits = drawing.colour_limits(grids)
     surface = Surface(results.study)
     for k, grid in zip(chosen, grids, strict=True):
-        displacement = float(_at(trace, "displacement_mm", times[k]))
-        relief = drawing.relief(*surface.at(_at(trace, "stimulator_mm", times[k])))
+        displacement = float(at_time(trace, "displacement_mm", times[k]))
+        relief = drawing.relief(*surface.at(at_time(trace, "stimulator_mm", times[k])))
         title = f"Displacement {displacement:.1f} mm"
         figure = drawing.deformation_figure(grid, relief, limits, title)
         _save(figure, results.figures / f"deformation_{displacement:05.2f}.png")
@@ -134,11 +134,19 @@ def main(folder: str) -> int:
 
 
 class Surface:
-    """The stimulator's upper surface as heights on a grid, from wherever it has moved to."""
+    """The stimulator's upper surface as heights on a grid, from wherever it has moved to.
 
-    def __init__(self, study: Study) -> None:
+    Parameters
+    ----------
+    study
+        With the stimulator and how far it slides.
+    window_mm
+        What lies farther along the finger is left out.
+    """
+
+    def __init__(self, study: Study, window_mm: float = 15.0) -> None:
         step, x, y = 0.05, 9.0, 15.0
-        self._window = y
+        self._window = window_mm
         self.x = np.arange(-x, x + step, step)
         self.y = np.arange(-y, y + study.protocol.distance_mm + step, step)
         heights = height_map(make_body(study.stimulus), self.x, self.y, _LOWEST_MM)
@@ -151,8 +159,8 @@ class Surface:
         return x, y[near], self.height[:, near] + translation_mm[2]
 
 
-def _at(trace: Mapping[str, NDArray[np.float64]], name: str, time_s: float) -> Any:
-    """Return a history's value at a time."""
+def at_time(trace: Mapping[str, NDArray[np.float64]], name: str, time_s: ArrayLike) -> Any:
+    """Return a history's value at a time, or one value at many times."""
     columns = np.atleast_2d(trace[name].T)
     values = [np.interp(time_s, trace["time_s"], column) for column in columns]
     return np.array(values) if trace[name].ndim > 1 else values[0]

@@ -47,9 +47,9 @@ def make_results(folder, study=None, trace=None):
 
 
 def make_fields(results, states=(0.0, 2.5, 5.0)):
-    """Write fields of a block of two layers and a bone over the contact point."""
+    """Write fields of a block of two layers and a bone over the contact point, dragged along."""
     corners, tets, tissue = [], [], []
-    names = ["stratum_corneum", "subcutaneous", "bone"]
+    names = ["epidermis", "dermis", "bone"]
     heights = [0.0, 0.5, 3.0, 5.0]
     for k, z in enumerate(heights):
         corners += [[x, y, z] for x in (-4.0, 4.0) for y in (-4.0, 4.0)]
@@ -74,6 +74,7 @@ def make_fields(results, states=(0.0, 2.5, 5.0)):
     writer = FieldWriter(results.fields, nodes, np.array(quadratic), tissue)
     for displacement in states:
         lift = np.zeros_like(nodes)
+        lift[:, 1] = -displacement / 10
         lift[:, 2] = np.clip(1.5 - nodes[:, 2] / 2, 0, None)
         writer.write(displacement / SPEED, lift, np.linspace(0.01, 5, len(tets)))
     return len(tets)

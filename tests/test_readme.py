@@ -97,7 +97,19 @@ def test_the_commands_exist(capsys):
     page = "\n".join(blocks(PAGES / "commands.md", "sh"))
     commands = set(re.findall(r"^tactile-fem (\w+)", page, flags=re.MULTILINE))
     assert commands >= {
-        *("init", "scan", "resume", "plot", "report", "sweep", "fibre", "mesh", "export", "doctor")
+        *(
+            "init",
+            "scan",
+            "resume",
+            "plot",
+            "view",
+            "report",
+            "sweep",
+            "fibre",
+            "mesh",
+            "export",
+            "doctor",
+        )
     }
     for command in commands:
         assert cli.main([command, "--help"]) == 0

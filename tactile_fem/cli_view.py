@@ -1,0 +1,93 @@
+"""The command that shows a scan in three dimensions: a thin layer over `tactile_fem.view`."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from tactile_fem import logs, pictures
+from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.results import Results
+
+_ENDINGS = (".gif", ".mp4", ".html")
+
+
+def view(
+    results: Annotated[Path, Parameter(help="Folder of a scan.")],
+    /,
+    *,
+    save: Annotated[
+        Path | None,
+        Parameter(help="Write an animation, .gif or .mp4, or a page for the browser, .html."),
+    ] = None,
+    at_mm: Annotated[
+        float | None,
+        Parameter(help="Displacement that the page shows; default where most is felt."),
+    ] = None,
+) -> None:
+    """Show the finger cut open, the strain energy density and which receptors fire.
+
+    In a window with a slider over the slide; with --save in a file, which needs no display.
+    """
+    found = Results.open(results)
+    _check(save, at_mm)
+    logs.set_up(console=logs.stderr_console())
+    if save is not None:
+        os.environ.pop("DISPLAY", None)  # it might not answer
+    import pyvista
+
+    from tactile_fem import view as viewing
+    from tactile_fem.film import Film
+
+    pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
+    film = Film(found)
+    if save is None:
+        viewing.window(film)
+        return
+    if save.suffix == ".html":
+        k = film.strongest if at_mm is None else film.nearest(at_mm)
+        viewing.save_html(film, k, save)
+    elif save.suffix == ".mp4":
+        viewing.save_mp4(film, save)
+    else:
+        viewing.save_gif(film, save)
+    print(f"Written to {save}")
+
+
+def _check(save: Path | None, at_mm: float | None) -> None:
+    """Raise what can be told before a graphics library is loaded."""
+    if save is not None and save.suffix not in _ENDINGS:
+        raise StudyError(f'--save is "{save}" but must end in {", ".join(_ENDINGS)}.')
+    if save is not None and not save.absolute().parent.is_dir():
+        raise StudyError(f'--save is "{save}" but there is no folder {save.parent}.')
+    if at_mm is not None and (save is None or save.suffix != ".html"):
+        raise StudyError("--at-mm goes with --save to an .html file.")
+    reason = pictures.can_draw()
+    if reason is not None:
+        raise TactileError(reason)
+    if save is None and not has_display():
+        raise TactileError(
+            "There is no display for a window: write a file instead, --save scan.gif or scan.html."
+        )
+    if save is not None and save.suffix == ".html" and find_spec("trame_pyvista") is None:
+        raise TactileError('An .html file needs trame: pip install "tactile-fem[html]".')
+    if save is not None and save.suffix == ".mp4" and find_spec("imageio_ffmpeg") is None:
+        raise TactileError("An .mp4 file needs ffmpeg: pip install imageio-ffmpeg, or save a .gif.")
+
+
+def has_display() -> bool:
+    """Tell whether a window can be opened: a display that is named need not answer."""
+    if not sys.platform.startswith("linux"):
+        return True
+    try:
+        x = ctypes.CDLL("libX11.so.6")
+    except OSError:
+        return False
+    x.XOpenDisplay.restype = ctypes.c_void_p
+    return x.XOpenDisplay(None) is not None

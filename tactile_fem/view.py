@@ -1,0 +1,283 @@
+"""The deformation to look at: a window with a slider, an animation, a page for the browser.
+
+The finger is cut across at the receptors. Behind the cut it stands in its layers; before it only
+the epidermis-dermis interface is left, coloured by strain energy density, with the receptors on it.
+
+Import it only where a graphics library is known to load: see `tactile_fem.pictures`.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize, to_rgba
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial import cKDTree
+
+from tactile_fem import drawing
+from tactile_fem.files import replacing, write_text
+from tactile_fem.film import Film, State, deformed
+
+logger = logging.getLogger(__name__)
+
+_SED = "Strain energy density\non the interface (kPa)"
+_SED_COLOURS = "viridis"
+# Colour and radius in mm.
+_SILENT, _FIRING = ("#101010", 0.07), ("#FFFFFF", 0.1)
+_LINE = {"color": "black", "line_width": 1.5}
+_PIXELS = (1100, 700)
+_PER_SECOND, _DPI = 20, 112
+
+
+class Scene:
+    """Draws frames into a plotter, each in place of the one before."""
+
+    def __init__(self, plotter: pv.Plotter, film: Film) -> None:
+        self._plotter, self._film = plotter, film
+        plotter.set_background("white")
+        focus = (0.0, film.cut_mm + 0.5, 3.6)
+        eye = (9.0, film.cut_mm + 28.0, 24.0)
+        plotter.camera_position = [eye, focus, (0.0, 0.0, 1.0)]
+        plotter.enable_parallel_projection()
+        plotter.parallel_scale = 9.6
+
+    def show(self, k: int) -> State:
+        """Draw the frame number `k` and return its state."""
+        state = self._film[k]
+        for name, mesh, look in _pieces(state, self._film):
+            self._plotter.remove_actor(name, render=False)
+            if mesh.n_points:
+                self._plotter.add_mesh(
+                    mesh,
+                    name=name,
+                    reset_camera=False,
+                    render=False,
+                    show_scalar_bar=False,
+                    **look,
+                )
+        self._plotter.reset_camera_clipping_range()
+        self._plotter.render()
+        return state
+
+
+def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict[str, Any]]]:
+    """Yield everything to be drawn: a name, a mesh and its look."""
+    cut = (0.0, film.cut_mm, 0.0)
+    for name, part in drawing.parts(state.solid):
+        colour = drawing.COLOURS[name]
+        shell = part.extract_surface(algorithm=None).clip("y", origin=cut)
+        if shell.n_points:
+            yield f"{name} shell", deformed(shell), {"color": colour, "ambient": 0.25}
+        face = part.slice("y", origin=cut)
+        if face.n_points:
+            face = deformed(face)
+            yield f"{name} face", face, {"color": colour, "lighting": False}
+            # A little towards the eye, so that the face does not hide its own rim.
+            yield f"{name} rim", _rim(face).translate((0, 0.03, 0.03)), _LINE
+    carpet = state.interface.clip("y", origin=cut, invert=False)
+    carpet = deformed(carpet.clip("z", origin=(0.0, 0.0, film.rim_mm)))
+    look = {
+        "scalars": "sed_kPa",
+        "cmap": _SED_COLOURS,
+        "clim": (0, film.top_kPa),
+        "lighting": False,
+    }
+    yield "interface", carpet, look
+    yield "interface rim", _rim(carpet).translate((0, 0.03, 0.03)), _LINE
+    for name, which, (colour, radius) in (
+        ("silent", ~state.fired, _SILENT),
+        ("firing", state.fired, _FIRING),
+    ):
+        points = pv.PolyData(state.receptors_mm[which])
+        balls = points.glyph(geom=pv.Sphere(radius=radius), scale=False, orient=False)
+        yield name, balls, {"color": colour, "ambient": 0.4}
+    stimulator = state.stimulator
+    stimulator["height_mm"] = stimulator.points[:, 2]
+    look = {"scalars": "height_mm", "cmap": drawing.RELIEF, "smooth_shading": True}
+    yield "stimulator", stimulator, look
+
+
+def _rim(surface: pv.PolyData) -> pv.PolyData:
+    return surface.extract_feature_edges(
+        boundary_edges=True, feature_edges=False, manifold_edges=False
+    )
+
+
+# --- where it goes -----------------------------------------------------------------------------
+
+
+def window(film: Film) -> None:
+    """Open a window with a slider over the slide, and wait until it is closed."""
+    plotter = _window_plotter(film, off_screen=False)
+    plotter.show()
+
+
+def _window_plotter(film: Film, *, off_screen: bool) -> pv.Plotter:
+    plotter = pv.Plotter(window_size=_PIXELS, title="tactile-fem", off_screen=off_screen)
+    scene = Scene(plotter, film)
+    scene.show(0)
+    _colour_bar(plotter)
+    # VTK's own legend writes in the colours themselves, white on white among them.
+    figure = Figure(figsize=(2, 2.4))
+    _add_legend(figure)
+    legend = pv.ChartMPL(figure, size=(0.17, 0.29), loc=(0.0, 0.0))
+    legend.border_color = "white"
+    plotter.add_chart(legend)
+    if len(film) > 1:
+        plotter.add_slider_widget(
+            lambda displacement_mm: scene.show(film.nearest(displacement_mm)),
+            (film.displacement_mm[0], film.displacement_mm[-1]),
+            title="Displacement (mm)",
+            value=film.displacement_mm[0],
+            color="black",
+            fmt="%.1f",
+            pointa=(0.03, 0.91),
+            pointb=(0.33, 0.91),
+        )
+    return plotter
+
+
+def save_html(film: Film, k: int, path: Path) -> None:
+    """Write the frame number `k` as a page that turns and zooms in a browser."""
+    plotter = pv.Plotter(off_screen=True, window_size=_PIXELS)
+    state = Scene(plotter, film).show(k)
+    _colour_bar(plotter)
+    page = plotter.trame.export_html(None).read()
+    plotter.close()
+    rows = "".join(
+        f'<br><span style="color:{colour};text-shadow:0 0 1px black">&#9679;</span> {name}'
+        for name, colour in _legend().items()
+    )
+    box = (  # beside the viewer, which empties what it is put into
+        '<div class="content" style="width:100vw;height:100vh"></div>'
+        '<div style="position:fixed;left:1em;bottom:1em;padding:.5em 1em;background:#ffffffe6;'
+        f'font:15px/1.5 sans-serif;pointer-events:none">{_title(state)}{rows}</div>'
+    )
+    write_text(path, page.replace("</body>", f"{box}</body>"))
+
+
+def save_gif(film: Film, path: Path) -> None:
+    """Write an animation, 20 frames a second."""
+    images = frames(film)
+    first = next(images)
+    palette = _palette(first)
+    few = [_indexed(image, palette) for image in chain([first], images)]
+    with replacing(path) as part:
+        few[0].save(
+            part,
+            format="GIF",
+            save_all=True,
+            append_images=few[1:],
+            duration=1000 // _PER_SECOND,
+            loop=0,
+        )
+
+
+def save_mp4(film: Film, path: Path) -> None:
+    """Write an animation, 20 frames a second."""
+    import imageio_ffmpeg
+
+    images = frames(film)
+    first = next(images)
+    with replacing(path) as part:
+        stream = imageio_ffmpeg.write_frames(
+            str(part),
+            first.size,
+            fps=_PER_SECOND,
+            macro_block_size=2,
+            output_params=["-f", "mp4"],
+        )
+        stream.send(None)
+        for image in chain([first], images):
+            stream.send(image.tobytes())
+        stream.close()
+
+
+def frames(film: Film) -> Iterator[Image.Image]:
+    """Yield the pictures of an animation, with colour bar and legend."""
+    logger.info("%d frames to draw", len(film))
+    plotter = drawing.off_screen(_PIXELS)
+    scene = Scene(plotter, film)
+    for k in range(len(film)):
+        state = scene.show(k)
+        yield _framed(np.asarray(plotter.screenshot(return_img=True)), state, film.top_kPa)
+    plotter.close()
+
+
+def _framed(image: NDArray[np.uint8], state: State, top_kPa: float) -> Image.Image:
+    figure = drawing.framed(image)
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.9, "pad": 4}
+    figure.text(0.02, 0.97, _title(state), fontsize=11, va="top", bbox=box)
+    _add_legend(figure)
+    bar = figure.colorbar(
+        ScalarMappable(Normalize(0, top_kPa), _SED_COLOURS),
+        cax=figure.add_axes((0.87, 0.56, 0.016, 0.38)),
+        extend="max",
+    )
+    bar.set_label(_SED, fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    figure.set_dpi(_DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+
+
+def _add_legend(figure: Figure) -> None:
+    dot = {"ls": "", "marker": "o", "ms": 7, "mec": "black", "mew": 0.7}
+    handles = [Line2D([], [], color=c, label=name, **dot) for name, c in _legend().items()]
+    look = {"loc": "lower left", "fontsize": 9, "framealpha": 0.9, "edgecolor": "none"}
+    figure.legend(handles=handles, handletextpad=0.2, **look)
+
+
+def _palette(image: Image.Image) -> NDArray[np.uint8]:
+    """Return (256, 3) colours: those of the scale and the legend, the others from a frame."""
+    fixed = [*colormaps[_SED_COLOURS](np.linspace(0, 1, 128)), *map(to_rgba, _legend().values())]
+    kept = np.round(255 * np.array(fixed)[:, :3])
+    others = image.quantize(256 - len(kept), dither=Image.Dither.NONE).getpalette()
+    return np.vstack([kept, np.reshape(others, (-1, 3))])[:256].astype(np.uint8)
+
+
+def _indexed(image: Image.Image, palette: NDArray[np.uint8]) -> Image.Image:
+    """Return the picture in the colours next to its own; Pillow's search is not exact."""
+    pixels = np.asarray(image).astype(np.int64) @ [1 << 16, 1 << 8, 1]
+    colours, place = np.unique(pixels, return_inverse=True)
+    rgb = np.column_stack([colours >> 16, (colours >> 8) & 255, colours & 255])
+    nearest = cKDTree(palette).query(rgb)[1].astype(np.uint8)
+    few = Image.fromarray(nearest[place.reshape(pixels.shape)])
+    few.putpalette(palette.tobytes())
+    return few
+
+
+def _title(state: State) -> str:
+    return f"Displacement {state.displacement_mm:.1f} mm, {1000 * state.time_s:.0f} ms"
+
+
+def _legend() -> dict[str, str]:
+    layers = {name.replace("_", " "): colour for name, colour in drawing.COLOURS.items()}
+    return {**layers, "receptor, silent": _SILENT[0], "receptor, firing": _FIRING[0]}
+
+
+def _colour_bar(plotter: pv.Plotter) -> None:
+    plotter.add_scalar_bar(
+        title=f"{_SED}\n ",
+        mapper=plotter.actors["interface"].mapper,
+        color="black",
+        vertical=True,
+        position_x=0.88,
+        position_y=0.5,
+        height=0.42,
+        width=0.06,
+        fmt="%.1f",
+    )

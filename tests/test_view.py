@@ -1,0 +1,166 @@
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from PIL import Image
+from synthetic import make_fields, make_results, make_trace
+
+from tactile_fem import cli, cli_view, doctor, pictures
+from tactile_fem.errors import StudyError
+
+needs_graphics = pytest.mark.skipif(
+    pictures.can_draw() is not None, reason=str(pictures.can_draw())
+)
+
+
+def scan(folder, states=(0.0, 2.5, 5.0)):
+    results = make_results(folder)
+    make_fields(results, states)
+    return results
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory):
+    if pictures.can_draw() is not None:
+        pytest.skip(str(pictures.can_draw()))
+    from tactile_fem.film import Film
+
+    return Film(scan(tmp_path_factory.mktemp("film") / "r"))
+
+
+def test_between_written_states_fields_are_linear_in_time(film):
+    assert len(film) == 9
+    assert film.displacement_mm == pytest.approx(np.arange(9) * 0.625)
+    for k in (0, 1, 4, 7, 8):
+        moved = film[k].solid["displacement_mm"]
+        assert moved[:, 1] == pytest.approx(-0.0625 * k, abs=1e-6)
+    assert film.nearest(3.0) == 5
+
+
+def test_receptors_go_along_with_the_interface(film):
+    places = make_trace()["receptors_mm"]
+    # The block at the interface, 0.5 mm high, is lifted by 1.25 mm.
+    assert film[2].receptors_mm - places == pytest.approx(
+        np.tile([0, -0.125, 1.25], (21, 1)), abs=1e-5
+    )
+
+
+def test_receptors_light_up_in_the_frame_after_their_spike(film):
+    # They all fire at 1, 3 and 5 mm; frames are 0.625 mm apart.
+    assert [k for k in range(9) if film[k].fired.any()] == [2, 5, 8]
+    assert film[2].fired.all()
+
+
+def test_the_interface_has_the_energy_of_the_receptors_side(film):
+    interface = film[0].interface
+    assert interface.area == pytest.approx(64.0, rel=1e-6)
+    assert np.ptp(interface.points[:, 2]) == 0
+    # The epidermis has the first six of 18 tetrahedra; two of them have a facet on top.
+    tets = np.linspace(0.01, 5, 18)[[3, 4]]
+    assert np.sort(interface["sed_kPa"]) == pytest.approx(
+        np.sort([tets[0], tets[1], tets.mean(), tets.mean()]), rel=1e-5
+    )
+    assert film.top_kPa == pytest.approx(tets[1], rel=0.01)
+
+
+@needs_graphics
+def test_what_cannot_be_shown_is_told(tmp_path):
+    from tactile_fem.film import Film
+
+    with pytest.raises(StudyError, match="no field files"):
+        Film(make_results(tmp_path / "none"))
+    results = scan(tmp_path / "broken")
+    (results.fields / "deformation_0001.vtu").write_text("<VTKFile")
+    with pytest.raises(StudyError, match=r"deformation_0001.vtu cannot be read"):
+        Film(results)
+
+
+def test_the_slider_moves_the_finger(film):
+    from tactile_fem import view
+
+    plotter = view._window_plotter(film, off_screen=True)
+    (slider,) = getattr(plotter, "widgets", plotter).slider_widgets
+    assert slider.GetRepresentation().GetValue() == 0
+    for value, moved in ((5.0, -0.5), (2.5, -0.25)):
+        slider.GetRepresentation().SetValue(value)
+        slider.InvokeEvent("EndInteractionEvent")
+        far = plotter.actors["epidermis shell"].mapper.dataset.bounds.y_min
+        assert far == pytest.approx(-4 + moved, abs=1e-5)
+    plotter.close()
+
+
+@needs_graphics
+def test_an_animation_is_written_without_a_display(tmp_path, monkeypatch, capsys):
+    from tactile_fem.drawing import COLOURS
+
+    monkeypatch.delenv("DISPLAY", raising=False)
+    scan(tmp_path / "r", (0.0, 2.5))
+    path = tmp_path / "scan.gif"
+    assert cli.main(["view", str(tmp_path / "r"), "--save", str(path)]) == 0
+    assert capsys.readouterr().out == f"Written to {path}\n"
+    with Image.open(path) as gif:
+        assert (gif.n_frames, gif.size, gif.info["duration"]) == (5, (840, 534), 50)
+        first = np.asarray(gif.convert("RGB"))
+        gif.seek(4)
+        last = np.asarray(gif.convert("RGB"))
+    assert (first != last).any(axis=2).mean() > 0.01
+    # Whatever else the palette must hold: white, the upper end of the colours and the legend's.
+    assert tuple(first[0, -1]) == (255, 255, 255)
+    for colour in ((253, 231, 37), *(tuple(bytes.fromhex(c[1:])) for c in COLOURS.values())):
+        assert (first == colour).all(axis=2).any()
+
+
+@needs_graphics
+@pytest.mark.skipif(find_spec("imageio_ffmpeg") is None, reason="imageio-ffmpeg is not installed")
+def test_a_film_is_written(tmp_path, monkeypatch):
+    import imageio_ffmpeg
+
+    monkeypatch.delenv("DISPLAY", raising=False)
+    scan(tmp_path / "r", (0.0, 2.5))
+    path = tmp_path / "scan.mp4"
+    assert cli.main(["view", str(tmp_path / "r"), "--save", str(path)]) == 0
+    assert imageio_ffmpeg.count_frames_and_secs(str(path)) == (5, pytest.approx(0.25))
+
+
+@needs_graphics
+@pytest.mark.skipif(find_spec("trame_pyvista") is None, reason="trame-pyvista is not installed")
+def test_a_page_is_written(tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    scan(tmp_path / "r")
+    path = tmp_path / "scan.html"
+    command = ["view", str(tmp_path / "r"), "--save", str(path), "--at-mm", "2.4"]
+    assert cli.main(command) == 0
+    text = path.read_text()
+    assert "Displacement 2.5 mm, 125 ms" in text and "OfflineLocalView.load" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        (["--save", "scan.avi"], 2, '--save is "scan.avi" but must end in .gif, .mp4, .html.'),
+        (["--save", "no/scan.gif"], 2, '--save is "no/scan.gif" but there is no folder no.'),
+        (["--at-mm", "2"], 2, "--at-mm goes with --save to an .html file."),
+        ([], 1, "There is no display for a window"),
+        (["--save", "scan.html"], 1, 'pip install "tactile-fem[html]"'),
+        (["--save", "scan.mp4"], 1, "pip install imageio-ffmpeg"),
+    ],
+)
+def test_what_is_missing_or_wrong_is_told_in_one_line(
+    tmp_path, monkeypatch, capsys, options, code, message
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(pictures, "can_draw", lambda: None)
+    monkeypatch.setattr(cli_view, "has_display", lambda: False)
+    monkeypatch.setattr(cli_view, "find_spec", lambda name: None)
+    make_results(tmp_path / "r")
+    assert cli.main(["view", "r", *options]) == code
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1
+
+
+def test_without_a_graphics_library_there_is_one_sentence(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "has_library", lambda name: False)
+    make_results(tmp_path / "r")
+    assert cli.main(["view", str(tmp_path / "r")]) == 1
+    said = capsys.readouterr().err
+    assert "libegl1" in said and said.count("\n") == 1
