@@ -43,7 +43,8 @@ def exact_stress(constants: Polynomial | Elastic, F):
         scale = E_MPa / (1 + nu)
         return F * scale * (nu / (1 - 2 * nu) * ufl.tr(E) * ufl.Identity(3) + E)
     shape = J ** (-2 / 3) * (F - ufl.tr(C) / 3 * inverse)
-    slope = constants.C10_MPa + 2 * constants.C20_MPa * (J ** (-2 / 3) * ufl.tr(C) - 3)
+    a = J ** (-2 / 3) * ufl.tr(C) - 3
+    slope = constants.C10_MPa + 2 * constants.C20_MPa * a + 3 * constants.C30_MPa * a**2
     return 2 * slope * shape + 2 / constants.D1_per_MPa * (J - 1) * J * inverse
 
 

@@ -1,7 +1,6 @@
 import subprocess
 import sys
 from importlib.util import find_spec
-from time import process_time
 
 import numpy as np
 import pytest
@@ -296,24 +295,6 @@ def test_receptive_fields_are_means_or_maxima_of_their_points():
         ReceptiveField.around([[0.0, 0], [5, 0]], points, 1.0)
     with pytest.raises(StudyError, match=r"it needs \(t, 4\)"):
         ReceptiveField.around(points, points, 0.0).combine(sed[:, :2])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n", [USUAL, GENERATOR], ids=lambda n: n.model)
-def test_ten_thousand_afferents_take_less_than_two_seconds(n):
-    """A second sampled at 1 kHz at some 30 spikes/s; processor time of one core, best of three."""
-    random = np.random.default_rng(0)
-    time = np.linspace(0, 1, 1001)
-    height, frequency, phase = random.uniform((0.5, 1.0, 0.0), (3.0, 5.0, 6.3), (10_000, 3)).T
-    wave = 1 + 0.6 * np.sin(2 * np.pi * frequency * time[:, None] + phase)
-    sed = np.minimum(time / 0.05, 1)[:, None] * height * wave
-    seconds = []
-    for _ in range(3):
-        start = process_time()
-        rate = respond(time, sed, n).counts().mean()
-        seconds.append(process_time() - start)
-    assert 20 < rate < 60
-    assert min(seconds) < 2.0
 
 
 def test_neurons_need_neither_solver_nor_plots():

@@ -46,6 +46,10 @@ class Elasticity:
         """Return the strain energy density of a tissue, in MPa."""
         return law_of(self.constants(tissue), self._wrap).energy(self._F)
 
+    def elastic_stress(self, tissue: str) -> Expr:
+        """Return the first Piola stress of a tissue without viscosity, in MPa."""
+        return stress(law_of(self.constants(tissue), self._wrap), self._F)
+
     def stress(self, tissue: str) -> Expr:
         """Return the first Piola stress of a tissue, elastic and viscous, in MPa.
 
@@ -53,21 +57,15 @@ class Elasticity:
         small-strain shear modulus `G`.
         """
         F, F_old = self._F, self._F_old
-        constants = self.constants(tissue)
-        P = stress(law_of(constants, self._wrap), F)
+        P = self.elastic_stress(tissue)
         if self._tissue.viscous_time_s:
-            G = self._wrap(shear_modulus(constants))
+            G = self._wrap(shear_modulus(self.constants(tissue)))
             P += F * (G * self._rate * (F.T * F - F_old.T * F_old))
         return P
 
     def stiffness(self, tissue: str) -> Expr:
-        """Return how stiff a tissue is in this step, at the last accepted state, in MPa.
-
-        ``K + 4 G/3`` in small strain; stiffening adds to it, and viscosity ``2 G tau/dt``.
-        """
-        constants = self.constants(tissue)
-        elastic = law_of(constants, self._wrap).stiffness(self._F_old)
-        return elastic + self._wrap(2 * shear_modulus(constants)) * self._rate
+        """Return how stiff a tissue is at the last accepted state, ``K + 4 G/3``, in MPa."""
+        return law_of(self.constants(tissue), self._wrap).stiffness(self._F_old)
 
     def residual(self, domain: Domain, v: Expr, degree: int) -> ufl.Form:
         """Return the virtual work of the stresses in `v`, with quadrature of `degree`."""
