@@ -163,7 +163,11 @@ def _drawn(results: Results) -> list[str]:
 
 
 def _protocols(results: Results, passes: Sequence[Results]) -> list[str]:
-    images = {"population": population_image(results), "single fibre": fibre_image(passes)}
+    base = results.study.stimulus.shift_mm[0]
+    images = {
+        "population": population_image(results),
+        "single fibre": fibre_image(passes, base_mm=base),
+    }
     figure = side_by_side(images, rings(results.study.stimulus))
     rows = [
         (name, len(image.across_mm), int(image.response.counts().sum()), _likeness(image, results))
@@ -192,9 +196,9 @@ def _series(summary: Path) -> tuple[str, list[str]]:
 
 
 def _unshifted(passes: Sequence[Results]) -> AnyStimulus:
-    """Return the stimulator of the middle pass."""
-    stimuli = sorted((results.study.stimulus for results in passes), key=lambda s: s.shift_mm[0])
-    return stimuli[len(stimuli) // 2]
+    """Return the passes' stimulator where it is not shifted across the finger."""
+    stimulus = passes[0].study.stimulus
+    return stimulus.model_copy(update={"shift_mm": (0.0, stimulus.shift_mm[1])})
 
 
 def _rasters(results: Results) -> list[str]:

@@ -70,10 +70,11 @@ def population_histories(results: Results) -> Sweep:
     return Sweep(across, trace["time_s"], trace["sed_kPa"][:, line], study.protocol.speed_mm_s)
 
 
-def fibre_histories(passes: Sequence[Results]) -> Sweep:
+def fibre_histories(passes: Sequence[Results], base_mm: float = 0.0) -> Sweep:
     """Return what the receptor at X = Y = 0 felt in passes with shifted stimulators.
 
-    A stimulator shifted by s brings what lies at X = -s of the unshifted one to the receptor.
+    A stimulator shifted to s brings what lies at X = base - s, when it is shifted to the base, to
+    the receptor.
 
     Raises
     ------
@@ -82,8 +83,7 @@ def fibre_histories(passes: Sequence[Results]) -> Sweep:
     """
     if not passes:
         raise StudyError("There is no complete pass.")
-    middle = np.mean([results.study.stimulus.shift_mm[0] for results in passes])
-    across = np.array([middle - results.study.stimulus.shift_mm[0] for results in passes])
+    across = np.array([base_mm - results.study.stimulus.shift_mm[0] for results in passes])
     order = np.argsort(across)
     across = across[order]
     _check_even(across, "the passes")
@@ -129,12 +129,15 @@ def population_image(results: Results, neuron: Neuron | None = None) -> RateImag
     return rate_image(population_histories(results), neuron or results.study.neuron)
 
 
-def fibre_image(passes: Sequence[Results], neuron: Neuron | None = None) -> RateImage:
+def fibre_image(
+    passes: Sequence[Results], neuron: Neuron | None = None, base_mm: float = 0.0
+) -> RateImage:
     """Return the image that passes over one receptor make: the classic spatial event plot.
 
-    The afferent is the same in all passes, so its gain does not vary between rows.
+    It shows the stimulator as it lies when shifted to `base_mm`. The afferent is the same in all
+    passes, so its gain does not vary between rows.
     """
-    histories = fibre_histories(passes)
+    histories = fibre_histories(passes, base_mm)
     neuron = neuron or passes[0].study.neuron
     return rate_image(histories, neuron.model_copy(update={"gain_spread": 0.0}))
 
