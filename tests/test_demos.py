@@ -261,8 +261,10 @@ def test_legibility(tmp_path):
 def test_friction(tmp_path):
     way = ["--values", "0", "0.5", "--depth", "0.5", "--distance", "0.2", "--jobs", "2"]
     told = run("protocols/friction.py", str(tmp_path), *way)
-    assert number(r"friction 0.00: .* ([\d.]+) N across", told) < 0.002
-    assert number(r"friction 0.50: .* ([\d.]+) N across", told) > 0.01
+    # Without friction the letter's flank alone pushes sideways.
+    flank = number(r"friction 0.00: .* ([\d.]+) N across", told)
+    assert 0 < flank < 0.2 * number(r"friction 0.00: ([\d.]+) N", told)
+    assert number(r"friction 0.50: .* ([\d.]+) N across", told) > 2 * flank
     assert (tmp_path / "friction.png").is_file()
 
 
