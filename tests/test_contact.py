@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 from functools import cache
 
@@ -184,6 +186,15 @@ def test_force_does_not_depend_on_gamma():
         contact = problem(Sphere(radius_mm=4.0, friction=0.0), nitsche_gamma=gamma)
         forces.append(pressed(contact, (0, 0, 0.2), (0, 0, 0.4)).force_N[2])
     assert forces[0] == pytest.approx(forces[1], rel=0.01)
+
+
+def test_a_problem_no_longer_used_is_gone():
+    used = problem(Plate())
+    pressed(used, (0, 0, 0.1))
+    trace = weakref.ref(used)
+    del used
+    gc.collect()
+    assert trace() is None
 
 
 def test_no_contact_no_force():

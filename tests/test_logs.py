@@ -3,7 +3,6 @@ import logging
 from dataclasses import dataclass, field
 
 import numpy as np
-import pytest
 from rich.console import Console
 
 from tactile_fem import logs
@@ -25,14 +24,6 @@ STEPS = [
     Step(2, "press", 0.0, 1.97, 0.16),
     Step(3, "slide", 10.0, 1.97, 1.0),
 ]
-
-
-@pytest.fixture(autouse=True)
-def restore_logging():
-    package = logging.getLogger(logs.PACKAGE)
-    before = package.handlers[:], package.level, package.propagate
-    yield
-    package.handlers[:], package.level, package.propagate = before
 
 
 def run(console, rank=0, every_s=0.0):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -156,8 +157,10 @@ class FingerProblem:
         if uses_multigrid:
             blocks = self.order.blocks()
             self._two_level = multigrid.TwoLevel(self.snes, V, self.held, blocks)
-        self.snes.setFunction(self._assemble_residual, self._problem.b)
-        self.snes.setJacobian(self._assemble_jacobian, self._problem.A)
+        # PETSc's references are not seen by Python's collector: own ones would keep all for ever,
+        # and MPI has no more than some 2,000 communicators.
+        self.snes.setFunction(_weakly(self._assemble_residual), self._problem.b)
+        self.snes.setJacobian(_weakly(self._assemble_jacobian), self._problem.A)
 
     @classmethod
     def of(cls, study: Study, domain: Domain) -> FingerProblem:
@@ -308,6 +311,12 @@ class FingerProblem:
             fem_petsc.assemble_jacobian(snes, x, J, P, self.u, self._problem.J, None, self._bcs)
         if self._two_level:
             self._two_level.follow(P)
+
+
+def _weakly(method: Callable[..., None]) -> Callable[..., None]:
+    """Return a call of a bound method that does not keep its object alive."""
+    reference = weakref.WeakMethod(method)
+    return lambda *arguments: reference()(*arguments)
 
 
 _REASONS = {
