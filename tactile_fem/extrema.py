@@ -1,4 +1,4 @@
-"""Finds the central receptor, and where it feels most and least."""
+"""Finds the central receptor and those in line with it; where one feels most and least."""
 
 from __future__ import annotations
 
@@ -34,3 +34,10 @@ def central_receptor(receptors_mm: ArrayLike) -> int:
     """Return the index of the receptor nearest to X = Y = 0."""
     places = np.asarray(receptors_mm, dtype=float)
     return int(np.argmin(np.hypot(places[:, 0], places[:, 1])))
+
+
+def middle_row(receptors_mm: ArrayLike) -> NDArray[np.intp]:
+    """Return the indices of the receptors on Y = 0, by rising X."""
+    places = np.asarray(receptors_mm, dtype=float)
+    row = np.flatnonzero(np.abs(places[:, 1]) < 1e-9)
+    return row[np.argsort(places[row, 0])]

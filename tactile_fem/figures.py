@@ -10,7 +10,7 @@ import shapely
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tactile_fem.extrema import central_receptor
+from tactile_fem.extrema import central_receptor, middle_row
 from tactile_fem.files import replacing
 from tactile_fem.neuron import Response
 from tactile_fem.pictures import draw_pictures
@@ -117,8 +117,7 @@ def _raster(results: Results, shapes: Outlines) -> Figure:
 def _firing(results: Results, shapes: Outlines) -> Figure | None:
     """Draw the rates of the receptors on the line Y = 0, if they make an image."""
     places, spikes = results.trace["receptors_mm"], results.spikes
-    line = np.flatnonzero(np.abs(places[:, 1]) < 1e-9)
-    line = line[np.argsort(places[line, 0])]
+    line = middle_row(places)
     rows = places[line, 0]
     if len(rows) < 3 or not np.allclose(np.diff(rows), np.diff(rows)[0]):
         logger.info("firing.png wants an even line of receptors across the finger")

@@ -14,6 +14,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Curve
@@ -154,12 +155,7 @@ def firing_figure(
     """
     d, x = np.asarray(displacement_mm, dtype=float), np.asarray(rows_mm, dtype=float)
     figure, axes = _map_axes(x, (d[0], d[-1]), DISPLACEMENT)
-    image = axes.pcolormesh(
-        d, x, np.asarray(rate_Hz), cmap="cividis", shading="nearest", vmin=0, rasterized=True
-    )
-    for outline in outlines:
-        closed = np.vstack([outline, outline[:1]])
-        axes.plot(closed[:, 1], closed[:, 0], color="white", lw=0.8, alpha=0.8)
+    image = draw_rates(axes, d, x, np.asarray(rate_Hz), outlines)
     bar = figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02, label="Firing rate (spikes/s)")
     bar.outline.set_visible(False)
     return figure
@@ -243,6 +239,31 @@ def draw_outlines(axes: Axes, outlines: Outlines) -> None:
     if curves:
         curve = Curve.make_compound_path(*curves)
         axes.add_patch(PathPatch(curve, facecolor=PAPER, edgecolor="#B8B2A4", lw=0.7, zorder=0))
+
+
+def draw_rates(
+    axes: Axes,
+    displacement_mm: NDArray[np.float64],
+    rows_mm: NDArray[np.float64],
+    rate_Hz: NDArray[np.float64],
+    outlines: Outlines,
+    brightest_Hz: float | None = None,
+) -> QuadMesh:
+    """Draw rates (rows, columns) as an image from 0 on, and the outlines on top."""
+    image = axes.pcolormesh(
+        displacement_mm,
+        rows_mm,
+        rate_Hz,
+        cmap="cividis",
+        shading="nearest",
+        vmin=0,
+        vmax=brightest_Hz,
+        rasterized=True,
+    )
+    for outline in outlines:
+        closed = np.vstack([outline, outline[:1]])
+        axes.plot(closed[:, 1], closed[:, 0], color="white", lw=0.8, alpha=0.8)
+    return image
 
 
 def _history_axes(

@@ -82,7 +82,7 @@ def passes_in(folder: Path) -> list[Results]:
         There is none.
     """
     found = [Results.open(place.parent) for place in sorted(folder.glob("*/study.toml"))]
-    complete = [results for results in found if results.run.get("status") == "complete"]
+    complete = [results for results in found if results.complete]
     if not complete:
         raise StudyError(f"{folder} holds no complete scan of a series.")
     return complete

@@ -148,9 +148,14 @@ class Results:
         """Tell whether the folder holds a scan of this study that has not come to its end."""
         results = cls(folder)
         try:
-            return results.study == study and results.run.get("status") != "complete"
+            return results.study == study and not results.complete
         except StudyError:
             return False
+
+    @property
+    def complete(self) -> bool:
+        """Whether the scan has come to its end."""
+        return bool(self.run.get("status") == "complete")
 
     @property
     def fields(self) -> Path:

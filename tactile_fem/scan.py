@@ -160,7 +160,7 @@ def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None)
         scan(study, folder, comm=comm)
     elif on_root(comm, lambda: results.study) != study:
         raise StudyError(f"{folder} holds the scan of another study: choose another folder.")
-    elif on_root(comm, lambda: results.run.get("status")) != "complete":
+    elif not on_root(comm, lambda: results.complete):
         resume(folder, comm=comm)
     return Results(folder)
 

@@ -22,6 +22,8 @@ def make_trace(across=np.arange(-10, 11) * 0.5):
         "time_s": (depth - 1.97) / SPEED + displacement / SPEED,
         "displacement_mm": displacement,
         "depth_mm": depth,
+        "newton_iterations": np.full(len(depth), 5),
+        "wall_s": np.full(len(depth), 0.5),
         "stimulator_mm": np.column_stack([0 * depth, -displacement, depth]),
         "force_N": force,
         "moment_Nmm": 0 * force,

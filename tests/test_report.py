@@ -41,11 +41,6 @@ def tags(path) -> list[str]:
     return parser.seen
 
 
-def whole(trace):
-    steps = len(trace["time_s"])
-    return trace | {"newton_iterations": np.full(steps, 5), "wall_s": np.full(steps, 0.5)}
-
-
 def test_scan(tmp_path, capsys):
     results = make_results(tmp_path / "scan", Study(stimulus=Text(text="<G>")))
     assert cli.main(["report", str(results.folder)]) == 0
@@ -63,9 +58,7 @@ def test_both_protocols(tmp_path):
     population = make_results(tmp_path / "scan", trace=make_trace(across))
     passes = single_fibre(Study(), spacing_mm=1.0, half_width_mm=2.0)
     for member in passes:
-        make_results(
-            folder_of(member, tmp_path / "fibre"), member.study, whole(make_trace(np.zeros(1)))
-        )
+        make_results(folder_of(member, tmp_path / "fibre"), member.study, make_trace(np.zeros(1)))
     path = write_report(population.folder, fibre=tmp_path / "fibre", output=tmp_path / "both.html")
     text = path.read_text(encoding="utf-8")
     assert re.search(r"<td>population</td><td>5</td><td>\d+</td><td>-?0\.\d{3}</td>", text)
@@ -76,7 +69,7 @@ def test_both_protocols(tmp_path):
 
 def test_sweep_and_nothing(tmp_path):
     members = sweep(["stimulus.friction=0.1,0.2"])
-    make_results(folder_of(members[0], tmp_path), members[0].study, whole(make_trace()))
+    make_results(folder_of(members[0], tmp_path), members[0].study, make_trace())
     write_summary(members, tmp_path)
     path = write_report(tmp_path)
     assert tags(path).count("img") == 1

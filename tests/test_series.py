@@ -6,11 +6,10 @@ import csv
 
 import numpy as np
 import pytest
-from synthetic import make_results, make_trace
+from synthetic import make_results
 
 from tactile_fem import cli
 from tactile_fem.errors import StudyError
-from tactile_fem.finger import build_finger, write_msh
 from tactile_fem.results import Results
 from tactile_fem.series import Task, run_series, single_fibre, sweep, write_summary
 from tactile_fem.series.run import folder_of
@@ -74,7 +73,7 @@ def test_tasks_share_a_series():
 def test_complete_scans_are_not_repeated_and_foreign_ones_refused(tmp_path):
     members = sweep(["stimulus.friction=0.1,0.2"], overrides=["finger.preset=coarse"])
     for member in members:
-        make_results(folder_of(member, tmp_path), member.study, full_trace())
+        make_results(folder_of(member, tmp_path), member.study)
     outcomes = run_series(members, tmp_path)  # would take minutes if it ran
     assert [(o.member.name, o.problem, o.wall_s) for o in outcomes] == [
         (member.name, "", 0.0) for member in members
@@ -88,18 +87,10 @@ def test_complete_scans_are_not_repeated_and_foreign_ones_refused(tmp_path):
         run_series(others, tmp_path)
 
 
-def full_trace():
-    trace = make_trace()
-    steps = len(trace["time_s"])
-    return trace | {"newton_iterations": np.full(steps, 5), "wall_s": np.full(steps, 0.5)}
-
-
 @pytest.fixture(scope="module")
-def small_study(tmp_path_factory) -> Study:
-    path = tmp_path_factory.mktemp("mesh") / "small.msh"
-    write_msh(path, build_finger(Finger(pad_size_mm=3.0, far_size_mm=6.0)))
+def small_study(small_finger) -> Study:
     return Study(
-        finger=Finger(mesh_file=path),
+        finger=Finger(mesh_file=small_finger),
         stimulus=Text(text="G"),
         protocol=Protocol(depth_mm=0.2, distance_mm=0.1, output_mm=0.1),
         receptors=Receptors(spacing_mm=2.5),

@@ -147,7 +147,7 @@ def complete(folder: Path, study: Study) -> bool:
     found = Results.open(folder)
     if found.study != study:
         sys.exit(f"{folder} holds the scan of another study: choose another folder.")
-    return found.run["status"] == "complete"
+    return found.complete
 
 
 def scan(study: Study, place: Path, ranks: int) -> None:

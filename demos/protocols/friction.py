@@ -28,8 +28,7 @@ from tactile_fem.plots import BLUE, DISPLACEMENT, GREEN, INK, VERMILION
 from tactile_fem.reading import population_image
 from tactile_fem.reading.legibility import outline_correlation
 from tactile_fem.results import Results
-from tactile_fem.series import run_series, sweep, write_summary
-from tactile_fem.series.run import folder_of, is_complete
+from tactile_fem.series import complete_scans, numbers_of, run_series, sweep, write_summary
 
 _FRICTIONS = (0.0, 0.1, 0.3, 0.6, 1.0)
 
@@ -80,8 +79,7 @@ def main(
     members = sweep([axis], overrides=overrides)
     run_series(members, folder, jobs=jobs)
     print(write_summary(members, folder))
-    done = [member for member in members if is_complete(member, folder)]
-    scans = [Results.open(folder_of(member, folder)) for member in done]
+    scans = complete_scans(members, folder)
     rows = [row(results) for results in scans]
     for r in rows:
         print(
@@ -97,18 +95,16 @@ def main(
 
 def row(results: Results) -> Row:
     """Return the numbers of one scan's slide."""
-    trace, study = results.trace, results.study
-    slide = trace["displacement_mm"] > 0
-    force, sed = trace["force_N"][slide], trace["sed_kPa"][slide]
+    stimulus, numbers = results.study.stimulus, numbers_of(results)
     image = population_image(results)
     return Row(
-        study.stimulus.friction,
-        float(force[:, 2].mean()),
-        float(np.hypot(force[:, 0], force[:, 1]).mean()),
-        float(sed.max()),
-        float(sed[:, central_receptor(trace["receptors_mm"])].max()),
+        stimulus.friction,
+        numbers["normal_N"],
+        numbers["tangential_N"],
+        numbers["largest_sed_kPa"],
+        numbers["central_largest_sed_kPa"],
         int(image.response.counts().sum()),
-        outline_correlation(image, study.stimulus),
+        outline_correlation(image, stimulus),
     )
 
 

@@ -36,8 +36,7 @@ from tactile_fem.reading import RateImage, Reading, fibre_image, population_imag
 from tactile_fem.reading.figures import confusion_figure
 from tactile_fem.reading.legibility import outline_correlation
 from tactile_fem.results import Results
-from tactile_fem.series import run_series, single_fibre, sweep, write_summary
-from tactile_fem.series.run import folder_of, is_complete
+from tactile_fem.series import complete_scans, run_series, single_fibre, sweep, write_summary
 from tactile_fem.study import Neuron
 
 
@@ -96,11 +95,7 @@ def main(
     members = sweep([f"stimulus.text={','.join(letters)}"], overrides=overrides)
     run_series(members, folder, jobs=jobs)
     print(write_summary(members, folder))
-    scans = {
-        member.values["stimulus.text"]: Results.open(folder_of(member, folder))
-        for member in members
-        if is_complete(member, folder)
-    }
+    scans = {scan.study.stimulus.text: scan for scan in complete_scans(members, folder)}
     noise = {"gain_spread": gain_spread, "threshold_noise": threshold_noise}
     makers = {
         "population": {letter: partial(population_image, scan) for letter, scan in scans.items()}
@@ -135,8 +130,7 @@ def passes_of(scan: Results, spacing: float, folder: Path, jobs: int) -> list[Re
     members = single_fibre(scan.study, spacing_mm=spacing, half_width_mm=half_width)
     run_series(members, folder, jobs=jobs)
     write_summary(members, folder)
-    done = [member for member in members if is_complete(member, folder)]
-    return [Results.open(folder_of(member, folder)) for member in done]
+    return complete_scans(members, folder)
 
 
 def tell(

@@ -32,8 +32,8 @@ from tactile_fem.reading import RateImage, bundles, fibre_image, population_imag
 from tactile_fem.reading.figures import side_by_side
 from tactile_fem.reading.legibility import outline_correlation
 from tactile_fem.results import Results
-from tactile_fem.series import run_series, single_fibre, sweep, write_summary
-from tactile_fem.series.run import folder_of, is_complete
+from tactile_fem.series import complete_scans, run_series, single_fibre, sweep, write_summary
+from tactile_fem.series.run import folder_of
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
 from tactile_fem.study_file import dump_study
 
@@ -93,8 +93,7 @@ def main(
     run_series(population, folder / "population")
     run_series(passes, folder / "passes", jobs=jobs)
     print(write_summary(passes, folder / "passes"))
-    done = [member for member in passes if is_complete(member, folder / "passes")]
-    found = [Results.open(folder_of(member, folder / "passes")) for member in done]
+    found = complete_scans(passes, folder / "passes")
     one = Results.open(folder_of(population[0], folder / "population"))
     images = {"population": population_image(one), "single fibre": fibre_image(found)}
     tell(images, study, folder)

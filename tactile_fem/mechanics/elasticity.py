@@ -8,7 +8,7 @@ from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.domain import Domain
 from tactile_fem.study import Elastic, Polynomial, Tissue
-from tactile_fem.tissue.energies import law_of, shear_modulus, stress
+from tactile_fem.tissue.energies import Law, law_of, shear_modulus, stress
 
 
 def deformation_gradient(u: Expr) -> Expr:
@@ -44,11 +44,11 @@ class Elasticity:
 
     def energy(self, tissue: str) -> Expr:
         """Return the strain energy density of a tissue, in MPa."""
-        return law_of(self.constants(tissue), self._wrap).energy(self._F)
+        return self._law(tissue).energy(self._F)
 
     def elastic_stress(self, tissue: str) -> Expr:
         """Return the first Piola stress of a tissue without viscosity, in MPa."""
-        return stress(law_of(self.constants(tissue), self._wrap), self._F)
+        return stress(self._law(tissue), self._F)
 
     def stress(self, tissue: str) -> Expr:
         """Return the first Piola stress of a tissue, elastic and viscous, in MPa.
@@ -65,7 +65,7 @@ class Elasticity:
 
     def stiffness(self, tissue: str) -> Expr:
         """Return how stiff a tissue is at the last accepted state, ``K + 4 G/3``, in MPa."""
-        return law_of(self.constants(tissue), self._wrap).stiffness(self._F_old)
+        return self._law(tissue).stiffness(self._F_old)
 
     def residual(self, domain: Domain, v: Expr, degree: int) -> ufl.Form:
         """Return the virtual work of the stresses in `v`, with quadrature of `degree`."""
@@ -77,6 +77,9 @@ class Elasticity:
     def stored(self, domain: Domain, w: Expr, degree: int) -> ufl.Form:
         """Return the strain energy of all tissues, weighted with `w`."""
         return sum(self.energy(name) * w * dx for name, dx in _measures(domain, degree).items())
+
+    def _law(self, tissue: str) -> Law:
+        return law_of(self.constants(tissue), self._wrap)
 
     def _wrap(self, value: float) -> fem.Constant:
         return fem.Constant(self._mesh, float(value))

@@ -41,7 +41,7 @@ class Membrane:
     def __init__(self, neuron: Neuron, variability: Variability) -> None:
         self._resistance = neuron.resistance_GOhm
         self._refractory = neuron.refractory_s
-        self._tau = 1e-3 * neuron.resistance_GOhm * neuron.capacitance_pF
+        self._tau = neuron.time_constant_s
         self._variability = variability
         self._threshold = neuron.threshold_mV * variability.threshold_factors()
         self._nominal = neuron.threshold_mV

@@ -20,7 +20,9 @@ def rate_of(current_pA: ArrayLike, neuron: Neuron) -> Array:
     """
     drive = np.asarray(current_pA, dtype=float) * neuron.resistance_GOhm
     with np.errstate(divide="ignore", invalid="ignore"):
-        interval = neuron.refractory_s - _tau(neuron) * np.log1p(-neuron.threshold_mV / drive)
+        interval = neuron.refractory_s - neuron.time_constant_s * np.log1p(
+            -neuron.threshold_mV / drive
+        )
         return np.where(drive > neuron.threshold_mV, 1 / interval, 0.0)
 
 
@@ -31,7 +33,7 @@ def current_of(rate_Hz: ArrayLike, neuron: Neuron) -> Array:
     """
     with np.errstate(divide="ignore"):
         wait = np.maximum(1 / np.asarray(rate_Hz, dtype=float) - neuron.refractory_s, 0.0)
-        charged = -np.expm1(-wait / _tau(neuron))
+        charged = -np.expm1(-wait / neuron.time_constant_s)
         return neuron.threshold_mV / neuron.resistance_GOhm / charged
 
 
@@ -58,7 +60,3 @@ def current_at(at_s: Array, time_s: Array, sed_kPa: Array, neuron: Neuron) -> Ar
             value = current.at(np.clip(at - begin, 0.0, length))
             result[place] = np.where((at >= begin) & (at <= end), value, result[place])
     return result
-
-
-def _tau(neuron: Neuron) -> float:
-    return 1e-3 * neuron.resistance_GOhm * neuron.capacitance_pF

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactile_fem.plots import ACROSS, DISPLACEMENT, INK, Outlines, draw_outlines, styled
+from tactile_fem.plots import ACROSS, DISPLACEMENT, INK, Outlines, draw_outlines, draw_rates, styled
 from tactile_fem.reading.image import RateImage
 from tactile_fem.reading.legibility import Reading
 
@@ -34,19 +34,9 @@ def side_by_side(images: Mapping[str, RateImage], outlines: Outlines = ()) -> Fi
         dots = {"ls": "none", "marker": "o", "ms": 1.5, "mew": 0, "color": INK, "zorder": 3}
         top.plot(times * speed, image.across_mm[row], **dots)
         top.set_title(f"{title}: {len(times)} spikes", fontsize=9)
-        drawn = below.pcolormesh(
-            image.along_mm,
-            image.across_mm,
-            image.rate_Hz,
-            cmap="cividis",
-            shading="nearest",
-            vmin=0,
-            vmax=brightest,
-            rasterized=True,
+        drawn = draw_rates(
+            below, image.along_mm, image.across_mm, image.rate_Hz, outlines, brightest
         )
-        for outline in outlines:
-            closed = np.vstack([outline, outline[:1]])
-            below.plot(closed[:, 1], closed[:, 0], color="white", lw=0.8, alpha=0.8)
         below.set_xlabel(DISPLACEMENT)
         for axes in (top, below):
             axes.set_aspect("equal")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.extrema import central_receptor, middle_row
 from tactile_fem.neuron import Response, respond
 from tactile_fem.results import Results
 from tactile_fem.study import Neuron
@@ -62,8 +63,7 @@ def population_histories(results: Results) -> Sweep:
     """
     trace, study = results.trace, results.study
     places = trace["receptors_mm"]
-    line = np.flatnonzero(np.abs(places[:, 1]) < 1e-9)
-    line = line[np.argsort(places[line, 0])]
+    line = middle_row(places)
     across = places[line, 0]
     _check_even(across, f"the receptors on Y = 0 in {results.folder}")
     # What is at X of the body at rest is met by the receptor at X: body and finger share axes.
@@ -93,10 +93,11 @@ def fibre_histories(passes: Sequence[Results], base_mm: float = 0.0) -> Sweep:
     traces = [passes[k].trace for k in order]
     # The steps differ between passes; between two of them the histories are linear.
     time = np.unique(np.concatenate([trace["time_s"] for trace in traces]).round(12))
-    central = [int(np.argmin(np.hypot(*trace["receptors_mm"][:, :2].T))) for trace in traces]
     sed = [
-        np.interp(time, trace["time_s"], trace["sed_kPa"][:, k])
-        for trace, k in zip(traces, central, strict=True)
+        np.interp(
+            time, trace["time_s"], trace["sed_kPa"][:, central_receptor(trace["receptors_mm"])]
+        )
+        for trace in traces
     ]
     return Sweep(across, time, np.column_stack(sed), speeds.pop())
 

@@ -104,16 +104,17 @@ def run_series(
     for member in mine:
         check_study(member.study)
         _keep_study(member, folder)
-    left = [member for member in mine if not is_complete(member, folder)]
-    outcomes = [Outcome(member, "", 0.0) for member in mine if member not in left]
-    logger.info("%d scans, %d of them complete", len(mine), len(outcomes))
+    complete = {member.name for member in mine if is_complete(member, folder)}
+    left = [member for member in mine if member.name not in complete]
+    outcomes = [Outcome(member, "", 0.0) for member in mine if member.name in complete]
+    logger.info("%d scans, %d of them complete", len(mine), len(complete))
     begun = time.perf_counter()
     runner = _Runner(folder, ranks)
     with ThreadPoolExecutor(jobs) as pool:
         try:
             for future in as_completed([pool.submit(runner.run, member) for member in left]):
                 outcomes.append(future.result())
-                done = len(outcomes) - (len(mine) - len(left))
+                done = len(outcomes) - len(complete)
                 spent = time.perf_counter() - begun
                 minutes = spent / done * (len(left) - done) / 60
                 _tell(outcomes[-1], f"{done} of {len(left)}, about {minutes:.0f} min left")
@@ -127,8 +128,14 @@ def run_series(
 
 def is_complete(member: Member, folder: Path) -> bool:
     """Tell whether a member's scan has come to its end."""
-    place = folder_of(member, folder)
-    return (place / "run.json").is_file() and Results(place).run.get("status") == "complete"
+    return Results(folder_of(member, folder)).complete
+
+
+def complete_scans(members: Sequence[Member], folder: Path) -> list[Results]:
+    """Return the results of the members that are complete, in their order."""
+    return [
+        Results.open(folder_of(member, folder)) for member in members if is_complete(member, folder)
+    ]
 
 
 class _Runner:

@@ -31,7 +31,16 @@ def _numbers(member: Member, folder: Path) -> dict[str, Any]:
     """Return what a scan gave; only its status if it is not complete."""
     if not is_complete(member, folder):
         return {"status": "not complete"}
-    results = Results.open(folder_of(member, folder))
+    numbers = numbers_of(Results.open(folder_of(member, folder)))
+    short = {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in numbers.items()}
+    return {"status": "complete", **short, "wall_s": round(numbers["wall_s"], 1)}
+
+
+def numbers_of(results: Results) -> dict[str, int | float]:
+    """Return what a scan cost and gave: forces and SED of the slide, spikes.
+
+    Means of the forces are over its steps; a scan without a slide gives its last step.
+    """
     trace, spikes = results.trace, results.spikes
     slide = trace["displacement_mm"] > 0
     if not slide.any():
@@ -40,19 +49,14 @@ def _numbers(member: Member, folder: Path) -> dict[str, Any]:
     central = central_receptor(trace["receptors_mm"])
     sliding = spikes.time_s >= 0
     return {
-        "status": "complete",
         "steps": len(trace["time_s"]),
         "newton_iterations": int(trace["newton_iterations"].sum()),
-        "wall_s": round(float(trace["wall_s"].sum()), 1),
-        "pressed_N": _short(trace["force_N"][np.argmax(trace["depth_mm"]), 2]),
-        "normal_N": _short(force[:, 2].mean()),
-        "tangential_N": _short(np.hypot(force[:, 0], force[:, 1]).mean()),
-        "largest_sed_kPa": _short(sed.max()),
-        "central_largest_sed_kPa": _short(sed[:, central].max()),
+        "wall_s": float(trace["wall_s"].sum()),
+        "pressed_N": float(trace["force_N"][np.argmax(trace["depth_mm"]), 2]),
+        "normal_N": float(force[:, 2].mean()),
+        "tangential_N": float(np.hypot(force[:, 0], force[:, 1]).mean()),
+        "largest_sed_kPa": float(sed.max()),
+        "central_largest_sed_kPa": float(sed[:, central].max()),
         "spikes": int(sliding.sum()),
         "central_spikes": int((spikes.receptor[sliding] == central).sum()),
     }
-
-
-def _short(value: float) -> float:
-    return float(f"{value:.5g}")

@@ -157,6 +157,11 @@ class Neuron(Section):
     )
     seed: Annotated[Whole, Field(ge=0, lt=2**63)] = Field(1, description="of spread and noise")
 
+    @property
+    def time_constant_s(self) -> float:
+        """R C of the membrane."""
+        return 1e-3 * self.resistance_GOhm * self.capacitance_pF
+
 
 class Solver(Section):
     """Discretization of the contact and control of the steps."""
