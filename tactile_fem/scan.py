@@ -25,6 +25,7 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.estimate import announce
 from tactile_fem.mechanics.faults import last_line, preparing
 from tactile_fem.mechanics.march import March, Step
+from tactile_fem.mechanics.petsc_options import check_options
 from tactile_fem.mechanics.probe import Feeling, Probe
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.neuron import Response, respond
@@ -33,7 +34,7 @@ from tactile_fem.record import Recorder
 from tactile_fem.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.stopping import StopRequest, answering
-from tactile_fem.study import Study
+from tactile_fem.study import Neuron, Study
 from tactile_fem.together import ending_together, on_root
 from tactile_fem.trace import Array, Histories, Trace
 
@@ -177,12 +178,77 @@ class _Scene:
     @classmethod
     def of(cls, study: Study, comm: MPI.Comm) -> _Scene:
         """Set everything up that bad input could spoil."""
+        check_options(study.solver)
         body = make_body(study.stimulus)
         finger = on_root(comm, lambda: load_finger(study.finger), share=False)
         positions = on_root(comm, lambda: place(study.receptors, finger))
         samples = on_root(comm, lambda: sample(study.receptors, positions, finger))
         on_root(comm, lambda: _check_apart(body, finger))
         return cls(study, finger, positions, samples)
+
+
+@dataclass(frozen=True)
+class _Rig:
+    """What moves, feels and records."""
+
+    problem: FingerProblem
+    probe: Probe
+    march: March
+    recorder: Recorder | None
+
+    @classmethod
+    def of(cls, scene: _Scene, results: Results | None, comm: MPI.Comm) -> _Rig:
+        """Compile and distribute all that the scan needs."""
+        study = scene.study
+        on_root(comm, lambda: mend_cache(jit.get_options()["cache_dir"]))
+        with preparing():
+            domain = create_domain(scene.finger, comm, study.solver.held)
+            problem = FingerProblem.of(study, domain)
+            _ = problem.load_cell  # compiled here, not in the first step
+            probe = Probe(problem, scene.samples, len(scene.positions), study.receptors.side)
+            deepest = _DEEPEST * study.finger.pad_thickness_mm
+            march = March(problem, study.protocol, study.solver, deepest)
+            recorder = Recorder(results, study, problem, march, scene.finger) if results else None
+        logger.info(
+            "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
+            len(domain.file_cells),
+            problem.unknowns,
+            len(scene.positions),
+            comm.size,
+        )
+        return cls(problem, probe, march, recorder)
+
+    def start(self, scene: _Scene, *, proceed: bool) -> Histories:
+        """Return the histories so far; the march stands at their end."""
+        if proceed and self.recorder:
+            return self.recorder.restore()
+        announce(scene.study, self.problem.unknowns, self.problem.domain.comm)
+        histories = Histories(scene.positions)
+        if self.recorder:
+            self.recorder.begin(histories.trace())
+        return histories
+
+    def walk(self, histories: Histories, observers: Iterable[Observer], stop: StopRequest) -> None:
+        """Go to the end, adding each step to the histories."""
+        for step in self.march:
+            feeling = self.probe.feel()
+            _check_sound(step, feeling, histories.receptors_mm)
+            histories.add(
+                displacement_mm=step.displacement_mm,
+                depth_mm=step.depth_mm,
+                clock_s=step.clock_s,
+                stimulator_mm=step.translation_mm,
+                newton_iterations=step.newton_iterations,
+                linear_iterations=step.linear_iterations,
+                wall_s=step.wall_s,
+                **vars(step.load),
+                **vars(feeling),
+            )
+            if self.recorder:
+                self.recorder.step(step, histories.trace())
+            for observer in observers:
+                observer(step)
+            stop.check()
 
 
 def _run(
@@ -193,71 +259,31 @@ def _run(
     *,
     proceed: bool,
 ) -> ScanResult:
-    study, positions = scene.study, scene.positions
     if results and proceed:
         proceed = on_root(comm, lambda: _has_checkpoint(results))
-    keep_log = log_to(results.log_file, comm.rank) if results else nullcontext()
-    with keep_log:
-        on_root(comm, lambda: mend_cache(jit.get_options()["cache_dir"]))
-        with preparing():
-            domain = create_domain(scene.finger, comm, study.solver.held)
-            problem = FingerProblem.of(study, domain)
-            _ = problem.load_cell  # compiled here, not in the first step
-            probe = Probe(problem, scene.samples, len(positions), study.receptors.side)
-            deepest = _DEEPEST * study.finger.pad_thickness_mm
-            march = March(problem, study.protocol, study.solver, deepest)
-            recorder = Recorder(results, study, problem, march, scene.finger) if results else None
-        logger.info(
-            "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
-            len(domain.file_cells),
-            problem.unknowns,
-            len(positions),
-            comm.size,
-        )
-        if not proceed:
-            announce(study, problem.unknowns, comm)
-        histories = Histories(positions)
-        if recorder and proceed:
-            histories = recorder.restore()
-        elif recorder:
-            recorder.begin(histories.trace())
+    with log_to(results.log_file, comm.rank) if results else nullcontext():
+        rig = _Rig.of(scene, results, comm)
+        histories = rig.start(scene, proceed=proceed)
+        neuron = scene.study.neuron
         try:
-            with ending_together(comm), _stopping(problem, comm) as stop:
-                for step in march:
-                    feeling = probe.feel()
-                    _check_sound(step, feeling, positions)
-                    histories.add(
-                        displacement_mm=step.displacement_mm,
-                        depth_mm=step.depth_mm,
-                        clock_s=step.clock_s,
-                        stimulator_mm=step.translation_mm,
-                        newton_iterations=step.newton_iterations,
-                        linear_iterations=step.linear_iterations,
-                        wall_s=step.wall_s,
-                        **vars(step.load),
-                        **vars(feeling),
-                    )
-                    if recorder:
-                        recorder.step(step, histories.trace())
-                    for observer in observers:
-                        observer(step)
-                    stop.check()
+            with ending_together(comm), _stopping(rig.problem, comm) as stop:
+                rig.walk(histories, observers, stop)
         except Exception as error:
-            if recorder:
+            if rig.recorder:
                 with suppress(OSError, TactileError):  # writing may be what failed
-                    _conclude(recorder, histories.trace(), study, _status(error))
+                    _conclude(rig.recorder, histories.trace(), neuron, _status(error))
             raise
         trace = histories.trace()
         _tell_exactness(trace)
-        response = _conclude(recorder, trace, study, "complete")
+        response = _conclude(rig.recorder, trace, neuron, "complete")
     return ScanResult(trace, response, results.folder if results else None)
 
 
-def _conclude(recorder: Recorder | None, trace: Trace, study: Study, status: str) -> Response:
+def _conclude(recorder: Recorder | None, trace: Trace, neuron: Neuron, status: str) -> Response:
     """Return the afferents' spikes up to here; keep them and say how it ended."""
     response = Response([np.empty(0)] * len(trace.receptors_mm), 0.0, 0.0)
     if len(trace.time_s) > 1:
-        response = respond(trace.time_s, trace.sed_kPa, study.neuron)
+        response = respond(trace.time_s, trace.sed_kPa, neuron)
     if recorder:
         recorder.spikes(response)
         recorder.finish(status)
@@ -326,8 +352,8 @@ def _tell_exactness(trace: Trace) -> None:
     deep = trace.depth_mm == trace.depth_mm.max()
     gap, depth = trace.gap_error_mm[deep].max(), trace.depth_mm.max()
     logger.info(
-        "contact at full depth: skin off the body's surface by %.4f mm, traction of the tissue off "
-        "the contact's by %.0f %% (means, at most)",
+        "contact at full depth: skin off the body's surface by %.4f mm on average; stress of the "
+        "tissue there off the contact's by %.0f %%, which tells of the mesh more than of forces",
         gap,
         100 * np.abs(trace.traction_error[deep]).max(),
     )

@@ -75,7 +75,7 @@ class Histories:
 
     def __init__(self, receptors_mm: Array) -> None:
         count = len(receptors_mm)
-        self._receptors = receptors_mm
+        self.receptors_mm = receptors_mm
         self._columns: dict[str, list[Any]] = {
             "displacement_mm": [0.0],
             "depth_mm": [0.0],
@@ -127,4 +127,4 @@ class Histories:
         columns = {name: np.array(column) for name, column in self._columns.items()}
         pressed = columns["clock_s"][columns["displacement_mm"] == 0.0][-1]
         time_s = columns["clock_s"] - pressed
-        return Trace(time_s=time_s, receptors_mm=self._receptors, **columns)
+        return Trace(time_s=time_s, receptors_mm=self.receptors_mm, **columns)

@@ -12,28 +12,20 @@ from petsc4py import PETSc
 from cffi import VerificationError
 from dolfinx import jit
 
-from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.errors import TactileError
 
 
 @contextmanager
 def preparing() -> Iterator[None]:
-    """Explain what fails while forms are compiled and solvers are made from their options.
+    """Explain what fails while forms are compiled.
 
     Raises
     ------
-    StudyError
-        PETSc refuses an option.
     TactileError
         A form cannot be compiled, or not be loaded from the cache.
     """
     try:
         yield
-    except PETSc.Error as error:
-        _drop_half_made(error)
-        raise StudyError(
-            f"PETSc refuses its options ({last_line(error)}): look at [solver.petsc] and at the "
-            "options that start with -tactile_."
-        ) from error
     except (OSError, ImportError, VerificationError) as error:
         _drop_half_made(error)
         raise TactileError(_of_compilation(error)) from error

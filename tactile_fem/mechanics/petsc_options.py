@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from petsc4py import PETSc
 
+from tactile_fem.errors import StudyError
+from tactile_fem.mechanics.faults import last_line
 from tactile_fem.mechanics.multigrid import MULTIGRID_OPTIONS
 from tactile_fem.study import Solver
 
@@ -38,6 +40,28 @@ LINEAR: dict[str, dict[str, PetscOption]] = {
     },
 }
 _FROM_ENVIRONMENT: dict[str, PetscOption] = dict(PETSc.Options(PREFIX).getAll())
+
+
+def check_options(solver: Solver) -> None:
+    """Let PETSc read the options once, on a solver that has nothing to solve.
+
+    Raises
+    ------
+    StudyError
+        PETSc refuses one. Options of the parts of multigrid are read later.
+    """
+    set_options(solver)
+    trial = PETSc.SNES().create(PETSc.COMM_SELF)
+    trial.setOptionsPrefix(PREFIX)
+    try:
+        trial.setFromOptions()
+    except PETSc.Error as error:
+        raise StudyError(
+            f"PETSc refuses its options ({last_line(error)}): look at [solver.petsc] and at the "
+            "options that start with -tactile_."
+        ) from error
+    finally:
+        trial.destroy()
 
 
 def set_options(solver: Solver) -> dict[str, PetscOption]:
