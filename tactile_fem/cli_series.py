@@ -11,7 +11,6 @@ from cyclopts import Parameter, validators
 from tactile_fem import logs
 from tactile_fem.cli_options import Ranks, Settings, StudyFile
 from tactile_fem.errors import TactileError
-from tactile_fem.stopping import answering, stop_at_once
 from tactile_fem.study_file import load_study
 
 if TYPE_CHECKING:
@@ -80,8 +79,7 @@ def _run(members: Sequence[Member], folder: Path, jobs: int, ranks: int, task: s
     from tactile_fem.series import Task, run_series, write_summary
 
     logs.set_up(console=logs.stderr_console())
-    with answering(stop_at_once):  # the scans are asked to stop as well, and waited for
-        outcomes = run_series(members, folder, jobs=jobs, ranks=ranks, task=Task.parse(task))
+    outcomes = run_series(members, folder, jobs=jobs, ranks=ranks, task=Task.parse(task))
     print(f"Written to {write_summary(members, folder)}")
     failed = [outcome for outcome in outcomes if outcome.problem]
     if failed:

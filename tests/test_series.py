@@ -9,7 +9,7 @@ import pytest
 from synthetic import make_results
 
 from tactile_fem import cli
-from tactile_fem.errors import StudyError
+from tactile_fem.errors import StoppedError, StudyError
 from tactile_fem.results import Results
 from tactile_fem.series import Task, run_series, single_fibre, sweep, write_summary
 from tactile_fem.series.run import folder_of
@@ -125,3 +125,17 @@ def test_command_line_tells_what_is_wrong(capsys, tmp_path):
     assert cli.main(["fibre", "--task", "3/2", *folder]) == 2
     assert "K from 1 to N" in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
+
+
+def test_a_signal_ends_the_scans_that_run_as_well(tmp_path, monkeypatch):
+    # In the place of Python: a scan that asks for the end, and tells that it was asked itself.
+    scan, told = tmp_path / "scan", tmp_path / "told"
+    scan.write_text(
+        f"#!/bin/sh\ntrap 'echo > {told}; kill $!; exit 143' TERM\nkill -TERM $PPID\nsleep 60 &\nwait\n"
+    )
+    scan.chmod(0o755)
+    monkeypatch.setattr("sys.executable", str(scan))
+    members = sweep(["stimulus.friction=0.1,0.2,0.3"])
+    with pytest.raises(StoppedError):
+        run_series(members, tmp_path / "series", jobs=2)
+    assert told.exists()

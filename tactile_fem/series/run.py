@@ -18,6 +18,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.files import write_text
 from tactile_fem.results import Results
 from tactile_fem.series.members import Member
+from tactile_fem.stopping import answering, stop_at_once
 from tactile_fem.study_file import dump_study, load_study
 
 logger = logging.getLogger(__name__)
@@ -98,6 +99,8 @@ def run_series(
     ------
     StudyError
         Bad input, before anything runs; or the folder holds another series.
+    StoppedError
+        SIGTERM or SIGINT came.
     """
     folder = Path(folder)
     mine = (task or Task()).of(members)
@@ -110,7 +113,8 @@ def run_series(
     logger.info("%d scans, %d of them complete", len(mine), len(complete))
     begun = time.perf_counter()
     runner = _Runner(folder, ranks)
-    with ThreadPoolExecutor(jobs) as pool:
+    # Scans that run are asked to save and end as well, and waited for.
+    with answering(stop_at_once), ThreadPoolExecutor(jobs) as pool:
         try:
             for future in as_completed([pool.submit(runner.run, member) for member in left]):
                 outcomes.append(future.result())
