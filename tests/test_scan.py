@@ -77,19 +77,20 @@ def test_a_scan_presses_slides_feels_and_keeps(finished, study):
 
 
 @pytest.mark.mpi
-def test_two_ranks_equal_one(finished, study, tmp_path):
+@pytest.mark.parametrize("count", [2, 3])
+def test_more_ranks_equal_one(finished, study, tmp_path, count):
     file = tmp_path / "study.toml"
     file.write_text(dump_study(study))
-    command = [ranks.launcher(), "-n", "2", sys.executable, "-m", "tactile_fem", "scan"]
-    subprocess.run([*command, str(file), "--results", str(tmp_path / "two")], check=True)
-    one, two = finished[0].trace, Results.open(tmp_path / "two").trace
-    np.testing.assert_allclose(two["time_s"], one.time_s, atol=1e-12)
+    command = [ranks.launcher(), "-n", str(count), sys.executable, "-m", "tactile_fem", "scan"]
+    subprocess.run([*command, str(file), "--results", str(tmp_path / "more")], check=True)
+    one, more = finished[0].trace, Results.open(tmp_path / "more").trace
+    np.testing.assert_allclose(more["time_s"], one.time_s, atol=1e-12)
     scale = one.sed_kPa.max()
-    assert np.abs(two["sed_kPa"] - one.sed_kPa).max() < 1e-6 * scale
+    assert np.abs(more["sed_kPa"] - one.sed_kPa).max() < 1e-6 * scale
     for name in ("force_N", "friction_mJ", "work_mJ", "stored_mJ", "contact_area_mm2"):
         of_one = getattr(one, name)
-        assert np.abs(two[name] - of_one).max() < 1e-6 * of_one.max(), name
-    spikes = Results.open(tmp_path / "two").spikes
+        assert np.abs(more[name] - of_one).max() < 1e-6 * of_one.max(), name
+    spikes = Results.open(tmp_path / "more").spikes
     counts = [len(times) for times in finished[0].response.spikes]
     assert [int(np.sum(spikes.receptor == k)) for k in range(5)] == counts
 

@@ -130,9 +130,8 @@ def test_command_line_tells_what_is_wrong(capsys, tmp_path):
 def test_a_signal_ends_the_scans_that_run_as_well(tmp_path, monkeypatch):
     # In the place of Python: a scan that asks for the end, and tells that it was asked itself.
     scan, told = tmp_path / "scan", tmp_path / "told"
-    scan.write_text(
-        f"#!/bin/sh\ntrap 'echo > {told}; kill $!; exit 143' TERM\nkill -TERM $PPID\nsleep 60 &\nwait\n"
-    )
+    answer = f"trap 'echo > {told}; kill $!; exit 143' TERM"
+    scan.write_text(f"#!/bin/sh\n{answer}\nkill -TERM $PPID\nsleep 60 &\nwait\n")
     scan.chmod(0o755)
     monkeypatch.setattr("sys.executable", str(scan))
     members = sweep(["stimulus.friction=0.1,0.2,0.3"])

@@ -15,7 +15,7 @@ from typing import Any
 logger = logging.getLogger(__name__)
 
 # Another process that compiles the same form is waited for.
-_WAIT_S = 120
+_WAIT_S = 300
 # So long no form takes to compile: its process was killed.
 _ABANDONED_S = 600
 
