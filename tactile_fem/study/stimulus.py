@@ -21,7 +21,7 @@ class Stimulus(Section):
 class Text(Stimulus):
     """Embossed letters on a plate."""
 
-    kind: Literal["text"] = "text"
+    kind: Literal["text"] = Field("text", description="which stimulator; each has keys of its own")
     text: Annotated[str, Field(min_length=1, max_length=40)] = Field(
         "FGH", description="paper: letters in the order in which they pass the receptor"
     )
