@@ -36,6 +36,8 @@ def block(width: float = 3.0, count: int = 3):
 
 
 def problem(body, *, tissue=ELASTIC, constraints=lambda V: [], domain=None, **solver):
+    if solver.get("nitsche_theta"):  # these forms take minutes to optimize
+        solver["compiler_flags"] = ("-O0",)
     settings = Solver(held=("cut",), linear="direct", petsc=EXACT, **solver)
     return FingerProblem(
         domain or block(), tissue, make_body(body), body.friction, settings, constraints
