@@ -199,6 +199,18 @@ def test_a_problem_no_longer_used_is_gone():
     assert trace() is None
 
 
+@pytest.mark.parametrize("outer", ["ngmres", "anderson"])
+def test_a_solver_around_newton_finds_the_same(outer):
+    newton = {"npc_snes_type": "newtonls", "npc_snes_max_it": 1, "npc_pc_type": "lu"}
+    body, forces = Sphere(radius_mm=4.0), []
+    for petsc in ({}, {"snes_type": outer, **newton}):
+        settings = Solver(held=("cut",), linear="direct", petsc={**EXACT, **petsc})
+        contact = FingerProblem(block(), ELASTIC, make_body(body), body.friction, settings)
+        forces.append(pressed(contact, (0, 0, 0.2), (0, -0.1, 0.3)).force_N)
+    assert forces[0][2] > 0.01
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-6)
+
+
 def test_no_contact_no_force():
     contact = problem(Sphere(radius_mm=4.0))
     assert np.all(pressed(contact, (0, 0, -0.5)).force_N == 0)

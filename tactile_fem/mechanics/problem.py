@@ -159,8 +159,9 @@ class FingerProblem:
             self._two_level = multigrid.TwoLevel(self.snes, V, self.held, blocks)
         # PETSc's references are not seen by Python's collector: own ones would keep all for ever,
         # and MPI has no more than some 2,000 communicators.
-        self.snes.setFunction(_weakly(self._assemble_residual), self._problem.b)
-        self.snes.setJacobian(_weakly(self._assemble_jacobian), self._problem.A)
+        for snes in [self.snes, *([self.snes.getNPC()] if self.snes.hasNPC() else [])]:
+            snes.setFunction(_weakly(self._assemble_residual), self._problem.b)
+            snes.setJacobian(_weakly(self._assemble_jacobian), self._problem.A)
 
     @classmethod
     def of(cls, study: Study, domain: Domain) -> FingerProblem:
