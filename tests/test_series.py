@@ -128,10 +128,11 @@ def test_command_line_tells_what_is_wrong(capsys, tmp_path):
 
 
 def test_a_signal_ends_the_scans_that_run_as_well(tmp_path, monkeypatch):
-    # In the place of Python: a scan that asks for the end, and tells that it was asked itself.
+    # In the place of Python: a scan that asks for the end, twice, and tells that it was asked.
     scan, told = tmp_path / "scan", tmp_path / "told"
     answer = f"trap 'echo > {told}; kill $!; exit 143' TERM"
-    scan.write_text(f"#!/bin/sh\n{answer}\nkill -TERM $PPID\nsleep 60 &\nwait\n")
+    ask = "kill -TERM $PPID"
+    scan.write_text(f"#!/bin/sh\n{answer}\n{ask}\n{ask}\nsleep 60 >/dev/null 2>&1 &\nwait\n")
     scan.chmod(0o755)
     monkeypatch.setattr("sys.executable", str(scan))
     members = sweep(["stimulus.friction=0.1,0.2,0.3"])

@@ -9,19 +9,23 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 
 from tactile_fem.checks import check_study
-from tactile_fem.errors import StudyError
+from tactile_fem.errors import StoppedError, StudyError
 from tactile_fem.files import write_text
 from tactile_fem.results import Results
 from tactile_fem.series.members import Member
-from tactile_fem.stopping import answering, stop_at_once
+from tactile_fem.stopping import answering
 from tactile_fem.study_file import dump_study, load_study
 
 logger = logging.getLogger(__name__)
+
+# How often signals are looked for: an error raised by the handler itself, in the middle of anything,
+# might leave a lock taken or a scan not asked to end.
+_GLANCE_S = 0.3
 
 
 @dataclass(frozen=True)
@@ -113,15 +117,20 @@ def run_series(
     logger.info("%d scans, %d of them complete", len(mine), len(complete))
     begun = time.perf_counter()
     runner = _Runner(folder, ranks)
-    # Scans that run are asked to save and end as well, and waited for.
-    with answering(stop_at_once), ThreadPoolExecutor(jobs) as pool:
+    asked: list[int] = []
+    with answering(asked.append), ThreadPoolExecutor(jobs) as pool:
+        running = {pool.submit(runner.run, member) for member in left}
         try:
-            for future in as_completed([pool.submit(runner.run, member) for member in left]):
-                outcomes.append(future.result())
-                done = len(outcomes) - len(complete)
-                spent = time.perf_counter() - begun
-                minutes = spent / done * (len(left) - done) / 60
-                _tell(outcomes[-1], f"{done} of {len(left)}, about {minutes:.0f} min left")
+            while running:
+                ended, running = wait(running, _GLANCE_S, FIRST_COMPLETED)
+                for future in ended:
+                    outcomes.append(future.result())
+                    done = len(outcomes) - len(complete)
+                    spent = time.perf_counter() - begun
+                    minutes = spent / done * (len(left) - done) / 60
+                    _tell(outcomes[-1], f"{done} of {len(left)}, about {minutes:.0f} min left")
+                if asked:
+                    raise StoppedError(asked[0])
         except BaseException:
             runner.stop()
             pool.shutdown(cancel_futures=True)
