@@ -23,8 +23,8 @@ from tactile_fem.study_file import dump_study, load_study
 
 logger = logging.getLogger(__name__)
 
-# How often signals are looked for: an error raised by the handler itself, in the middle of anything,
-# might leave a lock taken or a scan not asked to end.
+# How often signals are looked for: an error raised by the handler itself, in the middle of
+# anything, might leave a lock taken or a scan not asked to end.
 _GLANCE_S = 0.3
 
 
