@@ -157,11 +157,13 @@ class FingerProblem:
         if uses_multigrid:
             blocks = self.order.blocks()
             self._two_level = multigrid.TwoLevel(self.snes, V, self.held, blocks)
-        # PETSc's references are not seen by Python's collector: own ones would keep all for ever,
-        # and MPI has no more than some 2,000 communicators.
+        # PETSc's references are not seen by Python's collector: own ones keep all for ever, and MPI has
+        # no more than some 2,000 communicators. On several ranks that must be so: solvers are
+        # destroyed together, and the collector runs on each rank when it likes.
+        callback = _weakly if domain.comm.size == 1 else _strongly
         for snes in [self.snes, *([self.snes.getNPC()] if self.snes.hasNPC() else [])]:
-            snes.setFunction(_weakly(self._assemble_residual), self._problem.b)
-            snes.setJacobian(_weakly(self._assemble_jacobian), self._problem.A)
+            snes.setFunction(callback(self._assemble_residual), self._problem.b)
+            snes.setJacobian(callback(self._assemble_jacobian), self._problem.A)
 
     @classmethod
     def of(cls, study: Study, domain: Domain) -> FingerProblem:
@@ -318,6 +320,11 @@ def _weakly(method: Callable[..., None]) -> Callable[..., None]:
     """Return a call of a bound method that does not keep its object alive."""
     reference = weakref.WeakMethod(method)
     return lambda *arguments: reference()(*arguments)
+
+
+def _strongly(method: Callable[..., None]) -> Callable[..., None]:
+    """Return the bound method itself."""
+    return method
 
 
 _REASONS = {
