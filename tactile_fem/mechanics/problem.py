@@ -157,8 +157,8 @@ class FingerProblem:
         if uses_multigrid:
             blocks = self.order.blocks()
             self._two_level = multigrid.TwoLevel(self.snes, V, self.held, blocks)
-        # PETSc's references are not seen by Python's collector: own ones keep all for ever, and MPI has
-        # no more than some 2,000 communicators. On several ranks that must be so: solvers are
+        # PETSc's references are not seen by Python's collector: own ones keep all for ever, and MPI
+        # has no more than some 2,000 communicators. On several ranks that must be so: solvers are
         # destroyed together, and the collector runs on each rank when it likes.
         callback = _weakly if domain.comm.size == 1 else _strongly
         for snes in [self.snes, *([self.snes.getNPC()] if self.snes.hasNPC() else [])]:
