@@ -199,12 +199,13 @@ def test_a_problem_no_longer_used_is_gone():
     assert trace() is None
 
 
+@pytest.mark.parametrize("linear", ["direct", "multigrid"])
 @pytest.mark.parametrize("outer", ["ngmres", "anderson"])
-def test_a_solver_around_newton_finds_the_same(outer):
+def test_a_solver_around_newton_finds_the_same(outer, linear):
     newton = {"npc_snes_type": "newtonls", "npc_snes_max_it": 1, "npc_pc_type": "lu"}
     body, forces = Sphere(radius_mm=4.0), []
-    for petsc in ({}, {"snes_type": outer, **newton}):
-        settings = Solver(held=("cut",), linear="direct", petsc={**EXACT, **petsc})
+    for solve, petsc in (("direct", {}), (linear, {"snes_type": outer, **newton})):
+        settings = Solver(held=("cut",), linear=solve, petsc={**EXACT, **petsc})
         contact = FingerProblem(block(), ELASTIC, make_body(body), body.friction, settings)
         forces.append(pressed(contact, (0, 0, 0.05), (0, -0.01, 0.08)).force_N)
     assert forces[0][2] > 1e-3

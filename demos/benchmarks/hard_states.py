@@ -68,7 +68,6 @@ NEWTON_STEP: dict[str, str | int | float] = {
     "npc_pc_factor_mat_solver_type": "mumps",
     "npc_snes_convergence_test": "skip",
     "snes_max_it": 40,
-    "pc_type": "lu",  # multigrid would want to serve the outer iteration
 }
 
 STRATEGIES = (

@@ -141,7 +141,9 @@ class FingerProblem:
         for part in self.skin:
             residual += part.contact.residual(part.t, self.u, self.u_old, v) * part.ds
         self.options = set_options(solver)
-        uses_multigrid = self.options["pc_type"] == "mg"
+        # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.
+        has_inner = "npc_snes_type" in self.options
+        uses_multigrid = self.options["pc_type"] == "mg" and not has_inner
         self._bcs = [fem.dirichletbc(np.zeros(3), self.held, V), *constraints(V)]
         self._problem = fem_petsc.NonlinearProblem(
             residual,
@@ -160,10 +162,12 @@ class FingerProblem:
         # PETSc's references are not seen by Python's collector: own ones keep all for ever, and MPI
         # has no more than some 2,000 communicators. On several ranks that must be so: solvers are
         # destroyed together, and the collector runs on each rank when it likes.
-        callback = _weakly if domain.comm.size == 1 else _strongly
-        for snes in [self.snes, *([self.snes.getNPC()] if self.snes.hasNPC() else [])]:
-            snes.setFunction(callback(self._assemble_residual), self._problem.b)
-            snes.setJacobian(callback(self._assemble_jacobian), self._problem.A)
+        residual_of, jacobian_of = self._assemble_residual, self._assemble_jacobian
+        if domain.comm.size == 1:
+            residual_of, jacobian_of = _weakly(residual_of), _weakly(jacobian_of)
+        for snes in [self.snes, *([self.snes.getNPC()] if has_inner else [])]:
+            snes.setFunction(residual_of, self._problem.b)
+            snes.setJacobian(jacobian_of, self._problem.A)
 
     @classmethod
     def of(cls, study: Study, domain: Domain) -> FingerProblem:
@@ -320,11 +324,6 @@ def _weakly(method: Callable[..., None]) -> Callable[..., None]:
     """Return a call of a bound method that does not keep its object alive."""
     reference = weakref.WeakMethod(method)
     return lambda *arguments: reference()(*arguments)
-
-
-def _strongly(method: Callable[..., None]) -> Callable[..., None]:
-    """Return the bound method itself."""
-    return method
 
 
 _REASONS = {
