@@ -15,6 +15,7 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
 
+from tactile_fem.mechanics import problem as problem_module
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.stimulus import make_body
@@ -69,6 +70,31 @@ def test_lines_through_the_layers_are_worth_it():
     lines = pressed(petsc=STRICT)[1]
     points = pressed(petsc={**STRICT, "mg_levels_pc_type": "pbjacobi"})[1]
     assert points > 3 * lines
+
+
+@pytest.mark.parametrize("linear", ["multigrid", "direct"])
+def test_the_last_step_spares_a_jacobian_and_loses_nothing(linear, monkeypatch):
+    """As near the solution as with a Jacobian for each step, in as many steps."""
+    found = {}
+    for caution in (4.0, np.inf):
+        monkeypatch.setattr(problem_module, "_CAUTION", caution)
+        problem, _ = pressed(linear=linear, petsc={"snes_atol": 1e-9})
+        report = problem.solve(np.array([0, -0.1, 0.4]), 0.01)
+        assert report.residual_N < 1e-9
+        built = problem.snes.getJacobian()[0].stateGet()
+        found[caution] = problem.u.x.array.copy(), report.iterations, built
+    near, steps, built = found[4.0]
+    exact, all_steps, all_built = found[np.inf]
+    assert steps == all_steps
+    assert built < all_built
+    assert np.abs(near - exact).max() < 1e-6 * np.abs(exact).max()
+
+
+def test_no_linear_solve_goes_further_than_newton_will():
+    problem, _ = pressed()
+    assert problem.snes.getKSP().getTolerances()[1] == pytest.approx(0.3 * 1e-8)
+    report = problem.solve(np.array([0, -0.1, 0.4]), 0.01)
+    assert 1e-10 < report.residual_N < 1e-8
 
 
 def test_a_line_is_inverted_whole():

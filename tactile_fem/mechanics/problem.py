@@ -33,6 +33,11 @@ from tactile_fem.study import Solver, Study, Tissue
 # Where Newton's method fails: how much wider contact sets in, how soft friction is.
 _GENTLER = ((1.0, 0.3), (4.0, 0.3))
 
+# Share of the residual that ends Newton's method, at which any linear solve may end (Kelley 1995).
+_LAST_SOLVE = 0.3
+# By how much a step with an old Jacobian may be worse than expected.
+_CAUTION = 4.0
+
 Constraints = Callable[[fem.FunctionSpace], Sequence[fem.DirichletBC]]
 
 
@@ -155,6 +160,9 @@ class FingerProblem:
             entity_maps=self.obstacle.entity_maps,
         )
         self.snes.setFromOptions()
+        self.snes.setConvergenceHistory(reset=True)
+        if "ksp_atol" not in self.options:
+            self.snes.getKSP().setTolerances(atol=_LAST_SOLVE * self.snes.getTolerances()[1])
         self._two_level: multigrid.TwoLevel | None = None
         if uses_multigrid:
             blocks = self.order.blocks()
@@ -313,11 +321,27 @@ class FingerProblem:
     def _assemble_jacobian(
         self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat
     ) -> None:
+        if _one_more_is_enough(snes):
+            return  # with the Jacobian of the last iterate
         self._update(x)
         with common.Timer("tactile: jacobian"):
             fem_petsc.assemble_jacobian(snes, x, J, P, self.u, self._problem.J, None, self._bcs)
         if self._two_level:
             self._two_level.follow(P)
+
+
+def _one_more_is_enough(snes: PETSc.SNES) -> bool:
+    """Tell whether Newton's next step ends the solve even if the Jacobian stays as it is.
+
+    Near the solution a step with the Jacobian of the last iterate cuts the residual by as much as
+    the step before did, where a new one would square it.
+    """
+    norms, _ = snes.getConvergenceHistory()
+    at_work = snes.getConvergedReason() == PETSc.SNES.ConvergedReason.ITERATING
+    if not at_work or len(norms) < 2:
+        return False
+    expected = norms[-1] ** 2 / norms[-2]
+    return bool(_CAUTION * expected < snes.getTolerances()[1])
 
 
 def _weakly(method: Callable[..., None]) -> Callable[..., None]:
