@@ -276,6 +276,7 @@ def _run(
         trace = histories.trace()
         _tell_exactness(trace)
         response = _conclude(rig.recorder, trace, neuron, "complete")
+        rig.problem.close()
     return ScanResult(trace, response, results.folder if results else None)
 
 

@@ -223,6 +223,7 @@ def replay(
             time.perf_counter() - started,
             sum(step.size_mm for step in taken),
         )
+    problem.close()
 
 
 def tell(outcome: Outcome, heading: bool) -> None:

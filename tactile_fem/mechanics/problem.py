@@ -38,6 +38,9 @@ _LAST_SOLVE = 0.3
 # By how much a step with an old Jacobian may be worse than expected.
 _CAUTION = 4.0
 
+# Problems on several ranks, until they are closed.
+_OPEN: set[FingerProblem] = set()
+
 Constraints = Callable[[fem.FunctionSpace], Sequence[fem.DirichletBC]]
 
 
@@ -167,15 +170,15 @@ class FingerProblem:
         if uses_multigrid:
             blocks = self.order.blocks()
             self._two_level = multigrid.TwoLevel(self.snes, V, self.held, blocks)
-        # PETSc's references are not seen by Python's collector: own ones keep all for ever, and MPI
-        # has no more than some 2,000 communicators. On several ranks that must be so: solvers are
-        # destroyed together, and the collector runs on each rank when it likes.
-        residual_of, jacobian_of = self._assemble_residual, self._assemble_jacobian
-        if domain.comm.size == 1:
-            residual_of, jacobian_of = _weakly(residual_of), _weakly(jacobian_of)
+        # Weakly: what PETSc holds Python's collector cannot see, so a problem would live for ever,
+        # and MPI has no more than some 2,000 communicators.
+        residual_of = _weakly(self._assemble_residual)
+        jacobian_of = _weakly(self._assemble_jacobian)
         for snes in [self.snes, *([self.snes.getNPC()] if has_inner else [])]:
             snes.setFunction(residual_of, self._problem.b)
             snes.setJacobian(jacobian_of, self._problem.A)
+        if domain.comm.size > 1:
+            _OPEN.add(self)
 
     @classmethod
     def of(cls, study: Study, domain: Domain) -> FingerProblem:
@@ -183,6 +186,19 @@ class FingerProblem:
         stimulus = study.stimulus
         body = make_body(stimulus)
         return cls(domain, study.tissue, body, stimulus.friction, study.solver)
+
+    def close(self) -> None:
+        """Free solver and matrices; all ranks must call it. `u` stays.
+
+        On one rank a problem goes when nobody uses it any more. Several must destroy a solver
+        together, and Python collects on each when it likes: there a problem stays until it is closed.
+        """
+        own = self._problem
+        for part in (own.solver, own.A, own.b, own.x):
+            part.destroy()
+        self._two_level = None
+        PETSc.garbage_cleanup(self.domain.comm)
+        _OPEN.discard(self)
 
     @property
     def unknowns(self) -> int:
