@@ -191,7 +191,7 @@ class FingerProblem:
         """Free solver and matrices; all ranks must call it. `u` stays.
 
         On one rank a problem goes when nobody uses it any more. Several must destroy a solver
-        together, and Python collects on each when it likes: there a problem stays until it is closed.
+        together, and Python collects on each when it likes: there a problem stays until closed.
         """
         own = self._problem
         for part in (own.solver, own.A, own.b, own.x):
