@@ -72,10 +72,15 @@ class TwoLevel:
         smoother.setPythonContext(self._smoother)
         self._fine = PETSc.Mat()  # the Jacobian in the one format that gives its entries
         self._coarse: PETSc.Mat | None = None
+        # Newton's method would set up with each Jacobian: `follow` does so.
+        PETSc.Options(snes.getOptionsPrefix())["snes_lag_preconditioner"] = -2
+        snes.setFromOptions()
 
     def follow(self, jacobian: PETSc.Mat) -> None:
-        """Take over a new Jacobian, unless what an earlier one of this solve gave still serves.
+        """Set up with a new Jacobian, unless what an earlier one of this solve gave still serves.
 
+        Kept are the coarse operator and its factors, the lines' inverses and the bounds of the
+        smoother's spectrum.
         A solve begins anew, so that a resumed scan does what an uninterrupted one does.
         """
         spent = self._snes.getKSP().getIterationNumber()
@@ -84,8 +89,12 @@ class TwoLevel:
         with common.Timer("tactile: preconditioner"):
             jacobian.convert("aij", out=self._fine)
             self._coarse = self._fine.ptap(self._interpolation, self._coarse)
-            self._snes.getKSP().getPC().getMGCoarseSolve().setOperators(self._coarse)
             self._smoother.invert(self._fine)
+            pc = self._snes.getKSP().getPC()
+            pc.getMGCoarseSolve().setOperators(self._coarse)
+            pc.setOperators(jacobian)
+            pc.setReusePreconditioner(False)
+            pc.setUp()
 
 
 class LineJacobi:
