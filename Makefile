@@ -33,7 +33,7 @@ scan: $(ENVIRONMENT)
 
 test: $(ENVIRONMENT)
 	@$(PYTHON) -m tactile_fem.doctor
-	$(PYTHON) -m pytest -q
+	$(PYTHON) -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
 
 env: $(ENVIRONMENT)
 

@@ -11,6 +11,12 @@ from pathlib import Path
 from tactile_fem.errors import StudyError, TactileError
 
 TERMINAL_VARIABLE = "TACTILE_FEM_TERMINAL"
+# Open MPI refuses more ranks than cores unless told (versions from 5 on, and 4); MPICH lets them
+# share.
+SHARED_CORES = {
+    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+}
 _RANK_VARIABLES = ("PMI_RANK", "PMIX_RANK", "OMPI_COMM_WORLD_RANK", "MV2_COMM_WORLD_RANK")
 
 
@@ -54,8 +60,7 @@ def restart(ranks: int, arguments: Sequence[str]) -> None:
     if launched_rank() is not None:
         raise StudyError("--ranks does not go together with mpiexec: use one of them.")
     command = [launcher(), "-n", str(ranks), sys.executable, "-m", "tactile_fem", *arguments]
-    environment = dict(os.environ)
-    environment.setdefault("OMP_NUM_THREADS", "1")
+    environment = {"OMP_NUM_THREADS": "1", **SHARED_CORES, **os.environ}
     if sys.stderr.isatty():  # mpiexec hides it
         environment[TERMINAL_VARIABLE] = str(shutil.get_terminal_size().columns)
     sys.stdout.flush()

@@ -1,12 +1,16 @@
 import logging
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tactile_fem import ranks
 from tactile_fem.finger import build_finger, write_msh
 from tactile_fem.logs import PACKAGE
 from tactile_fem.study import Finger
+
+os.environ.update(ranks.SHARED_CORES)
 
 
 @pytest.fixture(scope="session")

@@ -366,7 +366,8 @@ def test_an_error_on_one_rank_ends_all(who):
     assert time.monotonic() - started < 10 + 20  # and the start of Python on a busy machine
     if who == "one":
         assert done.returncode == 2
-        ours = [line for line in done.stderr.splitlines() if "MPI_Abort" not in line]
-        assert ours == ["rank 1 ends all: the sentence"]
+        assert "Traceback" not in done.stderr
+        ours = [line for line in done.stderr.splitlines() if "sentence" in line]
+        assert ours == ["rank 1 ends all: the sentence"]  # the launcher may add words of its own
     else:
         assert done.returncode == 1 and done.stderr.count("StudyError: the sentence") == 2

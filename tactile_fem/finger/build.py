@@ -148,8 +148,9 @@ def _fill_volume(
         gmsh.model.geo.synchronize()
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
         mesh.generate(3)
-        if improve:
-            mesh.optimize("Netgen", force=True)
+        if improve:  # by gmsh's own means where it was built without Netgen, as Debian's
+            has_netgen = "Netgen" in gmsh.option.getString("General.BuildOptions")
+            mesh.optimize("Netgen" if has_netgen else "", force=True)
         return _read(gmsh, nodes, {int(k) + 1: int(k) for k in known}, 3)
 
 
