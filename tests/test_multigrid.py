@@ -23,9 +23,9 @@ from tactile_fem.study import Solver, Sphere, Tissue
 
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 4.0])
 TIGHT = {"snes_atol": 1e-10}
-# Every solve to the same accuracy: Newton's path is then the same for every linear solver. Bounds of
-# the smoother's spectrum converged: ten steps from noise, which is other on other ranks, leave two
-# percent of the iterations to chance.
+# Every solve to the same accuracy: Newton's path is then the same for every linear solver. With
+# converged bounds of the smoother's spectrum: ten steps from noise, which is other on other ranks,
+# leave two percent of the iterations to chance.
 STRICT = {
     "snes_ksp_ew": False,
     "ksp_rtol": 1e-3,
