@@ -8,8 +8,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -121,22 +121,25 @@ def run_series(
     with answering(asked.append), ThreadPoolExecutor(jobs) as pool:
         running = {pool.submit(runner.run, member) for member in left}
         try:
-            while running:
-                ended, running = wait(running, _GLANCE_S, FIRST_COMPLETED)
-                for future in ended:
-                    outcomes.append(future.result())
-                    done = len(outcomes) - len(complete)
-                    spent = time.perf_counter() - begun
-                    minutes = spent / done * (len(left) - done) / 60
-                    _tell(outcomes[-1], f"{done} of {len(left)}, about {minutes:.0f} min left")
-                if asked:
-                    raise StoppedError(asked[0])
+            for done, outcome in enumerate(_as_they_end(running, asked), start=1):
+                outcomes.append(outcome)
+                minutes = (time.perf_counter() - begun) / done * (len(left) - done) / 60
+                _tell(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
         except BaseException:
             runner.stop()
             pool.shutdown(cancel_futures=True)
             raise
     order = {member.name: k for k, member in enumerate(mine)}
     return sorted(outcomes, key=lambda outcome: order[outcome.member.name])
+
+
+def _as_they_end(running: set[Future[Outcome]], asked: list[int]) -> Iterator[Outcome]:
+    """Yield how scans end, one after the other, until a signal is found among those that came."""
+    while running:
+        ended, running = wait(running, _GLANCE_S, FIRST_COMPLETED)
+        yield from (future.result() for future in ended)
+        if asked:
+            raise StoppedError(asked[0])
 
 
 def is_complete(member: Member, folder: Path) -> bool:
