@@ -42,10 +42,13 @@ def study(small_finger) -> Study:
 
 @pytest.fixture(scope="module")
 def whole(study, tmp_path_factory) -> Results:
-    """The scan without interruption, on one rank."""
-    folder = tmp_path_factory.mktemp("whole") / "results"
-    scan(study, folder)
-    return Results(folder)
+    """The scan without interruption, on one rank.
+
+    In a process like those that are killed: it leaves them nothing to compile.
+    """
+    run = Run(study, tmp_path_factory.mktemp("whole") / "results")
+    assert run.process.wait(PATIENCE_S) == 0
+    return Results(run.folder)
 
 
 def assert_equal(results: Results, whole: Results, tolerance: float) -> None:

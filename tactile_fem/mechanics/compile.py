@@ -12,6 +12,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from dolfinx import fem
+from ufl.core.expr import Expr
+
 logger = logging.getLogger(__name__)
 
 # Another process that compiles the same form is waited for.
@@ -33,6 +37,11 @@ def jit_options(flags: Sequence[str]) -> dict[str, Any]:
     if "-march=native" in chosen:
         chosen.append(f"-DTACTILE_CPU={_processor()}")
     return {"timeout": _WAIT_S, "cffi_extra_compile_args": chosen}
+
+
+def expression(value: Expr, points: np.ndarray) -> fem.Expression:
+    """Compile a UFL expression for points of the reference cell or facet, (points, 3 or 2)."""
+    return fem.Expression(value, points, jit_options={"timeout": _WAIT_S})
 
 
 def mend_cache(folder: Path) -> None:

@@ -20,6 +20,7 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
+from tactile_fem.mechanics.compile import expression
 from tactile_fem.stimulus.body import RigidBody
 
 
@@ -59,8 +60,8 @@ class Obstacle:
 
         scheme = basix.quadrature.string_to_type("default")
         points, _ = basix.make_quadrature(basix.CellType.triangle, degree, rule=scheme)
-        position = fem.Expression(ufl.SpatialCoordinate(parent) + u, points)
-        displacement = fem.Expression(u, points)
+        position = expression(ufl.SpatialCoordinate(parent) + u, points)
+        displacement = expression(u, points)
         self._parent = parent
         self._evaluate = position, displacement
         self._entities = _cells_and_local_facets(parent, entity_map, submesh)

@@ -11,9 +11,10 @@ import basix.ufl
 import numpy as np
 import scipy.sparse
 import ufl
-from dolfinx import common, fem
+from dolfinx import common
 from dolfinx.mesh import entities_to_geometry
 
+from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.elasticity import deformation_gradient
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.receptors import Samples
@@ -64,7 +65,7 @@ class Probe:
             ]
         )
         element = basix.ufl.element("DG", "tetrahedron", 3).basix_element
-        self._expression = fem.Expression(fields, element.points)
+        self._expression = expression(fields, element.points)
         self._nodes = len(element.points)
 
         file_cells = problem.domain.owned_file_cells()
@@ -121,15 +122,15 @@ class CellEnergy:
         for name, tag in domain.tissues_of(domain.tissue).items():
             cells = domain.tissue.find(tag)
             cells = cells[cells < len(owned)]
-            expression = fem.Expression(problem.elasticity.energy(name), points)
-            self._parts.append((expression, cells, owned[cells]))
+            energy = expression(problem.elasticity.energy(name), points)
+            self._parts.append((energy, cells, owned[cells]))
 
     def gather(self) -> np.ndarray:
         """Return the mean strain energy density in kPa of the file's cells, on every rank."""
         values = np.zeros(self._count)
-        for expression, cells, file_cells in self._parts:
+        for energy, cells, file_cells in self._parts:
             if len(cells):
-                local = expression.eval(self._mesh, cells).reshape(len(cells), -1)
+                local = energy.eval(self._mesh, cells).reshape(len(cells), -1)
                 values[file_cells] = local @ self._weights
         self._comm.Allreduce(MPI.IN_PLACE, values)
         return values
