@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import logging
 import platform
@@ -10,7 +11,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from dolfinx import fem
@@ -20,8 +21,12 @@ logger = logging.getLogger(__name__)
 
 # Another process that compiles the same form is waited for.
 _WAIT_S = 300
-# So long no form takes to compile: its process was killed.
+# So long no form takes to compile: its process was killed. Where no other run of this package is
+# alive, this long serves: only programs of others may be compiling.
 _ABANDONED_S = 600
+_ABANDONED_ALONE_S = 30
+
+_shared: dict[Path, IO[str]] = {}  # open, and so locked, as long as this process lives
 
 
 def jit_options(flags: Sequence[str]) -> dict[str, Any]:
@@ -49,6 +54,7 @@ def mend_cache(folder: Path) -> None:
 
     DOLFINx would wait for it and give up at every start, or crash on a library cut short.
     """
+    patience_s = _ABANDONED_ALONE_S if _only_run_on(folder) else _ABANDONED_S
     for source in folder.glob("libffcx_*.c"):
         ready = source.with_suffix(".c.cached")
         with suppress(OSError):
@@ -56,10 +62,36 @@ def mend_cache(folder: Path) -> None:
                 if any(map(_is_cut_short, folder.glob(f"{source.stem}.*.so"))):
                     ready.unlink()
                     source.unlink()
-            elif time.time() - source.stat().st_mtime > _ABANDONED_S:
-                source.unlink()
-            else:
+                continue
+            left_s = source.stat().st_mtime + patience_s - time.time()
+            if left_s > _ABANDONED_ALONE_S:
                 logger.info("waiting for another process that compiles, %d s at most", _WAIT_S)
+                continue
+            if left_s > 0:
+                logger.info("waiting %.0f s for a process that may have been killed", left_s)
+                time.sleep(left_s)
+            if not ready.exists():
+                source.unlink()
+
+
+def _only_run_on(folder: Path) -> bool:
+    """Tell whether no other run of this package uses a cache; from now on this one does.
+
+    The system forgets the lock when the process ends, however it ends. False where there are no
+    locks.
+    """
+    with suppress(OSError):
+        if folder not in _shared:
+            folder.mkdir(parents=True, exist_ok=True)
+            _shared[folder] = (folder / "tactile_fem.lock").open("a", encoding="ascii")
+        try:
+            fcntl.flock(_shared[folder], fcntl.LOCK_EX | fcntl.LOCK_NB)
+            alone = True
+        except BlockingIOError:
+            alone = False
+        fcntl.flock(_shared[folder], fcntl.LOCK_SH)
+        return alone
+    return False
 
 
 def _is_cut_short(library: Path) -> bool:
