@@ -15,7 +15,10 @@ import numpy as np
 import pytest
 from numpy._core import _multiarray_umath
 
-from tactile_fem import ranks
+from tactile_fem import backend, ranks  # noqa: F401
+
+from mpi4py import MPI  # isort: skip
+
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.figures import draw_plots
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
@@ -373,7 +376,9 @@ def test_an_error_on_one_rank_ends_all(who):
     if who == "one":
         assert done.returncode == 2
         assert "Traceback" not in done.stderr
-        ours = [line for line in done.stderr.splitlines() if "sentence" in line]
-        assert ours == ["rank 1 ends all: the sentence"]  # the launcher may add words of its own
+        ours = [line for line in done.stderr.splitlines() if "MPI_Abort" not in line]
+        if "Open MPI" in MPI.Get_library_version():  # which adds a paragraph
+            ours = [line for line in ours if "sentence" in line]
+        assert ours == ["rank 1 ends all: the sentence"]
     else:
         assert done.returncode == 1 and done.stderr.count("StudyError: the sentence") == 2
