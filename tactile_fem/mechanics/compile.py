@@ -58,20 +58,24 @@ def mend_cache(folder: Path) -> None:
     for source in folder.glob("libffcx_*.c"):
         ready = source.with_suffix(".c.cached")
         with suppress(OSError):
-            if ready.exists():
-                if any(map(_is_cut_short, folder.glob(f"{source.stem}.*.so"))):
-                    ready.unlink()
-                    source.unlink()
-                continue
-            left_s = source.stat().st_mtime + patience_s - time.time()
-            if left_s > _ABANDONED_ALONE_S:
-                logger.info("waiting for another process that compiles, %d s at most", _WAIT_S)
-                continue
-            if left_s > 0:
-                logger.info("waiting %.0f s for a process that may have been killed", left_s)
-                time.sleep(left_s)
             if not ready.exists():
+                _outwait(source, patience_s)
+            elif any(map(_is_cut_short, folder.glob(f"{source.stem}.*.so"))):
+                ready.unlink()
                 source.unlink()
+
+
+def _outwait(source: Path, patience_s: float) -> None:
+    """Remove an unfinished source once nobody can be compiling it, if that is soon."""
+    left_s = source.stat().st_mtime + patience_s - time.time()
+    if left_s > _ABANDONED_ALONE_S:
+        logger.info("waiting for another process that compiles, %d s at most", _WAIT_S)
+        return
+    if left_s > 0:
+        logger.info("waiting %.0f s for a process that may have been killed", left_s)
+        time.sleep(left_s)
+    if not source.with_suffix(".c.cached").exists():
+        source.unlink()
 
 
 def _only_run_on(folder: Path) -> bool:
