@@ -129,10 +129,10 @@ def penalty(stiffness: float) -> np.ndarray:
 
 
 def test_nitsche_and_a_stiff_penalty_give_the_same_forces():
-    """From 0.3 mm of depth on; the friction where most of the contact has slipped."""
+    """Normal force from 0.3 mm of depth on, friction from the start, where most still sticks."""
     one, other = nitsche(), penalty(8.0)
     np.testing.assert_allclose(other[2:, 2], one[2:, 2], rtol=0.01)
-    np.testing.assert_allclose(other[-2:, 1], one[-2:, 1], rtol=0.03)
+    np.testing.assert_allclose(other[4:, 1], one[4:, 1], rtol=0.01)
 
 
 def test_the_penalty_converges():
