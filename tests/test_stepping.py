@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from tactile_fem import backend  # noqa: F401
+from tactile_fem.errors import ConvergenceError
+from tactile_fem.mechanics.march import March
+from tactile_fem.mechanics.problem import SolveReport
 from tactile_fem.mechanics.stepping import StepControl, StepTooSmallError
+from tactile_fem.study import Protocol, Solver
 
 
 def walk(control: StepControl, iterations=lambda position: 4) -> list[float]:
@@ -70,3 +77,20 @@ def test_milestone_is_reported():
     assert not control.at_milestone
     control.accept(0.5, 4)
     assert control.at_milestone
+
+
+@pytest.mark.parametrize(("speed", "briefest"), [(200.0, 0.01), (20.0, 0.01), (2.0, 0.001)])
+def test_a_slow_motion_may_step_as_briefly_as_a_fast_one(speed, briefest):
+    """Viscosity, which holds what snaps, acts over a time."""
+    tried = []
+
+    def fail(place, dt):
+        tried.append(speed * dt)
+        return SolveReport(False, 1, 1, 1.0, "always")
+
+    at_rest = SimpleNamespace(x=SimpleNamespace(array=np.zeros(3)))
+    problem = SimpleNamespace(u=at_rest, u_old=at_rest, solve=fail)
+    protocol = Protocol(press_speed_mm_s=speed)
+    with pytest.raises(ConvergenceError):
+        list(March(problem, protocol, Solver(min_step_mm=0.01), 1.0))
+    assert briefest <= min(tried) < 2 * briefest

@@ -19,6 +19,8 @@ logger = logging.getLogger(__name__)
 
 Phase = Literal["press", "slide"]
 _FORCE_TOLERANCE = 1e-3
+# At this speed or faster a step may not be shorter than `min_step_mm`.
+_FAST_MM_S = 20.0
 # Contact force and held reaction differ by what the residual's norm allows.
 _BALANCE_N = 1e-5
 _UP = np.array([0.0, 0.0, 1.0])
@@ -136,16 +138,24 @@ class March:
                 started = time.perf_counter()
 
     def _press_control(self, depth: float) -> StepControl:
-        s = self._solver
-        return StepControl(depth, s.first_step_mm, s.max_press_step_mm, s.min_step_mm)
+        s, smallest = self._solver, self._smallest(self._protocol.press_speed_mm_s)
+        return StepControl(depth, s.first_step_mm, s.max_press_step_mm, smallest)
 
     def _slide_control(self) -> StepControl:
         s, p = self._solver, self._protocol
+        smallest = self._smallest(p.speed_mm_s)
         count = int(p.distance_mm / p.output_mm + 1e-9)
         milestones = tuple(p.output_mm * np.arange(1, count + 1))
         return StepControl(
-            p.distance_mm, s.first_slide_step_mm, s.max_slide_step_mm, s.min_step_mm, milestones
+            p.distance_mm, s.first_slide_step_mm, s.max_slide_step_mm, smallest, milestones
         )
+
+    def _smallest(self, speed_mm_s: float) -> float:
+        """Return the length at which a failed step ends the scan.
+
+        Where skin snaps, viscosity holds it within brief steps: a slow motion may step as briefly.
+        """
+        return self._solver.min_step_mm * min(1.0, speed_mm_s / _FAST_MM_S)
 
     def _try_step(self, started: float) -> Step | None:
         """Solve for the next position; return the accepted step, or None if it was cut."""

@@ -192,7 +192,11 @@ class Solver(Section):
         0.02, description="first step of the slide: stick turns to slip everywhere"
     )
     max_slide_step_mm: Positive = Field(0.2, description="longest step of the slide")
-    min_step_mm: Positive = Field(0.0005, description="a step that fails at this length ends it")
+    min_step_mm: Positive = Field(
+        0.0005,
+        description="a step that fails at this length ends it; less in proportion where the motion "
+        "is slower than 20 mm/s",
+    )
     compiler_flags: tuple[str, ...] = Field(
         ("-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"),
         description="C flags for the compiled forms; none leaves DOLFINx's own",
