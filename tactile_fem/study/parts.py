@@ -172,7 +172,7 @@ class Solver(Section):
         "inexact, much slow",
     )
     nitsche_theta: Literal[-1, 0, 1] = Field(
-        0, description="0 incomplete, the robust one; 1 symmetric, -1 skew"
+        0, description="0 incomplete; 1 symmetric and -1 skew need a gamma of 40"
     )
     contact_width_MPa: NonNegative = Field(
         0.005, description="pressure over which contact sets in smoothly; 0 is a kink"
