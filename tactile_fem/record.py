@@ -68,6 +68,7 @@ class Recorder:
         self._energy = CellEnergy(problem)
         self._fixed = study.model_dump_json(exclude=_FREE)
         self._started = time.perf_counter()
+        self._timers_before = _timers()
         self._next_field_mm = 0.0
         self._mesh_hash = on_root(self._comm, lambda: finger.hash if finger else "")
         self._cells = on_root(self._comm, lambda: len(finger.tets) if finger else 0)
@@ -162,6 +163,7 @@ class Recorder:
         self._save_run(status)
 
     def _save_run(self, status: str) -> None:
+        before = self._timers_before
         memory_MB = self._comm.allreduce(
             resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, MPI.SUM
         )
@@ -182,13 +184,13 @@ class Recorder:
             "petsc_options": self._problem.options,
             "wall_s": time.perf_counter() - self._started,
             "peak_memory_MB": memory_MB,
-            "timers_s": _timers(),
+            "timers_s": {name: now - before.get(name, 0.0) for name, now in _timers().items()},
         }
         on_root(self._comm, lambda: self._results.save_run(run))
 
 
 def _timers() -> dict[str, float]:
-    """Return the wall time, in s, of each of the package's timers that has run."""
+    """Return the process's wall time, in s, of each of the package's timers that has run."""
     seconds = {}
     for name in _TIMERS:
         try:

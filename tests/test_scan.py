@@ -120,6 +120,15 @@ def test_pressing_to_a_force(study):
     assert 0.3 < trace.depth_mm[-1] < 1.5
 
 
+def test_seconds_are_of_the_scan_alone(finished, study, tmp_path):
+    """DOLFINx's timers go on from scan to scan of a process."""
+    del finished
+    brief = study.model_copy(update={"protocol": Protocol(depth_mm=0.1, distance_mm=0)})
+    scan(brief, tmp_path / "brief")
+    run = Results.open(tmp_path / "brief").run
+    assert 0 < run["timers_s"]["solve"] < run["wall_s"]
+
+
 def test_divergence_keeps_what_came_before_and_says_where(study, tmp_path):
     """Two Newton iterations are too few for a whole step."""
     hopeless = Solver(min_step_mm=0.02, petsc={"snes_max_it": 2})
