@@ -20,11 +20,11 @@ TISSUE = Tissue.model_validate({"set": "maeno1998"})
 PLATE = Plate(friction=0.3)
 
 
-def forces(count: int, gamma: float, slides=()) -> np.ndarray:
+def forces(count: int, gamma: float, slides=(), **choice) -> np.ndarray:
     """Return the forces after the press and after each slide, with `count` bricks over 3 mm."""
     line, up = np.linspace(-3, 3, 2 * count + 1), np.linspace(0, 3, count + 1)
     block = block_mesh(line, line, up, ["dermis"] * count)
-    solver = Solver(held=("cut",), linear="direct", nitsche_gamma=gamma)
+    solver = Solver(held=("cut",), linear="direct", nitsche_gamma=gamma, **choice)
     domain = create_domain(block, MPI.COMM_SELF, solver.held)
     problem = FingerProblem(domain, TISSUE, make_body(PLATE), PLATE.friction, solver)
     found = []
@@ -43,6 +43,16 @@ def test_what_gamma_changes_is_small_and_goes_with_the_mesh():
         differences.append(abs(default / stiff - 1))
     assert differences[1] < 0.02
     assert differences[1] < differences[0]
+
+
+@pytest.mark.parametrize("theta", [1, -1])
+def test_every_theta_gives_the_same_force(theta):
+    """With a gamma that is large enough for all three; not optimized, which would take minutes."""
+    (incomplete,), (other,) = (
+        forces(2, 40.0, nitsche_theta=chosen, compiler_flags=("-O0",)) for chosen in (0, theta)
+    )
+    assert other[2] == pytest.approx(incomplete[2], rel=2e-3)
+    assert other[2] != incomplete[2]
 
 
 @pytest.mark.parametrize("gamma", [1.2, 6.0])
