@@ -35,7 +35,7 @@
 
 # %%
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -71,7 +71,7 @@ from tactile_fem.study import (
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
 # So stiff that more changes nothing where all slides.
-STIFFNESS_MPA_PER_MM = 15.0
+PENALTY = Penalty(stiffness_MPa_per_mm=15.0, stick_MPa_per_mm=1.5)
 
 
 # %% [markdown]
@@ -88,8 +88,8 @@ STIFFNESS_MPA_PER_MM = 15.0
 class Case:
     """What is pressed how far; lengths in mm.
 
-    `grid` is the spacing of the height field, `along` are the points' Y; `gamma`, `width_MPa` and
-    the quadrature `degree` are those of our contact, the package's defaults on the finger.
+    `grid` is the spacing of the height field, `along` are the points' Y; `contact` is what our
+    contact has other than the package's defaults.
     """
 
     stimulus: AnyStimulus
@@ -99,17 +99,17 @@ class Case:
     press_step: float
     slide_step: float
     along: tuple[float, ...]
-    gamma: float = Solver().nitsche_gamma
-    width_MPa: float = Solver().contact_width_MPa
-    degree: int = Solver().contact_degree
+    contact: dict[str, float] = field(default_factory=dict)
 
 
+PAD_CONTACT = {"nitsche_gamma": 4.6, "contact_width_MPa": 0.0005}
+FINE = {"contact_degree": 20}
 NEAR, APART = (-2.0, -1.0, 1.0, 2.0), (-4.0, -2.0, 2.0, 4.0)
 CASES = {
-    "pad": Case(Plate(friction=0.3), (4.0, 4.0), 1.5, 1.5, 0.15, 0.1, NEAR, 4.6, 0.0005),
+    "pad": Case(Plate(friction=0.3), (4.0, 4.0), 1.5, 1.5, 0.15, 0.1, NEAR, PAD_CONTACT),
     "plate": Case(Plate(friction=0.3), (4.0, 4.0), 1.0, 0.2, 0.2, 0.1, NEAR),
     "cylinder": Case(Cylinder(friction=0.3), (4.0, 0.1), 0.5, 0.2, 0.1, 0.025, NEAR),
-    "letters": Case(Text(friction=0.3), (0.1, 0.1), 0.6, 0.2, 0.2, 0.0125, APART, degree=20),
+    "letters": Case(Text(friction=0.3), (0.1, 0.1), 0.6, 0.2, 0.2, 0.0125, APART, FINE),
 }
 # Neo-Hookean skin of 0.136 MPa over a second-order polynomial core of 0.03 MPa.
 PAD_TISSUE = Tissue.model_validate(
@@ -135,7 +135,7 @@ def main(
     distance: float | None = None,
     press_step: float | None = None,
     slide_step: float | None = None,
-    stick: float = 1.5,
+    stick: float = PENALTY.stick_MPa_per_mm,
     timeout: float = 3600.0,
 ) -> None:
     """Press and slide with both codes and compare them; lengths in mm, times in s.
@@ -162,7 +162,7 @@ def main(
     if comm.rank == 0:
         deck.parent.mkdir(parents=True, exist_ok=True)
         cells = np.unique(samples.cell)
-        penalty = Penalty(STIFFNESS_MPA_PER_MM, stick)
+        penalty = replace(PENALTY, stick_MPa_per_mm=stick)
         size = write_deck(
             study, mesh, deck, grid_mm=the_case.grid, penalty=penalty, energy_of=cells
         )
@@ -188,9 +188,7 @@ def study_of(case: Case, finger: Finger, tissue: Tissue) -> Study:
         ),
         receptors=Receptors(half_width_mm=0.0, extra_mm=tuple((0.0, y) for y in case.along)),
         solver=Solver(
-            nitsche_gamma=case.gamma,
-            contact_width_MPa=case.width_MPa,
-            contact_degree=case.degree,
+            **case.contact,
             first_step_mm=case.press_step,
             max_press_step_mm=case.press_step,
             first_slide_step_mm=case.slide_step,
