@@ -6,6 +6,7 @@ import json
 import platform
 import resource
 import time
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -26,7 +27,7 @@ from tactile_fem.together import on_root
 from tactile_fem.trace import Array, Histories, Trace
 
 # Counts up when what a checkpoint holds changes its names or meaning.
-_FORMAT = 1
+_FORMAT = 2
 # What of a study may change between two runs: it acts after the mechanics, or is seen by the hash.
 _FREE: dict[str, bool | set[str]] = {"neuron": True, "output": True, "finger": {"mesh_file"}}
 _TIMERS = (
@@ -69,6 +70,7 @@ class Recorder:
         self._fixed = study.model_dump_json(exclude=_FREE)
         self._started = time.perf_counter()
         self._timers_before = _timers()
+        self._memory_MB = 0.0
         self._next_field_mm = 0.0
         self._mesh_hash = on_root(self._comm, lambda: finger.hash if finger else "")
         self._cells = on_root(self._comm, lambda: len(finger.tets) if finger else 0)
@@ -87,6 +89,7 @@ class Recorder:
         """Keep an accepted step."""
         state = self._march.gather()
         sed = self._energy.gather() if self._field_due(step) else None
+        spent = self._spent()
 
         def write() -> None:
             if sed is not None and self._fields is not None:
@@ -101,6 +104,7 @@ class Recorder:
                 rows=len(trace.time_s),
                 fields=self._fields.count if self._fields else 0,
                 next_field_mm=self._next_field_mm,
+                spent=json.dumps(spent),
                 **state,
             )
 
@@ -127,6 +131,7 @@ class Recorder:
         histories = Histories.from_trace(trace, int(saved["rows"]))
         self._march.restore(json.loads(str(saved["state"])), saved)
         self._next_field_mm = float(saved["next_field_mm"])
+        self._spend(json.loads(str(saved["spent"])))
         if self._fields is not None:
             self._fields.go_on(int(saved["fields"]))
         self._save_run("running")
@@ -162,11 +167,28 @@ class Recorder:
         """Say how it ended."""
         self._save_run(status)
 
-    def _save_run(self, status: str) -> None:
-        before = self._timers_before
+    def _spent(self) -> dict[str, Any]:
+        """Return seconds and memory of the scan, those before an interruption included."""
+        now, before = _timers(), self._timers_before
         memory_MB = self._comm.allreduce(
             resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, MPI.SUM
         )
+        return {
+            "wall_s": time.perf_counter() - self._started,
+            "peak_memory_MB": max(memory_MB, self._memory_MB),
+            "timers_s": {
+                name: now.get(name, 0.0) - before.get(name, 0.0) for name in {**before, **now}
+            },
+        }
+
+    def _spend(self, earlier: dict[str, Any]) -> None:
+        """Count what the scan took before it was interrupted."""
+        self._started -= earlier["wall_s"]
+        self._memory_MB = earlier["peak_memory_MB"]
+        for name, seconds in earlier["timers_s"].items():
+            self._timers_before[name] = self._timers_before.get(name, 0.0) - seconds
+
+    def _save_run(self, status: str) -> None:
         run = {
             "status": status,
             "versions": {
@@ -182,9 +204,7 @@ class Recorder:
             },
             "ranks": self._comm.size,
             "petsc_options": self._problem.options,
-            "wall_s": time.perf_counter() - self._started,
-            "peak_memory_MB": memory_MB,
-            "timers_s": {name: now - before.get(name, 0.0) for name, now in _timers().items()},
+            **self._spent(),
         }
         on_root(self._comm, lambda: self._results.save_run(run))
 

@@ -111,6 +111,10 @@ def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
             np.testing.assert_allclose(array, whole[name], rtol=1e-8, atol=1e-11, err_msg=name)
     assert Results.open(tmp_path / "cut").run["status"] == "complete"
     assert len(read_series(tmp_path / "cut" / "fields")[0]) == 3
+    run = Results.open(tmp_path / "cut").run  # its seconds are those of both parts
+    steps_s = resumed.trace.wall_s
+    assert steps_s.sum() < run["wall_s"]
+    assert 0 < steps_s.sum() - run["timers_s"]["solve"] < steps_s[:9].sum()
 
 
 def test_pressing_to_a_force(study):

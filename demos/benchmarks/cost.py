@@ -101,7 +101,8 @@ def main(
     Parameters
     ----------
     folder
-        Where the scans and `costs.csv`, `costs.json` go; scans that are there are not run again.
+        Where the scans and `costs.csv`, `costs.json` go; scans that are there are not run again,
+        and one that was cut off goes on.
     sizes
         Presets, or pairs of element edges "pad,far" in mm; default coarse and medium.
     ranks
@@ -151,12 +152,12 @@ def complete(folder: Path, study: Study) -> bool:
 
 
 def scan(study: Study, place: Path, ranks: int) -> None:
-    """Run the study in processes of its own."""
+    """Run the study in processes of its own, or go on with it where it was cut off."""
     place.mkdir(parents=True, exist_ok=True)
     write_text(place / "study.toml", dump_study(study))
     command = [sys.executable, "-m", "tactile_fem", "scan", str(place / "study.toml")]
-    command += ["--results", str(place / "scan"), "--overwrite", "--ranks", str(ranks)]
-    with open(place / "log.txt", "w", encoding="utf-8") as log:
+    command += ["--results", str(place / "scan"), "--ranks", str(ranks)]
+    with open(place / "log.txt", "a", encoding="utf-8") as log:
         subprocess.run(command, check=True, stdout=log, stderr=log)
 
 
