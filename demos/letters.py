@@ -23,8 +23,8 @@
 from pathlib import Path
 
 import numpy as np
-from cyclopts import run
 
+from tactile_fem.entry import run
 from tactile_fem.extrema import central_receptor
 from tactile_fem.figures import draw
 from tactile_fem.logs import ProgressDisplay, set_up

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import sys
-import traceback
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
@@ -15,11 +14,12 @@ from typing import Annotated, Literal
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the cores
 
-from cyclopts import App, CycloptsError, Parameter, validators
+from cyclopts import App, Parameter, validators
 
 from tactile_fem import cli_series, cli_view, logs, ranks
 from tactile_fem import doctor as diagnosis
 from tactile_fem.cli_options import Ranks, Settings, StudyFile
+from tactile_fem.entry import outcome
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.files import write_text
 from tactile_fem.results import Results
@@ -299,27 +299,8 @@ def doctor() -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code.
-
-    0, 2 for bad input, 3 for divergence, 130 and 143 after SIGINT and SIGTERM, 1 otherwise.
-    """
-    tokens = petsc_settings(sys.argv[1:] if arguments is None else arguments)
-    try:
-        code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
-    except CycloptsError as error:
-        return _complain(str(error), 2)
-    except TactileError as error:
-        return _complain(str(error), error.exit_code)
-    except OSError as error:
-        what = error.filename or "A file"
-        return _complain(f"{what} cannot be read or written: {error.strerror or error}.", 1)
-    except KeyboardInterrupt:
-        return _complain("interrupted", 130)
-    except Exception:  # a bug
-        if ranks.launched_rank() in (None, 0):
-            traceback.print_exc()
-        return 1
-    return code if isinstance(code, int) else 0
+    """Run a command and return its exit code, as in `outcome`."""
+    return outcome(app, petsc_settings(sys.argv[1:] if arguments is None else arguments))
 
 
 def petsc_settings(arguments: Sequence[str]) -> list[str]:
@@ -335,12 +316,3 @@ def petsc_settings(arguments: Sequence[str]) -> list[str]:
         value = tokens.pop(0) if has_value else '""'
         turned += ["--set", f"solver.petsc.{token.removeprefix('-tactile_')}={value}"]
     return turned
-
-
-def _complain(message: str, code: int) -> int:
-    """Say on rank 0 what is wrong."""
-    if ranks.launched_rank() in (None, 0):
-        for line in message.strip().splitlines():
-            stop = "" if line.endswith((".", "?", "!")) else "."
-            print(f"tactile-fem: {line}{stop}", file=sys.stderr)
-    return code

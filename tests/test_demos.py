@@ -29,6 +29,21 @@ def run_command(*command: str) -> str:
     return finished.stdout
 
 
+@pytest.mark.parametrize(
+    ("demo", "options", "sentence"),
+    [
+        ("letters.py", ["--depth", "-1"], "depth_mm is -1.0 but must be greater than 0."),
+        ("letters.py", ["--dept", "1"], "Unknown option: --dept. Did you mean --depth?"),
+        ("verification/run_deck.py", [], "{0} is no file: give one that tactile-fem export wrote."),
+    ],
+)
+def test_bad_input_gets_one_sentence(demo, options, sentence, tmp_path):
+    command = [sys.executable, str(DEMOS / demo), str(tmp_path / "none"), *options]
+    told = subprocess.run(command, capture_output=True, text=True)
+    assert told.returncode == 2
+    assert told.stderr == f"tactile-fem: {sentence}\n".format(tmp_path / "none")
+
+
 def number(pattern: str, text: str) -> float:
     found = re.search(pattern, text)
     assert found, text

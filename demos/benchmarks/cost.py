@@ -24,8 +24,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from cyclopts import run
 
+from tactile_fem.entry import run
+from tactile_fem.errors import StudyError
 from tactile_fem.files import write_table, write_text
 from tactile_fem.results import Results
 from tactile_fem.study import Finger, Output, Protocol, Solver, Study
@@ -147,7 +148,7 @@ def complete(folder: Path, study: Study) -> bool:
         return False
     found = Results.open(folder)
     if found.study != study:
-        sys.exit(f"{folder} holds the scan of another study: choose another folder.")
+        raise StudyError(f"{folder} holds the scan of another study: choose another folder.")
     return found.complete
 
 

@@ -18,16 +18,14 @@
 import json
 import logging
 import shutil
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from cyclopts import run
-
-from tactile_fem.errors import ConvergenceError
+from tactile_fem.entry import run
+from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.files import write_table
 from tactile_fem.finger import load_finger
 from tactile_fem.logs import set_up
@@ -188,7 +186,8 @@ def save_states(
     states = {name: Results.open(place) for name, place in places.items()}
     for results in states.values():
         if results.study != study:
-            sys.exit(f"{results.folder} holds a state of another study: choose another folder.")
+            what = f"{results.folder} holds a state of another study"
+            raise StudyError(f"{what}: choose another folder.")
     return states
 
 

@@ -10,8 +10,8 @@
 
 # %%
 import numpy as np
-from cyclopts import run
 
+from tactile_fem.entry import run
 from tactile_fem.finger import load_finger
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.mechanics.domain import NodeOrder, create_domain

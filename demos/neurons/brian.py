@@ -26,8 +26,8 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from cyclopts import run
 
+from tactile_fem.entry import run
 from tactile_fem.files import write_table
 from tactile_fem.neuron import Response, respond
 from tactile_fem.ranks import launched_rank

@@ -28,10 +28,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from cyclopts import run
 from matplotlib.figure import Figure
 from scipy.optimize import isotonic_regression
 
+from tactile_fem.entry import run
 from tactile_fem.files import write_table
 from tactile_fem.neuron import Fit, FitWarning, Window, fit, respond
 from tactile_fem.neuron.fit import mean_rates

@@ -29,8 +29,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from cyclopts import run
 
+from tactile_fem.entry import run
 from tactile_fem.files import replacing
 from tactile_fem.logs import ProgressDisplay, set_up
 from tactile_fem.scan import scan

@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter, run
+from cyclopts import Parameter
 from matplotlib.figure import Figure
 
+from tactile_fem.entry import run
 from tactile_fem.extrema import central_receptor
 from tactile_fem.files import replacing, write_table
 from tactile_fem.logs import set_up

@@ -28,8 +28,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from cyclopts import run
 
+from tactile_fem.entry import run
 from tactile_fem.files import replacing, write_table
 from tactile_fem.logs import set_up
 from tactile_fem.reading import RateImage, Reading, fibre_image, population_image, read

@@ -23,8 +23,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from cyclopts import run
-
+from tactile_fem.entry import run
 from tactile_fem.figures import rings
 from tactile_fem.files import replacing, write_table
 from tactile_fem.logs import set_up

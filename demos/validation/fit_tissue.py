@@ -36,10 +36,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from cyclopts import run
 from flat_plate import DEPTH_MM, DEVIATION_N, MEAN_N, plate_study
 from scipy.optimize import OptimizeResult, least_squares
 
+from tactile_fem.entry import run
 from tactile_fem.files import write_table
 from tactile_fem.scan import scan
 

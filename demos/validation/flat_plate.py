@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from cyclopts import run
 from matplotlib.figure import Figure
 
+from tactile_fem.entry import run
 from tactile_fem.files import write_table
 from tactile_fem.scan import scan
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Study

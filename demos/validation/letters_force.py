@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from cyclopts import run
 from flat_plate import BLUE, ORANGE, State, plate_study
 from matplotlib.figure import Figure
 
+from tactile_fem.entry import run
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.files import write_table
 from tactile_fem.mechanics.march import Step

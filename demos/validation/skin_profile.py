@@ -29,11 +29,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from cyclopts import run
 from flat_plate import BLUE, ORANGE
 from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
 
+from tactile_fem.entry import run
 from tactile_fem.files import write_table
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.finger.mesh_data import SURFACES

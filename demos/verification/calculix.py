@@ -40,13 +40,13 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from cyclopts import run
 from pad import half_ellipsoid
 from run_deck import is_installed, run_deck
 from two_codes import Cost, Way, compare, tell_cost
 
 from tactile_fem import backend  # noqa: F401  (brings DOLFINx, before MPI)
 from tactile_fem.deck import DeckSize, Penalty, write_deck
+from tactile_fem.entry import run
 from tactile_fem.files import write_table
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.mechanics.domain import create_domain

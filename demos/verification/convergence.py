@@ -30,10 +30,10 @@ from pathlib import Path
 
 import meshio
 import numpy as np
-from cyclopts import run
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
+from tactile_fem.entry import run
 from tactile_fem.extrema import central_receptor
 from tactile_fem.fields import read_series
 from tactile_fem.files import write_table

@@ -40,11 +40,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from cyclopts import run
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
+from tactile_fem.entry import run
+from tactile_fem.errors import ConvergenceError
 from tactile_fem.files import write_table
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
 from tactile_fem.finger.session import gmsh_model, simplices
@@ -208,7 +209,8 @@ def press(shape: Shape, R: float, per_radius: float, body_radius: float) -> Solu
     for share in np.linspace(0, 1, STEPS + 1)[1:]:
         report = problem.solve(np.array([0.0, 0.0, share * depth]), 1.0)
         if not report.converged:
-            raise RuntimeError(f"{shape}, {per_radius:g} elements per mm: {report.reason}")
+            what = f"{shape}, {per_radius:g} elements per mm: {report.reason}"
+            raise ConvergenceError(what, share * depth, report.reason)
         problem.accept()
         iterations += report.iterations
     force = problem.load().force_N[2]

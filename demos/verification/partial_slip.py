@@ -32,11 +32,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from cyclopts import run
 from hertz import COMM, NU, TISSUE, E_MPa, body_mesh, symmetry
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
+from tactile_fem.entry import run
+from tactile_fem.errors import ConvergenceError
 from tactile_fem.files import write_table
 from tactile_fem.finger.mesh_data import FingerMesh, quadratic
 from tactile_fem.mechanics.domain import create_domain
@@ -133,7 +134,8 @@ def stroke(per_radius: float, furthest_mm: float, steps: int) -> list[State]:
     def go(leg: str, slide: float, height: float) -> None:
         report = problem.solve(np.array([0.0, slide, height]), 1.0)
         if not report.converged:
-            raise RuntimeError(f"{leg} at {slide:g} mm: {report.reason}")
+            what = f"{leg} at {slide:g} mm: {report.reason}"
+            raise ConvergenceError(what, slide, report.reason)
         states.append(State(leg, slide, problem.load(), probe()))
         problem.accept()
 

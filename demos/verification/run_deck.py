@@ -23,7 +23,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from cyclopts import run
+
+from tactile_fem.entry import run
+from tactile_fem.errors import StudyError
 
 KPA_PER_MPA = 1000.0
 
@@ -130,6 +132,8 @@ def is_installed() -> bool:
 # %%
 def main(deck: Path, *, cores: int = 1, timeout: float = 3600.0) -> None:
     """Run a deck and print the force on the finger at each increment."""
+    if not deck.is_file():
+        raise StudyError(f"{deck} is no file: give one that tactile-fem export wrote.")
     if not is_installed():
         return
     done = run_deck(deck, cores=cores, timeout=timeout)

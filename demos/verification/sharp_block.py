@@ -28,10 +28,10 @@ from itertools import permutations, product
 from pathlib import Path
 
 import numpy as np
-from cyclopts import run
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
+from tactile_fem.entry import run
 from tactile_fem.files import write_table
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
 from tactile_fem.mechanics.domain import Domain, create_domain
