@@ -1,0 +1,58 @@
+"""How a program ends: with an exit code, and with a sentence where something is wrong."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable
+from typing import NoReturn
+
+from cyclopts import App, CycloptsError
+from pydantic import ValidationError
+
+from tactile_fem import ranks
+from tactile_fem.errors import TactileError
+from tactile_fem.study_errors import explain
+
+
+def run(main: Callable[..., object]) -> NoReturn:
+    """Call a demo's `main` with the command line's arguments, and end the process.
+
+    Its parameters become arguments and options, its docstring the help.
+    """
+    app = App()
+    app.default(main)
+    sys.exit(outcome(app, None))
+
+
+def outcome(app: App, tokens: list[str] | None) -> int:
+    """Run a program and return its exit code; say on rank 0 what was wrong.
+
+    0, 2 for bad input, 3 for divergence, 130 and 143 after SIGINT and SIGTERM, 1 otherwise.
+    """
+    try:
+        code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        return _complain(str(error), 2)
+    except ValidationError as error:  # a part of a study that a demo makes
+        return _complain(explain(error), 2)
+    except TactileError as error:
+        return _complain(str(error), error.exit_code)
+    except OSError as error:
+        what = error.filename or "A file"
+        return _complain(f"{what} cannot be read or written: {error.strerror or error}.", 1)
+    except KeyboardInterrupt:
+        return _complain("interrupted", 130)
+    except Exception:  # a bug
+        if ranks.launched_rank() in (None, 0):
+            traceback.print_exc()
+        return 1
+    return code if isinstance(code, int) else 0
+
+
+def _complain(message: str, code: int) -> int:
+    if ranks.launched_rank() in (None, 0):
+        for line in message.strip().splitlines():
+            stop = "" if line.endswith((".", "?", "!")) else "."
+            print(f"tactile-fem: {line}{stop}", file=sys.stderr)
+    return code
