@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -263,21 +263,32 @@ def _run(
         proceed = on_root(comm, lambda: _has_checkpoint(results))
     with log_to(results.log_file, comm.rank) if results else nullcontext():
         rig = _Rig.of(scene, results, comm)
-        histories = rig.start(scene, proceed=proceed)
-        neuron = scene.study.neuron
-        try:
-            with ending_together(comm), _stopping(rig.problem, comm) as stop:
-                rig.walk(histories, observers, stop)
-        except Exception as error:
-            if rig.recorder:
-                with suppress(OSError, TactileError):  # writing may be what failed
-                    _conclude(rig.recorder, histories.trace(), neuron, _status(error))
-            raise
-        trace = histories.trace()
-        _tell_exactness(trace)
-        response = _conclude(rig.recorder, trace, neuron, "complete")
-        rig.problem.close()
+        with closing(rig.problem):
+            trace, response = _march(rig, scene, comm, observers, proceed=proceed)
     return ScanResult(trace, response, results.folder if results else None)
+
+
+def _march(
+    rig: _Rig,
+    scene: _Scene,
+    comm: MPI.Comm,
+    observers: Iterable[Observer],
+    *,
+    proceed: bool,
+) -> tuple[Trace, Response]:
+    histories = rig.start(scene, proceed=proceed)
+    neuron = scene.study.neuron
+    try:
+        with ending_together(comm), _stopping(rig.problem, comm) as stop:
+            rig.walk(histories, observers, stop)
+    except Exception as error:
+        if rig.recorder:
+            with suppress(OSError, TactileError):  # writing may be what failed
+                _conclude(rig.recorder, histories.trace(), neuron, _status(error))
+        raise
+    trace = histories.trace()
+    _tell_exactness(trace)
+    return trace, _conclude(rig.recorder, trace, neuron, "complete")
 
 
 def _conclude(recorder: Recorder | None, trace: Trace, neuron: Neuron, status: str) -> Response:

@@ -16,12 +16,18 @@ from mpi4py import MPI  # isort: skip
 
 from test_multigrid import pressed
 
+from tactile_fem.errors import ConvergenceError
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.scan import scan
+from tactile_fem.study import Finger, Solver, Study
+
 
 @pytest.mark.mpi
 def test_a_problem_on_two_ranks_is_gone_when_closed_and_not_before():
     command = [ranks.launcher(), "-n", "2", sys.executable, __file__]
     told = subprocess.run(command, check=True, capture_output=True, text=True, timeout=300)
-    assert json.loads(told.stdout) == {"open": [True, True], "closed": [False, False]}
+    found = json.loads(told.stdout)
+    assert found == {"open": [True, True], "closed": [False, False], "failed": [False, False]}
 
 
 def alive_after(comm: MPI.Comm, *, closed: bool) -> list[bool]:
@@ -38,8 +44,26 @@ def alive_after(comm: MPI.Comm, *, closed: bool) -> list[bool]:
     return comm.allgather(trace() is not None)
 
 
+def alive_after_divergence(comm: MPI.Comm) -> list[bool]:
+    """Let a scan diverge; tell of each rank whether its problem lives on."""
+    study = Study(
+        finger=Finger(pad_size_mm=3.0, far_size_mm=6.0),
+        solver=Solver(min_step_mm=0.02, petsc={"snes_max_it": 1}),
+    )
+    before = problems()
+    with pytest.raises(ConvergenceError):
+        scan(study, comm=comm)
+    return comm.allgather(problems() > before)
+
+
+def problems() -> int:
+    gc.collect()  # the error held what its frames used
+    return sum(isinstance(found, FingerProblem) for found in gc.get_objects())
+
+
 if __name__ == "__main__":
     world = MPI.COMM_WORLD
     found = {"open": alive_after(world, closed=False), "closed": alive_after(world, closed=True)}
+    found["failed"] = alive_after_divergence(world)
     if world.rank == 0:
         print(json.dumps(found))
