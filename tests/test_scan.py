@@ -109,10 +109,10 @@ def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
     for name, array in resumed.trace.arrays().items():
         if name != "wall_s":
             np.testing.assert_allclose(array, whole[name], rtol=1e-8, atol=1e-11, err_msg=name)
-    assert Results.open(tmp_path / "cut").run["status"] == "complete"
+    run = Results.open(tmp_path / "cut").run
+    assert run["status"] == "complete"
     assert len(read_series(tmp_path / "cut" / "fields")[0]) == 3
-    run = Results.open(tmp_path / "cut").run  # its seconds are those of both parts
-    steps_s = resumed.trace.wall_s
+    steps_s = resumed.trace.wall_s  # of both parts, and so are the run's
     assert steps_s.sum() < run["wall_s"]
     assert 0 < steps_s.sum() - run["timers_s"]["solve"] < steps_s[:9].sum()
 

@@ -18,19 +18,17 @@
 
 # %%
 import json
-import subprocess
-import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from tactile_fem.entry import run
-from tactile_fem.errors import StudyError
+from tactile_fem.errors import TactileError
 from tactile_fem.files import write_table, write_text
 from tactile_fem.results import Results
+from tactile_fem.series import Member, run_series
 from tactile_fem.study import Finger, Output, Protocol, Solver, Study
-from tactile_fem.study_file import dump_study
 
 # %% [markdown]
 # One row of the table. Seconds are wall time of the first rank.
@@ -117,16 +115,17 @@ def main(
     costs = []
     for size in sizes:
         for count in ranks:
-            place = folder / f"{size.replace(',', '-')}-{count}"
             study = Study(
                 finger=finger_of(size),
                 protocol=Protocol(depth_mm=depth, distance_mm=distance),
                 solver=Solver(linear=linear),
                 output=Output(pictures=False, fields_mm=5.0),
             )
-            if not complete(place / "scan", study):
-                scan(study, place, count)
-            costs.append(Cost.of(size, Results.open(place / "scan")))
+            member = Member(f"{size.replace(',', '-')}-{count}", study, {})
+            [outcome] = run_series([member], folder, ranks=count)
+            if outcome.problem:
+                raise TactileError(outcome.problem)
+            costs.append(Cost.of(size, Results.open(folder / member.name)))
             tell(costs[-1:], heading=len(costs) == 1)
     keep(folder, costs)
     for count in ranks:
@@ -140,26 +139,6 @@ def finger_of(size: str) -> Finger:
         return Finger(preset=size)
     pad, far = map(float, size.split(","))
     return Finger(preset="medium", pad_size_mm=pad, far_size_mm=far)
-
-
-def complete(folder: Path, study: Study) -> bool:
-    """Tell whether the folder holds the study's finished scan; refuse that of another study."""
-    if not folder.exists():
-        return False
-    found = Results.open(folder)
-    if found.study != study:
-        raise StudyError(f"{folder} holds the scan of another study: choose another folder.")
-    return found.complete
-
-
-def scan(study: Study, place: Path, ranks: int) -> None:
-    """Run the study in processes of its own, or go on with it where it was cut off."""
-    place.mkdir(parents=True, exist_ok=True)
-    write_text(place / "study.toml", dump_study(study))
-    command = [sys.executable, "-m", "tactile_fem", "scan", str(place / "study.toml")]
-    command += ["--results", str(place / "scan"), "--ranks", str(ranks)]
-    with open(place / "log.txt", "a", encoding="utf-8") as log:
-        subprocess.run(command, check=True, stdout=log, stderr=log)
 
 
 # %% [markdown]
