@@ -17,6 +17,7 @@ from blocks import LAYERS, block_mesh
 
 from tactile_fem.mechanics import problem as problem_module
 from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.multigrid import TwoLevel
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue
@@ -25,12 +26,12 @@ DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 4.0])
 TIGHT = {"snes_atol": 1e-10}
 # Every solve to the same accuracy: Newton's path is then the same for every linear solver. With
 # converged bounds of the smoother's spectrum: ten steps from noise, which is other on other ranks,
-# leave two percent of the iterations to chance.
+# leave several percent of the iterations to chance, forty still two.
 STRICT = {
     "snes_ksp_ew": False,
     "ksp_rtol": 1e-3,
     "ksp_max_it": 200,
-    "mg_levels_ksp_chebyshev_esteig_steps": 40,
+    "mg_levels_ksp_chebyshev_esteig_steps": 80,
 }
 
 
@@ -52,6 +53,12 @@ def pressed(comm=MPI.COMM_SELF, **solver) -> tuple[FingerProblem, int]:
     return problem, linear
 
 
+@pytest.fixture
+def always_set_up(monkeypatch):
+    """Set multigrid up with each Jacobian: what is kept would blur what the smoother is worth."""
+    monkeypatch.setattr(TwoLevel, "follow", TwoLevel.set_up)
+
+
 def test_multigrid_finds_what_the_direct_solver_finds():
     displacements = [
         pressed(linear=linear, petsc=TIGHT)[0].u.x.array for linear in ("multigrid", "direct")
@@ -61,6 +68,7 @@ def test_multigrid_finds_what_the_direct_solver_finds():
 
 
 @pytest.mark.mpi
+@pytest.mark.usefixtures("always_set_up")
 def test_iterations_do_not_depend_on_the_number_of_ranks():
     counts = {1: pressed(petsc=STRICT)[1]}
     for count in (2, 3):
@@ -72,6 +80,7 @@ def test_iterations_do_not_depend_on_the_number_of_ranks():
     assert counts[3] == pytest.approx(counts[1], rel=0.01)
 
 
+@pytest.mark.usefixtures("always_set_up")
 def test_lines_through_the_layers_are_worth_it():
     """Point blocks in their place need at least three times the iterations."""
     lines = pressed(petsc=STRICT)[1]
@@ -125,6 +134,7 @@ def test_a_line_is_inverted_whole():
 
 
 if __name__ == "__main__":
+    TwoLevel.follow = TwoLevel.set_up
     found = pressed(MPI.COMM_WORLD, petsc=STRICT)[1]
     if MPI.COMM_WORLD.rank == 0:
         print(found)

@@ -110,7 +110,9 @@ class March:
         self._clock = 0.0
         self._index = 0
         self._u_before = problem.u.x.array.copy()
+        self._stick_before = problem.stick.old.x.array.copy()
         self._last_step = 0.0
+        self._iterations = 0
         self._failed: list[SolveReport] = []
 
     def __iter__(self) -> Iterator[Step]:
@@ -164,7 +166,7 @@ class March:
         size = target - control.position_mm
         pressing = self._phase == "press"
         p = self._protocol
-        dt = size / (p.press_speed_mm_s if pressing else p.speed_mm_s)
+        dt = size / self._speed_mm_s
         self._predict(size)
         report = problem.solve(self._translation(target), dt)
         if not report.converged:
@@ -176,7 +178,9 @@ class March:
             return None
         failed, self._failed = tuple(self._failed), []
         self._u_before[:] = problem.u_old.x.array
+        self._stick_before[:] = problem.stick.old.x.array
         self._last_step = size
+        self._iterations = report.iterations
         problem.accept()
         control.accept(target, report.iterations)
         self._clock += dt
@@ -200,6 +204,11 @@ class March:
             self._fraction(),
             time.perf_counter() - started,
         )
+
+    @property
+    def _speed_mm_s(self) -> float:
+        p = self._protocol
+        return p.press_speed_mm_s if self._phase == "press" else p.speed_mm_s
 
     def _translation(self, position: float) -> np.ndarray:
         if self._phase == "press":
@@ -277,6 +286,7 @@ class March:
             "index": self._index,
             "force_N": self.problem.load_cell.force_old_N.tolist(),
             "last_step_mm": self._last_step,
+            "iterations": self._iterations,
         }
 
     def restore(self, state: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
@@ -288,28 +298,45 @@ class March:
             setattr(self._control, name, state[name])
         self._depth, self._clock = state["depth_mm"], state["clock_s"]
         self._index = state["index"]
-        self._last_step = state["last_step_mm"]
+        self._last_step, self._iterations = state["last_step_mm"], state["iterations"]
+        self._back_to_last_step(arrays)
         order, problem = self.problem.order, self.problem
-        order.scatter(arrays["u_before"], problem.u)
-        self._u_before[:] = problem.u.x.array
         order.scatter(arrays["u"], problem.u)
+        if self._iterations:
+            problem.obstacle.translation.value[:] = self._translation(self._control.position_mm)
+            problem.prepare(self._last_step / self._speed_mm_s)
         problem.place(self._translation(self._control.position_mm))
         problem.load_cell.force_old_N = np.array(state["force_N"])
         order.scatter(arrays["friction"], problem.load_cell.friction_old)
         problem.stick.scatter(arrays["unmatched_MPa"])
 
+    def _back_to_last_step(self, arrays: dict[str, np.ndarray]) -> None:
+        """Let `problem` stand where it stood before the last step."""
+        problem, control = self.problem, self._control
+        problem.order.scatter(arrays["u_before"], problem.u)
+        problem.place(self._translation(control.position_mm - self._last_step))
+        problem.stick.scatter(arrays["unmatched_before_MPa"])
+        self._u_before[:] = problem.u.x.array
+        self._stick_before[:] = problem.stick.old.x.array
+
     def gather(self) -> dict[str, np.ndarray]:
         """Return the arrays of the state, independent of the number of ranks.
 
         Displacements now, `u`, and a step before, `u_before`, and nodal forces of `friction`,
-        (n, 3) in the mesh file's node order; `unmatched_MPa`, see `StickMemory.gather`.
+        (n, 3) in the mesh file's node order; `unmatched_MPa` and `unmatched_before_MPa`, see
+        `StickMemory.gather`.
         """
         problem = self.problem
         before = problem.u.copy()
         before.x.array[:] = self._u_before
         functions = {"u": problem.u, "u_before": before, "friction": problem.load_cell.friction_old}
         nodal = {name: problem.order.gather(function) for name, function in functions.items()}
-        return {**nodal, "unmatched_MPa": problem.stick.gather()}
+        stick = problem.stick
+        return {
+            **nodal,
+            "unmatched_MPa": stick.gather(stick.old.x.array),
+            "unmatched_before_MPa": stick.gather(self._stick_before),
+        }
 
 
 def _check_balance(load: Load) -> None:

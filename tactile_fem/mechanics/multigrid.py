@@ -77,15 +77,13 @@ class TwoLevel:
         snes.setFromOptions()
 
     def follow(self, jacobian: PETSc.Mat) -> None:
-        """Set up with a new Jacobian, unless what an earlier one of this solve gave still serves.
+        """Set up with a new Jacobian if what an earlier one gave no longer serves."""
+        newton, linear = self._snes.getIterationNumber(), self._snes.getKSP().getIterationNumber()
+        if self._coarse is None or (newton > 0 and linear > _FEW_ITERATIONS):
+            self.set_up(jacobian)
 
-        Kept are the coarse operator and its factors, the lines' inverses and the bounds of the
-        smoother's spectrum.
-        A solve begins anew, so that a resumed scan does what an uninterrupted one does.
-        """
-        spent = self._snes.getKSP().getIterationNumber()
-        if self._snes.getIterationNumber() > 0 and spent <= _FEW_ITERATIONS:
-            return
+    def set_up(self, jacobian: PETSc.Mat) -> None:
+        """Make coarse operator and factors, the lines' inverses, bounds of the spectrum."""
         with common.Timer("tactile: preconditioner"):
             jacobian.convert("aij", out=self._fine)
             self._coarse = self._fine.ptap(self._interpolation, self._coarse)

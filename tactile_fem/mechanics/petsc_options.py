@@ -29,8 +29,9 @@ LINEAR: dict[str, dict[str, PetscOption]] = {
         "ksp_type": "fgmres",
         "ksp_max_it": 25,
         "snes_ksp_ew": True,
-        "snes_ksp_ew_rtol0": 0.05,
-        "snes_ksp_ew_rtolmax": 0.05,
+        # Loose while Newton's method looks for what touches: closer solves lead astray.
+        "snes_ksp_ew_rtol0": 0.3,
+        "snes_ksp_ew_rtolmax": 0.3,
         **MULTIGRID_OPTIONS,
     },
     "direct": {

@@ -306,10 +306,24 @@ class FingerProblem:
         )
 
     def accept(self) -> None:
-        """Make the present state the history of the next step; its load has to be read before."""
+        """Make the present state the history of the next step; its load has to be read before.
+
+        The next step begins with this one's preconditioner, made where Newton's method has found
+        what touches: one made at the guess, where it has not, leads it astray.
+        """
+        if self._two_level and self.snes.getIterationNumber():
+            self._two_level.set_up(self._problem.A)
         self.stick.keep()
         self.load_cell.keep()
         self.place(self.obstacle.translation.value)
+
+    def prepare(self, dt_s: float) -> None:
+        """Make the preconditioner that `accept` made at the end of the same step."""
+        if self._two_level:
+            self.elasticity.set_time_step(dt_s)
+            fem_petsc.assign(self.u, self._problem.x)
+            self.snes.computeJacobian(self._problem.x, self._problem.A)
+            self._two_level.set_up(self._problem.A)
 
     def place(self, translation: np.ndarray) -> None:
         """Take the present displacement, with the body at `translation` (3,), as a start."""

@@ -64,9 +64,12 @@ class StickMemory:
         self._obstacle.refresh()
         self.old.x.array[:] = fem.assemble_vector(self._form).array / self._weight
 
-    def gather(self) -> np.ndarray:
-        """Return undeformed places (mm) and tractions (MPa), (n, 6), of all points that touch."""
-        d = self.old.x.array.reshape(-1, 3)
+    def gather(self, values: np.ndarray) -> np.ndarray:
+        """Return undeformed places (mm) and tractions (MPa), (n, 6), of all points that touch.
+
+        `values` are those of `old`, now or at an earlier step.
+        """
+        d = values.reshape(-1, 3)
         touching = np.any(d != 0, axis=1)
         here = np.hstack([self._obstacle.points_mm[touching], d[touching]])
         return np.concatenate(self._obstacle.comm.allgather(here))
