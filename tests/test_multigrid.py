@@ -94,7 +94,7 @@ def test_the_last_step_spares_a_jacobian_and_loses_nothing(linear, monkeypatch):
     found = {}
     for caution in (4.0, np.inf):
         monkeypatch.setattr(problem_module, "_CAUTION", caution)
-        problem, _ = pressed(linear=linear, petsc={"snes_atol": 1e-9})
+        problem, _ = pressed(linear=linear, petsc={**STRICT, "snes_atol": 1e-9})
         report = problem.solve(np.array([0, -0.1, 0.4]), 0.01)
         assert report.residual_N < 1e-9
         built = problem.snes.getJacobian()[0].stateGet()

@@ -89,7 +89,8 @@ def test_a_slow_motion_may_step_as_briefly_as_a_fast_one(speed, briefest):
         return SolveReport(False, 1, 1, 1.0, "always")
 
     at_rest = SimpleNamespace(x=SimpleNamespace(array=np.zeros(3)))
-    problem = SimpleNamespace(u=at_rest, u_old=at_rest, solve=fail)
+    stick = SimpleNamespace(old=at_rest)
+    problem = SimpleNamespace(u=at_rest, u_old=at_rest, stick=stick, solve=fail)
     protocol = Protocol(press_speed_mm_s=speed)
     with pytest.raises(ConvergenceError):
         list(March(problem, protocol, Solver(min_step_mm=0.01), 1.0))

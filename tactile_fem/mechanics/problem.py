@@ -312,7 +312,8 @@ class FingerProblem:
         what touches: one made at the guess, where it has not, leads it astray.
         """
         if self._two_level and self.snes.getIterationNumber():
-            self._two_level.set_up(self._problem.A)
+            with common.Timer("tactile: solve"):
+                self._two_level.set_up(self._problem.A)
         self.stick.keep()
         self.load_cell.keep()
         self.place(self.obstacle.translation.value)
