@@ -27,7 +27,7 @@ from tactile_fem.together import on_root
 from tactile_fem.trace import Array, Histories, Trace
 
 # Counts up when what a checkpoint holds changes its names or meaning.
-_FORMAT = 3
+_FORMAT = 4
 # What of a study may change between two runs: it acts after the mechanics, or is seen by the hash.
 _FREE: dict[str, bool | set[str]] = {"neuron": True, "output": True, "finger": {"mesh_file"}}
 _TIMERS = (

@@ -67,6 +67,18 @@ class Domain:
             if self.comm.allreduce(tag in here, op=MPI.LOR)
         }
 
+    def skin_by_tissue(self) -> mesh.MeshTags:
+        """Return the skin's facets, each tagged with its tissue."""
+        topology = self.mesh.topology
+        facets = self.surface.find(SURFACES["skin"])
+        topology.create_connectivity(2, 3)
+        to_cell = topology.connectivity(2, 3)
+        cells = topology.index_map(3)
+        tissue = np.zeros(cells.size_local + cells.num_ghosts, dtype=np.int32)
+        tissue[self.tissue.indices] = self.tissue.values
+        values = np.array([tissue[to_cell.links(f)[0]] for f in facets], dtype=np.int32)
+        return mesh.meshtags(self.mesh, 2, facets, values)
+
     def owned_file_cells(self) -> np.ndarray:
         """Return the file's index of each owned cell."""
         owned = self.mesh.topology.index_map(3).size_local

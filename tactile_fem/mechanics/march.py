@@ -301,11 +301,13 @@ class March:
         self._last_step, self._iterations = state["last_step_mm"], state["iterations"]
         self._back_to_last_step(arrays)
         order, problem = self.problem.order, self.problem
-        order.scatter(arrays["u"], problem.u)
+        here = self._translation(self._control.position_mm)
         if self._iterations:
-            problem.obstacle.translation.value[:] = self._translation(self._control.position_mm)
+            order.scatter(arrays["u_linear"], problem.u)
+            problem.obstacle.translation.value[:] = here
             problem.prepare(self._last_step / self._speed_mm_s)
-        problem.place(self._translation(self._control.position_mm))
+        order.scatter(arrays["u"], problem.u)
+        problem.place(here)
         problem.load_cell.force_old_N = np.array(state["force_N"])
         order.scatter(arrays["friction"], problem.load_cell.friction_old)
         problem.stick.scatter(arrays["unmatched_MPa"])
@@ -322,14 +324,19 @@ class March:
     def gather(self) -> dict[str, np.ndarray]:
         """Return the arrays of the state, independent of the number of ranks.
 
-        Displacements now, `u`, and a step before, `u_before`, and nodal forces of `friction`,
-        (n, 3) in the mesh file's node order; `unmatched_MPa` and `unmatched_before_MPa`, see
-        `StickMemory.gather`.
+        Displacements now, `u`, a step before, `u_before`, and of the last Jacobian, `u_linear`,
+        and nodal forces of `friction`, (n, 3) in the mesh file's node order; `unmatched_MPa` and
+        `unmatched_before_MPa`, see `StickMemory.gather`.
         """
         problem = self.problem
         before = problem.u.copy()
         before.x.array[:] = self._u_before
-        functions = {"u": problem.u, "u_before": before, "friction": problem.load_cell.friction_old}
+        functions = {
+            "u": problem.u,
+            "u_before": before,
+            "u_linear": problem.u_linear,
+            "friction": problem.load_cell.friction_old,
+        }
         nodal = {name: problem.order.gather(function) for name, function in functions.items()}
         stick = problem.stick
         return {

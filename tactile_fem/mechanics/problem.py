@@ -17,7 +17,6 @@ from dolfinx.fem import petsc as fem_petsc
 from ufl.core.expr import Expr
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.mechanics import multigrid
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.contact import Contact
@@ -100,6 +99,8 @@ class FingerProblem:
     ----------
     u, u_old
         Displacement (P2, mm), now and at the last accepted step.
+    u_linear
+        Where the Jacobian was last made.
     elasticity
         Stress and energy of the tissues.
     obstacle
@@ -130,6 +131,7 @@ class FingerProblem:
         V = fem.functionspace(msh, ("Lagrange", 2, (3,)))
         self.u = fem.Function(V, name="displacement")
         self.u_old = fem.Function(V)
+        self.u_linear = fem.Function(V)
         self.elasticity = Elasticity(tissue, self.u, self.u_old)
         self.order = NodeOrder(domain, V)
         self.held = self.order.held_dofs()
@@ -137,7 +139,7 @@ class FingerProblem:
             raise MeshError(f"solver.held = {list(solver.held)}: nothing of the mesh is held")
         self._width = fem.Constant(msh, solver.contact_width_MPa)
         self._softness = fem.Constant(msh, 0.0)
-        facets = _skin_by_tissue(domain)
+        facets = domain.skin_by_tissue()
         self.obstacle = Obstacle(body, self.u, np.sort(facets.indices), solver.contact_degree)
         self.stick = StickMemory(self.obstacle)
         self.bulk_degree = solver.bulk_degree
@@ -319,12 +321,15 @@ class FingerProblem:
         self.place(self.obstacle.translation.value)
 
     def prepare(self, dt_s: float) -> None:
-        """Make the preconditioner that `accept` made at the end of the same step."""
+        """Make the preconditioner that `accept` made, as the first of a new problem.
+
+        `u` has to be what `u_linear` was then.
+        """
         if self._two_level:
             self.elasticity.set_time_step(dt_s)
             fem_petsc.assign(self.u, self._problem.x)
+            # Through SNES, which lets its preconditioner be set up with its first Jacobian alone.
             self.snes.computeJacobian(self._problem.x, self._problem.A)
-            self._two_level.set_up(self._problem.A)
 
     def place(self, translation: np.ndarray) -> None:
         """Take the present displacement, with the body at `translation` (3,), as a start."""
@@ -355,6 +360,7 @@ class FingerProblem:
         if _one_more_is_enough(snes):
             return  # with the Jacobian of the last iterate
         self._update(x)
+        self.u_linear.x.array[:] = self.u.x.array
         with common.Timer("tactile: jacobian"):
             fem_petsc.assemble_jacobian(snes, x, J, P, self.u, self._problem.J, None, self._bcs)
         if self._two_level:
@@ -386,15 +392,3 @@ _REASONS = {
     for name, value in vars(PETSc.SNES.ConvergedReason).items()
     if isinstance(value, int)
 }
-
-
-def _skin_by_tissue(domain: Domain) -> mesh.MeshTags:
-    """Return the skin's facets, each tagged with its tissue."""
-    msh = domain.mesh
-    facets = domain.surface.find(SURFACES["skin"])
-    msh.topology.create_connectivity(2, 3)
-    to_cell = msh.topology.connectivity(2, 3)
-    tissue = np.zeros(msh.topology.index_map(3).size_local + msh.topology.index_map(3).num_ghosts)
-    tissue[domain.tissue.indices] = domain.tissue.values
-    values = np.array([tissue[to_cell.links(f)[0]] for f in facets], dtype=np.int32)
-    return mesh.meshtags(msh, 2, facets, values)
