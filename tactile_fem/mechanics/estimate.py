@@ -18,13 +18,13 @@ from tactile_fem.study import Study
 logger = logging.getLogger(__name__)
 
 _MB = 1e6
-_RANK_MB = 190.0
-_UNKNOWN_MB = 0.008
+_RANK_MB = 240.0
+_UNKNOWN_MB = 0.0088
 _REFERENCE_UNKNOWNS = 37_000
 _FACTORS_MB = 390.0  # of the direct solver, at the reference
-_NEWTON_S = 0.28  # one iteration at the reference on one core
+_NEWTON_S = 0.26  # one iteration at the reference on one core
 _DIRECT_NEWTON_S = 1.6
-_NEWTON_PER_STEP = 6.5
+_NEWTON_PER_STEP = 6.9
 _FIRST_SLIDE_STEPS = 6
 
 
@@ -44,7 +44,7 @@ def estimate(study: Study, unknowns: int, ranks: int) -> Estimate:
         memory += _FACTORS_MB * size**1.35
         newton = _DIRECT_NEWTON_S * size**1.7
     else:
-        newton = _NEWTON_S * size**1.18
+        newton = _NEWTON_S * size**1.1
     protocol, solver = study.protocol, study.solver
     slide = min(protocol.output_mm, solver.max_slide_step_mm)
     steps = protocol.depth_mm / solver.max_press_step_mm + protocol.distance_mm / slide
