@@ -304,8 +304,7 @@ class March:
         here = self._translation(self._control.position_mm)
         if self._iterations:
             order.scatter(arrays["u_linear"], problem.u)
-            problem.obstacle.translation.value[:] = here
-            problem.prepare(self._last_step / self._speed_mm_s)
+            problem.prepare(here, self._last_step / self._speed_mm_s)
         order.scatter(arrays["u"], problem.u)
         problem.place(here)
         problem.load_cell.force_old_N = np.array(state["force_N"])

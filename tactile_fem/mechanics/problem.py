@@ -267,8 +267,7 @@ class FingerProblem:
         method fails, contact sets in more gently and friction is softer at first; the law as it
         should be follows from there.
         """
-        self.obstacle.translation.value[:] = translation
-        self.elasticity.set_time_step(dt_s)
+        self._go_to(translation, dt_s)
         guess = self.u.x.array.copy()
         tries = [self._newton()]
         for width, softness in _GENTLER:
@@ -284,6 +283,11 @@ class FingerProblem:
             iterations=sum(report.iterations for report in tries),
             linear_iterations=sum(report.linear_iterations for report in tries),
         )
+
+    def _go_to(self, translation: np.ndarray, dt_s: float) -> None:
+        """Move the body to `translation`, `dt_s` after the last step."""
+        self.obstacle.translation.value[:] = translation
+        self.elasticity.set_time_step(dt_s)
 
     @contextmanager
     def _gentle_contact(self, width: float, softness: float) -> Iterator[None]:
@@ -320,13 +324,14 @@ class FingerProblem:
         self.load_cell.keep()
         self.place(self.obstacle.translation.value)
 
-    def prepare(self, dt_s: float) -> None:
+    def prepare(self, translation: np.ndarray, dt_s: float) -> None:
         """Make the preconditioner that `accept` made, as the first of a new problem.
 
-        `u` has to be what `u_linear` was then.
+        The step came to `translation`, `dt_s` after the one before; `u` has to be what `u_linear`
+        was then.
         """
         if self._two_level:
-            self.elasticity.set_time_step(dt_s)
+            self._go_to(translation, dt_s)
             fem_petsc.assign(self.u, self._problem.x)
             # Through SNES, which lets its preconditioner be set up with its first Jacobian alone.
             self.snes.computeJacobian(self._problem.x, self._problem.A)
