@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -156,27 +155,28 @@ class ProgressDisplay:
     def __init__(
         self, rank: int = 0, *, console: Console | None = None, every_s: float = 15.0
     ) -> None:
-        self._console = console or stderr_console()
+        console = console or stderr_console()
         self._silent = rank != 0
-        self._bar: Progress | None = None
         self._every = every_s
-        self._started = self._told = time.perf_counter()
-        if not self._silent and self._console.is_terminal:
-            self._bar = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(bar_width=24),
-                TextColumn("{task.percentage:3.0f} %"),
-                TimeElapsedColumn(),
-                TextColumn("left"),
-                TimeRemainingColumn(),
-                console=self._console,
-            )
-            self._task = self._bar.add_task("first touch", total=1.0)
+        # Also where it is not shown, for its estimate of the time left, made of the last minutes:
+        # a resumed scan begins far on, and the press is faster than the slide.
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.percentage:3.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=console,
+            speed_estimate_period=900.0,
+        )
+        self._shown = console.is_terminal and not self._silent
+        self._task = self._bar.add_task("first touch", total=1.0)
+        self._told = self._bar.get_time()
 
     def __enter__(self) -> Self:
         """Open the display."""
-        self._started = self._told = time.perf_counter()
-        if self._bar is not None:
+        if self._shown:
             self._bar.start()
         return self
 
@@ -187,24 +187,23 @@ class ProgressDisplay:
         trace: TracebackType | None,
     ) -> None:
         """Close it, also after an error."""
-        if self._bar is not None:
+        if self._shown:
             self._bar.stop()
 
     def step(self, step: StepReport) -> None:
         """Show an accepted step."""
         if self._silent:
             return
-        line, now = describe_step(step), time.perf_counter()
-        level = logging.DEBUG
-        if self._bar is not None:
-            self._bar.update(self._task, completed=step.fraction, description=line)
-        elif now - self._told >= self._every or step.fraction >= 1.0 or step.index == 1:
+        line, now, level = describe_step(step), self._bar.get_time(), logging.DEBUG
+        self._bar.update(self._task, completed=step.fraction, description=line)
+        telling = now - self._told >= self._every or step.fraction >= 1.0 or step.index == 1
+        if telling and not self._shown:
             self._told, level = now, logging.INFO
-            line += f"  {100 * step.fraction:3.0f} %{self._time_left(step, now)}"
+            line += f"  {100 * step.fraction:3.0f} %{self._time_left()}"
         logger.log(level, "%s", line)
 
-    def _time_left(self, step: StepReport, now: float) -> str:
-        if not 0.02 < step.fraction < 1.0:
+    def _time_left(self) -> str:
+        left = self._bar.tasks[self._task].time_remaining
+        if not left:
             return ""
-        left = (now - self._started) * (1 - step.fraction) / step.fraction
         return f"  {left / 60:.1f} min left" if left >= 90 else f"  {left:.0f} s left"

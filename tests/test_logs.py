@@ -45,6 +45,18 @@ def test_plain_lines_tell_force_iterations_and_time_left():
     assert "something to say" in lines[3]
 
 
+def test_a_resumed_scan_counts_the_time_left_from_where_it_went_on():
+    """It begins at 30 % and takes a minute for each percent."""
+    now = [0.0]
+    console = Console(file=io.StringIO(), get_time=lambda: now[0])
+    logs.set_up(console=console)
+    with logs.ProgressDisplay(console=console, every_s=0.0) as display:
+        for percent in range(30, 51):
+            now[0] += 60.0
+            display.step(Step(percent, "slide", 1.0, 1.97, percent / 100))
+    assert "50 %  50.0 min left" in console.file.getvalue().splitlines()[-1]
+
+
 def test_lines_are_rare_between_first_and_last():
     text = run(Console(file=io.StringIO()), every_s=1e9)
     assert "step   1" in text and "step   3" in text and "step   2" not in text
