@@ -13,9 +13,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tactile_fem.finger.mesh_data import TISSUES
+from tactile_fem.stimulus import RigidBody
 
 COLOURS = {
     "stratum_corneum": "#E7C6A5",
@@ -29,6 +30,8 @@ RIGID = ("bone", "nail")
 RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
 _PIXELS = (1650, 1050)
 _FAR = 1e3
+_SURFACE_STEP_MM = 0.1
+_LOWEST_MM = -3.0
 
 
 # --- figures -----------------------------------------------------------------------------------
@@ -67,7 +70,7 @@ def finger_figure(grid: pv.UnstructuredGrid) -> Figure:
 
 def deformation_figure(
     grid: pv.UnstructuredGrid,
-    stimulator: pv.StructuredGrid | None,
+    stimulator: pv.PolyData | None,
     limits_kPa: tuple[float, float],
     title: str,
 ) -> Figure:
@@ -147,22 +150,33 @@ def colour_limits(grids: list[pv.UnstructuredGrid]) -> tuple[float, float]:
     return top / 1000, top
 
 
-def relief(x_mm: ArrayLike, y_mm: ArrayLike, height_mm: ArrayLike) -> pv.StructuredGrid:
-    """Return a surface from heights on a grid.
+def stimulator_surface(body: RigidBody, distance_mm: float) -> pv.PolyData:
+    """Return a body's surface where it comes near the finger, in the body's frame.
+
+    It lies where the distance vanishes, and its normals are the distance's gradient: walls are as
+    smooth as the finger feels them.
 
     Parameters
     ----------
-    x_mm, y_mm
-        (nx,) and (ny,) coordinates.
-    height_mm
-        (nx, ny); NaN where there is nothing.
+    body
+        The rigid body.
+    distance_mm
+        How far it slides.
     """
-    x, y = np.meshgrid(np.asarray(x_mm, float), np.asarray(y_mm, float), indexing="ij")
-    heights = np.asarray(height_mm, dtype=float)
-    surface = pv.StructuredGrid(x, y, np.nan_to_num(heights, nan=np.nanmin(heights)))
-    missing = np.flatnonzero(np.isnan(heights).ravel(order="F"))
-    if len(missing):
-        surface.hide_points(missing)
+    step = _SURFACE_STEP_MM
+    x, y = np.arange(-9.0, 9.0 + step, step), np.arange(-15.0, 15.0 + distance_mm + step, step)
+    plane = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+    layers: list[NDArray[np.float64]] = []
+    # From above down until all is inside: a plate ends the search early, a ball never.
+    for z in np.arange(step / 2, _LOWEST_MM, -step):
+        layers.append(-body.distance(np.column_stack([plane, np.full(len(plane), z)])).gap)
+        if layers[-1].min() > 0:
+            break
+    image = pv.ImageData(dimensions=(len(x), len(y), len(layers)), spacing=(step, step, step))
+    image.origin = (x[0], y[0], z)
+    image["depth_mm"] = np.concatenate(layers[::-1])
+    surface = image.contour([0.0], scalars="depth_mm", method="flying_edges")
+    surface.point_data.active_normals = body.distance(surface.points.astype(float)).normal
     return surface
 
 

@@ -18,8 +18,9 @@ from tactile_fem import drawing
 from tactile_fem.errors import StudyError
 from tactile_fem.fields import read_series
 from tactile_fem.finger.mesh_data import TISSUES, facets_of
-from tactile_fem.pictures import Surface, at_time
+from tactile_fem.pictures import at_time
 from tactile_fem.results import Results
+from tactile_fem.stimulus import make_body
 
 # Frames from one written state to the next.
 _BETWEEN = 4
@@ -58,7 +59,7 @@ class State:
     interface: pv.PolyData
     receptors_mm: NDArray[np.float64]
     fired: NDArray[np.bool_]
-    stimulator: pv.StructuredGrid
+    stimulator: pv.PolyData
 
 
 class Film:
@@ -88,7 +89,9 @@ class Film:
         if not self._files:
             raise StudyError(f"There are no field files in {results.fields}: nothing to view.")
         self._trace, self._spikes = results.trace, results.spikes
-        self._surface = Surface(results.study, window_mm=np.inf)
+        study = results.study
+        body, distance = make_body(study.stimulus), study.protocol.distance_mm
+        self._surface = drawing.stimulator_surface(body, distance)
         self._interface = Interface(_read(self._files[0]), results.study.receptors.side)
         self._anchors = self._interface.anchors(self._trace["receptors_mm"])
         frames = np.arange(_BETWEEN * (len(self._files) - 1) + 1) / _BETWEEN
@@ -125,7 +128,7 @@ class Film:
             interface=interface,
             receptors_mm=self._anchors.follow(interface),
             fired=fired,
-            stimulator=drawing.relief(*self._surface.at(translation)),
+            stimulator=self._surface.translate(translation),
         )
 
     def _fields(self, k: int) -> pv.UnstructuredGrid:

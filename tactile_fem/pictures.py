@@ -24,14 +24,12 @@ from tactile_fem.extrema import central_receptor, extrema
 from tactile_fem.fields import read_series
 from tactile_fem.files import replacing
 from tactile_fem.results import Results
-from tactile_fem.stimulus import height_map, make_body
-from tactile_fem.study import Study
+from tactile_fem.stimulus import make_body
 
 logger = logging.getLogger(__name__)
 
 _LONGEST_S = 600
 _MOST = 8
-_LOWEST_MM = -3.0
 
 
 def can_draw() -> str | None:
@@ -123,40 +121,15 @@ def main(folder: str) -> int:
     chosen = choose_states(trace, times)
     grids = [pv.read(files[k]) for k in chosen]
     limits = drawing.colour_limits(grids)
-    surface = Surface(results.study)
+    study = results.study
+    surface = drawing.stimulator_surface(make_body(study.stimulus), study.protocol.distance_mm)
     for k, grid in zip(chosen, grids, strict=True):
         displacement = float(at_time(trace, "displacement_mm", times[k]))
-        relief = drawing.relief(*surface.at(at_time(trace, "stimulator_mm", times[k])))
+        stimulator = surface.translate(at_time(trace, "stimulator_mm", times[k]))
         title = f"Displacement {displacement:.1f} mm"
-        figure = drawing.deformation_figure(grid, relief, limits, title)
+        figure = drawing.deformation_figure(grid, stimulator, limits, title)
         _save(figure, results.figures / f"deformation_{displacement:05.2f}.png")
     return 0
-
-
-class Surface:
-    """The stimulator's upper surface as heights on a grid, from wherever it has moved to.
-
-    Parameters
-    ----------
-    study
-        With the stimulator and how far it slides.
-    window_mm
-        What lies farther along the finger is left out.
-    """
-
-    def __init__(self, study: Study, window_mm: float = 15.0) -> None:
-        step, x, y = 0.05, 9.0, 15.0
-        self._window = window_mm
-        self.x = np.arange(-x, x + step, step)
-        self.y = np.arange(-y, y + study.protocol.distance_mm + step, step)
-        heights = height_map(make_body(study.stimulus), self.x, self.y, _LOWEST_MM)
-        self.height = np.where(heights > _LOWEST_MM + 1e-3, heights, np.nan)
-
-    def at(self, translation_mm: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return X (nx,), Y (ny,) and heights (nx, ny) in mm in the finger's frame."""
-        x, y = self.x + translation_mm[0], self.y + translation_mm[1]
-        near = np.abs(y) <= self._window
-        return x, y[near], self.height[:, near] + translation_mm[2]
 
 
 def at_time(trace: Mapping[str, NDArray[np.float64]], name: str, time_s: ArrayLike) -> Any:

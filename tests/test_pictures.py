@@ -7,7 +7,8 @@ from PIL import Image
 from synthetic import make_fields, make_results, make_trace
 
 from tactile_fem import doctor, figures, pictures
-from tactile_fem.study import Sphere, Study
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Dots, Grating, Plate, Sphere, Study, Text
 
 needs_graphics = pytest.mark.skipif(
     pictures.can_draw() is not None, reason=str(pictures.can_draw())
@@ -74,3 +75,25 @@ def test_pictures_are_drawn(tmp_path, study):
         with Image.open(path) as image:
             assert image.size == (1500, 954)
             assert len(image.getcolors(1 << 24)) > 100
+
+
+@needs_graphics
+@pytest.mark.parametrize(
+    "stimulus", [Text(), Plate(), Sphere(), Grating(), Dots()], ids=lambda s: s.kind
+)
+def test_the_drawn_surface_is_the_one_that_the_finger_feels(stimulus):
+    from tactile_fem.drawing import stimulator_surface
+
+    body = make_body(stimulus)
+    surface = stimulator_surface(body, 2.0)
+    points = surface.points.astype(float)
+    felt = body.distance(points)
+    # Edges of 0.3 mm radius between samples every 0.1 mm: a chord's height.
+    assert np.abs(felt.gap).max() < 0.01
+    assert points[:, 2].max() == pytest.approx(0, abs=0.01)
+    assert points[:, 0].min() < -5 or isinstance(stimulus, Sphere)
+    # Light falls on the outside.
+    assert surface.point_data.active_normals == pytest.approx(felt.normal, abs=1e-6)
+    corners = points[surface.regular_faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.einsum("ij,ij->i", across, felt.normal[surface.regular_faces[:, 0]]).min() > -1e-6
