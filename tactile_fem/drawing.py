@@ -16,7 +16,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from tactile_fem.finger.mesh_data import TISSUES
-from tactile_fem.stimulus import RigidBody
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Study
 
 COLOURS = {
     "stratum_corneum": "#E7C6A5",
@@ -150,21 +151,20 @@ def colour_limits(grids: list[pv.UnstructuredGrid]) -> tuple[float, float]:
     return top / 1000, top
 
 
-def stimulator_surface(body: RigidBody, distance_mm: float) -> pv.PolyData:
-    """Return a body's surface where it comes near the finger, in the body's frame.
+def stimulator_surface(study: Study) -> pv.PolyData:
+    """Return the stimulator's surface where it comes near the finger, in its own frame.
 
     It lies where the distance vanishes, and its normals are the distance's gradient: walls are as
     smooth as the finger feels them.
 
     Parameters
     ----------
-    body
-        The rigid body.
-    distance_mm
-        How far it slides.
+    study
+        With the stimulator and how far it slides.
     """
-    step = _SURFACE_STEP_MM
-    x, y = np.arange(-9.0, 9.0 + step, step), np.arange(-15.0, 15.0 + distance_mm + step, step)
+    body, step = make_body(study.stimulus), _SURFACE_STEP_MM
+    x = np.arange(-9.0, 9.0 + step, step)
+    y = np.arange(-15.0, 15.0 + study.protocol.distance_mm + step, step)
     plane = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     layers: list[NDArray[np.float64]] = []
     # From above down until all is inside: a plate ends the search early, a ball never.

@@ -20,7 +20,6 @@ from tactile_fem.fields import read_series
 from tactile_fem.finger.mesh_data import TISSUES, facets_of
 from tactile_fem.pictures import at_time
 from tactile_fem.results import Results
-from tactile_fem.stimulus import make_body
 
 # Frames from one written state to the next.
 _BETWEEN = 4
@@ -89,9 +88,7 @@ class Film:
         if not self._files:
             raise StudyError(f"There are no field files in {results.fields}: nothing to view.")
         self._trace, self._spikes = results.trace, results.spikes
-        study = results.study
-        body, distance = make_body(study.stimulus), study.protocol.distance_mm
-        self._surface = drawing.stimulator_surface(body, distance)
+        self._surface = drawing.stimulator_surface(results.study)
         self._interface = Interface(_read(self._files[0]), results.study.receptors.side)
         self._anchors = self._interface.anchors(self._trace["receptors_mm"])
         frames = np.arange(_BETWEEN * (len(self._files) - 1) + 1) / _BETWEEN

@@ -24,7 +24,6 @@ from tactile_fem.extrema import central_receptor, extrema
 from tactile_fem.fields import read_series
 from tactile_fem.files import replacing
 from tactile_fem.results import Results
-from tactile_fem.stimulus import make_body
 
 logger = logging.getLogger(__name__)
 
@@ -121,8 +120,7 @@ def main(folder: str) -> int:
     chosen = choose_states(trace, times)
     grids = [pv.read(files[k]) for k in chosen]
     limits = drawing.colour_limits(grids)
-    study = results.study
-    surface = drawing.stimulator_surface(make_body(study.stimulus), study.protocol.distance_mm)
+    surface = drawing.stimulator_surface(results.study)
     for k, grid in zip(chosen, grids, strict=True):
         displacement = float(at_time(trace, "displacement_mm", times[k]))
         stimulator = surface.translate(at_time(trace, "stimulator_mm", times[k]))

@@ -85,7 +85,7 @@ def test_the_drawn_surface_is_the_one_that_the_finger_feels(stimulus):
     from tactile_fem.drawing import stimulator_surface
 
     body = make_body(stimulus)
-    surface = stimulator_surface(body, 2.0)
+    surface = stimulator_surface(Study(stimulus=stimulus))
     points = surface.points.astype(float)
     felt = body.distance(points)
     # Edges of 0.3 mm radius between samples every 0.1 mm: a chord's height.
