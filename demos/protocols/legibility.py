@@ -125,12 +125,13 @@ def noisy(scan: Results, noise: dict[str, float], seed: int) -> Neuron:
 
 
 def passes_of(scan: Results, spacing: float, folder: Path, jobs: int) -> list[Results]:
-    """Return the passes with a scan's letter, run where they are missing."""
+    """Return the passes with a scan's letter, run where they are missing; one is the scan."""
     half_width = scan.study.receptors.half_width_mm
-    members = single_fibre(scan.study, spacing_mm=spacing, half_width_mm=half_width)
+    passes = single_fibre(scan.study, spacing_mm=spacing, half_width_mm=half_width)
+    members = [member for member in passes if member.values["shift_mm"]]
     run_series(members, folder, jobs=jobs)
     write_summary(members, folder)
-    return complete_scans(members, folder)
+    return [scan, *complete_scans(members, folder)]
 
 
 def tell(

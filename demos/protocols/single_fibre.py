@@ -31,10 +31,9 @@ from tactile_fem.reading import RateImage, bundles, fibre_image, population_imag
 from tactile_fem.reading.figures import side_by_side
 from tactile_fem.reading.legibility import outline_correlation
 from tactile_fem.results import Results
-from tactile_fem.series import complete_scans, run_series, single_fibre, sweep, write_summary
+from tactile_fem.series import Member, complete_scans, run_series, single_fibre, write_summary
 from tactile_fem.series.run import folder_of
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
-from tactile_fem.study_file import dump_study
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class Row:
 
 # %% [markdown]
 # The population's receptors lie as far apart as the passes are shifted, so both images have the
-# same rows.
+# same rows. Its scan is also the pass without a shift.
 
 
 # %%
@@ -85,16 +84,14 @@ def main(
         receptors=Receptors(half_width_mm=half_width, spacing_mm=spacing),
         output=Output(pictures=False),
     )
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "study.toml").write_text(dump_study(study), encoding="utf-8")
-    population = sweep([f"stimulus.text={text}"], folder / "study.toml")
-    passes = single_fibre(study, spacing_mm=spacing, half_width_mm=half_width)
-    run_series(population, folder / "population")
-    run_series(passes, folder / "passes", jobs=jobs)
-    print(write_summary(passes, folder / "passes"))
-    found = complete_scans(passes, folder / "passes")
-    one = Results.open(folder_of(population[0], folder / "population"))
-    images = {"population": population_image(one), "single fibre": fibre_image(found)}
+    alone = Member("population", study, {"shift_mm": 0.0})
+    shifted = single_fibre(study, spacing_mm=spacing, half_width_mm=half_width)
+    members = [alone, *(member for member in shifted if member.values["shift_mm"])]
+    run_series(members, folder, jobs=jobs)
+    print(write_summary(members, folder))
+    population = Results.open(folder_of(alone, folder))
+    passes = complete_scans(members, folder)
+    images = {"population": population_image(population), "single fibre": fibre_image(passes)}
     tell(images, study, folder)
 
 
