@@ -266,8 +266,11 @@ def test_single_fibre(tmp_path):
 @pytest.mark.slow
 def test_legibility(tmp_path):
     way = ["--letters", "CO", "--depth", "0.5", "--distance", "0.2", "--realizations", "2"]
-    told = run("protocols/legibility.py", str(tmp_path), *way, "--jobs", "2")
-    assert 0 <= number(r"([\d.]+) % right of 4", told) <= 100
+    told = run("protocols/legibility.py", str(tmp_path), *way, "--passes", "5", "--jobs", "2")
+    for protocol in ("population", "single fibre"):
+        assert 0 <= number(rf"{protocol}: ([\d.]+) % right of 4", told) <= 100
+    passes = {path.parent.name for path in tmp_path.glob("passes/O/*/run.json")}
+    assert passes == {"shift-5.000", "shift+5.000"}  # the letter's own scan is the third
     assert (tmp_path / "confusion.png").is_file()
 
 
