@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 
 from tactile_fem import ranks
+from tactile_fem.series import run_series, single_fibre
 from tactile_fem.study import Neuron
+from tactile_fem.study_file import load_study
 
 DEMOS = Path(__file__).resolve().parents[1] / "demos"
 
@@ -260,6 +262,15 @@ def test_single_fibre(tmp_path):
     assert re.search(r"population +3 rows", told) and re.search(r"single fibre +3 rows", told)
     scans = {path.parent.name for path in tmp_path.glob("*/run.json")}
     assert scans == {"population", "shift-1.000", "shift+1.000"}
+    # It may take that place: with one receptor alone the same is felt.
+    study = load_study(tmp_path / "population.toml")
+    alone = single_fibre(study, spacing_mm=1.0, half_width_mm=1.0)[1:2]
+    run_series(alone, tmp_path / "alone")
+    middle = np.load(tmp_path / "alone" / "shift+0.000" / "trace.npz")
+    population = np.load(tmp_path / "population" / "trace.npz")
+    np.testing.assert_allclose(
+        middle["sed_kPa"][:, 0], population["sed_kPa"][:, 1], atol=1e-6 * middle["sed_kPa"].max()
+    )
     assert (tmp_path / "protocols.png").is_file()
 
 

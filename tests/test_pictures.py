@@ -8,7 +8,7 @@ from synthetic import make_fields, make_results, make_trace
 
 from tactile_fem import doctor, figures, pictures
 from tactile_fem.stimulus import make_body
-from tactile_fem.study import Dots, Grating, Plate, Sphere, Study, Text
+from tactile_fem.study import Dots, Grating, Plate, Protocol, Sphere, Study, Text
 
 needs_graphics = pytest.mark.skipif(
     pictures.can_draw() is not None, reason=str(pictures.can_draw())
@@ -85,7 +85,7 @@ def test_the_drawn_surface_is_the_one_that_the_finger_feels(stimulus):
     from tactile_fem.drawing import stimulator_surface
 
     body = make_body(stimulus)
-    surface = stimulator_surface(Study(stimulus=stimulus))
+    surface = stimulator_surface(Study(stimulus=stimulus, protocol=Protocol(distance_mm=2.0)))
     points = surface.points.astype(float)
     felt = body.distance(points)
     # Edges of 0.3 mm radius between samples every 0.1 mm: a chord's height.
