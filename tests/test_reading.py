@@ -88,6 +88,24 @@ def test_reader_tells_letters_apart_and_guesses_in_noise():
     assert len(confusion_figure({"clear": clear}).axes) == 1
     with pytest.raises(StudyError, match="two or more images"):
         read({"C": images(0.0)["C"][:1]})
+    with pytest.raises(StudyError, match="as many of each"):
+        read({"C": images(0.0)["C"], "D": images(0.0)["D"][:3]})
+
+
+def test_noise_that_letters_share_does_not_tell_them_apart():
+    """Letters that feel alike are confused as often as not, not always.
+
+    A population has the same gains under every letter. Were its own image in the other letter's
+    template only, it would be read as the other.
+    """
+    rng = np.random.default_rng(2)
+    edges = {name: edge_image(letter(name), ACROSS, ALONG) for name in "CO"}
+    noise = 2.0 * rng.normal(size=(6, *edges["C"].shape))
+    mean = (edges["C"] + edges["O"]) / 2
+    images = {
+        name: [image_of(mean + 1e-6 * edge + own) for own in noise] for name, edge in edges.items()
+    }
+    assert 0.25 <= read(images).accuracy <= 0.75
 
 
 def test_rate_image_counts_the_spikes_of_the_slide():

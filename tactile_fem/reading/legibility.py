@@ -101,43 +101,40 @@ class Reading:
 
 
 def read(images: Mapping[str, Sequence[RateImage]], blur_mm: float = 0.0) -> Reading:
-    """Read every image by the templates of all letters, leaving itself out.
+    """Read every image by the templates of all letters, leaving its realization out.
 
-    A letter's template is the mean of its other images; an image is read as the letter whose
-    template it correlates with best after a shift of up to `SHIFT_MM` in both directions.
+    The k-th images of all letters are what one population fires, with its own gains and its own
+    noise. They are read as by a stranger: a letter's template is the mean of its other images, and
+    an image is read as the letter whose template it correlates with best after a shift of up to
+    `SHIFT_MM` in both directions.
 
     Parameters
     ----------
     images
-        Two or more realizations of each letter, all of one shape.
+        Two or more realizations of each letter, as many of each, all of one shape.
     blur_mm
         Standard deviation of a further blur of all images.
 
     Raises
     ------
     StudyError
-        Too few images, or shapes that differ.
+        Too few images, or not as many of each letter, or shapes that differ.
     """
     letters = tuple(images)
-    first = images[letters[0]][0] if letters and images[letters[0]] else None
-    if first is None or any(len(images[letter]) < 2 for letter in letters):
-        raise StudyError("Reading needs two or more images of each letter.")
+    counts = {len(several) for several in images.values()}
+    if len(counts) != 1 or min(counts) < 2:
+        raise StudyError("Reading needs two or more images of each letter, as many of each.")
     shapes = {image.rate_Hz.shape for several in images.values() for image in several}
     if len(shapes) > 1:
         raise StudyError(f"The images have different shapes: {sorted(shapes)}.")
-    reach = _reach(first)
-    stacks = {
-        letter: np.stack([_blurred(image, blur_mm) for image in several])
-        for letter, several in images.items()
-    }
+    reach = _reach(images[letters[0]][0])
+    # (letters, realizations, rows, columns)
+    stack = np.array([[_blurred(image, blur_mm) for image in images[name]] for name in letters])
     confusion = np.zeros((len(letters), len(letters)), dtype=np.int64)
-    for row, letter in enumerate(letters):
-        for k, image in enumerate(stacks[letter]):
-            others = np.delete(stacks[letter], k, axis=0).mean(axis=0)
-            scores = [
-                correlation(image, others if name == letter else stacks[name].mean(axis=0), reach)
-                for name in letters
-            ]
+    for k in range(stack.shape[1]):
+        templates = np.delete(stack, k, axis=1).mean(axis=1)
+        for row, image in enumerate(stack[:, k]):
+            scores = [correlation(image, template, reach) for template in templates]
             confusion[row, int(np.argmax(scores))] += 1
     return Reading(letters, confusion)
 
