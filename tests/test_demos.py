@@ -277,9 +277,12 @@ def test_single_fibre(tmp_path):
 @pytest.mark.slow
 def test_legibility(tmp_path):
     way = ["--letters", "CO", "--depth", "0.5", "--distance", "0.2", "--realizations", "2"]
-    told = run("protocols/legibility.py", str(tmp_path), *way, "--passes", "5", "--jobs", "2")
+    way += ["--passes", "5", "--blur", "0", "2", "--jobs", "2"]
+    told = run("protocols/legibility.py", str(tmp_path), *way)
     for protocol in ("population", "single fibre"):
-        assert 0 <= number(rf"{protocol}: ([\d.]+) % right of 4", told) <= 100
+        for width in (0, 2):
+            told_of = rf"{protocol}, blur {width} mm: ([\d.]+) % right of 4"
+            assert 0 <= number(told_of, told) <= 100
     passes = {path.parent.name for path in tmp_path.glob("passes/O/*/run.json")}
     assert passes == {"shift-5.000", "shift+5.000"}  # the letter's own scan is the third
     assert (tmp_path / "confusion.png").is_file()

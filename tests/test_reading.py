@@ -17,6 +17,7 @@ from tactile_fem.reading import (
     fibre_image,
     population_image,
     read,
+    thinned,
 )
 from tactile_fem.reading.figures import confusion_figure, side_by_side
 from tactile_fem.reading.image import Sweep, rate_image
@@ -140,3 +141,19 @@ def test_population_and_fibre_agree_where_every_receptor_feels_the_same_body(tmp
     assert len(figure.axes) == 5
     with pytest.raises(StudyError, match="three or more, evenly apart"):
         fibre_image(passes[:2])
+    with pytest.raises(StudyError, match=r"evenly apart in X. From -1 to 1 mm there is none"):
+        fibre_image(passes[:2] + passes[3:])
+
+
+def test_a_thinned_image_keeps_the_middle():
+    rates = np.outer(ACROSS, np.ones(len(ALONG)))
+    spikes = [np.full(k, 0.1) for k in range(len(ACROSS))]
+    image = RateImage(ACROSS, ALONG, rates, Response(spikes, 0.0, 0.5))
+    thin = thinned(image, 2.0)
+    np.testing.assert_allclose(thin.across_mm, [-4, -2, 0, 2, 4], atol=1e-12)
+    np.testing.assert_array_equal(thin.rate_Hz[:, 0], thin.across_mm)
+    np.testing.assert_array_equal(thin.response.counts(), [5, 15, 25, 35, 45])
+    np.testing.assert_array_equal(thinned(image, 0.2).rate_Hz, rates)
+    for wrong in (0.1, 0.5, 6.0):
+        with pytest.raises(StudyError, match=f"Rows {wrong:g} mm apart must be three or more"):
+            thinned(image, wrong)

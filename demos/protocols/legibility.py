@@ -14,25 +14,28 @@
 #
 # $$\hat L = \arg\max_L \max_\Delta\, \mathrm{corr}(r, \bar r_L(\cdot+\Delta)).$$
 #
-# This is an ideal observer of the array. People are not: naive readers recognise 49 to 51 % of
-# embossed letters (Vega-Bermudez et al. 1991). A blur of the images, as a reader's limit, lowers
-# the accuracy.
+# $\bar r_L$ knows nothing of the population that fired $r$: not its gains, not its noise. This is
+# an ideal observer of the array. People are not: naive readers recognise 49 to 51 % of embossed
+# letters (Vega-Bermudez et al. 1991). A blur of the images, as a reader's limit, lowers the
+# accuracy.
 #
 #     python demos/protocols/legibility.py results/legibility --jobs 2
-#     python demos/protocols/legibility.py results/legibility --jobs 2 --passes 1.0
+#     python demos/protocols/legibility.py results/legibility --jobs 2 --passes 1.0 --blur 0 1.5
 #     python demos/protocols/legibility.py results/quick --letters CO --depth 0.6 --distance 0.6
 
 # %%
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 
 from tactile_fem.entry import run
 from tactile_fem.files import replacing, write_table
 from tactile_fem.logs import set_up
-from tactile_fem.reading import RateImage, Reading, fibre_image, population_image, read
+from tactile_fem.reading import RateImage, Reading, fibre_image, population_image, read, thinned
 from tactile_fem.reading.figures import confusion_figure
 from tactile_fem.reading.legibility import outline_correlation
 from tactile_fem.results import Results
@@ -42,11 +45,12 @@ from tactile_fem.study import Neuron
 
 @dataclass(frozen=True)
 class Row:
-    """A letter's numbers."""
+    """A letter's numbers for one blur of the images."""
 
     letter: str
     spikes: int
     outline_correlation: float
+    blur_mm: float
     share_right: float
     mostly_read_as: str
 
@@ -68,7 +72,7 @@ def main(
     realizations: int = 10,
     gain_spread: float = 0.3,
     threshold_noise: float = 0.1,
-    blur: float = 0.0,
+    blur: Annotated[tuple[float, ...], Parameter(consume_multiple=True)] = (0.0,),
     passes: float | None = None,
     jobs: int = 1,
 ) -> None:
@@ -77,9 +81,10 @@ def main(
     Parameters
     ----------
     blur
-        Standard deviation of a Gaussian over the images, mm: what a reader cannot resolve.
+        Standard deviations of a Gaussian over the images, mm: what a reader cannot resolve.
     passes
-        Shift between two passes over one fibre, mm; without it only the population is read.
+        Shift between two passes over one fibre, mm; without it only the population is read. The
+        population's images then have the rows of the passes, as far apart.
     output
         Positions of the slide that are hit exactly, mm; steps are no longer than that.
     jobs
@@ -101,6 +106,9 @@ def main(
         "population": {letter: partial(population_image, scan) for letter, scan in scans.items()}
     }
     if passes is not None:
+        makers["population"] = {
+            letter: partial(rows_of_population, scan, passes) for letter, scan in scans.items()
+        }
         makers["single fibre"] = {
             letter: partial(fibre_image, passes_of(scan, passes, folder / "passes" / letter, jobs))
             for letter, scan in scans.items()
@@ -111,12 +119,18 @@ def main(
             letter: [make(noisy(scans[letter], noise, k)) for k in range(1, realizations + 1)]
             for letter, make in of_letter.items()
         }
-        readings[protocol] = read(images, blur)
+        blurred = {width: read(images, width) for width in blur}
         plain = {letter: make() for letter, make in of_letter.items()}
-        tell(protocol, plain, scans, readings[protocol], folder)
+        tell(protocol, plain, scans, blurred, folder)
+        readings |= {f"{protocol}, blur {width:g} mm": blurred[width] for width in blur}
     with replacing(folder / "confusion.png") as part:
         confusion_figure(readings).savefig(part, format="png")
     print(folder / "confusion.png")
+
+
+def rows_of_population(scan: Results, spacing: float, neuron: Neuron | None = None) -> RateImage:
+    """Return the population's image with rows as far apart as the passes are."""
+    return thinned(population_image(scan, neuron), spacing)
 
 
 def noisy(scan: Results, noise: dict[str, float], seed: int) -> Neuron:
@@ -138,28 +152,24 @@ def tell(
     protocol: str,
     images: dict[str, RateImage],
     scans: dict[str, Results],
-    reading: Reading,
+    readings: dict[float, Reading],
     folder: Path,
 ) -> None:
     """Print which letter was read as which, and how much of its outline its firing shows."""
     rows = []
-    for k, letter in enumerate(reading.letters):
-        own = reading.confusion[k]
-        rows.append(
-            Row(
-                letter,
-                int(images[letter].response.counts().sum()),
-                round(outline_correlation(images[letter], scans[letter].study.stimulus), 3),
-                round(float(own[k] / own.sum()), 3),
-                reading.letters[int(np.argmax(own))],
-            )
-        )
-        r = rows[-1]
-        print(
-            f"{letter}: {r.spikes:5d} spikes, outline r = {r.outline_correlation:.3f}, "
-            f"{100 * r.share_right:3.0f} % right, mostly read as {r.mostly_read_as}"
-        )
-    print(f"{protocol}: {100 * reading.accuracy:.1f} % right of {reading.confusion.sum()}")
+    for letter, image in images.items():
+        r = outline_correlation(image, scans[letter].study.stimulus)
+        spikes = int(image.response.counts().sum())
+        print(f"{protocol} {letter}: {spikes:5d} spikes, outline r = {r:.3f}")
+        for width, reading in readings.items():
+            own = reading.confusion[reading.letters.index(letter)]
+            right = float(own[reading.letters.index(letter)] / own.sum())
+            mostly = reading.letters[int(np.argmax(own))]
+            rows.append(Row(letter, spikes, round(r, 3), width, round(right, 3), mostly))
+            print(f"    blur {width:g} mm: {100 * right:3.0f} % right, mostly read as {mostly}")
+    for width, reading in readings.items():
+        share = f"{100 * reading.accuracy:.1f} % right of {reading.confusion.sum()}"
+        print(f"{protocol}, blur {width:g} mm: {share}")
     write_table(folder / f"{protocol.replace(' ', '_')}.csv", rows)
 
 

@@ -1,7 +1,7 @@
 """What spikes say about the stimulator: bundles, images of firing, and which letter it was."""
 
 from tactile_fem.reading.bundles import Bundle, bundles
-from tactile_fem.reading.image import RateImage, fibre_image, population_image
+from tactile_fem.reading.image import RateImage, fibre_image, population_image, thinned
 from tactile_fem.reading.legibility import Reading, correlation, edge_image, read
 
 __all__ = [
@@ -14,4 +14,5 @@ __all__ = [
     "fibre_image",
     "population_image",
     "read",
+    "thinned",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -52,10 +52,12 @@ def side_by_side(images: Mapping[str, RateImage], outlines: Outlines = ()) -> Fi
 
 @styled
 def confusion_figure(readings: Mapping[str, Reading]) -> Figure:
-    """Draw which letter was read as which, a panel for each reading."""
-    figure = Figure(figsize=(3.6 * len(readings), 3.6), layout="constrained")
-    panels: Sequence = figure.subplots(1, len(readings), squeeze=False)[0]
-    for axes, (title, reading) in zip(panels, readings.items(), strict=True):
+    """Draw which letter was read as which, a panel for each reading, two beside each other."""
+    columns = min(len(readings), 2)
+    rows = -(-len(readings) // columns)
+    figure = Figure(figsize=(3.6 * columns, 3.6 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).flat
+    for axes, (title, reading) in zip(panels, readings.items(), strict=False):
         share = reading.confusion / reading.confusion.sum(axis=1, keepdims=True)
         axes.imshow(share, cmap="cividis", vmin=0, vmax=1)
         for (row, column), value in np.ndenumerate(share):

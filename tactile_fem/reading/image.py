@@ -143,7 +143,35 @@ def fibre_image(
     return rate_image(histories, neuron.model_copy(update={"gain_spread": 0.0}))
 
 
+def thinned(image: RateImage, spacing_mm: float) -> RateImage:
+    """Return the image with its rows `spacing_mm` apart, the middle one among them.
+
+    Raises
+    ------
+    StudyError
+        That is no multiple of the rows' distance, or leaves fewer than three.
+    """
+    own = image.across_mm[1] - image.across_mm[0]
+    every = max(round(spacing_mm / own), 1)
+    middle = len(image.across_mm) // 2
+    rows = np.arange(middle % every, len(image.across_mm), every)
+    if not np.isclose(every * own, spacing_mm) or len(rows) < 3:
+        raise StudyError(
+            f"Rows {spacing_mm:g} mm apart must be three or more of the image's, "
+            f"which are {own:g} mm apart."
+        )
+    fired = image.response
+    response = Response([fired.spikes[row] for row in rows], fired.start_s, fired.end_s)
+    return RateImage(image.across_mm[rows], image.along_mm, image.rate_Hz[rows], response)
+
+
 def _check_even(across: Array, what: str) -> None:
     steps = np.diff(across)
     if len(across) < 3 or not np.allclose(steps, steps[0], atol=1e-6):
-        raise StudyError(f"For an image {what} must be three or more, evenly apart in X.")
+        widest = f" From {_widest(across)} mm there is none." if len(across) > 1 else ""
+        raise StudyError(f"For an image {what} must be three or more, evenly apart in X.{widest}")
+
+
+def _widest(across: Array) -> str:
+    k = int(np.argmax(np.diff(across)))
+    return f"{across[k]:g} to {across[k + 1]:g}"
