@@ -119,7 +119,7 @@ def test_rate_image_counts_the_spikes_of_the_slide():
     assert counted[2] > counted[1] > counted[0] == 0
 
 
-def test_population_and_fibre_agree_where_every_receptor_feels_the_same_body(tmp_path):
+def test_population_and_fibre_agree_where_every_receptor_feels_the_same_body(tmp_path, caplog):
     """A plane wave in X seen by a row of receptors, and by one receptor in shifted passes."""
     across = np.arange(-2, 3) * 1.0
     trace = make_trace(across)
@@ -139,10 +139,16 @@ def test_population_and_fibre_agree_where_every_receptor_feels_the_same_body(tmp
     assert population.response.counts().sum() > 20
     figure = side_by_side({"population": population, "single fibre": fibre})
     assert len(figure.axes) == 5
-    with pytest.raises(StudyError, match="three or more, evenly apart"):
-        fibre_image(passes[:2])
-    with pytest.raises(StudyError, match=r"evenly apart in X. From -1 to 1 mm there is none"):
-        fibre_image(passes[:2] + passes[3:])
+    beside = Study(stimulus=Text(shift_mm=(0.3, 0.0)))
+    uneven = [*passes, make_results(tmp_path / "beside", beside, one)]
+    with caplog.at_level("WARNING"):
+        holed = fibre_image(passes[:1] + passes[2:])
+    assert "no complete pass at X = 1 mm" in caplog.text
+    np.testing.assert_allclose(holed.across_mm, across)
+    np.testing.assert_allclose(holed.rate_Hz, fibre.rate_Hz * (across != 1)[:, None], atol=1e-9)
+    for few_or_uneven in (passes[:2], [passes[0], passes[0], passes[1]], uneven):
+        with pytest.raises(StudyError, match="three or more passes, evenly apart"):
+            fibre_image(few_or_uneven)
 
 
 def test_a_thinned_image_keeps_the_middle():

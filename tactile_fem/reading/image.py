@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,7 +15,11 @@ from tactile_fem.neuron import Response, respond
 from tactile_fem.results import Results
 from tactile_fem.study import Neuron
 
+logger = logging.getLogger(__name__)
+
 Array = NDArray[np.float64]
+
+_UNEVEN = "For an image there must be three or more passes, evenly apart in X."
 
 
 @dataclass(frozen=True)
@@ -65,7 +70,12 @@ def population_histories(results: Results) -> Sweep:
     places = trace["receptors_mm"]
     line = middle_row(places)
     across = places[line, 0]
-    _check_even(across, f"the receptors on Y = 0 in {results.folder}")
+    steps = np.diff(across)
+    if len(across) < 3 or not np.allclose(steps, steps[0], atol=1e-6):
+        raise StudyError(
+            f"For an image the receptors on Y = 0 in {results.folder} must be three or more, "
+            "evenly apart in X."
+        )
     # What is at X of the body at rest is met by the receptor at X: body and finger share axes.
     return Sweep(across, trace["time_s"], trace["sed_kPa"][:, line], study.protocol.speed_mm_s)
 
@@ -74,19 +84,19 @@ def fibre_histories(passes: Sequence[Results], base_mm: float = 0.0) -> Sweep:
     """Return what the receptor at X = Y = 0 felt in passes with shifted stimulators.
 
     A stimulator shifted to s brings what lies at X = base - s, when it is shifted to the base, to
-    the receptor.
+    the receptor. Where a pass is missing between others nothing is felt, and a warning is logged.
 
     Raises
     ------
     StudyError
-        The shifts are not even, or fewer than three, or the speeds differ.
+        The shifts are fewer than three, or uneven, or half of them are missing, or the speeds
+        differ.
     """
     if not passes:
         raise StudyError("There is no complete pass.")
     across = np.array([base_mm - results.study.stimulus.shift_mm[0] for results in passes])
     order = np.argsort(across)
-    across = across[order]
-    _check_even(across, "the passes")
+    across, rows = _with_gaps(across[order])
     speeds = {results.study.protocol.speed_mm_s for results in passes}
     if len(speeds) > 1:
         raise StudyError(f"The passes have different speeds: {sorted(speeds)} mm/s.")
@@ -99,7 +109,9 @@ def fibre_histories(passes: Sequence[Results], base_mm: float = 0.0) -> Sweep:
         )
         for trace in traces
     ]
-    return Sweep(across, time, np.column_stack(sed), speeds.pop())
+    felt = np.zeros((len(time), len(across)))
+    felt[:, rows] = np.column_stack(sed)
+    return Sweep(across, time, felt, speeds.pop())
 
 
 def rate_image(
@@ -136,7 +148,8 @@ def fibre_image(
     """Return the image that passes over one receptor make: the classic spatial event plot.
 
     It shows the stimulator as it lies when shifted to `base_mm`. The afferent is the same in all
-    passes, so its gain does not vary between rows.
+    passes, so its gain does not vary between rows. The row of a pass that is missing between
+    others is empty.
     """
     histories = fibre_histories(passes, base_mm)
     neuron = neuron or passes[0].study.neuron
@@ -165,13 +178,19 @@ def thinned(image: RateImage, spacing_mm: float) -> RateImage:
     return RateImage(image.across_mm[rows], image.along_mm, image.rate_Hz[rows], response)
 
 
-def _check_even(across: Array, what: str) -> None:
-    steps = np.diff(across)
-    if len(across) < 3 or not np.allclose(steps, steps[0], atol=1e-6):
-        widest = f" From {_widest(across)} mm there is none." if len(across) > 1 else ""
-        raise StudyError(f"For an image {what} must be three or more, evenly apart in X.{widest}")
-
-
-def _widest(across: Array) -> str:
-    k = int(np.argmax(np.diff(across)))
-    return f"{across[k]:g} to {across[k + 1]:g}"
+def _with_gaps(across: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Return evenly rising places, those of missing passes among them, and the row of each pass."""
+    step = np.diff(across).min(initial=np.inf)
+    length = across[-1] - across[0]
+    # Where more than half are missing, the passes are none of one series.
+    if len(across) < 3 or length > 2 * len(across) * step:
+        raise StudyError(_UNEVEN)
+    rows = np.rint((across - across[0]) / step).astype(int)
+    every = np.linspace(across[0], across[-1], rows[-1] + 1)
+    if not np.allclose(every[rows], across, atol=1e-6):
+        raise StudyError(_UNEVEN)
+    missing = np.delete(every, rows)
+    if len(missing):
+        places = ", ".join(f"{x:g}" for x in missing)
+        logger.warning("no complete pass at X = %s mm: the image is empty there", places)
+    return every, rows
