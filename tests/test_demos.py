@@ -285,7 +285,7 @@ def test_legibility(tmp_path):
             assert 0 <= number(told_of, told) <= 100
     passes = {path.parent.name for path in tmp_path.glob("passes/O/*/run.json")}
     assert passes == {"shift-5.000", "shift+5.000"}  # the letter's own scan is the third
-    assert (tmp_path / "confusion.png").is_file()
+    assert (tmp_path / "confusion.png").is_file() and (tmp_path / "letters.png").is_file()
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from tactile_fem.reading import (
     read,
     thinned,
 )
-from tactile_fem.reading.figures import confusion_figure, side_by_side
+from tactile_fem.reading.figures import confusion_figure, letters_figure, side_by_side
 from tactile_fem.reading.image import Sweep, rate_image
 from tactile_fem.study import Neuron, Plate, Study, Text
 
@@ -137,8 +137,14 @@ def test_population_and_fibre_agree_where_every_receptor_feels_the_same_body(tmp
     np.testing.assert_allclose(fibre.across_mm, population.across_mm)
     np.testing.assert_allclose(fibre.rate_Hz, population.rate_Hz, atol=1e-6)
     assert population.response.counts().sum() > 20
-    figure = side_by_side({"population": population, "single fibre": fibre})
-    assert len(figure.axes) == 5
+    images = {"population": population, "single fibre": fibre}
+    assert len(side_by_side(images).axes) == 5
+    circle = 3 * np.column_stack([np.cos(across), np.sin(across)])
+    letters = letters_figure(
+        {name: {"O": image} for name, image in images.items()}, {"O": [circle]}
+    )
+    assert [len(axes.lines) for axes in letters.axes] == [1, 1, 0, 0]  # two bars of colour
+    assert letters.axes[0].get_title() == "O"
     beside = Study(stimulus=Text(shift_mm=(0.3, 0.0)))
     uneven = [*passes, make_results(tmp_path / "beside", beside, one)]
     with caplog.at_level("WARNING"):

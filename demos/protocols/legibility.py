@@ -33,10 +33,11 @@ import numpy as np
 from cyclopts import Parameter
 
 from tactile_fem.entry import run
+from tactile_fem.figures import rings
 from tactile_fem.files import replacing, write_table
 from tactile_fem.logs import set_up
 from tactile_fem.reading import RateImage, Reading, fibre_image, population_image, read, thinned
-from tactile_fem.reading.figures import confusion_figure
+from tactile_fem.reading.figures import confusion_figure, letters_figure
 from tactile_fem.reading.legibility import outline_correlation
 from tactile_fem.results import Results
 from tactile_fem.series import complete_scans, run_series, single_fibre, sweep, write_summary
@@ -113,19 +114,26 @@ def main(
             letter: partial(fibre_image, passes_of(scan, passes, folder / "passes" / letter, jobs))
             for letter, scan in scans.items()
         }
-    readings = {}
+    readings, plain = {}, {}
     for protocol, of_letter in makers.items():
         images = {
             letter: [make(noisy(scans[letter], noise, k)) for k in range(1, realizations + 1)]
             for letter, make in of_letter.items()
         }
         blurred = {width: read(images, width) for width in blur}
-        plain = {letter: make() for letter, make in of_letter.items()}
-        tell(protocol, plain, scans, blurred, folder)
+        plain[protocol] = {letter: make() for letter, make in of_letter.items()}
+        tell(protocol, plain[protocol], scans, blurred, folder)
         readings |= {f"{protocol}, blur {width:g} mm": blurred[width] for width in blur}
-    with replacing(folder / "confusion.png") as part:
-        confusion_figure(readings).savefig(part, format="png")
-    print(folder / "confusion.png")
+    outlines = {letter: rings(scan.study.stimulus) for letter, scan in scans.items()}
+    figures = {
+        "letters": letters_figure(plain, outlines),
+        "confusion": confusion_figure(readings),
+    }
+    for name, figure in figures.items():
+        path = folder / f"{name}.png"
+        with replacing(path) as part:
+            figure.savefig(part, format="png")
+        print(path)
 
 
 def rows_of_population(scan: Results, spacing: float, neuron: Neuron | None = None) -> RateImage:

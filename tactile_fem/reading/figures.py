@@ -1,4 +1,4 @@
-"""Figures of reading: both protocols side by side, and what was taken for what."""
+"""Figures of reading: protocols and letters side by side, and what was taken for what."""
 
 from __future__ import annotations
 
@@ -47,6 +47,47 @@ def side_by_side(images: Mapping[str, RateImage], outlines: Outlines = ()) -> Fi
         axes.set_ylabel(ACROSS.replace("Receptor position", "Place"), fontsize=8)
     bar = figure.colorbar(drawn, ax=grid[1], shrink=0.8, label="Firing rate (spikes/s)")
     bar.outline.set_visible(False)
+    return figure
+
+
+@styled
+def letters_figure(
+    images: Mapping[str, Mapping[str, RateImage]], outlines: Mapping[str, Outlines]
+) -> Figure:
+    """Draw firing rates, a row for each protocol and a column for each letter.
+
+    Parameters
+    ----------
+    images
+        By protocol and letter.
+    outlines
+        By letter, as for `tactile_fem.plots.raster_figure`.
+    """
+    rows, columns = len(images), len(outlines)
+    figure = Figure(figsize=(1.7 * columns + 1.2, 1.9 * rows + 0.4), layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for (protocol, of_letter), panels in zip(images.items(), grid, strict=True):
+        brightest = max(image.rate_Hz.max(initial=1e-9) for image in of_letter.values())
+        for axes, (letter, image) in zip(panels, of_letter.items(), strict=True):
+            drawn = draw_rates(
+                axes,
+                image.along_mm,
+                image.across_mm,
+                image.rate_Hz,
+                outlines[letter],
+                brightest,
+            )
+            axes.set_aspect("equal")
+            axes.set_xlim(image.along_mm[0], image.along_mm[-1])
+            # X falls upwards, so that letters which read along the scan stand upright.
+            axes.set_ylim(image.across_mm[-1], image.across_mm[0])
+        panels[0].set_ylabel(f"{protocol}\nX (mm)", fontsize=8)
+        bar = figure.colorbar(drawn, ax=panels, shrink=0.8, label="spikes/s")
+        bar.outline.set_visible(False)
+    for axes, letter in zip(grid[0], outlines, strict=True):
+        axes.set_title(letter, fontsize=9)
+    for axes in grid[-1]:
+        axes.set_xlabel("Displacement (mm)", fontsize=8)
     return figure
 
 
