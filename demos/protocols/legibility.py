@@ -127,7 +127,7 @@ def main(
     outlines = {letter: rings(scan.study.stimulus) for letter, scan in scans.items()}
     figures = {
         "letters": letters_figure(plain, outlines),
-        "confusion": confusion_figure(readings),
+        "confusion": confusion_figure(readings, columns=len(blur)),
     }
     for name, figure in figures.items():
         path = folder / f"{name}.png"

@@ -64,7 +64,7 @@ def letters_figure(
         By letter, as for `tactile_fem.plots.raster_figure`.
     """
     rows, columns = len(images), len(outlines)
-    figure = Figure(figsize=(1.7 * columns + 1.2, 1.9 * rows + 0.4), layout="constrained")
+    figure = Figure(figsize=(1.7 * columns + 1.2, 1.8 * rows + 0.5), layout="compressed")
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for (protocol, of_letter), panels in zip(images.items(), grid, strict=True):
         brightest = max(image.rate_Hz.max(initial=1e-9) for image in of_letter.values())
@@ -80,7 +80,8 @@ def letters_figure(
             axes.set_aspect("equal")
             axes.set_xlim(image.along_mm[0], image.along_mm[-1])
             # X falls upwards, so that letters which read along the scan stand upright.
-            axes.set_ylim(image.across_mm[-1], image.across_mm[0])
+            half_row = (image.across_mm[1] - image.across_mm[0]) / 2
+            axes.set_ylim(image.across_mm[-1] + half_row, image.across_mm[0] - half_row)
         panels[0].set_ylabel(f"{protocol}\nX (mm)", fontsize=8)
         bar = figure.colorbar(drawn, ax=panels, shrink=0.8, label="spikes/s")
         bar.outline.set_visible(False)
@@ -92,9 +93,8 @@ def letters_figure(
 
 
 @styled
-def confusion_figure(readings: Mapping[str, Reading]) -> Figure:
-    """Draw which letter was read as which, a panel for each reading, two beside each other."""
-    columns = min(len(readings), 2)
+def confusion_figure(readings: Mapping[str, Reading], columns: int = 1) -> Figure:
+    """Draw which letter was read as which, a panel for each reading, so many beside each other."""
     rows = -(-len(readings) // columns)
     figure = Figure(figsize=(3.6 * columns, 3.6 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).flat
