@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tactile_fem.plots import ACROSS, DISPLACEMENT, INK, Outlines, draw_outlines, draw_rates, styled
@@ -23,7 +24,7 @@ def side_by_side(images: Mapping[str, RateImage], outlines: Outlines = ()) -> Fi
     outlines
         As for `tactile_fem.plots.raster_figure`.
     """
-    figure = Figure(figsize=(3.4 * len(images), 6.4), layout="constrained")
+    figure = Figure(figsize=(3.4 * len(images), 6.4), layout="compressed")
     grid = figure.subplots(2, len(images), sharex=True, sharey=True, squeeze=False)
     brightest = max(image.rate_Hz.max(initial=1e-9) for image in images.values())
     drawn = None
@@ -39,10 +40,7 @@ def side_by_side(images: Mapping[str, RateImage], outlines: Outlines = ()) -> Fi
         )
         below.set_xlabel(DISPLACEMENT)
         for axes in (top, below):
-            axes.set_aspect("equal")
-            axes.set_xlim(image.along_mm[0], image.along_mm[-1])
-            # X falls upwards, so that letters which read along the scan stand upright.
-            axes.set_ylim(image.across_mm[-1] + 0.2, image.across_mm[0] - 0.2)
+            _frame(axes, image)
     for axes in grid[:, 0]:
         axes.set_ylabel(ACROSS.replace("Receptor position", "Place"), fontsize=8)
     bar = figure.colorbar(drawn, ax=grid[1], shrink=0.8, label="Firing rate (spikes/s)")
@@ -77,11 +75,7 @@ def letters_figure(
                 outlines[letter],
                 brightest,
             )
-            axes.set_aspect("equal")
-            axes.set_xlim(image.along_mm[0], image.along_mm[-1])
-            # X falls upwards, so that letters which read along the scan stand upright.
-            half_row = (image.across_mm[1] - image.across_mm[0]) / 2
-            axes.set_ylim(image.across_mm[-1] + half_row, image.across_mm[0] - half_row)
+            _frame(axes, image)
         panels[0].set_ylabel(f"{protocol}\nX (mm)", fontsize=8)
         bar = figure.colorbar(drawn, ax=panels, shrink=0.8, label="spikes/s")
         bar.outline.set_visible(False)
@@ -112,3 +106,11 @@ def confusion_figure(readings: Mapping[str, Reading], columns: int = 1) -> Figur
         axes.set(xlabel="Read as", ylabel="Letter")
         axes.set_title(f"{title}: {100 * reading.accuracy:.0f} % right", fontsize=9)
     return figure
+
+
+def _frame(axes: Axes, image: RateImage) -> None:
+    """Show the whole image to scale; X falls upwards, so that letters stand upright."""
+    half_row = (image.across_mm[1] - image.across_mm[0]) / 2
+    axes.set_aspect("equal")
+    axes.set_xlim(image.along_mm[0], image.along_mm[-1])
+    axes.set_ylim(image.across_mm[-1] + half_row, image.across_mm[0] - half_row)
