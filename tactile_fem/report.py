@@ -164,6 +164,8 @@ def _drawn(results: Results) -> list[str]:
 
 def _protocols(results: Results, passes: Sequence[Results]) -> list[str]:
     base = results.study.stimulus.shift_mm[0]
+    if all(one.study.stimulus.shift_mm[0] != base for one in passes):
+        passes = [results, *passes]  # its middle receptor's is the pass that needs no shift
     images = {
         "population": population_image(results),
         "single fibre": fibre_image(passes, base_mm=base),
@@ -187,11 +189,13 @@ def _series(summary: Path) -> tuple[str, list[str]]:
         head, *rows = csv.reader(stream)
     scans = passes_in(summary.parent)
     parts = [_table(head, rows)]
-    if all(len(results.trace["receptors_mm"]) == 1 for results in scans):
+    shifts = {results.study.stimulus.shift_mm[0] for results in scans}
+    alone = [results for results in scans if len(results.trace["receptors_mm"]) == 1]
+    # Among passes the one without a shift may be a population's: its middle receptor counts.
+    if alone and len(shifts) == len(scans):
         figure = side_by_side({"single fibre": fibre_image(scans)}, rings(_unshifted(scans)))
         parts.append(_image(_png(figure), "Passes over one receptor."))
-    else:
-        parts += [part for results in scans for part in _rasters(results)]
+    parts += [part for results in scans if results not in alone for part in _rasters(results)]
     return f"Series {summary.parent.name}", parts
 
 

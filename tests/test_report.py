@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from html.parser import HTMLParser
 
 import numpy as np
@@ -65,6 +66,22 @@ def test_both_protocols(tmp_path):
     assert re.search(r"<td>single fibre</td><td>5</td>", text)
     write_summary(passes, tmp_path / "fibre")
     assert tags(write_report(tmp_path / "fibre")).count("tr") == 6
+    # Without the pass that needs no shift, the scan's middle receptor is it.
+    shutil.rmtree(folder_of(passes[2], tmp_path / "fibre"))
+    write_report(population.folder, fibre=tmp_path / "fibre", output=path)
+    assert re.findall(r"<td>single fibre</td><td>5</td><td>\d+", path.read_text()) == re.findall(
+        r"<td>single fibre</td><td>5</td><td>\d+", text
+    )
+
+
+def test_a_population_among_the_passes(tmp_path):
+    """As the demo of both protocols leaves them: a figure of the passes, one of the population."""
+    passes = single_fibre(Study(), spacing_mm=1.0, half_width_mm=1.0)
+    for member in passes:
+        receptors = np.zeros(1) if member.values["shift_mm"] else np.arange(-1, 2) * 1.0
+        make_results(folder_of(member, tmp_path), member.study, make_trace(receptors))
+    write_summary(passes, tmp_path)
+    assert tags(write_report(tmp_path)).count("img") == 2
 
 
 def test_sweep_and_nothing(tmp_path):
