@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_fem.extrema import central_receptor, middle_row
-from tactile_fem.files import replacing
+from tactile_fem.files import write_figure
 from tactile_fem.neuron import Response
 from tactile_fem.pictures import draw_pictures
 from tactile_fem.plots import (
@@ -63,8 +63,7 @@ def draw_plots(results: Results) -> list[Path]:
     paths = []
     for name, figure in figures.items():
         path = results.figures / f"{name}.png"
-        with replacing(path) as part:
-            figure.savefig(part, format="png")
+        write_figure(path, figure)
         paths.append(path)
     return paths
 

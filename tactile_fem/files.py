@@ -8,7 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PART_SUFFIX = ".part"
 
@@ -42,6 +45,12 @@ def write_text(path: Path, text: str) -> None:
     """Write a text file whole."""
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8")
+
+
+def write_figure(path: Path, figure: Figure, dpi: float | None = None) -> None:
+    """Write a figure as a PNG, with matplotlib's dots per inch if none are given."""
+    with replacing(path) as part:
+        figure.savefig(part, format="png", dpi=dpi)
 
 
 def write_table(path: Path, rows: Sequence[Any]) -> None:

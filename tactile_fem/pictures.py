@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem import doctor
 from tactile_fem.extrema import central_receptor, extrema
 from tactile_fem.fields import read_series
-from tactile_fem.files import replacing
+from tactile_fem.files import write_figure
 from tactile_fem.results import Results
 
 logger = logging.getLogger(__name__)
@@ -138,8 +138,7 @@ def at_time(trace: Mapping[str, NDArray[np.float64]], name: str, time_s: ArrayLi
 
 
 def _save(figure: Figure, path: Path) -> None:
-    with replacing(path) as part:
-        figure.savefig(part, format="png")
+    write_figure(path, figure)
     print(path, flush=True)
 
 

@@ -86,7 +86,7 @@ def test_reader_tells_letters_apart_and_guesses_in_noise():
     assert clear.letters == tuple("CDFGHO")
     np.testing.assert_array_equal(clear.confusion, 5 * np.eye(6, dtype=int))
     assert read(images(50.0)).accuracy < 0.5
-    assert len(confusion_figure({"clear": clear}).axes) == 1
+    assert len(confusion_figure({"clear": {0.0: clear}}).axes) == 1
     with pytest.raises(StudyError, match="two or more images"):
         read({"C": images(0.0)["C"][:1]})
     with pytest.raises(StudyError, match="as many of each"):

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 
 from tactile_fem.entry import run
 from tactile_fem.extrema import central_receptor
-from tactile_fem.files import replacing, write_table
+from tactile_fem.files import write_figure, write_table
 from tactile_fem.logs import set_up
 from tactile_fem.plots import BLUE, DISPLACEMENT, GREEN, INK, VERMILION
 from tactile_fem.reading import population_image
@@ -89,8 +89,7 @@ def main(
             f"{r.spikes} spikes, outline r = {r.outline_correlation:.3f}"
         )
     write_table(folder / "friction.csv", rows)
-    with replacing(folder / "friction.png") as part:
-        draw(scans, rows).savefig(part, format="png", dpi=200)
+    write_figure(folder / "friction.png", draw(scans, rows), dpi=200)
     print(folder / "friction.png")
 
 

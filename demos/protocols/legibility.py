@@ -34,7 +34,7 @@ from cyclopts import Parameter
 
 from tactile_fem.entry import run
 from tactile_fem.figures import rings
-from tactile_fem.files import replacing, write_table
+from tactile_fem.files import write_figure, write_table
 from tactile_fem.logs import set_up
 from tactile_fem.reading import RateImage, Reading, fibre_image, population_image, read, thinned
 from tactile_fem.reading.figures import confusion_figure, letters_figure
@@ -103,13 +103,11 @@ def main(
     print(write_summary(members, folder))
     scans = {scan.study.stimulus.text: scan for scan in complete_scans(members, folder)}
     noise = {"gain_spread": gain_spread, "threshold_noise": threshold_noise}
+    of_population = population_image if passes is None else partial(rows_of_population, passes)
     makers = {
-        "population": {letter: partial(population_image, scan) for letter, scan in scans.items()}
+        "population": {letter: partial(of_population, scan) for letter, scan in scans.items()}
     }
     if passes is not None:
-        makers["population"] = {
-            letter: partial(rows_of_population, scan, passes) for letter, scan in scans.items()
-        }
         makers["single fibre"] = {
             letter: partial(fibre_image, passes_of(scan, passes, folder / "passes" / letter, jobs))
             for letter, scan in scans.items()
@@ -120,23 +118,21 @@ def main(
             letter: [make(noisy(scans[letter], noise, k)) for k in range(1, realizations + 1)]
             for letter, make in of_letter.items()
         }
-        blurred = {width: read(images, width) for width in blur}
+        readings[protocol] = {width: read(images, width) for width in blur}
         plain[protocol] = {letter: make() for letter, make in of_letter.items()}
-        tell(protocol, plain[protocol], scans, blurred, folder)
-        readings |= {f"{protocol}, blur {width:g} mm": blurred[width] for width in blur}
+        tell(protocol, plain[protocol], scans, readings[protocol], folder)
     outlines = {letter: rings(scan.study.stimulus) for letter, scan in scans.items()}
     figures = {
         "letters": letters_figure(plain, outlines),
-        "confusion": confusion_figure(readings, columns=len(blur)),
+        "confusion": confusion_figure(readings),
     }
     for name, figure in figures.items():
         path = folder / f"{name}.png"
-        with replacing(path) as part:
-            figure.savefig(part, format="png")
+        write_figure(path, figure)
         print(path)
 
 
-def rows_of_population(scan: Results, spacing: float, neuron: Neuron | None = None) -> RateImage:
+def rows_of_population(spacing: float, scan: Results, neuron: Neuron | None = None) -> RateImage:
     """Return the population's image with rows as far apart as the passes are."""
     return thinned(population_image(scan, neuron), spacing)
 

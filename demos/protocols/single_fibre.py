@@ -25,7 +25,7 @@ from pathlib import Path
 
 from tactile_fem.entry import run
 from tactile_fem.figures import rings
-from tactile_fem.files import replacing, write_table
+from tactile_fem.files import write_figure, write_table
 from tactile_fem.logs import set_up
 from tactile_fem.reading import RateImage, bundles, fibre_image, population_image
 from tactile_fem.reading.figures import side_by_side
@@ -112,9 +112,7 @@ def tell(images: dict[str, RateImage], study: Study, folder: Path) -> None:
             )
     if rows:
         write_table(folder / "bundles.csv", rows)
-    figure = side_by_side(images, rings(study.stimulus))
-    with replacing(folder / "protocols.png") as part:
-        figure.savefig(part, format="png")
+    write_figure(folder / "protocols.png", side_by_side(images, rings(study.stimulus)))
     print(folder / "protocols.png")
 
 

@@ -87,12 +87,23 @@ def letters_figure(
 
 
 @styled
-def confusion_figure(readings: Mapping[str, Reading], columns: int = 1) -> Figure:
-    """Draw which letter was read as which, a panel for each reading, so many beside each other."""
-    rows = -(-len(readings) // columns)
+def confusion_figure(readings: Mapping[str, Mapping[float, Reading]]) -> Figure:
+    """Draw which letter was read as which.
+
+    Parameters
+    ----------
+    readings
+        By protocol, a row each, and blur of the images in mm, a column each.
+    """
+    rows, columns = len(readings), len(next(iter(readings.values())))
     figure = Figure(figsize=(3.6 * columns, 3.6 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).flat
-    for axes, (title, reading) in zip(panels, readings.items(), strict=False):
+    titled = [
+        (f"{protocol}, blur {width:g} mm", reading)
+        for protocol, of_blur in readings.items()
+        for width, reading in of_blur.items()
+    ]
+    for axes, (title, reading) in zip(panels, titled, strict=True):
         share = reading.confusion / reading.confusion.sum(axis=1, keepdims=True)
         axes.imshow(share, cmap="cividis", vmin=0, vmax=1)
         for (row, column), value in np.ndenumerate(share):

@@ -89,8 +89,8 @@ def fibre_histories(passes: Sequence[Results], base_mm: float = 0.0) -> Sweep:
     Raises
     ------
     StudyError
-        The shifts are fewer than three, or uneven, or half of them are missing, or the speeds
-        differ.
+        The shifts are fewer than three, or uneven, or more than half of them are missing, or the
+        speeds differ.
     """
     if not passes:
         raise StudyError("There is no complete pass.")
