@@ -1,7 +1,14 @@
-"""PETSc's options: the package's defaults, then the study's, then those of PETSC_OPTIONS."""
+"""PETSc's options: the package's defaults, then the study's, then those of PETSc's database.
+
+People write ``-tactile_snes_monitor``, which holds for every problem. PETSc keeps all options of a
+process in one table, so each problem reads its own copy there, under a prefix of its own.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from tactile_fem.errors import StudyError
@@ -10,7 +17,7 @@ from tactile_fem.mechanics.multigrid import MULTIGRID_OPTIONS
 from tactile_fem.study import Solver
 
 PetscOption = str | int | float | bool
-PREFIX = "tactile_"
+USER_PREFIX = "tactile_"
 
 NEWTON: dict[str, PetscOption] = {
     "snes_type": "newtonls",
@@ -40,7 +47,7 @@ LINEAR: dict[str, dict[str, PetscOption]] = {
         "pc_factor_mat_solver_type": "mumps",
     },
 }
-_FROM_ENVIRONMENT: dict[str, PetscOption] = dict(PETSc.Options(PREFIX).getAll())
+_latest = 0  # number in the newest prefix
 
 
 def check_options(solver: Solver) -> None:
@@ -51,9 +58,10 @@ def check_options(solver: Solver) -> None:
     StudyError
         PETSc refuses one. Options of the parts of multigrid are read later.
     """
-    set_options(solver)
+    prefix = new_prefix(MPI.COMM_SELF)
+    set_options(prefix, options_of(solver))
     trial = PETSc.SNES().create(PETSc.COMM_SELF)
-    trial.setOptionsPrefix(PREFIX)
+    trial.setOptionsPrefix(prefix)
     try:
         trial.setFromOptions()
     except PETSc.Error as error:
@@ -63,21 +71,45 @@ def check_options(solver: Solver) -> None:
         ) from error
     finally:
         trial.destroy()
+        clear_options(prefix)
 
 
-def set_options(solver: Solver) -> dict[str, PetscOption]:
-    """Put the options into PETSc's database and return them, without the prefix.
+def options_of(solver: Solver) -> dict[str, PetscOption]:
+    """Return a problem's options without a prefix: defaults, the study's, PETSc's database.
 
-    They stay there, since multigrid reads its own at the first solve; those of an earlier
-    problem go.
+    From the database come those that start with ``tactile_`` at this moment, whether
+    ``PETSC_OPTIONS`` or a script has set them. They win.
     """
-    database = PETSc.Options(PREFIX)
-    for name in database.getAll():
-        del database[name]
-    options = {**NEWTON, **LINEAR[solver.linear], **solver.petsc, **_FROM_ENVIRONMENT}
+    return {
+        **NEWTON,
+        **LINEAR[solver.linear],
+        **solver.petsc,
+        **PETSc.Options(USER_PREFIX).getAll(),
+    }
+
+
+def new_prefix(comm: MPI.Comm) -> str:
+    """Return an option prefix that no other problem has, the same on all ranks of `comm`."""
+    global _latest
+    _latest = comm.allreduce(_latest, op=MPI.MAX) + 1
+    return f"tactile{_latest}_"
+
+
+def set_options(prefix: str, options: Mapping[str, PetscOption]) -> None:
+    """Put a problem's options into PETSc's database, until `clear_options`.
+
+    They have to stay there, since multigrid reads its own at the first solve.
+    """
+    database = PETSc.Options(prefix)
     for name, value in options.items():
         database[name] = value
     whole = PETSc.Options()
     if not whole.hasName("options_left"):
         whole["options_left"] = False  # a press without contact uses few of them
-    return options
+
+
+def clear_options(prefix: str) -> None:
+    """Remove a problem's options from PETSc's database."""
+    database = PETSc.Options(prefix)
+    for name in database.getAll():
+        del database[name]

@@ -24,7 +24,12 @@ from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.load import Load, LoadCell
 from tactile_fem.mechanics.obstacle import Obstacle
-from tactile_fem.mechanics.petsc_options import PREFIX, set_options
+from tactile_fem.mechanics.petsc_options import (
+    clear_options,
+    new_prefix,
+    options_of,
+    set_options,
+)
 from tactile_fem.mechanics.slip import StickMemory
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.study import Solver, Study, Tissue
@@ -150,7 +155,11 @@ class FingerProblem:
         residual = self.elasticity.residual(domain, v, solver.bulk_degree)
         for part in self.skin:
             residual += part.contact.residual(part.t, self.u, self.u_old, v) * part.ds
-        self.options = set_options(solver)
+        self.options = options_of(solver)
+        prefix = new_prefix(domain.comm)
+        set_options(prefix, self.options)
+        self._clear_options = weakref.finalize(self, clear_options, prefix)
+        self._clear_options.atexit = False  # PETSc may be gone by then
         # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.
         has_inner = "npc_snes_type" in self.options
         uses_multigrid = self.options["pc_type"] == "mg" and not has_inner
@@ -159,7 +168,7 @@ class FingerProblem:
             residual,
             self.u,
             bcs=self._bcs,
-            petsc_options_prefix=PREFIX,
+            petsc_options_prefix=prefix,
             kind="baij" if uses_multigrid else None,
             jit_options=self._jit,
             entity_maps=self.obstacle.entity_maps,
@@ -199,6 +208,7 @@ class FingerProblem:
         for part in (own.solver, own.A, own.b, own.x):
             part.destroy()
         self._two_level = None
+        self._clear_options()
         PETSc.garbage_cleanup(self.domain.comm)
         _OPEN.discard(self)
 

@@ -1,0 +1,83 @@
+"""Each problem has options of its own in PETSc's one table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tactile_fem import backend  # noqa: F401
+
+from mpi4py import MPI  # isort: skip
+from petsc4py import PETSc  # isort: skip
+
+from blocks import LAYERS, block_mesh
+
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.petsc_options import check_options
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Solver, Sphere, Tissue
+
+
+def layered_block(**solver) -> FingerProblem:
+    """Return a layered block under a ball, not solved yet."""
+    line, depths = np.linspace(-3, 3, 4), np.array([0.0, 0.17, 0.82, 1.62, 3.0])
+    domain = create_domain(block_mesh(line, line, depths, LAYERS), MPI.COMM_SELF, ("cut",))
+    settings = Solver(held=("cut",), **solver)
+    return FingerProblem(domain, Tissue.model_validate({}), make_body(Sphere()), 0.3, settings)
+
+
+def press(problem: FingerProblem) -> int:
+    """Press the ball in a little and return the iterations of the linear solver."""
+    report = problem.solve(np.array([0.0, 0.0, 0.2]), 0.01)
+    assert report.converged
+    return report.linear_iterations
+
+
+def smoothing_steps(problem: FingerProblem) -> int:
+    """Return how many steps the smoother of multigrid takes."""
+    smoother = problem.snes.getKSP().getPC().getMGSmoother(1)
+    return int(smoother.getTolerances()[3])
+
+
+@pytest.fixture
+def database() -> Iterator[PETSc.Options]:
+    """PETSc's table, whose new entries go afterwards."""
+    options = PETSc.Options()
+    before = set(options.getAll())
+    yield options
+    for name in set(options.getAll()) - before:
+        del options[name]
+
+
+def test_a_second_problem_leaves_the_first_ones_options_alone():
+    alone = press(layered_block(petsc={"mg_levels_ksp_max_it": 2}))
+    first = layered_block(petsc={"mg_levels_ksp_max_it": 2})
+    second = layered_block(petsc={"mg_levels_ksp_max_it": 5})
+    check_options(Solver(linear="direct"))
+    assert press(first) == alone
+    press(second)
+    assert (smoothing_steps(first), smoothing_steps(second)) == (2, 5)
+
+
+def test_what_a_script_sets_after_import_is_heeded_and_wins(database):
+    database["tactile_snes_max_it"] = 40
+    database["tactile_mg_levels_ksp_max_it"] = 4
+    problem = layered_block(petsc={"snes_max_it": 2, "snes_atol": 1e-9})
+    press(problem)
+    _, atol, _, most = problem.snes.getTolerances()
+    assert (atol, most, smoothing_steps(problem)) == (1e-9, 40, 4)
+    assert problem.options["snes_max_it"] == "40"
+
+
+@pytest.mark.parametrize("end", ["closed", "forgotten"])
+def test_a_problem_takes_its_options_along(database, end):
+    before = database.getAll()
+    problem = layered_block()
+    assert len(database.getAll()) > len(before)
+    if end == "closed":
+        problem.close()
+    del problem
+    assert {**database.getAll(), "options_left": ""} == {**before, "options_left": ""}
