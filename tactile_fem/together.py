@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import pickle
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -38,10 +39,39 @@ def on_root[T](comm: MPI.Comm, action: Callable[[], T], *, share: bool = True) -
             result = action()
         except Exception as caught:
             error = caught
-    error = comm.bcast(error)
+    error = comm.bcast(_picklable(error))
     if error is not None:
         raise error
     return comm.bcast(result) if share else result
+
+
+@contextmanager
+def raising_together(comm: MPI.Comm) -> Iterator[None]:
+    """Raise on all ranks what any of them raises in the block, which must not communicate.
+
+    Parameters
+    ----------
+    comm
+        Communicator; all its ranks must enter.
+    """
+    error: Exception | None = None
+    try:
+        yield
+    except Exception as caught:
+        error = caught
+    if not comm.allreduce(error is not None, op=MPI.LOR):
+        return
+    errors = comm.allgather(_picklable(error))
+    raise error or next(found for found in errors if found is not None)
+
+
+def _picklable(error: Exception | None) -> Exception | None:
+    """Return an error that can be sent to another rank: itself, or a sentence in its place."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return TactileError(f"{type(error).__name__}: {error}")
+    return error
 
 
 @contextmanager

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import logging
 import subprocess
 import sys
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -12,12 +14,13 @@ import pytest
 
 from tactile_fem import backend, ranks  # noqa: F401
 
+from dolfinx import fem  # isort: skip
 from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
 
 from tactile_fem.mechanics import problem as problem_module
-from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.mechanics.multigrid import TwoLevel
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.stimulus import make_body
@@ -138,6 +141,17 @@ def test_a_line_is_inverted_whole():
         dofs = (3 * block[0][:, None] + np.arange(3)).ravel()
         exact = np.linalg.solve(dense[np.ix_(dofs, dofs)], x.array[dofs])
         np.testing.assert_allclose(y.array[dofs], exact, rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("columns", [True, False])
+def test_layers_without_columns_are_told(columns, caplog, monkeypatch):
+    monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)
+    line = np.linspace(-5, 5, 8)
+    domain = create_domain(block_mesh(line, line, DEPTHS, LAYERS), MPI.COMM_SELF, ("cut",))
+    if not columns:  # as where one node of the skin lies over many nodes of fine tetrahedra
+        domain = replace(domain, line=np.where(domain.line >= 0, 0, -1))
+    NodeOrder(domain, fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))).blocks()
+    assert ("100 % of the nodes in the skin's layers" in caplog.text) != columns
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,9 @@ from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMesh, held_parts
+from tactile_fem.together import on_root, raising_together
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -97,8 +101,7 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
         a million times stiffer than the tissue around it, so holding it whole (a rigid bone)
         changes nothing but the cost.
     """
-    plan = _plan(finger, held) if comm.rank == 0 else None
-    straight, nodes, held_nodes, line, file_cells = comm.bcast(plan)
+    straight, nodes, held_nodes, line, file_cells = on_root(comm, lambda: _plan(finger, held))
     degree, corners, sides = (1, 4, 3) if straight else (2, 10, 6)
     if comm.rank == 0:
         tets = finger.tets[file_cells]
@@ -181,6 +184,8 @@ def roller(
 
 # Larger groups (unstructured meshes) fall apart into single nodes.
 _LONGEST_LINE = 24
+# Share of the nodes in the skin's layers that may do so without a word.
+_FEW_BROKEN = 0.1
 
 
 class NodeOrder:
@@ -193,8 +198,11 @@ class NodeOrder:
     def __init__(self, domain: Domain, space: fem.FunctionSpace) -> None:
         points = space.tabulate_dof_coordinates()
         distance, self._file = cKDTree(domain.nodes).query(points)
-        if len(distance) and distance.max() > 1e-6:
-            raise MeshError("mesh: a P2 node is not a node of the file; 10-node tetrahedra needed")
+        with raising_together(domain.comm):
+            if len(distance) and distance.max() > 1e-6:
+                raise MeshError(
+                    "mesh: a P2 node is not a node of the file; 10-node tetrahedra needed"
+                )
         self._owned = space.dofmap.index_map.size_local
         self._first = space.dofmap.index_map.local_range[0]
         self._count = len(domain.nodes)
@@ -224,7 +232,22 @@ class NodeOrder:
         head = np.where(self._line >= 0, self._line, np.arange(self._count))
         caring = np.maximum(owner[head], 0)
         mine = np.flatnonzero((number >= 0) & (caring == self._comm.rank))
-        return [number[mine[group]] for group in _groups(self._line[mine])]
+        groups = _groups(self._line[mine])
+        self._warn_of_broken_lines(self._line[mine], groups)
+        return [number[mine[group]] for group in groups]
+
+    def _warn_of_broken_lines(self, line: np.ndarray, groups: list[np.ndarray]) -> None:
+        """Warn where nodes of the skin's layers are left without a line: multigrid needs them."""
+        broken = sum(np.sum(line[group] >= 0) for group in groups if group.shape[1] == 1)
+        counts = self._comm.allreduce(np.array([broken, np.sum(line >= 0)]))
+        if counts[0] > _FEW_BROKEN * counts[1]:
+            logger.warning(
+                "%.0f %% of the nodes in the skin's layers are in no line of at most %d nodes "
+                "under a node of the skin, as in unstructured layers: multigrid may need several "
+                "times the iterations; mesh the layers as columns under the skin's triangles",
+                100 * counts[0] / counts[1],
+                _LONGEST_LINE,
+            )
 
     def gather(self, u: fem.Function) -> np.ndarray:
         """Return the nodal vectors (n, 3) in file order, on every rank."""

@@ -22,6 +22,7 @@ from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.stimulus.body import RigidBody
+from tactile_fem.together import raising_together
 
 
 class Obstacle:
@@ -97,13 +98,16 @@ class Obstacle:
         return (deformed - displacement).reshape(-1, 3)
 
     def refresh(self) -> None:
-        """Expand the signed distance anew at the current displacement."""
+        """Expand the signed distance anew at the current displacement; all ranks must call."""
+        with raising_together(self.comm):  # a user's own body may fail on one of them
+            self._refresh()
+
+    def _refresh(self) -> None:
         if not len(self._entities):
             return
         at = np.append(self.u.x.array, self.translation.value)
         if np.array_equal(at, self._at):
             return  # the Jacobian follows a residual at the same place
-        self._at = at
         position, displacement = self._evaluate
         y = position.eval(self._parent, self._entities).reshape(-1, 3)
         d = self.body.distance(y - self.translation.value)
@@ -112,6 +116,7 @@ class Obstacle:
         self._hessian.x.array[: d.hessian.size] = d.hessian.ravel()
         u0 = displacement.eval(self._parent, self._entities)
         self._base.x.array[: u0.size] = u0.ravel()
+        self._at = at
 
 
 def _cells_and_local_facets(
