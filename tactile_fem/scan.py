@@ -233,17 +233,7 @@ class _Rig:
         for step in self.march:
             feeling = self.probe.feel()
             _check_sound(step, feeling, histories.receptors_mm)
-            histories.add(
-                displacement_mm=step.displacement_mm,
-                depth_mm=step.depth_mm,
-                clock_s=step.clock_s,
-                stimulator_mm=step.translation_mm,
-                newton_iterations=step.newton_iterations,
-                linear_iterations=step.linear_iterations,
-                wall_s=step.wall_s,
-                **vars(step.load),
-                **vars(feeling),
-            )
+            histories.add(step, feeling)
             if self.recorder:
                 self.recorder.step(step, histories.trace())
             for observer in observers:
@@ -287,7 +277,7 @@ def _march(
                 _conclude(rig.recorder, histories.trace(), neuron, _status(error))
         raise
     trace = histories.trace()
-    _tell_exactness(trace)
+    _tell_contact(trace)
     return trace, _conclude(rig.recorder, trace, neuron, "complete")
 
 
@@ -359,16 +349,17 @@ def _has_checkpoint(results: Results) -> bool:
     return False
 
 
-def _tell_exactness(trace: Trace) -> None:
-    """Log how exact the contact was at full depth; warn where it was not."""
+def _tell_contact(trace: Trace) -> None:
+    """Say how exact the contact was at full depth; warn where it was not, or was none."""
+    if not trace.force_N.any():
+        logger.warning(
+            "the stimulator never touched the finger: press deeper (protocol.depth_mm), or let a "
+            "raised part lie under the pad (stimulus.start_mm, stimulus.shift_mm)"
+        )
+        return
     deep = trace.depth_mm == trace.depth_mm.max()
     gap, depth = trace.gap_error_mm[deep].max(), trace.depth_mm.max()
-    logger.info(
-        "contact at full depth: skin off the body's surface by %.4f mm on average; stress of the "
-        "tissue there off the contact's by %.0f %%, which tells of the mesh more than of forces",
-        gap,
-        100 * np.abs(trace.traction_error[deep]).max(),
-    )
+    logger.info("contact at full depth: skin off the body's surface by %.4f mm on average", gap)
     if gap > _GAP_ERROR * depth:
         logger.warning(
             "the skin is off the stimulator's surface by more than a hundredth of the depth: "

@@ -117,10 +117,10 @@ class Histories:
             histories._columns[name] = list(trace[name][:rows])
         return histories
 
-    def add(self, **row: Any) -> None:
-        """Append a row: one value for each column of `Trace` but time and place."""
+    def add(self, step: Any, feeling: Any) -> None:
+        """Append a row: the attributes of a step, and what the receptors feel at it."""
         for name, column in self._columns.items():
-            column.append(row[name])
+            column.append(getattr(feeling if hasattr(feeling, name) else step, name))
 
     def trace(self) -> Trace:
         """Return the histories so far."""

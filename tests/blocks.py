@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
 
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, quadratic
+from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMesh, quadratic
 
 LAYERS = ["stratum_corneum", "epidermis", "dermis", "subcutaneous"]
 
@@ -50,3 +51,17 @@ def block_mesh(x: np.ndarray, y: np.ndarray, z: np.ndarray, tissue_of_row: list[
         triangles6,
         np.concatenate(surface).astype(np.int32),
     )
+
+
+def curved(mesh: FingerMesh, shift_mm: float = 0.1) -> FingerMesh:
+    """Return a block of the same shape whose edges are bent within their horizontal planes."""
+    nodes, middle = mesh.nodes.copy(), np.unique(mesh.tets[:, 4:])
+    x, y = nodes[middle, :2].T
+    half = np.abs(nodes[:, :2]).max(axis=0)
+    inside = np.cos(np.pi * x / (2 * half[0])) * np.cos(np.pi * y / (2 * half[1]))
+    nodes[middle, 0] += shift_mm * inside * np.cos(2 * y)
+    nodes[middle, 1] += shift_mm * inside * np.sin(3 * x)
+    assert (
+        np.abs(nodes[mesh.tets[:, 4:]] - nodes[mesh.tets[:, TET_EDGES]].mean(axis=2)).max() > 0.05
+    )
+    return replace(mesh, nodes=nodes)

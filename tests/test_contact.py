@@ -16,7 +16,7 @@ from tactile_fem import backend  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 
-from blocks import LAYERS, block_mesh
+from blocks import LAYERS, block_mesh, curved
 
 from tactile_fem.mechanics.contact import smooth_positive
 from tactile_fem.mechanics.domain import create_domain, roller
@@ -30,9 +30,10 @@ ELASTIC = Tissue.model_validate({"set": "proposed", "viscous_time_s": 0.0})
 
 
 @cache
-def block(width: float = 3.0, count: int = 3):
+def block(width: float = 3.0, count: int = 3, bent: bool = False):
     line = np.linspace(-width, width, count + 1)
-    return create_domain(block_mesh(line, line, DEPTHS, LAYERS), MPI.COMM_SELF, ("cut",))
+    mesh = block_mesh(line, line, DEPTHS, LAYERS)
+    return create_domain(curved(mesh) if bent else mesh, MPI.COMM_SELF, ("cut",))
 
 
 def problem(body, *, tissue=ELASTIC, constraints=lambda V: [], domain=None, **solver):
@@ -67,8 +68,8 @@ def layer_stress(c, stretch: float) -> float:
     return (c.C10_MPa + 2 * c.C20_MPa * (I1 - 3)) * dI1 + 2 / c.D1_per_MPa * (stretch - 1)
 
 
-@pytest.mark.parametrize("theta", [0, 1, -1])
-def test_patch_of_four_layers_is_exact(theta):
+@pytest.mark.parametrize(("theta", "bent"), [(0, False), (1, False), (-1, False), (0, True)])
+def test_patch_of_four_layers_is_exact(theta, bent):
     """A flat press with held sides: one stretch and one pressure per layer, exactly."""
     depth = 0.3
     thickness = np.diff(DEPTHS)
@@ -81,7 +82,11 @@ def test_patch_of_four_layers_is_exact(theta):
     stretch, _, ok, _ = fsolve(balance, np.full(4, 0.9), xtol=1e-13, full_output=True)
     assert ok == 1
     contact = problem(
-        Plate(friction=0.0), constraints=rollers, nitsche_theta=theta, contact_width_MPa=0
+        Plate(friction=0.0),
+        constraints=rollers,
+        domain=block(bent=bent),
+        nitsche_theta=theta,
+        contact_width_MPa=0,
     )
     load = pressed(contact, (0, 0, depth / 2), (0, 0, depth))
     heights = np.interp(

@@ -7,18 +7,20 @@ import sys
 
 import numpy as np
 import pytest
+import ufl
 from scipy.spatial.distance import pdist
 
 from tactile_fem import backend  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 
-from blocks import block_mesh
+from blocks import block_mesh, curved
 
 from tactile_fem import ranks
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import SURFACES, load_finger
 from tactile_fem.finger.mesh_data import FingerMesh
+from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.probe import CellEnergy, Probe
 from tactile_fem.mechanics.problem import FingerProblem
@@ -154,8 +156,10 @@ def test_probe_reads_a_homogeneous_state_exactly(radius):
     tissue = Tissue.model_validate({})
     settings = Solver(held=("cut",))
     problem = FingerProblem(domain, tissue, make_body(Plate()), 0.3, settings)
-    stretch = np.array([0.8, 1.1, 1.05])
-    problem.u.interpolate(lambda x: (stretch - 1)[:, None] * x)
+    stretch, before = np.array([0.8, 1.1, 1.05]), np.array([0.9, 1.05, 1.0])
+    for u, now in ((problem.u, stretch), (problem.u_before, before)):
+        u.interpolate(lambda x, now=now: (now - 1)[:, None] * x)
+    problem.elasticity.set_time_step(0.005)
     probe = Probe(problem, sample(wanted, positions, finger), len(positions), "epidermis")
     feeling = probe.feel()
     J = stretch.prod()
@@ -165,8 +169,40 @@ def test_probe_reads_a_homogeneous_state_exactly(radius):
     np.testing.assert_allclose(feeling.sed_kPa, 1000 * energy, rtol=1e-9)
     np.testing.assert_allclose(feeling.stretches, np.tile(np.sort(stretch), (3, 1)), rtol=1e-9)
     slope = c.C10_MPa + 3 * c.C30_MPa * a**2
-    deviator = 2 * slope * J ** (-5 / 3) * (stretch**2 - (stretch**2).mean())
-    von_mises = 1000 * np.sqrt(1.5 * (deviator**2).sum())
+    elastic = 2 * slope * J ** (-5 / 3) * stretch**2
+    # Kelvin and Voigt's: F S F^T / J with S = 2 G tau dE/dt.
+    viscous = 2 * c.C10_MPa * tissue.viscous_time_s * (stretch**2 - before**2) / 0.005
+    cauchy = elastic + stretch**2 * viscous / J
+    von_mises = 1000 * np.sqrt(1.5 * ((cauchy - cauchy.mean()) ** 2).sum())
     np.testing.assert_allclose(feeling.von_mises_kPa, von_mises, rtol=1e-9)
     cells = CellEnergy(problem).gather()
     np.testing.assert_allclose(cells[finger.tissue == 2], 1000 * energy, rtol=1e-9)
+
+
+def test_probe_finds_its_points_in_a_curved_mesh():
+    finger = curved(layered_block())
+    wanted = Receptors(half_width_mm=1.2, spacing_mm=0.3, average_radius_mm=0.0)
+    positions = place(wanted, finger)
+    domain = create_domain(finger, MPI.COMM_SELF, ("cut",))
+    problem = FingerProblem(
+        domain, Tissue.model_validate({}), make_body(Plate()), 0.3, Solver(held=("cut",))
+    )
+    probe = Probe(problem, sample(wanted, positions, finger), len(positions), "epidermis")
+    # A field that is cubic in each cell is read exactly: so is the place itself.
+    place_of = expression(ufl.SpatialCoordinate(domain.mesh), probe.nodes)
+    places = place_of.eval(domain.mesh, probe.cells).reshape(-1, 3)
+    np.testing.assert_allclose(probe.weights @ places, positions, atol=1e-9)
+
+
+def test_a_step_accepted_leaves_what_its_viscous_stress_needs():
+    domain = create_domain(layered_block(), MPI.COMM_SELF, ("cut",))
+    problem = FingerProblem(
+        domain, Tissue.model_validate({}), make_body(Plate()), 0.3, Solver(held=("cut",))
+    )
+    accepted = [problem.u.x.array.copy()]
+    for depth in (0.05, 0.1):
+        assert problem.solve(np.array([0.0, 0.0, depth]), 0.01).converged
+        problem.accept()
+        np.testing.assert_array_equal(problem.u_before.x.array, accepted[-1])
+        accepted.append(problem.u.x.array.copy())
+    assert np.abs(accepted[2] - accepted[1]).max() > 0.03

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import subprocess
 import sys
 
@@ -12,6 +13,7 @@ from tactile_fem import ranks
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.fields import read_series
 from tactile_fem.finger import FingerMesh, build_finger, write_msh
+from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.results import Results
 from tactile_fem.scan import resume, scan
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Solver, Study, Text
@@ -117,11 +119,45 @@ def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
     assert 0 < steps_s.sum() - run["timers_s"]["solve"] < steps_s[:9].sum()
 
 
-def test_pressing_to_a_force(study):
+def test_pressing_to_a_force(study, monkeypatch, caplog):
+    solve, reports, steps = FingerProblem.solve, [], []
+
+    def counted(problem, *args):
+        reports.append(solve(problem, *args))
+        return reports[-1]
+
+    monkeypatch.setattr(FingerProblem, "solve", counted)
+    monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)
     wanted = Protocol(force_N=0.05, distance_mm=0)
-    trace = scan(study.model_copy(update={"protocol": wanted})).trace
+    with caplog.at_level(logging.INFO, "tactile_fem"):
+        trace = scan(study.model_copy(update={"protocol": wanted}), observers=[steps.append]).trace
     assert trace.force_N[-1, 2] == pytest.approx(0.05, rel=2e-3)
     assert 0.3 < trace.depth_mm[-1] < 1.5
+    assert f"a depth of {trace.depth_mm[-1]:.4f} mm, which the slide holds" in caplog.text
+    # What overshoots the force is work as well.
+    assert sum(len(step.discarded) for step in steps) == len(reports) - len(steps) > 0
+    assert trace.newton_iterations.sum() == sum(report.iterations for report in reports)
+    assert trace.linear_iterations.sum() == sum(report.linear_iterations for report in reports)
+
+
+def test_a_press_that_meets_nothing_is_said(study, monkeypatch, caplog):
+    monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)
+    between = study.model_copy(update={"protocol": Protocol(depth_mm=0.002, distance_mm=0.1)})
+    assert not scan(between).trace.force_N.any()
+    said = [record.message for record in caplog.records if record.levelno == logging.WARNING]
+    assert len(said) == 2
+    assert "the press ends at 0.002 mm without contact" in said[0]
+    assert "never touched the finger" in said[1]
+
+
+def test_a_step_has_the_traces_names(study):
+    steps = []
+    brief = study.model_copy(update={"protocol": Protocol(depth_mm=0.3, distance_mm=0)})
+    trace = scan(brief, observers=[steps.append]).trace.arrays()
+    of_receptors = {"sed_kPa", "von_mises_kPa", "stretches", "receptors_mm"}
+    for name in trace.keys() - of_receptors - {"time_s"}:
+        values = [getattr(step, name) for step in steps]
+        np.testing.assert_array_equal(values, trace[name][1:], err_msg=name)
 
 
 def test_seconds_are_of_the_scan_alone(finished, study, tmp_path):

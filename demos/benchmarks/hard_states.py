@@ -216,7 +216,7 @@ def replay(
             strategy.name,
             name,
             len(taken),
-            sum(len(step.failed) for step in taken),
+            sum(not solve.converged for step in taken for solve in step.discarded),
             sum(step.newton_iterations for step in taken),
             sum(step.linear_iterations for step in taken),
             time.perf_counter() - started,

@@ -36,8 +36,8 @@ STEP_MM = DEPTH_MM / 20
 
 def state_of(step: Step) -> State:
     """Return the state at the end of a step."""
-    load = step.load
-    return State(step.depth_mm, float(load.force_N[2]), load.contact_area_mm2, load.volume_change)
+    normal_N = float(step.force_N[2])
+    return State(step.depth_mm, normal_N, step.contact_area_mm2, step.volume_change)
 
 
 # %% [markdown]

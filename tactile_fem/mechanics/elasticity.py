@@ -50,13 +50,20 @@ class Elasticity:
         """Return the first Piola stress of a tissue without viscosity, in MPa."""
         return stress(self._law(tissue), self._F)
 
-    def stress(self, tissue: str) -> Expr:
+    def stress(self, tissue: str, u_old: fem.Function | None = None) -> Expr:
         """Return the first Piola stress of a tissue, elastic and viscous, in MPa.
 
         The viscous part is Kelvin-Voigt's: ``S = 2 G tau (E - E_old)/dt`` with the tissue's
         small-strain shear modulus `G`.
+
+        Parameters
+        ----------
+        tissue
+            Its name.
+        u_old
+            Displacement a time step ago, if not that of the last accepted step.
         """
-        F, F_old = self._F, self._F_old
+        F, F_old = self._F, self._F_old if u_old is None else deformation_gradient(u_old)
         P = self.elastic_stress(tissue)
         if self._tissue.viscous_time_s:
             G = self._wrap(shear_modulus(self.constants(tissue)))

@@ -28,27 +28,36 @@ _PROXIMAL = np.array([0.0, -1.0, 0.0])
 
 
 @dataclass(frozen=True)
-class Step:
-    """One accepted step.
+class Step(Load):
+    """One accepted step: where the body is, the load, and what finding it cost.
+
+    What `trace.npz` holds of a step has the same name here, but for its `time_s`, which counts
+    from the end of the press and is known only then.
 
     Attributes
     ----------
+    index
+        From 1 on.
     phase
         "press" or "slide".
+    displacement_mm, depth_mm
+        Of the slide, 0 in the press; of the press, which the slide holds.
     size_mm
         How far the body moved.
     clock_s
         Time since the start of the indentation.
-    translation_mm
+    stimulator_mm
         Place of the body relative to where it touches the undeformed pad's apex, (3,).
-    failed
-        Solves that failed on the way to this step and were cut.
+    newton_iterations, linear_iterations
+        Of the step, solves that were discarded included.
+    discarded
+        Solves on the way to this step that failed or overshot the wanted force.
     milestone
         Whether the protocol asked for output here.
     fraction
         Share of the protocol's path that is done.
     wall_s
-        What the step took, failed tries included.
+        What the step took, discarded solves included.
     """
 
     index: int
@@ -57,28 +66,13 @@ class Step:
     depth_mm: float
     size_mm: float
     clock_s: float
-    translation_mm: np.ndarray
-    load: Load
-    solve: SolveReport
-    failed: tuple[SolveReport, ...]
+    stimulator_mm: np.ndarray
+    newton_iterations: int
+    linear_iterations: int
+    discarded: tuple[SolveReport, ...]
     milestone: bool
     fraction: float
     wall_s: float
-
-    @property
-    def force_N(self) -> np.ndarray:
-        """Contact force on the finger, (3,)."""
-        return self.load.force_N
-
-    @property
-    def newton_iterations(self) -> int:
-        """Newton iterations of the step, failed tries included."""
-        return sum(report.iterations for report in (*self.failed, self.solve))
-
-    @property
-    def linear_iterations(self) -> int:
-        """Iterations of the linear solver in all of them."""
-        return sum(report.linear_iterations for report in (*self.failed, self.solve))
 
 
 class March:
@@ -109,11 +103,10 @@ class March:
         self._depth = 0.0
         self._clock = 0.0
         self._index = 0
-        self._u_before = problem.u.x.array.copy()
         self._stick_before = problem.stick.old.x.array.copy()
         self._last_step = 0.0
         self._iterations = 0
-        self._failed: list[SolveReport] = []
+        self._discarded: list[SolveReport] = []
 
     def __iter__(self) -> Iterator[Step]:
         """Yield each accepted step until the protocol ends.
@@ -130,6 +123,7 @@ class March:
                     return
                 if self._protocol.force_N is not None and self._short_of_force():
                     raise self._failure("the wanted force is not reached at the deepest press")
+                self._tell_pressed()
                 self._phase, self._control = "slide", self._slide_control()
                 self._last_step = 0.0
                 if self._control.finished:
@@ -175,9 +169,9 @@ class March:
         load = problem.load()
         _check_balance(load)
         if pressing and p.force_N is not None and not self._fits_force(target, load, p.force_N):
+            self._discarded.append(report)
             return None
-        failed, self._failed = tuple(self._failed), []
-        self._u_before[:] = problem.u_old.x.array
+        discarded, self._discarded = tuple(self._discarded), []
         self._stick_before[:] = problem.stick.old.x.array
         self._last_step = size
         self._iterations = report.iterations
@@ -190,19 +184,20 @@ class March:
             if p.force_N is not None and not self._short_of_force():
                 control.length_mm = target
         return Step(
-            self._index,
-            self._phase,
-            0.0 if pressing else target,
-            self._depth,
-            size,
-            self._clock,
-            self._translation(target),
-            load,
-            report,
-            failed,
-            control.at_milestone,
-            self._fraction(),
-            time.perf_counter() - started,
+            **vars(load),
+            index=self._index,
+            phase=self._phase,
+            displacement_mm=0.0 if pressing else target,
+            depth_mm=self._depth,
+            size_mm=size,
+            clock_s=self._clock,
+            stimulator_mm=self._translation(target),
+            newton_iterations=sum(r.iterations for r in (*discarded, report)),
+            linear_iterations=sum(r.linear_iterations for r in (*discarded, report)),
+            discarded=discarded,
+            milestone=control.at_milestone,
+            fraction=self._fraction(),
+            wall_s=time.perf_counter() - started,
         )
 
     @property
@@ -219,10 +214,10 @@ class March:
         u, old = self.problem.u.x.array, self.problem.u_old.x.array
         u[:] = old
         if self._last_step:
-            u += (size / self._last_step) * (old - self._u_before)
+            u += (size / self._last_step) * (old - self.problem.u_before.x.array)
 
     def _cut(self, target: float, report: SolveReport) -> None:
-        self._failed.append(report)
+        self._discarded.append(report)
         self.problem.u.x.array[:] = self.problem.u_old.x.array
         logger.info(
             "%s to %.4f mm failed after %d iterations (%s): step halved",
@@ -255,6 +250,21 @@ class March:
     def _short_of_force(self) -> bool:
         force = self._protocol.force_N
         return force is not None and self._force_N < force * (1 - _FORCE_TOLERANCE)
+
+    def _tell_pressed(self) -> None:
+        """Say what the press has reached, if that was not asked for or is nothing."""
+        if self._protocol.force_N is not None:
+            logger.info(
+                "%.4f N are reached at a depth of %.4f mm, which the slide holds",
+                self._force_N,
+                self._depth,
+            )
+        elif self._force_N == 0.0:
+            logger.warning(
+                "the press ends at %.4g mm without contact: no raised part of the stimulator lies "
+                "under the pad, or the depth is too small",
+                self._depth,
+            )
 
     def _fraction(self) -> float:
         whole = self._control.length_mm if self._phase == "press" else self._depth
@@ -314,10 +324,10 @@ class March:
     def _back_to_last_step(self, arrays: dict[str, np.ndarray]) -> None:
         """Let `problem` stand where it stood before the last step."""
         problem, control = self.problem, self._control
-        problem.order.scatter(arrays["u_before"], problem.u)
+        problem.order.scatter(arrays["u_before"], problem.u_before)
+        problem.u.x.array[:] = problem.u_before.x.array
         problem.place(self._translation(control.position_mm - self._last_step))
         problem.stick.scatter(arrays["unmatched_before_MPa"])
-        self._u_before[:] = problem.u.x.array
         self._stick_before[:] = problem.stick.old.x.array
 
     def gather(self) -> dict[str, np.ndarray]:
@@ -328,11 +338,9 @@ class March:
         `unmatched_before_MPa`, see `StickMemory.gather`.
         """
         problem = self.problem
-        before = problem.u.copy()
-        before.x.array[:] = self._u_before
         functions = {
             "u": problem.u,
-            "u_before": before,
+            "u_before": problem.u_before,
             "u_linear": problem.u_linear,
             "friction": problem.load_cell.friction_old,
         }

@@ -12,13 +12,11 @@ import numpy as np
 import scipy.sparse
 import ufl
 from dolfinx import common
-from dolfinx.mesh import entities_to_geometry
 
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.elasticity import deformation_gradient
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.receptors import Samples
-from tactile_fem.tissue.energies import law_of, stress
 
 _KPA_PER_MPA = 1000.0
 
@@ -45,6 +43,24 @@ class Probe:
 
     Within a cell the fields are interpolated at cubic nodes, so a reading is a fixed linear
     combination of nodal values.
+
+    Parameters
+    ----------
+    problem
+        The finger, whose last step was accepted when it is read.
+    samples, count
+        Points to be averaged, and the number of receptors.
+    tissue
+        Name of the tissue that they lie in.
+
+    Attributes
+    ----------
+    cells
+        This rank's cells that are read.
+    nodes
+        Reference points at which fields are evaluated in each of them, (nodes, 3).
+    weights
+        Share of each cell's nodes in the readings, (receptors, cells x nodes).
     """
 
     def __init__(self, problem: FingerProblem, samples: Samples, count: int, tissue: str) -> None:
@@ -52,7 +68,8 @@ class Probe:
         self._mesh = problem.domain.mesh
         F = deformation_gradient(problem.u)
         W = problem.elasticity.energy(tissue)
-        P = stress(law_of(problem.elasticity.constants(tissue)), F)
+        # Read after a step was accepted: viscosity acts over that step.
+        P = problem.elasticity.stress(tissue, problem.u_before)
         sigma = P * F.T / ufl.det(F)
         deviator = ufl.dev(sigma)
         von_mises = ufl.sqrt(1.5 * ufl.inner(deviator, deviator) + 1e-30)
@@ -66,36 +83,38 @@ class Probe:
         )
         element = basix.ufl.element("DG", "tetrahedron", 3).basix_element
         self._expression = expression(fields, element.points)
-        self._nodes = len(element.points)
+        self.nodes = element.points
+        count_in_cell = len(self.nodes)
 
         file_cells = problem.domain.owned_file_cells()
         owner = {int(cell): local for local, cell in enumerate(file_cells)}
         mine = np.array([int(c) in owner for c in samples.cell], dtype=bool)
         local = np.array([owner[int(c)] for c in samples.cell[mine]], dtype=np.int32)
-        self._cells, column = np.unique(local, return_inverse=True)
+        self.cells, column = np.unique(local, return_inverse=True)
         basis = self._basis(element, local, samples.point[mine])
-        rows = np.repeat(samples.receptor[mine], self._nodes)
-        columns = (column[:, None] * self._nodes + np.arange(self._nodes)).ravel()
+        rows = np.repeat(samples.receptor[mine], count_in_cell)
+        columns = (column[:, None] * count_in_cell + np.arange(count_in_cell)).ravel()
         weights = (samples.weight[mine, None] * basis).ravel()
-        shape = count, len(self._cells) * self._nodes
-        self._weights = scipy.sparse.csr_array((weights, (rows, columns)), shape=shape)
+        shape = count, len(self.cells) * count_in_cell
+        self.weights = scipy.sparse.csr_array((weights, (rows, columns)), shape=shape)
 
     def _basis(self, element: object, cells: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the nodal basis at physical points, (points, nodes)."""
-        if not len(cells):
-            return np.empty((0, self._nodes))
-        corner = self._mesh.geometry.x[entities_to_geometry(self._mesh, 3, cells)]
-        edges = np.swapaxes(corner[:, 1:] - corner[:, :1], 1, 2)
-        reference = np.linalg.solve(edges, (points - corner[:, 0])[..., None])[..., 0]
+        geometry = self._mesh.geometry
+        reference = np.empty((len(cells), 3))
+        for cell in np.unique(cells):
+            inside = cells == cell
+            corners = geometry.x[geometry.dofmaps[0][cell]]
+            reference[inside] = geometry.cmaps[0].pull_back(points[inside], corners)
         return element.tabulate(0, reference)[0, :, :, 0]
 
     def feel(self) -> Feeling:
         """Return what the receptors feel at the problem's present displacement."""
         with common.Timer("tactile: probe"):
-            values = np.zeros((self._weights.shape[0], 11))
-            if len(self._cells):
-                nodal = self._expression.eval(self._mesh, self._cells).reshape(-1, 11)
-                values += self._weights @ nodal
+            values = np.zeros((self.weights.shape[0], 11))
+            if len(self.cells):
+                nodal = self._expression.eval(self._mesh, self.cells).reshape(-1, 11)
+                values += self.weights @ nodal
             self._comm.Allreduce(MPI.IN_PLACE, values)
         C = values[:, 2:].reshape(-1, 3, 3)
         stretches = np.sqrt(np.linalg.eigvalsh((C + np.swapaxes(C, 1, 2)) / 2))
@@ -116,7 +135,7 @@ class CellEnergy:
         self._comm, self._mesh = domain.comm, domain.mesh
         self._count = domain.cell_count
         points, weights = basix.make_quadrature(basix.CellType.tetrahedron, 2)
-        self._weights = _KPA_PER_MPA * weights / weights.sum()
+        self.weights = _KPA_PER_MPA * weights / weights.sum()
         owned = domain.owned_file_cells()
         self._parts = []
         for name, tag in domain.tissues_of(domain.tissue).items():
@@ -131,6 +150,6 @@ class CellEnergy:
         for energy, cells, file_cells in self._parts:
             if len(cells):
                 local = energy.eval(self._mesh, cells).reshape(len(cells), -1)
-                values[file_cells] = local @ self._weights
+                values[file_cells] = local @ self.weights
         self._comm.Allreduce(MPI.IN_PLACE, values)
         return values

@@ -14,6 +14,7 @@ import numpy as np
 import ufl
 from dolfinx import common, fem, mesh
 from dolfinx.fem import petsc as fem_petsc
+from ufl.classes import FacetJacobianDeterminant
 from ufl.core.expr import Expr
 
 from tactile_fem.errors import MeshError
@@ -102,8 +103,8 @@ class FingerProblem:
 
     Attributes
     ----------
-    u, u_old
-        Displacement (P2, mm), now and at the last accepted step.
+    u, u_old, u_before
+        Displacement (P2, mm), now, at the last accepted step and at the one before.
     u_linear
         Where the Jacobian was last made.
     elasticity
@@ -136,6 +137,7 @@ class FingerProblem:
         V = fem.functionspace(msh, ("Lagrange", 2, (3,)))
         self.u = fem.Function(V, name="displacement")
         self.u_old = fem.Function(V)
+        self.u_before = fem.Function(V)
         self.u_linear = fem.Function(V)
         self.elasticity = Elasticity(tissue, self.u, self.u_old)
         self.order = NodeOrder(domain, V)
@@ -245,7 +247,8 @@ class FingerProblem:
         """Return the parts of the skin, one for each tissue."""
         msh = self.domain.mesh
         N = ufl.FacetNormal(msh)
-        height = 3 * ufl.CellVolume(msh) / ufl.FacetArea(msh)
+        # Of the tetrahedron over its facet; point by point where the mesh is curved.
+        height = abs(ufl.JacobianDeterminant(msh)) / FacetJacobianDeterminant(msh)
         gamma = fem.Constant(msh, solver.nitsche_gamma)
         ds = ufl.Measure(
             "ds",
@@ -332,6 +335,7 @@ class FingerProblem:
                 self._two_level.set_up(self._problem.A)
         self.stick.keep()
         self.load_cell.keep()
+        self.u_before.x.array[:] = self.u_old.x.array
         self.place(self.obstacle.translation.value)
 
     def prepare(self, translation: np.ndarray, dt_s: float) -> None:
