@@ -17,6 +17,7 @@ from tactile_fem import __version__, backend
 from tactile_fem.errors import StudyError
 from tactile_fem.fields import FieldWriter
 from tactile_fem.finger import FingerMesh
+from tactile_fem.mechanics.compile import compiler_version
 from tactile_fem.mechanics.march import March, Step
 from tactile_fem.mechanics.probe import CellEnergy
 from tactile_fem.mechanics.problem import FingerProblem
@@ -203,6 +204,10 @@ class Recorder:
                 "unknowns": self._problem.unknowns,
             },
             "ranks": self._comm.size,
+            "compiler": {
+                "version": compiler_version() if self._comm.rank == 0 else "",
+                "flags": self._study.solver.compiler_flags,
+            },
             "petsc_options": self._problem.options,
             **self._spent(),
         }

@@ -1,12 +1,11 @@
-"""How the forms' C code is compiled: fast, and never run on a processor it was not made for."""
+"""How the forms' C code is compiled, and what a killed process leaves of that."""
 
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import logging
-import platform
 import struct
+import subprocess
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -16,6 +15,8 @@ from typing import IO, Any
 import numpy as np
 from dolfinx import fem
 from ufl.core.expr import Expr
+
+from tactile_fem.doctor import compiler
 
 logger = logging.getLogger(__name__)
 
@@ -30,18 +31,19 @@ _shared: dict[Path, IO[str]] = {}  # open, and so locked, as long as this proces
 
 
 def jit_options(flags: Sequence[str]) -> dict[str, Any]:
-    """Return DOLFINx's JIT options for the given C compiler flags.
+    """Return DOLFINx's JIT options for the given C compiler flags; its own flags without any."""
+    own = {"cffi_extra_compile_args": list(flags)} if flags else {}
+    return {"timeout": _WAIT_S, **own}
 
-    ``-march=native`` is dropped where it is not understood (other than x86-64). Where it stays,
-    the processor's features become part of the flags and so of the cache's key: a home folder
-    shared by different processors then holds one version for each.
-    """
-    chosen = [flag for flag in flags if flag != "-march=native" or _is_x86()]
-    if not chosen:
-        return {"timeout": _WAIT_S}
-    if "-march=native" in chosen:
-        chosen.append(f"-DTACTILE_CPU={_processor()}")
-    return {"timeout": _WAIT_S, "cffi_extra_compile_args": chosen}
+
+def compiler_version() -> str:
+    """Return what the C compiler says of itself, or its command where it says nothing."""
+    command = compiler() or ["cc"]
+    try:
+        said = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=10)
+    except (OSError, subprocess.TimeoutExpired):
+        return command[0]
+    return (said.stdout.splitlines() or command)[0]
 
 
 def expression(value: Expr, points: np.ndarray) -> fem.Expression:
@@ -107,17 +109,3 @@ def _is_cut_short(library: Path) -> bool:
     (start,) = struct.unpack_from("<Q", header, 0x28)
     size, count = struct.unpack_from("<HH", header, 0x3A)
     return library.stat().st_size < int(start) + int(size) * int(count)
-
-
-def _is_x86() -> bool:
-    return platform.machine() in ("x86_64", "AMD64")
-
-
-def _processor() -> str:
-    """Return a short digest of the processor's instruction sets."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace").splitlines()
-        features = next(line for line in lines if line.startswith("flags"))
-    except (OSError, StopIteration):
-        features = platform.node()
-    return hashlib.sha256(features.encode()).hexdigest()[:12]

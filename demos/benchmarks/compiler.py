@@ -1,0 +1,136 @@
+# %% [markdown]
+# # What do the compiler's flags gain?
+#
+# DOLFINx compiles each form to C. This benchmark emphasizes
+# - what flags that depend on the processor or reorder sums gain in assembly,
+# - how far they move the results.
+#
+# All variants assemble the same state of the same finger, in turns, so that a machine whose speed
+# changes favours none.
+#
+#     python demos/benchmarks/compiler.py compiler
+
+# %%
+import logging
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tactile_fem.entry import run
+from tactile_fem.files import write_table
+from tactile_fem.finger import load_finger
+from tactile_fem.logs import set_up
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.study import Finger, Solver, Study
+
+from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
+
+VARIANTS = {
+    "-O2": ("-O2",),
+    "-O3": ("-O3",),
+    "-O3, this processor": ("-O3", "-march=native"),
+    "-O3, reordered sums": ("-O3", "-ffast-math", "-fno-finite-math-only"),
+    "-O3, both": ("-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"),
+}
+DEPTH_MM = 0.3
+
+
+# %%
+@dataclass(frozen=True)
+class Row:
+    """Median seconds of one variant's assembly, and how far its results are off the first's.
+
+    Attributes
+    ----------
+    ready_s
+        Until the forms were compiled, or found in the cache.
+    residual_off, displacement_off
+        Relative to the largest entry.
+    """
+
+    flags: str
+    ready_s: float
+    jacobian_s: float
+    residual_s: float
+    residual_off: float
+    displacement_off: float
+
+
+def main(folder: Path, *, rounds: int = 7, preset: str = "coarse") -> None:
+    """Assemble `rounds` times with each variant; print and keep the table.
+
+    Parameters
+    ----------
+    folder
+        Where `compiler.csv` goes.
+    rounds
+        Turns of all variants; the median of each counts.
+    preset
+        Mesh.
+    """
+    set_up(level=logging.ERROR)
+    finger = load_finger(Finger(preset=preset))
+    problems, ready = {}, {}
+    for name, flags in VARIANTS.items():
+        started = time.perf_counter()
+        study = Study(solver=Solver(compiler_flags=flags, linear="direct"))
+        domain = create_domain(finger, MPI.COMM_SELF, study.solver.held)
+        problems[name] = FingerProblem.of(study, domain)
+        ready[name] = time.perf_counter() - started
+    pressed = {name: press(problem) for name, problem in problems.items()}
+    state = pressed["-O2"]
+    seconds = {name: [] for name in VARIANTS}
+    residuals = {}
+    for _ in range(rounds):
+        for name, problem in problems.items():
+            *times, residuals[name] = assemble(problem, state)
+            seconds[name].append(times)
+    rows = []
+    for name in VARIANTS:
+        jacobian_s, residual_s = np.median(seconds[name], axis=0).tolist()
+        residual_off = off(residuals[name], residuals["-O2"])
+        rows.append(
+            Row(name, ready[name], jacobian_s, residual_s, residual_off, off(pressed[name], state))
+        )
+    print(
+        "flags                   ready s   Jacobian s  residual s   residual off  displacement off"
+    )
+    for row in rows:
+        print(
+            f"{row.flags:<22} {row.ready_s:8.1f} {row.jacobian_s:12.4f} {row.residual_s:11.4f} "
+            f"{row.residual_off:14.1e} {row.displacement_off:17.1e}"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    write_table(folder / "compiler.csv", rows)
+
+
+def press(problem: FingerProblem) -> np.ndarray:
+    """Press the letters in and return the displacement."""
+    for depth in (0.1, 0.2, DEPTH_MM):
+        assert problem.solve(np.array([0.0, -2.0, depth]), 0.005).converged
+        problem.accept()
+    return problem.u.x.array.copy()
+
+
+def assemble(problem: FingerProblem, state: np.ndarray) -> tuple[float, float, np.ndarray]:
+    """Return seconds of the Jacobian and of the residual at a state, and that residual."""
+    x, b = problem.snes.getSolution(), problem.snes.getFunction()[0]
+    x.array = state[: x.getLocalSize()]
+    started = time.perf_counter()
+    problem.snes.computeFunction(x, b)
+    middle = time.perf_counter()
+    problem.snes.computeJacobian(x, problem.snes.getJacobian()[0])
+    return time.perf_counter() - middle, middle - started, b.array.copy()
+
+
+def off(values: np.ndarray, reference: np.ndarray) -> float:
+    """Return the largest difference relative to the largest value."""
+    return float(np.abs(values - reference).max() / np.abs(reference).max())
+
+
+# %%
+if __name__ == "__main__":
+    run(main)
