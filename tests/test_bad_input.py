@@ -62,6 +62,10 @@ SETTINGS = [
         "finger.straight_length_mm so that it is at least 3 mm.",
     ),
     ("finger.mesh_file=none.msh", "finger.mesh_file = {here}/none.msh does not exist."),
+    (
+        "finger.mesh_file=~nosuchuser/a.msh",
+        "finger.mesh_file = {here}/~nosuchuser/a.msh does not exist.",
+    ),
     ("finger.mesh_file=5", "finger.mesh_file is 5 but must be the path of a file."),
     (
         "finger.mesh_file=text.msh",
@@ -218,6 +222,19 @@ COMMANDS = [
         "receptors: 8e+08 receptors are more than 100,000; choose a smaller extent, a longer "
         "spacing_mm or a lower density_per_cm2.",
     ),
+    (
+        "scan --set finger.mesh_file=finger.msh --set finger.dermis_mm=1.5",
+        "finger: dermis_mm = 1.5 would have no effect beside mesh_file: give one or the other.",
+    ),
+    (
+        "mesh thick.toml --set finger.mesh_file=finger.msh",
+        'finger: preset = "paper", dermis_mm = 1.5 would have no effect beside mesh_file: give one '
+        "or the other.",
+    ),
+    (
+        "scan --set protocol.force_N=0.6 --set protocol.depth_mm=1.5",
+        "protocol: depth_mm = 1.5 would have no effect beside force_N: give one or the other.",
+    ),
     ("scan none.toml", "There is no study file none.toml."),
     (
         "scan twice.toml",
@@ -319,6 +336,7 @@ def here(tmp_path_factory) -> Path:
     (folder / "no.ttf").write_bytes(b"no font")
     (folder / "twice.toml").write_text("[protocol]\ndepth_mm = 1.0\ndepth_mm = 2.0\n")
     (folder / "comma.toml").write_text("[protocol]\ndepth_mm = 1,0\n")
+    (folder / "thick.toml").write_text('[finger]\npreset = "paper"\ndermis_mm = 1.5\n')
     (folder / "flat.toml").write_text("depth_mm = 1.0\n")
     (folder / "value.toml").write_text("protocol = 3\n")
     (folder / "list.toml").write_text("[[finger]]\ndermis_mm = 1.0\n")

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole
+from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole, absolute
+
+
+def font_file(font: str, folder: Path | str = "") -> str:
+    """Return the path of a font file as an absolute one, the name of a family as it is."""
+    is_file = Path(font).suffix.lower() in (".ttf", ".otf", ".ttc")
+    return str(absolute(font, folder)) if is_file else font
 
 
 class Stimulus(Section):
@@ -25,7 +32,9 @@ class Text(Stimulus):
     text: Annotated[str, Field(min_length=1, max_length=40)] = Field(
         "FGH", description="paper: letters in the order in which they pass the receptor"
     )
-    font: str = Field("DejaVu Sans", description="proposed: font family or path of a font file")
+    font: Annotated[str, AfterValidator(font_file)] = Field(
+        "DejaVu Sans", description="proposed: font family or path of a font file"
+    )
     g_width_mm: Annotated[Positive, Field(le=100)] = Field(
         6.5, description="paper: width of the letter G, sets the scale"
     )
