@@ -124,6 +124,11 @@ SETTINGS = [
         "stimulus.relief=1",
         'stimulus.relief is not a key of a stimulus of kind "text"; did you mean relief_mm?',
     ),
+    (
+        "stimulus.radius_mm=2",
+        'stimulus.radius_mm is not a key of a stimulus of kind "text"; it goes with kind = '
+        '"cylinder", "sphere", "edge" or "dots".',
+    ),
     ("stimulus.friction=-1", "stimulus.friction is -1 but must be at least 0."),
     ("stimulus.shift_mm=[1]", "stimulus.shift_mm (entry 2) is missing: stimulus.shift_mm is [1]."),
     ("stimulus.text=", 'stimulus.text is "" but must be at least 1 character long.'),
@@ -234,6 +239,10 @@ COMMANDS = [
     (
         "scan --set protocol.force_N=0.6 --set protocol.depth_mm=1.5",
         "protocol: depth_mm = 1.5 would have no effect beside force_N: give one or the other.",
+    ),
+    (
+        "scan --set stimulus.kind=dots --set stimulus.pitch_mm=5",
+        'stimulus.pitch_mm is not a key of a stimulus of kind "dots"; it goes with kind = "text".',
     ),
     ("scan none.toml", "There is no study file none.toml."),
     (
