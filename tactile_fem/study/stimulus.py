@@ -90,6 +90,11 @@ class Grating(Stimulus):
     fillet_radius_mm: Positive = Field(0.2, description="radius of the top edges")
     count: Annotated[Whole, Field(ge=1, le=200)] = Field(9, description="number of ridges")
     along: Literal["x", "y"] = Field("x", description="direction of the ridges")
+    start_mm: Finite | None = Field(
+        None,
+        description="place of the grating over the contact point at displacement 0, from the "
+        "centre of the first ridge (least Y; least X if they lie along y); default its middle",
+    )
 
 
 class Dots(Stimulus):
@@ -102,6 +107,11 @@ class Dots(Stimulus):
     fillet_radius_mm: Positive = Field(0.2, description="radius of the top edge")
     columns: Annotated[Whole, Field(ge=1, le=100)] = Field(3, description="across the finger (X)")
     rows: Annotated[Whole, Field(ge=1, le=100)] = Field(7, description="along the finger (Y)")
+    start_mm: Finite | None = Field(
+        None,
+        description="place of the array over the contact point at displacement 0, from the "
+        "centre of the first row (least Y); default its middle",
+    )
 
 
 AnyStimulus = Annotated[
