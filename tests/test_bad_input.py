@@ -32,7 +32,12 @@ SETTINGS = [
     ),
     (
         "finger.dermis_mm=6",
-        "the bone comes to lie outside the skin, but the layers take 6.82 mm: use thinner "
+        "the bone comes to lie outside the skin, but the layers need 6.97 mm: use thinner "
+        "layers, a smaller bone or a thicker finger (finger.palmar_height_mm and others).",
+    ),
+    (
+        "finger.dermis_mm=1.6",
+        "the bone comes to lie 2.43 mm below the skin, but the layers need 2.57 mm: use thinner "
         "layers, a smaller bone or a thicker finger (finger.palmar_height_mm and others).",
     ),
     (
