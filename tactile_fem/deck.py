@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_fem.errors import StudyError
+from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.files import write_text
 from tactile_fem.finger.mesh_data import (
     SURFACES,
@@ -31,6 +31,7 @@ from tactile_fem.finger.mesh_data import (
     FingerMesh,
     held_parts,
 )
+from tactile_fem.finger.report import measured_layers_mm
 from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.height_field import HeightField, height_field
 from tactile_fem.study import Elastic, Polynomial, Study
@@ -62,14 +63,24 @@ class Penalty:
     stick_MPa_per_mm: float
 
     @classmethod
-    def of(cls, study: Study) -> Penalty:
+    def of(cls, study: Study, finger: FingerMesh) -> Penalty:
         """Return the stiffness of Nitsche's method, ``gamma M/h`` with h the stratum corneum.
 
         Sticking is ten times softer: CalculiX converges better so, and the skin then creeps by
         a few micrometres only.
+
+        Raises
+        ------
+        MeshError
+            The pad of the mesh has no stratum corneum.
         """
+        layers = measured_layers_mm(finger)
+        if "stratum_corneum" not in layers:
+            raise MeshError(
+                "the pad has no stratum corneum, whose thickness a deck's contact needs"
+            )
         modulus_MPa = compression_modulus(study.tissue.stratum_corneum)
-        stiffness = study.solver.nitsche_gamma * modulus_MPa / study.finger.stratum_corneum_mm
+        stiffness = study.solver.nitsche_gamma * modulus_MPa / layers["stratum_corneum"]
         return cls(stiffness, stiffness / 10)
 
 
@@ -150,6 +161,7 @@ def write_deck(
         raise StudyError(f"solver.held = {list(study.solver.held)}: nothing of the mesh is held")
     skin = finger.triangles[finger.surface == SURFACES["skin"], :3]
     faces = element_faces(finger.tets, skin)
+    contact = penalty or Penalty.of(study, finger)
     field = height_field(make_body(study.stimulus), protocol, finger.nodes[skin], grid_mm)
 
     present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[kept] == tag)]
@@ -160,7 +172,7 @@ def write_deck(
     lines += _stimulator_lines(field, len(finger.nodes), len(finger.tets))
     for name in present:
         lines += material_lines(name, getattr(study.tissue, name))
-    lines += _contact_lines(faces, study.stimulus.friction, penalty or Penalty.of(study), code)
+    lines += _contact_lines(faces, study.stimulus.friction, contact, code)
     printed = _print_lines(code, energy_of is not None)
     press = press_step_mm or study.solver.max_press_step_mm
     lines += _step_lines("press", 3, protocol.depth_mm, press, printed)

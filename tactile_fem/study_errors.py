@@ -138,9 +138,16 @@ def _unknown(location: tuple[str | int, ...], path: tuple[str | int, ...]) -> st
     if location[0] == "stimulus":
         return (
             f'{_dotted(path)} is not a key of a stimulus of kind "{location[1]}"; '
-            f"{suggestion(word, known)}"
+            f"{_kinds_with(word) or suggestion(word, known)}"
         )
     return f"{_dotted(path)} is not a key of [{_dotted(path[:-1])}]; {suggestion(word, known)}"
+
+
+def _kinds_with(word: str) -> str:
+    """Return a half sentence that names the kinds of stimulus with this key, if there are any."""
+    kinds = [f'"{kind}"' for kind, model in KINDS.items() if word in model.model_fields]
+    words = " or ".join(part for part in (", ".join(kinds[:-1]), *kinds[-1:]) if part)
+    return f"it goes with kind = {words}." if kinds else ""
 
 
 def _known_keys(location: tuple[str | int, ...]) -> list[str]:

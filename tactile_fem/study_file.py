@@ -12,10 +12,9 @@ from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
 from tactile_fem.study import Study
+from tactile_fem.study.base import absolute
+from tactile_fem.study.stimulus import font_file
 from tactile_fem.study_errors import explain
-
-_FONT_SUFFIXES = {".ttf", ".otf", ".ttc"}
-
 
 # --- reading -----------------------------------------------------------------------------------
 
@@ -44,7 +43,6 @@ def load_study(path: Path | str | None = None, overrides: Sequence[str] = ()) ->
         texts[keys] = text
     if path is not None:
         _anchor_paths(data, Path(path).parent)
-    _anchor_paths(changes, Path())
     data = _merge(data, changes)
     try:
         return Study.model_validate(data)
@@ -123,15 +121,9 @@ def _anchor_paths(data: dict[str, Any], folder: Path) -> None:
     """Make the paths of mesh and font files absolute."""
     finger, stimulus = data.get("finger"), data.get("stimulus")
     if isinstance(finger, dict) and isinstance(finger.get("mesh_file"), str):
-        finger["mesh_file"] = _anchored(finger["mesh_file"], folder)
+        finger["mesh_file"] = str(absolute(finger["mesh_file"], folder))
     if isinstance(stimulus, dict) and isinstance(stimulus.get("font"), str):
-        font = stimulus["font"]
-        if Path(font).suffix.lower() in _FONT_SUFFIXES:
-            stimulus["font"] = _anchored(font, folder)
-
-
-def _anchored(name: str, folder: Path) -> str:
-    return str((folder / Path(name).expanduser()).resolve())
+        stimulus["font"] = font_file(stimulus["font"], folder)
 
 
 # --- writing -----------------------------------------------------------------------------------

@@ -49,7 +49,7 @@ def _table(name: str, values: BaseModel | dict[str, Any], info: FieldInfo) -> It
         if isinstance(value, BaseModel | dict):
             tables.append((f"{name}.{key}", value, field))
         elif value is None:
-            yield from _prose(f"{key} is not set: {field.description}")
+            yield from _not_set(key, field)
         else:
             yield from _with_note(f"#{key} = {toml_value(value)}", field.description)
     yield ""
@@ -65,9 +65,13 @@ def _fields(model: type[BaseModel]) -> list[tuple[str, FieldInfo]]:
 def _other_kind(kind: str, model: type[BaseModel]) -> Iterator[str]:
     yield from _prose(f'or kind = "{kind}": {_first_line(model)}')
     for key, field in _fields(model):
-        if key != "kind" and key not in Stimulus.model_fields:
-            for line in _with_note(f"    {key} = {toml_value(field.default)}", field.description):
-                yield f"# {line}"
+        if key == "kind" or key in Stimulus.model_fields:
+            continue
+        if field.default is None:
+            yield from _not_set(key, field)
+            continue
+        for line in _with_note(f"    {key} = {toml_value(field.default)}", field.description):
+            yield f"# {line}"
     yield ""
 
 
@@ -82,6 +86,10 @@ def _with_note(line: str, note: str | None) -> list[str]:
         return [line]
     both = f"{line:<{_NOTES_AT}}  # {note}"
     return [both] if len(both) <= _WIDTH else [*_prose(note), line]
+
+
+def _not_set(key: str, field: FieldInfo) -> list[str]:
+    return _prose(f"{key} is not set: {field.description}")
 
 
 def _prose(text: str) -> list[str]:

@@ -32,7 +32,12 @@ SETTINGS = [
     ),
     (
         "finger.dermis_mm=6",
-        "the bone comes to lie outside the skin, but the layers take 6.82 mm: use thinner "
+        "the bone comes to lie outside the skin, but the layers need 6.97 mm: use thinner "
+        "layers, a smaller bone or a thicker finger (finger.palmar_height_mm and others).",
+    ),
+    (
+        "finger.dermis_mm=1.6",
+        "the bone comes to lie 2.43 mm below the skin, but the layers need 2.57 mm: use thinner "
         "layers, a smaller bone or a thicker finger (finger.palmar_height_mm and others).",
     ),
     (
@@ -62,6 +67,10 @@ SETTINGS = [
         "finger.straight_length_mm so that it is at least 3 mm.",
     ),
     ("finger.mesh_file=none.msh", "finger.mesh_file = {here}/none.msh does not exist."),
+    (
+        "finger.mesh_file=~nosuchuser/a.msh",
+        "finger.mesh_file = {here}/~nosuchuser/a.msh does not exist.",
+    ),
     ("finger.mesh_file=5", "finger.mesh_file is 5 but must be the path of a file."),
     (
         "finger.mesh_file=text.msh",
@@ -119,6 +128,11 @@ SETTINGS = [
     (
         "stimulus.relief=1",
         'stimulus.relief is not a key of a stimulus of kind "text"; did you mean relief_mm?',
+    ),
+    (
+        "stimulus.radius_mm=2",
+        'stimulus.radius_mm is not a key of a stimulus of kind "text"; it goes with kind = '
+        '"cylinder", "sphere", "edge" or "dots".',
     ),
     ("stimulus.friction=-1", "stimulus.friction is -1 but must be at least 0."),
     ("stimulus.shift_mm=[1]", "stimulus.shift_mm (entry 2) is missing: stimulus.shift_mm is [1]."),
@@ -217,6 +231,23 @@ COMMANDS = [
         "scan --set receptors.placement=afferents --set receptors.density_per_cm2=1e9",
         "receptors: 8e+08 receptors are more than 100,000; choose a smaller extent, a longer "
         "spacing_mm or a lower density_per_cm2.",
+    ),
+    (
+        "scan --set finger.mesh_file=finger.msh --set finger.dermis_mm=1.5",
+        "finger: dermis_mm = 1.5 would have no effect beside mesh_file: give one or the other.",
+    ),
+    (
+        "mesh thick.toml --set finger.mesh_file=finger.msh",
+        'finger: preset = "paper", dermis_mm = 1.5 would have no effect beside mesh_file: give one '
+        "or the other.",
+    ),
+    (
+        "scan --set protocol.force_N=0.6 --set protocol.depth_mm=1.5",
+        "protocol: depth_mm = 1.5 would have no effect beside force_N: give one or the other.",
+    ),
+    (
+        "scan --set stimulus.kind=dots --set stimulus.pitch_mm=5",
+        'stimulus.pitch_mm is not a key of a stimulus of kind "dots"; it goes with kind = "text".',
     ),
     ("scan none.toml", "There is no study file none.toml."),
     (
@@ -319,6 +350,7 @@ def here(tmp_path_factory) -> Path:
     (folder / "no.ttf").write_bytes(b"no font")
     (folder / "twice.toml").write_text("[protocol]\ndepth_mm = 1.0\ndepth_mm = 2.0\n")
     (folder / "comma.toml").write_text("[protocol]\ndepth_mm = 1,0\n")
+    (folder / "thick.toml").write_text('[finger]\npreset = "paper"\ndermis_mm = 1.5\n')
     (folder / "flat.toml").write_text("depth_mm = 1.0\n")
     (folder / "value.toml").write_text("protocol = 3\n")
     (folder / "list.toml").write_text("[[finger]]\ndermis_mm = 1.0\n")

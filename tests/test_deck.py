@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import shutil
 import subprocess
@@ -12,8 +13,8 @@ import ufl
 from blocks import LAYERS, block_mesh
 from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH
 
-from tactile_fem.deck import material_lines, write_deck
-from tactile_fem.errors import StudyError
+from tactile_fem.deck import Penalty, material_lines, write_deck
+from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.height_field import height_field
@@ -208,6 +209,16 @@ def test_height_field_lies_on_the_body(stimulus):
     assert field.points[:, 2].min() > -0.3 - 0.6
     a, b, c, d = (field.points[field.cells[:, i]] for i in range(4))
     assert np.all(np.cross(c - a, d - b)[:, 2] > 0)
+
+
+def test_contact_is_as_stiff_as_the_meshs_own_stratum_corneum_asks_for():
+    thick = dataclasses.replace(BLOCK, nodes=2.0 * BLOCK.nodes)
+    stiffness = [Penalty.of(STUDY, mesh).stiffness_MPa_per_mm for mesh in (BLOCK, thick)]
+    K, G = 2 / 0.48, 2 * 0.0845
+    assert stiffness[0] == pytest.approx(1.2 * (K + 4 / 3 * G) / 0.17)
+    assert stiffness[1] == pytest.approx(stiffness[0] / 2)
+    with pytest.raises(MeshError, match="no stratum corneum"):
+        Penalty.of(STUDY, dataclasses.replace(BLOCK, nodes=BLOCK.nodes + np.array([0, 0, 20.0])))
 
 
 def test_what_a_deck_cannot_hold_is_refused(tmp_path):

@@ -22,7 +22,13 @@ from tactile_fem.finger import (
 )
 from tactile_fem.finger.load import shipped_file
 from tactile_fem.finger.mesh_data import facets_of
-from tactile_fem.finger.report import gammas, layer_thickness, volumes
+from tactile_fem.finger.report import (
+    gammas,
+    layer_thickness,
+    measured_layers_mm,
+    pad_thickness_mm,
+    volumes,
+)
 from tactile_fem.finger.shape import depth_below, skin_shape
 from tactile_fem.study import Finger
 
@@ -101,6 +107,28 @@ def test_layers_are_as_thick_as_wanted_over_the_pad(mesh):
         wanted = getattr(FINGER, f"{name}_mm")
         assert len(found) > 200
         assert np.abs(found / wanted - 1).max() < 0.05, name
+
+
+def test_layers_and_pad_are_measured_whoever_made_the_mesh(shipped):
+    wanted = {"stratum_corneum": 0.17, "epidermis": 0.65, "dermis": 0.8}
+    # Chords of edges as long as 1.6 mm on the round pad cut up to 0.02 mm off.
+    assert measured_layers_mm(shipped) == pytest.approx(wanted, rel=5e-3)
+    assert pad_thickness_mm(shipped) == pytest.approx(5.3, abs=0.02)
+    thicker = dataclasses.replace(shipped, nodes=1.2 * shipped.nodes)
+    scaled = {name: 1.2 * value for name, value in measured_layers_mm(shipped).items()}
+    # The pad is cut out where it was before: a few other facets count.
+    assert measured_layers_mm(thicker) == pytest.approx(scaled, rel=2e-3)
+    assert pad_thickness_mm(thicker) == pytest.approx(1.2 * pad_thickness_mm(shipped))
+
+
+def test_a_mesh_beside_the_contact_point_is_refused(shipped):
+    beside = dataclasses.replace(shipped, nodes=shipped.nodes + np.array([0.0, -8.0, 0.0]))
+    with pytest.raises(MeshError, match="no bone_surface above the contact point"):
+        check_mesh(beside)
+    far = dataclasses.replace(shipped, nodes=shipped.nodes + np.array([50.0, 0.0, 0.0]))
+    assert measured_layers_mm(far) == {}
+    with pytest.raises(MeshError, match="no skin above the contact point"):
+        check_mesh(far)
 
 
 def bone_height(mesh):
@@ -355,3 +383,10 @@ def test_report(shipped):
     text = str(describe(shipped, FINGER))
     for word in ("stratum_corneum", "bone_surface", "tetrahedra", shipped.hash):
         assert word in text
+    assert "wanted" in text
+
+
+def test_a_mesh_file_has_no_wanted_layers(shipped, tmp_path):
+    report = describe(shipped, Finger(mesh_file=tmp_path / "a.msh"))
+    assert "wanted" not in str(report) and report.wanted == {}
+    assert report.pad_thickness == pad_thickness_mm(shipped)

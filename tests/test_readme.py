@@ -1,17 +1,24 @@
 """README and pages: their code runs, their commands exist, their links lead somewhere."""
 
 import re
+import shlex
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from synthetic import SLIDE, make_results
 
 from tactile_fem import cli
+from tactile_fem.checks import check_study
+from tactile_fem.stimulus import make_body, outlines
+from tactile_fem.study import Finger, Protocol, Receptors, Study, Text
+from tactile_fem.study_file import load_study
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 PAGES = ROOT / "demos" / "pages"
+RECIPES = PAGES / "recipes.md"
 TEXTS = [README, ROOT / "docker" / "README.md", *sorted(ROOT.glob("demos/**/*.md"))]
 
 
@@ -91,6 +98,72 @@ def test_neurons_run_on_their_own(tmp_path, monkeypatch, capsys):
     counts = names["response"].counts()
     assert counts[15] > counts[0] + 20 and counts.sum() == len(names["spike_s"])
     assert Path("spikes.npz").is_file() and Path("spikes.png").is_file()
+
+
+def test_the_recipes_commands_are_studies_that_can_be_scanned():
+    studies = {}
+    for line in "".join(blocks(RECIPES, "sh")).splitlines():
+        program, *arguments = shlex.split(line)
+        assert program == "tactile-fem"
+        command, bound, _ = cli.app.parse_args(arguments, exit_on_error=False)
+        assert command.__name__ in ("scan", "mesh")
+        study = load_study(None, bound.arguments["settings"])
+        check_study(study)
+        studies[str(bound.arguments.get("results", command.__name__))] = study
+    assert studies["results/thick"] == studies["mesh"]
+    thick = studies["results/thick"].finger
+    assert thick.epidermis_mm == 2 * Finger().epidermis_mm
+    assert thick.pad_thickness_mm == pytest.approx(Finger().pad_thickness_mm)
+    dots = [dot.centroid.y for dot in outlines(studies["results/dots"].stimulus)]
+    assert min(dots) == pytest.approx(3.0) and max(dots) < 10.0
+    # Under the contact point there is a stroke, and with the default text a gap.
+    pressed = [studies["results/press"].stimulus, Text(start_mm=20.0), Text()]
+    gaps = [float(make_body(one).distance(np.zeros((1, 3))).gap[0]) for one in pressed]
+    assert gaps == pytest.approx([0.0, 0.0, 0.6], abs=0.03)
+    script = run(blocks(RECIPES, "python")[0], RECIPES)
+    assert studies["results/soft"] == script["study"] != Study()
+
+
+def test_half_as_stiff_is_half_the_energy():
+    pytest.importorskip("ufl")
+    from tactile_fem.tissue.energies import law_of
+
+    study = run(blocks(RECIPES, "python")[0], RECIPES)["study"]
+    laws = [law_of(one.tissue.epidermis) for one in (Study(), study)]
+    stretched = np.diag([1.2, 1.0, 0.9])
+    usual, soft = (at(law.energy, stretched) for law in laws)
+    assert soft == pytest.approx(usual / 2)
+
+
+def test_the_recipes_plot_and_spikes(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    make_results("results/scan")
+    _, plot, spikes, neo, _ = blocks(RECIPES, "python")
+    names = run(plot, RECIPES)
+    # The end of the press, at displacement 0, and the slide.
+    assert names["slide"].sum() == SLIDE + 1 and names["middle"] == 10
+    assert Path("sed.png").is_file()
+    names = run(spikes, RECIPES)
+    assert names["counts"].shape == (20, 3)
+    assert np.array_equal(names["counts"].sum(axis=0), names["response"].counts())
+    pytest.importorskip("neo")
+    exec(compile(neo, RECIPES.name, "exec"), names)
+
+
+@pytest.mark.slow
+def test_the_recipes_scan_is_watched(small_finger, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("tactile_fem.backend")
+    monkeypatch.chdir(tmp_path)
+    code = blocks(RECIPES, "python")[-1]
+    brief = Study(
+        finger=Finger(mesh_file=small_finger),
+        protocol=Protocol(depth_mm=0.2, distance_mm=0.0),
+        receptors=Receptors(spacing_mm=2.5),
+    )
+    monkeypatch.setattr("tactile_fem.study.Study", lambda: brief)
+    names = run(code, RECIPES)
+    lines = capsys.readouterr().out.strip().splitlines()
+    assert len(lines) == len(names["result"].trace.time_s) - 1
 
 
 def test_the_commands_exist(capsys):

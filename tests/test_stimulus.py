@@ -17,6 +17,8 @@ BODIES = {
     "grating across": Grating(),
     "grating along": Grating(along="y"),
     "dots": Dots(),
+    "grating from its start": Grating(count=3, start_mm=-0.3),
+    "dots from their start": Dots(columns=2, rows=3, start_mm=1.2),
 }
 EMBOSSED = [name for name, stimulus in BODIES.items() if hasattr(stimulus, "relief_mm")]
 
@@ -154,18 +156,44 @@ def test_letters_are_not_mirrored():
     assert gap(Text(text="F"), [[x, y, -0.3], [-x, y, -0.3]])[0] < 0
 
 
-def test_the_body_lies_where_its_outline_lies():
-    stimulus = Text(text="OG", shift_mm=(0.3, 0.7))
+@pytest.mark.parametrize(
+    "stimulus",
+    [
+        Text(text="OG", shift_mm=(0.3, 0.7)),
+        Dots(columns=2, rows=3, start_mm=-1.3, shift_mm=(0.3, 0.7)),
+        Grating(count=3, start_mm=4.5),
+        Grating(count=4, start_mm=0.6, along="y", shift_mm=(0.3, 0.7)),
+    ],
+    ids=["text", "dots", "grating across", "grating along"],
+)
+def test_the_body_lies_where_its_outline_lies(stimulus):
     rng = np.random.default_rng(2)
     xy = rng.uniform([-4, -9], [4, 9], (4000, 2))
     shape = shapely.union_all(outlines(stimulus))
     clear = shapely.distance(shape.boundary, shapely.points(xy)) > 0.02
     inside = shapely.contains_xy(shape, *xy[clear].T)
+    assert inside.any()
     at = gap(stimulus, np.column_stack([xy[clear], np.full(clear.sum(), -0.3)]))
     assert np.array_equal(at < 0, inside)
-    # The counter of the O is outside.
+
+
+def test_the_counter_of_a_letter_is_outside():
+    stimulus = Text(text="OG", shift_mm=(0.3, 0.7))
     counter = shapely.Polygon(outlines(stimulus)[0].interiors[0]).centroid
     assert gap(stimulus, [counter.x, counter.y, -0.3]) > 0.2
+
+
+def test_start_says_which_place_of_a_pattern_lies_over_the_contact_point():
+    """Counted from the first letter, row or ridge; the default is the middle of a pattern."""
+    rows = [d.centroid.y for d in outlines(Dots(columns=1, rows=3, start_mm=1.2))]
+    assert rows == pytest.approx([-1.2, 1.8, 4.8])
+    ridges = outlines(Grating(count=2, start_mm=0.0, along="y", shift_mm=(0.1, 0.0)))
+    assert [r.centroid.x for r in ridges] == pytest.approx([0.1, 2.1])
+    (first, _) = outlines(Text(text="FG", start_mm=1.2))
+    assert (first.bounds[1] + first.bounds[3]) / 2 == pytest.approx(-1.2, abs=0.01)
+    middle = {Dots(rows=7): Dots(rows=7, start_mm=9.0), Grating(): Grating(start_mm=8.0)}
+    for default, said in middle.items():
+        assert all(map(shapely.equals, outlines(default), outlines(said)))
 
 
 def test_outlines_of_patterns():

@@ -1,11 +1,13 @@
+import json
 import re
 import tomllib
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
-from tactile_fem.study import Study, Text
+from tactile_fem.study import Finger, Protocol, Study, Text
 from tactile_fem.study_errors import KINDS
 from tactile_fem.study_file import dump_study, load_study
 from tactile_fem.study_page import study_page
@@ -88,6 +90,47 @@ def test_paths_in_a_file_start_from_its_folder_and_paths_of_overrides_from_here(
     study = load_study(folder / "s.toml", ["finger.mesh_file=other.msh"])
     assert study.finger.mesh_file == tmp_path / "other.msh"
     assert load_study().stimulus.font == "DejaVu Sans"
+
+
+def test_paths_of_a_study_made_in_python_start_from_here(tmp_path, monkeypatch):
+    (tmp_path / "results").mkdir()
+    monkeypatch.chdir(tmp_path)
+    study = Study(finger=Finger(mesh_file="mine.msh"), stimulus=Text(font="f.ttf"))
+    assert study.finger.mesh_file == tmp_path / "mine.msh"
+    assert study.stimulus.font == str(tmp_path / "f.ttf")
+    kept = tmp_path / "results" / "study.toml"
+    kept.write_text(dump_study(study))
+    assert load_study(kept) == study
+
+
+def test_one_key_instead_of_others_is_kept_without_them(tmp_path):
+    study = load_study(None, ["finger.mesh_file=mine.msh", "protocol.force_N=0.6"])
+    (tmp_path / "study.toml").write_text(dump_study(study))
+    kept = tomllib.loads((tmp_path / "study.toml").read_text())
+    assert kept["finger"] == {"mesh_file": str(Path("mine.msh").absolute())}
+    assert kept["protocol"]["force_N"] == 0.6 and "depth_mm" not in kept["protocol"]
+    assert kept["protocol"]["distance_mm"] == 10.0
+    assert load_study(tmp_path / "study.toml") == study == Study.model_validate(study.model_dump())
+    fixed = json.loads(study.model_dump_json(exclude={"neuron": True, "finger": {"mesh_file"}}))
+    assert fixed["finger"] == {} and "depth_mm" not in fixed["protocol"]
+    whole = Study().model_dump()
+    assert whole["finger"]["dermis_mm"] == 0.8 and whole["protocol"]["depth_mm"] == 1.97
+
+
+@pytest.mark.parametrize(
+    ("model", "values", "says"),
+    [
+        (Finger, {"mesh_file": "a.msh", "dermis_mm": 1.5}, "dermis_mm = 1.5 .* beside mesh_file"),
+        (Finger, {"mesh_file": "a.msh", "dermis_mm": 0.8}, "dermis_mm = 0.8"),
+        (Finger, {"mesh_file": "a.msh", "preset": "paper"}, 'preset = "paper"'),
+        (Protocol, {"depth_mm": 1.97, "force_N": 0.6}, "depth_mm = 1.97 .* beside force_N"),
+    ],
+)
+def test_a_key_that_another_one_replaces_is_refused(model, values, says):
+    with pytest.raises(ValidationError, match=says):
+        model(**values)
+    for key, value in values.items():
+        assert getattr(model(**{key: value}), key)
 
 
 def test_a_key_without_its_section_is_told_where_it_belongs(tmp_path):

@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMesh, facets_of
+from tactile_fem.finger.mesh_data import (
+    SURFACES,
+    TET_EDGES,
+    TISSUES,
+    FingerMesh,
+    facets_of,
+    lowest_facet,
+)
 from tactile_fem.study import Finger
 
 LAYERS = ("stratum_corneum", "epidermis", "dermis")
@@ -62,7 +69,7 @@ def check_mesh(mesh: FingerMesh) -> None:
     ------
     MeshError
         For inverted tetrahedra, facets of more than two, missing tissues or surfaces, nodes that
-        are nowhere, or another unit of length.
+        are nowhere, another unit of length, or a contact point without skin and bone above it.
     """
     missing = [name for name, tag in TISSUES.items() if not np.any(mesh.tissue == tag)]
     missing += [name for name, tag in SURFACES.items() if not np.any(mesh.surface == tag)]
@@ -85,6 +92,31 @@ def check_mesh(mesh: FingerMesh) -> None:
         facets_of(mesh.tets)
     except ValueError as error:
         raise MeshError(f"the mesh is not conforming: {error}") from error
+    pad_thickness_mm(mesh)
+
+
+def pad_thickness_mm(mesh: FingerMesh) -> float:
+    """Return the height in mm from skin to bone straight above the contact point, X = Y = 0.
+
+    Raises
+    ------
+    MeshError
+        There is no skin or no bone.
+    """
+    heights = []
+    for name in ("skin", "bone_surface"):
+        facets = mesh.nodes[mesh.triangles[mesh.surface == SURFACES[name], :3]]
+        found = lowest_facet(0.0, 0.0, facets)
+        if found is None:
+            raise MeshError(f"the mesh has no {name} above the contact point, X = Y = 0")
+        facet, weights = found
+        heights.append(float(weights @ facets[facet, :, 2]))
+    return heights[1] - heights[0]
+
+
+def measured_layers_mm(mesh: FingerMesh) -> dict[str, float]:
+    """Return the mean thickness in mm of each layer of the pad, as `layer_thickness` measures."""
+    return {name: float(found.mean()) for name, found in layer_thickness(mesh).items()}
 
 
 def layer_thickness(mesh: FingerMesh) -> dict[str, NDArray[np.float64]]:
@@ -94,20 +126,21 @@ def layer_thickness(mesh: FingerMesh) -> dict[str, NDArray[np.float64]]:
     -------
     thickness
         mm per layer: distances from the middles of the pad's facets of each limit to the nearest
-        point of the next limit, the stratum corneum first.
+        point of the next limit, the stratum corneum first. A layer that the pad lacks is left out.
     """
     facets, first, second = facets_of(mesh.tets)
-    one = mesh.tissue[first]
-    other = np.where(second < 0, 0, mesh.tissue[second])
+    inner = second >= 0
+    one, other = mesh.tissue[first[inner]], mesh.tissue[second[inner]]
     low, high = np.minimum(one, other), np.maximum(one, other)
-    limits = []
-    for depth in range(len(LAYERS) + 1):
-        limits.append(facets[(low == depth) & (high == depth + 1)])
+    limits = [mesh.triangles[mesh.surface == SURFACES["skin"], :3]]
+    for depth in range(1, len(LAYERS) + 1):
+        limits.append(facets[inner][(low == depth) & (high == depth + 1)])
     thickness = {}
     for name, above, below in zip(LAYERS, limits[:-1], limits[1:], strict=True):
         middle = mesh.nodes[above].mean(axis=1)
         in_pad = np.all(np.abs(middle[:, :2]) < PAD_MM, axis=1) & (middle[:, 2] < PAD_MM[0])
-        thickness[name] = _distances(middle[in_pad], mesh.nodes[below])
+        if in_pad.any() and len(below):
+            thickness[name] = _distances(middle[in_pad], mesh.nodes[below])
     return thickness
 
 
@@ -133,7 +166,10 @@ def _distances(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDA
 
 @dataclass(frozen=True)
 class MeshReport:
-    """Figures of a finger mesh; volumes in mm^3, thickness in mm."""
+    """Figures of a finger mesh; volumes in mm^3, thickness in mm.
+
+    `wanted` is the layers' thickness in the study; it is empty if the mesh came from a file.
+    """
 
     nodes: int
     tets: dict[str, int]
@@ -142,6 +178,7 @@ class MeshReport:
     facets: dict[str, int]
     thickness: dict[str, tuple[float, float, float]]
     wanted: dict[str, float]
+    pad_thickness: float
     hash: str
 
     def __str__(self) -> str:
@@ -156,15 +193,17 @@ class MeshReport:
             lines.append(f"{name:<16}{count:>8}{self.volume[name]:>10.1f}{low:>11.3f}{mean:>7.3f}")
         lines.append(f"{'surface':<16}{'facets':>8}")
         lines += [f"{name:<16}{count:>8}" for name, count in self.facets.items()]
-        lines.append(f"{'layer of the pad':<16}{'wanted':>8}{'min':>8}{'mean':>8}{'max':>8} mm")
-        for name, figures in self.thickness.items():
-            values = "".join(f"{value:>8.3f}" for value in (self.wanted[name], *figures))
-            lines.append(f"{name:<16}{values}")
+        columns = [*(["wanted"] if self.wanted else []), "min", "mean", "max"]
+        lines.append(f"{'layer of the pad':<16}{''.join(f'{c:>8}' for c in columns)} mm")
+        for name, found in self.thickness.items():
+            figures = [self.wanted[name], *found] if self.wanted else found
+            lines.append(f"{name:<16}{''.join(f'{value:>8.3f}' for value in figures)}")
+        lines.append(f"skin to bone over the contact point {self.pad_thickness:.3f} mm")
         return "\n".join([*lines, f"sha256 {self.hash}"])
 
 
 def describe(mesh: FingerMesh, finger: Finger) -> MeshReport:
-    """Measure a mesh and hold its layers beside the finger's lengths."""
+    """Measure a mesh and hold its layers beside those that the finger asks for, if it does."""
     volume, gamma = volumes(mesh.nodes, mesh.tets), gammas(mesh.nodes, mesh.tets)
     parts = {name: mesh.tissue == tag for name, tag in TISSUES.items()}
     parts = {name: mask for name, mask in parts.items() if mask.any()}
@@ -181,6 +220,11 @@ def describe(mesh: FingerMesh, finger: Finger) -> MeshReport:
             name: (float(found.min()), float(found.mean()), float(found.max()))
             for name, found in layer_thickness(mesh).items()
         },
-        wanted={name: getattr(finger, f"{name}_mm") for name in LAYERS},
+        wanted=(
+            {name: getattr(finger, f"{name}_mm") for name in LAYERS}
+            if finger.mesh_file is None
+            else {}
+        ),
+        pad_thickness=pad_thickness_mm(mesh),
         hash=mesh.hash,
     )

@@ -215,10 +215,11 @@ def bone_shape(finger: Finger) -> Capsule:
     )
     depth = depth_below(skin, bone.sample(0.4)[0])
     layers = finger.stratum_corneum_mm + finger.epidermis_mm + finger.dermis_mm
-    if depth.min() < layers + LEAST_GAP_MM:
+    need = layers + LEAST_GAP_MM
+    if depth.min() < need:
         where = "outside the skin" if depth.min() <= 0 else f"{depth.min():.2f} mm below the skin"
         raise MeshError(
-            f"the bone comes to lie {where}, but the layers take {layers:.2f} mm: use thinner "
+            f"the bone comes to lie {where}, but the layers need {need:.2f} mm: use thinner "
             "layers, a smaller bone or a thicker finger (finger.palmar_height_mm and others)"
         )
     return bone

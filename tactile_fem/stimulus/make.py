@@ -21,7 +21,7 @@ from tactile_fem.stimulus.body import (
     Wedge,
 )
 from tactile_fem.stimulus.letters import Letters
-from tactile_fem.stimulus.patterns import Discs, Ridges
+from tactile_fem.stimulus.patterns import Discs, Ridges, Row
 from tactile_fem.study import (
     AnyStimulus,
     Cylinder,
@@ -66,9 +66,12 @@ def _outline(stimulus: Text | Grating | Dots) -> Outline:
     match stimulus:
         case Grating():
             spacing = stimulus.ridge_mm + stimulus.groove_mm
-            return Ridges(stimulus.ridge_mm, spacing, stimulus.count, _ACROSS[stimulus.along])
+            row = Row.of(spacing, stimulus.count, stimulus.start_mm)
+            return Ridges(stimulus.ridge_mm, row, _ACROSS[stimulus.along])
         case Dots():
-            return Discs(stimulus.radius_mm, stimulus.spacing_mm, stimulus.columns, stimulus.rows)
+            x = Row.of(stimulus.spacing_mm, stimulus.columns)
+            y = Row.of(stimulus.spacing_mm, stimulus.rows, stimulus.start_mm)
+            return Discs(stimulus.radius_mm, x, y)
         case _:
             return Letters(stimulus)
 

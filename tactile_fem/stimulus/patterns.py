@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import shapely
@@ -10,36 +11,48 @@ import shapely
 from tactile_fem.stimulus.body import Array, Planar, norm_of
 
 
-def _nearest(coordinate: Array, spacing: float, count: int) -> Array:
-    """Return the nearest of `count` equally spaced places about 0."""
-    first = -(count - 1) / 2
-    return spacing * (np.clip(np.round(coordinate / spacing - first), 0, count - 1) + first)
+@dataclass(frozen=True)
+class Row:
+    """`count` equally spaced places along an axis, the first one at `first` mm."""
+
+    first: float
+    spacing: float
+    count: int
+
+    @classmethod
+    def of(cls, spacing: float, count: int, start: float | None = None) -> Row:
+        """Return places of which the one `start` mm from the first is 0; default the middle."""
+        return cls(-spacing * (count - 1) / 2 if start is None else -start, spacing, count)
+
+    def places(self) -> Array:
+        """Return all places (count,)."""
+        return self.first + self.spacing * np.arange(self.count)
+
+    def nearest(self, coordinate: Array) -> Array:
+        """Return the place nearest to each coordinate."""
+        index = np.round((coordinate - self.first) / self.spacing)
+        return self.first + self.spacing * np.clip(index, 0, self.count - 1)
 
 
 @dataclass(frozen=True)
 class Ridges:
-    """`count` parallel ridges, endless along the other axis.
-
-    `across` is the axis over which they follow one another.
-    """
+    """Parallel ridges, endless along the other axis; `across` is the axis of their `row`."""
 
     width: float
-    spacing: float
-    count: int
+    row: Row
     across: int
 
     def distance(self, xy: Array) -> Planar:
         """Return the signed distance in the plane at `xy` (n, 2)."""
-        offset = xy[:, self.across] - _nearest(xy[:, self.across], self.spacing, self.count)
+        offset = xy[:, self.across] - self.row.nearest(xy[:, self.across])
         gradient = np.zeros_like(xy)
         gradient[:, self.across] = np.where(offset < 0, -1.0, 1.0)
         return Planar(np.abs(offset) - self.width / 2, gradient, np.zeros((len(xy), 2, 2)))
 
     def polygons(self) -> list[shapely.Polygon]:
         """Return the ridges, cut to 20 mm, as polygons."""
-        places = self.spacing * (np.arange(self.count) - (self.count - 1) / 2)
         boxes = []
-        for place in places:
+        for place in self.row.places():
             low, high = np.full(2, -10.0), np.full(2, 10.0)
             low[self.across], high[self.across] = place - self.width / 2, place + self.width / 2
             boxes.append(shapely.box(*low, *high))
@@ -48,22 +61,19 @@ class Ridges:
 
 @dataclass(frozen=True)
 class Discs:
-    """A rectangular array of discs."""
+    """A rectangular array of discs, their centres at `x` and `y`."""
 
     radius: float
-    spacing: float
-    columns: int
-    rows: int
+    x: Row
+    y: Row
 
     def distance(self, xy: Array) -> Planar:
         """Return the signed distance in the plane at `xy` (n, 2)."""
-        counts = (self.columns, self.rows)
-        centre = np.column_stack([_nearest(xy[:, k], self.spacing, counts[k]) for k in range(2)])
+        centre = np.column_stack([self.x.nearest(xy[:, 0]), self.y.nearest(xy[:, 1])])
         r, n, H = norm_of(xy - centre)
         return Planar(r - self.radius, n, H)
 
     def polygons(self) -> list[shapely.Polygon]:
         """Return the discs as polygons."""
-        x = self.spacing * (np.arange(self.columns) - (self.columns - 1) / 2)
-        y = self.spacing * (np.arange(self.rows) - (self.rows - 1) / 2)
-        return [shapely.Point(a, b).buffer(self.radius) for a in x for b in y]
+        centres = product(self.x.places(), self.y.places())
+        return [shapely.Point(centre).buffer(self.radius) for centre in centres]

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import json
+import os
+from pathlib import Path
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 # Strict: a number is a number, never text such as "0.2 mm" nor true or false.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -13,7 +24,52 @@ NonNegative = Annotated[Finite, Field(ge=0)]
 Whole = Annotated[int, Field(strict=True)]
 
 
+def absolute(path: Path | str, folder: Path | str = "") -> Path:
+    """Return an absolute path: a relative one starts from `folder`, or from here."""
+    return Path(os.path.abspath(Path(folder, os.path.expanduser(path))))
+
+
+# Absolute, so that it means the same file in the study that a results folder keeps.
+File = Annotated[Path, AfterValidator(absolute)]
+
+
 class Section(BaseModel):
     """A frozen group of values that refuses unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+
+class Either(Section):
+    """A section of which one key, where it is set, takes the place of others.
+
+    The others are refused beside it, and left out of what is dumped.
+    """
+
+    @classmethod
+    def _alternative(cls) -> tuple[str, list[str]]:
+        """Return the key and the others."""
+        raise NotImplementedError
+
+    def _replaced(self) -> list[str]:
+        key, others = self._alternative()
+        return [] if getattr(self, key) is None else others
+
+    @model_validator(mode="after")
+    def _has_one_or_the_other(self) -> Self:
+        values = {name: getattr(self, name) for name in self._replaced()}
+        given = [
+            f"{name} = {json.dumps(value)}"
+            for name, value in values.items()
+            if name in self.model_fields_set and value is not None
+        ]
+        if given:
+            raise ValueError(
+                f"{', '.join(given)} would have no effect beside {self._alternative()[0]}: "
+                "give one or the other"
+            )
+        return self
+
+    @model_serializer(mode="wrap")
+    def _used(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        values = serialize(self)
+        return {name: values[name] for name in values if name not in self._replaced()}

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole
+from tactile_fem.study.base import Either, File, Finite, NonNegative, Positive, Section, Whole
 
 MOST_OUTPUTS = 100_000
 LONGEST_S = 100_000.0
 
 
-class Finger(Section):
+class Finger(Either):
     """Shape of the fingertip and of its mesh."""
 
     preset: Literal["coarse", "medium", "paper"] = Field(
         "coarse", description="mesh size: coarse, medium or paper (81,000 tetrahedra)"
     )
-    mesh_file: Path | None = Field(
-        None, description="a .msh file with the package's tags; replaces the parametric finger"
+    mesh_file: File | None = Field(
+        None,
+        description="a .msh file with the package's tags, instead of all other keys of this table",
     )
     half_width_mm: Positive = Field(8.0, description="proposed: half the finger's width (X)")
     palmar_height_mm: Positive = Field(8.0, description="proposed: axis to pad")
@@ -55,25 +55,36 @@ class Finger(Section):
         None, description="rows of elements through the epidermis; default by preset"
     )
 
+    @classmethod
+    def _alternative(cls) -> tuple[str, list[str]]:
+        return "mesh_file", [name for name in cls.model_fields if name != "mesh_file"]
+
     @property
     def pad_thickness_mm(self) -> float:
-        """Skin surface to bone under the contact point."""
+        """Skin surface to bone under the contact point, of the parametric finger."""
         return self.stratum_corneum_mm + self.epidermis_mm + self.dermis_mm + self.subcutaneous_mm
 
 
-class Protocol(Section):
+class Protocol(Either):
     """Press, then slide towards the palm (-Y), the bone being fixed."""
 
     depth_mm: Positive = Field(
-        1.97, description="paper: indentation of the undeformed pad's lowest point"
+        1.97,
+        description="paper: indentation of the undeformed pad's lowest point, held in the slide",
     )
     force_N: Positive | None = Field(
-        None, description="press to this normal force instead of to depth_mm (paper: 0.6)"
+        None,
+        description="press to this normal force instead of to depth_mm (paper: 0.6); the depth "
+        "reached is held in the slide",
     )
     press_speed_mm_s: Positive = Field(20.0, description="proposed: speed of the indentation")
     speed_mm_s: Positive = Field(20.0, description="paper: speed of the slide")
     distance_mm: NonNegative = Field(10.0, description="paper: length of the slide")
     output_mm: Positive = Field(0.1, description="slide positions that are hit exactly")
+
+    @classmethod
+    def _alternative(cls) -> tuple[str, list[str]]:
+        return "force_N", ["depth_mm"]
 
     @model_validator(mode="after")
     def _comes_to_an_end(self) -> Self:
@@ -82,6 +93,7 @@ class Protocol(Section):
                 f"distance_mm = {self.distance_mm:g} holds more than {MOST_OUTPUTS:,} times "
                 f"output_mm = {self.output_mm:g}"
             )
+        # With force_N the depth is not known yet; the default of depth_mm is near enough here.
         lasts_s = self.depth_mm / self.press_speed_mm_s + self.distance_mm / self.speed_mm_s
         if lasts_s > LONGEST_S:
             raise ValueError(f"it lasts {lasts_s:g} s at these speeds, more than {LONGEST_S:,.0f}")

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole
+from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole, absolute
+
+
+def font_file(font: str, folder: Path | str = "") -> str:
+    """Return the path of a font file as an absolute one, the name of a family as it is."""
+    is_file = Path(font).suffix.lower() in (".ttf", ".otf", ".ttc")
+    return str(absolute(font, folder)) if is_file else font
 
 
 class Stimulus(Section):
@@ -25,7 +32,9 @@ class Text(Stimulus):
     text: Annotated[str, Field(min_length=1, max_length=40)] = Field(
         "FGH", description="paper: letters in the order in which they pass the receptor"
     )
-    font: str = Field("DejaVu Sans", description="proposed: font family or path of a font file")
+    font: Annotated[str, AfterValidator(font_file)] = Field(
+        "DejaVu Sans", description="proposed: font family or path of a font file"
+    )
     g_width_mm: Annotated[Positive, Field(le=100)] = Field(
         6.5, description="paper: width of the letter G, sets the scale"
     )
@@ -81,6 +90,11 @@ class Grating(Stimulus):
     fillet_radius_mm: Positive = Field(0.2, description="radius of the top edges")
     count: Annotated[Whole, Field(ge=1, le=200)] = Field(9, description="number of ridges")
     along: Literal["x", "y"] = Field("x", description="direction of the ridges")
+    start_mm: Finite | None = Field(
+        None,
+        description="place of the grating over the contact point at displacement 0, from the "
+        "centre of the first ridge (least Y; least X if they lie along y); default its middle",
+    )
 
 
 class Dots(Stimulus):
@@ -93,6 +107,11 @@ class Dots(Stimulus):
     fillet_radius_mm: Positive = Field(0.2, description="radius of the top edge")
     columns: Annotated[Whole, Field(ge=1, le=100)] = Field(3, description="across the finger (X)")
     rows: Annotated[Whole, Field(ge=1, le=100)] = Field(7, description="along the finger (Y)")
+    start_mm: Finite | None = Field(
+        None,
+        description="place of the array over the contact point at displacement 0, from the "
+        "centre of the first row (least Y); default its middle",
+    )
 
 
 AnyStimulus = Annotated[
