@@ -17,6 +17,7 @@ from tactile_fem import __version__, backend
 from tactile_fem.errors import StudyError
 from tactile_fem.fields import FieldWriter
 from tactile_fem.finger import FingerMesh
+from tactile_fem.finger.report import measured_layers_mm, pad_thickness_mm
 from tactile_fem.mechanics.compile import compiler_version
 from tactile_fem.mechanics.march import March, Step
 from tactile_fem.mechanics.probe import CellEnergy
@@ -73,8 +74,7 @@ class Recorder:
         self._timers_before = _timers()
         self._memory_MB = 0.0
         self._next_field_mm = 0.0
-        self._mesh_hash = on_root(self._comm, lambda: finger.hash if finger else "")
-        self._cells = on_root(self._comm, lambda: len(finger.tets) if finger else 0)
+        self._mesh = on_root(self._comm, lambda: _measured(finger))
         self._fields = (
             FieldWriter(results.fields, finger.nodes, finger.tets, finger.tissue)
             if finger is not None and self._comm.rank == 0
@@ -100,7 +100,7 @@ class Recorder:
                 format=_FORMAT,
                 version=__version__,
                 study=self._fixed,
-                mesh=self._mesh_hash,
+                mesh=self._mesh["hash"],
                 state=json.dumps(self._march.state()),
                 rows=len(trace.time_s),
                 fields=self._fields.count if self._fields else 0,
@@ -153,7 +153,7 @@ class Recorder:
                 f"study.toml has changed since {file} was written ({', '.join(changed)}): only "
                 "neuron and output may; run the changed study in another folder."
             )
-        if str(saved["mesh"]) != self._mesh_hash:
+        if str(saved["mesh"]) != self._mesh["hash"]:
             raise StudyError(
                 f"{file} belongs to another mesh than the study's: bring that mesh back, or run "
                 "the study again in another folder."
@@ -198,11 +198,7 @@ class Recorder:
                 "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
                 "python": platform.python_version(),
             },
-            "mesh": {
-                "hash": self._mesh_hash,
-                "tetrahedra": self._cells,
-                "unknowns": self._problem.unknowns,
-            },
+            "mesh": {**self._mesh, "unknowns": self._problem.unknowns},
             "ranks": self._comm.size,
             "compiler": {
                 "version": compiler_version() if self._comm.rank == 0 else "",
@@ -212,6 +208,16 @@ class Recorder:
             **self._spent(),
         }
         on_root(self._comm, lambda: self._results.save_run(run))
+
+
+def _measured(finger: FingerMesh) -> dict[str, Any]:
+    """Return what a mesh is, whoever made it."""
+    return {
+        "hash": finger.hash,
+        "tetrahedra": len(finger.tets),
+        "pad_thickness_mm": pad_thickness_mm(finger),
+        "layers_mm": measured_layers_mm(finger),
+    }
 
 
 def _timers() -> dict[str, float]:

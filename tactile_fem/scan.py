@@ -16,8 +16,10 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import jit
 
+from tactile_fem.checks import check_depth
 from tactile_fem.errors import ConvergenceError, StoppedError, StudyError, TactileError
 from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem.finger.report import pad_thickness_mm
 from tactile_fem.lock import alone_in
 from tactile_fem.logs import log_to
 from tactile_fem.mechanics.compile import mend_cache
@@ -172,6 +174,7 @@ class _Scene:
 
     study: Study
     finger: FingerMesh | None
+    pad_thickness_mm: float
     positions: Array
     samples: Samples
 
@@ -181,10 +184,12 @@ class _Scene:
         check_options(study.solver)
         body = make_body(study.stimulus)
         finger = on_root(comm, lambda: load_finger(study.finger), share=False)
+        thickness = on_root(comm, lambda: pad_thickness_mm(finger))
+        check_depth(study.protocol, thickness)
         positions = on_root(comm, lambda: place(study.receptors, finger))
         samples = on_root(comm, lambda: sample(study.receptors, positions, finger))
         on_root(comm, lambda: _check_apart(body, finger))
-        return cls(study, finger, positions, samples)
+        return cls(study, finger, thickness, positions, samples)
 
 
 @dataclass(frozen=True)
@@ -206,7 +211,7 @@ class _Rig:
             problem = FingerProblem.of(study, domain)
             _ = problem.load_cell  # compiled here, not in the first step
             probe = Probe(problem, scene.samples, len(scene.positions), study.receptors.side)
-            deepest = _DEEPEST * study.finger.pad_thickness_mm
+            deepest = _DEEPEST * scene.pad_thickness_mm
             march = March(problem, study.protocol, study.solver, deepest)
             recorder = Recorder(results, study, problem, march, scene.finger) if results else None
         logger.info(

@@ -18,6 +18,11 @@ from tactile_fem.study import Finger
 SETTINGS = [
     ("finger.dermis_mm=-0.8", "finger.dermis_mm is -0.8 but must be greater than 0."),
     ('finger.dermis_mm="0.8 mm"', 'finger.dermis_mm is "0.8 mm" but must be a number.'),
+    (
+        "protocol.depth_mm=1970",
+        "protocol.depth_mm is 1970 but must be less than 5.3, the finger's thickness from skin to "
+        "bone over the contact point.",
+    ),
     ("finger.dermis_mm=true", "finger.dermis_mm is true but must be a number."),
     ("finger.dermis_mm=nan", "finger.dermis_mm is nan but must be a finite number."),
     ("finger.preset=cors", 'finger.preset is "cors" but must be "coarse", "medium" or "paper".'),

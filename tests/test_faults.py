@@ -320,7 +320,7 @@ def test_a_stimulus_driven_through_the_bone(study, tmp_path):
     through = study.model_copy(
         update={
             "stimulus": Plate(),
-            "protocol": Protocol(depth_mm=9.0, distance_mm=0.1),
+            "protocol": Protocol(depth_mm=5.1, distance_mm=0.1),
             "solver": Solver(first_step_mm=0.5, max_press_step_mm=0.5, min_step_mm=0.4),
         }
     )

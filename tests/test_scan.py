@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,11 +13,11 @@ import pytest
 from tactile_fem import ranks
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.fields import read_series
-from tactile_fem.finger import FingerMesh, build_finger, write_msh
+from tactile_fem.finger import FingerMesh, build_finger, read_msh, write_msh
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.results import Results
 from tactile_fem.scan import resume, scan
-from tactile_fem.study import Finger, Output, Protocol, Receptors, Solver, Study, Text
+from tactile_fem.study import Finger, Output, Plate, Protocol, Receptors, Solver, Study, Text
 from tactile_fem.study_file import dump_study
 
 
@@ -71,6 +72,10 @@ def test_a_scan_presses_slides_feels_and_keeps(finished, study):
     assert results.study == study
     assert results.run["status"] == "complete"
     assert results.run["mesh"]["tetrahedra"] > 1000
+    assert results.run["mesh"]["layers_mm"]["epidermis"] == pytest.approx(0.65, rel=0.05)
+    assert results.run["mesh"]["pad_thickness_mm"] == pytest.approx(5.3, rel=0.05)
+    assert results.run["compiler"]["flags"] == list(study.solver.compiler_flags)
+    assert results.run["compiler"]["version"]
     np.testing.assert_array_equal(results.trace["sed_kPa"], trace.sed_kPa)
     times, files = read_series(results.fields)
     np.testing.assert_allclose(times, [0.0, 0.01, 0.02], atol=1e-12)
@@ -138,6 +143,25 @@ def test_pressing_to_a_force(study, monkeypatch, caplog):
     assert sum(len(step.discarded) for step in steps) == len(reports) - len(steps) > 0
     assert trace.newton_iterations.sum() == sum(report.iterations for report in reports)
     assert trace.linear_iterations.sum() == sum(report.linear_iterations for report in reports)
+
+
+def test_a_users_finger_is_pressed_as_deep_as_it_is_thick(study, small_finger, tmp_path):
+    """Half as thick, it gives up at four fifths of its own thickness, not of the default's."""
+    finger = read_msh(small_finger)
+    flat = replace(finger, nodes=finger.nodes * [1.0, 1.0, 0.5])
+    write_msh(tmp_path / "flat.msh", flat)
+    settings = {
+        "finger": Finger(mesh_file=tmp_path / "flat.msh"),
+        "stimulus": Plate(),
+        "solver": Solver(first_step_mm=0.3, max_press_step_mm=0.3, min_step_mm=0.1),
+    }
+    hard = Protocol(force_N=1e4, distance_mm=0)
+    with pytest.raises(ConvergenceError, match="stopped") as error:
+        scan(study.model_copy(update={**settings, "protocol": hard}))
+    assert error.value.displacement_mm <= 0.8 * 0.5 * 5.3 + 0.05
+    through = Protocol(depth_mm=2.7, distance_mm=0)
+    with pytest.raises(StudyError, match=r"protocol\.depth_mm is 2\.7 but must be less than 2\.6"):
+        scan(study.model_copy(update={**settings, "protocol": through}))
 
 
 def test_a_press_that_meets_nothing_is_said(study, monkeypatch, caplog):
