@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import pickle
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -68,7 +67,7 @@ def raising_together(comm: MPI.Comm) -> Iterator[None]:
 def _picklable(error: Exception | None) -> Exception | None:
     """Return an error that can be sent to another rank: itself, or a sentence in its place."""
     try:
-        pickle.loads(pickle.dumps(error))
+        MPI.pickle.loads(MPI.pickle.dumps(error))
     except Exception:
         return TactileError(f"{type(error).__name__}: {error}")
     return error
