@@ -38,9 +38,9 @@ def on_root[T](comm: MPI.Comm, action: Callable[[], T], *, share: bool = True) -
             result = action()
         except Exception as caught:
             error = caught
-    error = comm.bcast(_picklable(error))
-    if error is not None:
-        raise error
+    sent = comm.bcast(_sendable(error))
+    if sent is not None:
+        raise error or sent
     return comm.bcast(result) if share else result
 
 
@@ -60,17 +60,14 @@ def raising_together(comm: MPI.Comm) -> Iterator[None]:
         error = caught
     if not comm.allreduce(error is not None, op=MPI.LOR):
         return
-    errors = comm.allgather(_picklable(error))
+    errors = comm.allgather(_sendable(error))
     raise error or next(found for found in errors if found is not None)
 
 
-def _picklable(error: Exception | None) -> Exception | None:
-    """Return an error that can be sent to another rank: itself, or a sentence in its place."""
-    try:
-        MPI.pickle.loads(MPI.pickle.dumps(error))
-    except Exception:
-        return TactileError(f"{type(error).__name__}: {error}")
-    return error
+def _sendable(error: Exception | None) -> Exception | None:
+    """Return an error that other ranks can make again: Python's or the package's own, or words."""
+    known = isinstance(error, TactileError) or type(error).__module__ == "builtins"
+    return error if known else TactileError(f"{type(error).__name__}: {error}")
 
 
 @contextmanager
