@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import resource
+import select
 import shutil
 import subprocess
 import sys
@@ -364,6 +365,36 @@ with ending_together(comm):
         raise StudyError("the sentence")
     comm.Barrier()
 """
+
+
+ABORTING = """
+import fcntl, logging, sys, termios
+from tactile_fem import together
+class Comm:  # of two, the other of which never comes
+    rank, size = 1, 2
+    Dup = Ibarrier = lambda self: self
+    Test = lambda self: False
+    def Abort(self, code):
+        unread = fcntl.ioctl(2, termios.FIONREAD, bytes(4))
+        print(code, "unread" if any(unread) else "read", flush=True)
+together._PATIENCE_S = float(sys.argv[1])
+logging.basicConfig(format="%(message)s")
+with together.ending_together(Comm()):
+    raise OSError("the sentence")
+"""
+
+
+@pytest.mark.parametrize(("patience_s", "read"), [(3.0, True), (0.1, False)])
+def test_what_a_rank_says_is_read_before_it_ends_all(patience_s, read):
+    """An abort overtakes it on the way to the terminal; a reader that hangs delays nothing long."""
+    command = [sys.executable, "-c", ABORTING, str(patience_s)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        select.select([process.stderr], [], [])  # it has been said
+        if read:
+            time.sleep(0.3)
+            assert process.stderr.read() == b"rank 1 ends all: the sentence\n"
+        assert process.stdout.read() == (b"1 read\n" if read else b"1 unread\n")
+        assert process.wait() == 1
 
 
 @pytest.mark.mpi
