@@ -176,6 +176,7 @@ def test_pad():
 
 
 @pytest.mark.slow
+@needs_gmsh
 def test_partial_slip(tmp_path):
     few = ["--per-radius", "3", "--steps", "3"]
     told = run("verification/partial_slip.py", str(tmp_path), *few)
