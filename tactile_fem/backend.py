@@ -17,11 +17,12 @@ import numpy as np
 
 from tactile_fem.doctor import compiler
 
-MINIMUM_DOLFINX = (0, 10)
+# The only release that the tests run with; DOLFINx changes its interface with each.
+DOLFINX_RELEASE = (0, 11)
 
 _ROUTES = (
     'Install it by one of: pip install "tactile-fem[solver]" (Python >= 3.12 on Linux x86_64); '
-    "conda install -c conda-forge fenics-dolfinx; or the image dolfinx/dolfinx:v0.11.0."
+    "conda install -c conda-forge fenics-dolfinx=0.11; or the image dolfinx/dolfinx:v0.11.0."
 )
 
 
@@ -41,9 +42,9 @@ def check(version: str, scalar: Any) -> None:
     scalar
         PETSc's scalar type, ``numpy.float64`` in a real build.
     """
-    if version_tuple(version) < MINIMUM_DOLFINX:
-        needed = ".".join(map(str, MINIMUM_DOLFINX))
-        raise ImportError(f"tactile_fem needs DOLFINx >= {needed} and found {version}. {_ROUTES}")
+    if version_tuple(version) != DOLFINX_RELEASE:
+        needed = ".".join(map(str, DOLFINX_RELEASE))
+        raise ImportError(f"tactile_fem needs DOLFINx {needed} and found {version}. {_ROUTES}")
     if np.issubdtype(scalar, np.complexfloating):
         raise ImportError(
             f"tactile_fem needs a DOLFINx with real scalars and found {scalar.__name__}. {_ROUTES}"
@@ -56,7 +57,7 @@ def load() -> str:
     Raises
     ------
     ImportError
-        DOLFINx is missing, too old, without PETSc or of complex scalars.
+        DOLFINx is missing, too old or too new, without PETSc or of complex scalars.
     """
     if find_spec("dolfinx_solver") is not None:
         import dolfinx_solver  # noqa: F401  (orders MPI ahead of the compiled modules)

@@ -112,8 +112,8 @@ def gmsh_finding() -> Finding | None:
     if not missing:
         return None
     return Finding(
-        "Libraries that gmsh needs are missing: only the shipped coarse finger and .msh files of "
-        "your own can be used.",
+        "Libraries that gmsh needs are missing: only the shipped fingers and .msh files of your "
+        "own can be used.",
         tuple(missing),
     )
 

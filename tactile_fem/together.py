@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import logging
 import os
+import stat
+import sys
+import termios
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,7 +19,7 @@ from tactile_fem.errors import TactileError
 
 logger = logging.getLogger(__name__)
 
-# How long a rank that failed waits for the others to fail as well.
+# How long a rank that failed waits for the others to fail as well, and then to be heard.
 _PATIENCE_S = 5.0
 
 
@@ -86,10 +90,13 @@ def ending_together(comm: MPI.Comm) -> Iterator[None]:
     except BaseException as error:
         if not _all_arrive(own):
             trace = None if isinstance(error, TactileError | OSError) else error
-            logger.critical("rank %d ends all: %s", comm.rank, error, exc_info=trace)
             code = getattr(error, "exit_code", 1)
-            comm.Abort(code)
-            os._exit(code)  # some MPI return from their abort
+            try:
+                logger.critical("rank %d ends all: %s", comm.rank, error, exc_info=trace)
+                _await_reader(2)
+            finally:
+                comm.Abort(code)
+                os._exit(code)  # some MPI return from their abort
         raise
     finally:
         own.Free()
@@ -104,3 +111,18 @@ def _all_arrive(comm: MPI.Comm) -> bool:
             return False
         time.sleep(0.01)
     return True
+
+
+def _await_reader(pipe: int) -> None:
+    """Wait until what was written into a pipe has been read, a few seconds at most.
+
+    MPICH's mpiexec ends as soon as it hears of an abort, and its proxy passes that on before what
+    the rank said on stderr: on a busy machine the sentence was lost.
+    """
+    if not stat.S_ISFIFO(os.fstat(pipe).st_mode):
+        return
+    end = time.monotonic() + _PATIENCE_S
+    while int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), sys.byteorder):
+        if time.monotonic() > end:
+            return
+        time.sleep(0.01)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tactile_fem import ranks
-from tactile_fem.finger import build_finger, write_msh
+from tactile_fem.finger.load import shipped_file
 from tactile_fem.logs import PACKAGE
 from tactile_fem.study import Finger
 
@@ -14,10 +14,10 @@ os.environ.update(ranks.SHARED_CORES)
 
 
 @pytest.fixture(scope="session")
-def small_finger(tmp_path_factory) -> Path:
-    """A finger of 2,000 tetrahedra."""
-    path = tmp_path_factory.mktemp("mesh") / "small.msh"
-    write_msh(path, build_finger(Finger(pad_size_mm=3.0, far_size_mm=6.0)))
+def small_finger() -> Path:
+    """The shipped finger of 3,000 tetrahedra."""
+    path = shipped_file(Finger(pad_size_mm=3.0, far_size_mm=6.0))
+    assert path is not None
     return path
 
 

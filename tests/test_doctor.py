@@ -1,7 +1,12 @@
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from tactile_fem import doctor
+from tactile_fem import backend, doctor
+
+ROOT = Path(__file__).parents[1]
 
 
 def test_this_machine_can_compile():
@@ -48,11 +53,32 @@ def test_nothing_missing_is_nothing_said(monkeypatch, capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_an_unfit_dolfinx_names_the_three_routes():
-    backend = pytest.importorskip("tactile_fem.backend")
-    backend.check("0.10.0", np.float64)
-    for version, scalar in (("0.9.0", np.float64), ("0.11.0", np.complex128)):
-        with pytest.raises(ImportError) as caught:
-            backend.check(version, scalar)
-        for route in ("tactile-fem[solver]", "conda-forge", "dolfinx/dolfinx:v0.11.0"):
-            assert route in str(caught.value)
+@pytest.mark.parametrize("version", ["0.11.0", "0.11.0.post0", "0.11.2"])
+def test_the_tested_dolfinx_is_taken(version):
+    backend.check(version, np.float64)
+
+
+@pytest.mark.parametrize(
+    ("version", "scalar", "found"),
+    [
+        ("0.10.0", np.float64, "needs DOLFINx 0.11 and found 0.10.0. "),
+        ("0.12.0.dev0", np.float64, "needs DOLFINx 0.11 and found 0.12.0.dev0. "),
+        ("1.11.0", np.float64, "needs DOLFINx 0.11 and found 1.11.0. "),
+        ("0.11.0", np.complex128, "real scalars and found complex128. "),
+    ],
+)
+def test_an_unfit_dolfinx_names_the_three_routes(version, scalar, found):
+    with pytest.raises(ImportError) as caught:
+        backend.check(version, scalar)
+    said = str(caught.value)
+    assert found in said and "\n" not in said
+    for route in ("tactile-fem[solver]", "fenics-dolfinx=0.11", "dolfinx/dolfinx:v0.11.0"):
+        assert route in said
+
+
+def test_pip_and_conda_bring_the_tested_dolfinx():
+    release = backend.DOLFINX_RELEASE
+    bounds = ">={}.{},<{}.{}".format(*release, release[0], release[1] + 1)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert project["project"]["optional-dependencies"]["solver"] == [f"dolfinx-solver-real{bounds}"]
+    assert f"- fenics-dolfinx {bounds}\n" in (ROOT / "docker" / "environment.yml").read_text()

@@ -5,12 +5,14 @@ from __future__ import annotations
 import fcntl
 import os
 import resource
+import select
 import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 from numpy._core import _multiarray_umath
@@ -20,6 +22,7 @@ from tactile_fem import backend, ranks  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from tactile_fem.errors import ConvergenceError, StudyError
+from tactile_fem.fields import read_series
 from tactile_fem.figures import draw_plots
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.lock import alone_in
@@ -39,6 +42,7 @@ from tactile_fem.study import (
     Tissue,
 )
 from tactile_fem.study_file import dump_study
+from tactile_fem.trace import Trace
 
 
 @pytest.fixture(scope="module")
@@ -302,17 +306,15 @@ def test_options_that_petsc_refuses(study, tmp_path):
 # --- mechanics ---------------------------------------------------------------------------------
 
 
-def diverged(study: Study, folder: Path) -> ConvergenceError:
-    """Run, expect divergence, and look at what is left."""
-    with pytest.raises(ConvergenceError, match=r"stopped (at|before) .* mm \(.*try") as caught:
-        scan(study, folder)
-    assert caught.value.exit_code == 3
+def kept_of(folder: Path, error: ConvergenceError) -> dict[str, np.ndarray]:
+    """Return the trace that a diverged scan has left, which goes as far as the error says."""
     results = Results(folder)
-    assert results.run["status"].startswith("failed: the indentation stopped")
-    assert np.isfinite(results.trace["sed_kPa"]).all()
+    assert results.run["status"] == f"failed: {error}"
+    assert "try a finer mesh" in str(error) and error.reason in str(error)
+    assert results.trace["depth_mm"][-1] == error.displacement_mm
     assert (folder / "spikes.csv").is_file()
     assert [path.name for path in draw_plots(results)] == ["force.png"]
-    return caught.value
+    return results.trace
 
 
 @pytest.mark.slow
@@ -324,30 +326,68 @@ def test_a_stimulus_driven_through_the_bone(study, tmp_path):
             "solver": Solver(first_step_mm=0.5, max_press_step_mm=0.5, min_step_mm=0.4),
         }
     )
-    assert 1.0 < diverged(through, tmp_path / "r").displacement_mm < 6.0
+    with pytest.raises(ConvergenceError, match="the indentation stopped at") as caught:
+        scan(through, tmp_path / "r")
+    # The pad has nearly been pressed flat, ever more stiffly, and every step of it is there.
+    assert 3.0 < caught.value.displacement_mm < study.finger.pad_thickness_mm
+    trace = kept_of(tmp_path / "r", caught.value)
+    np.testing.assert_allclose(np.diff(trace["depth_mm"]), 0.5)
+    assert np.all(np.diff(trace["force_N"][:, 2], n=2) > 0)
+    assert np.all(np.diff(trace["stored_mJ"]) > 0)
+    assert int(Results(tmp_path / "r").load_checkpoint()["rows"]) == len(trace["time_s"])
 
 
-@pytest.mark.parametrize("C10_MPa", [1e-30, 1e300])
-def test_absurd_materials(study, tmp_path, C10_MPa):
-    fat = Polynomial(C10_MPa=C10_MPa, D1_per_MPa=96.0)
-    absurd = study.model_copy(
-        update={
-            "tissue": Tissue.model_validate({"subcutaneous": fat.model_dump()}),
-            "solver": Solver(min_step_mm=0.05),
-        }
+def with_fat(study: Study, C10_MPa: float) -> Study:
+    fat = Polynomial(C10_MPa=C10_MPa, D1_per_MPa=48.0)
+    tissue = Tissue.model_validate({"subcutaneous": fat.model_dump()})
+    return study.model_copy(update={"tissue": tissue, "solver": Solver(min_step_mm=0.05)})
+
+
+def test_fat_that_resists_no_shear_leaves_the_load_to_the_skin(study):
+    soft, usual = (scan(s).trace for s in (with_fat(study, 1e-30), study))
+    assert soft.displacement_mm[-1] == 0.1
+    assert np.all(soft.imbalance_N < 1e-7)
+    pressed = np.flatnonzero(soft.displacement_mm == 0)[-1]
+    assert 0.8 < soft.force_N[pressed, 2] / usual.force_N[pressed, 2] < 0.97
+
+
+def test_fat_of_an_absurd_stiffness_stops_the_scan_before_it_moves(study, tmp_path):
+    with pytest.raises(ConvergenceError, match=r"stopped at 0\.0000 mm \(.*nanorinf") as caught:
+        scan(with_fat(study, 1e300), tmp_path / "r")
+    trace = kept_of(tmp_path / "r", caught.value)
+    for name in ("force_N", "sed_kPa", "stored_mJ", "newton_iterations"):
+        assert len(trace[name]) == 1 and not trace[name].any(), name
+
+
+def slid(study: Study, folder: Path, friction: float) -> tuple[Trace, np.ndarray]:
+    """Slide a plate by 0.1 mm; return the slide's history, and how far the pressed nodes went."""
+    changed = {
+        "stimulus": Plate(friction=friction),
+        "protocol": Protocol(depth_mm=0.2, distance_mm=0.1, speed_mm_s=1.0, output_mm=0.02),
+        "output": Output(pictures=False, fields_mm=0.1),
+    }
+    trace = scan(study.model_copy(update=changed), folder).trace
+    before, after = (
+        meshio.read(file).point_data["displacement_mm"]
+        for file in read_series(Results(folder).fields)[1]
     )
-    try:
-        trace = scan(absurd, tmp_path / "r").trace
-    except ConvergenceError as error:
-        assert error.exit_code == 3
-    else:
-        assert np.isfinite(trace.sed_kPa).all() and np.isfinite(trace.force_N).all()
+    finger = read_msh(study.finger.mesh_file)
+    pressed = finger.nodes[:, 2] + after[:, 2] < 0.2  # the plate's height
+    return trace, (after - before)[pressed, 1]
 
 
-def test_friction_of_five(study, tmp_path):
-    sticky = study.model_copy(update={"stimulus": Text(text="FG", friction=5.0)})
-    trace = scan(sticky, tmp_path / "r").trace
-    assert np.isfinite(trace.sed_kPa).all()
+def test_at_a_friction_of_five_the_skin_sticks(study, tmp_path):
+    trace, went = slid(study, tmp_path / "sticky", 5.0)
+    usual, slipped = slid(study, tmp_path / "usual", 0.3)
+    assert len(went) == len(slipped) >= 3
+    np.testing.assert_allclose(went, -0.1, atol=0.005)
+    assert np.all(slipped > -0.05)
+    # What sticks is pulled ever more, as far as it goes, and next to nothing becomes heat.
+    slide = trace.displacement_mm > 0
+    grown = -np.diff(trace.force_N[slide, 1])
+    np.testing.assert_allclose(grown, grown.mean(), rtol=0.05)
+    assert trace.force_N[-1, 1] < 4 * usual.force_N[-1, 1] < 0
+    assert 0 < trace.friction_mJ[slide].sum() < 0.1 * trace.work_mJ[slide].sum()
 
 
 # --- ranks -------------------------------------------------------------------------------------
@@ -364,6 +404,36 @@ with ending_together(comm):
         raise StudyError("the sentence")
     comm.Barrier()
 """
+
+
+ABORTING = """
+import fcntl, logging, sys, termios
+from tactile_fem import together
+class Comm:  # of two, the other of which never comes
+    rank, size = 1, 2
+    Dup = Ibarrier = lambda self: self
+    Test = lambda self: False
+    def Abort(self, code):
+        unread = fcntl.ioctl(2, termios.FIONREAD, bytes(4))
+        print(code, "unread" if any(unread) else "read", flush=True)
+together._PATIENCE_S = float(sys.argv[1])
+logging.basicConfig(format="%(message)s")
+with together.ending_together(Comm()):
+    raise OSError("the sentence")
+"""
+
+
+@pytest.mark.parametrize(("patience_s", "read"), [(3.0, True), (0.1, False)])
+def test_what_a_rank_says_is_read_before_it_ends_all(patience_s, read):
+    """An abort overtakes it on the way to the terminal; a reader that hangs delays nothing long."""
+    command = [sys.executable, "-c", ABORTING, str(patience_s)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        select.select([process.stderr], [], [])  # it has been said
+        if read:
+            time.sleep(0.3)
+            assert process.stderr.read() == b"rank 1 ends all: the sentence\n"
+        assert process.stdout.read() == (b"1 read\n" if read else b"1 unread\n")
+        assert process.wait() == 1
 
 
 @pytest.mark.mpi

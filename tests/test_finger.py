@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from needs import needs_gmsh
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger import (
@@ -33,17 +34,7 @@ from tactile_fem.finger.shape import depth_below, skin_shape
 from tactile_fem.study import Finger
 
 FINGER = Finger()
-
-
-def has_gmsh() -> bool:
-    try:
-        import gmsh  # noqa: F401
-    except (ImportError, OSError):
-        return False
-    return True
-
-
-needs_gmsh = pytest.mark.skipif(not has_gmsh(), reason="gmsh is not installed")
+SHIPPED = {"coarse": FINGER, "small": Finger(pad_size_mm=3.0, far_size_mm=6.0)}
 
 
 @pytest.fixture(scope="module", params=["shipped", pytest.param("built", marks=needs_gmsh)])
@@ -352,19 +343,37 @@ def test_inverted_tetrahedra_are_refused(shipped):
         check_mesh(dataclasses.replace(shipped, nodes=nodes))
 
 
-def test_shipped_mesh_is_the_default_finger_only(shipped):
-    assert shipped_file(FINGER) is not None
-    assert shipped_file(Finger(dermis_mm=0.81)) is None
-    check_mesh(shipped)
+def test_a_shipped_mesh_is_that_of_its_recipe_only():
+    for name, finger in SHIPPED.items():
+        assert shipped_file(finger).name == f"{name}.msh"
+        check_mesh(load_finger(finger))
+        assert shipped_file(finger.model_copy(update={"dermis_mm": 0.81})) is None
 
 
-def test_default_finger_needs_no_gmsh_and_others_say_so(tmp_path):
-    (tmp_path / "gmsh.py").write_text("raise ImportError('not here')\n")
+@needs_gmsh
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_mesh_is_what_gmsh_makes(name):
+    finger = SHIPPED[name]
+    mesh, built = load_finger(finger), build_finger(finger)
+    assert len(mesh.tets) == pytest.approx(len(built.tets), rel=0.05)
+    for tag in TISSUES.values():
+        one, other = (volumes(m.nodes, m.tets[m.tissue == tag]).sum() for m in (mesh, built))
+        assert one == pytest.approx(other, rel=0.01)
+    for tag in SURFACES.values():
+        one, other = (m.nodes[m.triangles[m.surface == tag]] for m in (mesh, built))
+        np.testing.assert_allclose(one.min((0, 1)), other.min((0, 1)), atol=0.05)
+        np.testing.assert_allclose(one.max((0, 1)), other.max((0, 1)), atol=0.05)
+
+
+@pytest.mark.parametrize("fault", [ImportError("not here"), OSError("libGLU.so.1: not here")])
+def test_shipped_fingers_need_no_gmsh_and_others_say_so(tmp_path, fault):
+    (tmp_path / "gmsh.py").write_text(f"raise {fault!r}\n")
     code = (
         "from tactile_fem.finger import load_finger\n"
         "from tactile_fem.study import Finger\n"
         "from tactile_fem.errors import MeshError\n"
         "load_finger(Finger())\n"
+        "load_finger(Finger(pad_size_mm=3.0, far_size_mm=6.0))\n"
         "try:\n    load_finger(Finger(dermis_mm=0.7))\n"
         "except MeshError as error:\n    print(error)\n"
     )
@@ -376,7 +385,7 @@ def test_default_finger_needs_no_gmsh_and_others_say_so(tmp_path):
         text=True,
         check=True,
     )
-    assert "pip install gmsh" in found.stdout
+    assert "not here" in found.stdout and "pip install gmsh" in found.stdout
 
 
 def test_report(shipped):

@@ -3,16 +3,13 @@ import subprocess
 
 import numpy as np
 import pytest
+from needs import needs_graphics
 from PIL import Image
 from synthetic import make_fields, make_results, make_trace
 
 from tactile_fem import doctor, figures, pictures
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Dots, Grating, Plate, Protocol, Sphere, Study, Text
-
-needs_graphics = pytest.mark.skipif(
-    pictures.can_draw() is not None, reason=str(pictures.can_draw())
-)
 
 
 def test_states_are_those_next_to_the_extrema():

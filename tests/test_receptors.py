@@ -99,7 +99,7 @@ def test_afferents_have_their_density_on_the_interface_and_keep_apart():
 
 @pytest.mark.mpi
 def test_two_ranks_place_the_same_afferents(tmp_path):
-    sizes = ["finger.pad_size_mm=3.0", "finger.far_size_mm=6.0", "finger.epidermis_rows=1"]
+    sizes = ["finger.pad_size_mm=3.0", "finger.far_size_mm=6.0"]
     settings = [*sizes, "stimulus.kind=plate", "protocol.depth_mm=0.05", "protocol.distance_mm=0.0"]
     settings += ["receptors.placement=afferents", "output.pictures=false"]
     words = [word for setting in settings for word in ("--set", setting)]

@@ -13,7 +13,7 @@ import pytest
 from tactile_fem import ranks
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.fields import read_series
-from tactile_fem.finger import FingerMesh, build_finger, read_msh, write_msh
+from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.results import Results
 from tactile_fem.scan import resume, scan
@@ -204,7 +204,7 @@ def test_divergence_keeps_what_came_before_and_says_where(study, tmp_path):
 
 
 def test_a_stimulus_that_starts_inside_the_finger_is_refused(study, small_finger, tmp_path):
-    finger = build_finger(Finger(pad_size_mm=3.0, far_size_mm=6.0))
+    finger = read_msh(small_finger)
     sunk = finger.nodes - [0, 0, 0.5]
     path = tmp_path / "sunk.msh"
     write_msh(path, FingerMesh(sunk, finger.tets, finger.tissue, finger.triangles, finger.surface))

@@ -2,15 +2,12 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
+from needs import NO_PICTURES, needs_graphics
 from PIL import Image
 from synthetic import make_fields, make_results, make_trace
 
 from tactile_fem import cli, cli_view, doctor, pictures
 from tactile_fem.errors import StudyError
-
-needs_graphics = pytest.mark.skipif(
-    pictures.can_draw() is not None, reason=str(pictures.can_draw())
-)
 
 
 def scan(folder, states=(0.0, 2.5, 5.0)):
@@ -21,8 +18,8 @@ def scan(folder, states=(0.0, 2.5, 5.0)):
 
 @pytest.fixture(scope="module")
 def film(tmp_path_factory):
-    if pictures.can_draw() is not None:
-        pytest.skip(str(pictures.can_draw()))
+    if NO_PICTURES is not None:
+        pytest.skip(NO_PICTURES)
     from tactile_fem.film import Film
 
     return Film(scan(tmp_path_factory.mktemp("film") / "r"))
