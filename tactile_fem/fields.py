@@ -22,7 +22,7 @@ class FieldWriter:
     Parameters
     ----------
     folder
-        Where the files go: ``deformation_0000.vtu`` ... and ``deformation.pvd``.
+        Where the files go: ``deformation_0000.vtu`` ... and ``deformation.pvd``; made with them.
     nodes
         (n, 3) undeformed nodes in mm.
     tets
@@ -60,6 +60,7 @@ class FieldWriter:
                 "tissue": [self.tissue],
             },
         )
+        self.folder.mkdir(exist_ok=True)
         with replacing(path) as part:
             meshio.write(part, mesh, file_format="vtu")
         self._series.append((float(time_s), path.name))

@@ -44,7 +44,6 @@ def draw(results: Results | Path | str) -> list[Path]:
     """
     if not isinstance(results, Results):
         results = Results.open(results)
-    results.figures.mkdir(exist_ok=True)
     return [*draw_plots(results), *draw_pictures(results)]
 
 
@@ -60,6 +59,7 @@ def draw_plots(results: Results) -> list[Path]:
             figures["firing"] = firing
     else:
         logger.warning("There is no slide in %s: only forces are drawn.", results.folder)
+    results.figures.mkdir(exist_ok=True)
     paths = []
     for name, figure in figures.items():
         path = results.figures / f"{name}.png"

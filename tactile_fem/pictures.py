@@ -115,6 +115,7 @@ def main(folder: str) -> int:
     results = Results.open(folder)
     trace = results.trace
     times, files = read_series(results.fields)
+    results.figures.mkdir(exist_ok=True)
     first = pv.read(files[0])
     _save(drawing.finger_figure(first), results.figures / "finger.png")
     chosen = choose_states(trace, times)

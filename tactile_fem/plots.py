@@ -75,7 +75,7 @@ def sed_figure(
         The receptor's place across the finger.
     """
     d, sed = np.asarray(displacement_mm, dtype=float), np.asarray(sed_kPa, dtype=float)
-    figure, top, below = _history_axes(_span(d), outlines)
+    figure, top, below = _history_axes(_span(d), outlines, receptor_x_mm)
     if below is None:
         top.set_xlabel(DISPLACEMENT)
     else:
@@ -180,7 +180,8 @@ def force_figure(
     pressing
         (steps,) true for the indentation, its last step included.
     friction
-        Coefficient of friction, drawn as a line.
+        Coefficient of friction, drawn as a line. The ratio exceeds it where inclined faces, such
+        as letters' flanks, press sideways; the figure then says so.
     """
     depth, d = np.asarray(depth_mm, dtype=float), np.asarray(displacement_mm, dtype=float)
     force, press = np.asarray(force_N, dtype=float), np.asarray(pressing, dtype=bool)
@@ -198,6 +199,9 @@ def force_figure(
         sharey="row",
         gridspec_kw={"width_ratios": [1, 2], "height_ratios": [2, 1]},
     )
+    bound = "friction coefficient"
+    if friction is not None and np.nanmax(ratio, initial=0.0) > friction + 0.01:
+        bound += ", exceeded where flanks press sideways"
     columns = [(depth, press, "Indentation (mm)"), (d, slide, DISPLACEMENT)]
     for column, (along, part, label) in enumerate(columns):
         top, below = grid[0, column], grid[1, column]
@@ -205,7 +209,7 @@ def force_figure(
         top.plot(along[part], tangential[part], color=VERMILION, label="tangential")
         below.plot(along[part], ratio[part], color=INK, lw=1.2)
         if friction is not None:
-            below.axhline(friction, color=GREEN, lw=1, ls=(0, (4, 3)), label="friction coefficient")
+            below.axhline(friction, color=GREEN, lw=1, ls=(0, (4, 3)), label=bound)
         below.set_xlabel(label)
         below.set_xlim(*_span(along[part]))
     grid[0, 0].set_ylabel("Force on the finger (N)")
@@ -267,14 +271,20 @@ def draw_rates(
 
 
 def _history_axes(
-    range_mm: tuple[float, float], outlines: Outlines
+    range_mm: tuple[float, float], outlines: Outlines, receptor_x_mm: float
 ) -> tuple[Figure, Axes, Axes | None]:
-    """Return a figure with a history above and, to the same scale, the stimulator below."""
-    left, width, history, margin, gap = 0.65, 4.4, 2.2, 0.5, 0.15  # inches
-    across = np.concatenate([outline[:, 0] for outline in outlines]) if len(outlines) else None
-    low, high = (across.min() - 0.5, across.max() + 0.5) if across is not None else (0.0, 0.0)
-    map_height = min((high - low) * width / (range_mm[1] - range_mm[0]), 2 * width)
-    map_space = map_height + gap if across is not None else 0.0
+    """Return a figure with a history above and, to the same scale, the stimulator below.
+
+    Of a short slide the part of the stimulator about the receptor's way is shown.
+    """
+    left, width, history, highest, margin, gap = 0.75, 4.4, 2.2, 4.0, 0.5, 0.15  # inches
+    across = np.concatenate([[receptor_x_mm], *(outline[:, 0] for outline in outlines)])
+    low, high = across.min() - 0.5, across.max() + 0.5
+    scale = width / (range_mm[1] - range_mm[0])
+    shown = min(high - low, highest / scale)
+    low = min(max(low, receptor_x_mm - shown / 2), high - shown)
+    map_height = shown * scale
+    map_space = map_height + gap if len(outlines) else 0.0
     size = left + width + 0.2, margin + map_space + history + 0.15
 
     def place(bottom: float, height: float) -> tuple[float, float, float, float]:
@@ -283,10 +293,13 @@ def _history_axes(
     figure = Figure(figsize=size)
     top = figure.add_axes(place(margin + map_space, history))
     top.set_xlim(*range_mm)
-    if across is None:
+    label = -0.13, 0.5  # one below the other, whatever the numbers on the axes
+    top.yaxis.set_label_coords(*label)
+    if not len(outlines):
         return figure, top, None
     below = figure.add_axes(place(margin, map_height), sharex=top)
-    below.set_ylim(high, low)
+    below.set_ylim(low + shown, low)
+    below.yaxis.set_label_coords(*label)
     return figure, top, below
 
 

@@ -151,7 +151,6 @@ def _spikes(results: Results) -> list[str]:
 
 def _drawn(results: Results) -> list[str]:
     parts = ["<h2>Figures</h2>"]
-    results.figures.mkdir(exist_ok=True)
     paths = {path.stem: path for path in draw_plots(results)}
     paths |= {path.stem: path for path in sorted(results.figures.glob("*.png"))}
     for name, path in paths.items():

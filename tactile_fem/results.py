@@ -19,6 +19,7 @@ import json
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -96,8 +97,9 @@ class Results:
             for pattern in _OWN:
                 for path in results.folder.glob(pattern):
                     path.unlink()
-            results.fields.mkdir(exist_ok=True)
-            results.figures.mkdir(exist_ok=True)
+            for emptied in (results.fields, results.figures):
+                with suppress(OSError):  # what is not its own stays there
+                    emptied.rmdir()
         except OSError as error:
             raise StudyError(
                 f"The results folder {folder} is not writable: {error.strerror}."
@@ -159,12 +161,12 @@ class Results:
 
     @property
     def fields(self) -> Path:
-        """Folder of the field files."""
+        """Folder of the field files, made with the first of them."""
         return self.folder / "fields"
 
     @property
     def figures(self) -> Path:
-        """Folder of the pictures."""
+        """Folder of the pictures, made with the first of them."""
         return self.folder / "figures"
 
     @property

@@ -9,12 +9,18 @@ from scipy.integrate import solve_ivp
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import ReceptiveField, Response, load, respond, save, to_neo
 from tactile_fem.neuron.exponentials import ExponentialSum
+from tactile_fem.neuron.variability import Variability
 from tactile_fem.study import Neuron
 
 GAINS = {"static_gain_pA_per_kPa": 10.0, "dynamic_gain_pA_s_per_kPa": 1.0}
 PLAIN = Neuron(static_gain_pA_per_kPa=10.0, adaptation=0, dynamic_gain_pA_s_per_kPa=0)
 USUAL = Neuron(**GAINS, adaptation=0.45, adaptation_time_s=0.5, intercept_pA=18.0)
 GENERATOR = Neuron(model="gerling2018", generator_gains_pA_per_kPa=(40.0, 20.0, 10.0, 8.0))
+NOISY = [n.model_copy(update={"threshold_noise": 0.2}) for n in (USUAL, GENERATOR)]
+
+
+def name_of(n):
+    return f"{n.model}, noise {n.threshold_noise:g}"
 
 
 def constant(sed, duration=1.0):
@@ -23,8 +29,7 @@ def constant(sed, duration=1.0):
 
 def closed_form(current, n):
     drive = n.resistance_GOhm * current
-    tau = 1e-3 * n.resistance_GOhm * n.capacitance_pF
-    return 1 / (n.refractory_s + tau * np.log(drive / (drive - n.threshold_mV)))
+    return 1 / (n.refractory_s + n.time_constant_s * np.log(drive / (drive - n.threshold_mV)))
 
 
 def test_constant_current_fires_at_the_closed_form_rate():
@@ -88,7 +93,7 @@ def history(receptors=7, samples=40):
     return time, sed
 
 
-def reference(time, sed, n):
+def reference(time, sed, n, unit):
     """Integrate one receptor's equations step by step; return the spikes."""
     generator = n.model == "gerling2018"
     tau = n.generator_times_s if generator else (n.adaptation_time_s,)
@@ -116,29 +121,31 @@ def reference(time, sed, n):
         return y[0] - n.threshold_mV
 
     crossing.terminal, crossing.direction = True, 1
-    spikes, quiet = [], -np.inf
+    spikes, quiet, variability = [], -np.inf, Variability(n, np.array([unit]))
     y = np.array([0.0, *([sed[0]] * 3 if generator else [0.0])])
     for k, slope in enumerate(np.diff(sed) / np.diff(time)):
         t = time[k]
         while t < time[k + 1]:
             end = min(quiet, time[k + 1]) if quiet > t else time[k + 1]
-            way = {"rtol": 1e-11, "atol": 1e-12, "method": "DOP853", "max_step": 2e-3}
-            solved = solve_ivp(change, (t, end), y, events=crossing, **way)
+            accurate = {"rtol": 1e-11, "atol": 1e-12, "method": "DOP853", "max_step": 2e-3}
+            solved = solve_ivp(change, (t, end), y, events=crossing, **accurate)
             t, y = solved.t[-1], solved.y[:, -1]
             if solved.status == 1:
                 spikes.append(t)
-                quiet, y[0] = t + n.refractory_s, 0.0
+                (factor,) = variability.after_spike(np.array([0]))
+                quiet, y[0] = t + n.refractory_s, n.threshold_mV * (1 - factor)
     return np.array(spikes)
 
 
-@pytest.mark.parametrize("n", [USUAL, GENERATOR], ids=lambda n: n.model)
+@pytest.mark.parametrize("n", [USUAL, GENERATOR, *NOISY], ids=name_of)
 def test_spikes_equal_an_accurate_integration(n):
     time, sed = history(3, 25)
-    for column, times in zip(sed.T, respond(time, sed, n).spikes, strict=True):
-        expected = reference(time, column, n)
+    for unit, times in enumerate(respond(time, sed, n).spikes):
+        expected = reference(time, sed[:, unit], n, unit)
         assert len(times) == len(expected) > 4
         # The integrator, not the closed form, sets the tolerance; clipped parts have kinks.
-        assert times == pytest.approx(expected, abs=1e-9 if n is USUAL else 1e-7)
+        smooth = n.model == "hamasaki2020"
+        assert times == pytest.approx(expected, abs=1e-9 if smooth else 1e-7)
 
 
 def test_adaptation_as_fast_as_the_membrane():
@@ -166,21 +173,63 @@ def test_parts_of_a_population_fire_as_the_whole(n):
     assert not np.array_equal(other.spikes[0], together.spikes[0])
 
 
-def test_noise_has_the_spread_that_was_asked_for():
+@pytest.mark.parametrize("noise", [0.1, 0.5])
+@pytest.mark.parametrize("model", ["hamasaki2020", "gerling2018"])
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_without_a_stimulus_none_fires_whatever_the_noise(model, noise, share):
+    rheobase = USUAL.threshold_mV / USUAL.resistance_GOhm
+    n = Neuron(model=model, intercept_pA=share * rheobase, threshold_noise=noise)
+    assert respond(*constant([1e-12] * 200), n).counts().sum() == 0
+    time, sed = np.array([0, 0.1, 0.5, 0.52, 2.0]), np.array([0, 1.0, 1.0, 0, 0])
+    released = respond(time, np.repeat(sed[:, None], 200, axis=1), n)
+    assert released.counts().min() > 5
+    assert max(times[-1] for times in released.spikes) < 0.52
+
+
+@pytest.mark.parametrize("model", ["hamasaki2020", "gerling2018"])
+@pytest.mark.parametrize("above_rheobase", [0.001, 0.01, 0.1, 1.0])
+def test_noise_makes_intervals_vary_about_those_without_it(model, above_rheobase):
+    """As long as the current is constant; the rate stays also where S, not I_0, brings it."""
+    gain = {"static_gain_pA_per_kPa": 10.0, "generator_gains_pA_per_kPa": (0.0, 0.0, 0.0, 10.0)}
+    plain = Neuron(model=model, intercept_pA=9.0, adaptation=0, dynamic_gain_pA_s_per_kPa=0, **gain)
+    current = (1 + above_rheobase) * plain.threshold_mV / plain.resistance_GOhm
+    time, sed = constant([(current - 9.0) / 10.0] * 100, 20.0)
+    variation = []
+    for noise in (0.1, 0.2):
+        spikes = respond(time, sed, plain.model_copy(update={"threshold_noise": noise})).spikes
+        intervals = np.concatenate([np.diff(times) for times in spikes])
+        assert 1 / intervals.mean() == pytest.approx(closed_form(current, plain), rel=noise**2)
+        variation.append(intervals.std() / intervals.mean())
+    assert variation[0] > 0.01
+    assert variation[1] == pytest.approx(2 * variation[0], rel=0.05)
+
+
+@pytest.mark.parametrize("sed", [1.0, 100.0])
+def test_noise_has_the_spread_that_was_asked_for(sed):
     n = PLAIN.model_copy(update={"threshold_noise": 0.05, "refractory_s": 0.0})
-    sed = np.full((2, 200), 100.0)
-    spikes = respond([0.0, 0.2], sed, n).spikes
+    spikes = respond(*constant([sed] * 200, 20.0 / sed), n).spikes
     assert min(map(len, spikes)) > 200  # several blocks of random numbers
-    # At a current far above rheobase an interval is proportional to the threshold.
-    logarithm = np.log(np.concatenate([np.diff(times) for times in spikes]))
+    # Current is above rheobase by 10 sed: from the interval follows where V began.
+    above = n.resistance_GOhm * 10.0 * sed
+    logarithm = np.concatenate([np.log(np.expm1(np.diff(t) / n.time_constant_s)) for t in spikes])
+    assert logarithm.mean() == pytest.approx(np.log(n.threshold_mV / above), abs=0.001)
     assert logarithm.std() == pytest.approx(0.05, rel=0.01)
     assert np.corrcoef(logarithm[:-1], logarithm[1:])[0, 1] == pytest.approx(0, abs=0.02)
+
+
+def test_gains_have_the_spread_that_was_asked_for():
     gains = PLAIN.model_copy(update={"gain_spread": 0.2, "refractory_s": 0.0})
-    rates = respond([0.0, 0.2], sed, gains).counts()
+    rates = respond(*constant([100.0] * 200, 0.2), gains).counts()
     assert np.log(rates).std() == pytest.approx(0.2, rel=0.2)
 
 
-@pytest.mark.parametrize("n", [USUAL, GENERATOR], ids=lambda n: n.model)
+def test_spikes_without_end_are_told_however_fine_the_samples():
+    n = PLAIN.model_copy(update={"refractory_s": 0.0})  # the intervals are of 4.5 microseconds
+    with pytest.raises(StudyError, match="fires more than 100,000 times a second"):
+        respond(np.linspace(0, 1e-3, 1001), np.full((1001, 1), 2e4), n)
+
+
+@pytest.mark.parametrize("n", [USUAL, GENERATOR, *NOISY], ids=name_of)
 def test_more_samples_of_the_same_history_change_nothing(n):
     time, sed = history()
     fine = np.unique(np.concatenate([time, np.linspace(time[0], time[-1], 777)]))

@@ -1,18 +1,22 @@
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from PIL import Image
 from synthetic import make_results, make_spikes, make_trace
 
 from tactile_fem import figures
 from tactile_fem.extrema import central_receptor, extrema
 from tactile_fem.plots import (
+    DISPLACEMENT,
+    PAPER,
     firing_figure,
     force_figure,
     raster_figure,
     sed_figure,
 )
-from tactile_fem.study import Cylinder, Dots, Protocol, Stimulus, Study, Text
+from tactile_fem.study import Cylinder, Dots, Protocol, Study, Text
 
 SQUARE = np.array([[-3.0, 2.0], [3.0, 2.0], [3.0, 8.0], [-3.0, 8.0]])
 
@@ -53,8 +57,33 @@ def test_sed_figure_shows_history_extrema_and_letters_to_scale():
 
 def test_sed_figure_without_letters_is_one_panel():
     figure = sed_figure([0.0, 1.0, 2.0], [0.0, 2.0, 1.0])
-    assert len(figure.axes) == 1
-    assert "mm" in figure.axes[0].get_xlabel()
+    (axes,) = figure.axes
+    assert axes.lines[0].get_xydata().tolist() == [[0.0, 0.0], [1.0, 2.0], [2.0, 1.0]]
+    assert axes.get_xlabel() == DISPLACEMENT
+    figure.draw_without_rendering()
+    assert [tick.get_text() for tick in axes.get_xticklabels() if tick.get_visible()]
+    assert axes.get_position().height > 0.7  # no room is left for a map
+
+
+@pytest.mark.parametrize("distance", [0.2, 1.0, 3.0, 10.0, 30.0])
+def test_sed_figure_has_ordinary_proportions_however_short_the_slide(distance):
+    d = np.linspace(0.0, distance, 20)
+    figure = sed_figure(d, d, [SQUARE, SQUARE + np.array([0.0, 20.0])], 2.0)
+    width, height = figure.get_size_inches()
+    assert 5 < width < 6 and 0.5 < height / width < 1.5
+    _, below = figure.axes
+    box = below.get_window_extent()
+    across = sorted(below.get_ylim())
+    assert box.height / np.ptp(across) == pytest.approx(box.width / distance)  # to scale
+    assert box.height / figure.dpi > 0.9
+    assert across[0] < 2.0 < across[1]  # the receptor's way
+    if distance >= 10:
+        assert across == pytest.approx([-3.5, 3.5])  # all of the letters
+
+
+def test_sed_figure_shows_the_way_of_a_receptor_beside_the_letters():
+    across = sorted(sed_figure([0.0, 10.0], [0.0, 1.0], [SQUARE], 5.0).axes[1].get_ylim())
+    assert across == pytest.approx([-3.5, 5.5])
 
 
 def test_raster_has_one_dot_per_spike_in_range():
@@ -71,8 +100,11 @@ def test_raster_has_one_dot_per_spike_in_range():
 
 
 def test_raster_of_a_silent_finger():
-    figure = raster_figure([], [], np.arange(-5, 6), (0.0, 10.0))
-    assert len(figure.axes) == 1
+    axes = raster_figure([], [], np.arange(-5, 6), (0.0, 10.0)).axes[0]
+    (dots,) = axes.lines
+    assert dots.get_gid() == "spikes" and len(dots.get_xydata()) == 0
+    assert axes.get_xlim() == (0.0, 10.0)
+    assert sorted(axes.get_ylim()) == pytest.approx([-5.3, 5.3])
 
 
 def test_firing_figure_shows_the_rates():
@@ -102,10 +134,34 @@ def test_force_figure_has_press_slide_and_ratio():
     assert "N" in press.get_ylabel() and "mm" in below.get_xlabel()
 
 
-def test_force_figure_of_a_press_alone_and_of_nothing():
-    for steps in (0, 1, 5):
-        depth = np.linspace(0, 1, steps)
-        force_figure(depth, 0 * depth, np.zeros((steps, 3)), np.ones(steps, dtype=bool))
+@pytest.mark.parametrize("steps", [0, 1, 5])
+def test_force_figure_of_a_press_alone_and_of_nothing(steps):
+    depth = np.linspace(1, 2, steps)
+    force = np.outer(depth, [0.0, -0.1, 0.5])
+    pressing = np.ones(steps, dtype=bool)
+    figure = force_figure(depth, 0 * depth, force, pressing)
+    press, slide, below, ratio = figure.axes
+    for label, values in (("normal", 0.5 * depth), ("tangential", 0.1 * depth)):
+        assert np.array_equal(line(press, label).get_xydata(), np.column_stack([depth, values]))
+        # Of the slide there is its beginning, the end of the press.
+        assert np.array_equal(line(slide, label).get_ydata(), values[-1:])
+    assert below.lines[0].get_ydata() == pytest.approx([0.2] * steps)
+    assert len(ratio.lines) == 1 and ratio.get_legend() is None  # no friction was given
+    figure.draw_without_rendering()
+    assert all(low < high for axes in figure.axes for low, high in [axes.get_ylim()])
+
+
+@pytest.mark.parametrize(
+    ("sideways", "friction", "told"),
+    [(0.3001, 0.3, False), (0.36, 0.3, True), (1e-6, 0.0, False), (0.05, 0.0, True)],
+)
+def test_force_figure_says_why_the_ratio_exceeds_the_friction(sideways, friction, told):
+    depth, slide = np.array([0.0, 1.0, 1.0]), np.array([0.0, 0.0, 1.0])
+    force = np.array([[0, 0, 0], [0, 0, 0.5], [0.0, 0.5 * sideways, 0.5]])
+    *_, ratio = force_figure(depth, slide, force, slide == 0, friction).axes
+    (text,) = ratio.get_legend().get_texts()
+    assert text.get_text().startswith("friction coefficient")
+    assert ("flanks" in text.get_text()) == told
 
 
 def test_figures_leave_the_users_style_alone():
@@ -139,7 +195,7 @@ def test_a_press_without_a_slide_has_its_forces(tmp_path):
     assert [path.name for path in figures.draw_plots(results)] == ["force.png"]
 
 
-def test_letters_have_holes(tmp_path):
+def test_letters_have_holes():
     def area(ring):
         x, y = ring.T
         return 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
@@ -148,7 +204,18 @@ def test_letters_have_holes(tmp_path):
     assert len(rings) == 2
     assert area(rings[0][:-1]) > 0 > area(rings[1][:-1])
     assert figures.rings(Cylinder()) == []
-    assert isinstance(Text(), Stimulus)
+    # Drawn, the O has a stroke, and its middle is as white as what is around it.
+    around, middle = rings[0].min(axis=0) - 0.2, rings[1].mean(axis=0)
+    stroke = (rings[0][rings[0][:, 0].argmin()] + rings[1][rings[1][:, 0].argmin()]) / 2
+    ends = rings[0][:, 1].min() - 1, rings[0][:, 1].max() + 1
+    figure = raster_figure([], [], np.arange(-6, 7), ends, rings)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    image = np.asarray(canvas.buffer_rgba())[::-1, :, :3] / 255
+    places = figure.axes[0].transData.transform([p[::-1] for p in (around, middle, stroke)])
+    white, *drawn = [image[y, x] for x, y in places.astype(int)]
+    assert white.tolist() == drawn[0].tolist() == [1, 1, 1]
+    assert drawn[1] == pytest.approx(to_rgb(PAPER), abs=0.01)
 
 
 def test_spikes_of_the_synthetic_folder_are_all_drawn(tmp_path):

@@ -6,10 +6,12 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from synthetic import make_fields, make_results
 
 from tactile_fem import results as results_module
 from tactile_fem.errors import StudyError
 from tactile_fem.fields import FieldWriter, read_series
+from tactile_fem.figures import draw_plots
 from tactile_fem.files import replacing
 from tactile_fem.results import Results
 from tactile_fem.study import Protocol, Study
@@ -123,6 +125,7 @@ def test_a_damaged_trace_is_read_rightly_or_a_study_error(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[1]", b"<a", b"x,y\n1,2\n"])
 def test_other_broken_files_are_study_errors_or_empty(tmp_path, name, content):
     results = Results.create(tmp_path / "r")
+    results.fields.mkdir()
     (results.folder / name).write_bytes(content)
     try:
         assert not results.run
@@ -155,6 +158,7 @@ def test_overwrite_removes_own_files_and_keeps_others(tmp_path):
     own = ["fields/deformation_0001.vtu", "figures/deformation_3.2.png", ".trace.npz.part"]
     foreign = ["notes.md", "figures/mine.png", "fields/mine.vtu"]
     for name in own + foreign:
+        (results.folder / name).parent.mkdir(exist_ok=True)
         (results.folder / name).write_text("x")
     Results.create(tmp_path / "r", overwrite=True)
     left = {
@@ -163,6 +167,20 @@ def test_overwrite_removes_own_files_and_keeps_others(tmp_path):
         if path.is_file()
     }
     assert left == set(foreign)
+
+
+def test_folders_are_made_with_what_is_in_them(tmp_path):
+    def folders():
+        return sorted(path.name for path in (tmp_path / "r").iterdir() if path.is_dir())
+
+    results = make_results(tmp_path / "r")
+    assert folders() == []
+    make_fields(results)
+    assert folders() == ["fields"]
+    draw_plots(results)
+    assert folders() == ["fields", "figures"]
+    Results.create(tmp_path / "r", overwrite=True)
+    assert folders() == []
 
 
 def test_a_file_in_the_way_is_no_folder(tmp_path):

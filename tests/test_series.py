@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,8 @@ from tactile_fem.results import Results
 from tactile_fem.series import Task, run_series, single_fibre, sweep, write_summary
 from tactile_fem.series.run import folder_of
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
+
+RESULTS_PAGE = Path(__file__).resolve().parents[1] / "demos" / "pages" / "results.md"
 
 
 def test_passes_shift_the_stimulator_over_one_receptor():
@@ -85,6 +89,23 @@ def test_complete_scans_are_not_repeated_and_foreign_ones_refused(tmp_path):
     others = sweep(["stimulus.friction=0.1,0.2"], overrides=["protocol.depth_mm=1"])
     with pytest.raises(StudyError, match="another series"):
         run_series(others, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "members", [sweep(["stimulus.friction=0.1"]), single_fibre(Study(), spacing_mm=5.0)]
+)
+def test_the_columns_of_the_summary_stand_in_the_documentation(tmp_path, members):
+    _, section = RESULTS_PAGE.read_text().split("\n## `summary.csv`\n")
+    rows = re.findall(r"^\| `(\w+)` \| (.*?) ?\| .+ \|$", section.split("\n## ")[0], re.MULTILINE)
+    for member in members:
+        make_results(folder_of(member, tmp_path), member.study)
+    columns = next(csv.reader(write_summary(members, tmp_path).open()))
+    (axis,) = members[0].values
+    assert f"`{axis}`" in section
+    columns.remove(axis)
+    assert [name for name, _ in rows] == columns
+    for name, unit in rows:
+        assert unit == (name.split("_")[-1] if name.endswith(("_s", "_N", "_kPa")) else "")
 
 
 @pytest.fixture(scope="module")

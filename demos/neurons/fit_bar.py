@@ -194,7 +194,7 @@ def bound(held_kPa: np.ndarray, rates: np.ndarray) -> None:
 
 
 def by_spikes(time: np.ndarray, sed: np.ndarray, rates: np.ndarray, neuron: Neuron) -> None:
-    """Print the agreement of counted spikes, mean over trials with irregular thresholds."""
+    """Print the agreement of counted spikes, mean over trials with irregular spikes."""
     noisy = neuron.model_copy(update={"threshold_noise": NOISE})
     response = respond(time, np.repeat(sed, TRIALS, axis=1), noisy)
     counted = [

@@ -24,7 +24,14 @@ class Membrane:
 
     Proposed: the form of Hamasaki et al. (2020) as reconstructed, with numbers of our own::
 
-        C dV/dt = -V/R + I;   V >= V_th: spike, then V = 0 for t_ref      (5)
+        C dV/dt = -V/R + I;   V >= V_th: spike, then V = V_r for t_ref    (5)
+        V_r = V_th (1 - exp(sigma xi)),   xi ~ N(0, 1) for each spike     (6)
+
+    The noise, sigma, is in the reset: the distance V_th - V_r that a spike leaves to the next one
+    is log-normal with median V_th (noisy reset: Gerstner 2000, DOI 10.1162/089976600300015899).
+    V_th itself stays, so the same currents fire with and without noise. At a constant current the
+    median interval is the one without noise; far above rheobase sigma is the standard deviation
+    of the logarithm of the interval less t_ref. At rest V = 0, so the first spike has no noise.
 
     A stretch takes a few products per receptor. Only where an upper bound of the current lets V
     come to the threshold is the first crossing looked for, to rounding. A negative current
@@ -35,7 +42,7 @@ class Membrane:
     neuron
         The constants; pF GOhm = ms, pA GOhm = mV.
     variability
-        Thresholds of the receptors, anew after each spike.
+        Factors of the distance from the reset to the threshold, anew for each spike.
     """
 
     def __init__(self, neuron: Neuron, variability: Variability) -> None:
@@ -43,21 +50,20 @@ class Membrane:
         self._refractory = neuron.refractory_s
         self._tau = neuron.time_constant_s
         self._variability = variability
-        self._threshold = neuron.threshold_mV * variability.threshold_factors()
-        self._nominal = neuron.threshold_mV
-        self._potential = np.zeros_like(self._threshold)
-        self._all = np.arange(len(self._threshold))
-        self._free = np.full_like(self._threshold, -np.inf)  # end of refractoriness, s
+        self._threshold = neuron.threshold_mV
+        self._potential = np.zeros(variability.count)
+        self._all = np.arange(variability.count)
+        self._free = np.full(variability.count, -np.inf)  # end of refractoriness, s
         self._fired: list[tuple[Array, Array]] = []
 
     def advance(self, segment: Segment) -> None:
         """Advance through a stretch that follows the last one."""
         start, h, current, who = segment
-        potential, threshold = self._potential[who], self._threshold[who]
+        potential = self._potential[who]
         # V cannot exceed what the current's upper bound would make of it if held throughout.
         drive = self._resistance * current.bounds(h)[1]
         reach = drive + (potential - drive) * np.exp(-h / self._tau)
-        event = (np.maximum(reach, potential) >= threshold) | (self._free[who] > start)
+        event = (np.maximum(reach, potential) >= self._threshold) | (self._free[who] > start)
         end = Course(potential, current, self._resistance, self._tau).at(h)
         some = np.flatnonzero(event)
         if some.size:
@@ -68,28 +74,28 @@ class Membrane:
     def _eventful(self, who: Array, start: Array, h: Array, current: ExponentialSum) -> Array:
         """Return V at the end of a stretch in which `who` may fire or become free."""
         begin = np.minimum(np.maximum(self._free[who] - start, 0.0), h)
-        v = np.where(self._free[who] > start, 0.0, self._potential[who])
-        result = np.where(begin < h, 0.0, v)
+        v = self._potential[who]
+        result = v.copy()
         going = np.flatnonzero(begin < h)
         while going.size:
             left = h[going] - begin[going]
             now = current.of(going).from_(begin[going])
             course = Course(v[going], now, self._resistance, self._tau)
-            after, result[going] = course.first_at(self._threshold[who[going]], left)
+            after, result[going] = course.first_at(np.full_like(left, self._threshold), left)
             fires = np.isfinite(after)
             going = going[fires]
-            if np.any((after[fires] + self._refractory < _SHORTEST_S) & (v[going] == 0)):
+            fired = begin[going] + after[fires]
+            firing, time = who[going], start[going] + fired
+            if np.any(time - self._free[firing] + self._refractory < _SHORTEST_S):
                 raise StudyError(
                     f"neuron: an afferent fires more than {1 / _SHORTEST_S:,.0f} times a second: "
                     "the gains are too high or refractory_s is too short"
                 )
-            fired = begin[going] + after[fires]
-            firing = who[going]
-            self._fired.append((firing, start[going] + fired))
-            self._threshold[firing] = self._nominal * self._variability.after_spike(firing)
+            self._fired.append((firing, time))
             begin[going] = fired + self._refractory
             self._free[firing] = start[going] + begin[going]
-            v[going] = result[going] = 0.0
+            distance = self._threshold * self._variability.after_spike(firing)
+            v[going] = result[going] = self._threshold - distance
             going = going[begin[going] < h[going]]
         return result
 

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from tactile_fem.study import Neuron
 
 Array = NDArray[Any]
-_GAINS, _THRESHOLDS = 0, 1
+_GAINS, _DISTANCES = 0, 1
 _BLOCK = 64
 
 
 class Variability:
-    """Log-normal factors of gains and thresholds.
+    """Log-normal factors of the gains and of the distances from reset to threshold.
 
     Each afferent has a stream of random numbers of its own, found from the seed and its number
     (a counter-based generator), so its spikes do not depend on who else is computed.
@@ -41,12 +41,13 @@ class Variability:
         first = [self._draw(_GAINS, unit, 0)[0] for unit in self._units.tolist()]
         return np.exp(self._gain_spread * np.array(first))
 
-    def threshold_factors(self) -> Array:
-        """Return the factor of each afferent's first threshold, median 1, (n,)."""
-        return self.after_spike(np.arange(len(self._units)))
+    @property
+    def count(self) -> int:
+        """Number of afferents."""
+        return len(self._units)
 
     def after_spike(self, which: Array) -> Array:
-        """Return the next factors of the thresholds of some, without repetition."""
+        """Return the next factors of the distances of some, median 1, without repetition."""
         if not self._noise:
             return np.ones(len(which))
         if not self._normal.size:
@@ -54,7 +55,7 @@ class Variability:
         place = self._used[which] % _BLOCK
         for k in which[place == 0].tolist():
             block = int(self._used[k]) // _BLOCK
-            self._normal[k] = self._draw(_THRESHOLDS, int(self._units[k]), block)
+            self._normal[k] = self._draw(_DISTANCES, int(self._units[k]), block)
         self._used[which] += 1
         return np.exp(self._noise * self._normal[which, place])
 

@@ -165,7 +165,8 @@ class Neuron(Section):
         0.0, description="sd of the logarithm of the gains between afferents"
     )
     threshold_noise: NonNegative = Field(
-        0.0, description="sd of the logarithm of V_th from spike to spike"
+        0.0,
+        description="sd of the logarithm of the distance from reset to V_th, from spike to spike",
     )
     seed: Annotated[Whole, Field(ge=0, lt=2**63)] = Field(1, description="of spread and noise")
 
