@@ -142,6 +142,18 @@ def test_exponents_of_made_up_costs(capsys):
 
 
 @pytest.mark.slow
+def test_compiler(tmp_path):
+    few = ["--variants", "O2", "--variants", "reordered", "--rounds", "1"]
+    small = ["--pad-size", "3", "--far-size", "6"]
+    run("benchmarks/compiler.py", str(tmp_path), *few, *small)
+    with (tmp_path / "compiler.csv").open() as table:
+        plain, reordered = csv.DictReader(table)
+    assert float(plain["residual_off"]) == 0
+    assert 0 < float(reordered["residual_off"]) < 1e-9
+    assert float(reordered["displacement_off"]) < 1e-9
+
+
+@pytest.mark.slow
 def test_hard_states(tmp_path):
     few = ["--moments", "first touch", "--steps", "1"]
     strategies = ["--strategies", "default", "--strategies", "secant (l2)"]
