@@ -1,5 +1,5 @@
 # make scan    the paper's scan: data and pictures into results/
-# make test    the tests
+# make test    the tests, some of the mechanics on two ranks as well
 # make env     only the environment, in .venv
 # make lint    style
 # make clean   removes the environment and caches, never results
@@ -34,6 +34,7 @@ scan: $(ENVIRONMENT)
 test: $(ENVIRONMENT)
 	@$(PYTHON) -m tactile_fem.doctor
 	$(PYTHON) -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
+	$(PYTHON) tests/on_two_ranks.py
 
 env: $(ENVIRONMENT)
 

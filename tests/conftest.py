@@ -1,3 +1,4 @@
+import faulthandler
 import logging
 import os
 from collections.abc import Iterator
@@ -30,3 +31,38 @@ def no_log_left() -> Iterator[None]:
     package.handlers[:] = handlers
     package.setLevel(level)
     package.propagate = propagate
+
+
+# --- several ranks: see on_two_ranks.py -----------------------------------------------------------
+
+RANK = ranks.launched_rank()
+LONGEST_S = 300.0
+
+
+if RANK is not None:
+    from tactile_fem import backend  # noqa: F401
+
+    from mpi4py import MPI  # isort: skip
+
+    from tactile_fem.together import ending_together
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_configure(config):
+        """Let rank 0 alone report."""
+        if RANK != 0:
+            config.pluginmanager.unregister(name="terminalreporter")
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(item):
+        """Let no rank wait for one that failed: it ends all, as does a test that hangs."""
+        faulthandler.dump_traceback_later(LONGEST_S, exit=True)
+        try:
+            with ending_together(MPI.COMM_WORLD):
+                return (yield)
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+
+    @pytest.fixture
+    def tmp_path(tmp_path):
+        """Give all ranks the folder of rank 0."""
+        return MPI.COMM_WORLD.bcast(tmp_path)

@@ -452,3 +452,39 @@ def test_an_error_on_one_rank_ends_all(who):
         assert ours == ["rank 1 ends all: the sentence"]
     else:
         assert done.returncode == 1 and done.stderr.count("StudyError: the sentence") == 2
+
+
+FAILING = """
+import pytest
+from tactile_fem import backend
+from mpi4py import MPI
+@pytest.mark.ranks
+def test_on_two(tmp_path):
+    folders = MPI.COMM_WORLD.allgather(str(tmp_path))
+    assert len(folders) == 2 and folders[0] == folders[1] and tmp_path.is_dir()
+@pytest.mark.ranks
+def test_on_one():
+    assert MPI.COMM_WORLD.rank == 0, "the sentence"
+    MPI.COMM_WORLD.Barrier()
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("chosen", "code"), [("on_two", 0), ("on_one", 1)])
+def test_a_test_on_two_ranks_is_reported_once_and_waits_for_none_that_failed(
+    tmp_path, chosen, code
+):
+    (tmp_path / "test_it.py").write_text(FAILING)
+    folder = Path(__file__).parent
+    options = ["-p", "conftest", "-p", "no:cacheprovider", "-k", chosen]
+    done = subprocess.run(
+        [sys.executable, str(folder / "on_two_ranks.py"), *options],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *sys.path])},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == code, done.stderr
+    assert done.stdout.count("1 passed") == (chosen == "on_two")
+    assert ("rank 1 ends all: the sentence" in done.stderr) == (chosen == "on_one")

@@ -57,7 +57,7 @@ def made(Q, c) -> FingerProblem:
     block = block_mesh(line, line, depths, LAYERS)
     block = replace(block, nodes=block.nodes @ Q.T + c)
     tight = Solver(held=("cut",), linear="direct", petsc={"snes_atol": 1e-9})
-    domain = create_domain(block, MPI.COMM_SELF, tight.held)
+    domain = create_domain(block, MPI.COMM_WORLD, tight.held)
     tissue = Tissue.model_validate({"set": "maeno1998"})
     problem = FingerProblem(domain, tissue, Turned(make_body(LETTER), Q), LETTER.friction, tight)
     problem.place(c)
@@ -68,8 +68,10 @@ def outcome(problem: FingerProblem) -> Outcome:
     domain = problem.domain
     q = ufl.TestFunction(fem.functionspace(domain.mesh, ("DG", 0)))
     form = problem.elasticity.stored(domain, q, 4)
-    energy = np.empty(domain.cell_count)
-    energy[domain.owned_file_cells()] = fem.assemble_vector(fem.form(form)).array
+    of_cells = fem.assemble_vector(fem.form(form)).array
+    energy, owned = np.zeros(domain.cell_count), domain.owned_file_cells()
+    energy[owned] = of_cells[: len(owned)]
+    domain.comm.Allreduce(MPI.IN_PLACE, energy)
     return Outcome(problem.load().force_N, problem.order.gather(problem.u), energy)
 
 
@@ -105,7 +107,7 @@ def check(moved: Outcome, Q: np.ndarray, u_of=lambda u: u) -> None:
         Rotation.from_euler("z", 90, degrees=True).as_matrix(),
         Rotation.from_euler("z", 180, degrees=True).as_matrix(),
         Rotation.from_euler("x", 37, degrees=True).as_matrix(),
-        Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix(),
+        pytest.param(Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix(), marks=pytest.mark.ranks),
         np.diag([-1.0, 1.0, 1.0]),
         np.diag([1.0, -1.0, 1.0]),
     ],

@@ -147,12 +147,13 @@ def test_end_organs_share_a_receptors_mean():
         sample(far, place(far, finger), finger)
 
 
+@pytest.mark.ranks
 @pytest.mark.parametrize("radius", [0.0, 0.25])
 def test_probe_reads_a_homogeneous_state_exactly(radius):
     finger = layered_block()
     wanted = Receptors(half_width_mm=1, spacing_mm=1, average_radius_mm=radius)
     positions = place(wanted, finger)
-    domain = create_domain(finger, MPI.COMM_SELF, ("cut",))
+    domain = create_domain(finger, MPI.COMM_WORLD, ("cut",))
     tissue = Tissue.model_validate({})
     settings = Solver(held=("cut",))
     problem = FingerProblem(domain, tissue, make_body(Plate()), 0.3, settings)

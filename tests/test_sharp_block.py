@@ -25,7 +25,7 @@ def forces(count: int, gamma: float, slides=(), **choice) -> np.ndarray:
     line, up = np.linspace(-3, 3, 2 * count + 1), np.linspace(0, 3, count + 1)
     block = block_mesh(line, line, up, ["dermis"] * count)
     solver = Solver(held=("cut",), linear="direct", nitsche_gamma=gamma, **choice)
-    domain = create_domain(block, MPI.COMM_SELF, solver.held)
+    domain = create_domain(block, MPI.COMM_WORLD, solver.held)
     problem = FingerProblem(domain, TISSUE, make_body(PLATE), PLATE.friction, solver)
     found = []
     for y, z in [(0.0, 0.1), (0.0, 0.2), (0.0, 0.3), *((slide, 0.3) for slide in slides)]:
@@ -55,6 +55,7 @@ def test_every_theta_gives_the_same_force():
         assert other != incomplete
 
 
+@pytest.mark.ranks
 @pytest.mark.parametrize("gamma", [1.2, 6.0])
 def test_the_slid_block_feels_mu_times_its_normal_force(gamma):
     x, y, z = forces(2, gamma, (0.02, 0.1, 0.3, 0.6, 0.9, 1.2, 1.5))[-1]
