@@ -275,7 +275,7 @@ def _history_axes(
 ) -> tuple[Figure, Axes, Axes | None]:
     """Return a figure with a history above and, to the same scale, the stimulator below.
 
-    Of a short slide the part of the stimulator about the receptor's way is shown.
+    Of a short slide the part of the stimulator about the receptor's way is shown, if there is any.
     """
     left, width, history, highest, margin, gap = 0.75, 4.4, 2.2, 4.0, 0.5, 0.15  # inches
     across = np.concatenate([[receptor_x_mm], *(outline[:, 0] for outline in outlines)])
@@ -283,8 +283,9 @@ def _history_axes(
     scale = width / (range_mm[1] - range_mm[0])
     shown = min(high - low, highest / scale)
     low = min(max(low, receptor_x_mm - shown / 2), high - shown)
+    has_map = any(_meets(outline, (low, low + shown), range_mm) for outline in outlines)
     map_height = shown * scale
-    map_space = map_height + gap if len(outlines) else 0.0
+    map_space = map_height + gap if has_map else 0.0
     size = left + width + 0.2, margin + map_space + history + 0.15
 
     def place(bottom: float, height: float) -> tuple[float, float, float, float]:
@@ -295,12 +296,21 @@ def _history_axes(
     top.set_xlim(*range_mm)
     label = -0.13, 0.5  # one below the other, whatever the numbers on the axes
     top.yaxis.set_label_coords(*label)
-    if not len(outlines):
+    if not has_map:
         return figure, top, None
     below = figure.add_axes(place(margin, map_height), sharex=top)
     below.set_ylim(low + shown, low)
     below.yaxis.set_label_coords(*label)
     return figure, top, below
+
+
+def _meets(
+    outline: NDArray[np.float64], across_mm: tuple[float, float], along_mm: tuple[float, float]
+) -> bool:
+    """Tell whether an outline, by its extent, comes into a window."""
+    (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
+    overlaps = x0 < across_mm[1], x1 > across_mm[0], y0 < along_mm[1], y1 > along_mm[0]
+    return all(overlaps)
 
 
 def _span(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -68,7 +68,7 @@ def test_sed_figure_without_letters_is_one_panel():
 @pytest.mark.parametrize("distance", [0.2, 1.0, 3.0, 10.0, 30.0])
 def test_sed_figure_has_ordinary_proportions_however_short_the_slide(distance):
     d = np.linspace(0.0, distance, 20)
-    figure = sed_figure(d, d, [SQUARE, SQUARE + np.array([0.0, 20.0])], 2.0)
+    figure = sed_figure(d, d, [SQUARE - [0.0, 2.0], SQUARE - [0.0, -20.0]], 2.0)
     width, height = figure.get_size_inches()
     assert 5 < width < 6 and 0.5 < height / width < 1.5
     _, below = figure.axes
@@ -84,6 +84,12 @@ def test_sed_figure_has_ordinary_proportions_however_short_the_slide(distance):
 def test_sed_figure_shows_the_way_of_a_receptor_beside_the_letters():
     across = sorted(sed_figure([0.0, 10.0], [0.0, 1.0], [SQUARE], 5.0).axes[1].get_ylim())
     assert across == pytest.approx([-3.5, 5.5])
+
+
+def test_sed_figure_of_a_slide_that_meets_nothing_has_no_map():
+    for outlines in ([SQUARE], [SQUARE - [-9.0, 2.0]]):
+        figure = sed_figure([0.0, 0.5], [0.0, 1.0], outlines)
+        assert len(figure.axes) == 1 and "mm" in figure.axes[0].get_xlabel()
 
 
 def test_raster_has_one_dot_per_spike_in_range():
