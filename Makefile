@@ -21,7 +21,7 @@ endif
 .PHONY: scan test env lint clean help
 
 scan: $(ENVIRONMENT)
-	@$(PYTHON) -m tactile_fem.doctor
+	@$(PYTHON) -m tactile_fem.runtime.doctor
 	@folder="$(RESULTS)"; n=1; \
 	if [ -z "$$folder" ]; then \
 	  folder=results/scan; \
@@ -32,7 +32,7 @@ scan: $(ENVIRONMENT)
 	$(PYTHON) -m tactile_fem scan $(STUDY) $(SET:%=--set %) --ranks $(RANKS) --results "$$folder"
 
 test: $(ENVIRONMENT)
-	@$(PYTHON) -m tactile_fem.doctor
+	@$(PYTHON) -m tactile_fem.runtime.doctor
 	$(PYTHON) -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
 	$(PYTHON) tests/on_two_ranks.py
 

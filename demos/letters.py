@@ -24,12 +24,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem.entry import run
-from tactile_fem.extrema import central_receptor
-from tactile_fem.figures import draw
-from tactile_fem.logs import ProgressDisplay, set_up
-from tactile_fem.results import Results
+from tactile_fem.cli.entry import run
+from tactile_fem.output.extrema import central_receptor
+from tactile_fem.output.figures import draw
+from tactile_fem.runtime.logs import ProgressDisplay, set_up
 from tactile_fem.scan import scan
+from tactile_fem.scan.results import Results
 from tactile_fem.study import Protocol, Study, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -2,7 +2,7 @@
 
 import sys
 
-from tactile_fem.cli import main
+from tactile_fem.cli.app import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from tactile_fem import ranks
 from tactile_fem.finger.load import shipped_file
-from tactile_fem.logs import PACKAGE
+from tactile_fem.runtime import ranks
+from tactile_fem.runtime.logs import PACKAGE
 from tactile_fem.study import Finger
 
 os.environ.update(ranks.SHARED_CORES)
@@ -40,11 +40,11 @@ LONGEST_S = 300.0
 
 
 if RANK is not None:
-    from tactile_fem import backend  # noqa: F401
+    from tactile_fem.runtime import backend  # noqa: F401
 
     from mpi4py import MPI  # isort: skip
 
-    from tactile_fem.together import ending_together
+    from tactile_fem.runtime.parallel import ending_together
 
     @pytest.hookimpl(trylast=True)
     def pytest_configure(config):

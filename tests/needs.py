@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tactile_fem import doctor, pictures
+from tactile_fem.output import pictures
+from tactile_fem.runtime import doctor
 
 
 def gmsh_problem() -> str | None:

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 
-from tactile_fem import ranks
+from tactile_fem.runtime import ranks
 
 # What a rank says when it ends all must not be captured.
 PYTEST = [sys.executable, "-m", "pytest", "-q", "-s", "-p", "no:logging", "-m", "ranks"]

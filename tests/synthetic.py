@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from tactile_fem.fields import FieldWriter
 from tactile_fem.finger.mesh_data import TISSUES
-from tactile_fem.results import Results
+from tactile_fem.scan.fields import FieldWriter
+from tactile_fem.scan.results import Results
 from tactile_fem.study import Study
 
 SPEED = 20.0

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from synthetic import make_results
 
-from tactile_fem import cli, doctor, logs, ranks
+from tactile_fem.cli import app as cli
 from tactile_fem.finger import load_finger, write_msh
+from tactile_fem.runtime import doctor, logs, ranks
 from tactile_fem.study import Finger
 
 # {here} stands for the folder; what follows ... is another library's.

@@ -10,11 +10,12 @@ import meshio
 import pytest
 from synthetic import make_results
 
-from tactile_fem import cli, doctor, ranks
+from tactile_fem.cli import app as cli
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.finger import load_finger, write_msh
+from tactile_fem.runtime import doctor, ranks
 from tactile_fem.study import Finger, Study
-from tactile_fem.study_file import load_study
+from tactile_fem.study.file import load_study
 
 
 @pytest.fixture(autouse=True)
@@ -34,10 +35,10 @@ def scans(monkeypatch):
         asked.append((study, Path(folder), overwrite))
         make_results(folder, study)
 
-    module = types.ModuleType("tactile_fem.scan")
+    module = types.ModuleType("tactile_fem.scan.run")
     module.scan = scan
     module.resume = lambda folder, *, observers: asked.append(Path(folder))
-    monkeypatch.setitem(sys.modules, "tactile_fem.scan", module)
+    monkeypatch.setitem(sys.modules, "tactile_fem.scan.run", module)
     return asked
 
 
@@ -83,7 +84,7 @@ def test_divergence_has_its_own_code(capsys, scans, monkeypatch):
     def diverge(*args, **kwargs):
         raise ConvergenceError("the slide stopped at 3.1 mm (too many iterations)", 3.1, "reason")
 
-    monkeypatch.setattr(sys.modules["tactile_fem.scan"], "scan", diverge)
+    monkeypatch.setattr(sys.modules["tactile_fem.scan.run"], "scan", diverge)
     assert "stopped at 3.1 mm" in sentence_of(capsys, ["scan"], code=3)
 
 
@@ -126,7 +127,7 @@ def test_overwrite_is_passed_on(scans):
 
 
 def test_scan_draws_its_figures(capsys, scans, monkeypatch):
-    monkeypatch.setattr("tactile_fem.figures.draw_pictures", lambda results: [])
+    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results: [])
     assert cli.main(["scan"]) == 0
     assert Path("results/scan/figures/raster.png").is_file()
     assert "raster.png" in capsys.readouterr().out
@@ -204,7 +205,7 @@ def test_export_writes_a_deck(capsys):
 
 
 def test_plot_draws_again(capsys, monkeypatch):
-    monkeypatch.setattr("tactile_fem.figures.draw_pictures", lambda results: [])
+    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results: [])
     make_results("r")
     assert cli.main(["plot", "r"]) == 0
     assert capsys.readouterr().out.split() == [
@@ -213,7 +214,7 @@ def test_plot_draws_again(capsys, monkeypatch):
 
 
 def test_resume_goes_on(scans, monkeypatch):
-    monkeypatch.setattr("tactile_fem.figures.draw_pictures", lambda results: [])
+    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results: [])
     make_results("r")
     assert cli.main(["resume", "r"]) == 0
     assert scans == [Path("r")]
@@ -221,7 +222,7 @@ def test_resume_goes_on(scans, monkeypatch):
 
 def test_a_scan_started_again_goes_on_but_only_with_the_same_study(capsys, scans, monkeypatch):
     made = []
-    monkeypatch.setattr(sys.modules["tactile_fem.scan"], "scan", lambda *a, **k: made.append(a))
+    monkeypatch.setattr(sys.modules["tactile_fem.scan.run"], "scan", lambda *a, **k: made.append(a))
     monkeypatch.setattr(cli, "_draw", lambda results: None)
     results = make_results("r")
     assert "not empty" in sentence_of(capsys, ["scan", "--results", "r"])
@@ -237,7 +238,7 @@ def test_a_file_that_cannot_be_written_is_one_sentence(capsys, scans, monkeypatc
     def fail(*args, **kwargs):
         raise OSError(28, "No space left on device", "r/trace.npz")
 
-    monkeypatch.setattr(sys.modules["tactile_fem.scan"], "scan", fail)
+    monkeypatch.setattr(sys.modules["tactile_fem.scan.run"], "scan", fail)
     sentence = sentence_of(capsys, ["scan"], code=1)
     assert sentence == "r/trace.npz cannot be read or written: No space left on device."
 
@@ -246,7 +247,7 @@ def test_a_signal_has_its_own_code(capsys, scans, monkeypatch):
     def stop(*args, **kwargs):
         os.kill(os.getpid(), signal.SIGTERM)
 
-    monkeypatch.setattr(sys.modules["tactile_fem.scan"], "scan", stop)
+    monkeypatch.setattr(sys.modules["tactile_fem.scan.run"], "scan", stop)
     assert "stopped by SIGTERM" in sentence_of(capsys, ["scan"], code=143)
 
 
@@ -272,7 +273,7 @@ def test_help_and_version(capsys, arguments):
 
 def test_help_does_not_load_dolfinx_nor_gmsh_nor_vtk():
     code = (
-        "import sys; from tactile_fem.cli import main; main(['--help']); "
+        "import sys; from tactile_fem.cli.app import main; main(['--help']); "
         "print([m for m in ('dolfinx', 'gmsh', 'pyvista', 'mpi4py') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -291,7 +292,7 @@ def test_without_dolfinx_a_scan_says_where_to_get_it(tmp_path):
         "import sys\n"
         "for name in ('dolfinx', 'dolfinx_solver', 'mpi4py', 'petsc4py'):\n"
         "    sys.modules[name] = None\n"
-        "from tactile_fem.cli import main\n"
+        "from tactile_fem.cli.app import main\n"
         "sys.exit(main(['scan', '--results', sys.argv[1]]))"
     )
     command = [sys.executable, "-c", code, str(tmp_path / "none")]

@@ -10,7 +10,7 @@ import weakref
 
 import pytest
 
-from tactile_fem import backend, ranks  # noqa: F401
+from tactile_fem.runtime import backend, ranks  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 

@@ -12,7 +12,7 @@ import pytest
 import ufl
 from scipy.optimize import fsolve
 
-from tactile_fem import backend  # noqa: F401
+from tactile_fem.runtime import backend  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 

@@ -13,9 +13,9 @@ import ufl
 from blocks import LAYERS, block_mesh
 from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH
 
-from tactile_fem.deck import Penalty, material_lines, write_deck
 from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger.mesh_data import TISSUES
+from tactile_fem.output.deck import Penalty, material_lines, write_deck
 from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.height_field import height_field
 from tactile_fem.study import Cylinder, Plate, Polynomial, Protocol, Solver, Study, Text
@@ -298,7 +298,7 @@ def test_calculix_has_our_energy(constants, F, tmp_path):
 @needs_ccx
 @pytest.mark.slow
 def test_calculix_presses_and_slides_a_block_as_we_do(tmp_path):
-    from tactile_fem import backend  # noqa: F401
+    from tactile_fem.runtime import backend  # noqa: F401
 
     from mpi4py import MPI  # isort: skip
 

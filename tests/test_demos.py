@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from needs import needs_gmsh
 
-from tactile_fem import ranks
+from tactile_fem.runtime import ranks
 from tactile_fem.series import run_series, single_fibre
 from tactile_fem.study import Neuron
-from tactile_fem.study_file import load_study
+from tactile_fem.study.file import load_study
 
 DEMOS = Path(__file__).resolve().parents[1] / "demos"
 

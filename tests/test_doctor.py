@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_fem import backend, doctor
+from tactile_fem.runtime import backend, doctor
 
 ROOT = Path(__file__).parents[1]
 

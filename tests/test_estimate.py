@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from tactile_fem import backend  # noqa: F401
+from tactile_fem.runtime import backend  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 
-from tactile_fem.mechanics import estimate as module
-from tactile_fem.mechanics.estimate import announce, available_memory_MB, estimate
+from tactile_fem.scan import estimate as module
+from tactile_fem.scan.estimate import announce, available_memory_MB, estimate
 from tactile_fem.study import Protocol, Solver, Study
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "demos" / "benchmarks" / "README.md"

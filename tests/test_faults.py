@@ -17,18 +17,19 @@ import numpy as np
 import pytest
 from numpy._core import _multiarray_umath
 
-from tactile_fem import backend, ranks  # noqa: F401
+from tactile_fem.runtime import backend, ranks  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 
 from tactile_fem.errors import ConvergenceError, StudyError
-from tactile_fem.fields import read_series
-from tactile_fem.figures import draw_plots
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
-from tactile_fem.lock import alone_in
 from tactile_fem.mechanics.compile import mend_cache
-from tactile_fem.results import Results
+from tactile_fem.output.figures import draw_plots
+from tactile_fem.runtime.folder_lock import alone_in
 from tactile_fem.scan import resume, scan
+from tactile_fem.scan.fields import read_series
+from tactile_fem.scan.results import Results
+from tactile_fem.scan.trace import Trace
 from tactile_fem.study import (
     Finger,
     Output,
@@ -41,8 +42,7 @@ from tactile_fem.study import (
     Text,
     Tissue,
 )
-from tactile_fem.study_file import dump_study
-from tactile_fem.trace import Trace
+from tactile_fem.study.file import dump_study
 
 
 @pytest.fixture(scope="module")
@@ -395,7 +395,7 @@ def test_at_a_friction_of_five_the_skin_sticks(study, tmp_path):
 ONE_RANK_FAILS = """
 import logging, sys
 from tactile_fem.errors import StudyError
-from tactile_fem.together import ending_together
+from tactile_fem.runtime.parallel import ending_together
 from mpi4py import MPI
 logging.basicConfig(format="%(message)s")
 comm = MPI.COMM_WORLD
@@ -408,7 +408,7 @@ with ending_together(comm):
 
 ABORTING = """
 import fcntl, logging, sys, termios
-from tactile_fem import together
+from tactile_fem.runtime import parallel as together
 class Comm:  # of two, the other of which never comes
     rank, size = 1, 2
     Dup = Ibarrier = lambda self: self
@@ -456,7 +456,7 @@ def test_an_error_on_one_rank_ends_all(who):
 
 FAILING = """
 import pytest
-from tactile_fem import backend
+from tactile_fem.runtime import backend
 from mpi4py import MPI
 @pytest.mark.ranks
 def test_on_two(tmp_path):

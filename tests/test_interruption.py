@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_fem import backend, ranks  # noqa: F401
+from tactile_fem.runtime import backend, ranks  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 
 from tactile_fem.errors import StoppedError
-from tactile_fem.fields import read_series
-from tactile_fem.results import Results
 from tactile_fem.scan import resume, scan
+from tactile_fem.scan.fields import read_series
+from tactile_fem.scan.results import Results
 from tactile_fem.study import Finger, Neuron, Output, Protocol, Receptors, Solver, Study, Text
-from tactile_fem.study_file import dump_study
+from tactile_fem.study.file import dump_study
 
 PATIENCE_S = 300.0
 

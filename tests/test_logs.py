@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from rich.console import Console
 
-from tactile_fem import logs
+from tactile_fem.runtime import logs
 
 
 @dataclass

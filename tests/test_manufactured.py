@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import ufl
 
-from tactile_fem import backend  # noqa: F401
+from tactile_fem.runtime import backend  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 

@@ -12,7 +12,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from tactile_fem import backend, ranks  # noqa: F401
+from tactile_fem.runtime import backend, ranks  # noqa: F401
 
 from dolfinx import fem  # isort: skip
 from mpi4py import MPI  # isort: skip

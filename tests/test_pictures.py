@@ -7,7 +7,8 @@ from needs import needs_graphics
 from PIL import Image
 from synthetic import make_fields, make_results, make_trace
 
-from tactile_fem import doctor, figures, pictures
+from tactile_fem.output import figures, pictures
+from tactile_fem.runtime import doctor
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Dots, Grating, Plate, Protocol, Sphere, Study, Text
 
@@ -79,7 +80,7 @@ def test_pictures_are_drawn(tmp_path, study):
     "stimulus", [Text(), Plate(), Sphere(), Grating(), Dots()], ids=lambda s: s.kind
 )
 def test_the_drawn_surface_is_the_one_that_the_finger_feels(stimulus):
-    from tactile_fem.drawing import stimulator_surface
+    from tactile_fem.output.drawing import stimulator_surface
 
     body = make_body(stimulus)
     surface = stimulator_surface(Study(stimulus=stimulus, protocol=Protocol(distance_mm=2.0)))

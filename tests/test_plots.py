@@ -6,9 +6,9 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 from synthetic import make_results, make_spikes, make_trace
 
-from tactile_fem import figures
-from tactile_fem.extrema import central_receptor, extrema
-from tactile_fem.plots import (
+from tactile_fem.output import figures
+from tactile_fem.output.extrema import central_receptor, extrema
+from tactile_fem.output.plots import (
     DISPLACEMENT,
     PAPER,
     firing_figure,

@@ -17,8 +17,8 @@ from pydantic import BaseModel
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import respond
 from tactile_fem.study import Neuron, Study
-from tactile_fem.study_errors import KINDS
-from tactile_fem.study_file import dump_study, load_study
+from tactile_fem.study.explain import KINDS
+from tactile_fem.study.file import dump_study, load_study
 
 # The same examples in every run, on however slow a machine.
 RUN: dict[str, Any] = {

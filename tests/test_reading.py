@@ -9,7 +9,7 @@ from synthetic import SPEED, make_results, make_trace
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response
-from tactile_fem.reading import (
+from tactile_fem.series import (
     RateImage,
     bundles,
     correlation,
@@ -19,8 +19,8 @@ from tactile_fem.reading import (
     read,
     thinned,
 )
-from tactile_fem.reading.figures import confusion_figure, letters_figure, side_by_side
-from tactile_fem.reading.image import Sweep, rate_image
+from tactile_fem.series.figures import confusion_figure, letters_figure, side_by_side
+from tactile_fem.series.image import Sweep, rate_image
 from tactile_fem.study import Neuron, Plate, Study, Text
 
 ACROSS = np.arange(-25, 26) * 0.2

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from synthetic import SLIDE, make_results
 
-from tactile_fem import cli
-from tactile_fem.checks import check_study
+from tactile_fem.cli import app as cli
+from tactile_fem.scan.checks import check_study
 from tactile_fem.stimulus import make_body, outlines
 from tactile_fem.study import Finger, Protocol, Receptors, Study, Text
-from tactile_fem.study_file import load_study
+from tactile_fem.study.file import load_study
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -39,9 +39,9 @@ def shortened(code, old, new):
 
 @pytest.mark.slow
 def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("tactile_fem.backend")
+    pytest.importorskip("tactile_fem.runtime.backend")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("tactile_fem.figures.draw_pictures", lambda results: [])
+    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results: [])
     (script,) = blocks(README, "python")
     assert len([line for line in script.splitlines() if line.strip()]) <= 13
     run(
@@ -63,7 +63,7 @@ def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_parts_of_ones_own_make_a_scan(small_finger):
-    pytest.importorskip("tactile_fem.backend")
+    pytest.importorskip("tactile_fem.runtime.backend")
     page = PAGES / "extending.md"
     code = "\n".join(blocks(page, "python"))
     code = shortened(code, "depth_mm=1.0, distance_mm=2.0", "depth_mm=0.2, distance_mm=0.1")
@@ -152,7 +152,7 @@ def test_the_recipes_plot_and_spikes(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_the_recipes_scan_is_watched(small_finger, tmp_path, monkeypatch, capsys):
-    pytest.importorskip("tactile_fem.backend")
+    pytest.importorskip("tactile_fem.runtime.backend")
     monkeypatch.chdir(tmp_path)
     code = blocks(RECIPES, "python")[-1]
     brief = Study(

@@ -10,22 +10,22 @@ import pytest
 import ufl
 from scipy.spatial.distance import pdist
 
-from tactile_fem import backend  # noqa: F401
+from tactile_fem.runtime import backend  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 
 from blocks import block_mesh, curved
 
-from tactile_fem import ranks
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import SURFACES, load_finger
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.probe import CellEnergy, Probe
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.receptors import place, sample
-from tactile_fem.results import Results
+from tactile_fem.receptors.probe import CellEnergy, Probe
+from tactile_fem.runtime import ranks
+from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Plate, Receptors, Solver, Tissue
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from synthetic import make_fields, make_results
 
-from tactile_fem import results as results_module
 from tactile_fem.errors import StudyError
-from tactile_fem.fields import FieldWriter, read_series
-from tactile_fem.figures import draw_plots
-from tactile_fem.files import replacing
-from tactile_fem.results import Results
+from tactile_fem.output.figures import draw_plots
+from tactile_fem.runtime.files import replacing
+from tactile_fem.scan import results as results_module
+from tactile_fem.scan.fields import FieldWriter, read_series
+from tactile_fem.scan.results import Results
 from tactile_fem.study import Protocol, Study
 
 STEPS, RECEPTORS = 5, 3

@@ -10,15 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_fem import ranks
 from tactile_fem.errors import ConvergenceError, StudyError
-from tactile_fem.fields import read_series
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.results import Results
+from tactile_fem.runtime import ranks
 from tactile_fem.scan import resume, scan
+from tactile_fem.scan.fields import read_series
+from tactile_fem.scan.results import Results
 from tactile_fem.study import Finger, Output, Plate, Protocol, Receptors, Solver, Study, Text
-from tactile_fem.study_file import dump_study
+from tactile_fem.study.file import dump_study
 
 
 class Stopped(Exception):

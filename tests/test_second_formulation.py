@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import ufl
 
-from tactile_fem import backend  # noqa: F401
+from tactile_fem.runtime import backend  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 

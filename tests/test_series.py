@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from synthetic import make_results
 
-from tactile_fem import cli
+from tactile_fem.cli import app as cli
 from tactile_fem.errors import StoppedError, StudyError
-from tactile_fem.results import Results
+from tactile_fem.scan.results import Results
 from tactile_fem.series import Task, run_series, single_fibre, sweep, write_summary
 from tactile_fem.series.run import folder_of
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text

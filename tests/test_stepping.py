@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactile_fem import backend  # noqa: F401
 from tactile_fem.errors import ConvergenceError
-from tactile_fem.mechanics.march import March
 from tactile_fem.mechanics.problem import SolveReport
+from tactile_fem.mechanics.stepper import March
 from tactile_fem.mechanics.stepping import StepControl, StepTooSmallError
+from tactile_fem.runtime import backend  # noqa: F401
 from tactile_fem.study import Protocol, Solver
 
 

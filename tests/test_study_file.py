@@ -8,10 +8,10 @@ from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
 from tactile_fem.study import Finger, Protocol, Study, Text
-from tactile_fem.study_errors import KINDS
-from tactile_fem.study_file import dump_study, load_study
-from tactile_fem.study_page import study_page
-from tactile_fem.study_template import commented_template
+from tactile_fem.study.explain import KINDS
+from tactile_fem.study.file import dump_study, load_study
+from tactile_fem.study.page import study_page
+from tactile_fem.study.template import commented_template
 
 
 def test_no_file_and_an_empty_file_are_the_papers_study(tmp_path):
@@ -41,7 +41,7 @@ def test_the_template_mentions_every_key():
 
 
 def test_the_page_of_all_keys_is_up_to_date():
-    """Make it anew: python -m tactile_fem.study_page > demos/pages/study.md."""
+    """Make it anew: python -m tactile_fem.study.page > demos/pages/study.md."""
     page = Path(__file__).parents[1] / "demos" / "pages" / "study.md"
     assert page.read_text(encoding="utf-8") == study_page()
 

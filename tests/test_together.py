@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_fem import backend  # noqa: F401
+from tactile_fem.runtime import backend  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 from petsc4py import PETSc  # isort: skip
@@ -17,9 +17,9 @@ from blocks import LAYERS, block_mesh
 from tactile_fem.errors import MeshError, TactileError
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.runtime.parallel import on_root, raising_together
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Tissue
-from tactile_fem.together import on_root, raising_together
 
 pytestmark = pytest.mark.ranks
 COMM = MPI.COMM_WORLD

@@ -6,8 +6,11 @@ from needs import NO_PICTURES, needs_graphics
 from PIL import Image
 from synthetic import make_fields, make_results, make_trace
 
-from tactile_fem import cli, cli_view, doctor, pictures
+from tactile_fem.cli import app as cli
+from tactile_fem.cli import view as cli_view
 from tactile_fem.errors import StudyError
+from tactile_fem.output import pictures
+from tactile_fem.runtime import doctor
 
 
 def scan(folder, states=(0.0, 2.5, 5.0)):
@@ -20,7 +23,7 @@ def scan(folder, states=(0.0, 2.5, 5.0)):
 def film(tmp_path_factory):
     if NO_PICTURES is not None:
         pytest.skip(NO_PICTURES)
-    from tactile_fem.film import Film
+    from tactile_fem.output.film import Film
 
     return Film(scan(tmp_path_factory.mktemp("film") / "r"))
 
@@ -62,7 +65,7 @@ def test_the_interface_has_the_energy_of_the_receptors_side(film):
 
 @needs_graphics
 def test_what_cannot_be_shown_is_told(tmp_path):
-    from tactile_fem.film import Film
+    from tactile_fem.output.film import Film
 
     with pytest.raises(StudyError, match="no field files"):
         Film(make_results(tmp_path / "none"))
@@ -73,7 +76,7 @@ def test_what_cannot_be_shown_is_told(tmp_path):
 
 
 def test_the_slider_moves_the_finger(film):
-    from tactile_fem import view
+    from tactile_fem.output import view
 
     plotter = view._window_plotter(film, off_screen=True)
     (slider,) = getattr(plotter, "widgets", plotter).slider_widgets
@@ -88,7 +91,7 @@ def test_the_slider_moves_the_finger(film):
 
 @needs_graphics
 def test_an_animation_is_written_without_a_display(tmp_path, monkeypatch, capsys):
-    from tactile_fem.drawing import COLOURS
+    from tactile_fem.output.drawing import COLOURS
 
     monkeypatch.delenv("DISPLAY", raising=False)
     scan(tmp_path / "r", (0.0, 2.5))

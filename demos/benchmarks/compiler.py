@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem.entry import run
-from tactile_fem.files import write_table
+from tactile_fem.cli.entry import run
 from tactile_fem.finger import load_finger
-from tactile_fem.logs import set_up
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.runtime.files import write_table
+from tactile_fem.runtime.logs import set_up
 from tactile_fem.study import Finger, Solver, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -23,10 +23,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem.entry import run
+from tactile_fem.cli.entry import run
 from tactile_fem.errors import TactileError
-from tactile_fem.files import write_table, write_text
-from tactile_fem.results import Results
+from tactile_fem.runtime.files import write_table, write_text
+from tactile_fem.scan.results import Results
 from tactile_fem.series import Member, run_series
 from tactile_fem.study import Finger, Output, Protocol, Solver, Study
 

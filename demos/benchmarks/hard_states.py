@@ -24,18 +24,18 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from tactile_fem.entry import run
+from tactile_fem.cli.entry import run
 from tactile_fem.errors import ConvergenceError, StudyError
-from tactile_fem.files import write_table
 from tactile_fem.finger import load_finger
-from tactile_fem.logs import set_up
 from tactile_fem.mechanics.domain import Domain, create_domain
-from tactile_fem.mechanics.march import March, Step
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.results import Results
+from tactile_fem.mechanics.stepper import March, Step
+from tactile_fem.runtime.files import write_table
+from tactile_fem.runtime.logs import set_up
+from tactile_fem.runtime.parallel import on_root
 from tactile_fem.scan import scan
+from tactile_fem.scan.results import Results
 from tactile_fem.study import Finger, Output, Solver, Study, Text
-from tactile_fem.together import on_root
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 

@@ -11,12 +11,12 @@
 # %%
 import numpy as np
 
-from tactile_fem.entry import run
+from tactile_fem.cli.entry import run
 from tactile_fem.finger import load_finger
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
+from tactile_fem.runtime.parallel import on_root
 from tactile_fem.study import Finger, Solver
-from tactile_fem.together import on_root
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 from dolfinx import fem  # isort: skip

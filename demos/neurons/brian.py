@@ -27,10 +27,10 @@ from time import process_time
 
 import numpy as np
 
-from tactile_fem.entry import run
-from tactile_fem.files import write_table
+from tactile_fem.cli.entry import run
 from tactile_fem.neuron import Response, respond
-from tactile_fem.ranks import launched_rank
+from tactile_fem.runtime.files import write_table
+from tactile_fem.runtime.ranks import launched_rank
 from tactile_fem.study import Neuron
 
 NEURON = Neuron()

@@ -31,11 +31,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import isotonic_regression
 
-from tactile_fem.entry import run
-from tactile_fem.files import write_table
+from tactile_fem.cli.entry import run
 from tactile_fem.neuron import Fit, FitWarning, Window, fit, respond
 from tactile_fem.neuron.fit import mean_rates
-from tactile_fem.ranks import launched_rank
+from tactile_fem.runtime.files import write_table
+from tactile_fem.runtime.ranks import launched_rank
 from tactile_fem.study import Neuron
 
 # y mm: dynamic, static spikes/s.

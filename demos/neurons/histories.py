@@ -30,9 +30,9 @@ from typing import Literal
 
 import numpy as np
 
-from tactile_fem.entry import run
-from tactile_fem.files import replacing
-from tactile_fem.logs import ProgressDisplay, set_up
+from tactile_fem.cli.entry import run
+from tactile_fem.runtime.files import replacing
+from tactile_fem.runtime.logs import ProgressDisplay, set_up
 from tactile_fem.scan import scan
 from tactile_fem.study import (
     Cylinder,

@@ -21,15 +21,21 @@ import numpy as np
 from cyclopts import Parameter
 from matplotlib.figure import Figure
 
-from tactile_fem.entry import run
-from tactile_fem.extrema import central_receptor
-from tactile_fem.files import write_figure, write_table
-from tactile_fem.logs import set_up
-from tactile_fem.plots import BLUE, DISPLACEMENT, GREEN, INK, VERMILION
-from tactile_fem.reading import population_image
-from tactile_fem.reading.legibility import outline_correlation
-from tactile_fem.results import Results
-from tactile_fem.series import complete_scans, numbers_of, run_series, sweep, write_summary
+from tactile_fem.cli.entry import run
+from tactile_fem.output.extrema import central_receptor
+from tactile_fem.output.plots import BLUE, DISPLACEMENT, GREEN, INK, VERMILION
+from tactile_fem.runtime.files import write_figure, write_table
+from tactile_fem.runtime.logs import set_up
+from tactile_fem.scan.results import Results
+from tactile_fem.series import (
+    complete_scans,
+    numbers_of,
+    population_image,
+    run_series,
+    sweep,
+    write_summary,
+)
+from tactile_fem.series.legibility import outline_correlation
 
 _FRICTIONS = (0.0, 0.1, 0.3, 0.6, 1.0)
 

@@ -32,15 +32,26 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from tactile_fem.entry import run
-from tactile_fem.figures import rings
-from tactile_fem.files import write_figure, write_table
-from tactile_fem.logs import set_up
-from tactile_fem.reading import RateImage, Reading, fibre_image, population_image, read, thinned
-from tactile_fem.reading.figures import confusion_figure, letters_figure
-from tactile_fem.reading.legibility import outline_correlation
-from tactile_fem.results import Results
-from tactile_fem.series import complete_scans, run_series, single_fibre, sweep, write_summary
+from tactile_fem.cli.entry import run
+from tactile_fem.output.figures import rings
+from tactile_fem.runtime.files import write_figure, write_table
+from tactile_fem.runtime.logs import set_up
+from tactile_fem.scan.results import Results
+from tactile_fem.series import (
+    RateImage,
+    Reading,
+    complete_scans,
+    fibre_image,
+    population_image,
+    read,
+    run_series,
+    single_fibre,
+    sweep,
+    thinned,
+    write_summary,
+)
+from tactile_fem.series.figures import confusion_figure, letters_figure
+from tactile_fem.series.legibility import outline_correlation
 from tactile_fem.study import Neuron
 
 

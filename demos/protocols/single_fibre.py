@@ -23,15 +23,24 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactile_fem.entry import run
-from tactile_fem.figures import rings
-from tactile_fem.files import write_figure, write_table
-from tactile_fem.logs import set_up
-from tactile_fem.reading import RateImage, bundles, fibre_image, population_image
-from tactile_fem.reading.figures import side_by_side
-from tactile_fem.reading.legibility import outline_correlation
-from tactile_fem.results import Results
-from tactile_fem.series import Member, complete_scans, run_series, single_fibre, write_summary
+from tactile_fem.cli.entry import run
+from tactile_fem.output.figures import rings
+from tactile_fem.runtime.files import write_figure, write_table
+from tactile_fem.runtime.logs import set_up
+from tactile_fem.scan.results import Results
+from tactile_fem.series import (
+    Member,
+    RateImage,
+    bundles,
+    complete_scans,
+    fibre_image,
+    population_image,
+    run_series,
+    single_fibre,
+    write_summary,
+)
+from tactile_fem.series.figures import side_by_side
+from tactile_fem.series.legibility import outline_correlation
 from tactile_fem.series.run import folder_of
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
 

@@ -39,8 +39,8 @@ import numpy as np
 from flat_plate import DEPTH_MM, DEVIATION_N, MEAN_N, plate_study
 from scipy.optimize import OptimizeResult, least_squares
 
-from tactile_fem.entry import run
-from tactile_fem.files import write_table
+from tactile_fem.cli.entry import run
+from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

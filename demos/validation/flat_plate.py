@@ -27,11 +27,11 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactile_fem.entry import run
-from tactile_fem.files import write_table
+from tactile_fem.cli.entry import run
+from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
+from tactile_fem.scan.trace import Trace
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Study
-from tactile_fem.trace import Trace
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 

@@ -21,10 +21,10 @@ import numpy as np
 from flat_plate import BLUE, ORANGE, State, plate_study
 from matplotlib.figure import Figure
 
-from tactile_fem.entry import run
+from tactile_fem.cli.entry import run
 from tactile_fem.errors import ConvergenceError
-from tactile_fem.files import write_table
-from tactile_fem.mechanics.march import Step
+from tactile_fem.mechanics.stepper import Step
+from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
 from tactile_fem.study import Protocol, Text
 

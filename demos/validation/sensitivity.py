@@ -24,8 +24,8 @@ from typing import Any, Literal
 import numpy as np
 from flat_plate import plate_study
 
-from tactile_fem.entry import run
-from tactile_fem.files import write_table
+from tactile_fem.cli.entry import run
+from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
 from tactile_fem.study import Polynomial, Protocol, Receptors, Study, Text, Tissue
 

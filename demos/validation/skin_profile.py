@@ -3,7 +3,7 @@
 #
 # This demo emphasizes
 # - how far the skin beside an indenter follows it, against published measurements,
-# - how the deformed skin is read from a results folder (`tactile_fem.profile`),
+# - how the deformed skin is read from a results folder (`tactile_fem.finger.skin_points`),
 # - whether the mesh resolves what presses.
 #
 # A bar lies across the finger and is pressed $d = 1$ mm into the pad: a cylinder of 3.17 mm
@@ -33,13 +33,13 @@ from flat_plate import BLUE, ORANGE
 from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
 
-from tactile_fem.entry import run
-from tactile_fem.files import write_table
+from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.finger.mesh_data import SURFACES
-from tactile_fem.profile import SkinPoints
-from tactile_fem.results import Results
+from tactile_fem.finger.skin_points import SkinPoints
+from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
+from tactile_fem.scan.results import Results
 from tactile_fem.study import Cylinder, Edge, Finger, Output, Protocol, Receptors, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -2,7 +2,7 @@
 # # The same press and slide with CalculiX
 #
 # This demo emphasizes
-# - how a study becomes an input deck for another finite element code (`tactile_fem.deck`),
+# - how a study becomes an input deck for another finite element code (`tactile_fem.output.deck`),
 # - whether two codes that share nothing but the mesh find the same forces and the same strain
 #   energy density (SED) at the receptors,
 # - what each of them needs: iterations, seconds.
@@ -44,16 +44,16 @@ from pad import half_ellipsoid
 from run_deck import is_installed, run_deck
 from two_codes import Cost, Way, compare, tell_cost
 
-from tactile_fem import backend  # noqa: F401  (brings DOLFINx, before MPI)
-from tactile_fem.deck import DeckSize, Penalty, write_deck
-from tactile_fem.entry import run
-from tactile_fem.files import write_table
+from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.march import March
-from tactile_fem.mechanics.probe import CellEnergy
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.mechanics.stepper import March
+from tactile_fem.output.deck import DeckSize, Penalty, write_deck
 from tactile_fem.receptors import Samples, place, sample
+from tactile_fem.receptors.probe import CellEnergy
+from tactile_fem.runtime import backend  # noqa: F401  (brings DOLFINx, before MPI)
+from tactile_fem.runtime.files import write_table
 from tactile_fem.study import (
     AnyStimulus,
     Cylinder,

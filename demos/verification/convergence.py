@@ -33,20 +33,20 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from tactile_fem.entry import run
-from tactile_fem.extrema import central_receptor
-from tactile_fem.fields import read_series
-from tactile_fem.files import write_table
+from tactile_fem.cli.entry import run
 from tactile_fem.finger import load_finger
-from tactile_fem.logs import set_up
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.probe import Probe
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.output.extrema import central_receptor
 from tactile_fem.receptors import Samples, place, sample
-from tactile_fem.results import Results
+from tactile_fem.receptors.probe import Probe
+from tactile_fem.runtime.files import write_table
+from tactile_fem.runtime.logs import set_up
+from tactile_fem.runtime.parallel import on_root
 from tactile_fem.scan import completed
+from tactile_fem.scan.fields import read_series
+from tactile_fem.scan.results import Results
 from tactile_fem.study import Finger, Output, Protocol, Solver, Study
-from tactile_fem.together import on_root
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 

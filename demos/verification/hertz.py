@@ -44,13 +44,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
-from tactile_fem.entry import run
+from tactile_fem.cli.entry import run
 from tactile_fem.errors import ConvergenceError
-from tactile_fem.files import write_table
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
 from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.mechanics.problem import Constraints, FingerProblem
+from tactile_fem.runtime.files import write_table
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Cylinder, Solver, Sphere, Tissue
 

@@ -15,7 +15,7 @@
 # %%
 import numpy as np
 
-from tactile_fem.entry import run
+from tactile_fem.cli.entry import run
 from tactile_fem.finger import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.mesh_data import facets_of, quadratic
 from tactile_fem.finger.session import gmsh_model, simplices

@@ -36,13 +36,13 @@ from hertz import COMM, NU, TISSUE, E_MPa, body_mesh, symmetry
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
-from tactile_fem.entry import run
+from tactile_fem.cli.entry import run
 from tactile_fem.errors import ConvergenceError
-from tactile_fem.files import write_table
 from tactile_fem.finger.mesh_data import FingerMesh, quadratic
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.runtime.files import write_table
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere
 

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem.entry import run
+from tactile_fem.cli.entry import run
 from tactile_fem.errors import StudyError
 
 KPA_PER_MPA = 1000.0

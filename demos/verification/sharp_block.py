@@ -31,11 +31,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
-from tactile_fem.entry import run
-from tactile_fem.files import write_table
+from tactile_fem.cli.entry import run
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
 from tactile_fem.mechanics.domain import Domain, create_domain
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.runtime.files import write_table
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Tissue
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_fem import backend  # noqa: F401
+from tactile_fem.runtime import backend  # noqa: F401
 
 import ufl  # isort: skip  (after the backend, which finds it)
 from dolfinx import fem  # isort: skip

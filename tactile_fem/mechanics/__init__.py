@@ -1,5 +1,5 @@
 """Contact mechanics of the finger, in UFL and PETSc."""
 
-from tactile_fem import backend
+from tactile_fem.runtime import backend
 
 __all__ = ["backend"]

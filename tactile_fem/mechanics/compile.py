@@ -16,7 +16,7 @@ import numpy as np
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from tactile_fem.doctor import compiler
+from tactile_fem.runtime.doctor import compiler
 
 logger = logging.getLogger(__name__)
 
@@ -89,7 +89,9 @@ def _only_run_on(folder: Path) -> bool:
     with suppress(OSError):
         if folder not in _shared:
             folder.mkdir(parents=True, exist_ok=True)
-            _shared[folder] = (folder / "tactile_fem.lock").open("a", encoding="ascii")
+            _shared[folder] = (folder / "tactile_fem.lock").open(
+                "a", encoding="ascii"
+            )
         try:
             fcntl.flock(_shared[folder], fcntl.LOCK_EX | fcntl.LOCK_NB)
             alone = True

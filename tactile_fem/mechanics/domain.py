@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMesh, held_parts
-from tactile_fem.together import on_root, raising_together
+from tactile_fem.runtime.parallel import on_root, raising_together
 
 logger = logging.getLogger(__name__)
 

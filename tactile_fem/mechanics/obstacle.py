@@ -21,8 +21,8 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.compile import expression
+from tactile_fem.runtime.parallel import raising_together
 from tactile_fem.stimulus.body import RigidBody
-from tactile_fem.together import raising_together
 
 
 class Obstacle:

@@ -3,7 +3,7 @@
 from tactile_fem.neuron.afferent import respond
 from tactile_fem.neuron.field import ReceptiveField
 from tactile_fem.neuron.fit import Fit, FitWarning, Window, fit
-from tactile_fem.neuron.keep import load, save, to_neo
+from tactile_fem.neuron.io import load, save, to_neo
 from tactile_fem.neuron.response import Response
 
 __all__ = [

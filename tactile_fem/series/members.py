@@ -15,7 +15,7 @@ import numpy as np
 
 from tactile_fem.errors import StudyError
 from tactile_fem.study import Study
-from tactile_fem.study_file import load_study
+from tactile_fem.study.file import load_study
 
 
 @dataclass(frozen=True)

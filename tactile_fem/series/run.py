@@ -13,13 +13,13 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactile_fem.checks import check_study
 from tactile_fem.errors import StoppedError, StudyError
-from tactile_fem.files import write_text
-from tactile_fem.results import Results
+from tactile_fem.runtime.files import write_text
+from tactile_fem.runtime.signals import answering
+from tactile_fem.scan.checks import check_study
+from tactile_fem.scan.results import Results
 from tactile_fem.series.members import Member
-from tactile_fem.stopping import answering
-from tactile_fem.study_file import dump_study, load_study
+from tactile_fem.study.file import dump_study, load_study
 
 logger = logging.getLogger(__name__)
 

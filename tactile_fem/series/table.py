@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from tactile_fem.extrema import central_receptor
-from tactile_fem.files import write_records
-from tactile_fem.results import Results
+from tactile_fem.output.extrema import central_receptor
+from tactile_fem.runtime.files import write_records
+from tactile_fem.scan.results import Results
 from tactile_fem.series.members import Member
 from tactile_fem.series.run import folder_of, is_complete
 

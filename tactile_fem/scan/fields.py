@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.files import replacing, write_text
 from tactile_fem.finger.mesh_data import VTK_ORDER
+from tactile_fem.runtime.files import replacing, write_text
 
 SERIES = "deformation.pvd"
 

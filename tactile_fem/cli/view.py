@@ -1,4 +1,4 @@
-"""The command that shows a scan in three dimensions: a thin layer over `tactile_fem.view`."""
+"""The command that shows a scan in three dimensions, over `tactile_fem.output.view`."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tactile_fem import logs, pictures
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.results import Results
+from tactile_fem.output import pictures
+from tactile_fem.runtime import logs
+from tactile_fem.scan.results import Results
 
 _ENDINGS = (".gif", ".mp4", ".html")
 
@@ -42,8 +43,8 @@ def view(
         os.environ.pop("DISPLAY", None)  # it might not answer
     import pyvista
 
-    from tactile_fem import view as viewing
-    from tactile_fem.film import Film
+    from tactile_fem.output import view as viewing
+    from tactile_fem.output.film import Film
 
     pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
     film = Film(found)

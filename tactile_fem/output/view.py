@@ -3,7 +3,7 @@
 The finger is cut across at the receptors. Behind the cut it stands in its layers; before it only
 the epidermis-dermis interface is left, coloured by strain energy density, with the receptors on it.
 
-Import it only where a graphics library is known to load: see `tactile_fem.pictures`.
+Import it only where a graphics library is known to load: see `tactile_fem.output.pictures`.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from tactile_fem import drawing
-from tactile_fem.files import replacing, write_text
-from tactile_fem.film import Film, State, deformed
+from tactile_fem.output import drawing
+from tactile_fem.output.film import Film, State, deformed
+from tactile_fem.runtime.files import replacing, write_text
 
 logger = logging.getLogger(__name__)
 

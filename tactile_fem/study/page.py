@@ -8,12 +8,12 @@ from typing import Any
 from pydantic import BaseModel
 
 from tactile_fem.study import Stimulus, Study
-from tactile_fem.study_errors import KINDS, toml_value
+from tactile_fem.study.explain import KINDS, toml_value
 
 _HEAD = """\
 # Every key of the study
 
-Made from the models by `python -m tactile_fem.study_page > demos/pages/study.md`. A name carries
+Made from the models by `python -m tactile_fem.study.page > demos/pages/study.md`. A name carries
 its unit: mm, N, MPa, s, pA, pF, GOhm, mV. *paper* marks what stands in Hamasaki et al. 2020,
 *proposed* what this project chose. Axes: X across the finger, Y along it towards the tip, Z from
 the pad to the nail.

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_fem.errors import StudyError
-from tactile_fem.files import replacing
 from tactile_fem.neuron.response import Response
+from tactile_fem.runtime.files import replacing
 
 if TYPE_CHECKING:
     import neo

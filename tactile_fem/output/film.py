@@ -1,6 +1,6 @@
 """A scan as a film: frames of the finger, the epidermis-dermis interface and the receptors on it.
 
-Import it only where a graphics library is known to load: see `tactile_fem.pictures`.
+Import it only where a graphics library is known to load: see `tactile_fem.output.pictures`.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 
-from tactile_fem import drawing
 from tactile_fem.errors import StudyError
-from tactile_fem.fields import read_series
 from tactile_fem.finger.mesh_data import TISSUES, facets_of
-from tactile_fem.pictures import at_time
-from tactile_fem.results import Results
+from tactile_fem.output import drawing
+from tactile_fem.output.pictures import at_time
+from tactile_fem.scan.fields import read_series
+from tactile_fem.scan.results import Results
 
 # Frames from one written state to the next.
 _BETWEEN = 4

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.extrema import central_receptor, middle_row
 from tactile_fem.neuron import Response, respond
-from tactile_fem.results import Results
+from tactile_fem.output.extrema import central_receptor, middle_row
+from tactile_fem.scan.results import Results
 from tactile_fem.study import Neuron
 
 logger = logging.getLogger(__name__)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_fem.doctor import compiler
+from tactile_fem.runtime.doctor import compiler
 
 # The only release that the tests run with; DOLFINx changes its interface with each.
 DOLFINX_RELEASE = (0, 11)

@@ -21,7 +21,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from tactile_fem.ranks import TERMINAL_VARIABLE
+from tactile_fem.runtime.ranks import TERMINAL_VARIABLE
 
 PACKAGE = "tactile_fem"
 logger = logging.getLogger(__name__)

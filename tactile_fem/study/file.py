@@ -13,8 +13,8 @@ from pydantic import ValidationError
 from tactile_fem.errors import StudyError
 from tactile_fem.study import Study
 from tactile_fem.study.base import absolute
+from tactile_fem.study.explain import explain
 from tactile_fem.study.stimulus import font_file
-from tactile_fem.study_errors import explain
 
 # --- reading -----------------------------------------------------------------------------------
 

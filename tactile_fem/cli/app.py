@@ -16,16 +16,18 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the c
 
 from cyclopts import App, Parameter, validators
 
-from tactile_fem import cli_series, cli_view, logs, ranks
-from tactile_fem import doctor as diagnosis
-from tactile_fem.cli_options import Ranks, Settings, StudyFile
-from tactile_fem.entry import outcome
+from tactile_fem.cli import series as cli_series
+from tactile_fem.cli import view as cli_view
+from tactile_fem.cli.entry import outcome
+from tactile_fem.cli.options import Ranks, Settings, StudyFile
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.files import write_text
-from tactile_fem.results import Results
-from tactile_fem.stopping import answering, stop_at_once
-from tactile_fem.study_file import load_study
-from tactile_fem.study_template import commented_template
+from tactile_fem.runtime import doctor as diagnosis
+from tactile_fem.runtime import logs, ranks
+from tactile_fem.runtime.files import write_text
+from tactile_fem.runtime.signals import answering, stop_at_once
+from tactile_fem.scan.results import Results
+from tactile_fem.study.file import load_study
+from tactile_fem.study.template import commented_template
 
 HELP = """Press embossed letters on a layered fingertip and slide them:
 what do its afferents fire?
@@ -76,7 +78,7 @@ def scan(
     Started again after it was cut off, it goes on from the last step.
     Options that start with -tactile_ go to PETSc: -tactile_snes_rtol 1e-8.
     """
-    from tactile_fem.checks import check_study
+    from tactile_fem.scan.checks import check_study
 
     the_study = load_study(study, settings or ())
     first = ranks.launched_rank() in (None, 0)
@@ -103,7 +105,7 @@ def resume(
     ranks_: Ranks = 1,
 ) -> None:
     """Go on with a scan from its last step, on any number of ranks."""
-    from tactile_fem.checks import check_study
+    from tactile_fem.scan.checks import check_study
 
     check_study(Results.open(results).study)
     _require_compiler()
@@ -115,7 +117,7 @@ def resume(
 
 def _import_scan() -> ModuleType:
     try:
-        return import_module("tactile_fem.scan")
+        return import_module("tactile_fem.scan.run")
     except ImportError as error:
         raise TactileError(str(error)) from error
 
@@ -215,8 +217,8 @@ def export(
         raise StudyError(f'--deck is "{deck}" but must end in .inp.')
     if deck.exists() and not overwrite:
         raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
-    from tactile_fem.deck import write_deck
     from tactile_fem.finger import load_finger
+    from tactile_fem.output.deck import write_deck
 
     logs.set_up(console=logs.stderr_console())
     finger = load_finger(the_study.finger)
@@ -255,14 +257,14 @@ def report(
     output: Annotated[Path | None, Parameter(help="Default report.html in the folder.")] = None,
 ) -> None:
     """Write one HTML file with the figures, numbers and parameters."""
-    from tactile_fem.report import write_report
+    from tactile_fem.output.report import write_report
 
     logs.set_up(console=logs.stderr_console())
     print(f"Written to {write_report(results, fibre=fibre, output=output)}")
 
 
 def _draw(results: Results) -> None:
-    from tactile_fem.figures import draw
+    from tactile_fem.output.figures import draw
 
     for path in draw(results):
         print(path)
@@ -287,7 +289,7 @@ def doctor() -> int:
     """Look for compiler and libraries that pip cannot install, and name their packages."""
     code = diagnosis.main()
     try:
-        from tactile_fem import backend
+        from tactile_fem.runtime import backend
     except ImportError as error:
         print(f"Error: {error}")
         return 1

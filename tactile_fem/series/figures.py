@@ -8,9 +8,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tactile_fem.plots import ACROSS, DISPLACEMENT, INK, Outlines, draw_outlines, draw_rates, styled
-from tactile_fem.reading.image import RateImage
-from tactile_fem.reading.legibility import Reading
+from tactile_fem.output.plots import (
+    ACROSS,
+    DISPLACEMENT,
+    INK,
+    Outlines,
+    draw_outlines,
+    draw_rates,
+    styled,
+)
+from tactile_fem.series.image import RateImage
+from tactile_fem.series.legibility import Reading
 
 
 @styled
@@ -22,7 +30,7 @@ def side_by_side(images: Mapping[str, RateImage], outlines: Outlines = ()) -> Fi
     images
         By their titles, over the same places.
     outlines
-        As for `tactile_fem.plots.raster_figure`.
+        As for `tactile_fem.output.plots.raster_figure`.
     """
     figure = Figure(figsize=(3.4 * len(images), 6.4), layout="compressed")
     grid = figure.subplots(2, len(images), sharex=True, sharey=True, squeeze=False)
@@ -59,7 +67,7 @@ def letters_figure(
     images
         By protocol and letter.
     outlines
-        By letter, as for `tactile_fem.plots.raster_figure`.
+        By letter, as for `tactile_fem.output.plots.raster_figure`.
     """
     rows, columns = len(images), len(outlines)
     figure = Figure(figsize=(1.7 * columns + 1.2, 1.8 * rows + 0.5), layout="compressed")

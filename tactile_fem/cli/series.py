@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, validators
 
-from tactile_fem import logs
-from tactile_fem.cli_options import Ranks, Settings, StudyFile
+from tactile_fem.cli.options import Ranks, Settings, StudyFile
 from tactile_fem.errors import TactileError
-from tactile_fem.study_file import load_study
+from tactile_fem.runtime import logs
+from tactile_fem.study.file import load_study
 
 if TYPE_CHECKING:
     from tactile_fem.series import Member

@@ -10,9 +10,9 @@ from typing import NoReturn
 from cyclopts import App, CycloptsError
 from pydantic import ValidationError
 
-from tactile_fem import ranks
 from tactile_fem.errors import TactileError
-from tactile_fem.study_errors import explain
+from tactile_fem.runtime import ranks
+from tactile_fem.study.explain import explain
 
 
 def run(main: Callable[..., object]) -> NoReturn:

@@ -10,11 +10,10 @@ import shapely
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tactile_fem.extrema import central_receptor, middle_row
-from tactile_fem.files import write_figure
 from tactile_fem.neuron import Response
-from tactile_fem.pictures import draw_pictures
-from tactile_fem.plots import (
+from tactile_fem.output.extrema import central_receptor, middle_row
+from tactile_fem.output.pictures import draw_pictures
+from tactile_fem.output.plots import (
     DISPLACEMENT,
     Outlines,
     firing_figure,
@@ -22,7 +21,8 @@ from tactile_fem.plots import (
     raster_figure,
     sed_figure,
 )
-from tactile_fem.results import Results
+from tactile_fem.runtime.files import write_figure
+from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import outlines
 from tactile_fem.study import AnyStimulus
 

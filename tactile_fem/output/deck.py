@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError, StudyError
-from tactile_fem.files import write_text
 from tactile_fem.finger.mesh_data import (
     SURFACES,
     TET_FACETS,
@@ -32,6 +31,7 @@ from tactile_fem.finger.mesh_data import (
     held_parts,
 )
 from tactile_fem.finger.report import measured_layers_mm
+from tactile_fem.runtime.files import write_text
 from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.height_field import HeightField, height_field
 from tactile_fem.study import Elastic, Polynomial, Study

@@ -1,6 +1,6 @@
 """Scenes in PyVista: the layered finger, and the finger cut open on the stimulator.
 
-Import it only where a graphics library is known to load: see `tactile_fem.pictures`.
+Import it only where a graphics library is known to load: see `tactile_fem.output.pictures`.
 """
 
 from __future__ import annotations

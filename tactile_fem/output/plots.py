@@ -20,7 +20,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Curve
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.extrema import extrema
+from tactile_fem.output.extrema import extrema
 
 Outlines = Sequence[NDArray[np.float64]]
 

@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.files import replacing, write_text
+from tactile_fem.runtime.files import replacing, write_text
 from tactile_fem.study import Study
-from tactile_fem.study_file import dump_study, load_study
+from tactile_fem.study.file import dump_study, load_study
 
 # Everything this package writes into the folder; nothing else is ever removed.
 _OWN = (

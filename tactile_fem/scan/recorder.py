@@ -13,20 +13,21 @@ from petsc4py import PETSc
 
 from dolfinx import common
 
-from tactile_fem import __version__, backend
+from tactile_fem import __version__
 from tactile_fem.errors import StudyError
-from tactile_fem.fields import FieldWriter
 from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.report import measured_layers_mm, pad_thickness_mm
 from tactile_fem.mechanics.compile import compiler_version
-from tactile_fem.mechanics.march import March, Step
-from tactile_fem.mechanics.probe import CellEnergy
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.mechanics.stepper import March, Step
 from tactile_fem.neuron import Response
-from tactile_fem.results import Results
+from tactile_fem.receptors.probe import CellEnergy
+from tactile_fem.runtime import backend
+from tactile_fem.runtime.parallel import on_root
+from tactile_fem.scan.fields import FieldWriter
+from tactile_fem.scan.results import Results
+from tactile_fem.scan.trace import Array, Histories, Trace
 from tactile_fem.study import Study
-from tactile_fem.together import on_root
-from tactile_fem.trace import Array, Histories, Trace
 
 # Counts up when what a checkpoint holds changes its names or meaning.
 _FORMAT = 4

@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactile_fem import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
+from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -16,29 +16,29 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import jit
 
-from tactile_fem.checks import check_depth
 from tactile_fem.errors import ConvergenceError, StoppedError, StudyError, TactileError
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.finger.report import pad_thickness_mm
-from tactile_fem.lock import alone_in
-from tactile_fem.logs import log_to
 from tactile_fem.mechanics.compile import mend_cache
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.estimate import announce
 from tactile_fem.mechanics.faults import last_line, preparing
-from tactile_fem.mechanics.march import March, Step
 from tactile_fem.mechanics.petsc_options import check_options
-from tactile_fem.mechanics.probe import Feeling, Probe
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.mechanics.stepper import March, Step
 from tactile_fem.neuron import Response, respond
 from tactile_fem.receptors import Samples, place, sample
-from tactile_fem.record import Recorder
-from tactile_fem.results import Results
+from tactile_fem.receptors.probe import Feeling, Probe
+from tactile_fem.runtime.folder_lock import alone_in
+from tactile_fem.runtime.logs import log_to
+from tactile_fem.runtime.parallel import ending_together, on_root
+from tactile_fem.runtime.signals import StopRequest, answering
+from tactile_fem.scan.checks import check_depth
+from tactile_fem.scan.estimate import announce
+from tactile_fem.scan.recorder import Recorder
+from tactile_fem.scan.results import Results
+from tactile_fem.scan.trace import Array, Histories, Trace
 from tactile_fem.stimulus import RigidBody, make_body
-from tactile_fem.stopping import StopRequest, answering
 from tactile_fem.study import Neuron, Study
-from tactile_fem.together import ending_together, on_root
-from tactile_fem.trace import Array, Histories, Trace
 
 logger = logging.getLogger(__name__)
 

@@ -1,7 +1,7 @@
 """Pictures of the finger in three dimensions, drawn off screen in a process of their own.
 
 A graphics library can end the process that loads it, so nothing here is imported by a scan:
-`draw_pictures` starts ``python -m tactile_fem.pictures FOLDER`` and reports what went wrong.
+`draw_pictures` starts ``python -m tactile_fem.output.pictures FOLDER`` and reports what went wrong.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem import doctor
-from tactile_fem.extrema import central_receptor, extrema
-from tactile_fem.fields import read_series
-from tactile_fem.files import write_figure
-from tactile_fem.results import Results
+from tactile_fem.output.extrema import central_receptor, extrema
+from tactile_fem.runtime import doctor
+from tactile_fem.runtime.files import write_figure
+from tactile_fem.scan.fields import read_series
+from tactile_fem.scan.results import Results
 
 logger = logging.getLogger(__name__)
 
@@ -53,7 +53,7 @@ def draw_pictures(results: Results) -> list[Path]:
     if reason is not None:
         logger.warning("%s", reason)
         return []
-    command = [sys.executable, "-m", "tactile_fem.pictures", str(results.folder)]
+    command = [sys.executable, "-m", "tactile_fem.output.pictures", str(results.folder)]
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, timeout=_LONGEST_S, env=_environment()
@@ -110,7 +110,7 @@ def main(folder: str) -> int:
     """Draw into a results folder and print the files; the only place that loads VTK."""
     import pyvista as pv
 
-    from tactile_fem import drawing
+    from tactile_fem.output import drawing
 
     results = Results.open(folder)
     trace = results.trace

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from tactile_fem.study import Stimulus, Study
-from tactile_fem.study_errors import KINDS, toml_value
+from tactile_fem.study.explain import KINDS, toml_value
 
 _HEAD = """\
 # A study: everything a scan is made from. Each value below is the default, the paper's where it

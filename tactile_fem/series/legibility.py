@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from tactile_fem.errors import StudyError
-from tactile_fem.reading.image import Array, RateImage
+from tactile_fem.series.image import Array, RateImage
 from tactile_fem.stimulus import outlines
 from tactile_fem.study import AnyStimulus
 

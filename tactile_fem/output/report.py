@@ -14,15 +14,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_fem.errors import StudyError
-from tactile_fem.extrema import central_receptor
-from tactile_fem.figures import draw_plots, rings
-from tactile_fem.files import write_text
-from tactile_fem.reading import RateImage, bundles, fibre_image, population_image
-from tactile_fem.reading.figures import side_by_side
-from tactile_fem.reading.legibility import outline_correlation
-from tactile_fem.results import Results
+from tactile_fem.output.extrema import central_receptor
+from tactile_fem.output.figures import draw_plots, rings
+from tactile_fem.runtime.files import write_text
+from tactile_fem.scan.results import Results
+from tactile_fem.series import RateImage, bundles, fibre_image, population_image
+from tactile_fem.series.figures import side_by_side
+from tactile_fem.series.legibility import outline_correlation
 from tactile_fem.study import AnyStimulus
-from tactile_fem.study_file import dump_study
+from tactile_fem.study.file import dump_study
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 62em; margin: 2em auto;

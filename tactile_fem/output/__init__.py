@@ -1,0 +1,1 @@
+"""What is made of a scan's results: figures, pictures, films, reports; and input decks."""
