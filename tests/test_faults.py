@@ -20,10 +20,11 @@ from numpy._core import _multiarray_umath
 from tactile_fem.runtime import backend, ranks  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
+from dolfinx import jit  # isort: skip
 
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
-from tactile_fem.mechanics.compile import mend_cache
+from tactile_fem.mechanics.compile import clean_cache, jit_options
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.runtime.folder_lock import alone_in
 from tactile_fem.scan import resume, scan
@@ -289,12 +290,20 @@ def test_what_a_killed_process_left_in_the_cache_is_removed(tmp_path, others):
         path.with_suffix(".c.cached").touch()
         path.with_suffix(".abi3.so").write_bytes(library)
     os.utime(new, (time.time() - 29.5,) * 2)
+    (tmp_path / "libffcx_orphan.c.cached").touch()  # whose source was removed while it compiled
     with (tmp_path / "tactile_fem.lock").open("a") as another_run:
         if others:
             fcntl.flock(another_run, fcntl.LOCK_SH)
-        mend_cache(tmp_path)
+        clean_cache(tmp_path)
     assert sorted(tmp_path.glob("*.c")) == sorted([new, ready] if others else [ready])
     assert list(tmp_path.glob("*.cached")) == [ready.with_suffix(".c.cached")]
+
+
+def test_a_process_that_compiles_without_a_scan_is_known_to_others(tmp_path, monkeypatch):
+    monkeypatch.setattr(jit, "get_options", lambda: {"cache_dir": tmp_path})
+    jit_options(())
+    with (tmp_path / "tactile_fem.lock").open("a") as another_run, pytest.raises(BlockingIOError):
+        fcntl.flock(another_run, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def test_options_that_petsc_refuses(study, tmp_path):
@@ -331,7 +340,7 @@ def test_a_stimulus_driven_through_the_bone(study, tmp_path):
     # The pad has nearly been pressed flat, ever more stiffly, and every step of it is there.
     assert 3.0 < caught.value.displacement_mm < study.finger.pad_thickness_mm
     trace = kept_of(tmp_path / "r", caught.value)
-    np.testing.assert_allclose(np.diff(trace["depth_mm"]), 0.5)
+    np.testing.assert_allclose(np.diff(trace["depth_mm"]), 5.1 / 11)
     assert np.all(np.diff(trace["force_N"][:, 2], n=2) > 0)
     assert np.all(np.diff(trace["stored_mJ"]) > 0)
     assert int(Results(tmp_path / "r").load_checkpoint()["rows"]) == len(trace["time_s"])
@@ -351,12 +360,13 @@ def test_fat_that_resists_no_shear_leaves_the_load_to_the_skin(study):
     assert 0.8 < soft.force_N[pressed, 2] / usual.force_N[pressed, 2] < 0.97
 
 
-def test_fat_of_an_absurd_stiffness_stops_the_scan_before_it_moves(study, tmp_path):
-    with pytest.raises(ConvergenceError, match=r"stopped at 0\.0000 mm \(.*nanorinf") as caught:
+def test_fat_of_an_absurd_stiffness_stops_the_scan_where_it_is_touched(study, tmp_path):
+    with pytest.raises(ConvergenceError, match="the indentation stopped at") as caught:
         scan(with_fat(study, 1e300), tmp_path / "r")
+    assert caught.value.displacement_mm < study.protocol.depth_mm
     trace = kept_of(tmp_path / "r", caught.value)
     for name in ("force_N", "sed_kPa", "stored_mJ", "newton_iterations"):
-        assert len(trace[name]) == 1 and not trace[name].any(), name
+        assert not trace[name].any(), name
 
 
 def slid(study: Study, folder: Path, friction: float) -> tuple[Trace, np.ndarray]:

@@ -12,8 +12,8 @@ from synthetic import make_results, make_trace
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
-from tactile_fem.output.report import write_report
 from tactile_fem.series import single_fibre, sweep, write_summary
+from tactile_fem.series.report import write_report
 from tactile_fem.series.run import folder_of
 from tactile_fem.study import Study, Text
 

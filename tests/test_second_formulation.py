@@ -68,7 +68,8 @@ class Penalty:
             "ds", msh, subdomain_data=domain.surface, metadata={"quadrature_degree": degree}
         )(SURFACES["skin"])
         traction = pressure * nu + shear
-        bulk = Elasticity(TISSUE, self.u, self.u_old).residual(domain, v, Solver().bulk_degree)
+        elasticity = Elasticity(domain, TISSUE, self.u, self.u_old, Solver().bulk_degree)
+        bulk = elasticity.residual(v)
         maps = self.obstacle.entity_maps
         held = NodeOrder(domain, V).held_dofs()
         self.held = [fem.dirichletbc(np.zeros(3), held, V), *symmetry(V)]

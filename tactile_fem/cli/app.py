@@ -257,7 +257,7 @@ def report(
     output: Annotated[Path | None, Parameter(help="Default report.html in the folder.")] = None,
 ) -> None:
     """Write one HTML file with the figures, numbers and parameters."""
-    from tactile_fem.output.report import write_report
+    from tactile_fem.series.report import write_report
 
     logs.set_up(console=logs.stderr_console())
     print(f"Written to {write_report(results, fibre=fibre, output=output)}")

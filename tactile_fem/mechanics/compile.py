@@ -13,25 +13,30 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from dolfinx import fem
+from dolfinx import fem, jit
 from ufl.core.expr import Expr
 
 from tactile_fem.runtime.doctor import compiler
 
 logger = logging.getLogger(__name__)
 
-# Another process that compiles the same form is waited for.
+# How long to wait for another process that compiles the same form.
 _WAIT_S = 300
-# So long no form takes to compile: its process was killed. Where no other run of this package is
-# alive, this long serves: only programs of others may be compiling.
+# A source that has been unfinished for so long belongs to a process that was killed: no form takes
+# so long to compile. The shorter time holds where no other process of this package uses the
+# cache, so that only programs of others may be compiling.
 _ABANDONED_S = 600
 _ABANDONED_ALONE_S = 30
 
-_shared: dict[Path, IO[str]] = {}  # open, and so locked, as long as this process lives
+_locks: dict[Path, IO[str]] = {}  # open, and so locked, as long as this process lives
 
 
 def jit_options(flags: Sequence[str]) -> dict[str, Any]:
-    """Return DOLFINx's JIT options for the given C compiler flags; its own flags without any."""
+    """Return DOLFINx's JIT options for the given C compiler flags; its own flags without any.
+
+    From now on this process counts as a user of the cache.
+    """
+    _lock_shared(jit.get_options()["cache_dir"])
     own = {"cffi_extra_compile_args": list(flags)} if flags else {}
     return {"timeout": _WAIT_S, **own}
 
@@ -51,23 +56,28 @@ def expression(value: Expr, points: np.ndarray) -> fem.Expression:
     return fem.Expression(value, points, jit_options={"timeout": _WAIT_S})
 
 
-def mend_cache(folder: Path) -> None:
-    """Remove from DOLFINx's cache what a process that was killed left unfinished.
+def clean_cache(folder: Path) -> None:
+    """Remove from DOLFINx's cache what processes that were killed left unfinished.
 
-    DOLFINx would wait for it and give up at every start, or crash on a library cut short.
+    DOLFINx would wait for them and give up at every start, fail to write what is there, or crash
+    on a library cut short.
     """
-    patience_s = _ABANDONED_ALONE_S if _only_run_on(folder) else _ABANDONED_S
+    patience_s = _ABANDONED_ALONE_S if _is_only_user(folder) else _ABANDONED_S
     for source in folder.glob("libffcx_*.c"):
         ready = source.with_suffix(".c.cached")
         with suppress(OSError):
             if not ready.exists():
-                _outwait(source, patience_s)
+                _remove_abandoned(source, patience_s)
             elif any(map(_is_cut_short, folder.glob(f"{source.stem}.*.so"))):
                 ready.unlink()
                 source.unlink()
+    for ready in folder.glob("libffcx_*.c.cached"):
+        with suppress(OSError):
+            if not ready.with_suffix("").exists():
+                ready.unlink()
 
 
-def _outwait(source: Path, patience_s: float) -> None:
+def _remove_abandoned(source: Path, patience_s: float) -> None:
     """Remove an unfinished source once nobody can be compiling it, if that is soon."""
     left_s = source.stat().st_mtime + patience_s - time.time()
     if left_s > _ABANDONED_ALONE_S:
@@ -80,26 +90,34 @@ def _outwait(source: Path, patience_s: float) -> None:
         source.unlink()
 
 
-def _only_run_on(folder: Path) -> bool:
-    """Tell whether no other run of this package uses a cache; from now on this one does.
+def _is_only_user(folder: Path) -> bool:
+    """Tell whether no other process of this package uses a cache; False where there are no locks.
 
-    The system forgets the lock when the process ends, however it ends. False where there are no
-    locks.
+    From now on this one does.
     """
     with suppress(OSError):
-        if folder not in _shared:
-            folder.mkdir(parents=True, exist_ok=True)
-            _shared[folder] = (folder / "tactile_fem.lock").open(
-                "a", encoding="ascii"
-            )
+        stream = _lock_file(folder)
         try:
-            fcntl.flock(_shared[folder], fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             alone = True
         except BlockingIOError:
             alone = False
-        fcntl.flock(_shared[folder], fcntl.LOCK_SH)
+        fcntl.flock(stream, fcntl.LOCK_SH)
         return alone
     return False
+
+
+def _lock_shared(folder: Path) -> None:
+    """Use a cache. The system forgets the lock when the process ends, however it ends."""
+    with suppress(OSError):  # DOLFINx will tell of a folder that cannot be written
+        fcntl.flock(_lock_file(folder), fcntl.LOCK_SH)
+
+
+def _lock_file(folder: Path) -> IO[str]:
+    if folder not in _locks:
+        folder.mkdir(parents=True, exist_ok=True)
+        _locks[folder] = (folder / "tactile_fem.lock").open("a", encoding="ascii")
+    return _locks[folder]
 
 
 def _is_cut_short(library: Path) -> bool:

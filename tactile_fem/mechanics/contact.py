@@ -108,3 +108,22 @@ class Contact:
             Dt = ufl.derivative(t, u, v)
             residual -= self.theta / self.stiffness * ufl.dot(t - s, Dt)
         return residual
+
+
+@dataclass(frozen=True)
+class SkinPart:
+    """Skin of one tissue.
+
+    Attributes
+    ----------
+    contact
+        Its contact law.
+    t
+        The tissue's elastic Piola traction.
+    ds
+        Measure of its facets.
+    """
+
+    contact: Contact
+    t: Expr
+    ds: ufl.Measure

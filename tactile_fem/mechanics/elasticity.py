@@ -8,7 +8,7 @@ from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.domain import Domain
 from tactile_fem.study import Elastic, Polynomial, Tissue
-from tactile_fem.tissue.energies import Law, law_of, shear_modulus, stress
+from tactile_fem.tissue.energies import Law, law_of, shear_modulus, stiffness, stress
 
 
 def deformation_gradient(u: Expr) -> Expr:
@@ -21,14 +21,22 @@ class Elasticity:
 
     Parameters
     ----------
+    domain
+        The finger and where its tissues are.
     tissue
         Constants of the tissues.
     u, u_old
         Displacement (mm) now and at the last accepted step.
+    degree
+        Of the quadrature.
     """
 
-    def __init__(self, tissue: Tissue, u: fem.Function, u_old: fem.Function) -> None:
+    def __init__(
+        self, domain: Domain, tissue: Tissue, u: fem.Function, u_old: fem.Function, degree: int
+    ) -> None:
+        self.domain, self.u, self.u_old = domain, u, u_old
         self._tissue = tissue
+        self._degree = degree
         self._F = deformation_gradient(u)
         self._F_old = deformation_gradient(u_old)
         self._mesh = u.function_space.mesh
@@ -72,28 +80,30 @@ class Elasticity:
 
     def stiffness(self, tissue: str) -> Expr:
         """Return how stiff a tissue is at the last accepted state, ``K + 4 G/3``, in MPa."""
-        return self._law(tissue).stiffness(self._F_old)
+        return stiffness(self._law(tissue), self._F_old)
 
-    def residual(self, domain: Domain, v: Expr, degree: int) -> ufl.Form:
-        """Return the virtual work of the stresses in `v`, with quadrature of `degree`."""
+    def residual(self, v: Expr) -> ufl.Form:
+        """Return the virtual work of the stresses in `v`."""
         return sum(
-            ufl.inner(self.stress(name), ufl.grad(v)) * dx
-            for name, dx in _measures(domain, degree).items()
+            ufl.inner(self.stress(name), ufl.grad(v)) * dx for name, dx in self._measures().items()
         )
 
-    def stored(self, domain: Domain, w: Expr, degree: int) -> ufl.Form:
+    def stored(self, w: Expr) -> ufl.Form:
         """Return the strain energy of all tissues, weighted with `w`."""
-        return sum(self.energy(name) * w * dx for name, dx in _measures(domain, degree).items())
+        return sum(self.energy(name) * w * dx for name, dx in self._measures().items())
+
+    def measure(self) -> ufl.Measure:
+        """Return the volume measure of all tissues."""
+        metadata = {"quadrature_degree": self._degree}
+        return ufl.Measure("dx", self._mesh, subdomain_data=self.domain.tissue, metadata=metadata)
+
+    def _measures(self) -> dict[str, ufl.Measure]:
+        """Return the volume measure of each tissue."""
+        dx = self.measure()
+        return {name: dx(tag) for name, tag in self.domain.tissues_of(self.domain.tissue).items()}
 
     def _law(self, tissue: str) -> Law:
         return law_of(self.constants(tissue), self._wrap)
 
     def _wrap(self, value: float) -> fem.Constant:
         return fem.Constant(self._mesh, float(value))
-
-
-def _measures(domain: Domain, degree: int) -> dict[str, ufl.Measure]:
-    """Return the volume measure of each tissue, with quadrature of `degree`."""
-    metadata = {"quadrature_degree": degree}
-    dx = ufl.Measure("dx", domain.mesh, subdomain_data=domain.tissue, metadata=metadata)
-    return {name: dx(tag) for name, tag in domain.tissues_of(domain.tissue).items()}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
 
@@ -12,10 +12,9 @@ import ufl
 from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 
-from tactile_fem.mechanics.elasticity import deformation_gradient
-
-if TYPE_CHECKING:
-    from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.mechanics.contact import SkinPart
+from tactile_fem.mechanics.elasticity import Elasticity, deformation_gradient
+from tactile_fem.mechanics.obstacle import Obstacle
 
 # Skin that is nearer to the body than this touches it, as ink on the finger would. Less would
 # show the noise of the gap on coarse meshes, one or two micrometres.
@@ -62,12 +61,22 @@ class Load:
 
 
 class LoadCell:
-    """Reads the load of a problem; remembers that of the last accepted step.
+    """Reads what the finger carries; remembers what it carried at the last accepted step.
 
     Parameters
     ----------
-    problem
-        The finger and the body.
+    elasticity
+        The tissues and their displacement.
+    obstacle
+        The rigid body.
+    skin
+        The parts of the skin that may touch.
+    residual
+        The compiled residual, without boundary conditions.
+    held
+        This rank's dofs (blocks) of the nodes that do not move.
+    compile_
+        Compiles a form that may use the obstacle.
 
     Attributes
     ----------
@@ -75,39 +84,48 @@ class LoadCell:
         At the last accepted step: contact force (3,) and nodal forces of friction, in N.
     """
 
-    def __init__(self, problem: FingerProblem) -> None:
-        self._problem = problem
-        V = problem.u.function_space
+    def __init__(
+        self,
+        elasticity: Elasticity,
+        obstacle: Obstacle,
+        skin: Sequence[SkinPart],
+        residual: fem.Form,
+        held: np.ndarray,
+        compile_: Callable[[ufl.Form], fem.Form],
+    ) -> None:
+        self._obstacle, self._residual_form, self._held = obstacle, residual, held
+        self._u, self._u_old = elasticity.u, elasticity.u_old
+        self._comm = elasticity.domain.comm
+        V = self._u.function_space
         v = ufl.TestFunction(V)
         pressure = friction = 0
-        for part in problem.skin:
-            s_n, s_t = part.contact.tractions(part.t, problem.u, problem.u_old)
-            pressure += s_n * ufl.dot(problem.obstacle.normal, v) * part.ds
+        for part in skin:
+            s_n, s_t = part.contact.tractions(part.t, self._u, self._u_old)
+            pressure += s_n * ufl.dot(obstacle.normal, v) * part.ds
             friction += ufl.dot(s_t, v) * part.ds
-        self._pressure_form = problem.compile(pressure)
-        self._friction_form = problem.compile(friction)
-        self._integrals_form = problem.compile(_integrals(problem))
+        self._pressure_form = compile_(pressure)
+        self._friction_form = compile_(friction)
+        self._integrals_form = compile_(_integrals(elasticity, obstacle, skin))
         self._force_N = self.force_old_N = np.zeros(3)
         self._friction = fem.Function(V)
         self.friction_old = fem.Function(V)
 
     def read(self) -> Load:
         """Return the load at the present displacement."""
-        problem = self._problem
         with common.Timer("tactile: load"):
-            problem.obstacle.refresh()
+            self._obstacle.refresh()
             pressure, friction, residual = (
                 _nodal(form)
-                for form in (self._pressure_form, self._friction_form, problem.residual_form)
+                for form in (self._pressure_form, self._friction_form, self._residual_form)
             )
             integrals = _nodal(self._integrals_form).sum(axis=0)
-        advance = problem.obstacle.translation.value - problem.obstacle.translation_old.value
+        advance = self._obstacle.translation.value - self._obstacle.translation_old.value
         here = [
             self._forces(pressure + friction, residual),
             [self._heat(friction, advance)],
             integrals,
         ]
-        whole = problem.domain.comm.allreduce(np.concatenate(here))
+        whole = self._comm.allreduce(np.concatenate(here))
         force, moment, reaction = whole[:9].reshape(3, 3)
         heat, area, normal, off, traction, stored, volume, rest = whole[9:].tolist()
         some = normal if normal > 0 else 1.0
@@ -127,11 +145,10 @@ class LoadCell:
 
     def _forces(self, contact: np.ndarray, residual: np.ndarray) -> np.ndarray:
         """Return this rank's contact force, its moment and the held reaction, (9,)."""
-        problem = self._problem
         owned = len(contact)
-        place = problem.u.function_space.tabulate_dof_coordinates()[:owned]
-        moment = np.cross(place + _owned(problem.u, owned), contact)
-        held = problem.held[problem.held < owned]
+        place = self._u.function_space.tabulate_dof_coordinates()[:owned]
+        moment = np.cross(place + _owned(self._u, owned), contact)
+        held = self._held[self._held < owned]
         reaction = (residual + contact)[held]
         return np.concatenate([part.sum(axis=0) for part in (contact, moment, reaction)])
 
@@ -140,7 +157,7 @@ class LoadCell:
         owned = len(friction)
         mean = (friction + _owned(self.friction_old, owned)) / 2
         _owned(self._friction, owned)[:] = friction
-        u, u_old = (_owned(u, owned) for u in (self._problem.u, self._problem.u_old))
+        u, u_old = (_owned(u, owned) for u in (self._u, self._u_old))
         return float(np.sum(mean * (advance - (u - u_old))))
 
     def keep(self) -> None:
@@ -152,29 +169,26 @@ class LoadCell:
 _COUNT = 7
 
 
-def _integrals(problem: FingerProblem) -> ufl.Form:
+def _integrals(elasticity: Elasticity, obstacle: Obstacle, skin: Sequence[SkinPart]) -> ufl.Form:
     """Return the integrals over skin and tissue, one for each component of a DG0 test function.
 
     So one kernel computes them all, cell by cell: contact area, pressure, pressure times
     gap, traction of the tissue; strain energy, volume now and at rest.
     """
-    msh = problem.domain.mesh
+    msh = elasticity.domain.mesh
     w = ufl.TestFunction(fem.functionspace(msh, ("DG", 0, (_COUNT,))))
-    F = deformation_gradient(problem.u)
+    F = deformation_gradient(elasticity.u)
     J = ufl.det(F)
     N = ufl.FacetNormal(msh)
     stretch = J * ufl.sqrt(ufl.dot(ufl.inv(F).T * N, ufl.inv(F).T * N))
-    gap, normal = problem.obstacle.gap, problem.obstacle.normal
-    touching = ufl.conditional(ufl.lt(gap, _TOUCHING_MM), 1.0, 0.0)
+    touching = ufl.conditional(ufl.lt(obstacle.gap, _TOUCHING_MM), 1.0, 0.0)
     form = 0
-    for part in problem.skin:
-        s_n, _ = part.contact.tractions(part.t, problem.u, problem.u_old)
-        off = s_n * abs(gap)
-        values = touching * stretch, s_n, off, touching * ufl.dot(part.t, normal)
+    for part in skin:
+        s_n, _ = part.contact.tractions(part.t, elasticity.u, elasticity.u_old)
+        off = s_n * abs(obstacle.gap)
+        values = touching * stretch, s_n, off, touching * ufl.dot(part.t, obstacle.normal)
         form += sum(value * w[i] for i, value in enumerate(values)) * part.ds
-    dx = ufl.Measure("dx", msh, metadata={"quadrature_degree": problem.bulk_degree})
-    form += problem.elasticity.stored(problem.domain, w[4], problem.bulk_degree)
-    return form + (J * w[5] + w[6]) * dx
+    return form + elasticity.stored(w[4]) + (J * w[5] + w[6]) * elasticity.measure()
 
 
 def _nodal(form: fem.Form) -> np.ndarray:

@@ -15,12 +15,11 @@ import ufl
 from dolfinx import common, fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 from ufl.classes import FacetJacobianDeterminant
-from ufl.core.expr import Expr
 
 from tactile_fem.errors import MeshError
 from tactile_fem.mechanics import multigrid
 from tactile_fem.mechanics.compile import jit_options
-from tactile_fem.mechanics.contact import Contact
+from tactile_fem.mechanics.contact import Contact, SkinPart
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.load import Load, LoadCell
@@ -64,25 +63,6 @@ class SolveReport:
     linear_iterations: int
     residual_N: float
     reason: str
-
-
-@dataclass(frozen=True)
-class SkinPart:
-    """Skin of one tissue.
-
-    Attributes
-    ----------
-    contact
-        Its contact law.
-    t
-        The tissue's elastic Piola traction.
-    ds
-        Measure of its facets.
-    """
-
-    contact: Contact
-    t: Expr
-    ds: ufl.Measure
 
 
 class FingerProblem:
@@ -139,7 +119,7 @@ class FingerProblem:
         self.u_old = fem.Function(V)
         self.u_before = fem.Function(V)
         self.u_linear = fem.Function(V)
-        self.elasticity = Elasticity(tissue, self.u, self.u_old)
+        self.elasticity = Elasticity(domain, tissue, self.u, self.u_old, solver.bulk_degree)
         self.order = NodeOrder(domain, V)
         self.held = self.order.held_dofs()
         if not domain.comm.allreduce(len(self.held)):
@@ -149,12 +129,11 @@ class FingerProblem:
         facets = domain.skin_by_tissue()
         self.obstacle = Obstacle(body, self.u, np.sort(facets.indices), solver.contact_degree)
         self.stick = StickMemory(self.obstacle)
-        self.bulk_degree = solver.bulk_degree
         self.skin = self._skin(facets, friction, solver)
         self._jit = jit_options(solver.compiler_flags)
-        self.stick.compile(self)
+        self.stick.compile(self.skin, self.u_old, self.compile)
         v = ufl.TestFunction(V)
-        residual = self.elasticity.residual(domain, v, solver.bulk_degree)
+        residual = self.elasticity.residual(v)
         for part in self.skin:
             residual += part.contact.residual(part.t, self.u, self.u_old, v) * part.ds
         self.options = options_of(solver)
@@ -224,15 +203,12 @@ class FingerProblem:
         """PETSc's nonlinear solver."""
         return self._problem.solver
 
-    @property
-    def residual_form(self) -> fem.Form:
-        """The compiled residual, without boundary conditions."""
-        return self._problem.F
-
     @cached_property
     def load_cell(self) -> LoadCell:
         """Reads what the finger carries; compiled when first used."""
-        return LoadCell(self)
+        return LoadCell(
+            self.elasticity, self.obstacle, self.skin, self._problem.F, self.held, self.compile
+        )
 
     def load(self) -> Load:
         """Return forces and energies at the present displacement."""

@@ -13,17 +13,16 @@ is left out in the present one. As a traction it stays right when `gamma_h` chan
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import ufl
 from dolfinx import fem
 from scipy.spatial import cKDTree
+from ufl import Form
 
+from tactile_fem.mechanics.contact import SkinPart
 from tactile_fem.mechanics.obstacle import Obstacle
-
-if TYPE_CHECKING:
-    from tactile_fem.mechanics.problem import FingerProblem
 
 _SAME_POINT_MM = 1e-6
 
@@ -46,17 +45,20 @@ class StickMemory:
         self._obstacle = obstacle
         self.old = obstacle.quadrature_function((3,))
 
-    def compile(self, problem: FingerProblem) -> None:
-        """Prepare `keep` for a problem whose contact uses `old`."""
+    def compile(
+        self, skin: Sequence[SkinPart], u_old: fem.Function, compile_: Callable[[Form], fem.Form]
+    ) -> None:
+        """Prepare `keep` for skin whose contact uses `old`."""
+        u = self._obstacle.u
         # Tested with the quadrature element, a form is the value at each point times its weight.
         at_points = ufl.TestFunction(self.old.function_space)
         d = one = 0
-        for part in problem.skin:
-            value = part.contact.unmatched(part.t, problem.u, problem.u_old)
+        for part in skin:
+            value = part.contact.unmatched(part.t, u, u_old)
             d += ufl.dot(value, at_points) * part.ds
             one += sum(at_points[i] for i in range(3)) * part.ds
-        self._form = problem.compile(d)
-        weight = fem.assemble_vector(problem.compile(one)).array
+        self._form = compile_(d)
+        weight = fem.assemble_vector(compile_(one)).array
         self._weight = np.where(weight > 0, weight, np.inf)  # of other ranks' facets
 
     def keep(self) -> None:

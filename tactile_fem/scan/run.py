@@ -19,7 +19,7 @@ from dolfinx import jit
 from tactile_fem.errors import ConvergenceError, StoppedError, StudyError, TactileError
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.finger.report import pad_thickness_mm
-from tactile_fem.mechanics.compile import mend_cache
+from tactile_fem.mechanics.compile import clean_cache
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.faults import last_line, preparing
 from tactile_fem.mechanics.petsc_options import check_options
@@ -205,7 +205,7 @@ class _Rig:
     def of(cls, scene: _Scene, results: Results | None, comm: MPI.Comm) -> _Rig:
         """Compile and distribute all that the scan needs."""
         study = scene.study
-        on_root(comm, lambda: mend_cache(jit.get_options()["cache_dir"]))
+        on_root(comm, lambda: clean_cache(jit.get_options()["cache_dir"]))
         with preparing():
             domain = create_domain(scene.finger, comm, study.solver.held)
             problem = FingerProblem.of(study, domain)

@@ -21,13 +21,10 @@ Wrap = Callable[[float], Expr | float]
 
 
 class Law(Protocol):
-    """A hyperelastic law."""
+    """A hyperelastic law: its energy, from which all else follows."""
 
     def energy(self, F: Expr) -> Expr:
         """Return the strain energy density of the deformation gradient `F`, in MPa."""
-
-    def stiffness(self, F: Expr) -> Expr:
-        """Return how stiff it is at `F`, in MPa: ``K + 4 G/3`` without deformation."""
 
 
 @dataclass(frozen=True)
@@ -45,18 +42,6 @@ class PolynomialEnergy:
         """Return the strain energy density of `F`, in MPa."""
         J, a, b = _invariants(F)
         return self._isochoric(a, b) + self._volumetric(J)
-
-    def stiffness(self, F: Expr) -> Expr:
-        """Return how stiff it is at `F`, in MPa: ``K + 4 G/3`` without deformation.
-
-        Against shear it is ``2 (W_a + W_b) + 4 (a W_aa + (a + b) W_ab + b W_bb)``, with
-        ``a = I1bar-3`` and ``b = I2bar-3``: the slope of Mooney and Rivlin's stress.
-        """
-        J, a, b = map(ufl.variable, _invariants(F))
-        W, U = self._isochoric(a, b), self._volumetric(J)
-        W_a, W_b = ufl.diff(W, a), ufl.diff(W, b)
-        slope = a * ufl.diff(W_a, a) + (a + b) * ufl.diff(W_a, b) + b * ufl.diff(W_b, b)
-        return ufl.diff(ufl.diff(U, J), J) + 4 / 3 * (2 * (W_a + W_b) + 4 * slope)
 
     def _isochoric(self, a: Expr, b: Expr) -> Expr:
         c = self.constants
@@ -97,11 +82,6 @@ class StVenantKirchhoff:
         E = (F.T * F - ufl.Identity(3)) / 2
         return lame / 2 * ufl.tr(E) ** 2 + shear * ufl.inner(E, E)
 
-    def stiffness(self, F: Expr) -> Expr:
-        """Return ``K + 4 G/3``, in MPa."""
-        del F
-        return self.wrap(compression_modulus(self.constants))
-
 
 def _invariants(F: Expr) -> tuple[Expr, Expr, Expr]:
     """Return ``J``, ``I1bar - 3`` and ``I2bar - 3``."""
@@ -115,6 +95,22 @@ def stress(law: Law, F: Expr) -> Expr:
     """Return the first Piola stress ``dW/dF`` of `law`, in MPa."""
     variable = ufl.variable(F)
     return ufl.diff(law.energy(variable), variable)
+
+
+def stiffness(law: Law, F: Expr) -> Expr:
+    """Return how stiff `law` is at `F`, in MPa: ``K + 4 G/3``.
+
+    `K` is the slope of the pressure where the volume changes alone, and `G` that of the shear
+    stress in the simple shear that distorts as much as `F` does, of ``gamma^2 = I1bar - 3``.
+    """
+    three = ufl.Identity(3)
+    across = ufl.as_matrix([[0, 1, 0], [0, 0, 0], [0, 0, 0]])
+    volume, distortion, _ = _invariants(F)
+    J, gamma = ufl.variable(volume), ufl.variable(ufl.sqrt(ufl.max_value(distortion, 0.0)))
+    swollen, sheared = law.energy(J ** (1 / 3) * three), law.energy(three + gamma * across)
+    K = ufl.diff(ufl.diff(swollen, J), J)
+    G = ufl.diff(ufl.diff(sheared, gamma), gamma)
+    return K + 4 * G / 3
 
 
 def shear_modulus(constants: Polynomial | Elastic) -> float:
