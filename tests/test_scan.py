@@ -75,7 +75,7 @@ def test_a_scan_presses_slides_feels_and_keeps(finished, study):
     assert results.run["mesh"]["layers_mm"]["epidermis"] == pytest.approx(0.65, rel=0.05)
     assert results.run["mesh"]["pad_thickness_mm"] == pytest.approx(5.3, rel=0.05)
     assert results.run["compiler"]["flags"] == list(study.solver.compiler_flags)
-    assert results.run["compiler"]["version"]
+    assert results.run["compiler"]["version"] and results.run["compiler"]["processor"]
     np.testing.assert_array_equal(results.trace["sed_kPa"], trace.sed_kPa)
     times, files = read_series(results.fields)
     np.testing.assert_allclose(times, [0.0, 0.01, 0.02], atol=1e-12)

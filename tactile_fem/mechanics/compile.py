@@ -1,9 +1,11 @@
-"""How the forms' C code is compiled, and what a killed process leaves of that."""
+"""How the forms' C code is compiled: fast, and never run on a processor it was not made for."""
 
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import logging
+import platform
 import struct
 import subprocess
 import time
@@ -34,11 +36,37 @@ _locks: dict[Path, IO[str]] = {}  # open, and so locked, as long as this process
 def jit_options(flags: Sequence[str]) -> dict[str, Any]:
     """Return DOLFINx's JIT options for the given C compiler flags; its own flags without any.
 
+    ``-march=native`` is dropped where it is not understood (other than x86-64). Where it stays,
+    the processor's features become part of the flags and so of the cache's key: a home folder
+    shared by different processors then holds one version for each.
+
     From now on this process counts as a user of the cache.
     """
     _lock_shared(jit.get_options()["cache_dir"])
-    own = {"cffi_extra_compile_args": list(flags)} if flags else {}
+    chosen = [flag for flag in flags if flag != "-march=native" or _is_x86()]
+    if "-march=native" in chosen:
+        features = hashlib.sha256(_cpuinfo("flags").encode()).hexdigest()[:12]
+        chosen.append(f"-DTACTILE_CPU={features}")
+    own = {"cffi_extra_compile_args": chosen} if chosen else {}
     return {"timeout": _WAIT_S, **own}
+
+
+def _is_x86() -> bool:
+    return platform.machine() in ("x86_64", "AMD64")
+
+
+def _cpuinfo(key: str) -> str:
+    """Return what Linux knows of the processor; the machine's name where it knows nothing."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace").splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith(key))
+    except (OSError, StopIteration):
+        return platform.node()
+
+
+def compiled_by() -> dict[str, str]:
+    """Return the C compiler and the processor, on which the last digits of results depend."""
+    return {"version": compiler_version(), "processor": _cpuinfo("model name")}
 
 
 def compiler_version() -> str:

@@ -17,7 +17,7 @@ from tactile_fem import __version__
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.report import measured_layers_mm, pad_thickness_mm
-from tactile_fem.mechanics.compile import compiler_version
+from tactile_fem.mechanics.compile import compiled_by
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import March, Step
 from tactile_fem.neuron import Response
@@ -201,10 +201,7 @@ class Recorder:
             },
             "mesh": {**self._mesh, "unknowns": self._problem.unknowns},
             "ranks": self._comm.size,
-            "compiler": {
-                "version": compiler_version() if self._comm.rank == 0 else "",
-                "flags": self._study.solver.compiler_flags,
-            },
+            "compiler": {"flags": self._study.solver.compiler_flags, **compiled_by()},
             "petsc_options": self._problem.options,
             **self._spent(),
         }

@@ -211,9 +211,8 @@ class Solver(Section):
         "is slower than 20 mm/s",
     )
     compiler_flags: tuple[str, ...] = Field(
-        ("-O3", "-ffast-math", "-fno-finite-math-only"),
-        description="C flags for the compiled forms; none leaves DOLFINx's own; with -march=native "
-        "results and the cache of forms belong to one kind of processor",
+        ("-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"),
+        description="C flags for the compiled forms; none leaves DOLFINx's own",
     )
     linear: Literal["multigrid", "direct"] = Field(
         "multigrid", description="linear solver; direct (MUMPS) needs much more time and memory"
