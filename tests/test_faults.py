@@ -26,7 +26,7 @@ from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.mechanics.compile import clean_cache, jit_options
 from tactile_fem.output.figures import draw_plots
-from tactile_fem.runtime.folder_lock import alone_in
+from tactile_fem.runtime.folder_lock import locked
 from tactile_fem.scan import resume, scan
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
@@ -210,7 +210,7 @@ def test_begun_and_not_come_to_a_step_it_begins_anew(study, cut):
 
 def test_two_runs_into_one_folder(cut, study):
     before = contents(cut)
-    with alone_in(cut):
+    with locked(cut):
         for start in (lambda: resume(cut), lambda: scan(study, cut, overwrite=True)):
             with pytest.raises(StudyError, match="Another run is writing into"):
                 start()

@@ -93,7 +93,7 @@ class Run:
         return len(log.read_text().splitlines()) if log.exists() else 0
 
     def await_start(self) -> None:
-        """Wait until it has said in its log that it begins to march."""
+        """Wait until it has said in its log that its first step begins."""
         end = time.monotonic() + PATIENCE_S
         while self._said() == self._lines and self.process.poll() is None:
             assert time.monotonic() < end
@@ -120,7 +120,7 @@ def kill_often(study: Study, folder: Path, moments: int, count: int = 1) -> None
     for moment in range(moments):
         run = Run(study, folder, count)
         if moment % 5 == 4:
-            time.sleep(random_.uniform(0.0, 3.0))  # before it marches, mostly
+            time.sleep(random_.uniform(0.0, 3.0))  # before its first step, mostly
         else:
             run.await_start()
             time.sleep(random_.uniform(0.0, 4.0 / moments))

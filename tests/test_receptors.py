@@ -162,20 +162,20 @@ def test_probe_reads_a_homogeneous_state_exactly(radius):
         u.interpolate(lambda x, now=now: (now - 1)[:, None] * x)
     problem.elasticity.set_time_step(0.005)
     probe = Probe(problem, sample(wanted, positions, finger), len(positions), "epidermis")
-    feeling = probe.feel()
+    felt = probe.read()
     J = stretch.prod()
     c = tissue.epidermis
     a = J ** (-2 / 3) * (stretch**2).sum() - 3
     energy = c.C10_MPa * a + c.C30_MPa * a**3 + (J - 1) ** 2 / c.D1_per_MPa
-    np.testing.assert_allclose(feeling.sed_kPa, 1000 * energy, rtol=1e-9)
-    np.testing.assert_allclose(feeling.stretches, np.tile(np.sort(stretch), (3, 1)), rtol=1e-9)
+    np.testing.assert_allclose(felt.sed_kPa, 1000 * energy, rtol=1e-9)
+    np.testing.assert_allclose(felt.stretches, np.tile(np.sort(stretch), (3, 1)), rtol=1e-9)
     slope = c.C10_MPa + 3 * c.C30_MPa * a**2
     elastic = 2 * slope * J ** (-5 / 3) * stretch**2
     # Kelvin and Voigt's: F S F^T / J with S = 2 G tau dE/dt.
     viscous = 2 * c.C10_MPa * tissue.viscous_time_s * (stretch**2 - before**2) / 0.005
     cauchy = elastic + stretch**2 * viscous / J
     von_mises = 1000 * np.sqrt(1.5 * ((cauchy - cauchy.mean()) ** 2).sum())
-    np.testing.assert_allclose(feeling.von_mises_kPa, von_mises, rtol=1e-9)
+    np.testing.assert_allclose(felt.von_mises_kPa, von_mises, rtol=1e-9)
     cells = CellEnergy(problem).gather()
     np.testing.assert_allclose(cells[finger.tissue == 2], 1000 * energy, rtol=1e-9)
 

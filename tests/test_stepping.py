@@ -9,7 +9,7 @@ import pytest
 
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.problem import SolveReport
-from tactile_fem.mechanics.stepper import March
+from tactile_fem.mechanics.stepper import Stepper
 from tactile_fem.mechanics.stepping import StepControl, StepTooSmallError
 from tactile_fem.runtime import backend  # noqa: F401
 from tactile_fem.study import Protocol, Solver
@@ -93,5 +93,5 @@ def test_a_slow_motion_may_step_as_briefly_as_a_fast_one(speed, briefest):
     problem = SimpleNamespace(u=at_rest, u_old=at_rest, stick=stick, solve=fail)
     protocol = Protocol(press_speed_mm_s=speed)
     with pytest.raises(ConvergenceError):
-        list(March(problem, protocol, Solver(min_step_mm=0.01), 1.0))
+        list(Stepper(problem, protocol, Solver(min_step_mm=0.01), 1.0))
     assert briefest <= min(tried) < 2 * briefest

@@ -29,7 +29,7 @@ from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import load_finger
 from tactile_fem.mechanics.domain import Domain, create_domain
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.mechanics.stepper import March, Step
+from tactile_fem.mechanics.stepper import Step, Stepper
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
@@ -200,13 +200,13 @@ def replay(
     solver = Solver(petsc=strategy.petsc, contact_width_MPa=strategy.width_MPa)
     problem = FingerProblem.of(study.model_copy(update={"solver": solver}), domain)
     for name, results in states.items():
-        march = March(problem, study.protocol, solver, study.finger.pad_thickness_mm)
+        stepper = Stepper(problem, study.protocol, solver, study.finger.pad_thickness_mm)
         saved = on_root(comm, results.load_checkpoint)
-        march.restore(json.loads(str(saved["state"])), saved)
+        stepper.restore(json.loads(str(saved["state"])), saved)
         started = time.perf_counter()
         taken = []
         try:
-            for step in march:
+            for step in stepper:
                 taken.append(step)
                 if len(taken) == steps:
                     break

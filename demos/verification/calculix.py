@@ -48,7 +48,7 @@ from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.mechanics.stepper import March
+from tactile_fem.mechanics.stepper import Stepper
 from tactile_fem.output.deck import DeckSize, Penalty, write_deck
 from tactile_fem.receptors import Samples, place, sample
 from tactile_fem.receptors.probe import CellEnergy
@@ -204,14 +204,14 @@ def read_at(samples: Samples, energy_kPa: np.ndarray) -> np.ndarray:
 
 
 def ours(study: Study, finger: FingerMesh, samples: Samples, size: DeckSize) -> tuple[Cost, Way]:
-    """March through the protocol; the seconds are those of the steps, without compiling."""
+    """Go through the protocol; the seconds are those of the steps, without compiling."""
     comm = MPI.COMM_WORLD
     domain = create_domain(finger, comm, study.solver.held)
     problem = FingerProblem.of(study, domain)
     energy = CellEnergy(problem)
     cpu = time.process_time()
     steps, sed = [], []
-    for step in March(problem, study.protocol, study.solver, study.protocol.depth_mm):
+    for step in Stepper(problem, study.protocol, study.solver, study.protocol.depth_mm):
         steps.append(step)
         sed.append(read_at(samples, energy.gather()))
     cpu = comm.allreduce(time.process_time() - cpu)

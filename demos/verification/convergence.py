@@ -221,10 +221,10 @@ def spread_of(name: str, results: Results) -> Spread:
     positions = place(study.receptors, finger)
     ball = sample(study.receptors, positions, finger)
     single = Samples(np.arange(len(ball.receptor)), ball.cell, ball.point, np.ones(len(ball.cell)))
-    sed = Probe(problem, single, len(ball.receptor), study.receptors.side).feel().sed_kPa
+    sed = Probe(problem, single, len(ball.receptor), study.receptors.side).read().sed_kPa
     at_point = study.receptors.model_copy(update={"average_radius_mm": 0.0})
     points = sample(at_point, positions, finger)
-    value = Probe(problem, points, len(positions), study.receptors.side).feel().sed_kPa
+    value = Probe(problem, points, len(positions), study.receptors.side).read().sed_kPa
     groups = [sed[ball.receptor == number] for number in range(len(positions))]
     mean = np.array([group.mean() for group in groups])
     deviation = np.array([group.std() for group in groups])

@@ -160,7 +160,7 @@ class LoadCell:
         u, u_old = (_owned(u, owned) for u in (self._u, self._u_old))
         return float(np.sum(mean * (advance - (u - u_old))))
 
-    def keep(self) -> None:
+    def accept(self) -> None:
         """Make the load that was read last that of the last accepted step."""
         self.force_old_N = self._force_N
         self.friction_old.x.array[:] = self._friction.x.array

@@ -309,8 +309,8 @@ class FingerProblem:
         if self._two_level and self.snes.getIterationNumber():
             with common.Timer("tactile: solve"):
                 self._two_level.set_up(self._problem.A)
-        self.stick.keep()
-        self.load_cell.keep()
+        self.stick.accept()
+        self.load_cell.accept()
         self.u_before.x.array[:] = self.u_old.x.array
         self.place(self.obstacle.translation.value)
 

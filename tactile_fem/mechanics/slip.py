@@ -48,7 +48,7 @@ class StickMemory:
     def compile(
         self, skin: Sequence[SkinPart], u_old: fem.Function, compile_: Callable[[Form], fem.Form]
     ) -> None:
-        """Prepare `keep` for skin whose contact uses `old`."""
+        """Prepare `accept` for skin whose contact uses `old`."""
         u = self._obstacle.u
         # Tested with the quadrature element, a form is the value at each point times its weight.
         at_points = ufl.TestFunction(self.old.function_space)
@@ -61,7 +61,7 @@ class StickMemory:
         weight = fem.assemble_vector(compile_(one)).array
         self._weight = np.where(weight > 0, weight, np.inf)  # of other ranks' facets
 
-    def keep(self) -> None:
+    def accept(self) -> None:
         """Remember the present state, before it becomes the old one."""
         self._obstacle.refresh()
         self.old.x.array[:] = fem.assemble_vector(self._form).array / self._weight

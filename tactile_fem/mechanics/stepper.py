@@ -1,4 +1,4 @@
-"""Marches the finger problem through the protocol: press, then slide."""
+"""Steps the finger problem through the protocol: press, then slide."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Step(Load):
     wall_s: float
 
 
-class March:
+class Stepper:
     """The protocol as a sequence of accepted steps; its state can be saved and restored.
 
     A step that fails is halved. The guess for a step extrapolates the last one of the same

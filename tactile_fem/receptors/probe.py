@@ -22,7 +22,7 @@ _KPA_PER_MPA = 1000.0
 
 
 @dataclass(frozen=True)
-class Feeling:
+class ReceptorState:
     """What the receptors feel at one moment.
 
     Attributes
@@ -108,7 +108,7 @@ class Probe:
             reference[inside] = geometry.cmaps[0].pull_back(points[inside], corners)
         return element.tabulate(0, reference)[0, :, :, 0]
 
-    def feel(self) -> Feeling:
+    def read(self) -> ReceptorState:
         """Return what the receptors feel at the problem's present displacement."""
         with common.Timer("tactile: probe"):
             values = np.zeros((self.weights.shape[0], 11))
@@ -118,7 +118,7 @@ class Probe:
             self._comm.Allreduce(MPI.IN_PLACE, values)
         C = values[:, 2:].reshape(-1, 3, 3)
         stretches = np.sqrt(np.linalg.eigvalsh((C + np.swapaxes(C, 1, 2)) / 2))
-        return Feeling(values[:, 0], values[:, 1], stretches)
+        return ReceptorState(values[:, 0], values[:, 1], stretches)
 
 
 class CellEnergy:

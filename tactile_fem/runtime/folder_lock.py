@@ -16,7 +16,7 @@ LOCK_FILE = ".lock"
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """Hold a folder, which is made if needed, against other runs.
 
     The operating system forgets the lock when the process ends, however it ends: the file that

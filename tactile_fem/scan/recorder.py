@@ -19,7 +19,7 @@ from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.report import measured_layers_mm, pad_thickness_mm
 from tactile_fem.mechanics.compile import compiled_by
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.mechanics.stepper import March, Step
+from tactile_fem.mechanics.stepper import Step, Stepper
 from tactile_fem.neuron import Response
 from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend
@@ -52,7 +52,7 @@ class Recorder:
     ----------
     results, study
         Where to write; what is run.
-    problem, march
+    problem, stepper
         The state to keep.
     finger
         The mesh, on rank 0; other ranks pass None.
@@ -63,11 +63,11 @@ class Recorder:
         results: Results,
         study: Study,
         problem: FingerProblem,
-        march: March,
+        stepper: Stepper,
         finger: FingerMesh | None,
     ) -> None:
         self._results, self._study = results, study
-        self._problem, self._march = problem, march
+        self._problem, self._stepper = problem, stepper
         self._comm = problem.domain.comm
         self._energy = CellEnergy(problem)
         self._fixed = study.model_dump_json(exclude=_FREE)
@@ -89,7 +89,7 @@ class Recorder:
 
     def step(self, step: Step, trace: Trace) -> None:
         """Keep an accepted step."""
-        state = self._march.gather()
+        state = self._stepper.gather()
         sed = self._energy.gather() if self._field_due(step) else None
         spent = self._spent()
 
@@ -102,7 +102,7 @@ class Recorder:
                 version=__version__,
                 study=self._fixed,
                 mesh=self._mesh["hash"],
-                state=json.dumps(self._march.state()),
+                state=json.dumps(self._stepper.state()),
                 rows=len(trace.time_s),
                 fields=self._fields.count if self._fields else 0,
                 next_field_mm=self._next_field_mm,
@@ -121,7 +121,7 @@ class Recorder:
         return True
 
     def restore(self) -> Histories:
-        """Set problem and march to the checkpoint; return the histories up to it.
+        """Set problem and stepper to the checkpoint; return the histories up to it.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class Recorder:
         saved = on_root(self._comm, self._load)
         trace = on_root(self._comm, lambda: self._results.trace)
         histories = Histories.from_trace(trace, int(saved["rows"]))
-        self._march.restore(json.loads(str(saved["state"])), saved)
+        self._stepper.restore(json.loads(str(saved["state"])), saved)
         self._next_field_mm = float(saved["next_field_mm"])
         self._spend(json.loads(str(saved["spent"])))
         if self._fields is not None:

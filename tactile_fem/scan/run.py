@@ -24,11 +24,11 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.faults import last_line, preparing
 from tactile_fem.mechanics.petsc_options import check_options
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.mechanics.stepper import March, Step
+from tactile_fem.mechanics.stepper import Step, Stepper
 from tactile_fem.neuron import Response, respond
 from tactile_fem.receptors import Samples, place, sample
-from tactile_fem.receptors.probe import Feeling, Probe
-from tactile_fem.runtime.folder_lock import alone_in
+from tactile_fem.receptors.probe import Probe, ReceptorState
+from tactile_fem.runtime.folder_lock import locked
 from tactile_fem.runtime.logs import log_to
 from tactile_fem.runtime.parallel import ending_together, on_root
 from tactile_fem.runtime.signals import StopRequest, answering
@@ -114,7 +114,7 @@ def scan(
         def begin() -> bool:
             if overwrite or not Results.unfinished(place, study):
                 Results.check(place, overwrite=overwrite)
-            held.enter_context(alone_in(place))
+            held.enter_context(locked(place))
             if not overwrite and Results.unfinished(place, study):
                 logger.info("going on with the scan in %s", place)
                 return True
@@ -143,7 +143,7 @@ def resume(
         results = on_root(comm, lambda: Results.open(folder))
         study = on_root(comm, lambda: results.study)
         scene = _Scene.of(study, comm)
-        on_root(comm, lambda: held.enter_context(alone_in(results.folder)), share=False)
+        on_root(comm, lambda: held.enter_context(locked(results.folder)), share=False)
         return _run(scene, results, comm, observers, proceed=True)
 
 
@@ -198,7 +198,7 @@ class _Rig:
 
     problem: FingerProblem
     probe: Probe
-    march: March
+    stepper: Stepper
     recorder: Recorder | None
 
     @classmethod
@@ -212,8 +212,8 @@ class _Rig:
             _ = problem.load_cell  # compiled here, not in the first step
             probe = Probe(problem, scene.samples, len(scene.positions), study.receptors.side)
             deepest = _DEEPEST * scene.pad_thickness_mm
-            march = March(problem, study.protocol, study.solver, deepest)
-            recorder = Recorder(results, study, problem, march, scene.finger) if results else None
+            stepper = Stepper(problem, study.protocol, study.solver, deepest)
+            recorder = Recorder(results, study, problem, stepper, scene.finger) if results else None
         logger.info(
             "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
             len(domain.file_cells),
@@ -221,10 +221,10 @@ class _Rig:
             len(scene.positions),
             comm.size,
         )
-        return cls(problem, probe, march, recorder)
+        return cls(problem, probe, stepper, recorder)
 
     def start(self, scene: _Scene, *, proceed: bool) -> Histories:
-        """Return the histories so far; the march stands at their end."""
+        """Return the histories so far; the stepper stands at their end."""
         if proceed and self.recorder:
             return self.recorder.restore()
         announce(scene.study, self.problem.unknowns, self.problem.domain.comm)
@@ -233,12 +233,12 @@ class _Rig:
             self.recorder.begin(histories.trace())
         return histories
 
-    def walk(self, histories: Histories, observers: Iterable[Observer], stop: StopRequest) -> None:
+    def run(self, histories: Histories, observers: Iterable[Observer], stop: StopRequest) -> None:
         """Go to the end, adding each step to the histories."""
-        for step in self.march:
-            feeling = self.probe.feel()
-            _check_sound(step, feeling, histories.receptors_mm)
-            histories.add(step, feeling)
+        for step in self.stepper:
+            felt = self.probe.read()
+            _check_sound(step, felt, histories.receptors_mm)
+            histories.add(step, felt)
             if self.recorder:
                 self.recorder.step(step, histories.trace())
             for observer in observers:
@@ -259,11 +259,11 @@ def _run(
     with log_to(results.log_file, comm.rank) if results else nullcontext():
         rig = _Rig.of(scene, results, comm)
         with closing(rig.problem):
-            trace, response = _march(rig, scene, comm, observers, proceed=proceed)
+            trace, response = _run_steps(rig, scene, comm, observers, proceed=proceed)
     return ScanResult(trace, response, results.folder if results else None)
 
 
-def _march(
+def _run_steps(
     rig: _Rig,
     scene: _Scene,
     comm: MPI.Comm,
@@ -275,7 +275,7 @@ def _march(
     neuron = scene.study.neuron
     try:
         with ending_together(comm), _stopping(rig.problem, comm) as stop:
-            rig.walk(histories, observers, stop)
+            rig.run(histories, observers, stop)
     except Exception as error:
         if rig.recorder:
             with suppress(OSError, TactileError):  # writing may be what failed
@@ -301,12 +301,12 @@ def _status(error: Exception) -> str:
     return "stopped" if isinstance(error, StoppedError) else f"failed: {error}"
 
 
-def _check_sound(step: Step, feeling: Feeling, positions: Array) -> None:
+def _check_sound(step: Step, felt: ReceptorState, positions: Array) -> None:
     """Raise ConvergenceError where a receptor feels no number: a cell is turned inside out there.
 
     The quadrature points that the solver sees may still be right way round.
     """
-    lost = ~np.isfinite(feeling.sed_kPa + feeling.von_mises_kPa + feeling.stretches.sum(axis=1))
+    lost = ~np.isfinite(felt.sed_kPa + felt.von_mises_kPa + felt.stretches.sum(axis=1))
     if lost.any():
         x, y, _ = positions[lost][0]
         reason = f"the tissue at the receptor at X {x:.1f}, Y {y:.1f} mm is turned inside out"

@@ -117,10 +117,10 @@ class Histories:
             histories._columns[name] = list(trace[name][:rows])
         return histories
 
-    def add(self, step: Any, feeling: Any) -> None:
+    def add(self, step: Any, felt: Any) -> None:
         """Append a row: the attributes of a step, and what the receptors feel at it."""
         for name, column in self._columns.items():
-            column.append(getattr(feeling if hasattr(feeling, name) else step, name))
+            column.append(getattr(felt if hasattr(felt, name) else step, name))
 
     def trace(self) -> Trace:
         """Return the histories so far."""
