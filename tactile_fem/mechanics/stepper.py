@@ -12,7 +12,7 @@ import numpy as np
 
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.problem import FingerProblem, Load, SolveReport
-from tactile_fem.mechanics.stepping import StepControl, StepTooSmallError
+from tactile_fem.mechanics.step_control import StepControl, StepTooSmallError
 from tactile_fem.study import Protocol, Solver
 
 logger = logging.getLogger(__name__)

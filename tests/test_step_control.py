@@ -9,8 +9,8 @@ import pytest
 
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.problem import SolveReport
+from tactile_fem.mechanics.step_control import StepControl, StepTooSmallError
 from tactile_fem.mechanics.stepper import Stepper
-from tactile_fem.mechanics.stepping import StepControl, StepTooSmallError
 from tactile_fem.runtime import backend  # noqa: F401
 from tactile_fem.study import Protocol, Solver
 
