@@ -30,6 +30,12 @@ def test_a_problem_on_two_ranks_is_gone_when_closed_and_not_before():
     assert found == {"open": [True, True], "closed": [False, False], "failed": [False, False]}
 
 
+@pytest.mark.mpi
+def test_problems_left_open_on_two_ranks_let_the_program_end():
+    command = [ranks.launcher(), "-n", "2", sys.executable, __file__, "several"]
+    subprocess.run(command, check=True, capture_output=True, timeout=300)
+
+
 def alive_after(comm: MPI.Comm, *, closed: bool) -> list[bool]:
     """Leave a problem; tell of each rank whether it lives on."""
     problem, _ = pressed(comm)
@@ -63,6 +69,9 @@ def problems() -> int:
 
 if __name__ == "__main__":
     world = MPI.COMM_WORLD
+    if "several" in sys.argv:
+        several = [pressed(world, linear="direct") for _ in range(6)]
+        sys.exit()
     found = {"open": alive_after(world, closed=False), "closed": alive_after(world, closed=True)}
     found["failed"] = alive_after_divergence(world)
     if world.rank == 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -42,8 +43,8 @@ _LAST_SOLVE = 0.3
 # By how much a step with an old Jacobian may be worse than expected.
 _CAUTION = 4.0
 
-# Problems on several ranks, until they are closed.
-_OPEN: set[FingerProblem] = set()
+# Problems on several ranks, until they are closed, in the order in which they were made.
+_OPEN: dict[FingerProblem, None] = {}
 
 Constraints = Callable[[fem.FunctionSpace], Sequence[fem.DirichletBC]]
 
@@ -170,7 +171,7 @@ class FingerProblem:
             snes.setFunction(residual_of, self._problem.b)
             snes.setJacobian(jacobian_of, self._problem.A)
         if domain.comm.size > 1:
-            _OPEN.add(self)
+            _OPEN[self] = None
 
     @classmethod
     def of(cls, study: Study, domain: Domain) -> FingerProblem:
@@ -191,7 +192,7 @@ class FingerProblem:
         self._two_level = None
         self._clear_options()
         PETSc.garbage_cleanup(self.domain.comm)
-        _OPEN.discard(self)
+        _OPEN.pop(self, None)
 
     @property
     def unknowns(self) -> int:
@@ -360,6 +361,13 @@ class FingerProblem:
             fem_petsc.assemble_jacobian(snes, x, J, P, self.u, self._problem.J, None, self._bcs)
         if self._two_level:
             self._two_level.follow(P)
+
+
+@atexit.register
+def _close_all() -> None:
+    """Close what is open at the end, in the same order on all ranks: they destroy it together."""
+    for problem in list(_OPEN):
+        problem.close()
 
 
 def _one_more_is_enough(snes: PETSc.SNES) -> bool:
