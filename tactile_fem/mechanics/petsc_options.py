@@ -58,8 +58,7 @@ def check_options(solver: Solver) -> None:
     StudyError
         PETSc refuses one. Options of the parts of multigrid are read later.
     """
-    prefix = new_prefix(MPI.COMM_SELF)
-    set_options(prefix, options_of(solver))
+    prefix = set_options(options_of(solver), MPI.COMM_SELF)
     trial = PETSc.SNES().create(PETSc.COMM_SELF)
     trial.setOptionsPrefix(prefix)
     try:
@@ -88,24 +87,22 @@ def options_of(solver: Solver) -> dict[str, PetscOption]:
     }
 
 
-def new_prefix(comm: MPI.Comm) -> str:
-    """Return an option prefix that no other problem has, the same on all ranks of `comm`."""
+def set_options(options: Mapping[str, PetscOption], comm: MPI.Comm) -> str:
+    """Put a problem's options into PETSc's database, until `clear_options`; return their prefix.
+
+    They have to stay there, since multigrid reads its own at the first solve. No other problem
+    has the prefix, which is the same on all ranks of `comm`.
+    """
     global _latest
     _latest = comm.allreduce(_latest, op=MPI.MAX) + 1
-    return f"tactile{_latest}_"
-
-
-def set_options(prefix: str, options: Mapping[str, PetscOption]) -> None:
-    """Put a problem's options into PETSc's database, until `clear_options`.
-
-    They have to stay there, since multigrid reads its own at the first solve.
-    """
+    prefix = f"tactile{_latest}_"
     database = PETSc.Options(prefix)
     for name, value in options.items():
         database[name] = value
     whole = PETSc.Options()
     if not whole.hasName("options_left"):
         whole["options_left"] = False  # a press without contact uses few of them
+    return prefix
 
 
 def clear_options(prefix: str) -> None:

@@ -27,7 +27,6 @@ from tactile_fem.mechanics.load import Load, LoadCell
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import (
     clear_options,
-    new_prefix,
     options_of,
     set_options,
 )
@@ -138,8 +137,7 @@ class FingerProblem:
         for part in self.skin:
             residual += part.contact.residual(part.t, self.u, self.u_old, v) * part.ds
         self.options = options_of(solver)
-        prefix = new_prefix(domain.comm)
-        set_options(prefix, self.options)
+        prefix = set_options(self.options, domain.comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
         self._clear_options.atexit = False  # PETSc may be gone by then
         # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.

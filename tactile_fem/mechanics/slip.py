@@ -19,7 +19,6 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from scipy.spatial import cKDTree
-from ufl import Form
 
 from tactile_fem.mechanics.contact import SkinPart
 from tactile_fem.mechanics.obstacle import Obstacle
@@ -46,7 +45,10 @@ class StickMemory:
         self.old = obstacle.quadrature_function((3,))
 
     def compile(
-        self, skin: Sequence[SkinPart], u_old: fem.Function, compile_: Callable[[Form], fem.Form]
+        self,
+        skin: Sequence[SkinPart],
+        u_old: fem.Function,
+        compile_: Callable[[ufl.Form], fem.Form],
     ) -> None:
         """Prepare `accept` for skin whose contact uses `old`."""
         u = self._obstacle.u

@@ -1,1 +1,1 @@
-"""What is made of a scan's results: figures, pictures, films, reports; and input decks."""
+"""What is made of a scan's results: figures, pictures, films; and input decks."""

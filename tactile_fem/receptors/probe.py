@@ -135,7 +135,7 @@ class CellEnergy:
         self._comm, self._mesh = domain.comm, domain.mesh
         self._count = domain.cell_count
         points, weights = basix.make_quadrature(basix.CellType.tetrahedron, 2)
-        self.weights = _KPA_PER_MPA * weights / weights.sum()
+        self._weights = _KPA_PER_MPA * weights / weights.sum()
         owned = domain.owned_file_cells()
         self._parts = []
         for name, tag in domain.tissues_of(domain.tissue).items():
@@ -150,6 +150,6 @@ class CellEnergy:
         for energy, cells, file_cells in self._parts:
             if len(cells):
                 local = energy.eval(self._mesh, cells).reshape(len(cells), -1)
-                values[file_cells] = local @ self.weights
+                values[file_cells] = local @ self._weights
         self._comm.Allreduce(MPI.IN_PLACE, values)
         return values

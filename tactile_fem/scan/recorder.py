@@ -76,6 +76,7 @@ class Recorder:
         self._memory_MB = 0.0
         self._next_field_mm = 0.0
         self._mesh = on_root(self._comm, lambda: _measured(finger))
+        self._compiled_by = on_root(self._comm, compiled_by)
         self._fields = (
             FieldWriter(results.fields, finger.nodes, finger.tets, finger.tissue)
             if finger is not None and self._comm.rank == 0
@@ -201,7 +202,7 @@ class Recorder:
             },
             "mesh": {**self._mesh, "unknowns": self._problem.unknowns},
             "ranks": self._comm.size,
-            "compiler": {"flags": self._study.solver.compiler_flags, **compiled_by()},
+            "compiler": {"flags": self._study.solver.compiler_flags, **self._compiled_by},
             "petsc_options": self._problem.options,
             **self._spent(),
         }

@@ -1,4 +1,4 @@
-"""Series of scans: passes over one receptor, sweeps, and what their spikes say."""
+"""Series of scans: passes over one receptor, sweeps, what their spikes say, reports."""
 
 from tactile_fem.series.bundles import Bundle, bundles
 from tactile_fem.series.image import RateImage, fibre_image, population_image, thinned
