@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Sequence
 
 
 class TactileError(Exception):
@@ -28,22 +29,22 @@ class ConvergenceError(TactileError):
     ----------
     message
         One sentence: where, and what to try.
-    displacement_mm
-        Position along the protocol of the last converged step.
+    stimulator_mm
+        Place of the body at the last converged step, (3,).
     reason
         PETSc's reason in words.
     """
 
     exit_code = 3
 
-    def __init__(self, message: str, displacement_mm: float, reason: str) -> None:
+    def __init__(self, message: str, stimulator_mm: Sequence[float], reason: str) -> None:
         super().__init__(message)
-        self.displacement_mm = displacement_mm
+        self.stimulator_mm = tuple(float(x) for x in stimulator_mm)
         self.reason = reason
 
-    def __reduce__(self) -> tuple[type[ConvergenceError], tuple[str, float, str]]:
+    def __reduce__(self) -> tuple[type[ConvergenceError], tuple[str, tuple[float, ...], str]]:
         """Survive the way from one rank to the others."""
-        return type(self), (str(self), self.displacement_mm, self.reason)
+        return type(self), (str(self), self.stimulator_mm, self.reason)
 
 
 class StoppedError(TactileError):

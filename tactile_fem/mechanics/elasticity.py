@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.domain import Domain
 from tactile_fem.study import Elastic, Polynomial, Tissue
-from tactile_fem.tissue.energies import Law, law_of, shear_modulus, stiffness, stress
+from tactile_fem.tissue.energies import (
+    Law,
+    law_of,
+    shear_modulus,
+    small_strain_shear_modulus,
+    stiffness,
+    stress,
+)
 
 
 def deformation_gradient(u: Expr) -> Expr:
     """Return ``F = I + grad u``."""
-    return ufl.Identity(3) + ufl.grad(u)
+    return ufl.Identity(len(u)) + ufl.grad(u)
 
 
 class Elasticity:
@@ -29,13 +39,21 @@ class Elasticity:
         Displacement (mm) now and at the last accepted step.
     degree
         Of the quadrature.
+    laws
+        Own laws by the name of the tissue, in place of those of its constants.
     """
 
     def __init__(
-        self, domain: Domain, tissue: Tissue, u: fem.Function, u_old: fem.Function, degree: int
+        self,
+        domain: Domain,
+        tissue: Tissue,
+        u: fem.Function,
+        u_old: fem.Function,
+        degree: int,
+        laws: Mapping[str, Law] = MappingProxyType({}),
     ) -> None:
         self.domain, self.u, self.u_old = domain, u, u_old
-        self._tissue = tissue
+        self._tissue, self._laws = tissue, laws
         self._degree = degree
         self._F = deformation_gradient(u)
         self._F_old = deformation_gradient(u_old)
@@ -74,7 +92,7 @@ class Elasticity:
         F, F_old = self._F, self._F_old if u_old is None else deformation_gradient(u_old)
         P = self.elastic_stress(tissue)
         if self._tissue.viscous_time_s:
-            G = self._wrap(shear_modulus(self.constants(tissue)))
+            G = self._shear_modulus(tissue)
             P += F * (G * self._rate * (F.T * F - F_old.T * F_old))
         return P
 
@@ -103,7 +121,12 @@ class Elasticity:
         return {name: dx(tag) for name, tag in self.domain.tissues_of(self.domain.tissue).items()}
 
     def _law(self, tissue: str) -> Law:
-        return law_of(self.constants(tissue), self._wrap)
+        return self._laws.get(tissue) or law_of(self.constants(tissue), self._wrap)
+
+    def _shear_modulus(self, tissue: str) -> Expr:
+        if tissue in self._laws:
+            return small_strain_shear_modulus(self._laws[tissue], self._wrap(0.0))
+        return self._wrap(shear_modulus(self.constants(tissue)))
 
     def _wrap(self, value: float) -> fem.Constant:
         return fem.Constant(self._mesh, float(value))

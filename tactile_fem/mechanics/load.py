@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from petsc4py import PETSc
 
@@ -15,6 +15,7 @@ from dolfinx.fem import petsc as fem_petsc
 from tactile_fem.mechanics.contact import SkinPart
 from tactile_fem.mechanics.elasticity import Elasticity, deformation_gradient
 from tactile_fem.mechanics.obstacle import Obstacle
+from tactile_fem.mechanics.state import State
 
 # Skin that is nearer to the body than this touches it, as ink on the finger would. Less would
 # show the noise of the gap on coarse meshes, one or two micrometres.
@@ -46,6 +47,8 @@ class Load:
         Strain energy of the tissues.
     volume_change
         Of the deformable tissue, relative.
+    friction_N
+        Nodal forces of friction on the nodes of this rank, (nodes, components).
     """
 
     force_N: np.ndarray
@@ -58,15 +61,18 @@ class Load:
     friction_mJ: float
     stored_mJ: float
     volume_change: float
+    friction_N: np.ndarray = field(repr=False)
 
 
 class LoadCell:
-    """Reads what the finger carries; remembers what it carried at the last accepted step.
+    """Reads what the finger carries.
 
     Parameters
     ----------
+    state
+        Displacement and body, and the load at the last accepted step.
     elasticity
-        The tissues and their displacement.
+        The tissues.
     obstacle
         The rigid body.
     skin
@@ -77,15 +83,11 @@ class LoadCell:
         This rank's dofs (blocks) of the nodes that do not move.
     compile_
         Compiles a form that may use the obstacle.
-
-    Attributes
-    ----------
-    force_old_N, friction_old
-        At the last accepted step: contact force (3,) and nodal forces of friction, in N.
     """
 
     def __init__(
         self,
+        state: State,
         elasticity: Elasticity,
         obstacle: Obstacle,
         skin: Sequence[SkinPart],
@@ -94,21 +96,18 @@ class LoadCell:
         compile_: Callable[[ufl.Form], fem.Form],
     ) -> None:
         self._obstacle, self._residual_form, self._held = obstacle, residual, held
-        self._u, self._u_old = elasticity.u, elasticity.u_old
+        self._state = state
         self._comm = elasticity.domain.comm
-        V = self._u.function_space
+        V = state.u.function_space
         v = ufl.TestFunction(V)
         pressure = friction = 0
         for part in skin:
-            s_n, s_t = part.contact.tractions(part.t, self._u, self._u_old)
+            s_n, s_t = part.contact.tractions(part.t, state.u, state.u_old)
             pressure += s_n * ufl.dot(obstacle.normal, v) * part.ds
             friction += ufl.dot(s_t, v) * part.ds
         self._pressure_form = compile_(pressure)
         self._friction_form = compile_(friction)
         self._integrals_form = compile_(_integrals(elasticity, obstacle, skin))
-        self._force_N = self.force_old_N = np.zeros(3)
-        self._friction = fem.Function(V)
-        self.friction_old = fem.Function(V)
 
     def read(self) -> Load:
         """Return the load at the present displacement."""
@@ -119,7 +118,8 @@ class LoadCell:
                 for form in (self._pressure_form, self._friction_form, self._residual_form)
             )
             integrals = _nodal(self._integrals_form).sum(axis=0)
-        advance = self._obstacle.translation.value - self._obstacle.translation_old.value
+        state = self._state
+        advance = state.translation.value - state.translation_old.value
         here = [
             self._forces(pressure + friction, residual),
             [self._heat(friction, advance)],
@@ -128,42 +128,37 @@ class LoadCell:
         whole = self._comm.allreduce(np.concatenate(here))
         force, moment, reaction = whole[:9].reshape(3, 3)
         heat, area, normal, off, traction, stored, volume, rest = whole[9:].tolist()
-        some = normal if normal > 0 else 1.0
-        self._force_N = force
+        pressed = normal if normal > 0 else 1.0
         return Load(
             force,
             moment,
             float(np.linalg.norm(force + reaction)),
             area,
-            off / some,
-            (traction - normal) / some,
-            float((force + self.force_old_N) @ advance / 2),
+            off / pressed,
+            (traction - normal) / pressed,
+            float((force + state.force_old_N) @ advance / 2),
             heat,
             stored,
             volume / rest - 1,
+            friction,
         )
 
     def _forces(self, contact: np.ndarray, residual: np.ndarray) -> np.ndarray:
         """Return this rank's contact force, its moment and the held reaction, (9,)."""
         owned = len(contact)
-        place = self._u.function_space.tabulate_dof_coordinates()[:owned]
-        moment = np.cross(place + _owned(self._u, owned), contact)
+        u = self._state.u
+        place = u.function_space.tabulate_dof_coordinates()[:owned]
+        moment = np.cross(place + _owned(u, owned), contact)
         held = self._held[self._held < owned]
         reaction = (residual + contact)[held]
         return np.concatenate([part.sum(axis=0) for part in (contact, moment, reaction)])
 
     def _heat(self, friction: np.ndarray, advance: np.ndarray) -> float:
         """Return this rank's heat of friction since the last accepted step, in mJ."""
-        owned = len(friction)
-        mean = (friction + _owned(self.friction_old, owned)) / 2
-        _owned(self._friction, owned)[:] = friction
-        u, u_old = (_owned(u, owned) for u in (self._u, self._u_old))
+        owned, state = len(friction), self._state
+        mean = (friction + _owned(state.friction_old, owned)) / 2
+        u, u_old = (_owned(u, owned) for u in (state.u, state.u_old))
         return float(np.sum(mean * (advance - (u - u_old))))
-
-    def accept(self) -> None:
-        """Make the load that was read last that of the last accepted step."""
-        self.force_old_N = self._force_N
-        self.friction_old.x.array[:] = self._friction.x.array
 
 
 _COUNT = 7

@@ -21,6 +21,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.compile import expression
+from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.parallel import raising_together
 from tactile_fem.stimulus.body import RigidBody
 
@@ -32,8 +33,8 @@ class Obstacle:
     ----------
     body
         Signed distance in the body's own frame.
-    u
-        Displacement of the finger.
+    state
+        Displacement of the finger and place of the body.
     facets
         This rank's facets that may touch.
     degree
@@ -41,21 +42,20 @@ class Obstacle:
 
     Attributes
     ----------
-    translation
-        Where the body is, (3,) mm; `translation_old` at the last accepted step.
+    translation, translation_old
+        Where the body is, (3,) mm, now and at the last accepted step.
     gap, normal
         UFL expressions of the signed distance and of the outward normal.
     entity_maps
         To be given to the compiler of any form that uses these expressions.
     """
 
-    def __init__(self, body: RigidBody, u: fem.Function, facets: np.ndarray, degree: int) -> None:
-        parent = u.function_space.mesh
+    def __init__(self, body: RigidBody, state: State, facets: np.ndarray, degree: int) -> None:
         self.body = body
-        self.u = u
+        self.u = u = state.u
+        parent = u.function_space.mesh
         self._at = np.empty(0)
-        self.translation = fem.Constant(parent, np.zeros(3))
-        self.translation_old = fem.Constant(parent, np.zeros(3))
+        self.translation, self.translation_old = state.translation, state.translation_old
         submesh, entity_map = mesh.create_submesh(parent, 2, facets)[:2]
         self.entity_maps: Sequence[mesh.EntityMap] = [entity_map]
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import atexit
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 
 from petsc4py import PETSc
 
@@ -31,8 +32,10 @@ from tactile_fem.mechanics.petsc_options import (
     set_options,
 )
 from tactile_fem.mechanics.slip import StickMemory
+from tactile_fem.mechanics.state import State
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.study import Solver, Study, Tissue
+from tactile_fem.tissue.energies import Law
 
 # Where Newton's method fails: how much wider contact sets in, how soft friction is.
 _GENTLER = ((1.0, 0.3), (4.0, 0.3))
@@ -44,6 +47,8 @@ _CAUTION = 4.0
 
 # Problems on several ranks, until they are closed, in the order in which they were made.
 _OPEN: dict[FingerProblem, None] = {}
+
+_NO_LAWS: Mapping[str, Law] = MappingProxyType({})
 
 Constraints = Callable[[fem.FunctionSpace], Sequence[fem.DirichletBC]]
 
@@ -74,6 +79,8 @@ class FingerProblem:
         The distributed finger.
     tissue
         Constants of the tissues.
+    laws
+        Own laws by the name of the tissue, in place of those of its constants.
     body, friction
         The rigid body and Coulomb's coefficient.
     solver
@@ -83,18 +90,14 @@ class FingerProblem:
 
     Attributes
     ----------
-    u, u_old, u_before
-        Displacement (P2, mm), now, at the last accepted step and at the one before.
-    u_linear
-        Where the Jacobian was last made.
+    state
+        Displacement (P2), place of the body, and all that an accepted step leaves for the next.
     elasticity
         Stress and energy of the tissues.
     obstacle
-        The rigid body and its place.
+        The rigid body as the contact sees it.
     order
         Carries displacements to and from the mesh file's node order.
-    stick
-        What sticking skin remembers.
     held
         This rank's dofs (blocks) of the nodes that do not move.
     skin
@@ -111,15 +114,13 @@ class FingerProblem:
         friction: float,
         solver: Solver,
         constraints: Constraints = lambda V: [],
+        laws: Mapping[str, Law] = _NO_LAWS,
     ) -> None:
         msh = domain.mesh
         self.domain = domain
-        V = fem.functionspace(msh, ("Lagrange", 2, (3,)))
-        self.u = fem.Function(V, name="displacement")
-        self.u_old = fem.Function(V)
-        self.u_before = fem.Function(V)
-        self.u_linear = fem.Function(V)
-        self.elasticity = Elasticity(domain, tissue, self.u, self.u_old, solver.bulk_degree)
+        V = fem.functionspace(msh, ("Lagrange", 2, (msh.geometry.dim,)))
+        self.state = state = State(V)
+        self.elasticity = Elasticity(domain, tissue, state.u, state.u_old, solver.bulk_degree, laws)
         self.order = NodeOrder(domain, V)
         self.held = self.order.held_dofs()
         if not domain.comm.allreduce(len(self.held)):
@@ -127,15 +128,16 @@ class FingerProblem:
         self._width = fem.Constant(msh, solver.contact_width_MPa)
         self._softness = fem.Constant(msh, 0.0)
         facets = domain.skin_by_tissue()
-        self.obstacle = Obstacle(body, self.u, np.sort(facets.indices), solver.contact_degree)
-        self.stick = StickMemory(self.obstacle)
-        self.skin = self._skin(facets, friction, solver)
+        self.obstacle = Obstacle(body, state, np.sort(facets.indices), solver.contact_degree)
+        stick = StickMemory(self.obstacle)
+        self.skin = self._skin(facets, friction, solver, stick.old)
         self._jit = jit_options(solver.compiler_flags)
-        self.stick.compile(self.skin, self.u_old, self.compile)
+        stick.compile(self.skin, state.u_old, self.compile)
+        state.histories.append(stick)
         v = ufl.TestFunction(V)
         residual = self.elasticity.residual(v)
         for part in self.skin:
-            residual += part.contact.residual(part.t, self.u, self.u_old, v) * part.ds
+            residual += part.contact.residual(part.t, state.u, state.u_old, v) * part.ds
         self.options = options_of(solver)
         prefix = set_options(self.options, domain.comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
@@ -143,10 +145,10 @@ class FingerProblem:
         # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.
         has_inner = "npc_snes_type" in self.options
         uses_multigrid = self.options["pc_type"] == "mg" and not has_inner
-        self._bcs = [fem.dirichletbc(np.zeros(3), self.held, V), *constraints(V)]
+        self._bcs = [fem.dirichletbc(np.zeros(msh.geometry.dim), self.held, V), *constraints(V)]
         self._problem = fem_petsc.NonlinearProblem(
             residual,
-            self.u,
+            state.u,
             bcs=self._bcs,
             petsc_options_prefix=prefix,
             kind="baij" if uses_multigrid else None,
@@ -161,8 +163,8 @@ class FingerProblem:
         if uses_multigrid:
             blocks = self.order.blocks()
             self._two_level = multigrid.TwoLevel(self.snes, V, self.held, blocks)
-        # Weakly: what PETSc holds Python's collector cannot see, so a problem would live for ever,
-        # and MPI has no more than some 2,000 communicators.
+        # By weak references: Python's garbage collector cannot see what PETSc holds. A problem that
+        # PETSc held would never be freed, and MPI allows only some 2,000 communicators.
         residual_of = _weakly(self._assemble_residual)
         jacobian_of = _weakly(self._assemble_jacobian)
         for snes in [self.snes, *([self.snes.getNPC()] if has_inner else [])]:
@@ -178,11 +180,17 @@ class FingerProblem:
         body = make_body(stimulus)
         return cls(domain, study.tissue, body, stimulus.friction, study.solver)
 
-    def close(self) -> None:
-        """Free solver and matrices; all ranks must call it. `u` stays.
+    @property
+    def u(self) -> fem.Function:
+        """The displacement, mm."""
+        return self.state.u
 
-        On one rank a problem goes when nobody uses it any more. Several must destroy a solver
-        together, and Python collects on each when it likes: there a problem stays until closed.
+    def close(self) -> None:
+        """Free solver and matrices; all ranks must call it. `state` stays.
+
+        On one rank an unused problem is freed by Python. Several ranks must destroy a solver
+        together, but each collects its garbage at its own time: there a problem stays until it is
+        closed.
         """
         own = self._problem
         for part in (own.solver, own.A, own.b, own.x):
@@ -195,7 +203,8 @@ class FingerProblem:
     @property
     def unknowns(self) -> int:
         """Number of displacement components of the whole finger, held ones included."""
-        return 3 * self.u.function_space.dofmap.index_map.size_global
+        dofmap = self.u.function_space.dofmap
+        return dofmap.index_map_bs * dofmap.index_map.size_global
 
     @property
     def snes(self) -> PETSc.SNES:
@@ -206,7 +215,13 @@ class FingerProblem:
     def load_cell(self) -> LoadCell:
         """Reads what the finger carries; compiled when first used."""
         return LoadCell(
-            self.elasticity, self.obstacle, self.skin, self._problem.F, self.held, self.compile
+            self.state,
+            self.elasticity,
+            self.obstacle,
+            self.skin,
+            self._problem.F,
+            self.held,
+            self.compile,
         )
 
     def load(self) -> Load:
@@ -218,7 +233,9 @@ class FingerProblem:
         maps = self.obstacle.entity_maps
         return fem.form(form, jit_options=self._jit, entity_maps=maps)
 
-    def _skin(self, skin: mesh.MeshTags, friction: float, solver: Solver) -> list[SkinPart]:
+    def _skin(
+        self, skin: mesh.MeshTags, friction: float, solver: Solver, unmatched: fem.Function
+    ) -> list[SkinPart]:
         """Return the parts of the skin, one for each tissue."""
         msh = self.domain.mesh
         N = ufl.FacetNormal(msh)
@@ -239,7 +256,7 @@ class FingerProblem:
                 gamma * self.elasticity.stiffness(tissue) / height,
                 self._width,
                 self._softness,
-                self.stick.old,
+                unmatched,
                 solver.nitsche_theta,
             )
             # Without viscosity: over the short time of a cut step it would be stiffer than gamma_h
@@ -251,9 +268,9 @@ class FingerProblem:
     def solve(self, translation: np.ndarray, dt_s: float) -> SolveReport:
         """Find the equilibrium with the body at `translation` (3,), `dt_s` after the last one.
 
-        `u` is the initial guess and the result; on failure the caller resets it. Where Newton's
-        method fails, contact sets in more gently and friction is softer at first; the law as it
-        should be follows from there.
+        `u` is the initial guess and the result; on failure the caller resets the state. Where
+        Newton's method fails, contact sets in more gently and friction is softer at first; the
+        law as it should be follows from there.
         """
         self._go_to(translation, dt_s)
         guess = self.u.x.array.copy()
@@ -274,7 +291,8 @@ class FingerProblem:
 
     def _go_to(self, translation: np.ndarray, dt_s: float) -> None:
         """Move the body to `translation`, `dt_s` after the last step."""
-        self.obstacle.translation.value[:] = translation
+        self.state.translation.value[:] = translation
+        self.state.dt_s = dt_s
         self.elasticity.set_time_step(dt_s)
 
     @contextmanager
@@ -299,37 +317,36 @@ class FingerProblem:
             _REASONS.get(reason, str(reason)),
         )
 
-    def accept(self) -> None:
-        """Make the present state the history of the next step; its load has to be read before.
+    def accept(self, load: Load | None = None) -> Load:
+        """Make the present state the history of the next step; return its load.
 
         The next step begins with this one's preconditioner, made where Newton's method has found
         what touches: one made at the guess, where it has not, leads it astray.
+
+        Parameters
+        ----------
+        load
+            At the present state, if `load` has been called there; read here otherwise.
         """
-        if self._two_level and self.snes.getIterationNumber():
+        load = load or self.load()
+        iterations = self.snes.getIterationNumber()
+        if self._two_level and iterations:
             with common.Timer("tactile: solve"):
                 self._two_level.set_up(self._problem.A)
-        self.stick.accept()
-        self.load_cell.accept()
-        self.u_before.x.array[:] = self.u_old.x.array
-        self.place(self.obstacle.translation.value)
+        self.state.accept(load.force_N, load.friction_N, iterations)
+        return load
 
-    def prepare(self, translation: np.ndarray, dt_s: float) -> None:
-        """Make the preconditioner that `accept` made, as the first of a new problem.
+    def restore(self, saved: dict[str, np.ndarray]) -> None:
+        """Become what `state.gather` returned, the next step's preconditioner included."""
+        self.state.restore(saved, self.order, self._prepare)
 
-        The step came to `translation`, `dt_s` after the one before; `u` has to be what `u_linear`
-        was then.
-        """
+    def _prepare(self, translation: np.ndarray, dt_s: float) -> None:
+        """Make the preconditioner that `accept` made, as the first of a new problem."""
         if self._two_level:
             self._go_to(translation, dt_s)
             fem_petsc.assign(self.u, self._problem.x)
             # Through SNES, which lets its preconditioner be set up with its first Jacobian alone.
             self.snes.computeJacobian(self._problem.x, self._problem.A)
-
-    def place(self, translation: np.ndarray) -> None:
-        """Take the present displacement, with the body at `translation` (3,), as a start."""
-        self.u_old.x.array[:] = self.u.x.array
-        self.obstacle.translation.value[:] = translation
-        self.obstacle.translation_old.value[:] = translation
 
     def _update(self, x: PETSc.Vec) -> None:
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
@@ -354,7 +371,7 @@ class FingerProblem:
         if _one_more_is_enough(snes):
             return  # with the Jacobian of the last iterate
         self._update(x)
-        self.u_linear.x.array[:] = self.u.x.array
+        self.state.u_linear.x.array[:] = self.u.x.array
         with common.Timer("tactile: jacobian"):
             fem_petsc.assemble_jacobian(snes, x, J, P, self.u, self._problem.J, None, self._bcs)
         if self._two_level:

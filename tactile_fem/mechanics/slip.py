@@ -18,31 +18,25 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import ufl
 from dolfinx import fem
-from scipy.spatial import cKDTree
 
 from tactile_fem.mechanics.contact import SkinPart
 from tactile_fem.mechanics.obstacle import Obstacle
+from tactile_fem.mechanics.state import PointHistory
 
-_SAME_POINT_MM = 1e-6
 
-
-class StickMemory:
-    """Tangential traction that the contact did not take in the last accepted step.
+class StickMemory(PointHistory):
+    """Tangential traction that the contact did not take in the last accepted step, in MPa.
 
     Parameters
     ----------
     obstacle
         Its quadrature points are used.
-
-    Attributes
-    ----------
-    old
-        It as a quadrature function, in MPa; for use in forms.
     """
 
     def __init__(self, obstacle: Obstacle) -> None:
         self._obstacle = obstacle
-        self.old = obstacle.quadrature_function((3,))
+        old = obstacle.quadrature_function((3,))
+        super().__init__("unmatched_MPa", old, obstacle.comm)
 
     def compile(
         self,
@@ -50,7 +44,7 @@ class StickMemory:
         u_old: fem.Function,
         compile_: Callable[[ufl.Form], fem.Form],
     ) -> None:
-        """Prepare `accept` for skin whose contact uses `old`."""
+        """Prepare `present` for skin whose contact uses `old`."""
         u = self._obstacle.u
         # Tested with the quadrature element, a form is the value at each point times its weight.
         at_points = ufl.TestFunction(self.old.function_space)
@@ -63,27 +57,11 @@ class StickMemory:
         weight = fem.assemble_vector(compile_(one)).array
         self._weight = np.where(weight > 0, weight, np.inf)  # of other ranks' facets
 
-    def accept(self) -> None:
-        """Remember the present state, before it becomes the old one."""
+    def points_mm(self) -> np.ndarray:
+        """Return the undeformed contact quadrature points of this rank, (points, 3)."""
+        return self._obstacle.points_mm
+
+    def present(self) -> np.ndarray:
+        """Return what the contact does not take of the traction at the present state."""
         self._obstacle.refresh()
-        self.old.x.array[:] = fem.assemble_vector(self._form).array / self._weight
-
-    def gather(self, values: np.ndarray) -> np.ndarray:
-        """Return undeformed places (mm) and tractions (MPa), (n, 6), of all points that touch.
-
-        `values` are those of `old`, now or at an earlier step.
-        """
-        d = values.reshape(-1, 3)
-        touching = np.any(d != 0, axis=1)
-        here = np.hstack([self._obstacle.points_mm[touching], d[touching]])
-        return np.concatenate(self._obstacle.comm.allgather(here))
-
-    def scatter(self, saved: np.ndarray) -> None:
-        """Remember what `gather` returned, on any number of ranks."""
-        d = self.old.x.array.reshape(-1, 3)
-        d[:] = 0.0
-        points = self._obstacle.points_mm
-        if len(points) and len(saved):
-            distance, place = cKDTree(points).query(saved[:, :3])
-            mine = distance < _SAME_POINT_MM
-            d[place[mine]] = saved[mine, 3:]
+        return fem.assemble_vector(self._form).array / self._weight

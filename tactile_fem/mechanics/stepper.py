@@ -1,30 +1,32 @@
-"""Steps the finger problem through the protocol: press, then slide."""
+"""Steps the finger problem along the path of the body."""
 
 from __future__ import annotations
 
 import logging
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.problem import FingerProblem, Load, SolveReport
+from tactile_fem.mechanics.state import Progress
 from tactile_fem.mechanics.step_control import StepControl, StepTooSmallError
-from tactile_fem.study import Protocol, Solver
+from tactile_fem.stimulus.path import Motion, Path
+from tactile_fem.study import Solver
 
 logger = logging.getLogger(__name__)
 
-Phase = Literal["press", "slide"]
 _FORCE_TOLERANCE = 1e-3
+# Solves in which a held force has to be met.
+_MOST_FORCE_SOLVES = 8
+# Normal force over depth where nothing is known of it yet.
+_FIRST_STIFFNESS_N_MM = 0.5
 # At this speed or faster a step may not be shorter than `min_step_mm`.
 _FAST_MM_S = 20.0
 # Contact force and held reaction differ by what the residual's norm allows.
 _BALANCE_N = 1e-5
-_UP = np.array([0.0, 0.0, 1.0])
-_PROXIMAL = np.array([0.0, -1.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -32,325 +34,332 @@ class Step(Load):
     """One accepted step: where the body is, the load, and what finding it cost.
 
     What `trace.npz` holds of a step has the same name here, but for its `time_s`, which counts
-    from the end of the press and is known only then.
+    from the end of the indentation and is known only then.
 
     Attributes
     ----------
     index
         From 1 on.
     phase
-        "press" or "slide".
-    displacement_mm, depth_mm
-        Of the slide, 0 in the press; of the press, which the slide holds.
-    size_mm
-        How far the body moved.
-    clock_s
-        Time since the start of the indentation.
+        Name of the piece of the path.
+    indenting
+        Whether the step belongs to the indentation.
+    displacement_mm
+        Length of the path across the finger so far.
+    depth_mm
+        Of the body, Z of `stimulator_mm`.
+    dt_s, clock_s
+        Duration of the step; time since the start.
     stimulator_mm
         Place of the body relative to where it touches the undeformed pad's apex, (3,).
     newton_iterations, linear_iterations
         Of the step, solves that were discarded included.
     discarded
-        Solves on the way to this step that failed or overshot the wanted force.
-    milestone
-        Whether the protocol asked for output here.
+        Solves on the way to this step that failed or did not meet the wanted force.
+    output, ends_piece
+        Whether the path asked for output here; whether its piece ends here.
     fraction
-        Share of the protocol's path that is done.
+        Share of the whole path's steps that is done.
     wall_s
         What the step took, discarded solves included.
     """
 
     index: int
-    phase: Phase
+    phase: str
+    indenting: bool
     displacement_mm: float
     depth_mm: float
-    size_mm: float
+    dt_s: float
     clock_s: float
     stimulator_mm: np.ndarray
     newton_iterations: int
     linear_iterations: int
     discarded: tuple[SolveReport, ...]
-    milestone: bool
+    output: bool
+    ends_piece: bool
     fraction: float
     wall_s: float
 
 
 class Stepper:
-    """The protocol as a sequence of accepted steps; its state can be saved and restored.
+    """The path as a sequence of accepted steps.
 
-    A step that fails is halved. The guess for a step extrapolates the last one of the same
-    phase, which spares Newton about half its iterations.
+    A step that fails is halved. The guess for a step extrapolates the last one of the same piece,
+    which spares Newton about half its iterations.
 
     Parameters
     ----------
     problem
         The finger and the body.
-    protocol, solver
-        Depth or force, distance, speeds; bounds of the steps.
-    deepest_mm
-        Depth at which pressing to a force is given up.
+    path
+        Where the body goes.
+    solver
+        Bounds of the steps.
     """
 
-    def __init__(
-        self, problem: FingerProblem, protocol: Protocol, solver: Solver, deepest_mm: float
-    ) -> None:
-        self.problem = problem
-        self._protocol = protocol
-        self._solver = solver
-        self._phase: Phase = "press"
-        depth = protocol.depth_mm if protocol.force_N is None else deepest_mm
-        self._control = self._press_control(depth)
-        self._depth = 0.0
-        self._clock = 0.0
-        self._index = 0
-        self._stick_before = problem.stick.old.x.array.copy()
-        self._last_step = 0.0
-        self._iterations = 0
+    def __init__(self, problem: FingerProblem, path: Path, solver: Solver) -> None:
+        self.problem, self._state = problem, problem.state
+        self._path, self._solver = path, solver
+        longest = solver.max_slide_step_mm, solver.max_press_step_mm
+        self._weights = [motion.least_steps(*longest) for _, motion in path.plan()]
         self._discarded: list[SolveReport] = []
+        self._state.place(path.start_mm)
+        self._begin(0, start_s=0.0, slid_mm=0.0, indenting=True, index=0)
 
     def __iter__(self) -> Iterator[Step]:
-        """Yield each accepted step until the protocol ends.
+        """Yield each accepted step until the path ends.
 
         Raises
         ------
         ConvergenceError
-            If a step fails at the smallest size.
+            If a step fails at the smallest size, or a wanted force is not reached.
         """
         started = time.perf_counter()
         while True:
-            if self._control.finished:
-                if self._phase == "slide":
+            if self._progress.control.finished:
+                self._check_force_reached()
+                if self._progress.piece == len(self._path.pieces) - 1:
                     return
-                if self._protocol.force_N is not None and self._short_of_force():
-                    raise self._failure("the wanted force is not reached at the deepest press")
-                self._tell_pressed()
-                self._phase, self._control = "slide", self._slide_control()
-                self._last_step = 0.0
-                if self._control.finished:
-                    return
+                self._begin_next()
             step = self._try_step(started)
             if step is not None:
                 yield step
                 started = time.perf_counter()
 
-    def _press_control(self, depth: float) -> StepControl:
-        s, smallest = self._solver, self._smallest(self._protocol.press_speed_mm_s)
-        return StepControl(depth, s.first_step_mm, s.max_press_step_mm, smallest)
+    def restore(self, saved: dict[str, np.ndarray]) -> None:
+        """Go back to the state that `State.gather` returned."""
+        self.problem.restore(saved)
+        progress = self._progress
+        self._motion = self._path.pieces[progress.piece](np.array(progress.start_mm))
+        progress.control.outputs_s = tuple(self._motion.outputs_s)
 
-    def _slide_control(self) -> StepControl:
-        s, p = self._solver, self._protocol
-        smallest = self._smallest(p.speed_mm_s)
-        count = int(p.distance_mm / p.output_mm + 1e-9)
-        milestones = tuple(p.output_mm * np.arange(1, count + 1))
-        return StepControl(
-            p.distance_mm, s.first_slide_step_mm, s.max_slide_step_mm, smallest, milestones
+    @property
+    def _progress(self) -> Progress:
+        if self._state.progress is None:
+            raise ValueError("the state was not saved on a path")
+        return self._state.progress
+
+    # --- pieces of the path --------------------------------------------------------------------
+
+    def _begin_next(self) -> None:
+        p = self._progress
+        self._tell_indented()
+        self._begin(
+            p.piece + 1,
+            start_s=p.start_s + p.control.time_s,
+            slid_mm=p.slid_mm + self._slid_mm(),
+            indenting=p.indenting,
+            index=p.index,
+        )
+        self._progress.stiffness_N_mm = p.stiffness_N_mm
+        self._state.dt_old_s = 0.0  # nothing to extrapolate
+
+    def _begin(
+        self, piece: int, *, start_s: float, slid_mm: float, indenting: bool, index: int
+    ) -> None:
+        start = self._state.translation_old.value.copy()
+        self._motion = self._path.pieces[piece](start)
+        control = self._control(self._motion)
+        indenting = indenting and self._motion.indents
+        self._state.progress = Progress(
+            piece, tuple(start.tolist()), start_s, slid_mm, indenting, index, control
         )
 
-    def _smallest(self, speed_mm_s: float) -> float:
-        """Return the length at which a failed step ends the scan.
+    def _control(self, motion: Motion) -> StepControl:
+        """Return the control of the steps of a motion.
 
-        Where skin snaps, viscosity holds it within brief steps: a slow motion may step as briefly.
+        Where skin snaps, viscosity holds it within brief steps: a slow motion may step as briefly
+        as a fast one.
         """
-        return self._solver.min_step_mm * min(1.0, speed_mm_s / _FAST_MM_S)
+        s = self._solver
+        first = motion.time_within(0.0, s.first_slide_step_mm, s.first_step_mm)
+        if motion.fastest_mm_s == 0.0 and self._state.dt_old_s:
+            first = min(first, self._state.dt_old_s)
+        smallest = s.min_step_mm / max(motion.fastest_mm_s, _FAST_MM_S)
+        return StepControl(motion.duration_s, first, smallest, tuple(motion.outputs_s))
+
+    def _slid_mm(self) -> float:
+        """Return how far across the finger the piece has come."""
+        return self._motion.slid_mm(self._progress.control.time_s)
+
+    def _check_force_reached(self) -> None:
+        """Say which force a press has reached; raise ConvergenceError if it is too little."""
+        if self._motion.until_N is None:
+            return
+        if self._short_of(self._motion.until_N):
+            raise self._failure("the wanted force is not reached at the deepest press")
+        logger.info(
+            "%.4f N are reached at a depth of %.4f mm",
+            self._state.force_old_N[2],
+            self._state.translation_old.value[2],
+        )
+
+    def _tell_indented(self) -> None:
+        """Warn where the indentation has reached nothing."""
+        if self._progress.indenting and not self._state.force_old_N[2]:
+            logger.warning(
+                "the press ends at %.4g mm without contact: no raised part of the stimulator lies "
+                "under the pad, or the depth is too small",
+                self._state.translation_old.value[2],
+            )
+
+    # --- one step ------------------------------------------------------------------------------
 
     def _try_step(self, started: float) -> Step | None:
-        """Solve for the next position; return the accepted step, or None if it was cut."""
-        control, problem = self._control, self.problem
-        target = control.target_mm()
-        size = target - control.position_mm
-        pressing = self._phase == "press"
-        p = self._protocol
-        dt = size / self._speed_mm_s
-        self._predict(size)
-        report = problem.solve(self._translation(target), dt)
+        """Solve for the next place; return the accepted step, or None if it was cut."""
+        s, control, motion = self._solver, self._progress.control, self._motion
+        longest = motion.time_within(control.time_s, s.max_slide_step_mm, s.max_press_step_mm)
+        target = control.target_s(longest)
+        dt = target - control.time_s
+        self._predict(dt)
+        place = motion.place(target)
+        if motion.held_N is None:
+            report = self.problem.solve(place, dt)
+        else:
+            report = self._solve_at_force(place, dt, motion.held_N)
         if not report.converged:
             self._cut(target, report)
             return None
-        load = problem.load()
+        load = self.problem.load()
         _check_balance(load)
-        if pressing and p.force_N is not None and not self._fits_force(target, load, p.force_N):
+        if motion.until_N is not None and not self._fits_force(target, load, motion.until_N):
             self._discarded.append(report)
             return None
-        discarded, self._discarded = tuple(self._discarded), []
-        self._stick_before[:] = problem.stick.old.x.array
-        self._last_step = size
-        self._iterations = report.iterations
-        problem.accept()
+        self._note_stiffness(load)
+        self.problem.accept(load)
         control.accept(target, report.iterations)
-        self._clock += dt
-        self._index += 1
-        if pressing:
-            self._depth = target
-            if p.force_N is not None and not self._short_of_force():
-                control.length_mm = target
+        if motion.until_N is not None and not self._short_of(motion.until_N):
+            control.end_s = target
+        return self._step(load, report, dt, started)
+
+    def _step(self, load: Load, report: SolveReport, dt_s: float, started: float) -> Step:
+        """Return the step that was accepted."""
+        progress = self._progress
+        progress.index += 1
+        solves = (*self._discarded, report)
+        discarded, self._discarded = tuple(self._discarded), []
+        place = self._state.translation_old.value.copy()
         return Step(
             **vars(load),
-            index=self._index,
-            phase=self._phase,
-            displacement_mm=0.0 if pressing else target,
-            depth_mm=self._depth,
-            size_mm=size,
-            clock_s=self._clock,
-            stimulator_mm=self._translation(target),
-            newton_iterations=sum(r.iterations for r in (*discarded, report)),
-            linear_iterations=sum(r.linear_iterations for r in (*discarded, report)),
+            index=progress.index,
+            phase=self._motion.phase,
+            indenting=progress.indenting,
+            displacement_mm=progress.slid_mm + self._slid_mm(),
+            depth_mm=float(place[2]),
+            dt_s=dt_s,
+            clock_s=progress.start_s + progress.control.time_s,
+            stimulator_mm=place,
+            newton_iterations=sum(solve.iterations for solve in solves),
+            linear_iterations=sum(solve.linear_iterations for solve in solves),
             discarded=discarded,
-            milestone=control.at_milestone,
+            output=progress.control.at_output,
+            ends_piece=progress.control.finished,
             fraction=self._fraction(),
             wall_s=time.perf_counter() - started,
         )
 
-    @property
-    def _speed_mm_s(self) -> float:
-        p = self._protocol
-        return p.press_speed_mm_s if self._phase == "press" else p.speed_mm_s
+    def _predict(self, dt_s: float) -> None:
+        state = self._state
+        state.reset()
+        if state.dt_old_s:
+            u, old, before = state.u.x.array, state.u_old.x.array, state.u_before.x.array
+            u += (dt_s / state.dt_old_s) * (old - before)
 
-    def _translation(self, position: float) -> np.ndarray:
-        if self._phase == "press":
-            return position * _UP
-        return self._depth * _UP + position * _PROXIMAL
-
-    def _predict(self, size: float) -> None:
-        u, old = self.problem.u.x.array, self.problem.u_old.x.array
-        u[:] = old
-        if self._last_step:
-            u += (size / self._last_step) * (old - self.problem.u_before.x.array)
-
-    def _cut(self, target: float, report: SolveReport) -> None:
+    def _cut(self, target_s: float, report: SolveReport) -> None:
         self._discarded.append(report)
-        self.problem.u.x.array[:] = self.problem.u_old.x.array
+        self._state.reset()
         logger.info(
-            "%s to %.4f mm failed after %d iterations (%s): step halved",
-            self._phase,
-            target,
+            "%s to %.5f s failed after %d iterations (%s): step halved",
+            self._motion.phase,
+            target_s,
             report.iterations,
             report.reason,
         )
         try:
-            self._control.reject(target)
+            self._progress.control.reject(target_s)
         except StepTooSmallError:
             raise self._failure(report.reason) from None
 
-    def _fits_force(self, target: float, load: Load, force: float) -> bool:
+    # --- forces --------------------------------------------------------------------------------
+
+    def _solve_at_force(self, place: np.ndarray, dt_s: float, force_N: float) -> SolveReport:
+        """Find the equilibrium at a normal force, with the body's X and Y as in `place`.
+
+        Its height follows by the secant method. The first guess goes on as in the last step.
+        """
+        state, most = self._state, self._solver.max_press_step_mm
+        z = state.translation_old.value[2]
+        if state.dt_old_s:
+            z += (dt_s / state.dt_old_s) * (z - state.translation_before[2])
+        stiffness = self._progress.stiffness_N_mm or _FIRST_STIFFNESS_N_MM
+        tried: list[tuple[float, float]] = []
+        for _ in range(_MOST_FORCE_SOLVES):
+            report = self.problem.solve(np.array([place[0], place[1], z]), dt_s)
+            if not report.converged:
+                return report
+            force = float(self.problem.load().force_N[2])
+            if tried and (force - tried[-1][1]) * (z - tried[-1][0]) > 0:
+                stiffness = (force - tried[-1][1]) / (z - tried[-1][0])
+            if abs(force - force_N) <= _FORCE_TOLERANCE * force_N:
+                self._progress.stiffness_N_mm = stiffness
+                return report
+            tried.append((z, force))
+            self._discarded.append(report)
+            z += float(np.clip((force_N - force) / stiffness, -most, most))
+        self._discarded.pop()
+        return replace(report, converged=False, reason="the held force is not met")
+
+    def _note_stiffness(self, load: Load) -> None:
+        """Note how the normal force grew with the depth in a step towards the finger."""
+        state = self._state
+        gained = load.force_N[2] - state.force_old_N[2]
+        deeper = state.translation.value[2] - state.translation_old.value[2]
+        if self._motion.held_N is None and gained * deeper > 0:
+            self._progress.stiffness_N_mm = float(gained / deeper)
+
+    def _fits_force(self, target_s: float, load: Load, force_N: float) -> bool:
         """Accept a press that does not overshoot the force; else aim by the secant."""
-        reached = float(load.force_N[2])
-        if reached <= force * (1 + _FORCE_TOLERANCE):
+        reached, before = float(load.force_N[2]), float(self._state.force_old_N[2])
+        if reached <= force_N * (1 + _FORCE_TOLERANCE):
             return True
-        before = self._force_N
-        share = (force - before) / (reached - before)
-        step = max(share, 0.05) * (target - self._control.position_mm)
-        self._control.step_mm = self._control.largest_mm = step
+        control = self._progress.control
+        share = (force_N - before) / (reached - before)
+        control.step_s = control.largest_s = max(share, 0.05) * (target_s - control.time_s)
         return False
 
-    @property
-    def _force_N(self) -> float:
-        """Normal force at the last accepted step."""
-        return float(self.problem.load_cell.force_old_N[2])
+    def _short_of(self, force_N: float) -> bool:
+        """Tell whether the last accepted step's normal force is less."""
+        return bool(self._state.force_old_N[2] < force_N * (1 - _FORCE_TOLERANCE))
 
-    def _short_of_force(self) -> bool:
-        force = self._protocol.force_N
-        return force is not None and self._force_N < force * (1 - _FORCE_TOLERANCE)
-
-    def _tell_pressed(self) -> None:
-        """Say what the press has reached, if that was not asked for or is nothing."""
-        if self._protocol.force_N is not None:
-            logger.info(
-                "%.4f N are reached at a depth of %.4f mm, which the slide holds",
-                self._force_N,
-                self._depth,
-            )
-        elif self._force_N == 0.0:
-            logger.warning(
-                "the press ends at %.4g mm without contact: no raised part of the stimulator lies "
-                "under the pad, or the depth is too small",
-                self._depth,
-            )
+    # --- reports -------------------------------------------------------------------------------
 
     def _fraction(self) -> float:
-        whole = self._control.length_mm if self._phase == "press" else self._depth
-        done = self._depth + (self._control.position_mm if self._phase == "slide" else 0.0)
-        return min(1.0, done / (whole + self._protocol.distance_mm))
+        progress = self._progress
+        done = sum(self._weights[: progress.piece])
+        share = progress.control.time_s / progress.control.end_s
+        return (done + share * self._weights[progress.piece]) / sum(self._weights)
 
     def _failure(self, reason: str) -> ConvergenceError:
-        place = self._control.position_mm
-        what = "indentation" if self._phase == "press" else "slide"
-        return ConvergenceError(
-            f"the {what} stopped at {place:.4f} mm ({reason}); everything up to there is kept; "
-            "try a finer mesh, rounder edges, less friction or a longer tissue.viscous_time_s",
+        progress, place = self._progress, self._state.translation_old.value.copy()
+        return stopped(
+            self._motion.phase,
             place,
+            progress.slid_mm + self._slid_mm(),
             reason,
+            "a finer mesh, rounder edges, less friction or a longer tissue.viscous_time_s",
         )
 
-    def state(self) -> dict[str, Any]:
-        """Return what is needed, besides the displacements, to go on from here."""
-        c = self._control
-        return {
-            "phase": self._phase,
-            "position_mm": c.position_mm,
-            "length_mm": c.length_mm,
-            "step_mm": c.step_mm,
-            "largest_mm": c.largest_mm,
-            "wait": c.wait,
-            "depth_mm": self._depth,
-            "clock_s": self._clock,
-            "index": self._index,
-            "force_N": self.problem.load_cell.force_old_N.tolist(),
-            "last_step_mm": self._last_step,
-            "iterations": self._iterations,
-        }
 
-    def restore(self, state: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-        """Go back to what `state` and `gather` returned."""
-        self._phase = state["phase"]
-        press = self._phase == "press"
-        self._control = self._press_control(0.0) if press else self._slide_control()
-        for name in ("position_mm", "length_mm", "step_mm", "largest_mm", "wait"):
-            setattr(self._control, name, state[name])
-        self._depth, self._clock = state["depth_mm"], state["clock_s"]
-        self._index = state["index"]
-        self._last_step, self._iterations = state["last_step_mm"], state["iterations"]
-        self._back_to_last_step(arrays)
-        order, problem = self.problem.order, self.problem
-        here = self._translation(self._control.position_mm)
-        if self._iterations:
-            order.scatter(arrays["u_linear"], problem.u)
-            problem.prepare(here, self._last_step / self._speed_mm_s)
-        order.scatter(arrays["u"], problem.u)
-        problem.place(here)
-        problem.load_cell.force_old_N = np.array(state["force_N"])
-        order.scatter(arrays["friction"], problem.load_cell.friction_old)
-        problem.stick.scatter(arrays["unmatched_MPa"])
-
-    def _back_to_last_step(self, arrays: dict[str, np.ndarray]) -> None:
-        """Let `problem` stand where it stood before the last step."""
-        problem, control = self.problem, self._control
-        problem.order.scatter(arrays["u_before"], problem.u_before)
-        problem.u.x.array[:] = problem.u_before.x.array
-        problem.place(self._translation(control.position_mm - self._last_step))
-        problem.stick.scatter(arrays["unmatched_before_MPa"])
-        self._stick_before[:] = problem.stick.old.x.array
-
-    def gather(self) -> dict[str, np.ndarray]:
-        """Return the arrays of the state, independent of the number of ranks.
-
-        Displacements now, `u`, a step before, `u_before`, and of the last Jacobian, `u_linear`,
-        and nodal forces of `friction`, (n, 3) in the mesh file's node order; `unmatched_MPa` and
-        `unmatched_before_MPa`, see `StickMemory.gather`.
-        """
-        problem = self.problem
-        functions = {
-            "u": problem.u,
-            "u_before": problem.u_before,
-            "u_linear": problem.u_linear,
-            "friction": problem.load_cell.friction_old,
-        }
-        nodal = {name: problem.order.gather(function) for name, function in functions.items()}
-        stick = problem.stick
-        return {
-            **nodal,
-            "unmatched_MPa": stick.gather(stick.old.x.array),
-            "unmatched_before_MPa": stick.gather(self._stick_before),
-        }
+def stopped(
+    phase: str, stimulator_mm: np.ndarray, slid_mm: float, reason: str, advice: str
+) -> ConvergenceError:
+    """Return the error of a path that goes no further, at the last accepted place."""
+    return ConvergenceError(
+        f"the {phase} stopped at a depth of {stimulator_mm[2]:.4f} mm, {slid_mm:.4f} mm across "
+        f"({reason}); everything up to there is kept; try {advice}",
+        stimulator_mm,
+        reason,
+    )
 
 
 def _check_balance(load: Load) -> None:

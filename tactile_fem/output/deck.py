@@ -1,9 +1,9 @@
 """Writes a study as an input deck for CalculiX or Abaqus: the same contact with another code.
 
-Units are mm, N, MPa; step time is the share of the leg that is done. The deck differs from this
-package's own model in three ways: contact is a linear penalty instead of Nitsche's method, the
-stimulator is a facetted height field instead of a smooth distance, and tissues have no viscosity
-(``tissue.viscous_time_s`` is left out).
+Units are mm, N, MPa; step time is the share of a straight part of the path that is done. The deck
+differs from this package's own model in three ways: contact is a linear penalty instead of
+Nitsche's method, the stimulator is a facetted height field instead of a smooth distance, and
+tissues have no viscosity (``tissue.viscous_time_s`` is left out).
 
 Both codes read the same words but for three, which `Code` tells apart. ``*FRICTION``: CalculiX
 takes the stick slope (MPa/mm) after the coefficient; Abaqus has an elastic slip of its own, which
@@ -14,7 +14,8 @@ Strain energy density: ``ENER`` and ``SENER``. Abaqus was not tried.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -32,7 +33,7 @@ from tactile_fem.finger.mesh_data import (
 )
 from tactile_fem.finger.report import measured_layers_mm
 from tactile_fem.runtime.files import write_text
-from tactile_fem.stimulus import make_body
+from tactile_fem.stimulus import Motion, make_body, make_path
 from tactile_fem.stimulus.height_field import HeightField, height_field
 from tactile_fem.study import Elastic, Polynomial, Study
 from tactile_fem.tissue.energies import compression_modulus
@@ -119,7 +120,7 @@ def write_deck(
     energy_of: NDArray[np.int64] | None = None,
     code: Code = "calculix",
 ) -> DeckSize:
-    """Write press and slide of a study as an input deck.
+    """Write a study as an input deck.
 
     Nodes and tetrahedra keep the mesh's order and are counted from 1. Parts that
     ``solver.held`` names are fixed as in this package: held tissues are left out and the nodes
@@ -133,8 +134,8 @@ def write_deck(
     path
         The deck; CalculiX wants the ending .inp.
     press_step_mm, slide_step_mm
-        Fixed increments; default the longest ones that the study allows. The other code may
-        halve them if it does not converge.
+        Fixed increments towards the finger and across it; default the longest ones that the study
+        allows. The other code may halve them if it does not converge.
     grid_mm
         Spacing of the height field in X and Y.
     penalty
@@ -148,11 +149,12 @@ def write_deck(
     Raises
     ------
     StudyError
-        The study presses to a force, or nothing of the mesh is held.
+        The path wants a force, or nothing of the mesh is held.
     """
-    protocol = study.protocol
-    if protocol.force_N is not None:
-        raise StudyError("protocol.force_N: a deck presses to protocol.depth_mm only")
+    way = make_path(study.protocol, math.inf)
+    motions = [motion for _, motion in way.plan()]
+    if any(motion.until_N or motion.held_N for motion in motions):
+        raise StudyError("protocol.force_N: a deck goes to places only")
     rigid, fixed = held_parts(finger, study.solver.held)
     kept = np.flatnonzero(~rigid)
     used = np.unique(finger.tets[kept])
@@ -162,7 +164,9 @@ def write_deck(
     skin = finger.triangles[finger.surface == SURFACES["skin"], :3]
     faces = element_faces(finger.tets, skin)
     contact = penalty or Penalty.of(study, finger)
-    field = height_field(make_body(study.stimulus), protocol, finger.nodes[skin], grid_mm)
+    body = make_body(study.stimulus)
+    field = height_field(body, way.places_mm(), finger.nodes[skin], grid_mm)
+    field = replace(field, points=field.points + way.start_mm)
 
     present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[kept] == tag)]
     lines = ["** Fingertip and rigid stimulator, written by tactile_fem; mm, N, MPa"]
@@ -174,11 +178,10 @@ def write_deck(
         lines += material_lines(name, getattr(study.tissue, name))
     lines += _contact_lines(faces, study.stimulus.friction, contact, code)
     printed = _print_lines(code, energy_of is not None)
+    slide = slide_step_mm or study.solver.max_slide_step_mm
     press = press_step_mm or study.solver.max_press_step_mm
-    lines += _step_lines("press", 3, protocol.depth_mm, press, printed)
-    if protocol.distance_mm:
-        slide = slide_step_mm or study.solver.max_slide_step_mm
-        lines += _step_lines("slide", 2, -protocol.distance_mm, slide, printed)
+    for motion in motions:
+        lines += _step_lines(motion, way.start_mm, (slide, press), printed)
     write_text(Path(path), "\n".join([*lines, ""]))
     return DeckSize(len(kept), 3 * (len(used) - len(held)), len(held), len(faces), len(field.cells))
 
@@ -287,15 +290,20 @@ def _print_lines(code: Code, energy: bool) -> list[str]:
 
 
 def _step_lines(
-    name: str, axis: int, end_mm: float, step_mm: float, printed: list[str]
+    motion: Motion, start_mm: NDArray, longest_mm: tuple[float, float], printed: list[str]
 ) -> list[str]:
-    """Write one leg: the stimulator moves along `axis` to `end_mm` in equal increments."""
-    share = 1 / math.ceil(abs(end_mm) / step_mm - 1e-9)
-    lines = [f"** {name}: {abs(end_mm):g} mm", "*STEP, NLGEOM, INC=10000", "*STATIC"]
-    lines += [_row(share, 1.0, _SMALLEST_INCREMENT, share), "*BOUNDARY"]
-    if name == "press":
-        lines.append("STIMULATOR, 1, 2")
-    return [*lines, _row("STIMULATOR", axis, axis, end_mm), *printed, "*END STEP"]
+    """Write a step of equal increments for each straight part of a motion."""
+    lines = []
+    for before, after in pairwise(motion.places_mm):
+        way = np.abs(after - before)
+        count = math.ceil(max(np.hypot(*way[:2]) / longest_mm[0], way[2] / longest_mm[1]) - 1e-9)
+        if count:
+            lines += [f"** {motion.phase}: {np.linalg.norm(way):g} mm", "*STEP, NLGEOM, INC=10000"]
+            lines += ["*STATIC", _row(1 / count, 1.0, _SMALLEST_INCREMENT, 1 / count), "*BOUNDARY"]
+            moved = (after - start_mm).tolist()
+            lines += [_row("STIMULATOR", k, k, u) for k, u in enumerate(moved, 1)]
+            lines += [*printed, "*END STEP"]
+    return lines
 
 
 def _rows(numbers: NDArray[np.int64], values: NDArray) -> list[str]:

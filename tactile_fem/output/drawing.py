@@ -16,8 +16,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from tactile_fem.finger.mesh_data import TISSUES
-from tactile_fem.stimulus import make_body
-from tactile_fem.study import Study
+from tactile_fem.scan.results import Results
+from tactile_fem.stimulus import RigidBody, make_body
 
 COLOURS = {
     "stratum_corneum": "#E7C6A5",
@@ -151,20 +151,28 @@ def colour_limits(grids: list[pv.UnstructuredGrid]) -> tuple[float, float]:
     return top / 1000, top
 
 
-def stimulator_surface(study: Study) -> pv.PolyData:
-    """Return the stimulator's surface where it comes near the finger, in its own frame.
+def stimulator_surface(results: Results) -> pv.PolyData:
+    """Return the surface of a scan's stimulator where it comes near the finger, in its own frame.
 
-    It lies where the distance vanishes, and its normals are the distance's gradient: walls are as
-    smooth as the finger feels them.
-
-    Parameters
-    ----------
-    study
-        With the stimulator and how far it slides.
+    Of a body that the study states it lies where the distance vanishes, and its normals are the
+    distance's gradient: walls are as smooth as the finger feels them. Of an own body it is what
+    the scan has saved.
     """
-    body, step = make_body(study.stimulus), _SURFACE_STEP_MM
-    x = np.arange(-9.0, 9.0 + step, step)
-    y = np.arange(-15.0, 15.0 + study.protocol.distance_mm + step, step)
+    saved = results.stimulator
+    if saved is not None:
+        faces = np.column_stack([np.full(len(saved.cells), 4), saved.cells])
+        return pv.PolyData(saved.points, faces.ravel()).compute_normals()
+    low, high = (ends(results.trace["stimulator_mm"], axis=0) for ends in (np.min, np.max))
+    return body_surface(make_body(results.study.stimulus), low, high)
+
+
+def body_surface(
+    body: RigidBody, low_mm: NDArray[np.float64], high_mm: NDArray[np.float64]
+) -> pv.PolyData:
+    """Return a body's surface where it comes near the finger, its places being within a box."""
+    step = _SURFACE_STEP_MM
+    x = np.arange(-9.0 - high_mm[0], 9.0 - low_mm[0] + step, step)
+    y = np.arange(-15.0 - high_mm[1], 15.0 - low_mm[1] + step, step)
     plane = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     layers: list[NDArray[np.float64]] = []
     # From above down until all is inside: a plate ends the search early, a ball never.

@@ -121,7 +121,7 @@ def main(folder: str) -> int:
     chosen = choose_states(trace, times)
     grids = [pv.read(files[k]) for k in chosen]
     limits = drawing.colour_limits(grids)
-    surface = drawing.stimulator_surface(results.study)
+    surface = drawing.stimulator_surface(results)
     for k, grid in zip(chosen, grids, strict=True):
         displacement = float(at_time(trace, "displacement_mm", times[k]))
         stimulator = surface.translate(at_time(trace, "stimulator_mm", times[k]))

@@ -69,7 +69,7 @@ class Probe:
         F = deformation_gradient(problem.u)
         W = problem.elasticity.energy(tissue)
         # Read after a step was accepted: viscosity acts over that step.
-        P = problem.elasticity.stress(tissue, problem.u_before)
+        P = problem.elasticity.stress(tissue, problem.state.u_before)
         sigma = P * F.T / ufl.det(F)
         deviator = ufl.dev(sigma)
         von_mises = ufl.sqrt(1.5 * ufl.inner(deviator, deviator) + 1e-30)

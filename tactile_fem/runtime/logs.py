@@ -128,11 +128,11 @@ class StepReport(Protocol):
 
 def describe_step(step: StepReport) -> str:
     """Return one line about a step."""
-    place = step.depth_mm if step.phase == "press" else step.displacement_mm
     normal = round(float(step.force_N[2]), 4) + 0.0  # no -0.0000
     tangential = (step.force_N[0] ** 2 + step.force_N[1] ** 2) ** 0.5
     return (
-        f"step {step.index:3d}  {step.phase:5s} {place:6.3f} mm  normal {normal:.4f} N  "
+        f"step {step.index:3d}  {step.phase:5s} {step.displacement_mm:6.3f} mm  "
+        f"depth {step.depth_mm:.3f} mm  normal {normal:.4f} N  "
         f"tangential {tangential:.4f} N  {step.newton_iterations:2d} iterations"
     )
 

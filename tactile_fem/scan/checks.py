@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+import numpy as np
+
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.layers import layering
 from tactile_fem.finger.load import load_finger, shipped_file
@@ -12,8 +14,12 @@ from tactile_fem.finger.report import pad_thickness_mm
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.skin import nail_outline, sizes_of
 from tactile_fem.receptors import place
-from tactile_fem.stimulus import make_body
+from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
 from tactile_fem.study import Finger, Protocol, Study
+
+# A press to a force is given up when this share of the pad is squeezed.
+DEEPEST = 0.8
+_TOUCH_TOLERANCE_MM = 1e-3
 
 
 def check_study(study: Study) -> None:
@@ -25,21 +31,25 @@ def check_study(study: Study) -> None:
         A glyph is missing, a mesh file lacks a tag, the lengths do not make a finger, a receptor
         lies outside it ...
     """
-    make_body(study.stimulus)
+    body = make_body(study.stimulus)
     finger = study.finger
     if finger.mesh_file is None:
         skin_shape(finger)
         bone_shape(finger)
         nail_outline(finger)
         layering(finger, sizes_of(finger).epidermis_rows)
-        check_depth(study.protocol, finger.pad_thickness_mm)
+        thickness = finger.pad_thickness_mm
+        check_depth(study.protocol, make_path(study.protocol, DEEPEST * thickness), thickness)
     if finger.mesh_file is not None or shipped_file(finger) is not None:
         mesh = _loaded(finger)
-        check_depth(study.protocol, pad_thickness_mm(mesh))
+        thickness = pad_thickness_mm(mesh)
+        path = make_path(study.protocol, DEEPEST * thickness)
+        check_depth(study.protocol, path, thickness)
+        check_apart(body, path, mesh)
         place(study.receptors, mesh)
 
 
-def check_depth(protocol: Protocol, pad_thickness_mm: float) -> None:
+def check_depth(protocol: Protocol, path: Path, pad_thickness_mm: float) -> None:
     """Refuse to press the skin onto the bone or through it.
 
     Raises
@@ -47,11 +57,28 @@ def check_depth(protocol: Protocol, pad_thickness_mm: float) -> None:
     StudyError
         The depth is not less than what lies between skin and bone.
     """
-    if protocol.force_N is None and protocol.depth_mm >= pad_thickness_mm:
+    for number, (_, motion) in enumerate(path.plan(), 1):
+        depth_mm = motion.places_mm[:, 2].max()
+        if depth_mm >= pad_thickness_mm and motion.until_N is None:
+            what = f"depth_mm is {depth_mm:g}"
+            if protocol.path is not None:
+                what = f"path (entry {number}) goes {depth_mm:g} mm deep"
+            raise StudyError(
+                f"protocol.{what} but must be less than "
+                f"{pad_thickness_mm:.4g}, the finger's thickness from skin to bone over the "
+                "contact point"
+            )
+
+
+def check_apart(body: RigidBody, path: Path, finger: FingerMesh) -> None:
+    """Raise StudyError if the body starts inside the finger."""
+    gap = body.distance(finger.nodes - path.start_mm).gap
+    worst = int(np.argmin(gap))
+    if gap[worst] < -_TOUCH_TOLERANCE_MM:
+        x, y, z = finger.nodes[worst]
         raise StudyError(
-            f"protocol.depth_mm is {protocol.depth_mm:g} but must be less than "
-            f"{pad_thickness_mm:.4g}, the finger's thickness from skin to bone over the contact "
-            "point"
+            f"stimulus: it starts {-gap[worst]:.3g} mm inside the finger, at X {x:.1f}, Y {y:.1f}, "
+            f"Z {z:.1f} mm; the finger must lie above its highest plane, Z = {path.start_mm[2]:g}"
         )
 
 

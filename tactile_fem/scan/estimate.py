@@ -9,10 +9,11 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path as FilePath
 
 from mpi4py import MPI
 
+from tactile_fem.stimulus import Path
 from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)
@@ -25,7 +26,8 @@ _FACTORS_MB = 390.0  # of the direct solver, at the reference
 _NEWTON_S = 0.26  # one iteration at the reference on one core
 _DIRECT_NEWTON_S = 1.6
 _NEWTON_PER_STEP = 6.9
-_FIRST_SLIDE_STEPS = 6
+_FIRST_STEPS = 3  # shorter ones, of each piece of the path
+_SOLVES_AT_FORCE = 1.5  # for each step
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Estimate:
     wall_s: float
 
 
-def estimate(study: Study, unknowns: int, ranks: int) -> Estimate:
+def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Estimate:
     """Return what the scan will need, for displacement `unknowns` on `ranks` cores."""
     size = unknowns / _REFERENCE_UNKNOWNS
     memory = _RANK_MB * ranks + _UNKNOWN_MB * unknowns
@@ -45,16 +47,17 @@ def estimate(study: Study, unknowns: int, ranks: int) -> Estimate:
         newton = _DIRECT_NEWTON_S * size**1.7
     else:
         newton = _NEWTON_S * size**1.1
-    protocol, solver = study.protocol, study.solver
-    slide = min(protocol.output_mm, solver.max_slide_step_mm)
-    steps = protocol.depth_mm / solver.max_press_step_mm + protocol.distance_mm / slide
-    steps += _FIRST_SLIDE_STEPS
+    solver, steps = study.solver, 0.0
+    for _, motion in path.plan():
+        count = motion.least_steps(solver.max_slide_step_mm, solver.max_press_step_mm)
+        steps += count * (1.0 if motion.held_N is None else _SOLVES_AT_FORCE)
+    steps += _FIRST_STEPS * len(path.pieces)
     return Estimate(memory, newton * _NEWTON_PER_STEP * steps * ranks**-0.7)
 
 
-def announce(study: Study, unknowns: int, comm: MPI.Comm) -> None:
+def announce(study: Study, path: Path, unknowns: int, comm: MPI.Comm) -> None:
     """Say what the scan will need; warn where this machine has not enough memory."""
-    needed = estimate(study, unknowns, comm.size)
+    needed = estimate(study, path, unknowns, comm.size)
     minutes = math.ceil(needed.wall_s / 60)
     logger.info("expect about %d min and %.1f GB for all ranks", minutes, needed.memory_MB / 1000)
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
@@ -73,14 +76,14 @@ def announce(study: Study, unknowns: int, comm: MPI.Comm) -> None:
 def available_memory_MB() -> float | None:
     """Return the memory that is free here, a container's limit heeded; None if not known."""
     try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        lines = FilePath("/proc/meminfo").read_text(encoding="ascii").splitlines()
         available = next(line.split()[1] for line in lines if line.startswith("MemAvailable"))
     except (OSError, StopIteration):
         return None
     free = int(available) * 1024 / _MB
     try:
-        limit = Path("/sys/fs/cgroup/memory.max").read_text(encoding="ascii").strip()
-        used = Path("/sys/fs/cgroup/memory.current").read_text(encoding="ascii").strip()
+        limit = FilePath("/sys/fs/cgroup/memory.max").read_text(encoding="ascii").strip()
+        used = FilePath("/sys/fs/cgroup/memory.current").read_text(encoding="ascii").strip()
     except OSError:
         return free
     return free if limit == "max" else min(free, (int(limit) - int(used)) / _MB)

@@ -18,21 +18,23 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.report import measured_layers_mm, pad_thickness_mm
 from tactile_fem.mechanics.compile import compiled_by
-from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.mechanics.stepper import Step, Stepper
+from tactile_fem.mechanics.stepper import Step
 from tactile_fem.neuron import Response
 from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.scan.fields import FieldWriter
 from tactile_fem.scan.results import Results
-from tactile_fem.scan.trace import Array, Histories, Trace
-from tactile_fem.study import Study
+from tactile_fem.scan.setup import Instruments, Setup
+from tactile_fem.scan.trace import Array, Trace
+from tactile_fem.stimulus.height_field import height_field
 
 # Counts up when what a checkpoint holds changes its names or meaning.
-_FORMAT = 4
+_FORMAT = 5
 # What of a study may change between two runs: it acts after the mechanics, or is seen by the hash.
 _FREE: dict[str, bool | set[str]] = {"neuron": True, "output": True, "finger": {"mesh_file"}}
+# Of the surface of an own body.
+_SURFACE_GRID_MM = (0.1, 0.1)
 _TIMERS = (
     "solve",
     "jacobian",
@@ -50,27 +52,21 @@ class Recorder:
 
     Parameters
     ----------
-    results, study
-        Where to write; what is run.
-    problem, stepper
-        The state to keep.
-    finger
-        The mesh, on rank 0; other ranks pass None.
+    results
+        Where to write.
+    setup, instruments
+        What is run, and the state to save.
     """
 
-    def __init__(
-        self,
-        results: Results,
-        study: Study,
-        problem: FingerProblem,
-        stepper: Stepper,
-        finger: FingerMesh | None,
-    ) -> None:
-        self._results, self._study = results, study
-        self._problem, self._stepper = problem, stepper
+    def __init__(self, results: Results, setup: Setup, instruments: Instruments) -> None:
+        self._results, self._setup, self._study = results, setup, setup.study
+        self._stepper = instruments.stepper
+        self._problem = problem = instruments.problem
+        finger = setup.finger
         self._comm = problem.domain.comm
         self._energy = CellEnergy(problem)
-        self._fixed = study.model_dump_json(exclude=_FREE)
+        self._fixed = self._study.model_dump_json(exclude=_FREE)
+        self._own_parts = on_root(self._comm, setup.parts.identity)
         self._started = time.perf_counter()
         self._timers_before = _timers()
         self._memory_MB = 0.0
@@ -84,13 +80,15 @@ class Recorder:
         )
 
     def begin(self, trace: Trace) -> None:
-        """Keep the state of rest, so that a scan that fails at once leaves a whole folder."""
+        """Save the state of rest, so that a scan that fails at once leaves a whole folder."""
         on_root(self._comm, lambda: self._results.save_trace(**trace.arrays()))
+        if self._setup.parts.body is not None:
+            on_root(self._comm, self._save_body)
         self._save_run("running")
 
     def step(self, step: Step, trace: Trace) -> None:
-        """Keep an accepted step."""
-        state = self._stepper.gather()
+        """Save an accepted step."""
+        state = self._problem.state.gather(self._problem.order)
         sed = self._energy.gather() if self._field_due(step) else None
         spent = self._spent()
 
@@ -103,8 +101,8 @@ class Recorder:
                 version=__version__,
                 study=self._fixed,
                 mesh=self._mesh["hash"],
-                state=json.dumps(self._stepper.state()),
-                rows=len(trace.time_s),
+                own_parts=json.dumps(self._own_parts),
+                rows=len(trace),
                 fields=self._fields.count if self._fields else 0,
                 next_field_mm=self._next_field_mm,
                 spent=json.dumps(spent),
@@ -115,30 +113,31 @@ class Recorder:
             on_root(self._comm, write)
 
     def _field_due(self, step: Step) -> bool:
-        """Tell whether a field is due: at the end of the press, then at equal slides."""
-        if not step.milestone or step.displacement_mm < self._next_field_mm - 1e-9:
+        """Tell whether a field is due: at the end of a piece of the path and at equal slides."""
+        slid = step.displacement_mm >= self._next_field_mm - 1e-9
+        if not step.output or not (slid or step.ends_piece):
             return False
         self._next_field_mm = step.displacement_mm + self._study.output.fields_mm
         return True
 
-    def restore(self) -> Histories:
-        """Set problem and stepper to the checkpoint; return the histories up to it.
+    def restore(self) -> Trace:
+        """Set the state to the checkpoint; return the trace up to it.
 
         Raises
         ------
         StudyError
-            The checkpoint belongs to another version, study or mesh.
+            The checkpoint belongs to another version, study, mesh or own parts.
         """
         saved = on_root(self._comm, self._load)
-        trace = on_root(self._comm, lambda: self._results.trace)
-        histories = Histories.from_trace(trace, int(saved["rows"]))
-        self._stepper.restore(json.loads(str(saved["state"])), saved)
+        arrays = on_root(self._comm, lambda: self._results.trace)
+        trace = Trace.from_arrays(arrays, int(saved["rows"]))
+        self._stepper.restore(saved)
         self._next_field_mm = float(saved["next_field_mm"])
         self._spend(json.loads(str(saved["spent"])))
         if self._fields is not None:
             self._fields.go_on(int(saved["fields"]))
         self._save_run("running")
-        return histories
+        return trace
 
     def _load(self) -> dict[str, Array]:
         """Return the checkpoint if it is this version's, this study's and this mesh's."""
@@ -160,7 +159,23 @@ class Recorder:
                 f"{file} belongs to another mesh than the study's: bring that mesh back, or run "
                 "the study again in another folder."
             )
+        own = json.loads(str(saved["own_parts"]))
+        for name in dict.fromkeys([*own, *self._own_parts]):
+            then, now = (parts.get(name, "the study's") for parts in (own, self._own_parts))
+            if then != now:
+                raise StudyError(
+                    f"{file} was written with a {name} that was {then}, now it is {now}: give the "
+                    "same parts to resume, or run the scan again in another folder."
+                )
         return saved
+
+    def _save_body(self) -> None:
+        """Save the upper side of an own body where it comes near the finger, for pictures."""
+        setup = self._setup
+        assert setup.finger is not None
+        places = setup.path.places_mm()
+        surface = height_field(setup.body, places, setup.finger.nodes, _SURFACE_GRID_MM)
+        self._results.save_stimulator(surface)
 
     def spikes(self, response: Response) -> None:
         """Keep the spikes."""
@@ -204,6 +219,7 @@ class Recorder:
             "ranks": self._comm.size,
             "compiler": {"flags": self._study.solver.compiler_flags, **self._compiled_by},
             "petsc_options": self._problem.options,
+            "own_parts": self._own_parts,
             **self._spent(),
         }
         on_root(self._comm, lambda: self._results.save_run(run))

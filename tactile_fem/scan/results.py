@@ -6,6 +6,7 @@
 ``trace.npz``        histories: see `Results.save_trace`
 ``spikes.csv``       ``receptor,time_s,displacement_mm``
 ``checkpoint.npz``   the state to go on from
+``stimulator.npz``   surface of an own body, for pictures
 ``fields/``          VTU files and ``deformation.pvd``, their index, for ParaView
 ``figures/``         pictures
 ``log.txt``          what was said on the way
@@ -29,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.files import replacing, write_text
+from tactile_fem.stimulus.height_field import HeightField
 from tactile_fem.study import Study
 from tactile_fem.study.file import dump_study, load_study
 
@@ -39,6 +41,7 @@ _OWN = (
     "trace.npz",
     "spikes.csv",
     "checkpoint.npz",
+    "stimulator.npz",
     "log.txt",
     "fields/deformation.pvd",
     "fields/deformation_*.vtu",
@@ -212,6 +215,10 @@ class Results:
         """Write ``checkpoint.npz``."""
         self._save_npz("checkpoint.npz", {k: np.asarray(v) for k, v in arrays.items()})
 
+    def save_stimulator(self, surface: HeightField) -> None:
+        """Write ``stimulator.npz``."""
+        self._save_npz("stimulator.npz", {"points": surface.points, "cells": surface.cells})
+
     def save_spikes(self, spikes: Sequence[ArrayLike]) -> None:
         """Write ``spikes.csv``.
 
@@ -289,6 +296,14 @@ class Results:
             columns = ",".join(Spikes._fields)
             raise StudyError(f"{path} cannot be read: its columns must be {columns}.") from None
         return Spikes(values[:, 0].astype(int), values[:, 1], values[:, 2])
+
+    @property
+    def stimulator(self) -> HeightField | None:
+        """The surface of an own body; None where the study states the body."""
+        if not (self.folder / "stimulator.npz").exists():
+            return None
+        saved = self._load_npz("stimulator.npz")
+        return HeightField(saved["points"], saved["cells"])
 
     def load_checkpoint(self) -> dict[str, NDArray[Any]]:
         """Return the arrays of ``checkpoint.npz``."""

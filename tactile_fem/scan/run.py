@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,40 +14,55 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx import jit
+from numpy.typing import ArrayLike
 
-from tactile_fem.errors import ConvergenceError, StoppedError, StudyError, TactileError
-from tactile_fem.finger import FingerMesh, load_finger
-from tactile_fem.finger.report import pad_thickness_mm
-from tactile_fem.mechanics.compile import clean_cache
-from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.faults import last_line, preparing
-from tactile_fem.mechanics.petsc_options import check_options
+from tactile_fem.errors import StoppedError, StudyError, TactileError
+from tactile_fem.mechanics.faults import last_line
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.mechanics.stepper import Step, Stepper
+from tactile_fem.mechanics.state import State
+from tactile_fem.mechanics.stepper import Step, stopped
 from tactile_fem.neuron import Response, respond
-from tactile_fem.receptors import Samples, place, sample
-from tactile_fem.receptors.probe import Probe, ReceptorState
+from tactile_fem.receptors.probe import ReceptorState
 from tactile_fem.runtime.folder_lock import locked
 from tactile_fem.runtime.logs import log_to
 from tactile_fem.runtime.parallel import ending_together, on_root
 from tactile_fem.runtime.signals import StopRequest, answering
-from tactile_fem.scan.checks import check_depth
 from tactile_fem.scan.estimate import announce
+from tactile_fem.scan.parts import Parts
 from tactile_fem.scan.recorder import Recorder
 from tactile_fem.scan.results import Results
-from tactile_fem.scan.trace import Array, Histories, Trace
-from tactile_fem.stimulus import RigidBody, make_body
+from tactile_fem.scan.setup import Instruments, Setup
+from tactile_fem.scan.trace import Array, Trace
 from tactile_fem.study import Neuron, Study
 
 logger = logging.getLogger(__name__)
 
-Observer = Callable[[Step], None]
-# Pressing to a force is given up when this share of the pad is squeezed.
-_DEEPEST = 0.8
-_TOUCH_TOLERANCE_MM = 1e-3
 # Mean distance of pressed skin from the body, as a share of the depth, that is worth a warning.
 _GAP_ERROR = 0.01
+_NO_PARTS = Parts()
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What an observer sees after an accepted step.
+
+    Attributes
+    ----------
+    step
+        Place of the body, forces, cost.
+    receptors
+        What the receptors feel.
+    state
+        Displacement (`state.u`) and all else that is carried on; to be read only.
+    """
+
+    step: Step
+    receptors: ReceptorState
+    state: State
+
+
+# Called on every rank; what it returns joins the trace, a column by each name.
+Observer = Callable[[Observation], Mapping[str, ArrayLike] | None]
 
 
 @dataclass(frozen=True)
@@ -76,8 +91,9 @@ def scan(
     overwrite: bool = False,
     comm: MPI.Comm | None = None,
     observers: Iterable[Observer] = (),
+    parts: Parts = _NO_PARTS,
 ) -> ScanResult:
-    """Press, slide, feel and fire, as the study says.
+    """Go along the path, feel and fire, as the study says.
 
     Parameters
     ----------
@@ -91,7 +107,10 @@ def scan(
     comm
         Communicator; all its ranks must call. Default: all ranks.
     observers
-        Called on every rank after each accepted step.
+        Called in turn on every rank after each accepted step, see `Observation`. What one
+        returns, numbers or arrays by name, becomes columns of the trace.
+    parts
+        Own parts in place of the study's.
 
     Raises
     ------
@@ -106,9 +125,9 @@ def scan(
     """
     comm = comm or MPI.COMM_WORLD
     with ending_together(comm), ExitStack() as held:
-        scene = _Scene.of(study, comm)
+        setup = Setup.of(study, parts, comm)
         if folder is None:
-            return _run(scene, None, comm, observers, proceed=False)
+            return _run(setup, None, comm, observers, proceed=False)
         place = Path(folder)
 
         def begin() -> bool:
@@ -122,7 +141,7 @@ def scan(
             return False
 
         proceed = on_root(comm, begin)
-        return _run(scene, Results(place), comm, observers, proceed=proceed)
+        return _run(setup, Results(place), comm, observers, proceed=proceed)
 
 
 def resume(
@@ -130,8 +149,11 @@ def resume(
     *,
     comm: MPI.Comm | None = None,
     observers: Iterable[Observer] = (),
+    parts: Parts = _NO_PARTS,
 ) -> ScanResult:
     """Go on with the scan in `folder` from its last accepted step, on any number of ranks.
+
+    Own parts and observers have to be given again, see `scan`.
 
     Raises
     ------
@@ -142,9 +164,9 @@ def resume(
     with ending_together(comm), ExitStack() as held:
         results = on_root(comm, lambda: Results.open(folder))
         study = on_root(comm, lambda: results.study)
-        scene = _Scene.of(study, comm)
+        setup = Setup.of(study, parts, comm)
         on_root(comm, lambda: held.enter_context(locked(results.folder)), share=False)
-        return _run(scene, results, comm, observers, proceed=True)
+        return _run(setup, results, comm, observers, proceed=True)
 
 
 def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None) -> Results:
@@ -168,86 +190,8 @@ def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None)
     return Results(folder)
 
 
-@dataclass(frozen=True)
-class _Scene:
-    """Finger and receptors; `finger` is None on all ranks but the first."""
-
-    study: Study
-    finger: FingerMesh | None
-    pad_thickness_mm: float
-    positions: Array
-    samples: Samples
-
-    @classmethod
-    def of(cls, study: Study, comm: MPI.Comm) -> _Scene:
-        """Set everything up that bad input could spoil."""
-        check_options(study.solver)
-        body = make_body(study.stimulus)
-        finger = on_root(comm, lambda: load_finger(study.finger), share=False)
-        thickness = on_root(comm, lambda: pad_thickness_mm(finger))
-        check_depth(study.protocol, thickness)
-        positions = on_root(comm, lambda: place(study.receptors, finger))
-        samples = on_root(comm, lambda: sample(study.receptors, positions, finger))
-        on_root(comm, lambda: _check_apart(body, finger))
-        return cls(study, finger, thickness, positions, samples)
-
-
-@dataclass(frozen=True)
-class _Rig:
-    """What moves, feels and records."""
-
-    problem: FingerProblem
-    probe: Probe
-    stepper: Stepper
-    recorder: Recorder | None
-
-    @classmethod
-    def of(cls, scene: _Scene, results: Results | None, comm: MPI.Comm) -> _Rig:
-        """Compile and distribute all that the scan needs."""
-        study = scene.study
-        on_root(comm, lambda: clean_cache(jit.get_options()["cache_dir"]))
-        with preparing():
-            domain = create_domain(scene.finger, comm, study.solver.held)
-            problem = FingerProblem.of(study, domain)
-            _ = problem.load_cell  # compiled here, not in the first step
-            probe = Probe(problem, scene.samples, len(scene.positions), study.receptors.side)
-            deepest = _DEEPEST * scene.pad_thickness_mm
-            stepper = Stepper(problem, study.protocol, study.solver, deepest)
-            recorder = Recorder(results, study, problem, stepper, scene.finger) if results else None
-        logger.info(
-            "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
-            len(domain.file_cells),
-            problem.unknowns,
-            len(scene.positions),
-            comm.size,
-        )
-        return cls(problem, probe, stepper, recorder)
-
-    def start(self, scene: _Scene, *, proceed: bool) -> Histories:
-        """Return the histories so far; the stepper stands at their end."""
-        if proceed and self.recorder:
-            return self.recorder.restore()
-        announce(scene.study, self.problem.unknowns, self.problem.domain.comm)
-        histories = Histories(scene.positions)
-        if self.recorder:
-            self.recorder.begin(histories.trace())
-        return histories
-
-    def run(self, histories: Histories, observers: Iterable[Observer], stop: StopRequest) -> None:
-        """Go to the end, adding each step to the histories."""
-        for step in self.stepper:
-            felt = self.probe.read()
-            _check_sound(step, felt, histories.receptors_mm)
-            histories.add(step, felt)
-            if self.recorder:
-                self.recorder.step(step, histories.trace())
-            for observer in observers:
-                observer(step)
-            stop.check()
-
-
 def _run(
-    scene: _Scene,
+    setup: Setup,
     results: Results | None,
     comm: MPI.Comm,
     observers: Iterable[Observer],
@@ -257,39 +201,66 @@ def _run(
     if results and proceed:
         proceed = on_root(comm, lambda: _has_checkpoint(results))
     with log_to(results.log_file, comm.rank) if results else nullcontext():
-        rig = _Rig.of(scene, results, comm)
-        with closing(rig.problem):
-            trace, response = _run_steps(rig, scene, comm, observers, proceed=proceed)
+        instruments = setup.instruments(comm)
+        with closing(instruments.problem):
+            recorder = Recorder(results, setup, instruments) if results else None
+            if recorder and proceed:
+                trace = recorder.restore()
+            else:
+                trace = _begin(setup, instruments.problem, recorder)
+            response = _run_steps(instruments, trace, recorder, observers, setup.study.neuron)
     return ScanResult(trace, response, results.folder if results else None)
 
 
+def _begin(setup: Setup, problem: FingerProblem, recorder: Recorder | None) -> Trace:
+    announce(setup.study, setup.path, problem.unknowns, problem.domain.comm)
+    trace = Trace(setup.positions, setup.path.start_mm)
+    if recorder:
+        recorder.begin(trace)
+    return trace
+
+
 def _run_steps(
-    rig: _Rig,
-    scene: _Scene,
-    comm: MPI.Comm,
+    instruments: Instruments,
+    trace: Trace,
+    recorder: Recorder | None,
     observers: Iterable[Observer],
-    *,
-    proceed: bool,
-) -> tuple[Trace, Response]:
-    histories = rig.start(scene, proceed=proceed)
-    neuron = scene.study.neuron
+    neuron: Neuron,
+) -> Response:
+    """Go to the end of the path; keep what was computed if that fails."""
+    problem = instruments.problem
+    comm = problem.domain.comm
+    observers = tuple(observers)
     try:
-        with ending_together(comm), _stopping(rig.problem, comm) as stop:
-            rig.run(histories, observers, stop)
+        with ending_together(comm), _stopping(problem, comm) as stop:
+            for step in instruments.stepper:
+                seen = Observation(step, instruments.probe.read(), problem.state)
+                _check_sound(step, seen.receptors, trace.receptors_mm)
+                trace.add(step, seen.receptors, _observed(observers, seen))
+                if recorder:
+                    recorder.step(step, trace)
+                stop.check()
     except Exception as error:
-        if rig.recorder:
+        if recorder:
             with suppress(OSError, TactileError):  # writing may be what failed
-                _conclude(rig.recorder, histories.trace(), neuron, _status(error))
+                _conclude(recorder, trace, neuron, _status(error))
         raise
-    trace = histories.trace()
     _tell_contact(trace)
-    return trace, _conclude(rig.recorder, trace, neuron, "complete")
+    return _conclude(recorder, trace, neuron, "complete")
+
+
+def _observed(observers: Iterable[Observer], seen: Observation) -> dict[str, ArrayLike]:
+    """Return what the observers add to the trace."""
+    columns: dict[str, ArrayLike] = {}
+    for observer in observers:
+        columns.update(observer(seen) or {})
+    return columns
 
 
 def _conclude(recorder: Recorder | None, trace: Trace, neuron: Neuron, status: str) -> Response:
     """Return the afferents' spikes up to here; keep them and say how it ended."""
     response = Response([np.empty(0)] * len(trace.receptors_mm), 0.0, 0.0)
-    if len(trace.time_s) > 1:
+    if len(trace) > 1:
         response = respond(trace.time_s, trace.sed_kPa, neuron)
     if recorder:
         recorder.spikes(response)
@@ -309,15 +280,12 @@ def _check_sound(step: Step, felt: ReceptorState, positions: Array) -> None:
     lost = ~np.isfinite(felt.sed_kPa + felt.von_mises_kPa + felt.stretches.sum(axis=1))
     if lost.any():
         x, y, _ = positions[lost][0]
-        reason = f"the tissue at the receptor at X {x:.1f}, Y {y:.1f} mm is turned inside out"
-        what, place = "slide", step.displacement_mm
-        if step.phase == "press":
-            what, place = "indentation", step.depth_mm
-        raise ConvergenceError(
-            f"the {what} stopped before {place:.4f} mm ({reason}); everything up to there is kept; "
-            "try less depth, stiffer tissue or a finer mesh",
-            place - step.size_mm,
-            reason,
+        raise stopped(
+            step.phase,
+            step.stimulator_mm,
+            step.displacement_mm,
+            f"there the tissue at the receptor at X {x:.1f}, Y {y:.1f} mm is turned inside out",
+            "less depth, stiffer tissue or a finer mesh",
         )
 
 
@@ -362,23 +330,11 @@ def _tell_contact(trace: Trace) -> None:
             "raised part lie under the pad (stimulus.start_mm, stimulus.shift_mm)"
         )
         return
-    deep = trace.depth_mm == trace.depth_mm.max()
-    gap, depth = trace.gap_error_mm[deep].max(), trace.depth_mm.max()
+    depth = trace.depth_mm.max()
+    gap = trace.gap_error_mm[trace.depth_mm == depth].max()
     logger.info("contact at full depth: skin off the body's surface by %.4f mm on average", gap)
     if gap > _GAP_ERROR * depth:
         logger.warning(
             "the skin is off the stimulator's surface by more than a hundredth of the depth: "
             "forces may be several percent off; a finer mesh or a larger solver.nitsche_gamma helps"
-        )
-
-
-def _check_apart(body: RigidBody, finger: FingerMesh) -> None:
-    """Raise StudyError if the body starts inside the finger."""
-    gap = body.distance(finger.nodes).gap
-    worst = int(np.argmin(gap))
-    if gap[worst] < -_TOUCH_TOLERANCE_MM:
-        x, y, z = finger.nodes[worst]
-        raise StudyError(
-            f"stimulus: it starts {-gap[worst]:.3g} mm inside the finger, at X {x:.1f}, Y {y:.1f}, "
-            f"Z {z:.1f} mm; the finger must lie above its highest plane, Z = 0"
         )

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 
 Array = NDArray[Any]
 
 
-@dataclass(frozen=True)
 class Trace:
     """What happened and what the receptors felt; the first row is the finger at rest.
 
+    Columns are attributes. An observer's own columns join them; a row without a value has NaN.
+
+    Parameters
+    ----------
+    receptors_mm
+        Positions, (receptors, 3).
+    start_mm
+        Where the body starts, (3,).
+
     Attributes
     ----------
-    time_s, displacement_mm, depth_mm, clock_s
-        Per step, (steps,). The slide starts at time 0, the indentation has negative times;
-        the clock starts with the indentation.
+    time_s, clock_s
+        Per step, (steps,). The indentation ends at time 0; the clock starts with the path.
+    phase
+        Name of the piece of the path, (steps,).
+    displacement_mm, depth_mm
+        (steps,): length of the path across the finger; Z of the stimulator.
     stimulator_mm, force_N, moment_Nmm
         (steps, 3); force and moment (about the origin) act on the finger.
     contact_area_mm2, gap_error_mm, traction_error, volume_change, stored_mJ
@@ -36,71 +47,28 @@ class Trace:
         (steps, receptors), (steps, receptors), (steps, receptors, 3).
     """
 
-    time_s: Array
-    displacement_mm: Array
-    depth_mm: Array
-    clock_s: Array
-    stimulator_mm: Array
-    force_N: Array
-    moment_Nmm: Array
-    contact_area_mm2: Array
-    gap_error_mm: Array
-    traction_error: Array
-    volume_change: Array
-    stored_mJ: Array
-    work_mJ: Array
-    friction_mJ: Array
-    imbalance_N: Array
-    newton_iterations: Array
-    linear_iterations: Array
-    wall_s: Array
-    receptors_mm: Array
-    sed_kPa: Array
-    von_mises_kPa: Array
-    stretches: Array
-
-    def arrays(self) -> dict[str, Array]:
-        """Return the arrays by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-
-class Histories:
-    """Collects rows and makes a `Trace` of them.
-
-    Parameters
-    ----------
-    receptors_mm
-        Positions, (receptors, 3).
-    """
-
-    def __init__(self, receptors_mm: Array) -> None:
-        count = len(receptors_mm)
+    def __init__(self, receptors_mm: Array, start_mm: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        count, start = len(receptors_mm), np.asarray(start_mm, dtype=float)
         self.receptors_mm = receptors_mm
-        self._columns: dict[str, list[Any]] = {
-            "displacement_mm": [0.0],
-            "depth_mm": [0.0],
-            "clock_s": [0.0],
-            "stimulator_mm": [np.zeros(3)],
-            "force_N": [np.zeros(3)],
-            "moment_Nmm": [np.zeros(3)],
-            "contact_area_mm2": [0.0],
-            "gap_error_mm": [0.0],
-            "traction_error": [0.0],
-            "volume_change": [0.0],
-            "stored_mJ": [0.0],
-            "work_mJ": [0.0],
-            "friction_mJ": [0.0],
-            "imbalance_N": [0.0],
-            "newton_iterations": [0],
-            "linear_iterations": [0],
-            "wall_s": [0.0],
+        self._indented_s = 0.0
+        self._of_receptors: dict[str, list[Any]] = {
             "sed_kPa": [np.zeros(count)],
             "von_mises_kPa": [np.zeros(count)],
             "stretches": [np.ones((count, 3))],
         }
+        self._of_step: dict[str, list[Any]] = {
+            "phase": ["rest"],
+            "stimulator_mm": [start],
+            "depth_mm": [start[2]],
+            "force_N": [np.zeros(3)],
+            "moment_Nmm": [np.zeros(3)],
+            **{name: [0] for name in ("newton_iterations", "linear_iterations")},
+            **{name: [0.0] for name in _SCALARS},
+        }
+        self._own: dict[str, list[Any]] = {}
 
     @classmethod
-    def from_trace(cls, trace: dict[str, Array], rows: int) -> Histories:
+    def from_arrays(cls, saved: Mapping[str, Array], rows: int) -> Trace:
         """Return the first `rows` rows of a saved trace.
 
         Raises
@@ -108,23 +76,65 @@ class Histories:
         StudyError
             It has fewer rows or columns.
         """
-        histories = cls(trace["receptors_mm"])
-        missing = [name for name in histories._columns if name not in trace]
-        if missing or len(trace["time_s"]) < rows:
+        trace = cls(saved["receptors_mm"])
+        known = {**trace._of_receptors, **trace._of_step}
+        missing = [name for name in known if name not in saved]
+        if missing or len(saved["time_s"]) < rows:
             lack = f"columns {', '.join(missing)}" if missing else f"rows: {rows} are needed"
             raise StudyError(f"The trace does not belong to its checkpoint: it lacks {lack}.")
-        for name in histories._columns:
-            histories._columns[name] = list(trace[name][:rows])
-        return histories
+        for columns in (trace._of_receptors, trace._of_step):
+            columns.update({name: list(saved[name][:rows]) for name in columns})
+        own = set(saved) - set(known) - {"time_s", "receptors_mm"}
+        trace._own = {name: list(saved[name][:rows]) for name in sorted(own)}
+        trace._indented_s = float(saved["clock_s"][0] - saved["time_s"][0])
+        return trace
 
-    def add(self, step: Any, felt: Any) -> None:
-        """Append a row: the attributes of a step, and what the receptors feel at it."""
-        for name, column in self._columns.items():
-            column.append(getattr(felt if hasattr(felt, name) else step, name))
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self._of_step["clock_s"])
 
-    def trace(self) -> Trace:
-        """Return the histories so far."""
-        columns = {name: np.array(column) for name, column in self._columns.items()}
-        pressed = columns["clock_s"][columns["displacement_mm"] == 0.0][-1]
-        time_s = columns["clock_s"] - pressed
-        return Trace(time_s=time_s, receptors_mm=self.receptors_mm, **columns)
+    def add(self, step: Any, receptors: Any, own: Mapping[str, ArrayLike]) -> None:
+        """Append a row: a step, what the receptors feel at it, and observers' own columns."""
+        rows = len(self)
+        for source, columns in ((receptors, self._of_receptors), (step, self._of_step)):
+            for name, column in columns.items():
+                column.append(getattr(source, name))
+        values = {name: np.asarray(value, dtype=float) for name, value in own.items()}
+        for name, value in values.items():
+            self._own.setdefault(name, [np.full_like(value, np.nan)] * rows).append(value)
+        for name in set(self._own) - set(values):
+            self._own[name].append(np.full_like(self._own[name][-1], np.nan))
+        if step.indenting:
+            self._indented_s = step.clock_s
+
+    def arrays(self) -> dict[str, Array]:
+        """Return the columns by name."""
+        columns = {**self._of_step, **self._of_receptors, **self._own}
+        arrays = {name: np.array(column) for name, column in columns.items()}
+        time_s = arrays["clock_s"] - self._indented_s
+        return {"time_s": time_s, "receptors_mm": self.receptors_mm, **arrays}
+
+    def __getattr__(self, name: str) -> Array:
+        """Return a column."""
+        if name == "time_s":
+            return self.clock_s - self._indented_s
+        if not name.startswith("_"):
+            for columns in (self._of_step, self._of_receptors, self._own):
+                if name in columns:
+                    return np.array(columns[name])
+        raise AttributeError(f"a trace has no {name}")
+
+
+_SCALARS = (
+    "displacement_mm",
+    "clock_s",
+    "contact_area_mm2",
+    "gap_error_mm",
+    "traction_error",
+    "volume_change",
+    "stored_mJ",
+    "work_mJ",
+    "friction_mJ",
+    "imbalance_N",
+    "wall_s",
+)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from tactile_fem.stimulus.body import Array, RigidBody
 from tactile_fem.stimulus.make import height_map
-from tactile_fem.study import Protocol
 
 # Skin and body that stay this far apart, by undeformed shapes, are taken not to touch.
 _MARGIN_MM = 0.5
@@ -32,26 +31,29 @@ class HeightField:
 
 
 def height_field(
-    body: RigidBody, protocol: Protocol, skin: Array, grid_mm: tuple[float, float]
+    body: RigidBody, places_mm: Array, skin: Array, grid_mm: tuple[float, float]
 ) -> HeightField:
-    """Sample what of a body's upper side can touch the finger along the protocol.
+    """Sample what of a body's upper side can touch the finger on the body's way.
 
     Parameters
     ----------
-    body, protocol
-        The body and its way.
+    body
+        The body.
+    places_mm
+        Where it comes, (n, 3).
     skin
         (..., 3) undeformed points of the skin in mm.
     grid_mm
         Largest spacing in X and Y.
     """
     points = skin.reshape(-1, 3)
-    near = points[points[:, 2] < protocol.depth_mm + _MARGIN_MM, :2]
-    low, high = near.min(axis=0) - _MARGIN_MM, near.max(axis=0) + _MARGIN_MM
-    high[1] += protocol.distance_mm
+    deepest = places_mm[:, 2].max()
+    near = points[points[:, 2] < deepest + _MARGIN_MM, :2]
+    low = near.min(axis=0) - places_mm[:, :2].max(axis=0) - _MARGIN_MM
+    high = near.max(axis=0) - places_mm[:, :2].min(axis=0) + _MARGIN_MM
     counts = np.ceil((high - low) / grid_mm).astype(int) + 1
     x, y = (np.linspace(*ends) for ends in zip(low, high, counts, strict=True))
-    lowest = -protocol.depth_mm - _MARGIN_MM
+    lowest = -deepest - _MARGIN_MM
     z = height_map(body, x, y, lowest)
     xyz = np.stack([*np.meshgrid(x, y, indexing="ij"), z], -1).reshape(-1, 3)
     index = np.arange(len(xyz)).reshape(z.shape)

@@ -13,15 +13,13 @@ from pydantic import model_validator
 
 from tactile_fem.study.base import Section
 from tactile_fem.study.parts import (
-    LONGEST_S,
-    MOST_OUTPUTS,
     Finger,
     Neuron,
     Output,
-    Protocol,
     Receptors,
     Solver,
 )
+from tactile_fem.study.protocol import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
 from tactile_fem.study.stimulus import (
     AnyStimulus,
     Cylinder,
@@ -36,23 +34,27 @@ from tactile_fem.study.stimulus import (
 from tactile_fem.study.tissue import TISSUE_SETS, Elastic, Polynomial, Tissue
 
 __all__ = [
-    "LONGEST_S",
-    "MOST_OUTPUTS",
     "TISSUE_SETS",
+    "AnyPiece",
     "AnyStimulus",
     "Cylinder",
     "Dots",
     "Edge",
     "Elastic",
     "Finger",
+    "Follow",
     "Grating",
+    "Hold",
+    "Lift",
     "Neuron",
     "Output",
     "Plate",
     "Polynomial",
+    "Press",
     "Protocol",
     "Receptors",
     "Section",
+    "Slide",
     "Solver",
     "Sphere",
     "Stimulus",

@@ -40,33 +40,35 @@ class Section(BaseModel):
 
 
 class Either(Section):
-    """A section of which one key, where it is set, takes the place of others.
+    """A section in which some keys, where they are set, take the place of others.
 
-    The others are refused beside it, and left out of what is dumped.
+    The others are refused beside them, and left out of what is dumped.
     """
 
     @classmethod
-    def _alternative(cls) -> tuple[str, list[str]]:
-        """Return the key and the others."""
+    def _alternatives(cls) -> dict[str, list[str]]:
+        """Return the keys, the most important first, and what each takes the place of."""
         raise NotImplementedError
 
-    def _replaced(self) -> list[str]:
-        key, others = self._alternative()
-        return [] if getattr(self, key) is None else others
+    def _replaced(self) -> dict[str, str]:
+        """Return the keys that have no effect, each with the one that takes its place."""
+        given = [key for key in self._alternatives() if getattr(self, key) is not None]
+        return {name: key for key in reversed(given) for name in self._alternatives()[key]}
 
     @model_validator(mode="after")
     def _has_one_or_the_other(self) -> Self:
-        values = {name: getattr(self, name) for name in self._replaced()}
-        given = [
-            f"{name} = {json.dumps(value)}"
-            for name, value in values.items()
-            if name in self.model_fields_set and value is not None
-        ]
-        if given:
-            raise ValueError(
-                f"{', '.join(given)} would have no effect beside {self._alternative()[0]}: "
-                "give one or the other"
-            )
+        replaced = self._replaced()
+        for key in dict.fromkeys(replaced.values()):
+            values = {name: getattr(self, name) for name in replaced if replaced[name] == key}
+            given = [
+                f"{name} = {json.dumps(value)}"
+                for name, value in values.items()
+                if name in self.model_fields_set and value is not None
+            ]
+            if given:
+                raise ValueError(
+                    f"{', '.join(given)} would have no effect beside {key}: give one or the other"
+                )
         return self
 
     @model_serializer(mode="wrap")

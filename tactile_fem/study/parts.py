@@ -1,15 +1,12 @@
-"""Finger, protocol, receptors, neuron, solver and output of a study."""
+"""Finger, receptors, neuron, solver and output of a study."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from tactile_fem.study.base import Either, File, Finite, NonNegative, Positive, Section, Whole
-
-MOST_OUTPUTS = 100_000
-LONGEST_S = 100_000.0
 
 
 class Finger(Either):
@@ -56,48 +53,13 @@ class Finger(Either):
     )
 
     @classmethod
-    def _alternative(cls) -> tuple[str, list[str]]:
-        return "mesh_file", [name for name in cls.model_fields if name != "mesh_file"]
+    def _alternatives(cls) -> dict[str, list[str]]:
+        return {"mesh_file": [name for name in cls.model_fields if name != "mesh_file"]}
 
     @property
     def pad_thickness_mm(self) -> float:
         """Skin surface to bone under the contact point, of the parametric finger."""
         return self.stratum_corneum_mm + self.epidermis_mm + self.dermis_mm + self.subcutaneous_mm
-
-
-class Protocol(Either):
-    """Press, then slide towards the palm (-Y), the bone being fixed."""
-
-    depth_mm: Positive = Field(
-        1.97,
-        description="paper: indentation of the undeformed pad's lowest point, held in the slide",
-    )
-    force_N: Positive | None = Field(
-        None,
-        description="press to this normal force instead of to depth_mm (paper: 0.6); the depth "
-        "reached is held in the slide",
-    )
-    press_speed_mm_s: Positive = Field(20.0, description="proposed: speed of the indentation")
-    speed_mm_s: Positive = Field(20.0, description="paper: speed of the slide")
-    distance_mm: NonNegative = Field(10.0, description="paper: length of the slide")
-    output_mm: Positive = Field(0.1, description="slide positions that are hit exactly")
-
-    @classmethod
-    def _alternative(cls) -> tuple[str, list[str]]:
-        return "force_N", ["depth_mm"]
-
-    @model_validator(mode="after")
-    def _comes_to_an_end(self) -> Self:
-        if self.distance_mm / self.output_mm > MOST_OUTPUTS:
-            raise ValueError(
-                f"distance_mm = {self.distance_mm:g} holds more than {MOST_OUTPUTS:,} times "
-                f"output_mm = {self.output_mm:g}"
-            )
-        # With force_N the depth is not known yet; the default of depth_mm is near enough here.
-        lasts_s = self.depth_mm / self.press_speed_mm_s + self.distance_mm / self.speed_mm_s
-        if lasts_s > LONGEST_S:
-            raise ValueError(f"it lasts {lasts_s:g} s at these speeds, more than {LONGEST_S:,.0f}")
-        return self
 
 
 class Receptors(Section):
@@ -197,14 +159,18 @@ class Solver(Section):
     held: Annotated[tuple[Literal["bone", "nail", "cut"], ...], Field(min_length=1)] = Field(
         ("bone", "nail", "cut"), description="parts that are fixed; the others deform"
     )
-    first_step_mm: Positive = Field(0.05, description="first step of the press")
+    first_step_mm: Positive = Field(
+        0.05, description="first step of a piece of the path, towards the finger"
+    )
     max_press_step_mm: Positive = Field(
-        0.1, description="longest step of the press; longer ones can catch the skin on an edge"
+        0.1,
+        description="longest step towards the finger; longer ones can catch the skin on an edge",
     )
     first_slide_step_mm: Positive = Field(
-        0.02, description="first step of the slide: stick turns to slip everywhere"
+        0.02,
+        description="first step of a piece of the path, across: stick turns to slip everywhere",
     )
-    max_slide_step_mm: Positive = Field(0.2, description="longest step of the slide")
+    max_slide_step_mm: Positive = Field(0.2, description="longest step across the finger")
     min_step_mm: Positive = Field(
         0.0005,
         description="a step that fails at this length ends it; less in proportion where the motion "

@@ -103,14 +103,22 @@ def stiffness(law: Law, F: Expr) -> Expr:
     `K` is the slope of the pressure where the volume changes alone, and `G` that of the shear
     stress in the simple shear that distorts as much as `F` does, of ``gamma^2 = I1bar - 3``.
     """
-    three = ufl.Identity(3)
-    across = ufl.as_matrix([[0, 1, 0], [0, 0, 0], [0, 0, 0]])
     volume, distortion, _ = _invariants(F)
-    J, gamma = ufl.variable(volume), ufl.variable(ufl.sqrt(ufl.max_value(distortion, 0.0)))
-    swollen, sheared = law.energy(J ** (1 / 3) * three), law.energy(three + gamma * across)
-    K = ufl.diff(ufl.diff(swollen, J), J)
-    G = ufl.diff(ufl.diff(sheared, gamma), gamma)
-    return K + 4 * G / 3
+    J = ufl.variable(volume)
+    K = ufl.diff(ufl.diff(law.energy(J ** (1 / 3) * ufl.Identity(3)), J), J)
+    return K + 4 * _tangent_shear(law, ufl.sqrt(ufl.max_value(distortion, 0.0))) / 3
+
+
+def small_strain_shear_modulus(law: Law, zero: Expr) -> Expr:
+    """Return the small-strain shear modulus of any law, in MPa; `zero` is a constant 0 of UFL."""
+    return _tangent_shear(law, zero)
+
+
+def _tangent_shear(law: Law, shear: Expr) -> Expr:
+    """Return the slope of the shear stress in simple `shear`."""
+    gamma = ufl.variable(shear)
+    across = ufl.as_matrix([[0, 1, 0], [0, 0, 0], [0, 0, 0]])
+    return ufl.diff(ufl.diff(law.energy(ufl.Identity(3) + gamma * across), gamma), gamma)
 
 
 def shear_modulus(constants: Polynomial | Elastic) -> float:

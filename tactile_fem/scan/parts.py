@@ -1,0 +1,102 @@
+"""A user's own parts of a scan, in place of those that the study states."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import ufl
+
+from tactile_fem.errors import StudyError
+from tactile_fem.finger import TISSUES, FingerMesh
+from tactile_fem.stimulus import Path, RigidBody
+from tactile_fem.tissue.energies import Law
+
+# Where parts are tried: small deformations of either sign, points above and beside the body.
+_DEFORMATIONS = (
+    np.eye(3),
+    np.array([[1.02, 0.05, 0.0], [0.0, 0.97, 0.01], [0.0, 0.0, 1.01]]),
+    np.array([[0.95, 0.0, 0.02], [0.03, 1.04, 0.0], [0.0, -0.04, 1.02]]),
+)
+_POINTS = np.stack(
+    np.meshgrid(np.linspace(-6, 6, 25), np.linspace(-12, 12, 49), np.linspace(-0.5, 2.5, 4)), -1
+).reshape(-1, 3)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a scan takes from the user; what is not given is made from the study.
+
+    A checkpoint knows which parts were own ones and how they behave; the scan goes on only with
+    parts that do the same.
+
+    Attributes
+    ----------
+    finger
+        A mesh; needed on the first rank alone.
+    laws
+        Strain energies by the name of the tissue.
+    body
+        The stimulator.
+    path
+        Its way.
+    """
+
+    finger: FingerMesh | None = None
+    laws: Mapping[str, Law] = field(default_factory=dict)
+    body: RigidBody | None = None
+    path: Path | None = None
+
+    def identity(self) -> dict[str, str]:
+        """Return the type of each own part of the mechanics and a hash of what it does."""
+        parts: dict[str, tuple[object, Any]] = {}
+        for tissue, law in self.laws.items():
+            parts[f"law of {tissue}"] = law, [_energy(law, F) for F in _DEFORMATIONS]
+        if self.body is not None:
+            parts["body"] = self.body, self.body.distance(_POINTS).gap
+        if self.path is not None:
+            parts["path"] = self.path, self.path.places_mm()
+        return {name: f"{_name(part)} {_hash(does)}" for name, (part, does) in parts.items()}
+
+
+def check_parts(parts: Parts) -> None:
+    """Raise StudyError where an own part is no such part."""
+    for tissue, law in parts.laws.items():
+        if tissue not in TISSUES:
+            raise StudyError(f'parts.laws: "{tissue}" is no tissue; allowed: {", ".join(TISSUES)}.')
+        energies = [_energy(law, F) for F in _DEFORMATIONS]
+        if not np.isfinite(energies).all():
+            raise StudyError(f"parts.laws: the energy of {tissue} is not finite at a small strain.")
+    if parts.body is not None:
+        found = parts.body.distance(_POINTS)
+        shapes = [np.shape(found.gap), np.shape(found.normal), np.shape(found.hessian)]
+        count = len(_POINTS)
+        if shapes != [(count,), (count, 3), (count, 3, 3)]:
+            raise StudyError(
+                "parts.body: distance(points) of (n, 3) points must give a gap (n,), a normal "
+                f"(n, 3) and a Hessian (n, 3, 3), but gives {shapes} for n = {count}."
+            )
+        if not all(np.isfinite(part).all() for part in (found.gap, found.normal, found.hessian)):
+            raise StudyError("parts.body: its distance, normal or Hessian is not finite near it.")
+    if parts.path is not None:
+        if not parts.path.pieces:
+            raise StudyError("parts.path: it has no pieces but needs one or more.")
+        parts.path.check()
+
+
+def _energy(law: Law, F: np.ndarray) -> float:
+    """Return the energy density of a law at a deformation gradient, (3, 3)."""
+    return float(law.energy(ufl.as_matrix(F.tolist()))(()))
+
+
+def _name(part: object) -> str:
+    return f"{type(part).__module__}.{type(part).__qualname__}"
+
+
+def _hash(values: Any) -> str:
+    """Return a hash of numbers that does not see their rounding."""
+    digits = np.round(np.asarray(values, dtype=float), 9) + 0.0
+    return hashlib.sha256(digits.tobytes()).hexdigest()[:16]

@@ -1,0 +1,113 @@
+"""Makes the objects of a scan: those that the study states, or a user's own in their place."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+from dolfinx import jit
+
+from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem.finger.report import check_mesh, pad_thickness_mm
+from tactile_fem.mechanics.compile import clean_cache
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.faults import preparing
+from tactile_fem.mechanics.petsc_options import check_options
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.mechanics.stepper import Stepper
+from tactile_fem.receptors import Samples, place, sample
+from tactile_fem.receptors.probe import Probe
+from tactile_fem.runtime.parallel import on_root
+from tactile_fem.scan.checks import DEEPEST, check_apart, check_depth
+from tactile_fem.scan.parts import Parts, check_parts
+from tactile_fem.scan.trace import Array
+from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
+from tactile_fem.study import Study
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a scan is made of, bad input having been found.
+
+    Attributes
+    ----------
+    study, parts
+        What was asked for.
+    finger
+        The mesh, on the first rank; None on the others.
+    body, path
+        The stimulator and its way.
+    positions
+        Of the receptors, (receptors, 3) mm.
+    samples
+        Points that are averaged for them.
+    """
+
+    study: Study
+    parts: Parts
+    finger: FingerMesh | None
+    body: RigidBody
+    path: Path
+    positions: Array
+    samples: Samples
+
+    @classmethod
+    def of(cls, study: Study, parts: Parts, comm: MPI.Comm) -> Setup:
+        """Set everything up that bad input could spoil; all ranks call."""
+        check_options(study.solver)
+        check_parts(parts)
+        finger = on_root(comm, lambda: _finger(study, parts), share=False)
+        thickness = on_root(comm, lambda: pad_thickness_mm(finger))
+        body = parts.body or make_body(study.stimulus)
+        path = parts.path or make_path(study.protocol, DEEPEST * thickness)
+        check_depth(study.protocol, path, thickness)
+        positions = on_root(comm, lambda: place(study.receptors, finger))
+        samples = on_root(comm, lambda: sample(study.receptors, positions, finger))
+        on_root(comm, lambda: check_apart(body, path, finger))
+        return cls(study, parts, finger, body, path, positions, samples)
+
+    def instruments(self, comm: MPI.Comm) -> Instruments:
+        """Compile and distribute what steps and feels."""
+        study = self.study
+        on_root(comm, lambda: clean_cache(jit.get_options()["cache_dir"]))
+        with preparing():
+            domain = create_domain(self.finger, comm, study.solver.held)
+            problem = FingerProblem(
+                domain,
+                study.tissue,
+                self.body,
+                study.stimulus.friction,
+                study.solver,
+                laws=self.parts.laws,
+            )
+            _ = problem.load_cell  # compiled here, not in the first step
+            probe = Probe(problem, self.samples, len(self.positions), study.receptors.side)
+            stepper = Stepper(problem, self.path, study.solver)
+        logger.info(
+            "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
+            len(domain.file_cells),
+            problem.unknowns,
+            len(self.positions),
+            comm.size,
+        )
+        return Instruments(problem, stepper, probe)
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """What steps and feels."""
+
+    problem: FingerProblem
+    stepper: Stepper
+    probe: Probe
+
+
+def _finger(study: Study, parts: Parts) -> FingerMesh:
+    if parts.finger is None:
+        return load_finger(study.finger)
+    check_mesh(parts.finger)
+    return parts.finger

@@ -1,0 +1,103 @@
+"""From the study's protocol to the path of the body."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from tactile_fem.errors import StudyError
+from tactile_fem.stimulus.body import Array
+from tactile_fem.stimulus.path import Path, Piece, follow, hold, lift, press, slide
+from tactile_fem.study import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
+
+_COLUMNS = ["time_s", "x_mm", "y_mm", "z_mm"]
+# Shares of the whole between two outputs.
+_HOLD_OUTPUT, _FOLLOW_OUTPUT = 0.1, 0.01
+
+
+def make_path(protocol: Protocol, deepest_mm: float) -> Path:
+    """Return the path that a protocol states.
+
+    Parameters
+    ----------
+    protocol
+        The pieces.
+    deepest_mm
+        Depth at which a press to a force is given up.
+
+    Raises
+    ------
+    StudyError
+        A file cannot be read, or nobody can go along the path.
+    """
+    pieces = tuple(_piece(piece, deepest_mm) for piece in protocol.pieces)
+    first = protocol.pieces[0]
+    start = read_places(first.file)[1][0] if isinstance(first, Follow) else np.zeros(3)
+    path = Path(pieces, start)
+    path.check()
+    return path
+
+
+def _piece(piece: AnyPiece, deepest_mm: float) -> Piece:
+    match piece:
+        case Press():
+            depth = deepest_mm if piece.depth_mm is None else piece.depth_mm
+            return press(depth, piece.speed_mm_s, until_N=piece.force_N)
+        case Hold():
+            output = piece.output_s or _HOLD_OUTPUT * piece.time_s
+            return hold(piece.time_s, output, held_N=piece.force_N)
+        case Slide():
+            return slide(piece.by_mm, piece.speed_mm_s, piece.output_mm, held_N=piece.force_N)
+        case Lift():
+            return lift(piece.depth_mm, piece.speed_mm_s)
+        case Follow():
+            times, places = read_places(piece.file)
+            return follow(times, places, piece.output_s or _FOLLOW_OUTPUT * np.ptp(times))
+
+
+def read_places(file: FilePath) -> tuple[Array, Array]:
+    """Return times in s, (n,), and places in mm, (n, 3), of a CSV file.
+
+    Raises
+    ------
+    StudyError
+        It cannot be read, has other columns, less than two rows, a value that is no finite
+        number, or times that do not increase.
+    """
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as stream:
+            rows = [row for row in csv.reader(stream) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or "it is no CSV file"
+        raise StudyError(f"protocol.path: {file} cannot be read: {reason}.") from None
+    if not rows or [name.strip() for name in rows[0]] != _COLUMNS:
+        found = ",".join(rows[0]) if rows else "nothing"
+        raise StudyError(
+            f"protocol.path: the first line of {file} is {found} but must be {','.join(_COLUMNS)}."
+        )
+    values = np.array([_numbers(row, k, file) for k, row in enumerate(rows[1:], 2)])
+    if len(values) < 2:
+        raise StudyError(f"protocol.path: {file} has {len(values)} rows but needs two or more.")
+    late = np.flatnonzero(np.diff(values[:, 0]) <= 0)
+    if late.size:
+        before, after = values[late[0] : late[0] + 2, 0]
+        raise StudyError(
+            f"protocol.path: time_s in {file} must increase, but {after:g} follows {before:g} in "
+            f"line {late[0] + 3}."
+        )
+    return values[:, 0], values[:, 1:]
+
+
+def _numbers(row: list[str], line: int, file: FilePath) -> list[float]:
+    try:
+        values = [float(text) for text in row]
+    except ValueError:
+        values = []
+    if len(values) != len(_COLUMNS) or not np.isfinite(values).all():
+        raise StudyError(
+            f"protocol.path: line {line} of {file} is {','.join(row)} but must be "
+            f"{len(_COLUMNS)} finite numbers."
+        )
+    return values
