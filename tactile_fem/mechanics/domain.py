@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,9 @@ from tactile_fem.runtime.parallel import on_root, raising_together
 
 logger = logging.getLogger(__name__)
 
+# The finger's cells and facets by their dimension.
+_SIMPLEX = {1: mesh.CellType.interval, 2: mesh.CellType.triangle, 3: mesh.CellType.tetrahedron}
+
 
 @dataclass(frozen=True)
 class Domain:
@@ -29,20 +33,20 @@ class Domain:
     Attributes
     ----------
     mesh
-        Tetrahedra; linear geometry where the file's mid-nodes halve their edges (its cells are
+        Tetrahedra (triangles of a section); linear geometry where the file's mid-nodes halve their edges (its cells are
         then affine and cheap to integrate), quadratic otherwise.
     tissue, surface
         Cell and facet tags with the values of `TISSUES` and `SURFACES`.
     nodes
-        The file's nodes (n, 3) in mm, on every rank.
+        The file's nodes (n, dimension) in mm, on every rank.
     held
         Whether a node belongs to a held part, (n,).
     line
         Number of the skin node above each node of the skin's layers, -1 deeper, (n,).
     file_cells
-        The file's index of each tetrahedron that was given to DOLFINx.
+        The file's index of each cell that was given to DOLFINx.
     cell_count
-        Number of the file's tetrahedra.
+        Number of the file's cells.
     """
 
     mesh: mesh.Mesh
@@ -74,19 +78,21 @@ class Domain:
     def skin_by_tissue(self) -> mesh.MeshTags:
         """Return the skin's facets, each tagged with its tissue."""
         topology = self.mesh.topology
+        dim = topology.dim
         facets = self.surface.find(SURFACES["skin"])
-        topology.create_connectivity(2, 3)
-        to_cell = topology.connectivity(2, 3)
-        cells = topology.index_map(3)
+        topology.create_connectivity(dim - 1, dim)
+        to_cell = topology.connectivity(dim - 1, dim)
+        cells = topology.index_map(dim)
         tissue = np.zeros(cells.size_local + cells.num_ghosts, dtype=np.int32)
         tissue[self.tissue.indices] = self.tissue.values
         values = np.array([tissue[to_cell.links(f)[0]] for f in facets], dtype=np.int32)
-        return mesh.meshtags(self.mesh, 2, facets, values)
+        return mesh.meshtags(self.mesh, dim - 1, facets, values)
 
     def owned_file_cells(self) -> np.ndarray:
         """Return the file's index of each owned cell."""
-        owned = self.mesh.topology.index_map(3).size_local
-        return self.file_cells[self.mesh.topology.original_cell_index[:owned]]
+        topology = self.mesh.topology
+        owned = topology.index_map(topology.dim).size_local
+        return self.file_cells[topology.original_cell_index[:owned]]
 
 
 def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str] = ()) -> Domain:
@@ -102,29 +108,31 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
         changes nothing but the cost.
     """
     straight, nodes, held_nodes, line, file_cells = on_root(comm, lambda: _plan(finger, held))
-    degree, corners, sides = (1, 4, 3) if straight else (2, 10, 6)
+    dim, degree = nodes.shape[1], 1 if straight else 2
+    cell, facet = _SIMPLEX[dim], _SIMPLEX[dim - 1]
+    corners, sides = math.comb(dim + degree, degree), math.comb(dim - 1 + degree, degree)
     if comm.rank == 0:
         tets = finger.tets[file_cells]
         used = np.unique(tets[:, :corners])
         index = np.full(len(finger.nodes), -1)
         index[used] = np.arange(len(used))
         x = finger.nodes[used]
-        cells = index[tets[:, cell_perm_array(mesh.CellType.tetrahedron, corners)]]
+        cells = index[tets[:, cell_perm_array(cell, corners)]]
         facets = index[finger.triangles[:, :sides]]
-        facets = facets[:, cell_perm_array(mesh.CellType.triangle, sides)]
+        facets = facets[:, cell_perm_array(facet, sides)]
         present = np.all(facets >= 0, axis=1)
         facets, surface = facets[present], finger.surface[present]
         tissue = finger.tissue[file_cells]
     else:
-        x, cells = np.empty((0, 3)), np.empty((0, corners), dtype=np.int64)
+        x, cells = np.empty((0, dim)), np.empty((0, corners), dtype=np.int64)
         facets = np.empty((0, sides), dtype=np.int64)
         tissue = surface = np.empty(0, dtype=np.int32)
-    element = basix.ufl.element("Lagrange", "tetrahedron", degree, shape=(3,))
+    element = basix.ufl.element("Lagrange", cell.name, degree, shape=(dim,))
     msh = mesh.create_mesh(comm, cells, element, x)
     return Domain(
         msh,
-        _tags(msh, 3, cells, tissue, "tissue"),
-        _tags(msh, 2, facets, surface, "surface"),
+        _tags(msh, dim, cells, tissue, "tissue"),
+        _tags(msh, dim - 1, facets, surface, "surface"),
         nodes,
         held_nodes,
         line,
@@ -162,8 +170,8 @@ def _tags(
     msh: mesh.Mesh, dim: int, entities: np.ndarray, values: np.ndarray, name: str
 ) -> mesh.MeshTags:
     msh.topology.create_connectivity(dim, 0)
-    msh.topology.create_connectivity(dim, 3)
-    msh.topology.create_connectivity(3, dim)
+    msh.topology.create_connectivity(dim, msh.topology.dim)
+    msh.topology.create_connectivity(msh.topology.dim, dim)
     local, local_values = distribute_entity_data(
         msh, dim, np.ascontiguousarray(entities, dtype=np.int64), values.astype(np.int32)
     )
@@ -191,18 +199,16 @@ _FEW_BROKEN = 0.1
 class NodeOrder:
     """Carries nodal vectors between a P2 space and the file's node order.
 
-    With 10-node tetrahedra each P2 node is a node of the file, so a vector in this order can be
+    With quadratic cells each P2 node is a node of the file, so a vector in this order can be
     read on any number of ranks, and by tools that know nothing of DOLFINx.
     """
 
     def __init__(self, domain: Domain, space: fem.FunctionSpace) -> None:
-        points = space.tabulate_dof_coordinates()
+        points = space.tabulate_dof_coordinates()[:, : domain.nodes.shape[1]]
         distance, self._file = cKDTree(domain.nodes).query(points)
         with raising_together(domain.comm):
             if len(distance) and distance.max() > 1e-6:
-                raise MeshError(
-                    "mesh: a P2 node is not a node of the file; 10-node tetrahedra needed"
-                )
+                raise MeshError("mesh: a P2 node is not a node of the file; quadratic cells needed")
         self._owned = space.dofmap.index_map.size_local
         self._first = space.dofmap.index_map.local_range[0]
         self._count = len(domain.nodes)
@@ -250,14 +256,15 @@ class NodeOrder:
             )
 
     def gather(self, u: fem.Function) -> np.ndarray:
-        """Return the nodal vectors (n, 3) in file order, on every rank."""
-        values = np.zeros((self._count, 3))
-        values[self._file[: self._owned]] = u.x.array.reshape(-1, 3)[: self._owned]
+        """Return the nodal vectors (n, components) in file order, on every rank."""
+        size = u.function_space.dofmap.index_map_bs
+        values = np.zeros((self._count, size))
+        values[self._file[: self._owned]] = u.x.array.reshape(-1, size)[: self._owned]
         self._comm.Allreduce(MPI.IN_PLACE, values)
         return values
 
     def scatter(self, values: np.ndarray, u: fem.Function) -> None:
-        """Set `u` from nodal vectors (n, 3) in file order."""
+        """Set `u` from nodal vectors (n, components) in file order."""
         u.x.array[:] = values[self._file].ravel()
 
 

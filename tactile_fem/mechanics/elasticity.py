@@ -22,8 +22,15 @@ from tactile_fem.tissue.energies import (
 
 
 def deformation_gradient(u: Expr) -> Expr:
-    """Return ``F = I + grad u``."""
-    return ufl.Identity(len(u)) + ufl.grad(u)
+    """Return ``F = I + grad u``, (3, 3); a section is in plane strain."""
+    return ufl.Identity(3) + _embedded(ufl.grad(u))
+
+
+def _embedded(A: Expr) -> Expr:
+    """Return a tensor of the mesh's dimension as one of three, zero out of the plane."""
+    if A.ufl_shape == (3, 3):
+        return A
+    return ufl.as_tensor([[A[0, 0], A[0, 1], 0], [A[1, 0], A[1, 1], 0], [0, 0, 0]])
 
 
 class Elasticity:
@@ -59,6 +66,8 @@ class Elasticity:
         self._F_old = deformation_gradient(u_old)
         self._mesh = u.function_space.mesh
         self._rate = fem.Constant(self._mesh, 0.0)  # viscous time over time step
+        N = ufl.FacetNormal(self._mesh)
+        self._normal = N if len(N) == 3 else ufl.as_vector([N[0], N[1], 0])
 
     def set_time_step(self, dt_s: float) -> None:
         """Let `dt_s` pass between the two states."""
@@ -75,6 +84,16 @@ class Elasticity:
     def elastic_stress(self, tissue: str) -> Expr:
         """Return the first Piola stress of a tissue without viscosity, in MPa."""
         return stress(self._law(tissue), self._F)
+
+    def traction(self, tissue: str) -> Expr:
+        """Return that stress times the normal of the undeformed surface, in MPa."""
+        t = self.elastic_stress(tissue) * self._normal
+        return ufl.as_vector([t[i] for i in range(len(self.u))])
+
+    def area_stretch(self) -> Expr:
+        """Return deformed over undeformed area of the surface (Nanson's formula)."""
+        across = ufl.inv(self._F).T * self._normal
+        return ufl.det(self._F) * ufl.sqrt(ufl.dot(across, across))
 
     def stress(self, tissue: str, u_old: fem.Function | None = None) -> Expr:
         """Return the first Piola stress of a tissue, elastic and viscous, in MPa.
@@ -103,7 +122,8 @@ class Elasticity:
     def residual(self, v: Expr) -> ufl.Form:
         """Return the virtual work of the stresses in `v`."""
         return sum(
-            ufl.inner(self.stress(name), ufl.grad(v)) * dx for name, dx in self._measures().items()
+            ufl.inner(self.stress(name), _embedded(ufl.grad(v))) * dx
+            for name, dx in self._measures().items()
         )
 
     def stored(self, w: Expr) -> ufl.Form:

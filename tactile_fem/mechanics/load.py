@@ -98,6 +98,10 @@ class LoadCell:
         self._obstacle, self._residual_form, self._held = obstacle, residual, held
         self._state = state
         self._comm = elasticity.domain.comm
+        dim = len(state.u)
+        # Of the moment; a section has the one out of its plane.
+        self._planes = ((1, 2), (2, 0), (0, 1)) if dim == 3 else ((0, 1),)
+        self._splits = dim, dim + len(self._planes)
         V = state.u.function_space
         v = ufl.TestFunction(V)
         pressure = friction = 0
@@ -126,8 +130,8 @@ class LoadCell:
             integrals,
         ]
         whole = self._comm.allreduce(np.concatenate(here))
-        force, moment, reaction = whole[:9].reshape(3, 3)
-        heat, area, normal, off, traction, stored, volume, rest = whole[9:].tolist()
+        force, moment, reaction = np.split(whole[:-8], self._splits)
+        heat, area, normal, off, traction, stored, volume, rest = whole[-8:].tolist()
         pressed = normal if normal > 0 else 1.0
         return Load(
             force,
@@ -144,11 +148,13 @@ class LoadCell:
         )
 
     def _forces(self, contact: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """Return this rank's contact force, its moment and the held reaction, (9,)."""
+        """Return this rank's contact force, its moment and the held reaction, one after another."""
         owned = len(contact)
         u = self._state.u
-        place = u.function_space.tabulate_dof_coordinates()[:owned]
-        moment = np.cross(place + _owned(u, owned), contact)
+        place = u.function_space.tabulate_dof_coordinates()[:owned, : len(u)] + _owned(u, owned)
+        moment = np.column_stack(
+            [place[:, i] * contact[:, j] - place[:, j] * contact[:, i] for i, j in self._planes]
+        )
         held = self._held[self._held < owned]
         reaction = (residual + contact)[held]
         return np.concatenate([part.sum(axis=0) for part in (contact, moment, reaction)])
@@ -174,8 +180,7 @@ def _integrals(elasticity: Elasticity, obstacle: Obstacle, skin: Sequence[SkinPa
     w = ufl.TestFunction(fem.functionspace(msh, ("DG", 0, (_COUNT,))))
     F = deformation_gradient(elasticity.u)
     J = ufl.det(F)
-    N = ufl.FacetNormal(msh)
-    stretch = J * ufl.sqrt(ufl.dot(ufl.inv(F).T * N, ufl.inv(F).T * N))
+    stretch = elasticity.area_stretch()
     touching = ufl.conditional(ufl.lt(obstacle.gap, _TOUCHING_MM), 1.0, 0.0)
     form = 0
     for part in skin:
@@ -197,4 +202,4 @@ def _nodal(form: fem.Form) -> np.ndarray:
 
 def _owned(u: fem.Function, owned: int) -> np.ndarray:
     """Return a view of the first `owned` nodal vectors."""
-    return u.x.array.reshape(-1, 3)[:owned]
+    return u.x.array.reshape(-1, len(u))[:owned]

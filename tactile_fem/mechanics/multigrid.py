@@ -54,11 +54,12 @@ class TwoLevel:
         held: np.ndarray,
         lines: list[np.ndarray],
     ) -> None:
-        coarse = fem.functionspace(fine.mesh, ("Lagrange", 1, (3,)))
+        size = fine.dofmap.index_map_bs
+        coarse = fem.functionspace(fine.mesh, ("Lagrange", 1, (size,)))
         interpolation = fem_petsc.interpolation_matrix(coarse, fine)
         interpolation.assemble()
         owned = fine.dofmap.index_map.size_local
-        rows = 3 * held[held < owned][:, None] + np.arange(3)
+        rows = size * held[held < owned][:, None] + np.arange(size)
         first = interpolation.getOwnershipRange()[0]
         interpolation.zeroRows((rows.ravel() + first).astype(np.int32), diag=0.0)
         self._snes = snes

@@ -56,11 +56,13 @@ class Obstacle:
         parent = u.function_space.mesh
         self._at = np.empty(0)
         self.translation, self.translation_old = state.translation, state.translation_old
-        submesh, entity_map = mesh.create_submesh(parent, 2, facets)[:2]
+        dim = parent.topology.dim
+        submesh, entity_map = mesh.create_submesh(parent, dim - 1, facets)[:2]
         self.entity_maps: Sequence[mesh.EntityMap] = [entity_map]
 
         scheme = basix.quadrature.string_to_type("default")
-        points, _ = basix.make_quadrature(basix.CellType.triangle, degree, rule=scheme)
+        facet = getattr(basix.CellType, submesh.topology.cell_name())
+        points, _ = basix.make_quadrature(facet, degree, rule=scheme)
         position = expression(ufl.SpatialCoordinate(parent) + u, points)
         displacement = expression(u, points)
         self._parent = parent
@@ -69,9 +71,9 @@ class Obstacle:
 
         self._submesh, self._degree = submesh, degree
         self._gap = self.quadrature_function(())
-        self._normal = self.quadrature_function((3,))
-        self._hessian = self.quadrature_function((3, 3))
-        self._base = self.quadrature_function((3,))
+        self._normal = self.quadrature_function((dim,))
+        self._hessian = self.quadrature_function((dim, dim))
+        self._base = self.quadrature_function((dim,))
         du = u - self._base
         self.gap: Expr = self._gap + ufl.dot(self._normal, du) + ufl.dot(du, self._hessian * du) / 2
         gradient = self._normal + self._hessian * du
@@ -86,16 +88,18 @@ class Obstacle:
     def quadrature_function(self, shape: tuple[int, ...]) -> fem.Function:
         """Return a function with a value of `shape` at each contact quadrature point."""
         degree = self._degree
-        element = basix.ufl.quadrature_element("triangle", value_shape=shape, degree=degree)
+        cell = self._submesh.topology.cell_name()
+        element = basix.ufl.quadrature_element(cell, value_shape=shape, degree=degree)
         return fem.Function(fem.functionspace(self._submesh, element))
 
     @cached_property
     def points_mm(self) -> np.ndarray:
-        """Return the undeformed contact quadrature points of this rank, (n, 3)."""
+        """Return the undeformed contact quadrature points of this rank, (n, dimension)."""
+        dim = self._parent.geometry.dim
         if not len(self._entities):
-            return np.empty((0, 3))
+            return np.empty((0, dim))
         deformed, displacement = (e.eval(self._parent, self._entities) for e in self._evaluate)
-        return (deformed - displacement).reshape(-1, 3)
+        return (deformed - displacement).reshape(-1, dim)
 
     def refresh(self) -> None:
         """Expand the signed distance anew at the current displacement; all ranks must call."""
@@ -109,7 +113,7 @@ class Obstacle:
         if np.array_equal(at, self._at):
             return  # the Jacobian follows a residual at the same place
         position, displacement = self._evaluate
-        y = position.eval(self._parent, self._entities).reshape(-1, 3)
+        y = position.eval(self._parent, self._entities).reshape(-1, len(self.translation.value))
         d = self.body.distance(y - self.translation.value)
         self._gap.x.array[: len(d.gap)] = d.gap
         self._normal.x.array[: d.normal.size] = d.normal.ravel()
@@ -123,13 +127,14 @@ def _cells_and_local_facets(
     parent: mesh.Mesh, entity_map: mesh.EntityMap, submesh: mesh.Mesh
 ) -> np.ndarray:
     """Return (cell, local facet) of each facet of the submesh, (facets, 2)."""
-    index_map = submesh.topology.index_map(2)
+    dim = parent.topology.dim
+    index_map = submesh.topology.index_map(dim - 1)
     count = index_map.size_local + index_map.num_ghosts
     facets = entity_map.sub_topology_to_topology(np.arange(count, dtype=np.int32), False)
-    parent.topology.create_connectivity(2, 3)
-    parent.topology.create_connectivity(3, 2)
-    to_cell = parent.topology.connectivity(2, 3)
-    to_facet = parent.topology.connectivity(3, 2)
+    parent.topology.create_connectivity(dim - 1, dim)
+    parent.topology.create_connectivity(dim, dim - 1)
+    to_cell = parent.topology.connectivity(dim - 1, dim)
+    to_facet = parent.topology.connectivity(dim, dim - 1)
     pairs = np.empty((count, 2), dtype=np.int32)
     for row, facet in enumerate(facets):
         cell = to_cell.links(facet)[0]

@@ -238,7 +238,6 @@ class FingerProblem:
     ) -> list[SkinPart]:
         """Return the parts of the skin, one for each tissue."""
         msh = self.domain.mesh
-        N = ufl.FacetNormal(msh)
         # Of the tetrahedron over its facet; point by point where the mesh is curved.
         height = abs(ufl.JacobianDeterminant(msh)) / FacetJacobianDeterminant(msh)
         gamma = fem.Constant(msh, solver.nitsche_gamma)
@@ -261,7 +260,7 @@ class FingerProblem:
             )
             # Without viscosity: over the short time of a cut step it would be stiffer than gamma_h
             # can hold. The gap is off by what viscosity carries over gamma_h, some 1e-5 mm.
-            t = self.elasticity.elastic_stress(tissue) * N
+            t = self.elasticity.traction(tissue)
             parts.append(SkinPart(contact, t, ds(tag)))
         return parts
 

@@ -35,7 +35,7 @@ class StickMemory(PointHistory):
 
     def __init__(self, obstacle: Obstacle) -> None:
         self._obstacle = obstacle
-        old = obstacle.quadrature_function((3,))
+        old = obstacle.quadrature_function(obstacle.u.ufl_shape)
         super().__init__("unmatched_MPa", old, obstacle.comm)
 
     def compile(
@@ -52,13 +52,13 @@ class StickMemory(PointHistory):
         for part in skin:
             value = part.contact.unmatched(part.t, u, u_old)
             d += ufl.dot(value, at_points) * part.ds
-            one += sum(at_points[i] for i in range(3)) * part.ds
+            one += sum(at_points[i] for i in range(len(at_points))) * part.ds
         self._form = compile_(d)
         weight = fem.assemble_vector(compile_(one)).array
         self._weight = np.where(weight > 0, weight, np.inf)  # of other ranks' facets
 
     def points_mm(self) -> np.ndarray:
-        """Return the undeformed contact quadrature points of this rank, (points, 3)."""
+        """Return the undeformed contact quadrature points of this rank, (points, dimension)."""
         return self._obstacle.points_mm
 
     def present(self) -> np.ndarray:

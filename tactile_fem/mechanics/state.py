@@ -50,7 +50,7 @@ class PointHistory(ABC):
 
     @abstractmethod
     def points_mm(self) -> Array:
-        """Return the undeformed quadrature points of this rank, (points, 3)."""
+        """Return the undeformed quadrature points of this rank, (points, dimension)."""
 
     @abstractmethod
     def present(self) -> Array:
@@ -63,15 +63,15 @@ class PointHistory(ABC):
         self.old.x.array[:] = present
 
     def gather(self, values: Array) -> Array:
-        """Return points and values (n, 3 + components), on every rank, where there are any.
+        """Return points and values (n, dimension + components), on every rank, where not zero.
 
-        Points at which all components are zero are left out.
+        A point is left out where all its components are zero.
         """
         points = self.points_mm()
         rows = values.reshape(len(points), -1) if len(points) else np.empty((0, 1))
         some = np.any(rows != 0, axis=1)
         parts = self._comm.allgather(np.hstack([points[some], rows[some]]))
-        return np.concatenate([part for part in parts if len(part)] or [np.empty((0, 4))])
+        return np.concatenate([part for part in parts if len(part)] or parts[:1])
 
     def scatter(self, saved: Array) -> None:
         """Set `old` to what `gather` returned, on any number of ranks."""
@@ -79,9 +79,10 @@ class PointHistory(ABC):
         points = self.points_mm()
         if len(points) and len(saved):
             rows = self.old.x.array.reshape(len(points), -1)
-            distance, place = cKDTree(points).query(saved[:, :3])
+            dim = points.shape[1]
+            distance, place = cKDTree(points).query(saved[:, :dim])
             own = distance < _SAME_POINT_MM
-            rows[place[own]] = saved[own, 3:]
+            rows[place[own]] = saved[own, dim:]
 
 
 @dataclass
@@ -162,11 +163,12 @@ class State:
         self.u_old, self.u_before, self.u_linear, self.friction_old = (
             fem.Function(V) for _ in range(4)
         )
-        self.translation = fem.Constant(msh, np.zeros(3))
-        self.translation_old = fem.Constant(msh, np.zeros(3))
-        self.translation_before = np.zeros(3)
+        origin = np.zeros(msh.geometry.dim)
+        self.translation = fem.Constant(msh, origin)
+        self.translation_old = fem.Constant(msh, origin)
+        self.translation_before = origin.copy()
         self.dt_s = self.dt_old_s = 0.0
-        self.force_old_N = np.zeros(3)
+        self.force_old_N = origin.copy()
         self.iterations = 0
         self.histories: list[PointHistory] = []
         self.progress: Progress | None = None

@@ -1,0 +1,142 @@
+# %% [markdown]
+# # A ring is drawn in circles over a finger with a fat of its own
+#
+# This demo emphasizes
+# - how a tissue law, a body, a path, an afferent and an observer of your own go through a scan
+#   with everything else as usual: checkpoints, results folder, pictures,
+# - that none of them needs a base class or a change of the package.
+#
+# Killed at any moment, the same command goes on from the last step, on any number of ranks.
+#
+#     python demos/own_parts.py results/own_parts
+#     mpirun -n 2 python demos/own_parts.py results/own_parts
+
+# %%
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+
+import numpy as np
+import ufl
+
+from tactile_fem.cli.entry import run
+from tactile_fem.finger.load import shipped_file
+from tactile_fem.output.figures import draw
+from tactile_fem.runtime.logs import ProgressDisplay, set_up
+from tactile_fem.scan import Parts, completed_with, scan
+from tactile_fem.stimulus import Distance, Motion, Path
+from tactile_fem.stimulus.path import lift, press
+from tactile_fem.study import Finger, Plate, Receptors, Study
+
+from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
+
+
+# %% [markdown]
+# ## A tissue law
+#
+# A law states its energy in MPa; stress, tangent and the stiffness that Nitsche's method needs
+# follow by UFL's derivatives. Fat that stiffens exponentially (Fung 1967):
+#
+# $$W = \tfrac{\mu}{2b}\,(e^{b(\bar I_1 - 3)} - 1) + \tfrac{K}{2}(J - 1)^2$$
+
+
+# %%
+@dataclass(frozen=True)
+class Fung:
+    """Exponential fat; moduli in MPa."""
+
+    shear: float
+    bulk: float
+    b: float
+
+    def energy(self, F):
+        """Return the strain energy density of the deformation gradient, MPa."""
+        J = ufl.det(F)
+        distortion = J ** (-2 / 3) * ufl.tr(F.T * F) - 3
+        volume = self.bulk / 2 * (J - 1) ** 2
+        return self.shear / (2 * self.b) * (ufl.exp(self.b * distortion) - 1) + volume
+
+
+# %% [markdown]
+# ## A body
+#
+# A rigid body answers with its signed distance, gradient and Hessian at points of its own frame;
+# its highest plane is $z = 0$. A ring of round wire:
+
+
+# %%
+@dataclass(frozen=True)
+class Ring:
+    """A torus; mean radius and radius of the wire in mm."""
+
+    radius: float
+    wire: float
+
+    def distance(self, points):
+        """Return signed distance, gradient and Hessian at points (n, 3)."""
+        x, y, z = points.T
+        r = np.maximum(np.hypot(x, y), 1e-6)
+        out = np.column_stack([x / r, y / r, 0 * r])
+        around = np.column_stack([-y / r, x / r, 0 * r])
+        up = np.array([0.0, 0.0, 1.0])
+        a, b = r - self.radius, z + self.wire
+        d = np.maximum(np.hypot(a, b), 1e-6)
+        normal = (a[:, None] * out + b[:, None] * up) / d[:, None]
+        across = (b[:, None] * out - a[:, None] * up) / d[:, None]
+        squares = (np.einsum("ni,nj->nij", v, v) for v in (across, around))
+        curvatures = 1 / d, a / (r * d)
+        hessian = sum(k[:, None, None] * vv for k, vv in zip(curvatures, squares, strict=True))
+        return Distance(d - self.wire, normal, hessian)
+
+
+# %% [markdown]
+# ## A path
+#
+# A piece is told where the body is and returns its motion; ready-made pieces stand beside it. This
+# one draws circles on the pad, beginning and ending in the middle.
+
+
+# %%
+def circles(radius_mm: float, turns: int, speed_mm_s: float):
+    """Draw circles through the place where the piece begins."""
+    turn_s = 2 * np.pi * radius_mm / speed_mm_s
+
+    def motion(start_mm):
+        def place(t):
+            angle = 2 * np.pi * t / turn_s
+            off = np.array([np.sin(angle), 1 - np.cos(angle), 0.0])
+            return start_mm + radius_mm * off
+
+        outputs = turn_s * np.arange(1, 16 * turns + 1) / 16
+        return Motion("circle", turns * turn_s, place, outputs)
+
+    return motion
+
+
+# %% [markdown]
+# ## An observer
+#
+# It is called on all ranks after each accepted step; what it returns becomes columns of
+# `trace.npz`. The centre of pressure follows from force and moment, the stretch of the skin from
+# the displacement itself.
+
+
+# %%
+def centre_of_pressure(seen):
+    """Return X and Y, mm, where the normal force acts at the depth of the body's top."""
+    force, moment, z = seen.step.force_N, seen.step.moment_Nmm, seen.step.depth_mm
+    normal = max(force[2], 1e-9)
+    x, y = (z * force[0] - moment[1]) / normal, (z * force[1] + moment[0]) / normal
+    return {"centre_of_pressure_mm": [x, y]}
+
+
+@dataclass
+class FarthestNode:
+    """How far the node goes that goes farthest."""
+
+    comm: MPI.Comm
+
+    def __call__(self, seen):
+        """Return the distance, mm."""
+        u = seen.state.u.x.array.reshape(-1, 3)
+        here = float(np.linalg.norm(u, axis=1).max()) if len(u) else 0.0
+        return {"farthest_mm": self.comm.allreduce(here, MPI.MAX)}
