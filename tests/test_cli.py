@@ -175,7 +175,7 @@ def test_ranks_do_not_go_with_mpiexec(capsys, scans, monkeypatch):
 
 def test_a_missing_launcher_is_told(capsys, scans, monkeypatch):
     monkeypatch.setattr(ranks.sys, "executable", "/nowhere/python")
-    monkeypatch.setattr(ranks.shutil, "which", lambda name: None)
+    monkeypatch.setattr(ranks.shutil, "which", lambda name, path=None: None)
     monkeypatch.setattr(doctor, "compiler_finding", lambda: None)
     assert "no mpiexec" in sentence_of(capsys, ["scan", "--ranks", "2"], code=1)
 

@@ -92,19 +92,13 @@ class DeckSize:
     ----------
     tets, unknowns
         Elements of the finger and components of displacement that are free.
-    held_nodes
-        Nodes of the finger that are fixed.
     skin_facets
         Faces of the slave surface.
-    stimulator_cells
-        Hexahedra of the stimulator.
     """
 
     tets: int
     unknowns: int
-    held_nodes: int
     skin_facets: int
-    stimulator_cells: int
 
 
 def write_deck(
@@ -180,7 +174,7 @@ def write_deck(
         slide = slide_step_mm or study.solver.max_slide_step_mm
         lines += _step_lines("slide", 2, -protocol.distance_mm, slide, printed)
     write_text(Path(path), "\n".join([*lines, ""]))
-    return DeckSize(len(kept), 3 * (len(used) - len(held)), len(held), len(faces), len(field.cells))
+    return DeckSize(len(kept), 3 * (len(used) - len(held)), len(faces))
 
 
 def element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
