@@ -283,10 +283,10 @@ def test_calculix_has_our_energy(constants, F, tmp_path):
     ]
     lines += ["*NODE PRINT, NSET=ALL", "RF", "*EL PRINT, ELSET=TET", "ENER", "*END STEP", ""]
     (tmp_path / "tet.inp").write_text("\n".join(lines))
-    told = run_ccx(tmp_path, "tet")
-    rows = re.findall(r"^ +\d+((?: +-?[\d.]+E[+-]\d+){3})", told, re.M)[-10:]
+    printed = run_ccx(tmp_path, "tet")
+    rows = re.findall(r"^ +\d+((?: +-?[\d.]+E[+-]\d+){3})", printed, re.M)[-10:]
     found = np.array([row.split() for row in rows], dtype=float)
-    energy = float(re.findall(r"^ +1 +4 +(\S+)$", told, re.M)[-1])
+    energy = float(re.findall(r"^ +1 +4 +(\S+)$", printed, re.M)[-1])
     assert energy == pytest.approx(energy_of(constants, F), rel=5e-4)
     gradients = np.array([[-1, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     forces = gradients[EDGES].sum(axis=1) @ piola(constants, F).T / 6
@@ -308,10 +308,10 @@ def test_calculix_presses_and_slides_a_block_as_we_do(tmp_path):
     elastic = Tissue.model_validate({"viscous_time_s": 0.0})
     study = STUDY.model_copy(update={"tissue": elastic})
     write_deck(study, BLOCK, tmp_path / "block.inp", press_step_mm=0.1, grid_mm=(2.0, 2.0))
-    told = run_ccx(tmp_path, "block")
+    printed = run_ccx(tmp_path, "block")
     totals = r"total force .* set {} .*\s+([-+.\dE]+)\s+([-+.\dE]+)\s+([-+.\dE]+)"
-    theirs = np.array(re.findall(totals.format("STIMULATOR"), told), dtype=float)
-    held = np.array(re.findall(totals.format("HELD"), told), dtype=float)
+    theirs = np.array(re.findall(totals.format("STIMULATOR"), printed), dtype=float)
+    held = np.array(re.findall(totals.format("HELD"), printed), dtype=float)
     np.testing.assert_allclose(theirs, -held, atol=1e-5)
 
     domain = create_domain(BLOCK, MPI.COMM_SELF, study.solver.held)

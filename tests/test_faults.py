@@ -420,7 +420,7 @@ with ending_together(comm):
 
 ABORTING = """
 import fcntl, logging, sys, termios
-from tactile_fem.runtime import parallel as together
+from tactile_fem.runtime import parallel
 class Comm:  # of two, the other of which never comes
     rank, size = 1, 2
     Dup = Ibarrier = lambda self: self
@@ -428,9 +428,9 @@ class Comm:  # of two, the other of which never comes
     def Abort(self, code):
         unread = fcntl.ioctl(2, termios.FIONREAD, bytes(4))
         print(code, "unread" if any(unread) else "read", flush=True)
-together._PATIENCE_S = float(sys.argv[1])
+parallel._PATIENCE_S = float(sys.argv[1])
 logging.basicConfig(format="%(message)s")
-with together.ending_together(Comm()):
+with parallel.ending_together(Comm()):
     raise OSError("the sentence")
 """
 
@@ -449,13 +449,13 @@ def test_what_a_rank_says_is_read_before_it_ends_all(patience_s, read):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("who", ["one", "all"])
-def test_an_error_on_one_rank_ends_all(who):
-    command = [ranks.launcher(), "-n", "2", sys.executable, "-c", ONE_RANK_FAILS, who]
+@pytest.mark.parametrize("failing", ["one", "all"])
+def test_an_error_on_one_rank_ends_all(failing):
+    command = [ranks.launcher(), "-n", "2", sys.executable, "-c", ONE_RANK_FAILS, failing]
     started = time.monotonic()
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert time.monotonic() - started < 10 + 20  # and the start of Python on a busy machine
-    if who == "one":
+    if failing == "one":
         assert done.returncode == 2
         assert "Traceback" not in done.stderr
         ours = [line for line in done.stderr.splitlines() if "MPI_Abort" not in line]

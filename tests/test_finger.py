@@ -96,15 +96,15 @@ def test_gamma_of_known_tetrahedra():
 
 def test_layers_are_as_thick_as_wanted_over_the_pad(mesh):
     for name, found in layer_thickness(mesh).items():
-        wanted = getattr(FINGER, f"{name}_mm")
+        expected = getattr(FINGER, f"{name}_mm")
         assert len(found) > 200
-        assert np.abs(found / wanted - 1).max() < 0.05, name
+        assert np.abs(found / expected - 1).max() < 0.05, name
 
 
 def test_layers_and_pad_are_measured_whoever_made_the_mesh(shipped):
-    wanted = {"stratum_corneum": 0.17, "epidermis": 0.65, "dermis": 0.8}
+    expected = {"stratum_corneum": 0.17, "epidermis": 0.65, "dermis": 0.8}
     # Chords of edges as long as 1.6 mm on the round pad cut up to 0.02 mm off.
-    assert measured_layers_mm(shipped) == pytest.approx(wanted, rel=5e-3)
+    assert measured_layers_mm(shipped) == pytest.approx(expected, rel=5e-3)
     assert pad_thickness_mm(shipped) == pytest.approx(5.3, abs=0.02)
     thicker = dataclasses.replace(shipped, nodes=1.2 * shipped.nodes)
     scaled = {name: 1.2 * value for name, value in measured_layers_mm(shipped).items()}

@@ -53,8 +53,8 @@ def test_edge_image_lies_on_the_outline():
 
     (shape,) = outlines(stimulus)
     x, y = np.meshgrid(ACROSS, ALONG, indexing="ij")
-    away = shapely.distance(shape.boundary, shapely.points(x, y))
-    np.testing.assert_allclose(image, np.exp(-0.5 * (away / 0.3) ** 2), atol=0.11)
+    distance = shapely.distance(shape.boundary, shapely.points(x, y))
+    np.testing.assert_allclose(image, np.exp(-0.5 * (distance / 0.3) ** 2), atol=0.11)
     with pytest.raises(StudyError, match='"plate" has no outline'):
         edge_image(Plate(), ACROSS, ALONG)
 

@@ -109,18 +109,18 @@ def test_paths_of_a_study_made_in_python_start_from_here(tmp_path, monkeypatch):
     study = Study(finger=Finger(mesh_file="mine.msh"), stimulus=Text(font="f.ttf"))
     assert study.finger.mesh_file == tmp_path / "mine.msh"
     assert study.stimulus.font == str(tmp_path / "f.ttf")
-    kept = tmp_path / "results" / "study.toml"
-    kept.write_text(dump_study(study))
-    assert load_study(kept) == study
+    saved = tmp_path / "results" / "study.toml"
+    saved.write_text(dump_study(study))
+    assert load_study(saved) == study
 
 
 def test_one_key_instead_of_others_is_kept_without_them(tmp_path):
     study = load_study(None, ["finger.mesh_file=mine.msh", "protocol.force_N=0.6"])
     (tmp_path / "study.toml").write_text(dump_study(study))
-    kept = tomllib.loads((tmp_path / "study.toml").read_text())
-    assert kept["finger"] == {"mesh_file": str(Path("mine.msh").absolute())}
-    assert kept["protocol"]["force_N"] == 0.6 and "depth_mm" not in kept["protocol"]
-    assert kept["protocol"]["distance_mm"] == 10.0
+    saved = tomllib.loads((tmp_path / "study.toml").read_text())
+    assert saved["finger"] == {"mesh_file": str(Path("mine.msh").absolute())}
+    assert saved["protocol"]["force_N"] == 0.6 and "depth_mm" not in saved["protocol"]
+    assert saved["protocol"]["distance_mm"] == 10.0
     assert load_study(tmp_path / "study.toml") == study == Study.model_validate(study.model_dump())
     fixed = json.loads(study.model_dump_json(exclude={"neuron": True, "finger": {"mesh_file"}}))
     assert fixed["finger"] == {} and "depth_mm" not in fixed["protocol"]

@@ -127,7 +127,7 @@ def main(
         }
         results[protocol] = {width: recognise(images, width) for width in blur}
         plain[protocol] = {letter: make() for letter, make in of_letter.items()}
-        tell(protocol, plain[protocol], scans, results[protocol], folder)
+        print_results(protocol, plain[protocol], scans, results[protocol], folder)
     outlines = {letter: rings(scan.study.stimulus) for letter, scan in scans.items()}
     figures = {
         "letters": letters_figure(plain, outlines),
@@ -159,7 +159,7 @@ def passes_of(scan: Results, spacing: float, folder: Path, jobs: int) -> list[Re
     return [scan, *complete_scans(members, folder)]
 
 
-def tell(
+def print_results(
     protocol: str,
     images: dict[str, RateImage],
     scans: dict[str, Results],

@@ -112,18 +112,18 @@ def main(
         receptors=Receptors(half_width_mm=half_width, spacing_mm=spacing),
         output=Output(pictures=False),
     )
-    alone = Member("population", study, {"shift_mm": 0.0})
+    unshifted = Member("population", study, {"shift_mm": 0.0})
     shifted = single_fibre(study, spacing_mm=spacing, half_width_mm=half_width)
-    members = [alone, *(member for member in shifted if member.values["shift_mm"])]
+    members = [unshifted, *(member for member in shifted if member.values["shift_mm"])]
     run_series(members, folder, jobs=jobs)
     print(write_summary(members, folder))
-    population = Results.open(folder_of(alone, folder))
+    population = Results.open(folder_of(unshifted, folder))
     passes = complete_scans(members, folder)
     images = {"population": population_image(population), "single fibre": fibre_image(passes)}
-    tell(images, study, folder)
+    print_results(images, study, folder)
 
 
-def tell(images: dict[str, RateImage], study: Study, folder: Path) -> None:
+def print_results(images: dict[str, RateImage], study: Study, folder: Path) -> None:
     """Print and draw both images."""
     rows = []
     for name, image in images.items():

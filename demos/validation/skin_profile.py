@@ -121,9 +121,9 @@ def agreement(place: np.ndarray, deflection: np.ndarray) -> None:
         LATERAL_MM, sides.T, model, DEFLECTION_MM, strict=True
     ):
         print(f"{at:10.1f}  {one:11.3f}  {other:9.3f}  {mean:7.3f}  {measured:11.2f}")
-    off = model - DEFLECTION_MM
-    r2 = 1 - np.sum(off**2) / np.sum((DEFLECTION_MM - DEFLECTION_MM.mean()) ** 2)
-    print(f"R2 {r2:.4f}, rms {np.sqrt(np.mean(off**2)):.4f} mm")
+    error = model - DEFLECTION_MM
+    r2 = 1 - np.sum(error**2) / np.sum((DEFLECTION_MM - DEFLECTION_MM.mean()) ** 2)
+    print(f"R2 {r2:.4f}, rms {np.sqrt(np.mean(error**2)):.4f} mm")
 
 
 # %%

@@ -47,9 +47,9 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
         )
     tets, tissue = _tagged(raw, "tetra10", 3, TISSUES)
     triangles, surface = _tagged(raw, "triangle6", 2, SURFACES)
-    wanted = {**TISSUES, **SURFACES}
+    required = {**TISSUES, **SURFACES}
     found = set(np.unique(np.concatenate([tissue, surface])).tolist())
-    missing = [name for name, tag in wanted.items() if tag not in found and name not in OPTIONAL]
+    missing = [name for name, tag in required.items() if tag not in found and name not in OPTIONAL]
     if missing:
         raise MeshError(
             f"the mesh {path} lacks the physical group{'s' * (len(missing) > 1)} "

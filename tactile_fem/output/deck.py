@@ -148,8 +148,8 @@ def write_deck(
     if protocol.force_N is not None:
         raise StudyError("protocol.force_N: a deck presses to protocol.depth_mm only")
     rigid, fixed = held_parts(finger, study.solver.held)
-    kept = np.flatnonzero(~rigid)
-    used = np.unique(finger.tets[kept])
+    deformable = np.flatnonzero(~rigid)
+    used = np.unique(finger.tets[deformable])
     held = used[fixed[used]]
     if not len(held):
         raise StudyError(f"solver.held = {list(study.solver.held)}: nothing of the mesh is held")
@@ -158,9 +158,9 @@ def write_deck(
     contact = penalty or Penalty.of(study, finger)
     field = height_field(make_body(study.stimulus), protocol, finger.nodes[skin], grid_mm)
 
-    present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[kept] == tag)]
+    present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[deformable] == tag)]
     lines = ["** Fingertip and rigid stimulator, written by tactile_fem; mm, N, MPa"]
-    lines += _finger_lines(finger, kept, used, held, present)
+    lines += _finger_lines(finger, deformable, used, held, present)
     if energy_of is not None:
         lines += ["*ELSET, ELSET=FELT", *_listed(energy_of + 1)]
     lines += _stimulator_lines(field, len(finger.nodes), len(finger.tets))
@@ -174,7 +174,7 @@ def write_deck(
         slide = slide_step_mm or study.solver.max_slide_step_mm
         lines += _step_lines("slide", 2, -protocol.distance_mm, slide, printed)
     write_text(Path(path), "\n".join([*lines, ""]))
-    return DeckSize(len(kept), 3 * (len(used) - len(held)), len(faces))
+    return DeckSize(len(deformable), 3 * (len(used) - len(held)), len(faces))
 
 
 def element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -200,14 +200,14 @@ def element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDAr
 
 def _finger_lines(
     finger: FingerMesh,
-    kept: NDArray[np.int64],
+    deformable: NDArray[np.int64],
     used: NDArray[np.int64],
     held: NDArray[np.int64],
     present: list[str],
 ) -> list[str]:
     lines = ["*NODE, NSET=FINGER", *_rows(used, finger.nodes[used])]
     for name in present:
-        own = kept[finger.tissue[kept] == TISSUES[name]]
+        own = deformable[finger.tissue[deformable] == TISSUES[name]]
         lines.append(f"*ELEMENT, TYPE=C3D10, ELSET={name.upper()}")
         lines += _rows(own, finger.tets[own][:, VTK_ORDER] + 1)
         lines.append(f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}")

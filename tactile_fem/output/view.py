@@ -233,10 +233,10 @@ def _add_legend(figure: Figure) -> None:
 
 def _palette(image: Image.Image) -> NDArray[np.uint8]:
     """Return (256, 3) colours: those of the scale and the legend, the others from a frame."""
-    fixed = [*colormaps[_SED_COLOURS](np.linspace(0, 1, 128)), *map(to_rgba, _legend().values())]
-    kept = np.round(255 * np.array(fixed)[:, :3])
-    others = image.quantize(256 - len(kept), dither=Image.Dither.NONE).getpalette()
-    return np.vstack([kept, np.reshape(others, (-1, 3))])[:256].astype(np.uint8)
+    named = [*colormaps[_SED_COLOURS](np.linspace(0, 1, 128)), *map(to_rgba, _legend().values())]
+    fixed = np.round(255 * np.array(named)[:, :3])
+    others = image.quantize(256 - len(fixed), dither=Image.Dither.NONE).getpalette()
+    return np.vstack([fixed, np.reshape(others, (-1, 3))])[:256].astype(np.uint8)
 
 
 def _indexed(image: Image.Image, palette: NDArray[np.uint8]) -> Image.Image:
