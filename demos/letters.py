@@ -52,7 +52,7 @@ def main(folder: Path, *, text: str = "FGH", depth: float = 1.97, distance: floa
     with ProgressDisplay(rank) as display:
         result = scan(study, folder, observers=[display.step])
     if rank == 0:
-        tell(result)
+        print_results(result)
         for path in draw(folder):
             print(path)
 
@@ -62,7 +62,7 @@ def main(folder: Path, *, text: str = "FGH", depth: float = 1.97, distance: floa
 
 
 # %%
-def tell(result) -> None:
+def print_results(result) -> None:
     """Print the numbers of a scan."""
     trace, run_ = result.trace, Results.open(result.folder).run
     pressed = int(np.flatnonzero(trace.displacement_mm == 0)[-1])

@@ -13,19 +13,11 @@
 
 # %%
 from dataclasses import dataclass
-from pathlib import Path as FilePath
 
 import numpy as np
 import ufl
 
-from tactile_fem.cli.entry import run
-from tactile_fem.finger.load import shipped_file
-from tactile_fem.output.figures import draw
-from tactile_fem.runtime.logs import ProgressDisplay, set_up
-from tactile_fem.scan import Parts, completed_with, scan
-from tactile_fem.stimulus import Distance, Motion, Path
-from tactile_fem.stimulus.path import lift, press
-from tactile_fem.study import Finger, Plate, Receptors, Study
+from tactile_fem.stimulus import Distance, Motion
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 

@@ -29,17 +29,17 @@ def here(tmp_path, monkeypatch):
 @pytest.fixture
 def scans(monkeypatch):
     """Replace the scan by one that keeps what it was asked and leaves made-up results."""
-    asked = []
+    calls = []
 
     def scan(study, folder, *, overwrite, observers):
-        asked.append((study, Path(folder), overwrite))
+        calls.append((study, Path(folder), overwrite))
         make_results(folder, study)
 
     module = types.ModuleType("tactile_fem.scan.run")
     module.scan = scan
-    module.resume = lambda folder, *, observers: asked.append(Path(folder))
+    module.resume = lambda folder, *, observers: calls.append(Path(folder))
     monkeypatch.setitem(sys.modules, "tactile_fem.scan.run", module)
-    return asked
+    return calls
 
 
 def sentence_of(capsys, arguments, code=2):
@@ -175,7 +175,7 @@ def test_ranks_do_not_go_with_mpiexec(capsys, scans, monkeypatch):
 
 def test_a_missing_launcher_is_told(capsys, scans, monkeypatch):
     monkeypatch.setattr(ranks.sys, "executable", "/nowhere/python")
-    monkeypatch.setattr(ranks.shutil, "which", lambda name: None)
+    monkeypatch.setattr(ranks.shutil, "which", lambda name, path=None: None)
     monkeypatch.setattr(doctor, "compiler_finding", lambda: None)
     assert "no mpiexec" in sentence_of(capsys, ["scan", "--ranks", "2"], code=1)
 

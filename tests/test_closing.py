@@ -25,8 +25,8 @@ from tactile_fem.study import Finger, Solver, Study
 @pytest.mark.mpi
 def test_a_problem_on_two_ranks_is_gone_when_closed_and_not_before():
     command = [ranks.launcher(), "-n", "2", sys.executable, __file__]
-    told = subprocess.run(command, check=True, capture_output=True, text=True, timeout=300)
-    found = json.loads(told.stdout)
+    output = subprocess.run(command, check=True, capture_output=True, text=True, timeout=300)
+    found = json.loads(output.stdout)
     assert found == {"open": [True, True], "closed": [False, False], "failed": [False, False]}
 
 

@@ -70,10 +70,10 @@ def test_the_tested_dolfinx_is_taken(version):
 def test_an_unfit_dolfinx_names_the_three_routes(version, scalar, found):
     with pytest.raises(ImportError) as caught:
         backend.check(version, scalar)
-    said = str(caught.value)
-    assert found in said and "\n" not in said
+    message = str(caught.value)
+    assert found in message and "\n" not in message
     for route in ("tactile-fem[solver]", "fenics-dolfinx=0.11", "dolfinx/dolfinx:v0.11.0"):
-        assert route in said
+        assert route in message
 
 
 def test_pip_and_conda_bring_the_tested_dolfinx():

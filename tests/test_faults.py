@@ -15,7 +15,6 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from numpy._core import _multiarray_umath
 
 from tactile_fem.runtime import backend, ranks  # noqa: F401
 
@@ -278,31 +277,34 @@ def test_compiler_flags_that_the_compiler_refuses(run_with_cache, tmp_path):
 
 
 @pytest.mark.parametrize("others", [True, False])
-def test_what_a_killed_process_left_in_the_cache_is_removed(tmp_path, others):
-    old, new, ready, cut = sources = [
-        tmp_path / f"libffcx_{name}.c" for name in ("old", "new", "ready", "cut")
+def test_forms_whose_compilation_was_interrupted_are_removed(tmp_path, others):
+    cache = tmp_path / "tactile_fem"
+    cache.mkdir()
+    old, new, ready, empty, foreign = sources = [
+        *(cache / f"libffcx_{name}.c" for name in ("old", "new", "ready", "empty")),
+        tmp_path / "libffcx_foreign.c",
     ]
     for path in sources:
         path.touch()
-    os.utime(old, (0, 0))
-    whole = Path(_multiarray_umath.__file__).read_bytes()  # any library
-    for path, library in ((ready, whole), (cut, whole[: len(whole) // 2])):
+    os.utime(old, (time.time() - 700,) * 2)
+    os.utime(new, (time.time() - 500,) * 2)
+    for path, library in ((ready, b"ELF"), (empty, b"")):
         path.with_suffix(".c.cached").touch()
         path.with_suffix(".abi3.so").write_bytes(library)
-    os.utime(new, (time.time() - 29.5,) * 2)
-    (tmp_path / "libffcx_orphan.c.cached").touch()  # whose source was removed while it compiled
-    with (tmp_path / "tactile_fem.lock").open("a") as another_run:
-        if others:
+    with (cache / "tactile_fem.lock").open("a") as another_run:
+        if others:  # they may be compiling
             fcntl.flock(another_run, fcntl.LOCK_SH)
         clean_cache(tmp_path)
-    assert sorted(tmp_path.glob("*.c")) == sorted([new, ready] if others else [ready])
-    assert list(tmp_path.glob("*.cached")) == [ready.with_suffix(".c.cached")]
+    assert sorted(cache.glob("*.c")) == sorted([new, ready] if others else [ready])
+    assert list(cache.glob("*.cached")) == [ready.with_suffix(".c.cached")]
+    assert foreign.exists()
 
 
 def test_a_process_that_compiles_without_a_scan_is_known_to_others(tmp_path, monkeypatch):
     monkeypatch.setattr(jit, "get_options", lambda: {"cache_dir": tmp_path})
-    jit_options(())
-    with (tmp_path / "tactile_fem.lock").open("a") as another_run, pytest.raises(BlockingIOError):
+    assert jit_options(())["cache_dir"] == tmp_path / "tactile_fem"
+    lock = tmp_path / "tactile_fem" / "tactile_fem.lock"
+    with lock.open("a") as another_run, pytest.raises(BlockingIOError):
         fcntl.flock(another_run, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
@@ -418,7 +420,7 @@ with ending_together(comm):
 
 ABORTING = """
 import fcntl, logging, sys, termios
-from tactile_fem.runtime import parallel as together
+from tactile_fem.runtime import parallel
 class Comm:  # of two, the other of which never comes
     rank, size = 1, 2
     Dup = Ibarrier = lambda self: self
@@ -426,9 +428,9 @@ class Comm:  # of two, the other of which never comes
     def Abort(self, code):
         unread = fcntl.ioctl(2, termios.FIONREAD, bytes(4))
         print(code, "unread" if any(unread) else "read", flush=True)
-together._PATIENCE_S = float(sys.argv[1])
+parallel._PATIENCE_S = float(sys.argv[1])
 logging.basicConfig(format="%(message)s")
-with together.ending_together(Comm()):
+with parallel.ending_together(Comm()):
     raise OSError("the sentence")
 """
 
@@ -447,13 +449,13 @@ def test_what_a_rank_says_is_read_before_it_ends_all(patience_s, read):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("who", ["one", "all"])
-def test_an_error_on_one_rank_ends_all(who):
-    command = [ranks.launcher(), "-n", "2", sys.executable, "-c", ONE_RANK_FAILS, who]
+@pytest.mark.parametrize("failing", ["one", "all"])
+def test_an_error_on_one_rank_ends_all(failing):
+    command = [ranks.launcher(), "-n", "2", sys.executable, "-c", ONE_RANK_FAILS, failing]
     started = time.monotonic()
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert time.monotonic() - started < 10 + 20  # and the start of Python on a busy machine
-    if who == "one":
+    if failing == "one":
         assert done.returncode == 2
         assert "Traceback" not in done.stderr
         ours = [line for line in done.stderr.splitlines() if "MPI_Abort" not in line]

@@ -94,9 +94,9 @@ def test_what_two_windows_cannot_tell_is_said():
     frames = windows(time, lambda a, b: np.zeros(sed.shape[1]))[-1:]
     rates = mean_rates(time, sed, frames, TRUTH)
     frames = [frames[0]._replace(rate_Hz=rates[0])]
-    with pytest.warns(FitWarning) as told:
+    with pytest.warns(FitWarning) as output:
         found = fit(time, sed, frames, START, (STATIC, DYNAMIC, KAPPA))
-    sentences = [str(warning.message) for warning in told]
+    sentences = [str(warning.message) for warning in output]
     assert f"{DYNAMIC} is not determined: the rates do not depend on it." in sentences
     assert any(s.startswith(f"{KAPPA} is not determined: other constants") for s in sentences)
     assert not np.isfinite(found.estimates[KAPPA].high)

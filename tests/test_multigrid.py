@@ -77,8 +77,8 @@ def test_iterations_do_not_depend_on_the_number_of_ranks():
     counts = {1: pressed(petsc=STRICT)[1]}
     for count in (2, 3):
         command = [ranks.launcher(), "-n", str(count), sys.executable, __file__]
-        told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-        counts[count] = json.loads(told)
+        output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        counts[count] = json.loads(output)
     # Rounding may turn one iteration; lines cut at the ranks' borders would double them.
     assert counts[2] == pytest.approx(counts[1], rel=0.01)
     assert counts[3] == pytest.approx(counts[1], rel=0.01)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from html.parser import HTMLParser
 
 import numpy as np
@@ -12,7 +11,7 @@ from synthetic import make_results, make_trace
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
-from tactile_fem.series import single_fibre, sweep, write_summary
+from tactile_fem.series import fibre_image, report, single_fibre, sweep, write_summary
 from tactile_fem.series.report import write_report
 from tactile_fem.series.run import folder_of
 from tactile_fem.study import Study, Text
@@ -49,39 +48,32 @@ def test_scan(tmp_path, capsys):
     assert str(path) in capsys.readouterr().out
     text = path.read_text(encoding="utf-8")
     assert "&lt;G&gt;" in text and "<G>" not in text
-    assert "0.6000 N" in text  # the normal force of the made-up trace
+    assert "<td>pressed_N</td><td>0.6</td>" in text  # the normal force of the made-up trace
     assert tags(path).count("img") >= 4
     assert not re.search(r'(src|href)="(?!data:)', text)
 
 
-def test_both_protocols(tmp_path):
-    across = np.arange(-2, 3) * 1.0
-    population = make_results(tmp_path / "scan", trace=make_trace(across))
+def test_passes_over_one_receptor_are_one_image(tmp_path, monkeypatch):
     passes = single_fibre(Study(), spacing_mm=1.0, half_width_mm=2.0)
     for member in passes:
-        make_results(folder_of(member, tmp_path / "fibre"), member.study, make_trace(np.zeros(1)))
-    path = write_report(population.folder, fibre=tmp_path / "fibre", output=tmp_path / "both.html")
-    text = path.read_text(encoding="utf-8")
-    assert re.search(r"<td>population</td><td>5</td><td>\d+</td><td>-?0\.\d{3}</td>", text)
-    assert re.search(r"<td>single fibre</td><td>5</td>", text)
-    write_summary(passes, tmp_path / "fibre")
-    assert tags(write_report(tmp_path / "fibre")).count("tr") == 6
-    # Without the pass that needs no shift, the scan's middle receptor is it.
-    shutil.rmtree(folder_of(passes[2], tmp_path / "fibre"))
-    write_report(population.folder, fibre=tmp_path / "fibre", output=path)
-    assert re.findall(r"<td>single fibre</td><td>5</td><td>\d+", path.read_text()) == re.findall(
-        r"<td>single fibre</td><td>5</td><td>\d+", text
-    )
+        make_results(folder_of(member, tmp_path), member.study, make_trace(np.zeros(1)))
+    write_summary(passes, tmp_path)
+    images = []
+    monkeypatch.setattr(report, "fibre_image", lambda p: images.append(fibre_image(p)) or images[0])
+    found = tags(write_report(tmp_path, output=tmp_path / "passes.html"))
+    assert found.count("tr") == 6 and found.count("img") == 2
+    np.testing.assert_allclose(images[0].across_mm, [-2, -1, 0, 1, 2])
+    assert (images[0].response.counts() > 0).all()
 
 
 def test_a_population_among_the_passes(tmp_path):
-    """As the demo of both protocols leaves them: a figure of the passes, one of the population."""
+    """As the demo of both protocols leaves them: figures of the passes, one of the population."""
     passes = single_fibre(Study(), spacing_mm=1.0, half_width_mm=1.0)
     for member in passes:
         receptors = np.zeros(1) if member.values["shift_mm"] else np.arange(-1, 2) * 1.0
         make_results(folder_of(member, tmp_path), member.study, make_trace(receptors))
     write_summary(passes, tmp_path)
-    assert tags(write_report(tmp_path)).count("img") == 2
+    assert tags(write_report(tmp_path)).count("img") == 3
 
 
 def test_sweep_and_nothing(tmp_path):

@@ -168,10 +168,10 @@ def test_a_press_that_meets_nothing_is_said(study, monkeypatch, caplog):
     monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)
     between = study.model_copy(update={"protocol": Protocol(depth_mm=0.002, distance_mm=0.1)})
     assert not scan(between).trace.force_N.any()
-    said = [record.message for record in caplog.records if record.levelno == logging.WARNING]
-    assert len(said) == 2
-    assert "the press ends at 0.002 mm without contact" in said[0]
-    assert "never touched the finger" in said[1]
+    messages = [record.message for record in caplog.records if record.levelno == logging.WARNING]
+    assert len(messages) == 2
+    assert "the press ends at 0.002 mm without contact" in messages[0]
+    assert "never touched the finger" in messages[1]
 
 
 def test_a_step_has_the_traces_names(study):

@@ -8,8 +8,9 @@ import ufl
 
 from tactile_fem.runtime import backend  # noqa: F401  # isort: skip
 
-from dolfinx import fem, mesh
 from mpi4py import MPI
+
+from dolfinx import fem, mesh
 
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES
 from tactile_fem.mechanics.domain import Domain, roller

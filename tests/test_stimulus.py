@@ -192,8 +192,8 @@ def test_start_says_which_place_of_a_pattern_lies_over_the_contact_point():
     (first, _) = outlines(Text(text="FG", start_mm=1.2))
     assert (first.bounds[1] + first.bounds[3]) / 2 == pytest.approx(-1.2, abs=0.01)
     middle = {Dots(rows=7): Dots(rows=7, start_mm=9.0), Grating(): Grating(start_mm=8.0)}
-    for default, said in middle.items():
-        assert all(map(shapely.equals, outlines(default), outlines(said)))
+    for default, explicit in middle.items():
+        assert all(map(shapely.equals, outlines(default), outlines(explicit)))
 
 
 def test_outlines_of_patterns():

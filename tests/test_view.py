@@ -154,13 +154,13 @@ def test_what_is_missing_or_wrong_is_told_in_one_line(
     monkeypatch.setattr(cli_view, "find_spec", lambda name: None)
     make_results(tmp_path / "r")
     assert cli.main(["view", "r", *options]) == code
-    said = capsys.readouterr().err
-    assert message in said and said.count("\n") == 1
+    stderr = capsys.readouterr().err
+    assert message in stderr and stderr.count("\n") == 1
 
 
 def test_without_a_graphics_library_there_is_one_sentence(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(doctor, "has_library", lambda name: False)
     make_results(tmp_path / "r")
     assert cli.main(["view", str(tmp_path / "r")]) == 1
-    said = capsys.readouterr().err
-    assert "libegl1" in said and said.count("\n") == 1
+    stderr = capsys.readouterr().err
+    assert "libegl1" in stderr and stderr.count("\n") == 1

@@ -47,7 +47,7 @@ class Row:
     ----------
     ready_s
         Until the forms were compiled, or found in the cache.
-    residual_off, displacement_off
+    residual_error, displacement_error
         Relative to the largest entry.
     """
 
@@ -55,8 +55,8 @@ class Row:
     ready_s: float
     jacobian_s: float
     residual_s: float
-    residual_off: float
-    displacement_off: float
+    residual_error: float
+    displacement_error: float
 
 
 def main(
@@ -103,16 +103,16 @@ def main(
             name,
             ready_s[name],
             *np.median(seconds[name], axis=0).tolist(),
-            off(residuals[name], residuals[names[0]]),
-            off(pressed[name], state),
+            relative_difference(residuals[name], residuals[names[0]]),
+            relative_difference(pressed[name], state),
         )
         for name in names
     ]
-    print("variant     ready s  Jacobian s  residual s  residual off  displacement off")
+    print("variant     ready s  Jacobian s  residual s  residual error  displacement error")
     for row in rows:
         print(
             f"{row.variant:<10} {row.ready_s:8.1f} {row.jacobian_s:11.4f} {row.residual_s:11.4f} "
-            f"{row.residual_off:13.1e} {row.displacement_off:17.1e}"
+            f"{row.residual_error:15.1e} {row.displacement_error:19.1e}"
         )
     folder.mkdir(parents=True, exist_ok=True)
     write_table(folder / "compiler.csv", rows)
@@ -137,7 +137,7 @@ def assemble(problem: FingerProblem, state: np.ndarray) -> tuple[float, float, n
     return time.perf_counter() - middle, middle - started, b.array.copy()
 
 
-def off(values: np.ndarray, reference: np.ndarray) -> float:
+def relative_difference(values: np.ndarray, reference: np.ndarray) -> float:
     """Return the largest difference relative to the largest value."""
     return float(np.abs(values - reference).max() / np.abs(reference).max())
 

@@ -126,10 +126,10 @@ def main(
             if outcome.problem:
                 raise TactileError(outcome.problem)
             costs.append(Cost.of(size, Results.open(folder / member.name)))
-            tell(costs[-1:], heading=len(costs) == 1)
+            print_results(costs[-1:], heading=len(costs) == 1)
     keep(folder, costs)
     for count in ranks:
-        tell_exponent([cost for cost in costs if cost.ranks == count])
+        print_exponent([cost for cost in costs if cost.ranks == count])
 
 
 # %%
@@ -147,7 +147,7 @@ def finger_of(size: str) -> Finger:
 
 
 # %%
-def tell_exponent(costs: list[Cost]) -> None:
+def print_exponent(costs: list[Cost]) -> None:
     """Print the exponents over the sizes, if there are several."""
     unknowns = np.log([cost.unknowns for cost in costs])
     if len(set(unknowns)) < 2:
@@ -158,7 +158,7 @@ def tell_exponent(costs: list[Cost]) -> None:
     print(f"those of a Newton iteration with unknowns^{newton:.2f}")
 
 
-def tell(costs: list[Cost], heading: bool) -> None:
+def print_results(costs: list[Cost], heading: bool) -> None:
     """Print rows of the table."""
     names = list(asdict(costs[0]))
     if heading:

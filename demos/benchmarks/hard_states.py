@@ -138,9 +138,9 @@ def main(
         stimulus=Text(friction=friction, fillet_radius_mm=fillet),
         output=Output(pictures=False, fields_mm=5.0),
     )
-    wanted = {name: MOMENTS[name] for name in moments or MOMENTS}
+    chosen = {name: MOMENTS[name] for name in moments or MOMENTS}
     outcomes = []
-    states = save_states(study, folder, wanted)
+    states = save_states(study, folder, chosen)
     comm = MPI.COMM_WORLD
     finger = on_root(comm, lambda: load_finger(study.finger), share=False)
     domain = create_domain(finger, comm, study.solver.held)
@@ -149,7 +149,7 @@ def main(
             continue
         for outcome in replay(study, domain, strategy, states, steps):
             outcomes.append(outcome)
-            tell(outcome, heading=len(outcomes) == 1)
+            print_results(outcome, heading=len(outcomes) == 1)
     if MPI.COMM_WORLD.rank == 0:
         write_table(folder / "strategies.csv", outcomes)
 
@@ -225,7 +225,7 @@ def replay(
     problem.close()
 
 
-def tell(outcome: Outcome, heading: bool) -> None:
+def print_results(outcome: Outcome, heading: bool) -> None:
     """Print a row of the table on the first rank."""
     if MPI.COMM_WORLD.rank:
         return

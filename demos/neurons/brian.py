@@ -164,10 +164,10 @@ def compared(
         equal += len(theirs) == len(ours)
         if count:
             # Brian2 names a step by its begin; the crossing is within it.
-            off = np.abs(theirs[:count] + step / 2 - ours[:count]) / step
-            first = max(first, float(off[0]))
-            shift = max(shift, float((off / np.arange(1, count + 1)).max()))
-            largest = max(largest, step_ms * float(off.max()))
+            difference = np.abs(theirs[:count] + step / 2 - ours[:count]) / step
+            first = max(first, float(difference[0]))
+            shift = max(shift, float((difference / np.arange(1, count + 1)).max()))
+            largest = max(largest, step_ms * float(difference.max()))
     total = sum(map(len, spikes)), int(exact.counts().sum())
     share = equal / len(spikes)
     return Run(step_ms, seconds, total[0], share, first, shift, largest, exact_s, total[1])

@@ -108,7 +108,7 @@ def main(
     sed = felt[:, [int(np.abs(places - at).argmin()) for at in y]]
     halves(time, sed, rates, y)
     fitted = fit(time, sed, windows(rates), START, GAINS)
-    tell(fitted)
+    print_results(fitted)
     undetermined(time, sed, rates)
     bound(sed[-1], rates)
     by_spikes(time, sed, rates, fitted.neuron)
@@ -163,26 +163,26 @@ def row(values: tuple[float, ...]) -> str:
     return " ".join(f"{value:8.3f}" for value in values)
 
 
-def tell(found: Fit) -> None:
+def print_results(found: Fit) -> None:
     """Print the constants fitted to all positions."""
     print("all positions:")
     for name, e in found.estimates.items():
         print(f"  {name:27s} {e.value:7.2f}  (95 %: {e.low:.2f} to {e.high:.2f}) {e.doubt}")
     print(f"  R2 dynamic, static, both {row(found.r2)}")
-    off = np.sqrt((found.residuals_Hz**2).mean(axis=1))
+    rms = np.sqrt((found.residuals_Hz**2).mean(axis=1))
     print(
-        f"  rms {off[0]:.1f} and {off[1]:.1f} spikes/s; correlation {found.correlation[0, 1]:.2f}"
+        f"  rms {rms[0]:.1f} and {rms[1]:.1f} spikes/s; correlation {found.correlation[0, 1]:.2f}"
     )
 
 
 def undetermined(time: np.ndarray, sed: np.ndarray, rates: np.ndarray) -> None:
     """Print what happens when adaptation or intercept are fitted as well."""
     for more in (("adaptation",), ("adaptation", "adaptation_time_s"), ("intercept_pA",)):
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", FitWarning)
             found = fit(time, sed, windows(rates), START, (*GAINS, *more))
         print(f"with {', '.join(more)} free: R2 of both {found.r2[-1]:.3f}")
-        for warning in told:
+        for warning in caught:
             print(f"  {warning.message}")
 
 

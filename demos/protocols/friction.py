@@ -19,6 +19,8 @@ from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
+from firing_images import population_image
+from letter_recognition import outline_correlation
 from matplotlib.figure import Figure
 
 from tactile_fem.cli.entry import run
@@ -30,12 +32,10 @@ from tactile_fem.scan.results import Results
 from tactile_fem.series import (
     complete_scans,
     numbers_of,
-    population_image,
     run_series,
     sweep,
     write_summary,
 )
-from tactile_fem.series.legibility import outline_correlation
 
 _FRICTIONS = (0.0, 0.1, 0.3, 0.6, 1.0)
 

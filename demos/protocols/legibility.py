@@ -31,6 +31,8 @@ from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
+from firing_images import letters_figure, population_image, with_row_spacing
+from letter_recognition import Recognition, confusion_figure, outline_correlation, recognise
 
 from tactile_fem.cli.entry import run
 from tactile_fem.output.figures import rings
@@ -39,19 +41,13 @@ from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan.results import Results
 from tactile_fem.series import (
     RateImage,
-    Reading,
     complete_scans,
     fibre_image,
-    population_image,
-    read,
     run_series,
     single_fibre,
     sweep,
-    thinned,
     write_summary,
 )
-from tactile_fem.series.figures import confusion_figure, letters_figure
-from tactile_fem.series.legibility import outline_correlation
 from tactile_fem.study import Neuron
 
 
@@ -123,19 +119,19 @@ def main(
             letter: partial(fibre_image, passes_of(scan, passes, folder / "passes" / letter, jobs))
             for letter, scan in scans.items()
         }
-    readings, plain = {}, {}
+    results, plain = {}, {}
     for protocol, of_letter in makers.items():
         images = {
             letter: [make(noisy(scans[letter], noise, k)) for k in range(1, realizations + 1)]
             for letter, make in of_letter.items()
         }
-        readings[protocol] = {width: read(images, width) for width in blur}
+        results[protocol] = {width: recognise(images, width) for width in blur}
         plain[protocol] = {letter: make() for letter, make in of_letter.items()}
-        tell(protocol, plain[protocol], scans, readings[protocol], folder)
+        print_results(protocol, plain[protocol], scans, results[protocol], folder)
     outlines = {letter: rings(scan.study.stimulus) for letter, scan in scans.items()}
     figures = {
         "letters": letters_figure(plain, outlines),
-        "confusion": confusion_figure(readings),
+        "confusion": confusion_figure(results),
     }
     for name, figure in figures.items():
         path = folder / f"{name}.png"
@@ -145,7 +141,7 @@ def main(
 
 def rows_of_population(spacing: float, scan: Results, neuron: Neuron | None = None) -> RateImage:
     """Return the population's image with rows as far apart as the passes are."""
-    return thinned(population_image(scan, neuron), spacing)
+    return with_row_spacing(population_image(scan, neuron), spacing)
 
 
 def noisy(scan: Results, noise: dict[str, float], seed: int) -> Neuron:
@@ -163,11 +159,11 @@ def passes_of(scan: Results, spacing: float, folder: Path, jobs: int) -> list[Re
     return [scan, *complete_scans(members, folder)]
 
 
-def tell(
+def print_results(
     protocol: str,
     images: dict[str, RateImage],
     scans: dict[str, Results],
-    readings: dict[float, Reading],
+    recognitions: dict[float, Recognition],
     folder: Path,
 ) -> None:
     """Print which letter was read as which, and how much of its outline its firing shows."""
@@ -176,14 +172,14 @@ def tell(
         r = outline_correlation(image, scans[letter].study.stimulus)
         spikes = int(image.response.counts().sum())
         print(f"{protocol} {letter}: {spikes:5d} spikes, outline r = {r:.3f}")
-        for width, reading in readings.items():
-            own = reading.confusion[reading.letters.index(letter)]
-            right = float(own[reading.letters.index(letter)] / own.sum())
-            mostly = reading.letters[int(np.argmax(own))]
+        for width, recognition in recognitions.items():
+            own = recognition.confusion[recognition.letters.index(letter)]
+            right = float(own[recognition.letters.index(letter)] / own.sum())
+            mostly = recognition.letters[int(np.argmax(own))]
             rows.append(Row(letter, spikes, round(r, 3), width, round(right, 3), mostly))
             print(f"    blur {width:g} mm: {100 * right:3.0f} % right, mostly read as {mostly}")
-    for width, reading in readings.items():
-        share = f"{100 * reading.accuracy:.1f} % right of {reading.confusion.sum()}"
+    for width, recognition in recognitions.items():
+        share = f"{100 * recognition.accuracy:.1f} % right of {recognition.confusion.sum()}"
         print(f"{protocol}, blur {width:g} mm: {share}")
     write_table(folder / f"{protocol.replace(' ', '_')}.csv", rows)
 

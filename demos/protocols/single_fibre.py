@@ -23,37 +23,56 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from firing_images import population_image, side_by_side
+from letter_recognition import outline_correlation
+from numpy.typing import ArrayLike
+
 from tactile_fem.cli.entry import run
 from tactile_fem.output.figures import rings
-from tactile_fem.runtime.files import write_figure, write_table
+from tactile_fem.runtime.files import write_figure, write_records
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan.results import Results
 from tactile_fem.series import (
     Member,
     RateImage,
-    bundles,
     complete_scans,
     fibre_image,
-    population_image,
     run_series,
     single_fibre,
     write_summary,
 )
-from tactile_fem.series.figures import side_by_side
-from tactile_fem.series.legibility import outline_correlation
 from tactile_fem.series.run import folder_of
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
 
 
 @dataclass(frozen=True)
-class Row:
-    """A bundle of one protocol's middle receptor."""
+class Bundle:
+    """A run of spikes that follow one another closely along the scan: ends, number, mean rate."""
 
-    protocol: str
     start_mm: float
     end_mm: float
     spikes: int
     rate_Hz: float
+
+
+def bundles(
+    displacement_mm: ArrayLike, speed_mm_s: float, *, gap_mm: float = 0.6, least: int = 3
+) -> list[Bundle]:
+    """Return the bundles in one receptor's spikes.
+
+    Spikes more than `gap_mm` apart belong to different bundles: 0.6 mm corresponds to 33 spikes/s
+    at 20 mm/s. Fewer than `least` spikes do not make a bundle.
+    """
+    places = np.sort(np.asarray(displacement_mm, dtype=float))
+    runs = np.split(places, np.flatnonzero(np.diff(places) > gap_mm) + 1)
+    return [_bundle(run, speed_mm_s) for run in runs if len(run) >= max(least, 2)]
+
+
+def _bundle(run: np.ndarray, speed_mm_s: float) -> Bundle:
+    length = run[-1] - run[0]
+    rate = (len(run) - 1) * speed_mm_s / length if length > 0 else np.inf
+    return Bundle(float(run[0]), float(run[-1]), len(run), float(rate))
 
 
 # %% [markdown]
@@ -93,18 +112,18 @@ def main(
         receptors=Receptors(half_width_mm=half_width, spacing_mm=spacing),
         output=Output(pictures=False),
     )
-    alone = Member("population", study, {"shift_mm": 0.0})
+    unshifted = Member("population", study, {"shift_mm": 0.0})
     shifted = single_fibre(study, spacing_mm=spacing, half_width_mm=half_width)
-    members = [alone, *(member for member in shifted if member.values["shift_mm"])]
+    members = [unshifted, *(member for member in shifted if member.values["shift_mm"])]
     run_series(members, folder, jobs=jobs)
     print(write_summary(members, folder))
-    population = Results.open(folder_of(alone, folder))
+    population = Results.open(folder_of(unshifted, folder))
     passes = complete_scans(members, folder)
     images = {"population": population_image(population), "single fibre": fibre_image(passes)}
-    tell(images, study, folder)
+    print_results(images, study, folder)
 
 
-def tell(images: dict[str, RateImage], study: Study, folder: Path) -> None:
+def print_results(images: dict[str, RateImage], study: Study, folder: Path) -> None:
     """Print and draw both images."""
     rows = []
     for name, image in images.items():
@@ -114,13 +133,13 @@ def tell(images: dict[str, RateImage], study: Study, folder: Path) -> None:
         middle = image.response.spikes[len(image.across_mm) // 2]
         speed = study.protocol.speed_mm_s
         for bundle in bundles(middle * speed, speed):
-            rows.append(Row(name, **vars(bundle)))
+            rows.append({"protocol": name, **vars(bundle)})
             print(
                 f"    {bundle.start_mm:5.2f} to {bundle.end_mm:5.2f} mm: {bundle.spikes:3d} "
                 f"spikes, {bundle.rate_Hz:4.0f} /s"
             )
     if rows:
-        write_table(folder / "bundles.csv", rows)
+        write_records(folder / "bundles.csv", rows)
     write_figure(folder / "protocols.png", side_by_side(images, rings(study.stimulus)))
     print(folder / "protocols.png")
 

@@ -120,7 +120,7 @@ def main(
         max_nfev=evaluations,
     )
     if MPI.COMM_WORLD.rank == 0:
-        tell(fit, runs(*np.exp(fit.x) * 1e-6).forces_N, len(runs))
+        print_results(fit, runs(*np.exp(fit.x) * 1e-6).forces_N, len(runs))
 
 
 # %% [markdown]
@@ -159,8 +159,12 @@ class Runs:
             self._runs[key] = Run(*key, *(round(float(f), 6) for f in self._model(*key)))
             if MPI.COMM_WORLD.rank == 0:
                 write_table(self._path, list(self._runs.values()))
-                off = (self._runs[key].forces_N - MEAN_N) / DEVIATION_N
-                print(f"C10 {key[0]:.4e}  C20 {key[1]:.4e}  off by sd", *off.round(3), flush=True)
+                deviation = (self._runs[key].forces_N - MEAN_N) / DEVIATION_N
+                print(
+                    f"C10 {key[0]:.4e}  C20 {key[1]:.4e}  deviation in sd",
+                    *deviation.round(3),
+                    flush=True,
+                )
         return self._runs[key]
 
 
@@ -179,7 +183,7 @@ def press(
 
 
 # %%
-def tell(fit: OptimizeResult, forces: np.ndarray, count: int) -> None:
+def print_results(fit: OptimizeResult, forces: np.ndarray, count: int) -> None:
     """Print constants, intervals, correlation and residuals."""
     covariance = np.linalg.inv(fit.jac.T @ fit.jac)
     deviation = np.sqrt(np.diag(covariance))
@@ -189,11 +193,11 @@ def tell(fit: OptimizeResult, forces: np.ndarray, count: int) -> None:
         interval = f"95 % from {value / factor:.2e} to {value * factor:.2e}"
         print(f"{name} {value:.4e} MPa, {interval}{limit}")
     print(f"correlation of ln C10 and ln C20 {covariance[0, 1] / deviation.prod():+.3f}")
-    print("depth mm  model N  measured N (sd)  off by sd")
-    for at, force, mean, sd, off in zip(
+    print("depth mm  model N  measured N (sd)  error/sd")
+    for at, force, mean, sd, deviation in zip(
         DEPTH_MM, forces, MEAN_N, DEVIATION_N, fit.fun, strict=True
     ):
-        print(f"{at:8.1f}  {force:7.4f}  {mean:.3f} ({sd:.3f})  {off:+9.2f}")
+        print(f"{at:8.1f}  {force:7.4f}  {mean:.3f} ({sd:.3f})  {deviation:+8.2f}")
     print(f"sum of squares {2 * fit.cost:.3f}, two degrees of freedom")
     print(f"{count} runs: {fit.message}")
 

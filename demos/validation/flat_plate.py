@@ -71,7 +71,7 @@ def main(
     columns = (trace.depth_mm, trace.force_N[:, 2], trace.contact_area_mm2, trace.volume_change)
     states = [State(*row) for row in np.column_stack(columns).tolist()]
     write_table(folder / "flat_plate.csv", states)
-    tell(trace)
+    print_results(trace)
     draw(trace, folder / "flat_plate.png")
 
 
@@ -90,15 +90,15 @@ def plate_study(depth: float, step: float, tissue: dict[str, Any], preset: str) 
 
 
 # %%
-def tell(trace: Trace) -> None:
+def print_results(trace: Trace) -> None:
     """Print force, area and volume beside what was measured, as far as the press went."""
     depth, force = trace.depth_mm, trace.force_N[:, 2]
-    print("depth mm  model N  measured N (sd)  off by sd")
+    print("depth mm  model N  measured N (sd)  error/sd")
     for at, mean, deviation in zip(DEPTH_MM, MEAN_N, DEVIATION_N, strict=True):
         if at <= depth[-1] + 1e-9:
             model = np.interp(at, depth, force)
-            off = (model - mean) / deviation
-            print(f"{at:8.1f}  {model:7.4f}  {mean:.3f} ({deviation:.3f})  {off:+9.2f}")
+            error = (model - mean) / deviation
+            print(f"{at:8.1f}  {model:7.4f}  {mean:.3f} ({deviation:.3f})  {error:+8.2f}")
     print("force N  area mm²  gate mm²")
     for at, (least, largest) in AREA_GATES.items():
         if at <= force[-1]:

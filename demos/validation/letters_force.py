@@ -73,12 +73,12 @@ def main(
         return
     folder.mkdir(parents=True, exist_ok=True)
     write_table(folder / "letters_force.csv", states)
-    tell(states)
+    print_results(states)
     draw(states, folder / "letters_force.png")
 
 
 # %%
-def tell(states: list[State]) -> None:
+def print_results(states: list[State]) -> None:
     """Print force at the paper's depth and depth at the paper's force, as far as it went."""
     depth = np.array([state.depth_mm for state in states])
     force = np.array([state.force_N for state in states])
@@ -86,10 +86,11 @@ def tell(states: list[State]) -> None:
     print(f"at {last.depth_mm:.3f} mm: {last.force_N:.4f} N on {last.contact_area_mm2:.1f} mm²")
     if depth[-1] >= DEPTH_MM - 1e-9:
         model = np.interp(DEPTH_MM, depth, force)
-        off = model / FORCE_N - 1
-        verdict = "within" if abs(off) <= GATE else "outside"
+        deviation = model / FORCE_N - 1
+        verdict = "within" if abs(deviation) <= GATE else "outside"
         print(
-            f"force at {DEPTH_MM} mm {model:.4f} N: {off:+.1%}, {verdict} {GATE:.0%} of {FORCE_N}"
+            f"force at {DEPTH_MM} mm {model:.4f} N: {deviation:+.1%}, "
+            f"{verdict} {GATE:.0%} of {FORCE_N}"
         )
     if force[-1] >= FORCE_N:
         print(f"depth at {FORCE_N} N {np.interp(FORCE_N, force, depth):.3f} mm")

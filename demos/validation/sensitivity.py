@@ -81,7 +81,7 @@ def main(
                 write_table(path, list(runs.values()))
                 print(runs[name, factor], flush=True)
     if MPI.COMM_WORLD.rank == 0:
-        tell(runs)
+        print_results(runs)
 
 
 def load(path: Path) -> dict[tuple[str, float], Run]:
@@ -129,7 +129,7 @@ def varied(study: Study, constant: str, factor: float) -> Study:
 
 
 # %%
-def tell(runs: dict[tuple[str, float], Run]) -> None:
+def print_results(runs: dict[tuple[str, float], Run]) -> None:
     """Print the changes in percent, for 10 % less and 10 % more of each constant."""
     base = runs["none", 1.0]
     print(f"plate {base.plate_N:.4f} N, letters {base.letters_N:.4f} N, SED {base.sed_kPa:.4f} kPa")

@@ -3,7 +3,7 @@
 #
 # This demo emphasizes
 # - how far the skin beside an indenter follows it, against published measurements,
-# - how the deformed skin is read from a results folder (`tactile_fem.finger.skin_points`),
+# - how the deformed skin is read from a results folder (`skin_surface.py`),
 # - whether the mesh resolves what presses.
 #
 # A bar lies across the finger and is pressed $d = 1$ mm into the pad: a cylinder of 3.17 mm
@@ -32,11 +32,11 @@ import numpy as np
 from flat_plate import BLUE, ORANGE
 from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
+from skin_surface import SkinSurface
 
 from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.finger.mesh_data import SURFACES
-from tactile_fem.finger.skin_points import SkinPoints
 from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
 from tactile_fem.scan.results import Results
@@ -97,7 +97,7 @@ def main(
 def midline(finger: FingerMesh, displacement: np.ndarray) -> np.ndarray:
     """Return deformed place and deflection, (2, points), of the skin at X = 0."""
     y = np.linspace(-HALF_LENGTH_MM, HALF_LENGTH_MM, 641)
-    points = SkinPoints(finger, np.column_stack([np.zeros_like(y), y]))
+    points = SkinSurface(finger, np.column_stack([np.zeros_like(y), y]))
     moved = points.deformed_mm(displacement)
     return np.stack([moved[:, 1], moved[:, 2] - points.rest_mm[:, 2]])
 
@@ -121,9 +121,9 @@ def agreement(place: np.ndarray, deflection: np.ndarray) -> None:
         LATERAL_MM, sides.T, model, DEFLECTION_MM, strict=True
     ):
         print(f"{at:10.1f}  {one:11.3f}  {other:9.3f}  {mean:7.3f}  {measured:11.2f}")
-    off = model - DEFLECTION_MM
-    r2 = 1 - np.sum(off**2) / np.sum((DEFLECTION_MM - DEFLECTION_MM.mean()) ** 2)
-    print(f"R2 {r2:.4f}, rms {np.sqrt(np.mean(off**2)):.4f} mm")
+    error = model - DEFLECTION_MM
+    r2 = 1 - np.sum(error**2) / np.sum((DEFLECTION_MM - DEFLECTION_MM.mean()) ** 2)
+    print(f"R2 {r2:.4f}, rms {np.sqrt(np.mean(error**2)):.4f} mm")
 
 
 # %%

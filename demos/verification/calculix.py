@@ -42,7 +42,7 @@ from typing import Literal
 import numpy as np
 from pad import half_ellipsoid
 from run_deck import is_installed, run_deck
-from two_codes import Cost, Way, compare, tell_cost
+from two_codes import Cost, Way, compare, print_cost
 
 from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
@@ -171,7 +171,7 @@ def main(
     if comm.rank:
         return
     their_cost, their_way = theirs(study, deck, samples, size, timeout)
-    tell_cost(our_cost, their_cost)
+    print_cost(our_cost, their_cost)
     write_table(folder / "cost.csv", [our_cost, their_cost])
     if len(their_way.way_mm):
         compare(study.protocol, receptors, our_way, their_way, folder)

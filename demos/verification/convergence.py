@@ -113,8 +113,8 @@ def main(
     errors += [error_of(scans, name, meshes[0]) for name in scans if name not in meshes]
     spreads = [spread_of(name, scans[name]) for name in meshes]
     if COMM.rank == 0:
-        tell(errors, spreads)
-        tell_order(scans, meshes, [error.history for error in errors])
+        print_results(errors, spreads)
+        print_order(scans, meshes, [error.history for error in errors])
         write_table(folder / "errors.csv", errors)
         write_table(folder / "spread.csv", spreads)
         draw(scans, meshes, folder / "convergence.png")
@@ -163,7 +163,7 @@ def error_of(scans: dict[str, Results], name: str, reference: str) -> Error:
     sed, true = histories(results), histories(scans[reference])
     peak, true_peak = sed.max(axis=0), true.max(axis=0)
     felt = true_peak > 0.2 * true_peak.max()
-    off = (peak - true_peak)[felt] / true_peak[felt]
+    error = (peak - true_peak)[felt] / true_peak[felt]
     trace, mesh = results.trace, results.run["mesh"]
     return Error(
         name,
@@ -173,13 +173,13 @@ def error_of(scans: dict[str, Results], name: str, reference: str) -> Error:
         len(trace["time_s"]) - 1,
         float(trace["force_N"][-1, 2]),
         float(peak[central_receptor(trace["receptors_mm"])]),
-        float(np.sqrt(np.mean(off**2))),
-        float(np.abs(off).max()),
+        float(np.sqrt(np.mean(error**2))),
+        float(np.abs(error).max()),
         float(np.linalg.norm(sed - true) / np.linalg.norm(true)),
     )
 
 
-def tell_order(scans: dict[str, Results], meshes: list[str], errors: list[float]) -> None:
+def print_order(scans: dict[str, Results], meshes: list[str], errors: list[float]) -> None:
     """Print the observed order and the finest mesh's own error, from three meshes."""
     if len(meshes) < 3:
         return
@@ -239,7 +239,7 @@ def spread_of(name: str, results: Results) -> Spread:
 
 
 # %%
-def tell(errors: list[Error], spreads: list[Spread]) -> None:
+def print_results(errors: list[Error], spreads: list[Spread]) -> None:
     """Print both tables."""
     print(
         "                     against   unknowns steps force N  central  maxima rms worst  history"

@@ -292,7 +292,7 @@ def without_size(rows: list[Row]) -> list[tuple[float, float]]:
     return found
 
 
-def tell(rows: list[Row]) -> None:
+def print_results(rows: list[Row]) -> None:
     """Print the tables."""
     print("errors in % at the same force        radius    peak  profile rms  force/Hertz at depth")
     for row in rows:
@@ -386,7 +386,7 @@ def main(
     if COMM.rank:
         return
     rows = [compare(solution) for solution in solutions]
-    tell(rows)
+    print_results(rows)
     folder.mkdir(parents=True, exist_ok=True)
     write_table(folder / "hertz.csv", rows)
     draw(solutions, rows, folder / "hertz.png")

@@ -34,10 +34,10 @@ def half_ellipsoid(size_mm: float) -> FingerMesh:
     flat = np.all(nodes[facets, 2] > -1e-9, axis=1)
     tag = np.where(flat, SURFACES["cut"], SURFACES["skin"])
     tag[second >= 0] = SURFACES["interface"]
-    kept = (second < 0) | (tissue[first] != tissue[second])
+    boundary = (second < 0) | (tissue[first] != tissue[second])
     nodes[:, 2] += AXES_MM[2]
-    nodes, tets, triangles = quadratic(nodes, tets, facets[kept])
-    return FingerMesh(nodes, tets, tissue, triangles, tag[kept])
+    nodes, tets, triangles = quadratic(nodes, tets, facets[boundary])
+    return FingerMesh(nodes, tets, tissue, triangles, tag[boundary])
 
 
 def _tetrahedra(size_mm: float) -> tuple[np.ndarray, np.ndarray]:

@@ -251,7 +251,7 @@ def rings(state: State, count: int = 20) -> tuple[np.ndarray, np.ndarray, np.nda
     return means[0][:count], means[1][:count], total[:count]
 
 
-def tell(rows: list[Row], states: list[State]) -> None:
+def print_results(rows: list[Row], states: list[State]) -> None:
     """Print the table and the errors."""
     print("     leg  slide mm  Q/(mu P)  c/a force  c/a moment    work mJ    heat mJ  balance")
     for r in rows:
@@ -330,7 +330,7 @@ def main(
     if COMM.rank:
         return
     rows = rows_of(states)
-    tell(rows, states)
+    print_results(rows, states)
     folder.mkdir(parents=True, exist_ok=True)
     write_table(folder / "partial_slip.csv", rows)
     draw(rows, states, furthest, folder / "partial_slip.png")

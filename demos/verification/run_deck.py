@@ -76,13 +76,13 @@ def run_deck(deck: Path, *, cores: int = 1, timeout: float = 3600.0) -> DeckRun:
             print(f"CalculiX was stopped after {timeout:.0f} s.")
     seconds, cpu = time.perf_counter() - started, cpu_of_children() - cpu
     rows = [row for row in rows_of(deck.with_suffix(".sta")) if not row[2].endswith("U")]
-    told = text_of(deck.with_suffix(".dat"))
+    output = text_of(deck.with_suffix(".dat"))
     total = r"total force .* set STIMULATOR .*\s+(\S+)\s+(\S+)\s+(\S+)"
-    force, sed = np.array(re.findall(total, told), dtype=float), energies(told)
+    force, sed = np.array(re.findall(total, output), dtype=float), energies(output)
     finished = "Job finished" in text_of(deck.with_suffix(".log"))
     if not finished:
         sed = sed[:-1]  # it may have been cut off
-    whole = min(len(rows), len(force), len(sed) if "energy density" in told else len(rows))
+    whole = min(len(rows), len(force), len(sed) if "energy density" in output else len(rows))
     return DeckRun(
         np.array([int(row[0]) - 1 for row in rows[:whole]], dtype=int),
         np.array([float(row[5]) for row in rows[:whole]]),
@@ -95,10 +95,10 @@ def run_deck(deck: Path, *, cores: int = 1, timeout: float = 3600.0) -> DeckRun:
     )
 
 
-def energies(told: str) -> np.ndarray:
+def energies(output: str) -> np.ndarray:
     """Return the mean SED (kPa) of the tetrahedra, (increments, highest number)."""
     found = []
-    for block in re.split(r"internal energy density .*\n", told)[1:]:
+    for block in re.split(r"internal energy density .*\n", output)[1:]:
         rows = re.findall(r"^ *(\d+) +[1-4] +(\S+E[+-]\d+) *$", block, re.MULTILINE)
         number, density = np.array(rows, dtype=float).T
         found.append(KPA_PER_MPA / 4 * np.bincount(number.astype(int) - 1, density))

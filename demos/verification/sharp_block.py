@@ -149,7 +149,7 @@ def measures(points: SkinPoints) -> tuple[float, float, float]:
 
 
 # %%
-def tell(row: Row) -> None:
+def print_results(row: Row) -> None:
     """Print a row."""
     print(
         f"{row.per_height:4d}  {row.theta:5d}  {row.gamma:6g}  {row.pressed_N:8.5f}  "
@@ -205,7 +205,7 @@ def main(
         for theta, gamma in product(thetas, gammas):
             rows.append(solve(domain, count, theta, gamma))
             if COMM.rank == 0:
-                tell(rows[-1])
+                print_results(rows[-1])
     if COMM.rank == 0:
         folder.mkdir(parents=True, exist_ok=True)
         write_table(folder / "sharp_block.csv", rows)

@@ -53,7 +53,7 @@ class Way:
         return Way(way_mm, force, sed)
 
 
-def tell_cost(mine: Cost, other: Cost) -> None:
+def print_cost(mine: Cost, other: Cost) -> None:
     """Print what the codes needed, side by side."""
     for name, value in asdict(mine).items():
         pair = value, getattr(other, name)
@@ -124,16 +124,16 @@ def compare(protocol: Protocol, points: np.ndarray, mine: Way, other: Way, folde
     ]
     felt.sort(key=lambda point: (point.moment, point.y_mm))
     write_table(folder / "sed.csv", felt)
-    tell_points(felt)
+    print_points(felt)
     draw(places, felt, folder / "comparison.png")
 
 
-def tell_points(felt: list[Point]) -> None:
+def print_points(felt: list[Point]) -> None:
     """Print the SED of both codes at each point."""
     for p in felt:
-        told = f"{p.moment}: SED at Y {p.y_mm:+.1f} mm {p.sed_kPa:.4f} kPa, CalculiX "
+        sentence = f"{p.moment}: SED at Y {p.y_mm:+.1f} mm {p.sed_kPa:.4f} kPa, CalculiX "
         differs = abs(p.sed_kPa / p.calculix_sed_kPa - 1)
-        print(f"{told}{p.calculix_sed_kPa:.4f} kPa, differs by {differs:.2%}")
+        print(f"{sentence}{p.calculix_sed_kPa:.4f} kPa, differs by {differs:.2%}")
 
 
 def draw(places: list[Place], felt: list[Point], picture: Path) -> None:

@@ -251,16 +251,13 @@ def report(
     results: Annotated[Path, Parameter(help="Folder of a scan or of a series.")],
     /,
     *,
-    fibre: Annotated[
-        Path | None, Parameter(help="Folder of passes over one receptor, to compare a scan with.")
-    ] = None,
     output: Annotated[Path | None, Parameter(help="Default report.html in the folder.")] = None,
 ) -> None:
     """Write one HTML file with the figures, numbers and parameters."""
     from tactile_fem.series.report import write_report
 
     logs.set_up(console=logs.stderr_console())
-    print(f"Written to {write_report(results, fibre=fibre, output=output)}")
+    print(f"Written to {write_report(results, output=output)}")
 
 
 def _draw(results: Results) -> None:

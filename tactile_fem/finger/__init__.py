@@ -4,13 +4,12 @@ from tactile_fem.finger.build import build_finger
 from tactile_fem.finger.load import load_finger
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.msh import read_msh, write_msh
-from tactile_fem.finger.report import MeshReport, check_mesh, describe
+from tactile_fem.finger.report import check_mesh, describe
 
 __all__ = [
     "SURFACES",
     "TISSUES",
     "FingerMesh",
-    "MeshReport",
     "build_finger",
     "check_mesh",
     "describe",

@@ -10,6 +10,7 @@ import numpy as np
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, VTK_ORDER, FingerMesh
+from tactile_fem.runtime.files import write_text
 
 OPTIONAL = {"nail"}
 
@@ -46,9 +47,9 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
         )
     tets, tissue = _tagged(raw, "tetra10", 3, TISSUES)
     triangles, surface = _tagged(raw, "triangle6", 2, SURFACES)
-    wanted = {**TISSUES, **SURFACES}
+    required = {**TISSUES, **SURFACES}
     found = set(np.unique(np.concatenate([tissue, surface])).tolist())
-    missing = [name for name, tag in wanted.items() if tag not in found and name not in OPTIONAL]
+    missing = [name for name, tag in required.items() if tag not in found and name not in OPTIONAL]
     if missing:
         raise MeshError(
             f"the mesh {path} lacks the physical group{'s' * (len(missing) > 1)} "
@@ -93,7 +94,10 @@ def _tagged(
 def write_msh(path: str | os.PathLike[str], mesh: FingerMesh) -> None:
     """Write a mesh as .msh 2.2 in ASCII; the same mesh gives the same bytes.
 
-    The file is written beside and renamed, so that it is there whole or not at all.
+    Raises
+    ------
+    OSError
+        It cannot be written; names `path`.
     """
     names = [(2, tag, name) for name, tag in SURFACES.items() if np.any(mesh.surface == tag)]
     names += [(3, tag, name) for name, tag in TISSUES.items() if np.any(mesh.tissue == tag)]
@@ -108,10 +112,4 @@ def write_msh(path: str | os.PathLike[str], mesh: FingerMesh) -> None:
             count += 1
             lines.append(f"{count} {kind} 2 {tag} {tag} {' '.join(map(str, cell))}")
     lines += ["$EndElements", ""]
-    path = Path(path)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        beside.write_text("\n".join(lines), encoding="ascii", newline="\n")
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+    write_text(Path(path), "\n".join(lines))

@@ -1,8 +1,6 @@
-"""What a mesh is like: volumes, quality, thickness of the layers; and whether it can be used."""
+"""Measures a mesh: volumes, quality, thickness of the layers; and checks that it can be used."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,13 +61,14 @@ def _jacobians(mesh: FingerMesh) -> NDArray[np.float64]:
 
 
 def check_mesh(mesh: FingerMesh) -> None:
-    """Refuse a mesh that cannot be computed on.
+    """Check that a mesh can be used for computations.
 
     Raises
     ------
     MeshError
-        For inverted tetrahedra, facets of more than two, missing tissues or surfaces, nodes that
-        are nowhere, another unit of length, or a contact point without skin and bone above it.
+        Tetrahedra are inverted, a facet belongs to more than two of them, a tissue or a surface is
+        missing, coordinates are not finite or not in mm, or there is no skin or bone above the
+        contact point.
     """
     missing = [name for name, tag in TISSUES.items() if not np.any(mesh.tissue == tag)]
     missing += [name for name, tag in SURFACES.items() if not np.any(mesh.surface == tag)]
@@ -164,67 +163,28 @@ def _distances(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDA
     return np.where(beside, rim, height).min(axis=1)
 
 
-@dataclass(frozen=True)
-class MeshReport:
-    """Figures of a finger mesh; volumes in mm^3, thickness in mm.
-
-    `wanted` is the layers' thickness in the study; it is empty if the mesh came from a file.
-    """
-
-    nodes: int
-    tets: dict[str, int]
-    volume: dict[str, float]
-    gamma: dict[str, tuple[float, float]]
-    facets: dict[str, int]
-    thickness: dict[str, tuple[float, float, float]]
-    wanted: dict[str, float]
-    pad_thickness: float
-    hash: str
-
-    def __str__(self) -> str:
-        """Return a table to print."""
-        lines = [
-            f"{sum(self.tets.values())} tetrahedra, {self.nodes} nodes, "
-            f"{3 * self.nodes} displacements, volume {sum(self.volume.values()):.1f} mm^3",
-            f"{'tissue':<16}{'tets':>8}{'mm^3':>10}{'min gamma':>11}{'mean':>7}",
-        ]
-        for name, count in self.tets.items():
-            low, mean = self.gamma[name]
-            lines.append(f"{name:<16}{count:>8}{self.volume[name]:>10.1f}{low:>11.3f}{mean:>7.3f}")
-        lines.append(f"{'surface':<16}{'facets':>8}")
-        lines += [f"{name:<16}{count:>8}" for name, count in self.facets.items()]
-        columns = [*(["wanted"] if self.wanted else []), "min", "mean", "max"]
-        lines.append(f"{'layer of the pad':<16}{''.join(f'{c:>8}' for c in columns)} mm")
-        for name, found in self.thickness.items():
-            figures = [self.wanted[name], *found] if self.wanted else found
-            lines.append(f"{name:<16}{''.join(f'{value:>8.3f}' for value in figures)}")
-        lines.append(f"skin to bone over the contact point {self.pad_thickness:.3f} mm")
-        return "\n".join([*lines, f"sha256 {self.hash}"])
-
-
-def describe(mesh: FingerMesh, finger: Finger) -> MeshReport:
-    """Measure a mesh and hold its layers beside those that the finger asks for, if it does."""
+def describe(mesh: FingerMesh, finger: Finger) -> str:
+    """Return a table to print: tissues, surfaces and layers, with the study's layers if any."""
     volume, gamma = volumes(mesh.nodes, mesh.tets), gammas(mesh.nodes, mesh.tets)
-    parts = {name: mesh.tissue == tag for name, tag in TISSUES.items()}
-    parts = {name: mask for name, mask in parts.items() if mask.any()}
-    return MeshReport(
-        nodes=len(mesh.nodes),
-        tets={name: int(mask.sum()) for name, mask in parts.items()},
-        volume={name: float(volume[mask].sum()) for name, mask in parts.items()},
-        gamma={
-            name: (float(gamma[mask].min()), float(gamma[mask].mean()))
-            for name, mask in parts.items()
-        },
-        facets={name: int(np.sum(mesh.surface == tag)) for name, tag in SURFACES.items()},
-        thickness={
-            name: (float(found.min()), float(found.mean()), float(found.max()))
-            for name, found in layer_thickness(mesh).items()
-        },
-        wanted=(
-            {name: getattr(finger, f"{name}_mm") for name in LAYERS}
-            if finger.mesh_file is None
-            else {}
-        ),
-        pad_thickness=pad_thickness_mm(mesh),
-        hash=mesh.hash,
-    )
+    count = len(mesh.nodes)
+    lines = [
+        f"{len(mesh.tets)} tetrahedra, {count} nodes, {3 * count} displacements, "
+        f"volume {volume.sum():.1f} mm^3",
+        f"{'tissue':<16}{'tets':>8}{'mm^3':>10}{'min gamma':>11}{'mean':>7}",
+    ]
+    for name, tag in TISSUES.items():
+        part = mesh.tissue == tag
+        if part.any():
+            quality = f"{gamma[part].min():>11.3f}{gamma[part].mean():>7.3f}"
+            lines.append(f"{name:<16}{part.sum():>8}{volume[part].sum():>10.1f}{quality}")
+    lines.append(f"{'surface':<16}{'facets':>8}")
+    lines += [f"{name:<16}{np.sum(mesh.surface == tag):>8}" for name, tag in SURFACES.items()]
+    parametric = finger.mesh_file is None
+    heading = [*(["study"] if parametric else []), "min", "mean", "max"]
+    lines.append(f"{'layer of the pad':<16}{''.join(f'{word:>8}' for word in heading)} mm")
+    for name, found in layer_thickness(mesh).items():
+        row = [getattr(finger, f"{name}_mm")] if parametric else []
+        row += [found.min(), found.mean(), found.max()]
+        lines.append(f"{name:<16}{''.join(f'{value:>8.3f}' for value in row)}")
+    lines.append(f"skin to bone over the contact point {pad_thickness_mm(mesh):.3f} mm")
+    return "\n".join([*lines, f"sha256 {mesh.hash}"])

@@ -126,8 +126,8 @@ def pad_size(sizes: Sizes, capsule: Capsule) -> Size:
         across = max(abs(x) - PATCH_MM[0], 0.0)
         along = max(abs(y) - PATCH_MM[1], 0.0)
         above = max(z + 0.45 * capsule.below, 0.0)
-        away = math.sqrt(across**2 + along**2 + above**2)
-        return min(sizes.pad + away * (sizes.growth + sizes.curve * away), sizes.far)
+        distance = math.sqrt(across**2 + along**2 + above**2)
+        return min(sizes.pad + distance * (sizes.growth + sizes.curve * distance), sizes.far)
 
     return size
 

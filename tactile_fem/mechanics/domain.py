@@ -33,8 +33,8 @@ class Domain:
     Attributes
     ----------
     mesh
-        Tetrahedra (triangles of a section); linear geometry where the file's mid-nodes halve their edges (its cells are
-        then affine and cheap to integrate), quadratic otherwise.
+        Tetrahedra (of a section triangles); linear geometry where the file's mid-nodes halve their
+        edges (its cells are then affine and cheap to integrate), quadratic otherwise.
     tissue, surface
         Cell and facet tags with the values of `TISSUES` and `SURFACES`.
     nodes

@@ -111,11 +111,11 @@ class LineJacobi:
     """
 
     def __init__(self, lines: list[np.ndarray], like: PETSc.Vec) -> None:
-        wanted = np.concatenate([nodes.ravel() for nodes in lines]).astype(np.int32)
-        self._rows = PETSc.IS().createBlock(3, wanted, comm=like.comm)
-        self._given = PETSc.Vec().createSeq(3 * len(wanted))
-        self._result = self._given.duplicate()
-        self._scatter = PETSc.Scatter().create(like, self._rows, self._given, None)
+        blocks = np.concatenate([nodes.ravel() for nodes in lines]).astype(np.int32)
+        self._rows = PETSc.IS().createBlock(3, blocks, comm=like.comm)
+        self._values = PETSc.Vec().createSeq(3 * len(blocks))
+        self._result = self._values.duplicate()
+        self._scatter = PETSc.Scatter().create(like, self._rows, self._values, None)
         ends = np.cumsum([3 * nodes.size for nodes in lines])
         self._spans = [(end - 3 * nodes.size, end) for end, nodes in zip(ends, lines, strict=True)]
         self._sizes = [3 * nodes.shape[1] for nodes in lines]
@@ -147,8 +147,8 @@ class LineJacobi:
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set ``y`` to the block-diagonal inverse times ``x``."""
         del pc
-        self._scatter.scatter(x, self._given)
-        given, result = self._given.array_r, self._result.array_w
+        self._scatter.scatter(x, self._values)
+        given, result = self._values.array_r, self._result.array_w
         for (first, end), inverse in zip(self._spans, self._inverses, strict=True):
             block = given[first:end].reshape(len(inverse), -1, 1)
             result[first:end] = (inverse @ block).ravel()

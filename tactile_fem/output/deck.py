@@ -93,19 +93,13 @@ class DeckSize:
     ----------
     tets, unknowns
         Elements of the finger and components of displacement that are free.
-    held_nodes
-        Nodes of the finger that are fixed.
     skin_facets
         Faces of the slave surface.
-    stimulator_cells
-        Hexahedra of the stimulator.
     """
 
     tets: int
     unknowns: int
-    held_nodes: int
     skin_facets: int
-    stimulator_cells: int
 
 
 def write_deck(
@@ -156,8 +150,8 @@ def write_deck(
     if any(motion.until_N or motion.held_N for motion in motions):
         raise StudyError("protocol.force_N: a deck goes to places only")
     rigid, fixed = held_parts(finger, study.solver.held)
-    kept = np.flatnonzero(~rigid)
-    used = np.unique(finger.tets[kept])
+    deformable = np.flatnonzero(~rigid)
+    used = np.unique(finger.tets[deformable])
     held = used[fixed[used]]
     if not len(held):
         raise StudyError(f"solver.held = {list(study.solver.held)}: nothing of the mesh is held")
@@ -168,9 +162,9 @@ def write_deck(
     field = height_field(body, way.places_mm(), finger.nodes[skin], grid_mm)
     field = replace(field, points=field.points + way.start_mm)
 
-    present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[kept] == tag)]
+    present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[deformable] == tag)]
     lines = ["** Fingertip and rigid stimulator, written by tactile_fem; mm, N, MPa"]
-    lines += _finger_lines(finger, kept, used, held, present)
+    lines += _finger_lines(finger, deformable, used, held, present)
     if energy_of is not None:
         lines += ["*ELSET, ELSET=FELT", *_listed(energy_of + 1)]
     lines += _stimulator_lines(field, len(finger.nodes), len(finger.tets))
@@ -183,7 +177,7 @@ def write_deck(
     for motion in motions:
         lines += _step_lines(motion, way.start_mm, (slide, press), printed)
     write_text(Path(path), "\n".join([*lines, ""]))
-    return DeckSize(len(kept), 3 * (len(used) - len(held)), len(held), len(faces), len(field.cells))
+    return DeckSize(len(deformable), 3 * (len(used) - len(held)), len(faces))
 
 
 def element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -209,14 +203,14 @@ def element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDAr
 
 def _finger_lines(
     finger: FingerMesh,
-    kept: NDArray[np.int64],
+    deformable: NDArray[np.int64],
     used: NDArray[np.int64],
     held: NDArray[np.int64],
     present: list[str],
 ) -> list[str]:
     lines = ["*NODE, NSET=FINGER", *_rows(used, finger.nodes[used])]
     for name in present:
-        own = kept[finger.tissue[kept] == TISSUES[name]]
+        own = deformable[finger.tissue[deformable] == TISSUES[name]]
         lines.append(f"*ELEMENT, TYPE=C3D10, ELSET={name.upper()}")
         lines += _rows(own, finger.tets[own][:, VTK_ORDER] + 1)
         lines.append(f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}")

@@ -28,7 +28,9 @@ COLOURS = {
     "nail": "#7FB0BF",
 }
 RIGID = ("bone", "nail")
-RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
+_RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
+RELIEF_STYLE = {"scalars": "height_mm", "cmap": _RELIEF, "smooth_shading": True}
+RIM_STYLE = {"color": "black", "line_width": 1.5}
 _PIXELS = (1650, 1050)
 _FAR = 1e3
 _SURFACE_STEP_MM = 0.1
@@ -71,7 +73,7 @@ def finger_figure(grid: pv.UnstructuredGrid) -> Figure:
 
 def deformation_figure(
     grid: pv.UnstructuredGrid,
-    stimulator: pv.PolyData | None,
+    stimulator: pv.PolyData,
     limits_kPa: tuple[float, float],
     title: str,
 ) -> Figure:
@@ -113,20 +115,8 @@ def deformation_figure(
                 lighting=False,
                 show_scalar_bar=False,
             )
-        rim = face.extract_feature_edges(
-            boundary_edges=True, feature_edges=False, manifold_edges=False
-        )
-        # A little towards the eye, so that the face does not hide its own rim.
-        plotter.add_mesh(rim.translate((0.03, 0, 0)), color="black", line_width=1.5)
-    if stimulator is not None:
-        stimulator["height_mm"] = stimulator.points[:, 2]
-        plotter.add_mesh(
-            stimulator,
-            scalars="height_mm",
-            cmap=RELIEF,
-            show_scalar_bar=False,
-            smooth_shading=True,
-        )
+        plotter.add_mesh(rim(face, (0.03, 0, 0)), **RIM_STYLE)
+    plotter.add_mesh(stimulator, show_scalar_bar=False, **RELIEF_STYLE)
     image = _picture(plotter, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), half_height=8.4)
     figure = framed(image)
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 3}
@@ -152,11 +142,11 @@ def colour_limits(grids: list[pv.UnstructuredGrid]) -> tuple[float, float]:
 
 
 def stimulator_surface(results: Results) -> pv.PolyData:
-    """Return the surface of a scan's stimulator where it comes near the finger, in its own frame.
+    """Return the part of the stimulator's surface that comes near the finger, in the body's frame.
 
-    Of a body that the study states it lies where the distance vanishes, and its normals are the
-    distance's gradient: walls are as smooth as the finger feels them. Of an own body it is what
-    the scan has saved.
+    For a body that the study states it is the zero level of the signed distance. Its normals are
+    the gradient of the distance, so it looks as smooth as the contact formulation sees it. For an
+    own body it is the surface that the scan has saved.
     """
     saved = results.stimulator
     if saved is not None:
@@ -175,7 +165,7 @@ def body_surface(
     y = np.arange(-15.0 - high_mm[1], 15.0 - low_mm[1] + step, step)
     plane = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     layers: list[NDArray[np.float64]] = []
-    # From above down until all is inside: a plate ends the search early, a ball never.
+    # Downwards until a whole layer is inside: early for a plate, never for a ball.
     for z in np.arange(step / 2, _LOWEST_MM, -step):
         layers.append(-body.distance(np.column_stack([plane, np.full(len(plane), z)])).gap)
         if layers[-1].min() > 0:
@@ -184,6 +174,7 @@ def body_surface(
     image.origin = (x[0], y[0], z)
     image["depth_mm"] = np.concatenate(layers[::-1])
     surface = image.contour([0.0], scalars="depth_mm", method="flying_edges")
+    surface["height_mm"] = surface.points[:, 2]
     surface.point_data.active_normals = body.distance(surface.points.astype(float)).normal
     return surface
 
@@ -240,6 +231,14 @@ def parts(solid: pv.UnstructuredGrid) -> Iterator[tuple[str, pv.UnstructuredGrid
         inside = np.flatnonzero(solid["tissue"] == tag)
         if len(inside):
             yield name, solid.extract_cells(inside)
+
+
+def rim(surface: pv.PolyData, shift_mm: tuple[float, float, float]) -> pv.PolyData:
+    """Return a surface's boundary, shifted towards the camera so that the surface hides none."""
+    edges = surface.extract_feature_edges(
+        boundary_edges=True, feature_edges=False, manifold_edges=False
+    )
+    return edges.translate(shift_mm)
 
 
 def _opened_faces(part: pv.UnstructuredGrid) -> Iterator[pv.PolyData]:

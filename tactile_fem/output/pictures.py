@@ -80,9 +80,9 @@ def _no_fields(results: Results) -> str | None:
 def _environment() -> dict[str, str]:
     """Return an environment without MPI's variables, nor a screen that might not answer."""
     mpi = ("PMI_", "PMIX_", "OMPI_", "MPI_", "HYD")
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(mpi)}
-    kept.pop("DISPLAY", None)
-    return kept
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(mpi)}
+    environment.pop("DISPLAY", None)
+    return environment
 
 
 def choose_states(
@@ -99,10 +99,10 @@ def choose_states(
     """
     slide = trace["time_s"] >= 0
     sed = trace["sed_kPa"][slide, central_receptor(trace["receptors_mm"])]
-    wanted = trace["time_s"][slide][np.sort(np.concatenate(extrema(sed)))]
-    if not len(wanted):
-        wanted = times_s[-1:]
-    nearest = {int(np.argmin(np.abs(times_s - time))) for time in wanted}
+    times = trace["time_s"][slide][np.sort(np.concatenate(extrema(sed)))]
+    if not len(times):
+        times = times_s[-1:]
+    nearest = {int(np.argmin(np.abs(times_s - time))) for time in times}
     return sorted(nearest)[:_MOST]
 
 

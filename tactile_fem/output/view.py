@@ -36,7 +36,7 @@ _SED = "Strain energy density\non the interface (kPa)"
 _SED_COLOURS = "viridis"
 # Colour and radius in mm.
 _SILENT, _FIRING = ("#101010", 0.07), ("#FFFFFF", 0.1)
-_LINE = {"color": "black", "line_width": 1.5}
+_RIM_SHIFT_MM = (0.0, 0.03, 0.03)
 _PIXELS = (1100, 700)
 _PER_SECOND, _DPI = 20, 112
 
@@ -84,8 +84,7 @@ def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict[st
         if face.n_points:
             face = deformed(face)
             yield f"{name} face", face, {"color": colour, "lighting": False}
-            # A little towards the eye, so that the face does not hide its own rim.
-            yield f"{name} rim", _rim(face).translate((0, 0.03, 0.03)), _LINE
+            yield f"{name} rim", drawing.rim(face, _RIM_SHIFT_MM), drawing.RIM_STYLE
     carpet = state.interface.clip("y", origin=cut, invert=False)
     carpet = deformed(carpet.clip("z", origin=(0.0, 0.0, film.rim_mm)))
     look = {
@@ -95,7 +94,7 @@ def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict[st
         "lighting": False,
     }
     yield "interface", carpet, look
-    yield "interface rim", _rim(carpet).translate((0, 0.03, 0.03)), _LINE
+    yield "interface rim", drawing.rim(carpet, _RIM_SHIFT_MM), drawing.RIM_STYLE
     for name, which, (colour, radius) in (
         ("silent", ~state.fired, _SILENT),
         ("firing", state.fired, _FIRING),
@@ -103,16 +102,7 @@ def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict[st
         points = pv.PolyData(state.receptors_mm[which])
         balls = points.glyph(geom=pv.Sphere(radius=radius), scale=False, orient=False)
         yield name, balls, {"color": colour, "ambient": 0.4}
-    stimulator = state.stimulator
-    stimulator["height_mm"] = stimulator.points[:, 2]
-    look = {"scalars": "height_mm", "cmap": drawing.RELIEF, "smooth_shading": True}
-    yield "stimulator", stimulator, look
-
-
-def _rim(surface: pv.PolyData) -> pv.PolyData:
-    return surface.extract_feature_edges(
-        boundary_edges=True, feature_edges=False, manifold_edges=False
-    )
+    yield "stimulator", state.stimulator, drawing.RELIEF_STYLE
 
 
 # --- where it goes -----------------------------------------------------------------------------
@@ -243,10 +233,10 @@ def _add_legend(figure: Figure) -> None:
 
 def _palette(image: Image.Image) -> NDArray[np.uint8]:
     """Return (256, 3) colours: those of the scale and the legend, the others from a frame."""
-    fixed = [*colormaps[_SED_COLOURS](np.linspace(0, 1, 128)), *map(to_rgba, _legend().values())]
-    kept = np.round(255 * np.array(fixed)[:, :3])
-    others = image.quantize(256 - len(kept), dither=Image.Dither.NONE).getpalette()
-    return np.vstack([kept, np.reshape(others, (-1, 3))])[:256].astype(np.uint8)
+    named = [*colormaps[_SED_COLOURS](np.linspace(0, 1, 128)), *map(to_rgba, _legend().values())]
+    fixed = np.round(255 * np.array(named)[:, :3])
+    others = image.quantize(256 - len(fixed), dither=Image.Dither.NONE).getpalette()
+    return np.vstack([fixed, np.reshape(others, (-1, 3))])[:256].astype(np.uint8)
 
 
 def _indexed(image: Image.Image, palette: NDArray[np.uint8]) -> Image.Image:

@@ -1,4 +1,4 @@
-"""What a scan says while it runs: log lines, a log file, progress on a terminal."""
+"""Output of a scan while it runs: log lines, a log file, progress on a terminal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 from rich.console import Console
 from rich.logging import RichHandler
@@ -23,23 +23,14 @@ from rich.progress import (
 
 from tactile_fem.runtime.ranks import TERMINAL_VARIABLE
 
+if TYPE_CHECKING:
+    from tactile_fem.mechanics.stepper import Step
+
 PACKAGE = "tactile_fem"
 logger = logging.getLogger(__name__)
 _FORMAT = "%(asctime)s %(levelname)-7s %(message)s"
 _TERMINAL = f"{PACKAGE}.terminal"
 _TIME = "%H:%M:%S"
-
-
-class RankFilter(logging.Filter):
-    """Lets the first rank's records pass, and everybody's errors."""
-
-    def __init__(self, rank: int) -> None:
-        super().__init__()
-        self.rank = rank
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether the record is to be shown."""
-        return self.rank == 0 or record.levelno >= logging.ERROR
 
 
 def stderr_console() -> Console:
@@ -56,11 +47,11 @@ def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None 
     Parameters
     ----------
     rank
-        MPI rank; only rank 0 speaks.
+        MPI rank; the others report errors only.
     level
-        Least level shown.
+        Lowest level shown.
     console
-        Where to; default stderr.
+        Default stderr.
     """
     console = console or stderr_console()
     handler: logging.Handler
@@ -70,7 +61,7 @@ def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None 
     else:
         handler = logging.StreamHandler(console.file)
         handler.setFormatter(logging.Formatter(_FORMAT, datefmt=_TIME))
-    handler.addFilter(RankFilter(rank))
+    handler.addFilter(lambda record: rank == 0 or record.levelno >= logging.ERROR)
     handler.setLevel(level)
     package = logging.getLogger(PACKAGE)
     handler.name = _TERMINAL
@@ -82,7 +73,7 @@ def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None 
 
 
 class _LogFile(logging.FileHandler):
-    """A log that keeps silent on a full disk: the scan fails there as well, and tells."""
+    """A log file without errors of its own: on a full disk the scan itself fails and reports."""
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Drop a record."""
@@ -90,7 +81,7 @@ class _LogFile(logging.FileHandler):
 
 @contextmanager
 def log_to(path: Path, rank: int = 0) -> Iterator[None]:
-    """Keep the package's log in a file as well, on rank 0, with every step."""
+    """Also write the package's log, with every step, to a file on rank 0."""
     if rank != 0:
         yield
         return
@@ -108,26 +99,8 @@ def log_to(path: Path, rank: int = 0) -> Iterator[None]:
         handler.close()
 
 
-class StepReport(Protocol):
-    """What an accepted step tells."""
-
-    index: int
-    phase: str
-    displacement_mm: float
-    depth_mm: float
-    fraction: float
-
-    @property
-    def force_N(self) -> Any:
-        """Force on the finger, (3,)."""
-
-    @property
-    def newton_iterations(self) -> int:
-        """Newton iterations of the step."""
-
-
-def describe_step(step: StepReport) -> str:
-    """Return one line about a step."""
+def describe_step(step: Step) -> str:
+    """Return one line that describes a step."""
     normal = round(float(step.force_N[2]), 4) + 0.0  # no -0.0000
     tangential = (step.force_N[0] ** 2 + step.force_N[1] ** 2) ** 0.5
     return (
@@ -138,7 +111,7 @@ def describe_step(step: StepReport) -> str:
 
 
 class ProgressDisplay:
-    """Shows how far a scan has come: a bar on a terminal, now and then a line elsewhere.
+    """Shows the progress of a scan: a bar on a terminal, occasional lines elsewhere.
 
     A context manager: a bar left open would garble the terminal.
 
@@ -149,7 +122,7 @@ class ProgressDisplay:
     console
         Default stderr.
     every_s
-        Least time between two lines where there is no terminal.
+        Minimum time between two lines if there is no terminal.
     """
 
     def __init__(
@@ -158,8 +131,8 @@ class ProgressDisplay:
         console = console or stderr_console()
         self._silent = rank != 0
         self._every = every_s
-        # Also where it is not shown, for its estimate of the time left, made of the last minutes:
-        # a resumed scan begins far on, and the press is faster than the slide.
+        # Also without a terminal: it estimates the time left from the last minutes, because a
+        # resumed scan does not begin at 0 % and the press is faster than the slide.
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=24),
@@ -172,7 +145,7 @@ class ProgressDisplay:
         )
         self._shown = console.is_terminal and not self._silent
         self._task = self._bar.add_task("first touch", total=1.0)
-        self._told = self._bar.get_time()
+        self._last_line_s = self._bar.get_time()
 
     def __enter__(self) -> Self:
         """Open the display."""
@@ -190,15 +163,15 @@ class ProgressDisplay:
         if self._shown:
             self._bar.stop()
 
-    def step(self, step: StepReport) -> None:
+    def step(self, step: Step) -> None:
         """Show an accepted step."""
         if self._silent:
             return
         line, now, level = describe_step(step), self._bar.get_time(), logging.DEBUG
         self._bar.update(self._task, completed=step.fraction, description=line)
-        telling = now - self._told >= self._every or step.fraction >= 1.0 or step.index == 1
-        if telling and not self._shown:
-            self._told, level = now, logging.INFO
+        due = now - self._last_line_s >= self._every or step.fraction >= 1.0 or step.index == 1
+        if due and not self._shown:
+            self._last_line_s, level = now, logging.INFO
             line += f"  {100 * step.fraction:3.0f} %{self._time_left()}"
         logger.log(level, "%s", line)
 

@@ -37,13 +37,10 @@ def launcher() -> str:
         There is none.
     """
     folder = Path(sys.executable).parent
-    for name in ("mpiexec", "mpirun"):
-        if (folder / name).exists():
-            return str(folder / name)
-    for name in ("mpiexec", "mpirun"):
-        found = shutil.which(name)
-        if found:
-            return found
+    for path in (folder, None):
+        for name in ("mpiexec", "mpirun"):
+            if found := shutil.which(name, path=path):
+                return found
     raise TactileError(
         "There is no mpiexec beside this Python nor on the path: start without --ranks."
     )

@@ -1,4 +1,4 @@
-"""Images of firing: rate over the place on the stimulator, in both protocols."""
+"""Images of firing: the rate over the place on the stimulator, as in a spatial event plot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, respond
-from tactile_fem.output.extrema import central_receptor, middle_row
+from tactile_fem.output.extrema import central_receptor
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Neuron
 
@@ -19,23 +19,7 @@ logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-_UNEVEN = "For an image there must be three or more passes, evenly apart in X."
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """Histories whose receptors met the stimulator at X `across_mm`, by rising X.
-
-    Attributes
-    ----------
-    time_s, sed_kPa
-        (steps,) and (steps, rows); the slide begins at time 0.
-    """
-
-    across_mm: Array
-    time_s: Array
-    sed_kPa: Array
-    speed_mm_s: float
+_UNEVEN = "An image needs three or more passes at equal distances in X."
 
 
 @dataclass(frozen=True)
@@ -45,11 +29,11 @@ class RateImage:
     Attributes
     ----------
     across_mm, along_mm
-        Evenly rising X (rows,) and Y (columns,) of the place that is met.
+        Place on the stimulator: X of the rows and Y of the columns, both evenly rising.
     rate_Hz
         Spikes/s, (rows, columns).
     response
-        The spikes it is made of, a row each; times from the start of the slide.
+        The spikes behind it, one train per row; times from the start of the slide.
     """
 
     across_mm: Array
@@ -58,131 +42,76 @@ class RateImage:
     response: Response
 
 
-def population_histories(results: Results) -> Sweep:
-    """Return what the receptors on the line Y = 0 felt in one scan.
-
-    Raises
-    ------
-    StudyError
-        They are not evenly apart, or fewer than three.
-    """
-    trace, study = results.trace, results.study
-    places = trace["receptors_mm"]
-    line = middle_row(places)
-    across = places[line, 0]
-    steps = np.diff(across)
-    if len(across) < 3 or not np.allclose(steps, steps[0], atol=1e-6):
-        raise StudyError(
-            f"For an image the receptors on Y = 0 in {results.folder} must be three or more, "
-            "evenly apart in X."
-        )
-    # What is at X of the body at rest is met by the receptor at X: body and finger share axes.
-    return Sweep(across, trace["time_s"], trace["sed_kPa"][:, line], study.protocol.speed_mm_s)
-
-
-def fibre_histories(passes: Sequence[Results], base_mm: float = 0.0) -> Sweep:
-    """Return what the receptor at X = Y = 0 felt in passes with shifted stimulators.
-
-    A stimulator shifted to s brings what lies at X = base - s, when it is shifted to the base, to
-    the receptor. Where a pass is missing between others nothing is felt, and a warning is logged.
-
-    Raises
-    ------
-    StudyError
-        The shifts are fewer than three, or uneven, or more than half of them are missing, or the
-        speeds differ.
-    """
-    if not passes:
-        raise StudyError("There is no complete pass.")
-    across = np.array([base_mm - results.study.stimulus.shift_mm[0] for results in passes])
-    order = np.argsort(across)
-    across, rows = _with_gaps(across[order])
-    speeds = {results.study.protocol.speed_mm_s for results in passes}
-    if len(speeds) > 1:
-        raise StudyError(f"The passes have different speeds: {sorted(speeds)} mm/s.")
-    traces = [passes[k].trace for k in order]
-    # The steps differ between passes; between two of them the histories are linear.
-    time = np.unique(np.concatenate([trace["time_s"] for trace in traces]).round(12))
-    sed = [
-        np.interp(
-            time, trace["time_s"], trace["sed_kPa"][:, central_receptor(trace["receptors_mm"])]
-        )
-        for trace in traces
-    ]
-    felt = np.zeros((len(time), len(across)))
-    felt[:, rows] = np.column_stack(sed)
-    return Sweep(across, time, felt, speeds.pop())
-
-
 def rate_image(
-    sweep: Sweep, neuron: Neuron, *, column_mm: float = 0.2, window_mm: float = 0.2
+    across_mm: Array,
+    time_s: Array,
+    sed_kPa: Array,
+    speed_mm_s: float,
+    neuron: Neuron,
+    *,
+    column_mm: float = 0.2,
+    window_mm: float = 0.2,
 ) -> RateImage:
-    """Return the firing rates that histories evoke.
+    """Return the firing rates that histories of strain energy density evoke.
 
     Parameters
     ----------
+    across_mm
+        (rows,) rising X of the stimulator that each receptor passes.
+    time_s, sed_kPa
+        (steps,) and (steps, rows); the slide begins at time 0.
+    speed_mm_s
+        Of the slide.
     neuron
         Constants; another ``seed`` gives another realization of its noise.
     column_mm
-        Distance of the columns.
+        Distance between columns.
     window_mm
-        Standard deviation of the Gaussian that spreads a spike along the scan.
+        Standard deviation of the Gaussian that smooths each spike along the scan.
     """
-    fired = respond(sweep.time_s, sweep.sed_kPa, neuron)
-    spikes = [times[times >= 0] for times in fired.spikes]
-    response = Response(spikes, 0.0, fired.end_s)
-    end = fired.end_s * sweep.speed_mm_s
-    along = np.arange(0.0, end + 1e-9, column_mm)
-    rate = response.rate(along / sweep.speed_mm_s, window_mm / sweep.speed_mm_s)
-    return RateImage(sweep.across_mm, along, rate.T, response)
+    fired = respond(time_s, sed_kPa, neuron)
+    response = Response([times[times >= 0] for times in fired.spikes], 0.0, fired.end_s)
+    along = np.arange(0.0, fired.end_s * speed_mm_s + 1e-9, column_mm)
+    rate = response.rate(along / speed_mm_s, window_mm / speed_mm_s)
+    return RateImage(across_mm, along, rate.T, response)
 
 
-def population_image(results: Results, neuron: Neuron | None = None) -> RateImage:
-    """Return the image of one scan's receptors on Y = 0, with the study's neuron or another."""
-    return rate_image(population_histories(results), neuron or results.study.neuron)
-
-
-def fibre_image(
-    passes: Sequence[Results], neuron: Neuron | None = None, base_mm: float = 0.0
-) -> RateImage:
+def fibre_image(passes: Sequence[Results], neuron: Neuron | None = None) -> RateImage:
     """Return the image that passes over one receptor make: the classic spatial event plot.
 
-    It shows the stimulator as it lies when shifted to `base_mm`. The afferent is the same in all
-    passes, so its gain does not vary between rows. The row of a pass that is missing between
-    others is empty.
-    """
-    histories = fibre_histories(passes, base_mm)
-    neuron = neuron or passes[0].study.neuron
-    return rate_image(histories, neuron.model_copy(update={"gain_spread": 0.0}))
-
-
-def thinned(image: RateImage, spacing_mm: float) -> RateImage:
-    """Return the image with its rows `spacing_mm` apart, the middle one among them.
+    The receptor at X = Y = 0 passes over X = -s of a stimulator that is shifted by s. The
+    afferent is the same in all passes, so its gain does not vary between rows. If a pass is
+    missing between others, its row is empty and a warning is logged.
 
     Raises
     ------
     StudyError
-        That is no multiple of the rows' distance, or leaves fewer than three.
+        There are fewer than three passes, their shifts are uneven, more than half of them are
+        missing, or their speeds differ.
     """
-    own = image.across_mm[1] - image.across_mm[0]
-    every = max(round(spacing_mm / own), 1)
-    middle = len(image.across_mm) // 2
-    rows = np.arange(middle % every, len(image.across_mm), every)
-    if not np.isclose(every * own, spacing_mm) or len(rows) < 3:
-        raise StudyError(
-            f"Rows {spacing_mm:g} mm apart must be three or more of the image's, "
-            f"which are {own:g} mm apart."
-        )
-    fired = image.response
-    response = Response([fired.spikes[row] for row in rows], fired.start_s, fired.end_s)
-    return RateImage(image.across_mm[rows], image.along_mm, image.rate_Hz[rows], response)
+    if not passes:
+        raise StudyError("There is no complete pass.")
+    speeds = {results.study.protocol.speed_mm_s for results in passes}
+    if len(speeds) > 1:
+        raise StudyError(f"The passes have different speeds: {sorted(speeds)} mm/s.")
+    passes = sorted(passes, key=lambda results: -results.study.stimulus.shift_mm[0])
+    across, rows = _with_gaps(np.array([-one.study.stimulus.shift_mm[0] for one in passes]))
+    traces = [results.trace for results in passes]
+    # Each pass has its own steps; histories are linear between them.
+    time = np.unique(np.concatenate([trace["time_s"] for trace in traces]).round(12))
+    sed = np.zeros((len(time), len(across)))
+    for row, trace in zip(rows, traces, strict=True):
+        central = central_receptor(trace["receptors_mm"])
+        sed[:, row] = np.interp(time, trace["time_s"], trace["sed_kPa"][:, central])
+    neuron = (neuron or passes[0].study.neuron).model_copy(update={"gain_spread": 0.0})
+    return rate_image(across, time, sed, speeds.pop(), neuron)
 
 
 def _with_gaps(across: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Return evenly rising places, those of missing passes among them, and the row of each pass."""
+    """Return evenly rising X, including those of missing passes, and the row of each pass."""
     step = np.diff(across).min(initial=np.inf)
     length = across[-1] - across[0]
-    # Where more than half are missing, the passes are none of one series.
+    # If more than half were missing, the passes would not belong to one series.
     if len(across) < 3 or length > 2 * len(across) * step:
         raise StudyError(_UNEVEN)
     rows = np.rint((across - across[0]) / step).astype(int)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomlkit
 
 from tactile_fem.errors import StudyError
 from tactile_fem.study import Study
@@ -126,14 +127,4 @@ def _as_toml(listed: str) -> list[str] | None:
         values = tomllib.loads(f"values = [{listed}]")["values"]
     except tomllib.TOMLDecodeError:
         return None
-    return [_toml(value) for value in values]
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return f'"{value}"'
-    if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
-    return str(value)
+    return [tomlkit.item(value).as_string() for value in values]

@@ -10,18 +10,15 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_fem.errors import StudyError
-from tactile_fem.output.extrema import central_receptor
 from tactile_fem.output.figures import draw_plots, rings
+from tactile_fem.output.plots import firing_figure, raster_figure
 from tactile_fem.runtime.files import write_text
 from tactile_fem.scan.results import Results
-from tactile_fem.series import RateImage, bundles, fibre_image, population_image
-from tactile_fem.series.figures import side_by_side
-from tactile_fem.series.legibility import outline_correlation
-from tactile_fem.study import AnyStimulus
+from tactile_fem.series.image import fibre_image
+from tactile_fem.series.table import numbers_of
 from tactile_fem.study.file import dump_study
 
 _STYLE = """
@@ -36,24 +33,20 @@ pre { background: #f5f4f0; padding: 1em; overflow-x: auto; font-size: 12px; }
 """
 _CAPTIONS = {
     "force": "Force on the finger over the indentation and the slide.",
-    "sed": "Strain energy density of the central receptor, and what passes beneath it.",
-    "raster": "Spikes: a dot each, where the stimulator was and where the receptor lies.",
+    "sed": "Strain energy density of the central receptor and the outline that passes it.",
+    "raster": "Spikes: one dot each, at the displacement and the receptor's position.",
     "firing": "Firing rate.",
     "finger": "The deformed finger.",
 }
 
 
-def write_report(
-    folder: Path | str, *, fibre: Path | str | None = None, output: Path | None = None
-) -> Path:
+def write_report(folder: Path | str, *, output: Path | None = None) -> Path:
     """Write the report of a scan, or of a series, and return its path.
 
     Parameters
     ----------
     folder
         Results of a scan, or the folder of a series.
-    fibre
-        Folder of passes over one receptor, to be compared with the scan.
     output
         Default ``report.html`` in `folder`.
 
@@ -64,152 +57,63 @@ def write_report(
     """
     folder = Path(folder)
     summary = folder / "summary.csv"
-    if summary.is_file():
-        title, parts = _series(summary)
-    else:
-        title, parts = _scan(Results.open(folder), Path(fibre) if fibre else None)
+    title, parts = _series(summary) if summary.is_file() else _scan(Results.open(folder))
     path = output or folder / "report.html"
     write_text(path, _page(title, parts))
     return path
 
 
-def passes_in(folder: Path) -> list[Results]:
-    """Return the complete scans in a series' folder.
-
-    Raises
-    ------
-    StudyError
-        There is none.
-    """
-    found = [Results.open(place.parent) for place in sorted(folder.glob("*/study.toml"))]
-    complete = [results for results in found if results.complete]
-    if not complete:
-        raise StudyError(f"{folder} holds no complete scan of a series.")
-    return complete
+# --- contents ----------------------------------------------------------------------------------
 
 
-# --- what is told ------------------------------------------------------------------------------
-
-
-def _scan(results: Results, fibre: Path | None) -> tuple[str, list[str]]:
-    study = results.study
-    what = getattr(study.stimulus, "text", study.stimulus.kind)
-    title = f"Scan of {what}"
-    parts = [_table(["quantity", "value"], _numbers(results))]
-    if (results.trace["displacement_mm"] > 0).any():
-        parts += _spikes(results)
-    parts += _drawn(results)
-    if fibre is not None:
-        parts += _protocols(results, passes_in(fibre))
-    run = [(name, value) for name, value in results.run.items() if not isinstance(value, dict)]
-    parts += ["<h2>How it was made</h2>", _table(["", ""], run)]
-    parts += [
-        f"<details><summary>The study</summary><pre>{escape(dump_study(study))}</pre></details>"
-    ]
-    return title, parts
-
-
-def _numbers(results: Results) -> list[tuple[str, str]]:
-    trace, study = results.trace, results.study
-    deepest = int(np.argmax(trace["depth_mm"]))
-    slide = trace["displacement_mm"] > 0
-    central = central_receptor(trace["receptors_mm"])
-    rows = [
-        ("status", str(results.run.get("status", "unknown"))),
-        ("depth", f"{trace['depth_mm'][deepest]:.3f} mm"),
-        ("normal force there", f"{trace['force_N'][deepest, 2]:.4f} N"),
-        ("friction coefficient", f"{study.stimulus.friction:g}"),
-        ("receptors", str(len(trace["receptors_mm"]))),
-    ]
-    if slide.any():
-        force = trace["force_N"][slide]
-        sed = trace["sed_kPa"][slide, central]
-        rows += [
-            (
-                "slide",
-                f"{trace['displacement_mm'][-1]:.2f} mm at {study.protocol.speed_mm_s:g} mm/s",
-            ),
-            ("normal force in the slide", f"{force[:, 2].min():.4f} to {force[:, 2].max():.4f} N"),
-            ("SED of the central receptor", f"{sed.min():.3f} to {sed.max():.3f} kPa"),
-            ("spikes in the slide", str(int((results.spikes.time_s >= 0).sum()))),
-        ]
-    return rows
-
-
-def _spikes(results: Results) -> list[str]:
-    spikes, study = results.spikes, results.study
-    central = central_receptor(results.trace["receptors_mm"])
-    own = (spikes.receptor == central) & (spikes.time_s >= 0)
-    found = bundles(spikes.displacement_mm[own], study.protocol.speed_mm_s)
-    rows = [
-        (k, f"{b.start_mm:.2f}", f"{b.end_mm:.2f}", b.spikes, f"{b.rate_Hz:.0f}")
-        for k, b in enumerate(found, 1)
-    ]
-    head = ["bundle", "start mm", "end mm", "spikes", "rate 1/s"]
-    return ["<h2>Spike bundles of the central receptor</h2>", _table(head, rows)]
-
-
-def _drawn(results: Results) -> list[str]:
-    parts = ["<h2>Figures</h2>"]
-    paths = {path.stem: path for path in draw_plots(results)}
-    paths |= {path.stem: path for path in sorted(results.figures.glob("*.png"))}
-    for name, path in paths.items():
-        caption = _CAPTIONS.get(
-            name, name.replace("_", " ").replace("deformation", "deformation at")
-        )
-        parts.append(_image(path.read_bytes(), caption))
-    return parts
-
-
-def _protocols(results: Results, passes: Sequence[Results]) -> list[str]:
-    base = results.study.stimulus.shift_mm[0]
-    if all(one.study.stimulus.shift_mm[0] != base for one in passes):
-        passes = [results, *passes]  # its middle receptor's is the pass that needs no shift
-    images = {
-        "population": population_image(results),
-        "single fibre": fibre_image(passes, base_mm=base),
-    }
-    figure = side_by_side(images, rings(results.study.stimulus))
-    rows = [
-        (name, len(image.across_mm), int(image.response.counts().sum()), _likeness(image, results))
-        for name, image in images.items()
-    ]
-    head = ["protocol", "rows", "spikes", "correlation with the outline"]
-    caption = "The population's image and that of passes over one receptor."
-    return ["<h2>Both protocols</h2>", _table(head, rows), _image(_png(figure), caption)]
-
-
-def _likeness(image: RateImage, results: Results) -> str:
-    return f"{outline_correlation(image, results.study.stimulus):.3f}"
+def _scan(results: Results) -> tuple[str, list[str]]:
+    study, run = results.study, results.run
+    rows = [("status", run.get("status", "unknown")), ("friction", study.stimulus.friction)]
+    rows += [("receptors", len(results.trace["receptors_mm"]))]
+    rows += [(name, f"{value:.5g}") for name, value in numbers_of(results).items()]
+    drawn = {path.stem: path for path in draw_plots(results)}
+    drawn |= {path.stem: path for path in sorted(results.figures.glob("*.png"))}
+    parts = [_table(["quantity", "value"], rows), "<h2>Figures</h2>"]
+    for name, path in drawn.items():
+        caption = name.replace("_", " ").replace("deformation", "deformation at")
+        parts.append(_image(path.read_bytes(), _CAPTIONS.get(name, caption)))
+    details = [(name, value) for name, value in run.items() if not isinstance(value, dict)]
+    parts += ["<h2>Run</h2>", _table(["", ""], details)]
+    parts += [f"<details><summary>Study</summary><pre>{escape(dump_study(study))}</pre></details>"]
+    return f"Scan of {getattr(study.stimulus, 'text', study.stimulus.kind)}", parts
 
 
 def _series(summary: Path) -> tuple[str, list[str]]:
     with summary.open(newline="", encoding="utf-8") as stream:
         head, *rows = csv.reader(stream)
-    scans = passes_in(summary.parent)
+    folders = [path.parent for path in sorted(summary.parent.glob("*/study.toml"))]
+    scans = [results for results in map(Results.open, folders) if results.complete]
+    if not scans:
+        raise StudyError(f"{summary.parent} holds no complete scan of a series.")
     parts = [_table(head, rows)]
     shifts = {results.study.stimulus.shift_mm[0] for results in scans}
-    alone = [results for results in scans if len(results.trace["receptors_mm"]) == 1]
-    # Among passes the one without a shift may be a population's: its middle receptor counts.
-    if alone and len(shifts) == len(scans):
-        figure = side_by_side({"single fibre": fibre_image(scans)}, rings(_unshifted(scans)))
-        parts.append(_image(_png(figure), "Passes over one receptor."))
-    parts += [part for results in scans if results not in alone for part in _rasters(results)]
+    passes = [results for results in scans if len(results.trace["receptors_mm"]) == 1]
+    # The unshifted pass may be the scan of a population, whose central receptor counts.
+    if passes and len(shifts) == len(scans):
+        parts += _event_plot(scans)
+    for results in scans:
+        if results not in passes:
+            drawn = [path for path in draw_plots(results) if path.stem == "raster"]
+            parts += [_image(path.read_bytes(), results.folder.name) for path in drawn]
     return f"Series {summary.parent.name}", parts
 
 
-def _unshifted(passes: Sequence[Results]) -> AnyStimulus:
-    """Return the passes' stimulator where it is not shifted across the finger."""
-    stimulus = passes[0].study.stimulus
-    return stimulus.model_copy(update={"shift_mm": (0.0, stimulus.shift_mm[1])})
-
-
-def _rasters(results: Results) -> list[str]:
-    if not (results.trace["displacement_mm"] > 0).any():
-        return []
-    image = population_image(results)
-    figure = side_by_side({results.folder.name: image}, rings(results.study.stimulus))
-    return [_image(_png(figure), results.folder.name)]
+def _event_plot(passes: Sequence[Results]) -> list[str]:
+    """Draw spikes and rates of passes over one receptor."""
+    image, stimulus = fibre_image(passes), passes[0].study.stimulus
+    unshifted = stimulus.model_copy(update={"shift_mm": (0.0, stimulus.shift_mm[1])})
+    shapes, along = rings(unshifted), image.along_mm
+    row, time_s = image.response.events()
+    places = time_s * passes[0].study.protocol.speed_mm_s, image.across_mm[row]
+    raster = raster_figure(*places, image.across_mm, (along[0], along[-1]), shapes)
+    firing = firing_figure(along, image.across_mm, image.rate_Hz, shapes)
+    captions = "Spikes in passes over one receptor.", "Firing rate in these passes."
+    return [_image(_png(f), text) for f, text in zip((raster, firing), captions, strict=True)]
 
 
 # --- HTML --------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Runs a series: each scan in a process of its own, some at a time, finished ones not again."""
+"""Runs a series: each scan in a process of its own, several in parallel, complete ones skipped."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import logging
 import os
 import subprocess
 import sys
-import threading
+import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,14 +22,12 @@ from tactile_fem.study.file import dump_study, load_study
 
 logger = logging.getLogger(__name__)
 
-# How often signals are looked for: an error raised by the handler itself, in the middle of
-# anything, might leave a lock taken or a scan not asked to end.
-_GLANCE_S = 0.3
+_POLL_S = 0.3
 
 
 @dataclass(frozen=True)
 class Task:
-    """A share of a series, for schedulers: number `number` of `count`, from 1 on."""
+    """A share of a series for job arrays: number `number` of `count`, counted from 1."""
 
     number: int = 1
     count: int = 1
@@ -61,9 +58,9 @@ class Outcome:
     Attributes
     ----------
     problem
-        Why it failed, in a sentence; empty if it is complete.
+        Why it failed, in one sentence; empty if it is complete.
     wall_s
-        What it took this time; 0 if it was complete before.
+        Wall time of this run; 0 if it was complete before.
     """
 
     member: Member
@@ -86,7 +83,7 @@ def run_series(
 ) -> list[Outcome]:
     """Run the scans that are not complete; one that fails does not stop the others.
 
-    Started again, it goes on where it was cut off. Several tasks may share a folder.
+    If interrupted and called again, it continues. Several tasks may share a folder.
 
     Parameters
     ----------
@@ -95,124 +92,95 @@ def run_series(
     folder
         Holds a study file and a results folder for each of them.
     jobs, ranks
-        Scans at a time, and MPI processes for each.
+        Number of scans in parallel, and of MPI processes for each.
     task
         The share to run; default all.
 
     Raises
     ------
     StudyError
-        Bad input, before anything runs; or the folder holds another series.
+        Bad input, before anything runs; or the folder contains another series.
     StoppedError
-        SIGTERM or SIGINT came.
+        SIGTERM or SIGINT was received; the running scans have been asked to stop.
     """
     folder = Path(folder)
     mine = (task or Task()).of(members)
     for member in mine:
         check_study(member.study)
-        _keep_study(member, folder)
-    complete = {member.name for member in mine if is_complete(member, folder)}
-    left = [member for member in mine if member.name not in complete]
-    outcomes = [Outcome(member, "", 0.0) for member in mine if member.name in complete]
-    logger.info("%d scans, %d of them complete", len(mine), len(complete))
-    begun = time.perf_counter()
-    runner = _Runner(folder, ranks)
-    asked: list[int] = []
-    with answering(asked.append), ThreadPoolExecutor(jobs) as pool:
-        running = {pool.submit(runner.run, member) for member in left}
+        _save_study(member, folder)
+    left = [member for member in mine if not is_complete(member, folder)]
+    outcomes = {member.name: Outcome(member, "", 0.0) for member in mine}
+    logger.info("%d scans, %d of them complete", len(mine), len(mine) - len(left))
+    begun, done = time.perf_counter(), 0
+    waiting, signals = list(left), list[int]()
+    running: list[_Scan] = []
+    with answering(signals.append):
         try:
-            for done, outcome in enumerate(_as_they_end(running, asked), start=1):
-                outcomes.append(outcome)
-                minutes = (time.perf_counter() - begun) / done * (len(left) - done) / 60
-                _tell(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
-        except BaseException:
-            runner.stop()
-            pool.shutdown(cancel_futures=True)
-            raise
-    order = {member.name: k for k, member in enumerate(mine)}
-    return sorted(outcomes, key=lambda outcome: order[outcome.member.name])
-
-
-def _as_they_end(running: set[Future[Outcome]], asked: list[int]) -> Iterator[Outcome]:
-    """Yield how scans end, one after the other, until a signal is found among those that came."""
-    while running:
-        ended, running = wait(running, _GLANCE_S, FIRST_COMPLETED)
-        yield from (future.result() for future in ended)
-        if asked:
-            raise StoppedError(asked[0])
+            while waiting or running:
+                while waiting and len(running) < jobs:
+                    running.append(_Scan(waiting.pop(0), folder, ranks))
+                time.sleep(_POLL_S)
+                if signals:
+                    raise StoppedError(signals[0])
+                for scan in [scan for scan in running if scan.process.poll() is not None]:
+                    running.remove(scan)
+                    outcomes[scan.member.name] = outcome = scan.outcome()
+                    done += 1
+                    minutes = (time.perf_counter() - begun) / done * (len(left) - done) / 60
+                    _log(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
+        finally:
+            for scan in running:
+                scan.process.terminate()
+            for scan in running:
+                scan.process.wait()
+    return list(outcomes.values())
 
 
 def is_complete(member: Member, folder: Path) -> bool:
-    """Tell whether a member's scan has come to its end."""
+    """Return whether a member's scan is complete."""
     return Results(folder_of(member, folder)).complete
 
 
 def complete_scans(members: Sequence[Member], folder: Path) -> list[Results]:
-    """Return the results of the members that are complete, in their order."""
+    """Return the results of the complete members, in the order of the members."""
     return [
         Results.open(folder_of(member, folder)) for member in members if is_complete(member, folder)
     ]
 
 
-class _Runner:
-    """Starts scans as processes and can end all that run."""
+class _Scan:
+    """A scan that runs in a process of its own."""
 
-    def __init__(self, folder: Path, ranks: int) -> None:
-        self._folder = folder
-        self._ranks = ranks
-        self._running: set[subprocess.Popen[str]] = set()
-        self._lock = threading.Lock()
-        self._stopped = False
-
-    def run(self, member: Member) -> Outcome:
-        """Run a member's scan to its end."""
-        begun = time.perf_counter()
-        command = [
-            sys.executable,
-            "-m",
-            "tactile_fem",
-            "scan",
-            str(_study_file(member, self._folder)),
-        ]
-        command += ["--results", str(folder_of(member, self._folder)), "--ranks", str(self._ranks)]
+    def __init__(self, member: Member, folder: Path, ranks: int) -> None:
+        self.member = member
+        self._begun = time.perf_counter()
+        self._errors = tempfile.TemporaryFile("w+", errors="replace")
+        command = [sys.executable, "-m", "tactile_fem", "scan", str(_study_file(member, folder))]
+        command += ["--results", str(folder_of(member, folder)), "--ranks", str(ranks)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-        with self._lock:
-            if self._stopped:
-                return Outcome(member, "not begun", 0.0)
-            process = subprocess.Popen(
-                command,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                text=True,
-                env=environment,
-            )
-            self._running.add(process)
-        _, said = process.communicate()
-        with self._lock:
-            self._running.discard(process)
-        lines = said.strip().splitlines() or [f"exit code {process.returncode}"]
-        problem = lines[-1] if process.returncode else ""
-        return Outcome(member, problem, time.perf_counter() - begun)
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=self._errors, env=environment
+        )
 
-    def stop(self) -> None:
-        """Ask all scans that run to save and end."""
-        with self._lock:
-            self._stopped = True
-            for process in self._running:
-                process.terminate()
+    def outcome(self) -> Outcome:
+        """Return how the scan ended; its process has."""
+        code, wall_s = self.process.returncode, time.perf_counter() - self._begun
+        self._errors.seek(0)
+        lines = self._errors.read().strip().splitlines() or [f"exit code {code}"]
+        return Outcome(self.member, lines[-1] if code else "", wall_s)
 
 
 def _study_file(member: Member, folder: Path) -> Path:
     return folder / f"{member.name}.toml"
 
 
-def _keep_study(member: Member, folder: Path) -> None:
-    """Write a member's study, or see that the one there is the same."""
+def _save_study(member: Member, folder: Path) -> None:
+    """Write a member's study file, or check that the existing one is the same."""
     path = _study_file(member, folder)
     try:
         if path.is_file():
             if load_study(path) != member.study:
-                raise StudyError(f"{path} is the study of another series: choose another folder.")
+                raise StudyError(f"{path} belongs to another series: choose another folder.")
             return
         folder.mkdir(parents=True, exist_ok=True)
         write_text(path, dump_study(member.study))
@@ -220,7 +188,7 @@ def _keep_study(member: Member, folder: Path) -> None:
         raise StudyError(f"The folder {folder} cannot be used: {error.strerror}.") from None
 
 
-def _tell(outcome: Outcome, progress: str) -> None:
+def _log(outcome: Outcome, progress: str) -> None:
     if outcome.problem:
         logger.warning("%s failed (%s): %s", outcome.member.name, progress, outcome.problem)
     else:

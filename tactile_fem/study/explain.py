@@ -1,8 +1,8 @@
-"""Says in sentences what is wrong with a study."""
+"""Explains in sentences what is wrong with a study."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any, get_args
 
@@ -70,8 +70,8 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f"did you mean {near[0]}?" if near else f"allowed: {', '.join(known)}."
 
 
-def _field(location: tuple[str | int, ...]) -> tuple[str | int, ...]:
-    """Drop pydantic's union tags from a location, so that it is the path in the file."""
+def path_in_file(location: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return a location without pydantic's union tags: the path in the study file."""
     if location[:1] == ("stimulus",):
         return location[:1] + location[2:]
     if location[:2] == ("solver", "petsc"):
@@ -89,7 +89,7 @@ def _dotted(path: Iterable[str | int]) -> str:
 
 def _sentence(problem: Any) -> str:
     kind, location, context = problem["type"], problem["loc"], problem.get("ctx", {})
-    path = _field(location)
+    path = path_in_file(location)
     name, value = _dotted(path) or "the study", _shown(problem["input"])
     if kind == "extra_forbidden":
         return _unknown(location, path)
@@ -134,13 +134,17 @@ def _unknown(location: tuple[str | int, ...], path: tuple[str | int, ...]) -> st
     word = str(path[-1])
     if len(path) == 1:
         return f"{word} is not a section of the study; {_section_hint(word)}"
-    known = _known_keys(location)
     if location[0] == "stimulus":
+        kind = location[1]
         return (
-            f'{_dotted(path)} is not a key of a stimulus of kind "{location[1]}"; '
-            f"{_kinds_with(word) or suggestion(word, known)}"
+            f'{_dotted(path)} is not a key of a stimulus of kind "{kind}"; '
+            f"{_kinds_with(word) or suggestion(word, KINDS[kind].model_fields)}"
         )
-    return f"{_dotted(path)} is not a key of [{_dotted(path[:-1])}]; {suggestion(word, known)}"
+    model: Any = Study
+    for part in location[:-1]:
+        model = model.model_fields[part].annotation
+    hint = suggestion(word, model.model_fields)
+    return f"{_dotted(path)} is not a key of [{_dotted(path[:-1])}]; {hint}"
 
 
 def _kinds_with(word: str) -> str:
@@ -150,26 +154,14 @@ def _kinds_with(word: str) -> str:
     return f"it goes with kind = {words}." if kinds else ""
 
 
-def _known_keys(location: tuple[str | int, ...]) -> list[str]:
-    model: Any = Study
-    for part in location[:-1]:
-        if model is Study and part == "stimulus":
-            model = KINDS
-        elif isinstance(model, dict):
-            model = model[str(part)]
-        else:
-            model = model.model_fields[part].annotation
-    return list(model.model_fields)
-
-
 def _section_hint(word: str) -> str:
-    homes = [f"{section}.{word}" for section, keys in _keys_by_section() if word in keys]
-    if homes:
-        return f"did you mean {' or '.join(homes)}?"
+    models = [(section, info.annotation) for section, info in Study.model_fields.items()]
+    models += [("stimulus", model) for model in KINDS.values()]
+    keys = [
+        f"{section}.{word}"
+        for section, model in models
+        if word in getattr(model, "model_fields", ())
+    ]
+    if keys:
+        return f"did you mean {' or '.join(dict.fromkeys(keys))}?"
     return suggestion(word, Study.model_fields)
-
-
-def _keys_by_section() -> Iterator[tuple[str, set[str]]]:
-    for section, info in Study.model_fields.items():
-        models = KINDS.values() if section == "stimulus" else [info.annotation]
-        yield section, {key for model in models for key in model.model_fields}

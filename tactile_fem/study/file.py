@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from tactile_fem.errors import StudyError
 from tactile_fem.study import Study
 from tactile_fem.study.base import absolute
-from tactile_fem.study.explain import explain
+from tactile_fem.study.explain import explain, path_in_file
 from tactile_fem.study.stimulus import font_file
 
 # --- reading -----------------------------------------------------------------------------------
@@ -42,13 +42,12 @@ def load_study(path: Path | str | None = None, overrides: Sequence[str] = ()) ->
         _put(changes, keys, _value(text), override)
         texts[keys] = text
     if path is not None:
-        _anchor_paths(data, Path(path).parent)
+        _resolve_paths(data, Path(path).parent)
     data = _merge(data, changes)
     try:
         return Study.model_validate(data)
     except ValidationError as error:
-        if not _take_as_text(data, texts, error):
-            raise StudyError(explain(error)) from None
+        _use_plain_text(data, texts, error)
     try:
         return Study.model_validate(data)
     except ValidationError as error:
@@ -100,24 +99,22 @@ def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def _take_as_text(
+def _use_plain_text(
     data: dict[str, Any], texts: dict[tuple[str, ...], str], error: ValidationError
-) -> bool:
-    """Put the plain text of overrides where text is wanted: ``stimulus.text=123``."""
-    taken = False
+) -> None:
+    """Put the plain text of overrides where text is expected: ``stimulus.text=123``."""
     for problem in error.errors(include_url=False):
-        location = problem["loc"]
-        keys = location[:1] + location[2:] if location[:1] == ("stimulus",) else location
+        keys = path_in_file(problem["loc"])
+        if keys[:2] == ("solver", "petsc"):  # text is one of several types there
+            continue
         if problem["type"] == "string_type" and keys in texts:
             section = data
             for key in keys[:-1]:
-                section = section[str(key)]
-            section[str(keys[-1])] = texts[tuple(map(str, keys))]
-            taken = True
-    return taken
+                section = section[key]
+            section[keys[-1]] = texts[keys]
 
 
-def _anchor_paths(data: dict[str, Any], folder: Path) -> None:
+def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
     """Make the paths of mesh and font files absolute."""
     finger, stimulus = data.get("finger"), data.get("stimulus")
     if isinstance(finger, dict) and isinstance(finger.get("mesh_file"), str):

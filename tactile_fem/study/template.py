@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any
 
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 
 from tactile_fem.study import Stimulus, Study
 from tactile_fem.study.explain import KINDS, toml_value
@@ -15,69 +14,76 @@ from tactile_fem.study.explain import KINDS, toml_value
 _HEAD = """\
 # A study: everything a scan is made from. Each value below is the default, the paper's where it
 # states one (Hamasaki et al. 2020, DOI 10.1177/1687814020984651). To change a value, remove the
-# "#" in front of its line. A name carries its unit. Axes: X across the finger, Y along it towards
-# the tip, Z from the pad to the nail; the origin is the pad's lowest point.
+# "#" in front of its line. A name carries its unit. Square brackets in a comment hold the allowed
+# values. Axes: X across the finger, Y along it towards the tip, Z from the pad to the nail; the
+# origin is the pad's lowest point.
 """
 _WIDTH = 98
 _NOTES_AT = 32
+_LIMITS = {
+    "exclusiveMinimum": "> {:g}",
+    "minimum": ">= {:g}",
+    "exclusiveMaximum": "< {:g}",
+    "maximum": "<= {:g}",
+    "maxLength": "at most {} characters",
+}
 
 
 def commented_template() -> str:
     """Return a study file with every key commented out at its default and described."""
     lines = [_HEAD]
     study = Study()
-    for name, info in Study.model_fields.items():
-        lines += _table(name, getattr(study, name), info)
+    for name in Study.model_fields:
+        values = getattr(study, name)
+        lines += _table(name, values, _summary(values))
         if name == "stimulus":
             for kind, model in KINDS.items():
                 if kind != study.stimulus.kind:
-                    lines += _other_kind(kind, model)
+                    lines += _comment(f'or kind = "{kind}": {_summary(model())}')
+                    lines += [*_keys(model(), "#     ", {"kind", *Stimulus.model_fields}), ""]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _table(name: str, values: BaseModel | dict[str, Any], info: FieldInfo) -> Iterator[str]:
+def _table(name: str, values: BaseModel | dict[str, Any], note: str | None) -> Iterator[str]:
     """Write a table, its keys, and the tables in it."""
-    if isinstance(values, dict):
-        yield from _with_note(f"[{name}]", info.description)
-        yield ""
-        return
-    nested = name.count(".") > 0
-    yield from _with_note(f"[{name}]", None if nested else _first_line(type(values)))
-    tables = []
-    for key, field in _fields(type(values)):
-        value = getattr(values, key)
-        if isinstance(value, BaseModel | dict):
-            tables.append((f"{name}.{key}", value, field))
-        elif value is None:
-            yield from _not_set(key, field)
+    yield from _with_note(f"[{name}]", note)
+    nested = {}
+    if isinstance(values, BaseModel):
+        nested = {key: value for key, value in values if isinstance(value, BaseModel | dict)}
+        yield from _keys(values, "#", set(nested))
+    yield ""
+    for key, value in nested.items():
+        yield from _table(f"{name}.{key}", value, type(values).model_fields[key].description)
+
+
+def _keys(values: BaseModel, mark: str, without: set[str]) -> Iterator[str]:
+    """Write a line for each key, the kind of a stimulus first."""
+    schema = type(values).model_json_schema()["properties"]
+    for key, field in sorted(type(values).model_fields.items(), key=lambda item: item[0] != "kind"):
+        if key in without:
+            continue
+        value, note = getattr(values, key), field.description or ""
+        allowed = _allowed({"enum": list(KINDS)} if key == "kind" else schema[key])
+        note += f" [{allowed}]" if allowed else ""
+        if value is None:
+            yield from _comment(f"{key} is not set: {note}")
         else:
-            yield from _with_note(f"#{key} = {toml_value(value)}", field.description)
-    yield ""
-    for table in tables:
-        yield from _table(*table)
+            yield from _with_note(f"{mark}{key} = {toml_value(value)}", note)
 
 
-def _fields(model: type[BaseModel]) -> list[tuple[str, FieldInfo]]:
-    """Return a table's fields, the kind of a stimulus first."""
-    return sorted(model.model_fields.items(), key=lambda item: item[0] != "kind")
+def _allowed(schema: dict[str, Any]) -> str:
+    """Return the choices or limits of a JSON schema; nothing where the type says all."""
+    options = [schema, *schema.get("anyOf", ()), *schema.get("prefixItems", ())[:1]]
+    words = []
+    for part in [*options, *(option.get("items", {}) for option in options)]:
+        words += [toml_value(value) for value in part.get("enum", ())]
+        words += [form.format(part[key]) for key, form in _LIMITS.items() if key in part]
+    return ", ".join(words)
 
 
-def _other_kind(kind: str, model: type[BaseModel]) -> Iterator[str]:
-    yield from _prose(f'or kind = "{kind}": {_first_line(model)}')
-    for key, field in _fields(model):
-        if key == "kind" or key in Stimulus.model_fields:
-            continue
-        if field.default is None:
-            yield from _not_set(key, field)
-            continue
-        for line in _with_note(f"    {key} = {toml_value(field.default)}", field.description):
-            yield f"# {line}"
-    yield ""
-
-
-def _first_line(model: type[BaseModel]) -> str:
-    line = (model.__doc__ or "").strip().splitlines()[0].rstrip(".")
-    return line[0].lower() + line[1:]
+def _summary(values: BaseModel) -> str:
+    line = (type(values).__doc__ or "").strip().splitlines()[0].rstrip(".")
+    return line if line[1].isupper() else line[0].lower() + line[1:]
 
 
 def _with_note(line: str, note: str | None) -> list[str]:
@@ -85,12 +91,8 @@ def _with_note(line: str, note: str | None) -> list[str]:
     if not note:
         return [line]
     both = f"{line:<{_NOTES_AT}}  # {note}"
-    return [both] if len(both) <= _WIDTH else [*_prose(note), line]
+    return [both] if len(both) <= _WIDTH else [*_comment(note), line]
 
 
-def _not_set(key: str, field: FieldInfo) -> list[str]:
-    return _prose(f"{key} is not set: {field.description}")
-
-
-def _prose(text: str) -> list[str]:
+def _comment(text: str) -> list[str]:
     return textwrap.wrap(text, _WIDTH, initial_indent="# ", subsequent_indent="# ")

@@ -1,4 +1,4 @@
-"""The skin's profile: where points of the pad are, undeformed and deformed."""
+"""Points on the skin of the pad, undeformed and deformed; used by `skin_profile.py`."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from tactile_fem.finger.mesh_data import SURFACES, TRIANGLE_EDGES, FingerMesh, l
 Array = NDArray[np.float64]
 
 
-class SkinPoints:
-    """Points of the undeformed skin on the pad's side, and what nodal vectors are there.
+class SkinSurface:
+    """Points on the undeformed skin of the pad, and the interpolation of nodal vectors to them.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class SkinPoints:
     Raises
     ------
     StudyError
-        If there is no skin at a place.
+        There is no skin at a place.
     """
 
     def __init__(self, finger: FingerMesh, xy_mm: ArrayLike) -> None:

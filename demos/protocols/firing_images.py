@@ -1,4 +1,4 @@
-"""Figures of reading: protocols and letters side by side, and what was taken for what."""
+"""Images of firing of a population, and figures of them; used by the demos here."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from tactile_fem.errors import StudyError
+from tactile_fem.neuron import Response
+from tactile_fem.output.extrema import middle_row
 from tactile_fem.output.plots import (
     ACROSS,
     DISPLACEMENT,
@@ -17,8 +20,60 @@ from tactile_fem.output.plots import (
     draw_rates,
     styled,
 )
-from tactile_fem.series.image import RateImage
-from tactile_fem.series.legibility import Reading
+from tactile_fem.scan.results import Results
+from tactile_fem.series import RateImage, rate_image
+from tactile_fem.study import Neuron
+
+
+def population_image(results: Results, neuron: Neuron | None = None) -> RateImage:
+    """Return the image of one scan's receptors on Y = 0, with the study's neuron or another.
+
+    Raises
+    ------
+    StudyError
+        There are fewer than three such receptors, or they are not at equal distances.
+    """
+    trace, study = results.trace, results.study
+    places = trace["receptors_mm"]
+    row = middle_row(places)
+    across = places[row, 0]
+    steps = np.diff(across)
+    if len(across) < 3 or not np.allclose(steps, steps[0], atol=1e-6):
+        raise StudyError(
+            f"An image needs three or more receptors on Y = 0 at equal distances in X: "
+            f"{results.folder} has {len(across)}."
+        )
+    # The receptor at X passes over the stimulator's X, because both share their axes.
+    return rate_image(
+        across,
+        trace["time_s"],
+        trace["sed_kPa"][:, row],
+        study.protocol.speed_mm_s,
+        neuron or study.neuron,
+    )
+
+
+def with_row_spacing(image: RateImage, spacing_mm: float) -> RateImage:
+    """Return an image with only those rows that are `spacing_mm` apart, the middle one included.
+
+    Raises
+    ------
+    StudyError
+        The spacing is not a multiple of the image's, or leaves fewer than three rows.
+    """
+    own = image.across_mm[1] - image.across_mm[0]
+    every = max(round(spacing_mm / own), 1)
+    middle = len(image.across_mm) // 2
+    rows = np.arange(middle % every, len(image.across_mm), every)
+    if not np.isclose(every * own, spacing_mm) or len(rows) < 3:
+        raise StudyError(
+            f"Rows {spacing_mm:g} mm apart must be three or more of the image's, "
+            f"which are {own:g} mm apart."
+        )
+    response = image.response
+    spikes = [response.spikes[row] for row in rows]
+    response = Response(spikes, response.start_s, response.end_s)
+    return RateImage(image.across_mm[rows], image.along_mm, image.rate_Hz[rows], response)
 
 
 @styled
@@ -91,39 +146,6 @@ def letters_figure(
         axes.set_title(letter, fontsize=9)
     for axes in grid[-1]:
         axes.set_xlabel("Displacement (mm)", fontsize=8)
-    return figure
-
-
-@styled
-def confusion_figure(readings: Mapping[str, Mapping[float, Reading]]) -> Figure:
-    """Draw which letter was read as which.
-
-    Parameters
-    ----------
-    readings
-        By protocol, a row each, and blur of the images in mm, a column each.
-    """
-    rows, columns = len(readings), len(next(iter(readings.values())))
-    figure = Figure(figsize=(3.6 * columns, 3.6 * rows), layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False).flat
-    titled = [
-        (f"{protocol}, blur {width:g} mm", reading)
-        for protocol, of_blur in readings.items()
-        for width, reading in of_blur.items()
-    ]
-    for axes, (title, reading) in zip(panels, titled, strict=True):
-        share = reading.confusion / reading.confusion.sum(axis=1, keepdims=True)
-        axes.imshow(share, cmap="cividis", vmin=0, vmax=1)
-        for (row, column), value in np.ndenumerate(share):
-            if value > 0:
-                colour = "black" if value > 0.6 else "white"
-                text = f"{100 * value:.0f}"
-                axes.text(column, row, text, ha="center", va="center", fontsize=6, color=colour)
-        places = range(len(reading.letters))
-        axes.set_xticks(places, reading.letters)
-        axes.set_yticks(places, reading.letters)
-        axes.set(xlabel="Read as", ylabel="Letter")
-        axes.set_title(f"{title}: {100 * reading.accuracy:.0f} % right", fontsize=9)
     return figure
 
 
