@@ -11,7 +11,8 @@ from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.report import pad_thickness_mm
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.skin import nail_outline, sizes_of
-from tactile_fem.receptors import place
+from tactile_fem.neuron import populations_of
+from tactile_fem.receptors import place_all
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Protocol, Study
 
@@ -26,6 +27,7 @@ def check_study(study: Study) -> None:
         lies outside it ...
     """
     make_body(study.stimulus)
+    populations_of(study)
     finger = study.finger
     if finger.mesh_file is None:
         skin_shape(finger)
@@ -36,7 +38,7 @@ def check_study(study: Study) -> None:
     if finger.mesh_file is not None or shipped_file(finger) is not None:
         mesh = _loaded(finger)
         check_depth(study.protocol, pad_thickness_mm(mesh))
-        place(study.receptors, mesh)
+        place_all(study, mesh)
 
 
 def check_depth(protocol: Protocol, pad_thickness_mm: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,9 +25,9 @@ from tactile_fem.mechanics.faults import last_line, preparing
 from tactile_fem.mechanics.petsc_options import check_options
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Step, Stepper
-from tactile_fem.neuron import Response, respond
-from tactile_fem.receptors import Samples, place, sample
-from tactile_fem.receptors.probe import Probe, ReceptorState
+from tactile_fem.neuron import Population, Response, fire_all, populations_of
+from tactile_fem.receptors import Layout, lay_out
+from tactile_fem.receptors.probe import Probes, ReceptorState
 from tactile_fem.runtime.folder_lock import locked
 from tactile_fem.runtime.logs import log_to
 from tactile_fem.runtime.parallel import ending_together, on_root
@@ -38,7 +38,7 @@ from tactile_fem.scan.recorder import Recorder
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.trace import Array, Histories, Trace
 from tactile_fem.stimulus import RigidBody, make_body
-from tactile_fem.study import Neuron, Study
+from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)
 
@@ -76,6 +76,7 @@ def scan(
     overwrite: bool = False,
     comm: MPI.Comm | None = None,
     observers: Iterable[Observer] = (),
+    populations: Sequence[Population] = (),
 ) -> ScanResult:
     """Press, slide, feel and fire, as the study says.
 
@@ -92,6 +93,9 @@ def scan(
         Communicator; all its ranks must call. Default: all ranks.
     observers
         Called on every rank after each accepted step.
+    populations
+        Populations of your own, with another drive or transduction than a study can name, in
+        the place of the study's of the same name.
 
     Raises
     ------
@@ -106,7 +110,7 @@ def scan(
     """
     comm = comm or MPI.COMM_WORLD
     with ending_together(comm), ExitStack() as held:
-        scene = _Scene.of(study, comm)
+        scene = _Scene.of(study, comm, populations)
         if folder is None:
             return _run(scene, None, comm, observers, proceed=False)
         place = Path(folder)
@@ -130,8 +134,11 @@ def resume(
     *,
     comm: MPI.Comm | None = None,
     observers: Iterable[Observer] = (),
+    populations: Sequence[Population] = (),
 ) -> ScanResult:
     """Go on with the scan in `folder` from its last accepted step, on any number of ranks.
+
+    Populations of your own are handed in again, as to `scan`.
 
     Raises
     ------
@@ -142,7 +149,7 @@ def resume(
     with ending_together(comm), ExitStack() as held:
         results = on_root(comm, lambda: Results.open(folder))
         study = on_root(comm, lambda: results.study)
-        scene = _Scene.of(study, comm)
+        scene = _Scene.of(study, comm, populations)
         on_root(comm, lambda: held.enter_context(locked(results.folder)), share=False)
         return _run(scene, results, comm, observers, proceed=True)
 
@@ -175,21 +182,21 @@ class _Scene:
     study: Study
     finger: FingerMesh | None
     pad_thickness_mm: float
-    positions: Array
-    samples: Samples
+    layout: Layout
+    populations: tuple[Population, ...]
 
     @classmethod
-    def of(cls, study: Study, comm: MPI.Comm) -> _Scene:
+    def of(cls, study: Study, comm: MPI.Comm, own: Sequence[Population]) -> _Scene:
         """Set everything up that bad input could spoil."""
+        populations = populations_of(study, own)
         check_options(study.solver)
         body = make_body(study.stimulus)
         finger = on_root(comm, lambda: load_finger(study.finger), share=False)
         thickness = on_root(comm, lambda: pad_thickness_mm(finger))
         check_depth(study.protocol, thickness)
-        positions = on_root(comm, lambda: place(study.receptors, finger))
-        samples = on_root(comm, lambda: sample(study.receptors, positions, finger))
+        layout = on_root(comm, lambda: lay_out(study, finger))
         on_root(comm, lambda: _check_apart(body, finger))
-        return cls(study, finger, thickness, positions, samples)
+        return cls(study, finger, thickness, layout, populations)
 
 
 @dataclass(frozen=True)
@@ -197,7 +204,7 @@ class _Rig:
     """What moves, feels and records."""
 
     problem: FingerProblem
-    probe: Probe
+    probe: Probes
     stepper: Stepper
     recorder: Recorder | None
 
@@ -210,7 +217,7 @@ class _Rig:
             domain = create_domain(scene.finger, comm, study.solver.held)
             problem = FingerProblem.of(study, domain)
             _ = problem.load_cell  # compiled here, not in the first step
-            probe = Probe(problem, scene.samples, len(scene.positions), study.receptors.side)
+            probe = Probes(problem, scene.layout)
             deepest = _DEEPEST * scene.pad_thickness_mm
             stepper = Stepper(problem, study.protocol, study.solver, deepest)
             recorder = Recorder(results, study, problem, stepper, scene.finger) if results else None
@@ -218,7 +225,7 @@ class _Rig:
             "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
             len(domain.file_cells),
             problem.unknowns,
-            len(scene.positions),
+            len(scene.layout.positions_mm),
             comm.size,
         )
         return cls(problem, probe, stepper, recorder)
@@ -228,7 +235,7 @@ class _Rig:
         if proceed and self.recorder:
             return self.recorder.restore()
         announce(scene.study, self.problem.unknowns, self.problem.domain.comm)
-        histories = Histories(scene.positions)
+        histories = Histories(scene.layout.positions_mm, scene.layout.population)
         if self.recorder:
             self.recorder.begin(histories.trace())
         return histories
@@ -272,25 +279,26 @@ def _run_steps(
     proceed: bool,
 ) -> tuple[Trace, Response]:
     histories = rig.start(scene, proceed=proceed)
-    neuron = scene.study.neuron
     try:
         with ending_together(comm), _stopping(rig.problem, comm) as stop:
             rig.run(histories, observers, stop)
     except Exception as error:
         if rig.recorder:
             with suppress(OSError, TactileError):  # writing may be what failed
-                _conclude(rig.recorder, histories.trace(), neuron, _status(error))
+                _conclude(rig.recorder, histories.trace(), scene.populations, _status(error))
         raise
     trace = histories.trace()
     _tell_contact(trace)
-    return trace, _conclude(rig.recorder, trace, neuron, "complete")
+    return trace, _conclude(rig.recorder, trace, scene.populations, "complete")
 
 
-def _conclude(recorder: Recorder | None, trace: Trace, neuron: Neuron, status: str) -> Response:
+def _conclude(
+    recorder: Recorder | None, trace: Trace, populations: Sequence[Population], status: str
+) -> Response:
     """Return the afferents' spikes up to here; keep them and say how it ended."""
     response = Response([np.empty(0)] * len(trace.receptors_mm), 0.0, 0.0)
     if len(trace.time_s) > 1:
-        response = respond(trace.time_s, trace.sed_kPa, neuron)
+        response = fire_all(populations, trace.arrays())
     if recorder:
         recorder.spikes(response)
         recorder.finish(status)

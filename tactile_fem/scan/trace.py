@@ -32,8 +32,11 @@ class Trace:
         (steps,): contact force against held reaction; what the step cost.
     receptors_mm
         (receptors, 3).
-    sed_kPa, von_mises_kPa, stretches
-        (steps, receptors), (steps, receptors), (steps, receptors, 3).
+    population
+        Name of each receptor's population, (receptors,).
+    sed_kPa, von_mises_kPa, stretches, stresses_kPa
+        (steps, receptors), (steps, receptors), (steps, receptors, 3) and again; see
+        `tactile_fem.receptors.probe.ReceptorState`.
     """
 
     time_s: Array
@@ -55,9 +58,11 @@ class Trace:
     linear_iterations: Array
     wall_s: Array
     receptors_mm: Array
+    population: Array
     sed_kPa: Array
     von_mises_kPa: Array
     stretches: Array
+    stresses_kPa: Array
 
     def arrays(self) -> dict[str, Array]:
         """Return the arrays by name."""
@@ -69,13 +74,13 @@ class Histories:
 
     Parameters
     ----------
-    receptors_mm
-        Positions, (receptors, 3).
+    receptors_mm, population
+        Positions, (receptors, 3), and names of their populations, (receptors,).
     """
 
-    def __init__(self, receptors_mm: Array) -> None:
+    def __init__(self, receptors_mm: Array, population: Array) -> None:
         count = len(receptors_mm)
-        self.receptors_mm = receptors_mm
+        self.receptors_mm, self.population = receptors_mm, population
         self._columns: dict[str, list[Any]] = {
             "displacement_mm": [0.0],
             "depth_mm": [0.0],
@@ -97,6 +102,7 @@ class Histories:
             "sed_kPa": [np.zeros(count)],
             "von_mises_kPa": [np.zeros(count)],
             "stretches": [np.ones((count, 3))],
+            "stresses_kPa": [np.zeros((count, 3))],
         }
 
     @classmethod
@@ -108,7 +114,7 @@ class Histories:
         StudyError
             It has fewer rows or columns.
         """
-        histories = cls(trace["receptors_mm"])
+        histories = cls(trace["receptors_mm"], trace["population"])
         missing = [name for name in histories._columns if name not in trace]
         if missing or len(trace["time_s"]) < rows:
             lack = f"columns {', '.join(missing)}" if missing else f"rows: {rows} are needed"
@@ -127,4 +133,5 @@ class Histories:
         columns = {name: np.array(column) for name, column in self._columns.items()}
         pressed = columns["clock_s"][columns["displacement_mm"] == 0.0][-1]
         time_s = columns["clock_s"] - pressed
-        return Trace(time_s=time_s, receptors_mm=self.receptors_mm, **columns)
+        fixed = {"receptors_mm": self.receptors_mm, "population": self.population}
+        return Trace(time_s=time_s, **fixed, **columns)

@@ -9,7 +9,7 @@ from typing import Any, get_args
 import tomlkit
 from pydantic import BaseModel, ValidationError
 
-from tactile_fem.study import Study
+from tactile_fem.study import Afferents, Study
 
 KINDS: dict[str, type[BaseModel]] = {
     model.model_fields["kind"].default: model
@@ -116,6 +116,8 @@ def _allowed(kind: str, path: tuple[str | int, ...], context: Any, message: str)
         return f"{words} {context[key]:g}"
     if kind == "literal_error":
         return str(context["expected"]).replace("'", '"')
+    if kind == "string_pattern_mismatch":
+        return "made of letters, digits, _ and -"
     if kind == "string_too_short":
         return f"at least {context['min_length']} character long"
     if kind == "string_too_long":
@@ -157,6 +159,10 @@ def _known_keys(location: tuple[str | int, ...]) -> list[str]:
             model = KINDS
         elif isinstance(model, dict):
             model = model[str(part)]
+        elif part == "afferents":
+            model = Afferents
+        elif isinstance(part, int):
+            continue
         else:
             model = model.model_fields[part].annotation
     return list(model.model_fields)
@@ -172,4 +178,5 @@ def _section_hint(word: str) -> str:
 def _keys_by_section() -> Iterator[tuple[str, set[str]]]:
     for section, info in Study.model_fields.items():
         models = KINDS.values() if section == "stimulus" else [info.annotation]
+        models = [Afferents] if section == "afferents" else models
         yield section, {key for model in models for key in model.model_fields}

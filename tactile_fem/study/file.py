@@ -27,7 +27,8 @@ def load_study(path: Path | str | None = None, overrides: Sequence[str] = ()) ->
     path
         TOML file; None is the paper's study. Relative paths in it start from its folder.
     overrides
-        ``section.key=value`` each. The value is TOML, or else plain text: ``stimulus.text=EFG``.
+        ``section.key=value`` each, ``afferents.name.key=value`` for a population. The value is
+        TOML, or else plain text: ``stimulus.text=EFG``.
 
     Raises
     ------
@@ -97,7 +98,22 @@ def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     for key, value in changes.items():
         both = isinstance(value, dict) and isinstance(base.get(key), dict)
         merged[key] = _merge(base[key], value) if both else value
+        if isinstance(value, dict) and isinstance(base.get(key), list):
+            merged[key] = _merge_named(base[key], value)
     return merged
+
+
+def _merge_named(entries: Any, changes: dict[str, Any]) -> Any:
+    """Merge changes into tables of a list, which they call by name."""
+    tables = [entry for entry in entries if isinstance(entry, dict)]
+    names = [entry.get("name") for entry in tables]
+    for name, keys in changes.items():
+        if name not in names:
+            listed = ", ".join(map(str, names)) or "none"
+            raise StudyError(f"afferents.{name} is no population of the study: it has {listed}.")
+        if not isinstance(keys, dict):
+            raise StudyError(f"afferents.{name} is a population: set afferents.{name}.key=value.")
+    return [_merge(entry, changes.get(name, {})) for name, entry in zip(names, tables, strict=True)]
 
 
 def _take_as_text(

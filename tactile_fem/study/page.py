@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from tactile_fem.study import Stimulus, Study
+from tactile_fem.study import Afferents, Stimulus, Study
 from tactile_fem.study.explain import KINDS, toml_value
 
 _HEAD = """\
@@ -35,7 +35,11 @@ def study_page() -> str:
     study = Study()
     lines = [_HEAD]
     for name in Study.model_fields:
-        lines += _section(name, getattr(study, name))
+        if name == "afferents":
+            lines += _heading("[[afferents]]", Afferents)
+            lines += _table(Afferents, study.populations[0], skip=set())
+        else:
+            lines += _section(name, getattr(study, name))
     return "\n".join(lines).rstrip() + "\n"
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from tactile_fem.study import Stimulus, Study
+from tactile_fem.study import Afferents, Stimulus, Study
 from tactile_fem.study.explain import KINDS, toml_value
 
 _HEAD = """\
@@ -27,6 +27,9 @@ def commented_template() -> str:
     lines = [_HEAD]
     study = Study()
     for name, info in Study.model_fields.items():
+        if name == "afferents":
+            lines += _populations()
+            continue
         lines += _table(name, getattr(study, name), info)
         if name == "stimulus":
             for kind, model in KINDS.items():
@@ -72,6 +75,16 @@ def _other_kind(kind: str, model: type[BaseModel]) -> Iterator[str]:
             continue
         for line in _with_note(f"    {key} = {toml_value(field.default)}", field.description):
             yield f"# {line}"
+    yield ""
+
+
+def _populations() -> Iterator[str]:
+    yield from _prose(f"[[afferents]] once or more: {_first_line(Afferents)}")
+    for key, field in Afferents.model_fields.items():
+        table = f"    [afferents.{key}]"
+        line = table if field.description is None else f'    {key} = "..."'
+        for part in _with_note(line, field.description):
+            yield f"# {part}"
     yield ""
 
 
