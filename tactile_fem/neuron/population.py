@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ class Population:
     """
 
     name: str = DEFAULT_NAME
-    neuron: Neuron = Neuron()
+    neuron: Neuron = field(default_factory=Neuron)
     feels: str | Drive = "sed"
     transduction: Transduction | None = None
 

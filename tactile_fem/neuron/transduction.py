@@ -64,8 +64,8 @@ class StaticDynamic:
     sign, if its mean there is positive. The adaptation starts at a = 0. S is linear between the
     samples; the current is then a line and one exponential, and jumps with dS/dt.
 
-    S is the drive, whatever it is. Where it is negative, so is S - kappa a in the long run: the
-    static current then inhibits, and the dynamic one still answers to a rise.
+    S is the drive, whatever it is. A negative S gives a negative static current, which inhibits;
+    when S returns to zero, the adaptation makes the current rebound. I_d answers to any rise.
 
     Parameters
     ----------

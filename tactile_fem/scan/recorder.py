@@ -158,7 +158,7 @@ class Recorder:
         if changed:
             raise StudyError(
                 f"study.toml has changed since {file} was written ({', '.join(changed)}): only "
-                "neuron, what afferents feel and output may; run the changed study in another folder."
+                "neuron, afferents' feels and output may; run the changed study in another folder."
             )
         if str(saved["mesh"]) != self._mesh["hash"]:
             raise StudyError(

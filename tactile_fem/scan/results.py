@@ -298,6 +298,20 @@ class Results:
         population = np.array(names, dtype=np.str_)
         return Spikes(values[:, 0].astype(int), values[:, 1], values[:, 2], population)
 
+    def receptors_of(self, population: str) -> NDArray[np.intp]:
+        """Return the indices of a population's receptors.
+
+        Raises
+        ------
+        StudyError
+            It has none.
+        """
+        who = np.flatnonzero(self.trace["population"] == population)
+        if not len(who):
+            names = ", ".join(dict.fromkeys(self.trace["population"].tolist()))
+            raise StudyError(f"{self.folder} has no afferents {population}, only {names}.")
+        return who
+
     def load_checkpoint(self) -> dict[str, NDArray[Any]]:
         """Return the arrays of ``checkpoint.npz``."""
         return self._load_npz("checkpoint.npz")

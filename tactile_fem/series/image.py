@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Response, respond
+from tactile_fem.neuron import Population, Response, populations_of
+from tactile_fem.neuron.afferent import checked_signed, fire
+from tactile_fem.neuron.transduction import transduction_of
 from tactile_fem.output.extrema import central_receptor, middle_row
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Neuron
@@ -28,13 +30,13 @@ class Sweep:
 
     Attributes
     ----------
-    time_s, sed_kPa
-        (steps,) and (steps, rows); the slide begins at time 0.
+    time_s, felt
+        (steps,) and what the afferents feel, (steps, rows); the slide begins at time 0.
     """
 
     across_mm: Array
     time_s: Array
-    sed_kPa: Array
+    felt: Array
     speed_mm_s: float
 
 
@@ -58,8 +60,13 @@ class RateImage:
     response: Response
 
 
-def population_histories(results: Results) -> Sweep:
+def population_histories(results: Results, population: str | None = None) -> Sweep:
     """Return what the receptors on the line Y = 0 felt in one scan.
+
+    Parameters
+    ----------
+    population
+        Which receptors; default the study's first population.
 
     Raises
     ------
@@ -67,9 +74,9 @@ def population_histories(results: Results) -> Sweep:
         They are not evenly apart, or fewer than three.
     """
     trace, study = results.trace, results.study
-    places = trace["receptors_mm"]
-    line = middle_row(places)
-    across = places[line, 0]
+    afferents, who = _population(results, population)
+    line = who[middle_row(trace["receptors_mm"][who])]
+    across = trace["receptors_mm"][line, 0]
     steps = np.diff(across)
     if len(across) < 3 or not np.allclose(steps, steps[0], atol=1e-6):
         raise StudyError(
@@ -77,11 +84,14 @@ def population_histories(results: Results) -> Sweep:
             "evenly apart in X."
         )
     # What is at X of the body at rest is met by the receptor at X: body and finger share axes.
-    return Sweep(across, trace["time_s"], trace["sed_kPa"][:, line], study.protocol.speed_mm_s)
+    time, felt = afferents.drive.of(trace)
+    return Sweep(across, time, felt[:, line], study.protocol.speed_mm_s)
 
 
-def fibre_histories(passes: Sequence[Results], base_mm: float = 0.0) -> Sweep:
-    """Return what the receptor at X = Y = 0 felt in passes with shifted stimulators.
+def fibre_histories(
+    passes: Sequence[Results], base_mm: float = 0.0, population: str | None = None
+) -> Sweep:
+    """Return what a population's receptor at X = Y = 0 felt in passes with shifted stimulators.
 
     A stimulator shifted to s brings what lies at X = base - s, when it is shifted to the base, to
     the receptor. Where a pass is missing between others nothing is felt, and a warning is logged.
@@ -100,17 +110,14 @@ def fibre_histories(passes: Sequence[Results], base_mm: float = 0.0) -> Sweep:
     speeds = {results.study.protocol.speed_mm_s for results in passes}
     if len(speeds) > 1:
         raise StudyError(f"The passes have different speeds: {sorted(speeds)} mm/s.")
-    traces = [passes[k].trace for k in order]
     # The steps differ between passes; between two of them the histories are linear.
-    time = np.unique(np.concatenate([trace["time_s"] for trace in traces]).round(12))
-    sed = [
-        np.interp(
-            time, trace["time_s"], trace["sed_kPa"][:, central_receptor(trace["receptors_mm"])]
-        )
-        for trace in traces
-    ]
+    time = np.unique(np.concatenate([results.trace["time_s"] for results in passes]).round(12))
     felt = np.zeros((len(time), len(across)))
-    felt[:, rows] = np.column_stack(sed)
+    for row, k in zip(rows, order, strict=True):
+        afferents, who = _population(passes[k], population)
+        central = who[central_receptor(passes[k].trace["receptors_mm"][who])]
+        at, value = afferents.drive.of(passes[k].trace)
+        felt[:, row] = np.interp(time, at, value[:, central])
     return Sweep(across, time, felt, speeds.pop())
 
 
@@ -128,7 +135,8 @@ def rate_image(
     window_mm
         Standard deviation of the Gaussian that spreads a spike along the scan.
     """
-    fired = respond(sweep.time_s, sweep.sed_kPa, neuron)
+    time, felt = checked_signed(sweep.time_s, sweep.felt, "felt")
+    fired = fire(time, felt, neuron, transduction_of(neuron))
     spikes = [times[times >= 0] for times in fired.spikes]
     response = Response(spikes, 0.0, fired.end_s)
     end = fired.end_s * sweep.speed_mm_s
@@ -137,13 +145,22 @@ def rate_image(
     return RateImage(sweep.across_mm, along, rate.T, response)
 
 
-def population_image(results: Results, neuron: Neuron | None = None) -> RateImage:
-    """Return the image of one scan's receptors on Y = 0, with the study's neuron or another."""
-    return rate_image(population_histories(results), neuron or results.study.neuron)
+def population_image(
+    results: Results, neuron: Neuron | None = None, population: str | None = None
+) -> RateImage:
+    """Return the image of one scan's receptors on Y = 0, with the study's neuron or another.
+
+    Of several populations the first is shown unless another is named.
+    """
+    histories = population_histories(results, population)
+    return rate_image(histories, neuron or _population(results, population)[0].neuron)
 
 
 def fibre_image(
-    passes: Sequence[Results], neuron: Neuron | None = None, base_mm: float = 0.0
+    passes: Sequence[Results],
+    neuron: Neuron | None = None,
+    base_mm: float = 0.0,
+    population: str | None = None,
 ) -> RateImage:
     """Return the image that passes over one receptor make: the classic spatial event plot.
 
@@ -151,9 +168,17 @@ def fibre_image(
     passes, so its gain does not vary between rows. The row of a pass that is missing between
     others is empty.
     """
-    histories = fibre_histories(passes, base_mm)
-    neuron = neuron or passes[0].study.neuron
+    histories = fibre_histories(passes, base_mm, population)
+    neuron = neuron or _population(passes[0], population)[0].neuron
     return rate_image(histories, neuron.model_copy(update={"gain_spread": 0.0}))
+
+
+def _population(results: Results, name: str | None) -> tuple[Population, NDArray[np.intp]]:
+    """Return a population and the indices of its receptors; the first one if none is named."""
+    populations = {one.name: one for one in populations_of(results.study)}
+    name = name or next(iter(populations))
+    who = results.receptors_of(name)
+    return populations[name], who
 
 
 def thinned(image: RateImage, spacing_mm: float) -> RateImage:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ pre { background: #f5f4f0; padding: 1em; overflow-x: auto; font-size: 12px; }
 _CAPTIONS = {
     "force": "Force on the finger over the indentation and the slide.",
     "sed": "Strain energy density of the central receptor, and what passes beneath it.",
+    "felt": "What the central receptor feels, and what passes beneath it.",
     "raster": "Spikes: a dot each, where the stimulator was and where the receptor lies.",
     "firing": "Firing rate.",
     "finger": "The deformed finger.",
@@ -133,20 +134,40 @@ def _numbers(results: Results) -> list[tuple[str, str]]:
             ("SED of the central receptor", f"{sed.min():.3f} to {sed.max():.3f} kPa"),
             ("spikes in the slide", str(int((results.spikes.time_s >= 0).sum()))),
         ]
+        fired = results.spikes.population[results.spikes.time_s >= 0]
+        for name in _names(results):
+            rows.append((f"of {name} afferents", str(int((fired == name).sum()))))
     return rows
+
+
+def _names(results: Results) -> list[str]:
+    """Return the names of the populations that the study gives."""
+    return [afferents.name for afferents in results.study.afferents]
+
+
+def _images(
+    results: Results, title: str, image: Callable[[str | None], RateImage]
+) -> dict[str, RateImage]:
+    """Return an image of each population that the study names, or of its only one."""
+    return {f"{title}, {name}": image(name) for name in _names(results)} or {title: image(None)}
 
 
 def _spikes(results: Results) -> list[str]:
     spikes, study = results.spikes, results.study
-    central = central_receptor(results.trace["receptors_mm"])
-    own = (spikes.receptor == central) & (spikes.time_s >= 0)
-    found = bundles(spikes.displacement_mm[own], study.protocol.speed_mm_s)
-    rows = [
-        (k, f"{b.start_mm:.2f}", f"{b.end_mm:.2f}", b.spikes, f"{b.rate_Hz:.0f}")
-        for k, b in enumerate(found, 1)
-    ]
-    head = ["bundle", "start mm", "end mm", "spikes", "rate 1/s"]
-    return ["<h2>Spike bundles of the central receptor</h2>", _table(head, rows)]
+    parts = []
+    for afferents in study.populations:
+        who = results.receptors_of(afferents.name)
+        central = who[central_receptor(results.trace["receptors_mm"][who])]
+        own = (spikes.receptor == central) & (spikes.time_s >= 0)
+        found = bundles(spikes.displacement_mm[own], study.protocol.speed_mm_s)
+        rows = [
+            (k, f"{b.start_mm:.2f}", f"{b.end_mm:.2f}", b.spikes, f"{b.rate_Hz:.0f}")
+            for k, b in enumerate(found, 1)
+        ]
+        head = ["bundle", "start mm", "end mm", "spikes", "rate 1/s"]
+        which = f"central {afferents.name} receptor" if study.afferents else "central receptor"
+        parts += [f"<h2>Spike bundles of the {which}</h2>", _table(head, rows)]
+    return parts
 
 
 def _drawn(results: Results) -> list[str]:
@@ -157,6 +178,9 @@ def _drawn(results: Results) -> list[str]:
         caption = _CAPTIONS.get(
             name, name.replace("_", " ").replace("deformation", "deformation at")
         )
+        kind, _, population = name.partition("_")
+        if population and kind in _CAPTIONS:
+            caption = f"{population}: {_CAPTIONS[kind]}"
         parts.append(_image(path.read_bytes(), caption))
     return parts
 
@@ -166,8 +190,12 @@ def _protocols(results: Results, passes: Sequence[Results]) -> list[str]:
     if all(one.study.stimulus.shift_mm[0] != base for one in passes):
         passes = [results, *passes]  # its middle receptor's is the pass that needs no shift
     images = {
-        "population": population_image(results),
-        "single fibre": fibre_image(passes, base_mm=base),
+        **_images(results, "population", lambda name: population_image(results, population=name)),
+        **_images(
+            results,
+            "single fibre",
+            lambda name: fibre_image(passes, base_mm=base, population=name),
+        ),
     }
     figure = side_by_side(images, rings(results.study.stimulus))
     rows = [
@@ -189,10 +217,15 @@ def _series(summary: Path) -> tuple[str, list[str]]:
     scans = passes_in(summary.parent)
     parts = [_table(head, rows)]
     shifts = {results.study.stimulus.shift_mm[0] for results in scans}
-    alone = [results for results in scans if len(results.trace["receptors_mm"]) == 1]
+    alone = [
+        results
+        for results in scans
+        if len(results.trace["receptors_mm"]) == len(results.study.populations)
+    ]
     # Among passes the one without a shift may be a population's: its middle receptor counts.
     if alone and len(shifts) == len(scans):
-        figure = side_by_side({"single fibre": fibre_image(scans)}, rings(_unshifted(scans)))
+        images = _images(scans[0], "single fibre", lambda name: fibre_image(scans, population=name))
+        figure = side_by_side(images, rings(_unshifted(scans)))
         parts.append(_image(_png(figure), "Passes over one receptor."))
     parts += [part for results in scans if results not in alone for part in _rasters(results)]
     return f"Series {summary.parent.name}", parts
@@ -207,8 +240,9 @@ def _unshifted(passes: Sequence[Results]) -> AnyStimulus:
 def _rasters(results: Results) -> list[str]:
     if not (results.trace["displacement_mm"] > 0).any():
         return []
-    image = population_image(results)
-    figure = side_by_side({results.folder.name: image}, rings(results.study.stimulus))
+    title = results.folder.name
+    images = _images(results, title, lambda name: population_image(results, population=name))
+    figure = side_by_side(images, rings(results.study.stimulus))
     return [_image(_png(figure), results.folder.name)]
 
 

@@ -81,10 +81,10 @@ def _other_kind(kind: str, model: type[BaseModel]) -> Iterator[str]:
 def _populations() -> Iterator[str]:
     yield from _prose(f"[[afferents]] once or more: {_first_line(Afferents)}")
     for key, field in Afferents.model_fields.items():
-        table = f"    [afferents.{key}]"
-        line = table if field.description is None else f'    {key} = "..."'
-        for part in _with_note(line, field.description):
-            yield f"# {part}"
+        if field.description:
+            yield from _prose(f"    {key}: {field.description}")
+        else:
+            yield f"#     [afferents.{key}] has the keys of [{key}]"
     yield ""
 
 
