@@ -260,6 +260,10 @@ def test_without_afferents_there_is_one_population_and_no_word_of_it():
             "afferents.RA.fells=sed",
             "afferents (entry 2).fells is not a key of [afferents (entry 2)]; did you mean feels?",
         ),
+        (
+            "afferents=[]",
+            '"afferents=[]" sets nothing: write section.key=value.',
+        ),
         ("neuron.adaptation=3", "neuron.adaptation is 3 but must be at most 1."),
     ],
 )
@@ -267,6 +271,13 @@ def test_what_is_wrong_with_a_population_is_told_once(tmp_path, override, senten
     with pytest.raises(StudyError) as caught:
         read(tmp_path, TWO, override)
     assert str(caught.value) == sentence
+
+
+def test_one_table_is_no_list(tmp_path):
+    with pytest.raises(StudyError, match=r"must be a list of tables, each under \[\[afferents"):
+        read(tmp_path, '[afferents]\nname = "RA"\n')
+    with pytest.raises(StudyError, match="afferents.RA is no population of the study: it has none"):
+        load_study(None, ["afferents.RA.feels=sed"])
 
 
 def test_drives_and_places_are_checked_before_a_scan(tmp_path):

@@ -176,6 +176,8 @@ def test_two_populations_share_a_scan_that_is_cut_off(finished, study, tmp_path)
     counts = [int(np.sum(results.spikes.receptor == k)) for k in range(8)]
     assert counts == result.response.counts().tolist() and counts[6] > 0
     assert set(results.spikes.population[results.spikes.receptor >= 5]) == {"RA"}
+    again = resume(tmp_path / "two").response  # as the study says
+    assert again.counts()[:5].tolist() == counts[:5] and again.counts()[6] != counts[6]
 
 
 def test_pressing_to_a_force(study, monkeypatch, caplog):
@@ -232,7 +234,8 @@ def test_a_step_has_the_traces_names(study):
     steps = []
     brief = study.model_copy(update={"protocol": Protocol(depth_mm=0.3, distance_mm=0)})
     trace = scan(brief, observers=[steps.append]).trace.arrays()
-    of_receptors = {"sed_kPa", "von_mises_kPa", "stretches", "receptors_mm"}
+    of_receptors = {"sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa"}
+    of_receptors |= {"receptors_mm", "population"}
     for name in trace.keys() - of_receptors - {"time_s"}:
         values = [getattr(step, name) for step in steps]
         np.testing.assert_array_equal(values, trace[name][1:], err_msg=name)

@@ -29,7 +29,7 @@ from tactile_fem.study import Afferents, AnyStimulus
 
 logger = logging.getLogger(__name__)
 
-Receptors = NDArray[np.intp]
+Indices = NDArray[np.intp]
 
 _MET = "Place on the stimulator that the receptor meets (mm)"
 _COLUMN_MM = 0.05
@@ -94,9 +94,7 @@ def _slide(results: Results) -> NDArray[np.bool_]:
     return np.asarray(results.trace["time_s"] >= -1e-12)
 
 
-def _felt(
-    results: Results, afferents: Afferents, who: Receptors, shapes: Outlines
-) -> Figure | None:
+def _felt(results: Results, afferents: Afferents, who: Indices, shapes: Outlines) -> Figure | None:
     """Draw what the central receptor of a population feels, if that can be told here."""
     trace, slide = results.trace, _slide(results)
     try:
@@ -116,7 +114,7 @@ def _felt(
     )
 
 
-def _raster(results: Results, who: Receptors, shapes: Outlines) -> Figure:
+def _raster(results: Results, who: Indices, shapes: Outlines) -> Figure:
     places, spikes = results.trace["receptors_mm"], results.spikes
     slide = (spikes.time_s >= 0) & np.isin(spikes.receptor, who)
     receptor, own = spikes.receptor[slide], places[who]
@@ -133,7 +131,7 @@ def _raster(results: Results, who: Receptors, shapes: Outlines) -> Figure:
     )
 
 
-def _firing(results: Results, who: Receptors, shapes: Outlines) -> Figure | None:
+def _firing(results: Results, who: Indices, shapes: Outlines) -> Figure | None:
     """Draw the rates of the receptors on the line Y = 0, if they make an image."""
     places, spikes = results.trace["receptors_mm"], results.spikes
     line = who[middle_row(places[who])]

@@ -116,6 +116,8 @@ def _allowed(kind: str, path: tuple[str | int, ...], context: Any, message: str)
         return f"{words} {context[key]:g}"
     if kind == "literal_error":
         return str(context["expected"]).replace("'", '"')
+    if path == ("afferents",):
+        return "a list of tables, each under [[afferents]]"
     if kind == "string_pattern_mismatch":
         return "made of letters, digits, _ and -"
     if kind == "string_too_short":

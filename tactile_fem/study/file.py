@@ -98,19 +98,20 @@ def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     for key, value in changes.items():
         both = isinstance(value, dict) and isinstance(base.get(key), dict)
         merged[key] = _merge(base[key], value) if both else value
-        if isinstance(value, dict) and isinstance(base.get(key), list):
-            merged[key] = _merge_named(base[key], value)
+        if key == "afferents" and isinstance(value, dict):
+            merged[key] = _merge_named(base.get(key), value)
     return merged
 
 
 def _merge_named(entries: Any, changes: dict[str, Any]) -> Any:
     """Merge changes into tables of a list, which they call by name."""
-    tables = [entry for entry in entries if isinstance(entry, dict)]
+    listed = entries if isinstance(entries, list) else []
+    tables = [entry for entry in listed if isinstance(entry, dict)]
     names = [entry.get("name") for entry in tables]
     for name, keys in changes.items():
         if name not in names:
-            listed = ", ".join(map(str, names)) or "none"
-            raise StudyError(f"afferents.{name} is no population of the study: it has {listed}.")
+            known = ", ".join(map(str, names)) or "none"
+            raise StudyError(f"afferents.{name} is no population of the study: it has {known}.")
         if not isinstance(keys, dict):
             raise StudyError(f"afferents.{name} is a population: set afferents.{name}.key=value.")
     return [_merge(entry, changes.get(name, {})) for name, entry in zip(names, tables, strict=True)]
