@@ -276,7 +276,7 @@ def test_what_is_wrong_with_a_population_is_told_once(tmp_path, override, senten
 def test_one_table_is_no_list(tmp_path):
     with pytest.raises(StudyError, match=r"must be a list of tables, each under \[\[afferents"):
         read(tmp_path, '[afferents]\nname = "RA"\n')
-    with pytest.raises(StudyError, match="afferents.RA is no population of the study: it has none"):
+    with pytest.raises(StudyError, match="RA is no population of the study: it has none"):
         load_study(None, ["afferents.RA.feels=sed"])
 
 

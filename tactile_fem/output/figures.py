@@ -57,15 +57,12 @@ def draw_plots(results: Results) -> list[Path]:
     if (results.trace["displacement_mm"] > 0).any():
         for afferents in results.study.populations:
             who = results.receptors_of(afferents.name)
+            end = f"_{afferents.name}" if results.study.afferents else ""
             own = {
-                "felt": _felt(results, afferents, who, shapes),
-                "raster": _raster(results, who, shapes),
-                "firing": _firing(results, who, shapes),
+                f"felt{end}" if end else "sed": _felt(results, afferents, who, shapes),
+                f"raster{end}": _raster(results, who, shapes),
+                f"firing{end}": _firing(results, who, shapes),
             }
-            if results.study.afferents:
-                own = {f"{name}_{afferents.name}": figure for name, figure in own.items()}
-            else:
-                own["sed"] = own.pop("felt")
             figures |= {name: figure for name, figure in own.items() if figure}
     else:
         logger.warning("There is no slide in %s: only forces are drawn.", results.folder)
