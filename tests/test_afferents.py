@@ -223,7 +223,7 @@ def test_populations_take_what_they_lack_from_the_study(tmp_path):
                 name="RA",
                 feels="largest_stretch_rate",
                 receptors=Receptors(side="dermis"),
-                neuron=Neuron(threshold_mV=20.0, seed=7),
+                neuron=Neuron(threshold_mV=20.0, seed=7, intercept_pA=None),
             ),
         ),
     )
@@ -360,7 +360,7 @@ def test_figures_are_drawn_for_each_population_and_removed_with_it(tmp_path, cap
     assert not list(results.folder.rglob("*.png"))
 
 
-def test_images_and_the_report_show_each_population(tmp_path):
+def test_images_and_the_report_show_each_population(tmp_path, caplog):
     study = read(tmp_path, TWO, "afferents.RA.feels=largest_stretch")
     results = two_kinds(tmp_path / "r", study)
     first, ra = population_image(results), population_image(results, population="RA")
@@ -370,6 +370,11 @@ def test_images_and_the_report_show_each_population(tmp_path):
     slide = spikes.time_s >= 0
     for image, name in ((first, "SA1"), (ra, "RA")):
         assert image.response.counts().sum() == (spikes.population[slide] == name).sum()
+    results.trace["receptors_mm"][8, 0] += 0.1
+    results.save_trace(**results.trace)
+    (results.folder.parent / "summary.csv").write_text("scan,status\nr,complete\n")
+    assert "<figcaption>r</figcaption>" in write_report(results.folder.parent).read_text()
+    assert "no image of the RA afferents" in caplog.text
     page = write_report(results.folder).read_text()
     for words in ("of RA afferents", "bundles of the central RA receptor", "SA1: Spikes"):
         assert words in page

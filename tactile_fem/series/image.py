@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Population, Response, populations_of
+from tactile_fem.neuron import Population, Response
 from tactile_fem.neuron.afferent import checked_signed, fire
 from tactile_fem.neuron.transduction import transduction_of
 from tactile_fem.output.extrema import central_receptor, middle_row
@@ -175,10 +175,10 @@ def fibre_image(
 
 def _population(results: Results, name: str | None) -> tuple[Population, NDArray[np.intp]]:
     """Return a population and the indices of its receptors; the first one if none is named."""
-    populations = {one.name: one for one in populations_of(results.study)}
-    name = name or next(iter(populations))
+    afferents = {one.name: one for one in results.study.populations}
+    name = name or next(iter(afferents))
     who = results.receptors_of(name)
-    return populations[name], who
+    return Population.of(afferents[name]), who
 
 
 def thinned(image: RateImage, spacing_mm: float) -> RateImage:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import io
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from pathlib import Path
@@ -23,6 +24,8 @@ from tactile_fem.series.figures import side_by_side
 from tactile_fem.series.legibility import outline_correlation
 from tactile_fem.study import AnyStimulus
 from tactile_fem.study.file import dump_study
+
+logger = logging.getLogger(__name__)
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 62em; margin: 2em auto;
@@ -148,8 +151,17 @@ def _names(results: Results) -> list[str]:
 def _images(
     results: Results, title: str, image: Callable[[str | None], RateImage]
 ) -> dict[str, RateImage]:
-    """Return an image of each population that the study names, or of its only one."""
-    return {f"{title}, {name}": image(name) for name in _names(results)} or {title: image(None)}
+    """Return an image of each population that the study names, or of its only one.
+
+    Of several, those that make none, not being on an even line, are left out.
+    """
+    images = {}
+    for name in _names(results):
+        try:
+            images[f"{title}, {name}"] = image(name)
+        except StudyError as error:
+            logger.warning("no image of the %s afferents: %s", name, error)
+    return images or {title: image(None)}
 
 
 def _spikes(results: Results) -> list[str]:

@@ -126,13 +126,13 @@ class Study(Section):
 
 
 def _filled(entry: Any, shared: dict[str, dict[str, Any]]) -> Any:
-    """Return a population with the shared keys that it does not give."""
+    """Return a population with the shared keys that it does not give; a file knows no None."""
     given = entry.model_dump(exclude_unset=True) if isinstance(entry, Afferents) else entry
     if not isinstance(given, dict):
         return given
     own = {section: given.get(section, {}) for section in shared}
     return given | {
-        section: shared[section] | values
+        section: shared[section] | {k: v for k, v in values.items() if v is not None}
         for section, values in own.items()
         if isinstance(values, dict)
     }
