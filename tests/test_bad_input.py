@@ -227,7 +227,7 @@ SETTINGS = [
     (
         "a.b.c.d=1",
         "a is not a section of the study; allowed: finger, tissue, stimulus, protocol, "
-        "receptors, neuron, solver, output.",
+        "receptors, neuron, afferents, solver, output.",
     ),
     ("=5", '"=5" sets nothing: write section.key=value.'),
 ]
@@ -309,7 +309,8 @@ COMMANDS = [
     ),
     (
         "plot spikes",
-        "spikes/spikes.csv cannot be read: its columns must be receptor,time_s,displacement_mm.",
+        "spikes/spikes.csv cannot be read: its columns must be "
+        "receptor,time_s,displacement_mm,population.",
     ),
     ("resume none", "none holds no results: there is no study.toml in it."),
     (

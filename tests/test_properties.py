@@ -16,7 +16,7 @@ from pydantic import BaseModel
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import respond
-from tactile_fem.study import Neuron, Study
+from tactile_fem.study import Afferents, Neuron, Study
 from tactile_fem.study.explain import KINDS
 from tactile_fem.study.file import dump_study, load_study
 
@@ -50,7 +50,7 @@ def keys_of(section: str) -> list[str]:
     if section == "stimulus":
         return sorted({key for kind in KINDS.values() for key in kind.model_fields})
     model: type[BaseModel] = type(getattr(Study(), section))
-    return list(model.model_fields)
+    return list((Afferents if section == "afferents" else model).model_fields)
 
 
 def tables(section: str) -> st.SearchStrategy[Any]:
@@ -59,7 +59,9 @@ def tables(section: str) -> st.SearchStrategy[Any]:
     return st.one_of(known, known, st.dictionaries(KEYS, VALUES, max_size=2), VALUES)
 
 
-STUDIES = st.fixed_dictionaries({}, optional={name: tables(name) for name in Study.model_fields})
+SECTIONS = {name: tables(name) for name in Study.model_fields}
+SECTIONS["afferents"] = st.one_of(st.lists(tables("afferents"), max_size=2), tables("afferents"))
+STUDIES = st.fixed_dictionaries({}, optional=SECTIONS)
 
 
 def assert_loads_or_says(load: Callable[[], Study]) -> Study | None:

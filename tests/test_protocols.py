@@ -11,9 +11,9 @@ from single_fibre import bundles
 from synthetic import SPEED, make_results, make_trace
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Response
+from tactile_fem.neuron import Population, Response
 from tactile_fem.series import RateImage, fibre_image, rate_image
-from tactile_fem.study import Neuron, Plate, Study, Text
+from tactile_fem.study import Plate, Study, Text
 
 ACROSS = np.arange(-25, 26) * 0.2
 ALONG = np.arange(51) * 0.2
@@ -102,7 +102,7 @@ def test_noise_that_letters_share_does_not_tell_them_apart():
 def test_rate_image_counts_the_spikes_of_the_slide():
     time = np.linspace(-0.1, 0.5, 61)
     sed = np.outer(np.clip(time + 0.1, 0, 0.1) * 30, [0.0, 1.0, 2.0])
-    image = rate_image(np.array([-1.0, 0.0, 1.0]), time, sed, SPEED, Neuron())
+    image = rate_image(np.array([-1.0, 0.0, 1.0]), time, sed, SPEED, Population())
     assert all((times >= 0).all() for times in image.response.spikes)
     counted = image.rate_Hz.sum(axis=1) * 0.2 / SPEED
     np.testing.assert_allclose(counted, image.response.counts(), rtol=0.02)

@@ -10,6 +10,7 @@ import pytest
 from synthetic import SLIDE, make_results
 
 from tactile_fem.cli import app as cli
+from tactile_fem.neuron import populations_of
 from tactile_fem.scan.checks import check_study
 from tactile_fem.stimulus import make_body, outlines
 from tactile_fem.study import Finger, Protocol, Receptors, Study, Text
@@ -72,8 +73,8 @@ def test_parts_of_ones_own_make_a_scan(small_finger):
     assert names["step"].force_N[2] > 0.005
     # Current that only change evokes: 20 kPa/s for 50 ms, then none.
     time_s, sed_kPa = np.array([0.0, 0.05, 1.0]), np.array([[0.0], [1.0], [1.0]])
-    transduction = names["RapidlyAdapting"](gain=30.0)
-    (spikes,) = names["fire"](transduction, time_s, sed_kPa, names["Neuron"]()).spikes
+    (spikes,) = names["ra"].fire({"time_s": time_s, "sed_kPa": sed_kPa}).spikes
+    assert names["DRIVES"].pop("root") is names["root"]
     assert len(spikes) > 5 and spikes[-1] <= 0.05
     from tactile_fem.tissue.energies import stiffness
 
@@ -96,9 +97,14 @@ def at(expression, F):
 def test_neurons_run_on_their_own(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = PAGES / "neurons.md"
-    names = run(blocks(page, "python")[0], page)
+    names = run("\n".join(blocks(page, "python")), page)
     counts = names["response"].counts()
     assert counts[15] > counts[0] + 20 and counts.sum() == len(names["spike_s"])
+    (toml,) = blocks(page, "toml")
+    Path("study.toml").write_text(toml)
+    study = load_study("study.toml")
+    assert [population.name for population in populations_of(study)] == ["SA1", "RA"]
+    assert study.populations[1].receptors.placement == "afferents"
     assert Path("spikes.npz").is_file() and Path("spikes.png").is_file()
 
 

@@ -176,6 +176,11 @@ def test_probe_reads_a_homogeneous_state_exactly(radius):
     cauchy = elastic + stretch**2 * viscous / J
     von_mises = 1000 * np.sqrt(1.5 * ((cauchy - cauchy.mean()) ** 2).sum())
     np.testing.assert_allclose(felt.von_mises_kPa, von_mises, rtol=1e-9)
+    # The volume's part of the energy gives 2 (J - 1) / D1, which no deviator has.
+    mean = 2 * (J - 1) / c.D1_per_MPa + viscous @ stretch**2 / J / 3
+    stresses = 1000 * (elastic - elastic.mean() + stretch**2 * viscous / J)
+    stresses += 1000 * mean - stresses.mean()
+    np.testing.assert_allclose(felt.stresses_kPa, np.tile(np.sort(stresses), (3, 1)), rtol=1e-8)
     cells = CellEnergy(problem).gather()
     np.testing.assert_allclose(cells[finger.tissue == 2], 1000 * energy, rtol=1e-9)
 

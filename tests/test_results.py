@@ -53,7 +53,7 @@ def test_what_is_saved_is_read_back(tmp_path):
     assert again.spikes.displacement_mm == pytest.approx([2.0, 5.0, 0.0], abs=1e-12)
     assert again.load_checkpoint()["u"].shape == (4, 3)
     lines = (results.folder / "spikes.csv").read_text().splitlines()
-    assert lines[0] == "receptor,time_s,displacement_mm"
+    assert lines[:2] == ["receptor,time_s,displacement_mm,population", "0,0.1,2,SA1"]
 
 
 def test_saving_again_is_seen(tmp_path):

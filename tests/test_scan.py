@@ -13,11 +13,23 @@ import pytest
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.neuron import Drive, Population
 from tactile_fem.runtime import ranks
 from tactile_fem.scan import resume, scan
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
-from tactile_fem.study import Finger, Output, Plate, Protocol, Receptors, Solver, Study, Text
+from tactile_fem.study import (
+    Afferents,
+    Finger,
+    Neuron,
+    Output,
+    Plate,
+    Protocol,
+    Receptors,
+    Solver,
+    Study,
+    Text,
+)
 from tactile_fem.study.file import dump_study
 
 
@@ -114,7 +126,7 @@ def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
     assert steps[0].index == 9 and steps[0].phase == "slide"
     whole = finished[0].trace.arrays()
     for name, array in resumed.trace.arrays().items():
-        if name != "wall_s":
+        if name not in ("wall_s", "population"):
             np.testing.assert_allclose(array, whole[name], rtol=1e-9, atol=1e-13, err_msg=name)
     run = Results.open(tmp_path / "cut").run
     assert run["status"] == "complete"
@@ -122,6 +134,50 @@ def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
     steps_s = resumed.trace.wall_s  # of both parts, and so are the run's
     assert steps_s.sum() < run["wall_s"]
     assert 0 < steps_s.sum() - run["timers_s"]["solve"] < steps_s[:9].sum()
+
+
+def test_two_populations_share_a_scan_that_is_cut_off(finished, study, tmp_path):
+    """The SA1 are those of the study without names; the RA, of the other tissue, a user's own."""
+    felt = Drive("Squeeze", "kPa", lambda h: np.abs(h["stresses_kPa"][..., 0]))
+    ra = {"spacing_mm": 5.0, "side": "dermis"}
+    two = study.model_copy(
+        update={
+            "afferents": (
+                Afferents(name="SA1", receptors=study.receptors),
+                Afferents(name="RA", receptors=study.receptors.model_copy(update=ra)),
+            )
+        }
+    )
+
+    def stop(step):
+        if step.index == 8:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        scan(two, tmp_path / "two", observers=[stop])
+    with pytest.raises(StudyError, match='no afferents "PC"'):
+        resume(tmp_path / "two", populations=[Population("PC")])
+    squeezed = Neuron(static_gain_pA_per_kPa=1e3)
+    result = resume(tmp_path / "two", populations=[Population("RA", squeezed, felt)])
+    trace, one = result.trace, finished[0]
+    assert trace.population.tolist() == ["SA1"] * 5 + ["RA"] * 3
+    np.testing.assert_allclose(trace.receptors_mm[5:, 0], [-5, 0, 5], atol=1e-12)
+    for name in ("sed_kPa", "von_mises_kPa", "stretches"):
+        whole = getattr(one.trace, name)
+        own = getattr(trace, name)[:, :5]
+        np.testing.assert_allclose(own, whole, rtol=1e-9, atol=1e-13, err_msg=name)
+    # Beside one another, but in softer tissue.
+    beside = trace.sed_kPa[-1, 6] / trace.sed_kPa[-1, 2]
+    assert beside > 0 and beside != pytest.approx(1, abs=0.05)
+    assert np.all(np.diff(trace.stresses_kPa, axis=-1) >= 0)
+    assert trace.stresses_kPa[-1, 6, 0] < 0  # pressed
+    results = Results.open(tmp_path / "two")
+    np.testing.assert_array_equal(results.trace["population"], trace.population)
+    counts = [int(np.sum(results.spikes.receptor == k)) for k in range(8)]
+    assert counts == result.response.counts().tolist() and counts[6] > 0
+    assert set(results.spikes.population[results.spikes.receptor >= 5]) == {"RA"}
+    again = resume(tmp_path / "two").response  # as the study says
+    assert again.counts()[:5].tolist() == counts[:5] and again.counts()[6] != counts[6]
 
 
 def test_pressing_to_a_force(study, monkeypatch, caplog):
@@ -178,7 +234,8 @@ def test_a_step_has_the_traces_names(study):
     steps = []
     brief = study.model_copy(update={"protocol": Protocol(depth_mm=0.3, distance_mm=0)})
     trace = scan(brief, observers=[steps.append]).trace.arrays()
-    of_receptors = {"sed_kPa", "von_mises_kPa", "stretches", "receptors_mm"}
+    of_receptors = {"sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa"}
+    of_receptors |= {"receptors_mm", "population"}
     for name in trace.keys() - of_receptors - {"time_s"}:
         values = [getattr(step, name) for step in steps]
         np.testing.assert_array_equal(values, trace[name][1:], err_msg=name)

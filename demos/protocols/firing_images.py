@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Response
+from tactile_fem.neuron import Population, Response
 from tactile_fem.output.extrema import middle_row
 from tactile_fem.output.plots import (
     ACROSS,
@@ -28,15 +29,18 @@ from tactile_fem.study import Neuron
 def population_image(results: Results, neuron: Neuron | None = None) -> RateImage:
     """Return the image of one scan's receptors on Y = 0, with the study's neuron or another.
 
+    Of several populations it is the first one's.
+
     Raises
     ------
     StudyError
         There are fewer than three such receptors, or they are not at equal distances.
     """
     trace, study = results.trace, results.study
-    places = trace["receptors_mm"]
-    row = middle_row(places)
-    across = places[row, 0]
+    afferents = Population.of(study.populations[0])
+    own = results.receptors_of(afferents.name)
+    row = own[middle_row(trace["receptors_mm"][own])]
+    across = trace["receptors_mm"][row, 0]
     steps = np.diff(across)
     if len(across) < 3 or not np.allclose(steps, steps[0], atol=1e-6):
         raise StudyError(
@@ -44,13 +48,9 @@ def population_image(results: Results, neuron: Neuron | None = None) -> RateImag
             f"{results.folder} has {len(across)}."
         )
     # The receptor at X passes over the stimulator's X, because both share their axes.
-    return rate_image(
-        across,
-        trace["time_s"],
-        trace["sed_kPa"][:, row],
-        study.protocol.speed_mm_s,
-        neuron or study.neuron,
-    )
+    times, felt = afferents.drive.of(trace)
+    afferents = replace(afferents, neuron=neuron or afferents.neuron)
+    return rate_image(across, times, felt[:, row], study.protocol.speed_mm_s, afferents)
 
 
 def with_row_spacing(image: RateImage, spacing_mm: float) -> RateImage:

@@ -1,19 +1,27 @@
-"""From the strain energy density at a receptor to the spikes of its afferent (NumPy, SciPy)."""
+"""From what a receptor feels to the spikes of its afferent (NumPy, SciPy)."""
 
 from tactile_fem.neuron.afferent import respond
+from tactile_fem.neuron.drives import DRIVES, Drive, drive_of
 from tactile_fem.neuron.field import ReceptiveField
 from tactile_fem.neuron.fit import Fit, FitWarning, Window, fit
 from tactile_fem.neuron.io import load, save, to_neo
+from tactile_fem.neuron.population import Population, fire_all, populations_of
 from tactile_fem.neuron.response import Response
 
 __all__ = [
+    "DRIVES",
+    "Drive",
     "Fit",
     "FitWarning",
+    "Population",
     "ReceptiveField",
     "Response",
     "Window",
+    "drive_of",
+    "fire_all",
     "fit",
     "load",
+    "populations_of",
     "respond",
     "save",
     "to_neo",

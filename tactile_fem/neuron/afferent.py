@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.membrane import Membrane
 from tactile_fem.neuron.response import Response
-from tactile_fem.neuron.transduction import transduction_of
+from tactile_fem.neuron.transduction import Transduction, transduction_of
 from tactile_fem.neuron.variability import Variability
 from tactile_fem.study import Neuron
 
+Array = NDArray[Any]
 ROUNDING_KPA = 1e-9  # what rounding may leave below zero
 
 
@@ -34,7 +35,7 @@ def respond(
         Increasing times of the samples, s, (t,); the indentation may have negative times.
         Receptors are unadapted and membranes at rest at the first.
     sed_kPa
-        Strain energy density, or what else a model of your own takes, kPa, (t, receptors).
+        Strain energy density, kPa, (t, receptors). Other drives: `Population`.
     neuron
         Constants of transduction and membrane; default ``Neuron()``.
     units
@@ -54,11 +55,22 @@ def respond(
     """
     neuron = neuron or Neuron()
     time, sed = checked_history(time_s, sed_kPa)
-    variability = Variability(neuron, _numbered(units, sed.shape[1]))
+    return fire(time, sed, neuron, transduction_of(neuron), units)
+
+
+def fire(
+    time: Array,
+    drive: Array,
+    neuron: Neuron,
+    transduction: Transduction,
+    units: ArrayLike | None = None,
+) -> Response:
+    """Return the spikes that a checked history evokes through any transduction."""
+    variability = Variability(neuron, _numbered(units, drive.shape[1]))
     membrane = Membrane(neuron, variability)
     if neuron.gain_spread:
-        sed = sed * variability.gains()  # the current is homogeneous in S
-    for segment in transduction_of(neuron).segments(time, sed):
+        drive = drive * variability.gains()  # the current is homogeneous in the drive
+    for segment in transduction.segments(time, drive):
         membrane.advance(segment)
     return Response(membrane.spikes(), float(time[0]), float(time[-1]))
 
@@ -71,21 +83,9 @@ def _numbered(units: ArrayLike | None, count: int) -> NDArray[np.int64]:
     return numbers
 
 
-def checked_history(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+def checked_history(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[Array, Array]:
     """Return history as arrays, or raise what `respond` raises."""
-    time, sed = _numbers("time_s", time_s), _numbers("sed_kPa", sed_kPa)
-    if time.ndim != 1 or len(time) < 2:
-        raise StudyError(f"time_s has shape {time.shape}; it needs (t,) with two times or more.")
-    if sed.ndim != 2 or len(sed) != len(time):
-        raise StudyError(
-            f"sed_kPa has shape {sed.shape}; it needs ({len(time)}, receptors), a row per time."
-        )
-    late = np.flatnonzero(np.diff(time) <= 0)
-    if late.size:
-        k = late[0]
-        raise StudyError(
-            f"time_s does not increase: {time[k + 1]:g} s follows {time[k]:g} s at row {k + 1}."
-        )
+    time, sed = checked_signed(time_s, sed_kPa, "sed_kPa")
     if sed.size and sed.min() <= -ROUNDING_KPA:
         row, column = np.unravel_index(sed.argmin(), sed.shape)
         raise StudyError(
@@ -95,7 +95,25 @@ def checked_history(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[NDArray[Any]
     return time, np.maximum(sed, 0.0)
 
 
-def _numbers(name: str, values: ArrayLike) -> NDArray[Any]:
+def checked_signed(time_s: ArrayLike, drive: ArrayLike, name: str) -> tuple[Array, Array]:
+    """Return a history that may be negative as arrays, or raise what `respond` raises."""
+    time, values = _numbers("time_s", time_s), _numbers(name, drive)
+    if time.ndim != 1 or len(time) < 2:
+        raise StudyError(f"time_s has shape {time.shape}; it needs (t,) with two times or more.")
+    if values.ndim != 2 or len(values) != len(time):
+        raise StudyError(
+            f"{name} has shape {values.shape}; it needs ({len(time)}, receptors), a row per time."
+        )
+    late = np.flatnonzero(np.diff(time) <= 0)
+    if late.size:
+        k = late[0]
+        raise StudyError(
+            f"time_s does not increase: {time[k + 1]:g} s follows {time[k]:g} s at row {k + 1}."
+        )
+    return time, values
+
+
+def _numbers(name: str, values: ArrayLike) -> Array:
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""Transduction: from strain energy density to the current that enters the membrane."""
+"""Transduction: from what is felt to the current that enters the membrane."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Segment(NamedTuple):
 class Transduction(Protocol):
     """A model of transduction."""
 
-    def segments(self, time_s: Array, sed_kPa: Array) -> Iterator[Segment]:
+    def segments(self, time_s: Array, drive: Array, /) -> Iterator[Segment]:
         """Yield the current that a history (t,), (t, receptors) evokes, in order.
 
         The history is linear between its samples; the current is exact.
@@ -60,9 +60,12 @@ class StaticDynamic:
         I_d = beta max(dS/dt, 0)                                  (4)
 
     with the intercept I_0 only while S > 0, exactly: a finger at rest is silent. Where S leaves
-    or reaches zero, I_0 belongs to the whole stretch between the two samples. The adaptation
-    starts at a = 0. S is linear between the samples; the current is then a line and one
-    exponential, and jumps with dS/dt.
+    or reaches zero, I_0 belongs to the whole stretch between the two samples; where S changes its
+    sign, if its mean there is positive. The adaptation starts at a = 0. S is linear between the
+    samples; the current is then a line and one exponential, and jumps with dS/dt.
+
+    S is the drive, whatever it is. A negative S gives a negative static current, which inhibits;
+    when S returns to zero, the adaptation makes the current rebound. I_d answers to any rise.
 
     Parameters
     ----------
@@ -73,21 +76,21 @@ class StaticDynamic:
     def __init__(self, neuron: Neuron) -> None:
         self._neuron = neuron
 
-    def segments(self, time_s: Array, sed_kPa: Array) -> Iterator[Segment]:
+    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
         """Yield the current of each stretch between two samples."""
         n = self._neuron
         static, dynamic = n.static_gain_pA_per_kPa, n.dynamic_gain_pA_s_per_kPa
         tau, adapting = n.adaptation_time_s, static * n.adaptation
         lasting, times = static - adapting, np.array([tau])
         rest = intercept_pA(n)
-        lag = -sed_kPa[0]  # a - S
+        lag = -drive[0]  # a - S
         for k, h in enumerate(np.diff(time_s)):
-            sed, end = sed_kPa[k], sed_kPa[k + 1]
-            slope = (end - sed) / h
+            felt, end = drive[k], drive[k + 1]
+            slope = (end - felt) / h
             behind = tau * slope
             away = lag + behind  # of a from where it follows S
-            constant = lasting * sed + adapting * behind + dynamic * np.maximum(slope, 0.0)
-            constant += rest * (sed + end > 0)
+            constant = lasting * felt + adapting * behind + dynamic * np.maximum(slope, 0.0)
+            constant += rest * (felt + end > 0)
             current = ExponentialSum(constant, lasting * slope, -adapting * away[None], times)
             yield Segment(time_s[k], h, current)
             lag = away * np.exp(-h / tau) - behind
@@ -101,8 +104,9 @@ class GeneratorFunction:
         I = I_0 + sum_i max(k_i e_i, 0),   de_i/dt = dS/dt - e_i/tau_i
 
     with I_0 while S > 0 as in `StaticDynamic` (zero unless set), times tau_i of 8, 200, 1745 ms
-    and one without inactivation, e = S. Theirs takes stress; it takes S here, be it strain
-    energy density or stress, in kPa. All S at the first sample counts as a step.
+    and one without inactivation, e = S. Theirs takes stress; S is any drive here. The part
+    without inactivation is k S where S is negative too, and inhibits. All S at the first sample
+    counts as a step.
 
     Parameters
     ----------
@@ -116,17 +120,17 @@ class GeneratorFunction:
         self._gains = np.array(gains)[:, None]
         self._rest = intercept_pA(neuron)
 
-    def segments(self, time_s: Array, sed_kPa: Array) -> Iterator[Segment]:
+    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
         """Yield the current between samples, cut where a part changes its sign."""
         times = self._times[:, None]
-        part = np.tile(sed_kPa[0], (len(times), 1))
+        part = np.tile(drive[0], (len(times), 1))
         for k, h in enumerate(np.diff(time_s)):
-            sed, end = sed_kPa[k], sed_kPa[k + 1]
-            slope = (end - sed) / h
+            felt, end = drive[k], drive[k + 1]
+            slope = (end - felt) / h
             level = times * slope  # where a part tends to
             away = part - level
             after = level + away * np.exp(-h / times)
-            base = self._lasting * sed + self._rest * (sed + end > 0)
+            base = self._lasting * felt + self._rest * (felt + end > 0)
             parts = _Parts(base, self._lasting * slope, level, away, times)
             changing = (part * after < 0).any(axis=0)
             if not changing.any():

@@ -10,7 +10,8 @@ import shapely
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tactile_fem.neuron import Response
+from tactile_fem.errors import StudyError
+from tactile_fem.neuron import Response, drive_of
 from tactile_fem.output.extrema import central_receptor, middle_row
 from tactile_fem.output.pictures import draw_pictures
 from tactile_fem.output.plots import (
@@ -24,9 +25,11 @@ from tactile_fem.output.plots import (
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import outlines
-from tactile_fem.study import AnyStimulus
+from tactile_fem.study import Afferents, AnyStimulus
 
 logger = logging.getLogger(__name__)
+
+Indices = NDArray[np.intp]
 
 _MET = "Place on the stimulator that the receptor meets (mm)"
 _COLUMN_MM = 0.05
@@ -52,11 +55,15 @@ def draw_plots(results: Results) -> list[Path]:
     shapes = rings(results.study.stimulus)
     figures = {"force": _force(results)}
     if (results.trace["displacement_mm"] > 0).any():
-        figures["sed"] = _sed(results, shapes)
-        figures["raster"] = _raster(results, shapes)
-        firing = _firing(results, shapes)
-        if firing is not None:
-            figures["firing"] = firing
+        for afferents in results.study.populations:
+            who = results.receptors_of(afferents.name)
+            end = f"_{afferents.name}" if results.study.afferents else ""
+            own = {
+                f"felt{end}" if end else "sed": _felt(results, afferents, who, shapes),
+                f"raster{end}": _raster(results, who, shapes),
+                f"firing{end}": _firing(results, who, shapes),
+            }
+            figures |= {name: figure for name, figure in own.items() if figure}
     else:
         logger.warning("There is no slide in %s: only forces are drawn.", results.folder)
     results.figures.mkdir(exist_ok=True)
@@ -84,39 +91,47 @@ def _slide(results: Results) -> NDArray[np.bool_]:
     return np.asarray(results.trace["time_s"] >= -1e-12)
 
 
-def _sed(results: Results, shapes: Outlines) -> Figure:
+def _felt(results: Results, afferents: Afferents, who: Indices, shapes: Outlines) -> Figure | None:
+    """Draw what the central receptor of a population feels, if that can be told here."""
     trace, slide = results.trace, _slide(results)
-    central = central_receptor(trace["receptors_mm"])
+    try:
+        drive = drive_of(afferents.feels)
+        _, felt = drive.of(trace)
+    except StudyError as error:
+        logger.warning("What %s afferents feel is not drawn: %s", afferents.name, error)
+        return None
+    central = who[central_receptor(trace["receptors_mm"][who])]
     x, y, _ = trace["receptors_mm"][central]
     return sed_figure(
         trace["displacement_mm"][slide],
-        trace["sed_kPa"][slide, central],
+        felt[slide, central],
         [outline - (0.0, y) for outline in shapes],
         x,
+        f"{drive.label} ({drive.unit})",
     )
 
 
-def _raster(results: Results, shapes: Outlines) -> Figure:
+def _raster(results: Results, who: Indices, shapes: Outlines) -> Figure:
     places, spikes = results.trace["receptors_mm"], results.spikes
-    slide = spikes.time_s >= 0
-    receptor = spikes.receptor[slide]
-    on_a_line = bool(np.ptp(places[:, 1]) < 1e-9)
+    slide = (spikes.time_s >= 0) & np.isin(spikes.receptor, who)
+    receptor, own = spikes.receptor[slide], places[who]
+    on_a_line = bool(np.ptp(own[:, 1]) < 1e-9)
     met = spikes.displacement_mm[slide] + places[receptor, 1]
     end = results.trace["displacement_mm"][-1]
     return raster_figure(
         met,
         places[receptor, 0],
-        places[:, 0],
-        (float(places[:, 1].min()), float(end + places[:, 1].max())),
+        own[:, 0],
+        (float(own[:, 1].min()), float(end + own[:, 1].max())),
         shapes,
-        DISPLACEMENT if on_a_line and abs(places[0, 1]) < 1e-9 else _MET,
+        DISPLACEMENT if on_a_line and abs(own[0, 1]) < 1e-9 else _MET,
     )
 
 
-def _firing(results: Results, shapes: Outlines) -> Figure | None:
+def _firing(results: Results, who: Indices, shapes: Outlines) -> Figure | None:
     """Draw the rates of the receptors on the line Y = 0, if they make an image."""
     places, spikes = results.trace["receptors_mm"], results.spikes
-    line = middle_row(places)
+    line = who[middle_row(places[who])]
     rows = places[line, 0]
     if len(rows) < 3 or not np.allclose(np.diff(rows), np.diff(rows)[0]):
         logger.info("firing.png wants an even line of receptors across the finger")

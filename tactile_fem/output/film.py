@@ -89,7 +89,9 @@ class Film:
             raise StudyError(f"There are no field files in {results.fields}: nothing to view.")
         self._trace, self._spikes = results.trace, results.spikes
         self._surface = drawing.stimulator_surface(results)
-        self._interface = Interface(_read(self._files[0]), results.study.receptors.side)
+        self._interface = Interface(
+            _read(self._files[0]), results.study.populations[0].receptors.side
+        )
         self._anchors = self._interface.anchors(self._trace["receptors_mm"])
         frames = np.arange(_BETWEEN * (len(self._files) - 1) + 1) / _BETWEEN
         self._times_s = np.interp(frames, np.arange(len(self._files)), self._written_s)

@@ -62,8 +62,9 @@ def sed_figure(
     sed_kPa: ArrayLike,
     outlines: Outlines = (),
     receptor_x_mm: float = 0.0,
+    label: str = "Strain energy density (kPa)",
 ) -> Figure:
-    """Draw the strain energy density of one receptor over the slide.
+    """Draw the strain energy density of one receptor, or what else it feels, over the slide.
 
     Parameters
     ----------
@@ -73,6 +74,8 @@ def sed_figure(
         What the receptor meets; drawn below with the receptor's way.
     receptor_x_mm
         The receptor's place across the finger.
+    label
+        Of the vertical axis.
     """
     d, sed = np.asarray(displacement_mm, dtype=float), np.asarray(sed_kPa, dtype=float)
     figure, top, below = _history_axes(_span(d), outlines, receptor_x_mm)
@@ -87,8 +90,8 @@ def sed_figure(
     highs, lows = extrema(sed)
     top.plot(d[highs], sed[highs], "o", color=VERMILION, ms=4.5, label="maxima")
     top.plot(d[lows], sed[lows], "o", mfc="white", mec=VERMILION, ms=4.5, label="minima")
-    top.set_ylabel("Strain energy density (kPa)")
-    top.set_ylim(0, 1.08 * max(sed.max(initial=0.0), 1e-12))
+    top.set_ylabel(label)
+    top.set_ylim(1.08 * sed.min(initial=0.0), 1.08 * max(sed.max(initial=0.0), 1e-12))
     return figure
 
 

@@ -1,4 +1,4 @@
-"""What the receptors feel: strain energy density, von Mises stress, principal stretches."""
+"""What the receptors feel: strain energy density, stresses, stretches."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dolfinx import common
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.elasticity import deformation_gradient
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.receptors import Samples
+from tactile_fem.receptors import Layout, Samples
 
 _KPA_PER_MPA = 1000.0
 
@@ -31,11 +31,14 @@ class ReceptorState:
         Strain energy density and Cauchy's von Mises stress, (receptors,).
     stretches
         Principal stretches in increasing order, (receptors, 3).
+    stresses_kPa
+        Principal Cauchy stresses in increasing order, tension positive, (receptors, 3).
     """
 
     sed_kPa: np.ndarray
     von_mises_kPa: np.ndarray
     stretches: np.ndarray
+    stresses_kPa: np.ndarray
 
 
 class Probe:
@@ -79,6 +82,7 @@ class Probe:
                 _KPA_PER_MPA * W,
                 _KPA_PER_MPA * von_mises,
                 *(C[i, j] for i in range(3) for j in range(3)),
+                *(_KPA_PER_MPA * sigma[i, j] for i in range(3) for j in range(i + 1)),
             ]
         )
         element = basix.ufl.element("DG", "tetrahedron", 3).basix_element
@@ -111,14 +115,49 @@ class Probe:
     def read(self) -> ReceptorState:
         """Return what the receptors feel at the problem's present displacement."""
         with common.Timer("tactile: probe"):
-            values = np.zeros((self.weights.shape[0], 11))
+            values = np.zeros((self.weights.shape[0], 17))
             if len(self.cells):
-                nodal = self._expression.eval(self._mesh, self.cells).reshape(-1, 11)
+                nodal = self._expression.eval(self._mesh, self.cells).reshape(-1, 17)
                 values += self.weights @ nodal
             self._comm.Allreduce(MPI.IN_PLACE, values)
-        C = values[:, 2:].reshape(-1, 3, 3)
+        C = values[:, 2:11].reshape(-1, 3, 3)
         stretches = np.sqrt(np.linalg.eigvalsh((C + np.swapaxes(C, 1, 2)) / 2))
-        return ReceptorState(values[:, 0], values[:, 1], stretches)
+        return ReceptorState(values[:, 0], values[:, 1], stretches, _principal(values[:, 11:]))
+
+
+def _principal(lower: np.ndarray) -> np.ndarray:
+    """Return the eigenvalues of symmetric matrices of which the lower halves are given, (n, 6)."""
+    matrices = np.zeros((len(lower), 3, 3))
+    matrices[:, *np.tril_indices(3)] = lower
+    sound = np.isfinite(lower).all(axis=1)
+    values = np.full((len(lower), 3), np.nan)
+    values[sound] = np.linalg.eigvalsh(matrices[sound])
+    return values
+
+
+class Probes:
+    """Probes of one or more tissues, read as one.
+
+    Parameters
+    ----------
+    problem
+        As for `Probe`.
+    layout
+        The receptors.
+    """
+
+    def __init__(self, problem: FingerProblem, layout: Layout) -> None:
+        count = len(layout.positions_mm)
+        samples = layout.samples.items()
+        self._probes = [Probe(problem, those, count, tissue) for tissue, those in samples]
+
+    def read(self) -> ReceptorState:
+        """Return what the receptors feel; each probe reads 0 for those that are not its own."""
+        first, *others = (probe.read() for probe in self._probes)
+        for state in others:
+            added = (a + b for a, b in zip(vars(first).values(), vars(state).values(), strict=True))
+            first = ReceptorState(*added)
+        return first
 
 
 class CellEnergy:

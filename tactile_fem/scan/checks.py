@@ -13,7 +13,8 @@ from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.report import pad_thickness_mm
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.skin import nail_outline, sizes_of
-from tactile_fem.receptors import place
+from tactile_fem.neuron import populations_of
+from tactile_fem.receptors import place_all
 from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
 from tactile_fem.study import Finger, Protocol, Study
 
@@ -32,6 +33,7 @@ def check_study(study: Study) -> None:
         lies outside it ...
     """
     body = make_body(study.stimulus)
+    populations_of(study)
     finger = study.finger
     if finger.mesh_file is None:
         skin_shape(finger)
@@ -46,7 +48,7 @@ def check_study(study: Study) -> None:
         path = make_path(study.protocol, DEEPEST * thickness)
         check_depth(study.protocol, path, thickness)
         check_apart(body, path, mesh)
-        place(study.receptors, mesh)
+        place_all(study, mesh)
 
 
 def check_depth(protocol: Protocol, path: Path, pad_thickness_mm: float) -> None:

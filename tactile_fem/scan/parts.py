@@ -12,6 +12,7 @@ import ufl
 
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import TISSUES, FingerMesh
+from tactile_fem.neuron import Population
 from tactile_fem.stimulus import Path, RigidBody
 from tactile_fem.tissue.energies import Law
 
@@ -43,12 +44,16 @@ class Parts:
         The stimulator.
     path
         Its way.
+    populations
+        Afferents with another drive or transduction than a study can name, in place of the study's
+        of the same name; no part of the mechanics, so a scan may go on with others.
     """
 
     finger: FingerMesh | None = None
     laws: Mapping[str, Law] = field(default_factory=dict)
     body: RigidBody | None = None
     path: Path | None = None
+    populations: tuple[Population, ...] = ()
 
     def identity(self) -> dict[str, str]:
         """Return the type of each own part of the mechanics and a hash of what it does."""

@@ -32,7 +32,12 @@ from tactile_fem.stimulus.height_field import height_field
 # Counts up when what a checkpoint holds changes its names or meaning.
 _FORMAT = 5
 # What of a study may change between two runs: it acts after the mechanics, or is seen by the hash.
-_FREE: dict[str, bool | set[str]] = {"neuron": True, "output": True, "finger": {"mesh_file"}}
+_FREE: dict[str, Any] = {
+    "neuron": True,
+    "afferents": {"__all__": {"neuron", "feels"}},
+    "output": True,
+    "finger": {"mesh_file"},
+}
 # Of the surface of an own body.
 _SURFACE_GRID_MM = (0.1, 0.1)
 _TIMERS = (
@@ -148,11 +153,11 @@ class Recorder:
                 f"{__version__}, which cannot go on from it: run the study again in another folder."
             )
         then, now = json.loads(str(saved["study"])), json.loads(self._fixed)
-        changed = [section for section in now if now[section] != then[section]]
+        changed = [name for name in {**then, **now} if now.get(name) != then.get(name)]
         if changed:
             raise StudyError(
                 f"study.toml has changed since {file} was written ({', '.join(changed)}): only "
-                "neuron and output may; run the changed study in another folder."
+                "neuron, afferents' feels and output may; run the changed study in another folder."
             )
         if str(saved["mesh"]) != self._mesh["hash"]:
             raise StudyError(

@@ -4,7 +4,7 @@
 ``study.toml``       the resolved study
 ``run.json``         versions, mesh, options, ranks, timings, status
 ``trace.npz``        histories: see `Results.save_trace`
-``spikes.csv``       ``receptor,time_s,displacement_mm``
+``spikes.csv``       ``receptor,time_s,displacement_mm,population``
 ``checkpoint.npz``   the state to go on from
 ``stimulator.npz``   surface of an own body, for pictures
 ``fields/``          VTU files and ``deformation.pvd``, their index, for ParaView
@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.files import replacing, write_text
 from tactile_fem.stimulus.height_field import HeightField
-from tactile_fem.study import Study
+from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
 
 # Everything this package writes into the folder; nothing else is ever removed.
@@ -48,6 +48,9 @@ _OWN = (
     "figures/sed.png",
     "figures/raster.png",
     "figures/firing.png",
+    "figures/felt_*.png",
+    "figures/raster_*.png",
+    "figures/firing_*.png",
     "figures/force.png",
     "figures/finger.png",
     "figures/deformation_*.png",
@@ -65,6 +68,7 @@ class Spikes(NamedTuple):
     receptor: NDArray[np.int64]
     time_s: NDArray[np.float64]
     displacement_mm: NDArray[np.float64]
+    population: NDArray[np.str_]
 
 
 class Results:
@@ -203,8 +207,8 @@ class Results:
         **arrays
             ``time_s`` and ``displacement_mm`` (steps; the slide from 0, the indentation at
             negative times), ``stimulator_mm``, ``force_N`` and ``moment_Nmm`` (steps, 3; on the
-            finger), ``receptors_mm`` (receptors, 3), ``sed_kPa`` (steps, receptors) and further
-            fields of that shape.
+            finger), ``receptors_mm`` (receptors, 3), ``population`` (receptors,), names,
+            ``sed_kPa`` (steps, receptors) and further fields of that shape.
         """
         trace = {name: np.asarray(array) for name, array in arrays.items()}
         _check_trace(trace)
@@ -228,6 +232,7 @@ class Results:
             Spike times in s of each receptor; the trace, written before, gives the displacements.
         """
         time, displacement = self.trace["time_s"], self.trace["displacement_mm"]
+        population = self.trace["population"].tolist()
         with (
             replacing(self.folder / "spikes.csv") as part,
             part.open("w", newline="", encoding="utf-8") as stream,
@@ -238,7 +243,7 @@ class Results:
                 for t in np.asarray(times, dtype=float):
                     # The paper's slide starts at time 0; before, the displacement stays 0.
                     at = np.interp(t, time, displacement)
-                    writer.writerow([receptor, f"{t:.7g}", f"{at:.7g}"])
+                    writer.writerow([receptor, f"{t:.7g}", f"{at:.7g}", population[receptor]])
         self.__dict__.pop("spikes", None)
 
     def _save_npz(self, name: str, arrays: dict[str, NDArray[Any]]) -> None:
@@ -270,7 +275,7 @@ class Results:
 
     @cached_property
     def trace(self) -> dict[str, NDArray[Any]]:
-        """Histories: see `save_trace`."""
+        """Histories: see `save_trace`; older folders have one population."""
         trace = self._load_npz("trace.npz")
         missing = [name for name in _TRACE if name not in trace]
         try:
@@ -280,7 +285,8 @@ class Results:
         except ValueError as error:
             path = self.folder / "trace.npz"
             raise StudyError(f"{path} is no trace of a scan: {error}.") from None
-        return trace
+        only = np.full(len(trace["receptors_mm"]), DEFAULT_NAME)
+        return {"population": only, **trace}
 
     @cached_property
     def spikes(self) -> Spikes:
@@ -291,11 +297,27 @@ class Results:
             if path.exists():
                 with path.open(newline="", encoding="utf-8") as stream:
                     rows = list(csv.reader(stream))[1:]
-            values = np.array(rows, dtype=float).reshape(-1, len(Spikes._fields))
+            values = np.array([row[:3] for row in rows], dtype=float).reshape(len(rows), 3)
         except (OSError, ValueError, csv.Error):
             columns = ",".join(Spikes._fields)
             raise StudyError(f"{path} cannot be read: its columns must be {columns}.") from None
-        return Spikes(values[:, 0].astype(int), values[:, 1], values[:, 2])
+        names = [row[3] if len(row) > 3 else DEFAULT_NAME for row in rows]
+        population = np.array(names, dtype=np.str_)
+        return Spikes(values[:, 0].astype(int), values[:, 1], values[:, 2], population)
+
+    def receptors_of(self, population: str) -> NDArray[np.intp]:
+        """Return the indices of a population's receptors.
+
+        Raises
+        ------
+        StudyError
+            It has none.
+        """
+        who = np.flatnonzero(self.trace["population"] == population)
+        if not len(who):
+            names = ", ".join(dict.fromkeys(self.trace["population"].tolist()))
+            raise StudyError(f"{self.folder} has no afferents {population}, only {names}.")
+        return who
 
     @property
     def stimulator(self) -> HeightField | None:
@@ -335,6 +357,8 @@ def _check_trace(trace: dict[str, NDArray[Any]]) -> None:
         if name in ("time_s", "receptors_mm"):
             continue
         expected = steps + _SHAPES.get(name, (receptors,) if array.ndim > 1 else ())
+        if name == "population":
+            expected = (receptors,)
         if array.shape[: len(expected)] != expected:
             raise ValueError(f"{name} has shape {array.shape}, not {expected}")
 

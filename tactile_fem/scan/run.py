@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ from tactile_fem.mechanics.faults import last_line
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.stepper import Step, stopped
-from tactile_fem.neuron import Response, respond
+from tactile_fem.neuron import Population, Response, fire_all
 from tactile_fem.receptors.probe import ReceptorState
 from tactile_fem.runtime.folder_lock import locked
 from tactile_fem.runtime.logs import log_to
@@ -33,7 +33,7 @@ from tactile_fem.scan.recorder import Recorder
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.setup import Instruments, Setup
 from tactile_fem.scan.trace import Array, Trace
-from tactile_fem.study import Neuron, Study
+from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)
 
@@ -208,13 +208,13 @@ def _run(
                 trace = recorder.restore()
             else:
                 trace = _begin(setup, instruments.problem, recorder)
-            response = _run_steps(instruments, trace, recorder, observers, setup.study.neuron)
+            response = _run_steps(instruments, trace, recorder, observers, setup.populations)
     return ScanResult(trace, response, results.folder if results else None)
 
 
 def _begin(setup: Setup, problem: FingerProblem, recorder: Recorder | None) -> Trace:
     announce(setup.study, setup.path, problem.unknowns, problem.domain.comm)
-    trace = Trace(setup.positions, setup.path.start_mm)
+    trace = Trace(setup.layout.positions_mm, setup.layout.population, setup.path.start_mm)
     if recorder:
         recorder.begin(trace)
     return trace
@@ -225,7 +225,7 @@ def _run_steps(
     trace: Trace,
     recorder: Recorder | None,
     observers: Iterable[Observer],
-    neuron: Neuron,
+    populations: Sequence[Population],
 ) -> Response:
     """Go to the end of the path; keep what was computed if that fails."""
     problem = instruments.problem
@@ -243,10 +243,10 @@ def _run_steps(
     except Exception as error:
         if recorder:
             with suppress(OSError, TactileError):  # writing may be what failed
-                _conclude(recorder, trace, neuron, _status(error))
+                _conclude(recorder, trace, populations, _status(error))
         raise
     _tell_contact(trace)
-    return _conclude(recorder, trace, neuron, "complete")
+    return _conclude(recorder, trace, populations, "complete")
 
 
 def _observed(observers: Iterable[Observer], seen: Observation) -> dict[str, ArrayLike]:
@@ -257,11 +257,13 @@ def _observed(observers: Iterable[Observer], seen: Observation) -> dict[str, Arr
     return columns
 
 
-def _conclude(recorder: Recorder | None, trace: Trace, neuron: Neuron, status: str) -> Response:
+def _conclude(
+    recorder: Recorder | None, trace: Trace, populations: Sequence[Population], status: str
+) -> Response:
     """Return the afferents' spikes up to here; keep them and say how it ended."""
     response = Response([np.empty(0)] * len(trace.receptors_mm), 0.0, 0.0)
     if len(trace) > 1:
-        response = respond(trace.time_s, trace.sed_kPa, neuron)
+        response = fire_all(populations, trace.arrays())
     if recorder:
         recorder.spikes(response)
         recorder.finish(status)

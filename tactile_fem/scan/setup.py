@@ -17,12 +17,12 @@ from tactile_fem.mechanics.faults import preparing
 from tactile_fem.mechanics.petsc_options import check_options
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Stepper
-from tactile_fem.receptors import Samples, place, sample
-from tactile_fem.receptors.probe import Probe
+from tactile_fem.neuron import Population, populations_of
+from tactile_fem.receptors import Layout, lay_out
+from tactile_fem.receptors.probe import Probes
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.scan.checks import DEEPEST, check_apart, check_depth
 from tactile_fem.scan.parts import Parts, check_parts
-from tactile_fem.scan.trace import Array
 from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
 from tactile_fem.study import Study
 
@@ -41,10 +41,10 @@ class Setup:
         The mesh, on the first rank; None on the others.
     body, path
         The stimulator and its way.
-    positions
-        Of the receptors, (receptors, 3) mm.
-    samples
-        Points that are averaged for them.
+    layout
+        The receptors.
+    populations
+        The afferents.
     """
 
     study: Study
@@ -52,23 +52,23 @@ class Setup:
     finger: FingerMesh | None
     body: RigidBody
     path: Path
-    positions: Array
-    samples: Samples
+    layout: Layout
+    populations: tuple[Population, ...]
 
     @classmethod
     def of(cls, study: Study, parts: Parts, comm: MPI.Comm) -> Setup:
         """Set everything up that bad input could spoil; all ranks call."""
         check_options(study.solver)
         check_parts(parts)
+        populations = populations_of(study, parts.populations)
         finger = on_root(comm, lambda: _finger(study, parts), share=False)
         thickness = on_root(comm, lambda: pad_thickness_mm(finger))
         body = parts.body or make_body(study.stimulus)
         path = parts.path or make_path(study.protocol, DEEPEST * thickness)
         check_depth(study.protocol, path, thickness)
-        positions = on_root(comm, lambda: place(study.receptors, finger))
-        samples = on_root(comm, lambda: sample(study.receptors, positions, finger))
+        layout = on_root(comm, lambda: lay_out(study, finger))
         on_root(comm, lambda: check_apart(body, path, finger))
-        return cls(study, parts, finger, body, path, positions, samples)
+        return cls(study, parts, finger, body, path, layout, populations)
 
     def instruments(self, comm: MPI.Comm) -> Instruments:
         """Compile and distribute what steps and feels."""
@@ -85,13 +85,13 @@ class Setup:
                 laws=self.parts.laws,
             )
             _ = problem.load_cell  # compiled here, not in the first step
-            probe = Probe(problem, self.samples, len(self.positions), study.receptors.side)
+            probe = Probes(problem, self.layout)
             stepper = Stepper(problem, self.path, study.solver)
         logger.info(
             "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
             len(domain.file_cells),
             problem.unknowns,
-            len(self.positions),
+            len(self.layout.positions_mm),
             comm.size,
         )
         return Instruments(problem, stepper, probe)
@@ -103,7 +103,7 @@ class Instruments:
 
     problem: FingerProblem
     stepper: Stepper
-    probe: Probe
+    probe: Probes
 
 
 def _finger(study: Study, parts: Parts) -> FingerMesh:

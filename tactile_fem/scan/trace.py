@@ -20,8 +20,8 @@ class Trace:
 
     Parameters
     ----------
-    receptors_mm
-        Positions, (receptors, 3).
+    receptors_mm, population
+        Positions, (receptors, 3), and names of their populations, (receptors,).
     start_mm
         Where the body starts, (3,).
 
@@ -41,20 +41,23 @@ class Trace:
         Of each step, (steps,): work of the stimulator on the finger; heat of friction.
     imbalance_N, newton_iterations, linear_iterations, wall_s
         (steps,): contact force against held reaction; what the step cost.
-    receptors_mm
-        (receptors, 3).
-    sed_kPa, von_mises_kPa, stretches
-        (steps, receptors), (steps, receptors), (steps, receptors, 3).
+    receptors_mm, population
+        (receptors, 3), (receptors,).
+    sed_kPa, von_mises_kPa, stretches, stresses_kPa
+        (steps, receptors), the principal values (steps, receptors, 3).
     """
 
-    def __init__(self, receptors_mm: Array, start_mm: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self, receptors_mm: Array, population: Array, start_mm: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> None:
         count, start = len(receptors_mm), np.asarray(start_mm, dtype=float)
-        self.receptors_mm = receptors_mm
+        self.receptors_mm, self.population = receptors_mm, population
         self._indented_s = 0.0
         self._of_receptors: dict[str, list[Any]] = {
             "sed_kPa": [np.zeros(count)],
             "von_mises_kPa": [np.zeros(count)],
             "stretches": [np.ones((count, 3))],
+            "stresses_kPa": [np.zeros((count, 3))],
         }
         self._of_step: dict[str, list[Any]] = {
             "phase": ["rest"],
@@ -76,7 +79,7 @@ class Trace:
         StudyError
             It has fewer rows or columns.
         """
-        trace = cls(saved["receptors_mm"])
+        trace = cls(saved["receptors_mm"], saved["population"])
         known = {**trace._of_receptors, **trace._of_step}
         missing = [name for name in known if name not in saved]
         if missing or len(saved["time_s"]) < rows:
@@ -84,7 +87,7 @@ class Trace:
             raise StudyError(f"The trace does not belong to its checkpoint: it lacks {lack}.")
         for columns in (trace._of_receptors, trace._of_step):
             columns.update({name: list(saved[name][:rows]) for name in columns})
-        own = set(saved) - set(known) - {"time_s", "receptors_mm"}
+        own = set(saved) - {*known, *trace._fixed, "time_s"}
         trace._own = {name: list(saved[name][:rows]) for name in sorted(own)}
         trace._indented_s = float(saved["clock_s"][0] - saved["time_s"][0])
         return trace
@@ -111,13 +114,19 @@ class Trace:
         """Return the columns by name."""
         columns = {**self._of_step, **self._of_receptors, **self._own}
         arrays = {name: np.array(column) for name, column in columns.items()}
-        time_s = arrays["clock_s"] - self._indented_s
-        return {"time_s": time_s, "receptors_mm": self.receptors_mm, **arrays}
+        return {"time_s": self.time_s, **self._fixed, **arrays}
+
+    @property
+    def _fixed(self) -> dict[str, Array]:
+        return {"receptors_mm": self.receptors_mm, "population": self.population}
+
+    @property
+    def time_s(self) -> Array:
+        """Time since the end of the indentation, (steps,)."""
+        return np.array(self._of_step["clock_s"]) - self._indented_s
 
     def __getattr__(self, name: str) -> Array:
         """Return a column."""
-        if name == "time_s":
-            return self.clock_s - self._indented_s
         if not name.startswith("_"):
             for columns in (self._of_step, self._of_receptors, self._own):
                 if name in columns:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Response, respond
+from tactile_fem.neuron import Population, Response
 from tactile_fem.output.extrema import central_receptor
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Neuron
@@ -45,43 +45,54 @@ class RateImage:
 def rate_image(
     across_mm: Array,
     time_s: Array,
-    sed_kPa: Array,
+    felt: Array,
     speed_mm_s: float,
-    neuron: Neuron,
+    population: Population,
     *,
     column_mm: float = 0.2,
     window_mm: float = 0.2,
 ) -> RateImage:
-    """Return the firing rates that histories of strain energy density evoke.
+    """Return the firing rates that histories of what a population feels evoke.
 
     Parameters
     ----------
     across_mm
         (rows,) rising X of the stimulator that each receptor passes.
-    time_s, sed_kPa
+    time_s, felt
         (steps,) and (steps, rows); the slide begins at time 0.
     speed_mm_s
         Of the slide.
-    neuron
-        Constants; another ``seed`` gives another realization of its noise.
+    population
+        The afferents; another ``seed`` gives another realization of their noise.
     column_mm
         Distance between columns.
     window_mm
         Standard deviation of the Gaussian that smooths each spike along the scan.
     """
-    fired = respond(time_s, sed_kPa, neuron)
+    fired = population.respond(time_s, felt)
     response = Response([times[times >= 0] for times in fired.spikes], 0.0, fired.end_s)
     along = np.arange(0.0, fired.end_s * speed_mm_s + 1e-9, column_mm)
     rate = response.rate(along / speed_mm_s, window_mm / speed_mm_s)
     return RateImage(across_mm, along, rate.T, response)
 
 
-def fibre_image(passes: Sequence[Results], neuron: Neuron | None = None) -> RateImage:
+def fibre_image(
+    passes: Sequence[Results], neuron: Neuron | None = None, population: str | None = None
+) -> RateImage:
     """Return the image that passes over one receptor make: the classic spatial event plot.
 
     The receptor at X = Y = 0 passes over X = -s of a stimulator that is shifted by s. The
     afferent is the same in all passes, so its gain does not vary between rows. If a pass is
     missing between others, its row is empty and a warning is logged.
+
+    Parameters
+    ----------
+    passes
+        Complete scans, in any order.
+    neuron
+        Other constants than the study's.
+    population
+        Name of the afferents; default the study's first.
 
     Raises
     ------
@@ -97,14 +108,18 @@ def fibre_image(passes: Sequence[Results], neuron: Neuron | None = None) -> Rate
     passes = sorted(passes, key=lambda results: -results.study.stimulus.shift_mm[0])
     across, rows = _with_gaps(np.array([-one.study.stimulus.shift_mm[0] for one in passes]))
     traces = [results.trace for results in passes]
+    known = {one.name: one for one in passes[0].study.populations}
+    afferents = Population.of(known[population or next(iter(known))])
     # Each pass has its own steps; histories are linear between them.
     time = np.unique(np.concatenate([trace["time_s"] for trace in traces]).round(12))
-    sed = np.zeros((len(time), len(across)))
-    for row, trace in zip(rows, traces, strict=True):
-        central = central_receptor(trace["receptors_mm"])
-        sed[:, row] = np.interp(time, trace["time_s"], trace["sed_kPa"][:, central])
-    neuron = (neuron or passes[0].study.neuron).model_copy(update={"gain_spread": 0.0})
-    return rate_image(across, time, sed, speeds.pop(), neuron)
+    felt = np.zeros((len(time), len(across)))
+    for row, results in zip(rows, passes, strict=True):
+        own = results.receptors_of(afferents.name)
+        central = own[central_receptor(results.trace["receptors_mm"][own])]
+        times, values = afferents.drive.of(results.trace)
+        felt[:, row] = np.interp(time, times, values[:, central])
+    neuron = (neuron or afferents.neuron).model_copy(update={"gain_spread": 0.0})
+    return rate_image(across, time, felt, speeds.pop(), replace(afferents, neuron=neuron))
 
 
 def _with_gaps(across: Array) -> tuple[Array, NDArray[np.intp]]:

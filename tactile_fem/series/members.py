@@ -15,7 +15,7 @@ import numpy as np
 import tomlkit
 
 from tactile_fem.errors import StudyError
-from tactile_fem.study import Study
+from tactile_fem.study import Receptors, Study
 from tactile_fem.study.file import load_study
 
 
@@ -58,18 +58,26 @@ def single_fibre(
             f"spacing {spacing_mm:g} mm, half width {half_width_mm:g} mm: the spacing must be "
             "positive and at most the half width."
         )
-    one = {"placement": "line", "half_width_mm": 0.0, "extra_mm": ()}
-    receptors = study.receptors.model_copy(update=one)
+    receptors = _central(study.receptors)
+    afferents = tuple(
+        population.model_copy(update={"receptors": _central(population.receptors)})
+        for population in study.afferents
+    )
     across, along = study.stimulus.shift_mm
     count = math.floor(half_width_mm / spacing_mm + 1e-9)
     members = []
     for k in range(-count, count + 1):
         shift = float(np.round(k * spacing_mm, 9))
         stimulus = study.stimulus.model_copy(update={"shift_mm": (across + shift, along)})
-        own = {"receptors": receptors, "stimulus": stimulus}
+        own = {"receptors": receptors, "afferents": afferents, "stimulus": stimulus}
         name = f"shift{shift:+.3f}"
         members.append(Member(name, _without_pictures(study, own), {"shift_mm": shift}))
     return members
+
+
+def _central(receptors: Receptors) -> Receptors:
+    one = {"placement": "line", "half_width_mm": 0.0, "extra_mm": ()}
+    return receptors.model_copy(update=one)
 
 
 def sweep(

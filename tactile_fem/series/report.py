@@ -33,6 +33,7 @@ pre { background: #f5f4f0; padding: 1em; overflow-x: auto; font-size: 12px; }
 """
 _CAPTIONS = {
     "force": "Force on the finger over the indentation and the slide.",
+    "felt": "What the central receptor feels and the outline that passes it.",
     "sed": "Strain energy density of the central receptor and the outline that passes it.",
     "raster": "Spikes: one dot each, at the displacement and the receptor's position.",
     "firing": "Firing rate.",
@@ -76,6 +77,9 @@ def _scan(results: Results) -> tuple[str, list[str]]:
     parts = [_table(["quantity", "value"], rows), "<h2>Figures</h2>"]
     for name, path in drawn.items():
         caption = name.replace("_", " ").replace("deformation", "deformation at")
+        kind, _, population = name.partition("_")
+        if population and kind in _CAPTIONS:
+            caption = f"{population}: {_CAPTIONS[kind]}"
         parts.append(_image(path.read_bytes(), _CAPTIONS.get(name, caption)))
     details = [(name, value) for name, value in run.items() if not isinstance(value, dict)]
     parts += ["<h2>Run</h2>", _table(["", ""], details)]
@@ -92,27 +96,29 @@ def _series(summary: Path) -> tuple[str, list[str]]:
         raise StudyError(f"{summary.parent} holds no complete scan of a series.")
     parts = [_table(head, rows)]
     shifts = {results.study.stimulus.shift_mm[0] for results in scans}
-    passes = [results for results in scans if len(results.trace["receptors_mm"]) == 1]
+    populations = scans[0].study.populations
+    passes = [one for one in scans if len(one.trace["receptors_mm"]) == len(populations)]
     # The unshifted pass may be the scan of a population, whose central receptor counts.
     if passes and len(shifts) == len(scans):
-        parts += _event_plot(scans)
+        for afferents in populations:
+            parts += _event_plot(scans, afferents.name)
     for results in scans:
         if results not in passes:
-            drawn = [path for path in draw_plots(results) if path.stem == "raster"]
+            drawn = [path for path in draw_plots(results) if path.stem.startswith("raster")]
             parts += [_image(path.read_bytes(), results.folder.name) for path in drawn]
     return f"Series {summary.parent.name}", parts
 
 
-def _event_plot(passes: Sequence[Results]) -> list[str]:
-    """Draw spikes and rates of passes over one receptor."""
-    image, stimulus = fibre_image(passes), passes[0].study.stimulus
+def _event_plot(passes: Sequence[Results], population: str) -> list[str]:
+    """Draw spikes and rates of passes over one receptor of a population."""
+    image, stimulus = fibre_image(passes, population=population), passes[0].study.stimulus
     unshifted = stimulus.model_copy(update={"shift_mm": (0.0, stimulus.shift_mm[1])})
     shapes, along = rings(unshifted), image.along_mm
     row, time_s = image.response.events()
     places = time_s * passes[0].study.protocol.speed_mm_s, image.across_mm[row]
     raster = raster_figure(*places, image.across_mm, (along[0], along[-1]), shapes)
     firing = firing_figure(along, image.across_mm, image.rate_Hz, shapes)
-    captions = "Spikes in passes over one receptor.", "Firing rate in these passes."
+    captions = f"{population}: spikes in passes over one receptor.", "Firing rate in these passes."
     return [_image(_png(f), text) for f, text in zip((raster, firing), captions, strict=True)]
 
 

@@ -37,7 +37,7 @@ def _numbers(member: Member, folder: Path) -> dict[str, Any]:
 
 
 def numbers_of(results: Results) -> dict[str, int | float]:
-    """Return what a scan cost and gave: forces and SED of the slide, spikes.
+    """Return what a scan cost and gave: forces and SED of the slide, spikes, also by population.
 
     Means of the forces are over its steps; a scan without a slide gives its last step.
     """
@@ -48,6 +48,10 @@ def numbers_of(results: Results) -> dict[str, int | float]:
     force, sed = trace["force_N"][slide], trace["sed_kPa"][slide]
     central = central_receptor(trace["receptors_mm"])
     sliding = spikes.time_s >= 0
+    by_name = {
+        f"spikes_{afferents.name}": int((spikes.population[sliding] == afferents.name).sum())
+        for afferents in results.study.afferents
+    }
     return {
         "steps": len(trace["time_s"]),
         "newton_iterations": int(trace["newton_iterations"].sum()),
@@ -59,4 +63,5 @@ def numbers_of(results: Results) -> dict[str, int | float]:
         "central_largest_sed_kPa": float(sed[:, central].max()),
         "spikes": int(sliding.sum()),
         "central_spikes": int((spikes.receptor[sliding] == central).sum()),
+        **by_name,
     }

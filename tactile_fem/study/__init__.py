@@ -9,14 +9,19 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic import model_validator
+from pydantic import (
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
+from tactile_fem.study.afferents import DEFAULT_NAME, Afferents, Neuron, Receptors
 from tactile_fem.study.base import Section
 from tactile_fem.study.parts import (
     Finger,
-    Neuron,
     Output,
-    Receptors,
     Solver,
 )
 from tactile_fem.study.protocol import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
@@ -34,7 +39,9 @@ from tactile_fem.study.stimulus import (
 from tactile_fem.study.tissue import TISSUE_SETS, Elastic, Polynomial, Tissue
 
 __all__ = [
+    "DEFAULT_NAME",
     "TISSUE_SETS",
+    "Afferents",
     "AnyPiece",
     "AnyStimulus",
     "Cylinder",
@@ -73,6 +80,7 @@ class Study(Section):
     protocol: Protocol = Protocol()
     receptors: Receptors = Receptors()
     neuron: Neuron = Neuron()
+    afferents: tuple[Afferents, ...] = ()
     solver: Solver = Solver()
     output: Output = Output()
 
@@ -82,3 +90,51 @@ class Study(Section):
         if isinstance(data, dict) and isinstance(data.get("stimulus"), dict):
             return {**data, "stimulus": {"kind": "text", **data["stimulus"]}}
         return data
+
+    @field_validator("afferents", mode="before")
+    @classmethod
+    def _filled(cls, entries: Any, info: ValidationInfo) -> Any:
+        """Give each population the keys of the study's receptors and neuron that it lacks."""
+        if not isinstance(entries, list | tuple):
+            return entries
+        shared = {
+            section: info.data[section].model_dump()
+            for section in ("receptors", "neuron")
+            if section in info.data
+        }
+        return [_filled(entry, shared) for entry in entries]
+
+    @field_validator("afferents")
+    @classmethod
+    def _named_once(cls, entries: tuple[Afferents, ...]) -> tuple[Afferents, ...]:
+        names = [entry.name for entry in entries]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f'two populations have the name "{name}"')
+        return entries
+
+    @model_serializer(mode="wrap")
+    def _used(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        values = serialize(self)
+        if not self.afferents:
+            values.pop("afferents", None)
+        return values
+
+    @property
+    def populations(self) -> tuple[Afferents, ...]:
+        """The populations; without `afferents` the one of `receptors` and `neuron`."""
+        one = Afferents(name=DEFAULT_NAME, receptors=self.receptors, neuron=self.neuron)
+        return self.afferents or (one,)
+
+
+def _filled(entry: Any, shared: dict[str, dict[str, Any]]) -> Any:
+    """Return a population with the shared keys that it does not give; a file knows no None."""
+    given = entry.model_dump(exclude_unset=True) if isinstance(entry, Afferents) else entry
+    if not isinstance(given, dict):
+        return given
+    own = {section: given.get(section, {}) for section in shared}
+    return given | {
+        section: shared[section] | {k: v for k, v in values.items() if v is not None}
+        for section, values in own.items()
+        if isinstance(values, dict)
+    }

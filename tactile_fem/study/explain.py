@@ -9,12 +9,17 @@ from typing import Any, get_args
 import tomlkit
 from pydantic import BaseModel, ValidationError
 
-from tactile_fem.study import Study
+from tactile_fem.study import Afferents, AnyPiece, Study
 
-KINDS: dict[str, type[BaseModel]] = {
-    model.model_fields["kind"].default: model
-    for model in get_args(Study.model_fields["stimulus"].annotation)
-}
+
+def _by_kind(union: Any) -> dict[str, type[BaseModel]]:
+    return {model.model_fields["kind"].default: model for model in get_args(union)}
+
+
+KINDS = _by_kind(Study.model_fields["stimulus"].annotation)
+PIECES = _by_kind(get_args(AnyPiece)[0])
+# What the kinds of a section are kinds of.
+_WHAT = {"stimulus": "stimulus", "protocol": "piece"}
 
 _COMPARISONS = {
     "greater_than": ("gt", "greater than"),
@@ -74,6 +79,8 @@ def path_in_file(location: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return a location without pydantic's union tags: the path in the study file."""
     if location[:1] == ("stimulus",):
         return location[:1] + location[2:]
+    if location[:2] == ("protocol", "path"):
+        return location[:3] + location[4:]
     if location[:2] == ("solver", "petsc"):
         return location[:3]
     return location
@@ -96,8 +103,11 @@ def _sentence(problem: Any) -> str:
     if kind == "missing":
         return f"{name} is missing: {_dotted(path[:-1])} is {value}."
     if kind == "union_tag_invalid":
-        tag = context["tag"]
-        return f'{name}.kind is "{tag}", which is no kind of stimulus; {suggestion(tag, KINDS)}'
+        tag, kinds = context["tag"], KINDS if path[0] == "stimulus" else PIECES
+        what, hint = _WHAT[path[0]], suggestion(tag, kinds)
+        return f'{name}.kind is "{tag}", which is no kind of {what}; {hint}'
+    if kind == "union_tag_not_found":
+        return f"{name} has no kind; allowed: {', '.join(PIECES)}."
     if kind == "value_error":
         return _end(f"{name}: {context['error']}" if path else str(context["error"]))
     return _end(f"{name} is {value} but must be {_allowed(kind, path, context, problem['msg'])}")
@@ -116,6 +126,12 @@ def _allowed(kind: str, path: tuple[str | int, ...], context: Any, message: str)
         return f"{words} {context[key]:g}"
     if kind == "literal_error":
         return str(context["expected"]).replace("'", '"')
+    if path == ("afferents",):
+        return "a list of tables, each under [[afferents]]"
+    if path == ("protocol", "path"):
+        return "a list of tables, each under [[protocol.path]]"
+    if kind == "string_pattern_mismatch":
+        return "made of letters, digits, _ and -"
     if kind == "string_too_short":
         return f"at least {context['min_length']} character long"
     if kind == "string_too_long":
@@ -134,22 +150,23 @@ def _unknown(location: tuple[str | int, ...], path: tuple[str | int, ...]) -> st
     word = str(path[-1])
     if len(path) == 1:
         return f"{word} is not a section of the study; {_section_hint(word)}"
-    if location[0] == "stimulus":
-        kind = location[1]
+    if location[0] in _WHAT and len(location) != len(path):
+        kind, kinds = (location[1], KINDS) if location[0] == "stimulus" else (location[3], PIECES)
         return (
-            f'{_dotted(path)} is not a key of a stimulus of kind "{kind}"; '
-            f"{_kinds_with(word) or suggestion(word, KINDS[kind].model_fields)}"
+            f'{_dotted(path)} is not a key of a {_WHAT[location[0]]} of kind "{kind}"; '
+            f"{_kinds_with(word, kinds) or suggestion(word, kinds[kind].model_fields)}"
         )
     model: Any = Study
     for part in location[:-1]:
-        model = model.model_fields[part].annotation
+        if not isinstance(part, int):
+            model = Afferents if part == "afferents" else model.model_fields[part].annotation
     hint = suggestion(word, model.model_fields)
     return f"{_dotted(path)} is not a key of [{_dotted(path[:-1])}]; {hint}"
 
 
-def _kinds_with(word: str) -> str:
-    """Return a half sentence that names the kinds of stimulus with this key, if there are any."""
-    kinds = [f'"{kind}"' for kind, model in KINDS.items() if word in model.model_fields]
+def _kinds_with(word: str, models: dict[str, type[BaseModel]]) -> str:
+    """Return a half sentence that names the kinds with this key, if there are any."""
+    kinds = [f'"{kind}"' for kind, model in models.items() if word in model.model_fields]
     words = " or ".join(part for part in (", ".join(kinds[:-1]), *kinds[-1:]) if part)
     return f"it goes with kind = {words}." if kinds else ""
 
@@ -157,6 +174,7 @@ def _kinds_with(word: str) -> str:
 def _section_hint(word: str) -> str:
     models = [(section, info.annotation) for section, info in Study.model_fields.items()]
     models += [("stimulus", model) for model in KINDS.values()]
+    models += [("afferents", Afferents)]
     keys = [
         f"{section}.{word}"
         for section, model in models

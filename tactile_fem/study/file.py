@@ -27,7 +27,8 @@ def load_study(path: Path | str | None = None, overrides: Sequence[str] = ()) ->
     path
         TOML file; None is the paper's study. Relative paths in it start from its folder.
     overrides
-        ``section.key=value`` each. The value is TOML, or else plain text: ``stimulus.text=EFG``.
+        ``section.key=value`` each, ``afferents.name.key=value`` for a population. The value is
+        TOML, or else plain text: ``stimulus.text=EFG``.
 
     Raises
     ------
@@ -96,7 +97,23 @@ def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     for key, value in changes.items():
         both = isinstance(value, dict) and isinstance(base.get(key), dict)
         merged[key] = _merge(base[key], value) if both else value
+        if key == "afferents" and isinstance(value, dict):
+            merged[key] = _merge_named(base.get(key), value)
     return merged
+
+
+def _merge_named(entries: Any, changes: dict[str, Any]) -> Any:
+    """Merge changes into tables of a list, which they call by name."""
+    listed = entries if isinstance(entries, list) else []
+    tables = [entry for entry in listed if isinstance(entry, dict)]
+    names = [entry.get("name") for entry in tables]
+    for name, keys in changes.items():
+        if name not in names:
+            known = ", ".join(map(str, names)) or "none"
+            raise StudyError(f"afferents.{name} is no population of the study: it has {known}.")
+        if not isinstance(keys, dict):
+            raise StudyError(f"afferents.{name} is a population: set afferents.{name}.key=value.")
+    return [_merge(entry, changes.get(name, {})) for name, entry in zip(names, tables, strict=True)]
 
 
 def _use_plain_text(
@@ -115,12 +132,17 @@ def _use_plain_text(
 
 
 def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
-    """Make the paths of mesh and font files absolute."""
+    """Make the paths of files absolute."""
     finger, stimulus = data.get("finger"), data.get("stimulus")
     if isinstance(finger, dict) and isinstance(finger.get("mesh_file"), str):
         finger["mesh_file"] = str(absolute(finger["mesh_file"], folder))
     if isinstance(stimulus, dict) and isinstance(stimulus.get("font"), str):
         stimulus["font"] = font_file(stimulus["font"], folder)
+    protocol = data.get("protocol")
+    pieces = protocol.get("path") if isinstance(protocol, dict) else None
+    for piece in pieces if isinstance(pieces, list) else []:
+        if isinstance(piece, dict) and isinstance(piece.get("file"), str):
+            piece["file"] = str(absolute(piece["file"], folder))
 
 
 # --- writing -----------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from tactile_fem.study import Stimulus, Study
+from tactile_fem.study import Afferents, Stimulus, Study
 from tactile_fem.study.explain import KINDS, toml_value
 
 _HEAD = """\
@@ -34,14 +34,27 @@ def commented_template() -> str:
     lines = [_HEAD]
     study = Study()
     for name in Study.model_fields:
+        if name == "afferents":
+            lines += _populations()
+            continue
         values = getattr(study, name)
-        lines += _table(name, values, _summary(values))
+        lines += _table(name, values, _summary(type(values)))
         if name == "stimulus":
             for kind, model in KINDS.items():
                 if kind != study.stimulus.kind:
-                    lines += _comment(f'or kind = "{kind}": {_summary(model())}')
+                    lines += _comment(f'or kind = "{kind}": {_summary(model)}')
                     lines += [*_keys(model(), "#     ", {"kind", *Stimulus.model_fields}), ""]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _populations() -> Iterator[str]:
+    yield from _comment(f"[[afferents]] once or more: {_summary(Afferents)}")
+    for key, field in Afferents.model_fields.items():
+        if field.description:
+            yield from _comment(f"    {key}: {field.description}")
+        else:
+            yield f"#     [afferents.{key}] has the keys of [{key}]"
+    yield ""
 
 
 def _table(name: str, values: BaseModel | dict[str, Any], note: str | None) -> Iterator[str]:
@@ -81,8 +94,8 @@ def _allowed(schema: dict[str, Any]) -> str:
     return ", ".join(words)
 
 
-def _summary(values: BaseModel) -> str:
-    line = (type(values).__doc__ or "").strip().splitlines()[0].rstrip(".")
+def _summary(model: type[BaseModel]) -> str:
+    line = (model.__doc__ or "").strip().splitlines()[0].rstrip(".")
     return line if line[1].isupper() else line[0].lower() + line[1:]
 
 

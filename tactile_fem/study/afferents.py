@@ -1,0 +1,103 @@
+"""Populations of afferents: where they lie, what they feel, how they fire."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole
+
+# What the one population of a study without [[afferents]] is called.
+DEFAULT_NAME = "SA1"
+
+
+class Receptors(Section):
+    """End organs on the epidermis-dermis interface."""
+
+    placement: Literal["line", "grid", "random", "afferents"] = Field(
+        "line",
+        description="paper: a line across the finger; or a grid, at random, or by density on the "
+        "interface with distance kept, as afferents lie",
+    )
+    half_width_mm: NonNegative = Field(5.0, description="extent across the finger (X)")
+    half_length_mm: NonNegative = Field(4.0, description="extent along (Y), not of the line")
+    spacing_mm: Positive = Field(0.2, description="of line and grid; paper's shift per pass")
+    density_per_cm2: Positive = Field(70.0, description="of random and afferents: SA1 afferents")
+    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of random and afferents")
+    extra_mm: tuple[tuple[Finite, Finite], ...] = Field(
+        (), description="further receptors: pairs X, Y"
+    )
+    side: Literal["epidermis", "dermis"] = Field(
+        "epidermis", description="tissue whose strain energy the receptor feels"
+    )
+    average_radius_mm: NonNegative = Field(
+        0.25, description="proposed: radius of the averaged ball; 0 is the point value"
+    )
+    end_organs: Annotated[Whole, Field(ge=1, le=50)] = Field(
+        1, description="paper: one; more are averaged, one at the receptor, the others around it"
+    )
+    end_organs_radius_mm: Positive = Field(
+        1.0, description="proposed: of the circle on which the other end organs lie"
+    )
+
+
+class Neuron(Section):
+    """Transduction current and membrane; gains are per kPa, or per unit of what else is felt."""
+
+    model: Literal["hamasaki2020", "gerling2018"] = Field(
+        "hamasaki2020", description="transduction: alpha, kappa, beta; or the generator function"
+    )
+    # alpha and beta: demos/neurons/fit_bar.py, on rates that Phillips and Johnson (1981) measured
+    # under a bar; kappa and tau_a stayed as here in that fit.
+    static_gain_pA_per_kPa: NonNegative = Field(
+        113.0, description="alpha; fitted to rates under a bar (Phillips and Johnson 1981)"
+    )
+    dynamic_gain_pA_s_per_kPa: NonNegative = Field(
+        17.2, description="beta; fitted to rates under a bar (Phillips and Johnson 1981)"
+    )
+    adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(0.45, description="kappa; proposed")
+    adaptation_time_s: Positive = Field(0.5, description="tau_a; proposed")
+    intercept_pA: Finite | None = Field(
+        None,
+        description="I_0 while S > 0; default is the rheobase V_th/R, 0 for gerling2018",
+    )
+    generator_gains_pA_per_kPa: tuple[NonNegative, NonNegative, NonNegative, NonNegative] = Field(
+        (100.0, 50.0, 25.0, 50.0),
+        description="gerling2018: k_i of the parts, the last does not inactivate; proposed",
+    )
+    generator_times_s: tuple[Positive, Positive, Positive] = Field(
+        (0.008, 0.2, 1.745), description="gerling2018: tau_i; Gerling 2018"
+    )
+    capacitance_pF: Positive = Field(30.0, description="C; after Gerling 2018's public constants")
+    resistance_GOhm: Positive = Field(1.667, description="R; after Gerling 2018's constants")
+    threshold_mV: Positive = Field(30.0, description="V_th; after Gerling 2018's constants")
+    refractory_s: NonNegative = Field(0.001, description="t_ref; after Gerling 2018's constants")
+    gain_spread: NonNegative = Field(
+        0.0, description="sd of the logarithm of the gains between afferents"
+    )
+    threshold_noise: NonNegative = Field(
+        0.0,
+        description="sd of the logarithm of the distance from reset to V_th, from spike to spike",
+    )
+    seed: Annotated[Whole, Field(ge=0, lt=2**63)] = Field(1, description="of spread and noise")
+
+    @property
+    def time_constant_s(self) -> float:
+        """R C of the membrane."""
+        return 1e-3 * self.resistance_GOhm * self.capacitance_pF
+
+
+class Afferents(Section):
+    """A population; it takes what its own tables lack from `[receptors]` and `[neuron]`."""
+
+    name: Annotated[str, Field(pattern="^[A-Za-z0-9_-]+$", max_length=40)] = Field(
+        description="its name in results and figures: letters, digits, _ and -"
+    )
+    feels: str = Field(
+        "sed",
+        description="sed, von_mises, largest_stretch, smallest_stretch, largest_stress, "
+        "smallest_stress or pressure; each also with _rate behind it",
+    )
+    receptors: Receptors = Receptors()
+    neuron: Neuron = Neuron()

@@ -1,0 +1,388 @@
+"""Several populations of afferents: what each feels, and that each fires as it would alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from synthetic import make_results, make_trace
+
+from tactile_fem.errors import StudyError
+from tactile_fem.neuron import (
+    DRIVES,
+    Drive,
+    Population,
+    drive_of,
+    fire_all,
+    populations_of,
+    respond,
+)
+from tactile_fem.neuron.exponentials import ExponentialSum
+from tactile_fem.neuron.transduction import Segment
+from tactile_fem.output.figures import draw_plots
+from tactile_fem.scan.checks import check_study
+from tactile_fem.scan.results import Results
+from tactile_fem.series import fibre_image
+from tactile_fem.series.members import single_fibre
+from tactile_fem.series.report import write_report
+from tactile_fem.series.table import numbers_of
+from tactile_fem.study import Afferents, Neuron, Receptors, Study
+from tactile_fem.study.file import dump_study, load_study
+
+NOISY = Neuron(gain_spread=0.3, threshold_noise=0.2, static_gain_pA_per_kPa=150.0)
+LIVELY = Neuron(
+    gain_spread=0.2, threshold_noise=0.1, static_gain_pA_per_kPa=300.0, intercept_pA=0.0
+)
+TWO = """
+[receptors]
+spacing_mm = 2.0
+[neuron]
+adaptation = 0.2
+intercept_pA = 18.0
+[[afferents]]
+name = "SA1"
+[[afferents]]
+name = "RA"
+feels = "largest_stretch_rate"
+[afferents.receptors]
+side = "dermis"
+[afferents.neuron]
+threshold_mV = 20.0
+"""
+
+
+def histories(receptors=3, population=None):
+    """Return a made-up trace in which every receptor feels something else."""
+    time = np.sort(np.random.default_rng(0).uniform(0, 1, 40))
+    wave = np.sin(4 * time)[:, None] * np.linspace(1, 2, receptors)
+    trace = {
+        "time_s": time,
+        "sed_kPa": wave**2,
+        "von_mises_kPa": 3 * np.abs(wave),
+        "stretches": 1 + np.stack([-0.1 * wave**2, 0 * wave, 0.1 * wave**2], axis=-1),
+        "stresses_kPa": np.stack([wave - 1, wave, wave + 1], axis=-1),
+    }
+    if population is not None:
+        trace["population"] = np.array(population)
+    return trace
+
+
+# --- what is felt ---------------------------------------------------------------------------------
+
+
+def test_drives_are_what_their_names_say():
+    trace = histories()
+    wave = trace["stresses_kPa"][..., 1]
+    expected = {
+        "sed": wave**2,
+        "von_mises": 3 * np.abs(wave),
+        "largest_stretch": 0.1 * wave**2,
+        "smallest_stretch": -0.1 * wave**2,
+        "largest_stress": wave + 1,
+        "smallest_stress": wave - 1,
+        "pressure": -wave,
+    }
+    assert set(expected) == set(DRIVES)
+    for name, value in expected.items():
+        _, felt = drive_of(name).of(trace)
+        np.testing.assert_allclose(felt, value, rtol=1e-12, atol=1e-15, err_msg=name)
+        assert name in Afferents.model_fields["feels"].description
+
+
+def test_rates_are_exact_for_lines_and_parabolas_at_uneven_times():
+    trace = histories()
+    time = trace["time_s"][:, None]
+    trace["stresses_kPa"] = np.stack([2 - 3 * time, 5 * time, 5 * time**2 - time], axis=-1)
+    np.testing.assert_allclose(drive_of("smallest_stress_rate").of(trace)[1], -3, rtol=1e-9)
+    parabola = drive_of("largest_stress_rate")
+    np.testing.assert_allclose(parabola.of(trace)[1], 10 * time - 1, rtol=1e-9)
+    assert parabola.unit == "kPa/s" and parabola.label == "Rate of largest stress"
+    two = {name: array[:2] for name, array in trace.items()}
+    np.testing.assert_allclose(drive_of("smallest_stress_rate").of(two)[1], -3, rtol=1e-9)
+
+
+def test_strain_energy_density_is_never_negative_but_a_stress_may_be():
+    trace = histories()
+    trace["sed_kPa"] = trace["sed_kPa"] - 1e-3
+    with pytest.raises(StudyError, match="a strain energy density is never negative"):
+        drive_of("sed").of(trace)
+    assert (drive_of("smallest_stress").of(trace)[1] < 0).any()
+
+
+def test_a_drive_that_cannot_be_told_is_named():
+    trace = histories()
+    for unknown in ("strain", "sed_rate_rate", "_rate"):
+        with pytest.raises(StudyError, match=f'There is no drive "{unknown}"; there are sed, '):
+            drive_of(unknown)
+    old = {name: array for name, array in trace.items() if name != "stresses_kPa"}
+    with pytest.raises(StudyError, match="Pressure: the histories have no stresses_kPa"):
+        drive_of("pressure").of(old)
+    flat = Drive("Touch", "1", lambda h: h["time_s"])
+    with pytest.raises(StudyError, match=r"Touch has shape \(40,\)"):
+        flat.of(trace)
+    with pytest.raises(StudyError, match=r"Touch is nan at index \(0, 0\)"):
+        Drive("Touch", "1", lambda h: h["sed_kPa"] * np.nan).of(trace)
+
+
+# --- firing ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("model", ["hamasaki2020", "gerling2018"])
+def test_a_population_fires_in_company_as_it_does_alone(model):
+    neuron = LIVELY.model_copy(update={"model": model})
+    kinds = [Population("SA1", NOISY), Population("RA", neuron, "smallest_stress")]
+    trace = histories(6, ["SA1", "RA", "SA1", "RA", "RA", "SA1"])
+    together = fire_all(kinds, trace)
+    assert together.counts().min() > 0
+    for kind in kinds:
+        who = trace["population"] == kind.name
+        time, felt = kind.drive.of(trace)
+        own = {"time_s": time, "sed_kPa": felt[:, who]}
+        alone = Population("x", kind.neuron, Drive("Felt", "1", lambda h: h["sed_kPa"])).fire(own)
+        for a, b in zip(np.flatnonzero(who), alone.spikes, strict=True):
+            np.testing.assert_array_equal(together.spikes[a], b)
+    of_sed = respond(trace["time_s"], trace["sed_kPa"][:, [0, 2, 5]], NOISY).spikes
+    for a, b in zip((0, 2, 5), of_sed, strict=True):
+        np.testing.assert_array_equal(together.spikes[a], b)
+
+
+@pytest.mark.parametrize(
+    ("neuron", "last_s"),
+    [
+        (Neuron(adaptation=0.0, dynamic_gain_pA_s_per_kPa=20.0), 1.1),
+        (Neuron(), 2.0),  # what adapted to the negative drive rebounds
+        (Neuron(model="gerling2018"), 2.0),
+    ],
+)
+def test_a_negative_drive_inhibits_and_its_rise_excites(neuron, last_s):
+    """Compression held, and released from 1.0 to 1.1 s."""
+    trace = {
+        "time_s": np.array([0.0, 0.5, 1.0, 1.1, 2.0]),
+        "strain": -np.array([[0.0], [5.0], [5.0], [0.0], [0.0]]),
+    }
+    strain = Drive("Strain", "%", lambda h: h["strain"])
+    (spikes,) = Population(neuron=neuron, feels=strain).fire(trace).spikes
+    assert len(spikes) > 0 and spikes.min() > 1.0 and last_s - 0.1 < spikes.max() < last_s
+    pulled = {**trace, "strain": -trace["strain"]}
+    (spikes,) = Population(neuron=neuron, feels=strain).fire(pulled).spikes
+    assert 0 < spikes.min() < 0.5 and np.any((spikes > 0.5) & (spikes < 1.0))
+
+
+@dataclass(frozen=True)
+class OnAndOff:
+    """I = gain |dS/dt|."""
+
+    gain: float
+
+    def segments(self, time_s, drive):
+        for k, h in enumerate(np.diff(time_s)):
+            current = self.gain * np.abs(drive[k + 1] - drive[k]) / h
+            none = np.empty((0, len(current)))
+            yield Segment(time_s[k], h, ExponentialSum(current, 0 * current, none, np.empty(0)))
+
+
+def test_a_transduction_and_a_drive_of_ones_own():
+    feels = Drive("Touch", "1", lambda h: np.sqrt(h["sed_kPa"]))
+    time = np.array([0.0, 0.5, 1.0, 1.5])
+    sed = np.array([0.0, 4.0, 4.0, 0.0])[:, None] ** 2
+    own = Population("RA", Neuron(), feels, OnAndOff(gain=5.0))
+    trace = {"time_s": time, "sed_kPa": sed, "population": np.array(["RA"])}
+    (spikes,) = fire_all([own], trace).spikes
+    on, hold, off = (((spikes > a) & (spikes <= a + 0.5)).sum() for a in (0.0, 0.5, 1.0))
+    assert on > 2 and hold == 0 and off == pytest.approx(on, abs=1)
+
+
+# --- studies --------------------------------------------------------------------------------------
+
+
+def read(tmp_path, text, *overrides):
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    return load_study(path, overrides)
+
+
+def test_populations_take_what_they_lack_from_the_study(tmp_path):
+    study = read(tmp_path, TWO, "afferents.RA.neuron.seed=7", "neuron.threshold_noise=0.1")
+    sa1, ra = study.populations
+    assert sa1 == Afferents(name="SA1", receptors=study.receptors, neuron=study.neuron)
+    assert ra.feels == "largest_stretch_rate" and ra.receptors.side == "dermis"
+    assert ra.receptors == study.receptors.model_copy(update={"side": "dermis"})
+    own = {"threshold_mV": 20.0, "seed": 7}
+    assert ra.neuron == study.neuron.model_copy(update=own)
+    assert study.neuron.threshold_noise == 0.1
+    resolved = tmp_path / "resolved.toml"
+    resolved.write_text(dump_study(study))
+    assert load_study(resolved) == study == Study.model_validate(study.model_dump())
+    made = Study(
+        receptors=study.receptors,
+        neuron=study.neuron,
+        afferents=(
+            Afferents(name="SA1"),
+            Afferents(
+                name="RA",
+                feels="largest_stretch_rate",
+                receptors=Receptors(side="dermis"),
+                neuron=Neuron(threshold_mV=20.0, seed=7, intercept_pA=None),
+            ),
+        ),
+    )
+    assert made == study
+
+
+def test_without_afferents_there_is_one_population_and_no_word_of_it():
+    study = Study(neuron=NOISY)
+    (one,) = study.populations
+    assert (one.name, one.feels, one.neuron) == ("SA1", "sed", NOISY)
+    assert "afferents" not in study.model_dump() and "[[" not in dump_study(study)
+    assert populations_of(study) == (Population("SA1", NOISY, "sed"),)
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("afferents.RA.name=SA1", 'afferents: two populations have the name "SA1".'),
+        (
+            'afferents.RA.name="fast one"',
+            'afferents (entry 2).name is "fast one" but must be made of letters, digits, _ and -.',
+        ),
+        (
+            "afferents.PC.feels=sed",
+            "afferents.PC is no population of the study: it has SA1, RA.",
+        ),
+        ("afferents.RA=1", "afferents.RA is a population: set afferents.RA.key=value."),
+        (
+            "afferents.RA.neuron.adaptaton=1",
+            "afferents (entry 2).neuron.adaptaton is not a key of [afferents (entry 2).neuron]; "
+            "did you mean adaptation?",
+        ),
+        (
+            "afferents.RA.fells=sed",
+            "afferents (entry 2).fells is not a key of [afferents (entry 2)]; did you mean feels?",
+        ),
+        (
+            "afferents=[]",
+            '"afferents=[]" sets nothing: write section.key=value.',
+        ),
+        ("neuron.adaptation=3", "neuron.adaptation is 3 but must be at most 1."),
+    ],
+)
+def test_what_is_wrong_with_a_population_is_told_once(tmp_path, override, sentence):
+    with pytest.raises(StudyError) as caught:
+        read(tmp_path, TWO, override)
+    assert str(caught.value) == sentence
+
+
+def test_one_table_is_no_list(tmp_path):
+    with pytest.raises(StudyError, match=r"must be a list of tables, each under \[\[afferents"):
+        read(tmp_path, '[afferents]\nname = "RA"\n')
+    with pytest.raises(StudyError, match="RA is no population of the study: it has none"):
+        load_study(None, ["afferents.RA.feels=sed"])
+
+
+def test_drives_and_places_are_checked_before_a_scan(tmp_path):
+    check_study(read(tmp_path, TWO))
+    with pytest.raises(StudyError, match=r'afferents.RA.feels: There is no drive "strain"'):
+        check_study(read(tmp_path, TWO, "afferents.RA.feels=strain"))
+    with pytest.raises(StudyError, match=r"afferents.RA.receptors: .* X 30, Y 0 mm lies outside"):
+        check_study(read(tmp_path, TWO, "afferents.RA.receptors.extra_mm=[[30.0, 0.0]]"))
+    with pytest.raises(StudyError, match='no afferents "PC", only SA1, RA'):
+        populations_of(read(tmp_path, TWO), [Population("PC")])
+
+
+def test_a_registered_drive_can_be_named_in_a_study(tmp_path, monkeypatch):
+    study = read(tmp_path, TWO, "afferents.RA.feels=squeeze_rate")
+    monkeypatch.setitem(DRIVES, "squeeze", Drive("Squeeze", "1", lambda h: h["sed_kPa"]))
+    check_study(study)
+    assert populations_of(study)[1].drive.unit == "1/s"
+
+
+# --- results --------------------------------------------------------------------------------------
+
+
+def two_kinds(folder, study):
+    """Write results of SA1 at 7 places and RA at 5 others, the RA firing as the study says."""
+    sa1, ra = make_trace(np.arange(-3.0, 4.0)), make_trace(np.arange(-2.0, 3.0) * 0.5)
+    stretch = 1 + np.hypot(*np.meshgrid(0.3 * ra["sed_kPa"][:, 0], np.arange(12), indexing="ij"))
+    trace = {
+        **sa1,
+        "receptors_mm": np.concatenate([sa1["receptors_mm"], ra["receptors_mm"]]),
+        "population": np.repeat(["SA1", "RA"], [7, 5]),
+        "sed_kPa": np.hstack([sa1["sed_kPa"], 2 * ra["sed_kPa"]]),
+        "stretches": np.stack([1 / stretch, stretch**0, stretch], axis=-1),
+    }
+    results = make_results(folder, study, trace)
+    results.save_spikes(fire_all(populations_of(study), results.trace).spikes)
+    return results
+
+
+def test_spikes_and_trace_know_their_population(tmp_path):
+    results = two_kinds(tmp_path / "r", read(tmp_path, TWO, "afferents.RA.feels=sed"))
+    again = Results.open(results.folder)
+    assert again.trace["population"].tolist() == ["SA1"] * 7 + ["RA"] * 5
+    names = again.trace["population"][again.spikes.receptor]
+    assert set(names) == {"SA1", "RA"} and again.spikes.population.tolist() == names.tolist()
+    assert again.receptors_of("RA").tolist() == [7, 8, 9, 10, 11]
+    with pytest.raises(StudyError, match="has no afferents PC, only SA1, RA"):
+        again.receptors_of("PC")
+    with pytest.raises(ValueError, match="population"):
+        again.save_trace(**{**again.trace, "population": np.array(["SA1"])})
+    numbers = numbers_of(again)
+    assert numbers["spikes_SA1"] + numbers["spikes_RA"] == numbers["spikes"]
+    assert numbers["spikes_RA"] > 0
+
+
+def test_older_folders_have_one_population(tmp_path):
+    results = make_results(tmp_path / "r")
+    path = results.folder / "spikes.csv"
+    old = [line.rsplit(",", 1)[0] for line in path.read_text().splitlines()]
+    path.write_text("\n".join(old) + "\n")
+    again = Results.open(results.folder)
+    with np.load(results.folder / "trace.npz") as kept:
+        assert "population" not in kept
+    assert set(again.trace["population"]) == set(again.spikes.population) == {"SA1"}
+    assert len(again.spikes.time_s) == 21 * 5
+    assert "spikes_SA1" not in numbers_of(again)
+
+
+def test_figures_are_drawn_for_each_population_and_removed_with_it(tmp_path, caplog):
+    study = read(tmp_path, TWO, "afferents.RA.feels=unheard_of")
+    with pytest.raises(StudyError, match="unheard_of"):
+        populations_of(study)
+    results = two_kinds(tmp_path / "r", read(tmp_path, TWO, "afferents.RA.feels=sed"))
+    kinds = ("felt", "raster", "firing")
+    wanted = {"force.png"} | {f"{kind}_{name}.png" for kind in kinds for name in ("SA1", "RA")}
+    assert {path.name for path in draw_plots(results)} == wanted
+    results.save_study(study)
+    assert {path.name for path in draw_plots(results)} == wanted - {"felt_RA.png"}
+    assert 'RA afferents feel is not drawn: There is no drive "unheard_of"' in caplog.text
+    Results.create(results.folder, overwrite=True)
+    assert not list(results.folder.rglob("*.png"))
+
+
+def test_reports_show_each_population(tmp_path):
+    study = read(tmp_path, TWO, "afferents.RA.feels=largest_stretch")
+    results = two_kinds(tmp_path / "r", study)
+    (results.folder.parent / "summary.csv").write_text("scan,status\nr,complete\n")
+    assert write_report(results.folder.parent).read_text().count("<figcaption>r</figcaption>") == 2
+    page = write_report(results.folder).read_text()
+    for words in ("spikes_RA", "RA: What the central receptor feels", "SA1: Spikes"):
+        assert words in page
+
+
+def test_passes_over_one_receptor_of_each_population(tmp_path):
+    study = read(tmp_path, TWO, "afferents.RA.feels=sed", "afferents.RA.neuron.threshold_mV=25")
+    members = single_fibre(study, spacing_mm=1.0, half_width_mm=1.0)
+    passes = []
+    for member in members:
+        assert all(a.receptors.half_width_mm == 0 for a in member.study.populations)
+        x = -member.study.stimulus.shift_mm[0]
+        one = make_trace(np.array([0.0, 0.0]))
+        one["sed_kPa"] = one["sed_kPa"] * [1.0, 2.0] * np.exp(-(x**2))
+        one["population"] = np.array(["SA1", "RA"])
+        passes.append(make_results(tmp_path / member.name, member.study, one))
+    ra = fibre_image(passes, population="RA")
+    trace = passes[1].trace
+    alone = Population("RA", study.populations[1].neuron).fire(trace).spikes[0]
+    np.testing.assert_allclose(ra.response.spikes[1], alone[alone >= 0], atol=1e-9)
+    assert ra.response.counts()[1] > fibre_image(passes).response.counts()[1] > 0
