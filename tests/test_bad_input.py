@@ -339,7 +339,8 @@ COMMANDS = [
     ("export --deck new.inp --grid-mm 0", 'Invalid value "0.0" for --grid-mm. Must be > 0.'),
     (
         "export --deck new.inp --set protocol.force_N=0.5",
-        "protocol.force_N is 0.5 but a deck knows no force: press to a depth_mm and hold the depth.",
+        "protocol.force_N is 0.5 but a deck knows no force: press to a depth_mm and hold the "
+        "depth.",
     ),
     ("sweep", 'Command "sweep" parameter --over requires an argument.'),
     ("sweep --over protocol.depth_mm=0,1", "protocol.depth_mm is 0 but must be greater than 0."),

@@ -170,14 +170,13 @@ class Path:
                     f"{name} takes {duration:g} s but must take a finite time above 0 s."
                 )
             _check_outputs(name, np.asarray(motion.outputs_s, dtype=float), duration)
-            off = float(np.abs(np.subtract(motion.place(0.0), start)).max())
+            off = float(np.abs(motion.places_mm[0] - start).max())
             if not off <= _JOINT_MM:
                 x, y, z = start
                 raise StudyError(
                     f"{name} begins {off:.3g} mm from where the body is then; its first place "
                     f"must be X {x:g}, Y {y:g}, Z {z:g} mm."
                 )
-            motion.slid_mm(duration)
             lasts_s += duration
         if lasts_s > _LONGEST_S:
             raise StudyError(
