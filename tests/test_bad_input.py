@@ -172,9 +172,14 @@ SETTINGS = [
     ("protocol.force_N=0", "protocol.force_N is 0 but must be greater than 0."),
     (
         "protocol.output_mm=1e-12",
-        "protocol: distance_mm = 10 holds more than 100,000 times output_mm = 1e-12.",
+        "protocol: piece 2 of its path (slide) has an output every 5e-14 s, more than 100,000 in "
+        "all: raise output_mm or output_s.",
     ),
-    ("protocol.speed_mm_s=1e-9", "protocol: it lasts 1e+10 s at these speeds, more than 100,000."),
+    (
+        "protocol.speed_mm_s=1e-9",
+        "protocol: its path lasts 1e+10 s but may last 100,000 s at most: shorten it or raise its "
+        "speeds.",
+    ),
     (
         "receptors.placement=circle",
         'receptors.placement is "circle" but must be "line", "grid", "random" or "afferents".',
@@ -335,7 +340,8 @@ COMMANDS = [
     ("export --deck new.inp --grid-mm 0", 'Invalid value "0.0" for --grid-mm. Must be > 0.'),
     (
         "export --deck new.inp --set protocol.force_N=0.5",
-        "protocol.force_N: a deck presses to protocol.depth_mm only.",
+        "protocol.force_N is 0.5 but a deck knows no force: press to a depth_mm and hold the "
+        "depth.",
     ),
     ("sweep", 'Command "sweep" parameter --over requires an argument.'),
     ("sweep --over protocol.depth_mm=0,1", "protocol.depth_mm is 0 but must be greater than 0."),

@@ -82,7 +82,9 @@ def test_no_compiler_is_told_before_the_scan(capsys, scans, monkeypatch):
 
 def test_divergence_has_its_own_code(capsys, scans, monkeypatch):
     def diverge(*args, **kwargs):
-        raise ConvergenceError("the slide stopped at 3.1 mm (too many iterations)", 3.1, "reason")
+        raise ConvergenceError(
+            "the slide stopped at 3.1 mm (too many iterations)", (0, 0, 3.1), "reason"
+        )
 
     monkeypatch.setattr(sys.modules["tactile_fem.scan.run"], "scan", diverge)
     assert "stopped at 3.1 mm" in sentence_of(capsys, ["scan"], code=3)

@@ -57,8 +57,7 @@ def pressed(contact, *places):
     for place in places:
         report = contact.solve(np.array(place, dtype=float), 0.01)
         assert report.converged, report
-        load = contact.load()
-        contact.accept()
+        load = contact.accept()
     return load
 
 
@@ -110,9 +109,8 @@ def test_tangent_is_the_derivative_of_the_residual(state, theta):
     contact = problem(Sphere(radius_mm=4.0), nitsche_theta=theta)
     snes = contact.snes
     slip = {"open": 0.0, "sticking": 1e-7, "slipping": 0.1}[state]
-    contact.obstacle.translation.value[:] = (0, -slip, -1.0 if state == "open" else 0.4)
-    contact.obstacle.translation_old.value[:] = contact.obstacle.translation.value
-    contact.obstacle.translation_old.value[1] += slip
+    contact.state.place((0, -slip, -1.0 if state == "open" else 0.4))
+    contact.state.translation_old.value[1] += slip
     random = np.random.default_rng(0)
 
     def displacement(scale):
@@ -126,7 +124,7 @@ def test_tangent_is_the_derivative_of_the_residual(state, theta):
         return u, vector
 
     before, x = displacement(1e-3)
-    contact.u_old.x.array[:] = before.x.array
+    contact.state.u_old.x.array[:] = before.x.array
     _, direction = displacement(1.0)
     product, plus, minus, there = (x.duplicate() for _ in range(4))
     A = snes.getJacobian()[0]

@@ -16,15 +16,25 @@ from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH
 from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.output.deck import Penalty, material_lines, write_deck
-from tactile_fem.stimulus import make_body
+from tactile_fem.stimulus import make_body, make_path
 from tactile_fem.stimulus.height_field import height_field
-from tactile_fem.study import Cylinder, Plate, Polynomial, Protocol, Solver, Study, Text
+from tactile_fem.study import (
+    Cylinder,
+    Hold,
+    Plate,
+    Polynomial,
+    Protocol,
+    Solver,
+    Study,
+    Text,
+)
 from tactile_fem.tissue.energies import law_of
 
 LINE = np.linspace(-3.0, 3.0, 4)
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0, 4.0])
 BLOCK = block_mesh(LINE, LINE, DEPTHS, [*LAYERS, "bone"])
 PRESS = Protocol(depth_mm=0.3, distance_mm=0.4)
+PATH = make_path(PRESS, 0.0)
 STUDY = Study(stimulus=Plate(friction=0.3), protocol=PRESS)
 # After Abaqus' manual, counted from 1: ends of the edges with nodes 5 to 10; corners of S1 to S4.
 EDGES = np.array([[1, 2], [2, 3], [3, 1], [1, 4], [2, 4], [3, 4]]) - 1
@@ -126,6 +136,10 @@ def test_slave_faces_are_the_skin(written):
     assert len(faces) == size.skin_facets == 18
 
 
+def driven(*ends):
+    return [["STIMULATOR", k, k, end] for k, end in zip("123", ends, strict=True)]
+
+
 def test_stimulator_is_driven_and_covers_press_and_slide(written):
     _, deck = written
     body = deck.elements("*ELEMENT, TYPE=C3D8")
@@ -140,8 +154,8 @@ def test_stimulator_is_driven_and_covers_press_and_slide(written):
         assert np.linalg.det(edges) > 0
     assert deck.one("*SURFACE, NAME=MASTER") == [["BODY", "S2"]]
     _, press, slide = deck.all("*BOUNDARY")
-    assert press == [["STIMULATOR", "1", "2"], ["STIMULATOR", "3", "3", "0.3"]]
-    assert slide == [["STIMULATOR", "2", "2", "-0.4"]]
+    assert press == driven("0", "0", "0.3")
+    assert slide == driven("0", "-0.4", "0.3")
 
 
 def test_increments_are_those_asked_for(written):
@@ -203,7 +217,7 @@ def test_no_step_without_a_slide(tmp_path):
 def test_height_field_lies_on_the_body(stimulus):
     body = make_body(stimulus)
     skin = BLOCK.nodes[BLOCK.nodes[:, 2] == 0]
-    field = height_field(body, PRESS, skin, (0.25, 0.25))
+    field = height_field(body, PATH.places_mm(), skin, (0.25, 0.25))
     assert np.abs(body.distance(field.points).gap).max() < 2e-3
     assert field.points[:, 2].min() > -0.3 - 0.6
     a, b, c, d = (field.points[field.cells[:, i]] for i in range(4))
@@ -222,8 +236,11 @@ def test_contact_is_as_stiff_as_the_meshs_own_stratum_corneum_asks_for():
 
 def test_what_a_deck_cannot_hold_is_refused(tmp_path):
     to_force = STUDY.model_copy(update={"protocol": Protocol(force_N=0.5)})
-    with pytest.raises(StudyError, match="force_N"):
+    with pytest.raises(StudyError, match=r"protocol\.force_N is 0\.5 but .* to a depth_mm"):
         write_deck(to_force, BLOCK, tmp_path / "no.inp")
+    held = STUDY.model_copy(update={"protocol": Protocol(path=(Hold(time_s=1.0, force_N=0.5),))})
+    with pytest.raises(StudyError, match=r"protocol\.path\.force_N is 0\.5"):
+        write_deck(held, BLOCK, tmp_path / "no.inp")
     free = STUDY.model_copy(update={"solver": Solver(held=("nail",))})
     with pytest.raises(StudyError, match="nothing of the mesh is held"):
         write_deck(free, BLOCK, tmp_path / "no.inp")
@@ -321,7 +338,6 @@ def test_calculix_presses_and_slides_a_block_as_we_do(tmp_path):
     ours = []
     for place in ways:
         assert problem.solve(np.array(place, dtype=float), 0.01).converged
-        ours.append(problem.load().force_N)
-        problem.accept()
+        ours.append(problem.accept().force_N)
     assert len(theirs) == len(ours)
     np.testing.assert_allclose(theirs, ours, atol=0.03 * ours[-1][2])

@@ -15,6 +15,7 @@ from mpi4py import MPI  # isort: skip
 
 from tactile_fem.scan import estimate as module
 from tactile_fem.scan.estimate import announce, available_memory_MB, estimate
+from tactile_fem.stimulus import make_path
 from tactile_fem.study import Protocol, Solver, Study
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "demos" / "benchmarks" / "README.md"
@@ -29,6 +30,11 @@ def measured(row: str) -> list[float]:
     return [float(cell) for cell in re.findall(r"[\d.]+", found.replace(",", ""))]
 
 
+def of(study: Study, unknowns: float, ranks: float) -> module.Estimate:
+    """Return what a study on the default finger needs; a press to a force goes 4 mm deep."""
+    return estimate(study, make_path(study.protocol, 4.0), int(unknowns), int(ranks))
+
+
 UNKNOWNS = [count for count in measured("unknowns") for _ in (1, 2)]
 SCANS = list(zip(UNKNOWNS, measured("ranks"), strict=True))
 
@@ -41,29 +47,35 @@ def test_the_table_is_that_of_three_sizes_on_one_and_two_ranks():
 def test_memory_is_that_of_measured_scans():
     for (unknowns, ranks), GB in zip(SCANS, measured("memory of all ranks"), strict=True):
         expected = pytest.approx(1000 * GB, rel=0.05 if ranks == 2 else 0.15)
-        assert estimate(Study(), unknowns, int(ranks)).memory_MB == expected, (unknowns, ranks)
+        assert of(Study(), unknowns, ranks).memory_MB == expected, (unknowns, ranks)
 
 
 def test_time_is_that_of_measured_scans():
     minutes = measured("wall time, on slow days")
     for (unknowns, ranks), slow in zip(SCANS, minutes, strict=True):
         expected = pytest.approx(60 * slow / SLOW, rel=0.25)
-        assert estimate(Study(), unknowns, int(ranks)).wall_s == expected, (unknowns, ranks)
+        assert of(Study(), unknowns, ranks).wall_s == expected, (unknowns, ranks)
 
 
 def test_half_the_slide_spares_its_steps():
     # 125 steps as measured, of which 50, of 0.1 mm, belong to a half of the slide.
     (steps,) = set(measured("steps"))
     half = Study(protocol=Protocol(distance_mm=5.0))
-    ratio = estimate(half, COARSE, 1).wall_s / estimate(Study(), COARSE, 1).wall_s
+    ratio = of(half, COARSE, 1).wall_s / of(Study(), COARSE, 1).wall_s
     assert ratio == pytest.approx(1 - 50 / steps, abs=0.02)
+
+
+def test_a_held_force_takes_more_solves():
+    to_force, held = (Study(protocol=Protocol(force_N=0.5, hold=h)) for h in ("depth", "force"))
+    ratio = of(held, COARSE, 1).wall_s / of(to_force, COARSE, 1).wall_s
+    assert 1.2 < ratio < 1.5
 
 
 def test_direct_factors_cost_memory_and_time_as_measured():
     numbers = r"iteration took ([\d.]+) s and the scan ([\d.]+) GB; with multigrid\n([\d.]+) s"
     ((seconds, GB, multigrid_s),) = re.findall(numbers, BENCHMARKS.read_text())
-    direct = estimate(Study(solver=Solver(linear="direct")), COARSE, 1)
-    times = direct.wall_s / estimate(Study(), COARSE, 1).wall_s
+    direct = of(Study(solver=Solver(linear="direct")), COARSE, 1)
+    times = direct.wall_s / of(Study(), COARSE, 1).wall_s
     assert times == pytest.approx(float(seconds) / float(multigrid_s), rel=0.3)
     assert direct.memory_MB == pytest.approx(1000 * float(GB), rel=0.2)
 
@@ -74,7 +86,7 @@ def test_too_little_memory_is_said(caplog, monkeypatch, free, warned):
     package = logging.getLogger("tactile_fem")
     monkeypatch.setattr(package, "propagate", True)
     with caplog.at_level(logging.INFO, logger="tactile_fem"):
-        announce(Study(), PAPER, MPI.COMM_SELF)
+        announce(Study(), make_path(Protocol(), 4.0), PAPER, MPI.COMM_SELF)
     assert "expect about" in caplog.text
     assert ("are free" in caplog.text) == warned
 
@@ -104,7 +116,7 @@ def test_free_memory_heeds_what_a_container_may_use(tmp_path, monkeypatch, memin
         if text is not None:
             (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / name).write_text(f"{text}\n")
-    monkeypatch.setattr(module, "Path", lambda name: tmp_path / name.lstrip("/"))
+    monkeypatch.setattr(module, "FilePath", lambda name: tmp_path / name.lstrip("/"))
     assert available_memory_MB() == free_MB
 
 

@@ -65,8 +65,8 @@ def half_done(study, tmp_path_factory) -> Path:
     """A scan that was cut off after two steps."""
     folder = tmp_path_factory.mktemp("half") / "r"
 
-    def stop(step):
-        if step.index == 2:
+    def stop(seen):
+        if seen.step.index == 3:  # seen before it is kept
             raise Stopped
 
     with pytest.raises(Stopped):
@@ -203,9 +203,9 @@ def test_what_comes_after_the_mechanics_may_change(cut):
 def test_begun_and_not_come_to_a_step_it_begins_anew(study, cut):
     removed(cut)
     (cut / "trace.npz").unlink()
-    steps = []
-    resume(cut, observers=[steps.append])
-    assert steps[0].index == 1
+    indices = []
+    resume(cut, observers=[lambda seen: indices.append(seen.step.index)])
+    assert indices[0] == 1
 
 
 def test_two_runs_into_one_folder(cut, study):
@@ -238,7 +238,7 @@ def test_a_full_disk_keeps_what_was_written(cut, study, capsys):
 
 
 def test_a_folder_removed_under_the_run(study, tmp_path):
-    def remove(step):
+    def remove(seen):
         shutil.rmtree(tmp_path / "r", ignore_errors=True)
 
     with pytest.raises(FileNotFoundError, match=r"trace\.npz"):
@@ -323,7 +323,7 @@ def kept_of(folder: Path, error: ConvergenceError) -> dict[str, np.ndarray]:
     results = Results(folder)
     assert results.run["status"] == f"failed: {error}"
     assert "try a finer mesh" in str(error) and error.reason in str(error)
-    assert results.trace["depth_mm"][-1] == error.displacement_mm
+    assert tuple(results.trace["stimulator_mm"][-1]) == error.stimulator_mm
     assert (folder / "spikes.csv").is_file()
     assert [path.name for path in draw_plots(results)] == ["force.png"]
     return results.trace
@@ -338,10 +338,10 @@ def test_a_stimulus_driven_through_the_bone(study, tmp_path):
             "solver": Solver(first_step_mm=0.5, max_press_step_mm=0.5, min_step_mm=0.4),
         }
     )
-    with pytest.raises(ConvergenceError, match="the indentation stopped at") as caught:
+    with pytest.raises(ConvergenceError, match="the press stopped at a depth of") as caught:
         scan(through, tmp_path / "r")
     # The pad has nearly been pressed flat, ever more stiffly, and every step of it is there.
-    assert 3.0 < caught.value.displacement_mm < study.finger.pad_thickness_mm
+    assert 3.0 < caught.value.stimulator_mm[2] < study.finger.pad_thickness_mm
     trace = kept_of(tmp_path / "r", caught.value)
     np.testing.assert_allclose(np.diff(trace["depth_mm"]), 5.1 / 11)
     assert np.all(np.diff(trace["force_N"][:, 2], n=2) > 0)
@@ -364,9 +364,9 @@ def test_fat_that_resists_no_shear_leaves_the_load_to_the_skin(study):
 
 
 def test_fat_of_an_absurd_stiffness_stops_the_scan_where_it_is_touched(study, tmp_path):
-    with pytest.raises(ConvergenceError, match="the indentation stopped at") as caught:
+    with pytest.raises(ConvergenceError, match="the press stopped at a depth of") as caught:
         scan(with_fat(study, 1e300), tmp_path / "r")
-    assert caught.value.displacement_mm < study.protocol.depth_mm
+    assert caught.value.stimulator_mm[2] < study.protocol.depth_mm
     trace = kept_of(tmp_path / "r", caught.value)
     for name in ("force_N", "sed_kPa", "stored_mJ", "newton_iterations"):
         assert not trace[name].any(), name

@@ -63,8 +63,7 @@ def pressed(stimulus, inner, reach, depth):
     contact = FingerProblem(domain, TISSUE, make_body(stimulus), 0.0, SOLVER, symmetry(is_bar))
     for share in (0.5, 1.0):
         assert contact.solve(np.array([0, 0, share * depth]), 1.0).converged
-        contact.accept()
-    load = contact.load()
+        load = contact.accept()
     force = load.force_N[2]
     centre = (depth * load.force_N[0] - load.moment_Nmm[1]) / force
     a = centre * (3 * np.pi / 4 if is_bar else 8 / 3)
@@ -76,7 +75,7 @@ def middle_pressure(contact):
     """Return the mean contact pressure in the square of side `WIDTH` in the middle."""
     (part,) = contact.skin
     contact.obstacle.refresh()
-    pressure, _ = part.contact.tractions(part.t, contact.u, contact.u_old)
+    pressure, _ = part.contact.tractions(part.t, contact.u, contact.state.u_old)
     X = ufl.SpatialCoordinate(contact.domain.mesh)
     inside = ufl.And(ufl.lt(X[0], WIDTH), ufl.lt(X[1], WIDTH))
     form = contact.compile(ufl.conditional(inside, pressure, 0.0) * part.ds)

@@ -183,8 +183,8 @@ def test_two_ranks_stop_on_a_signal_and_one_goes_on(study, whole, tmp_path):
 
 
 def test_a_signal_is_heeded_within_a_step(study, tmp_path):
-    def interrupt(step):
-        if step.index == 5:
+    def interrupt(seen):
+        if seen.step.index == 5:
             signal.setitimer(signal.ITIMER_REAL, 0.05)
 
     def on_alarm(number, frame):

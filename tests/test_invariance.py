@@ -60,7 +60,7 @@ def made(Q, c) -> FingerProblem:
     domain = create_domain(block, MPI.COMM_WORLD, tight.held)
     tissue = Tissue.model_validate({"set": "maeno1998"})
     problem = FingerProblem(domain, tissue, Turned(make_body(LETTER), Q), LETTER.friction, tight)
-    problem.place(c)
+    problem.state.place(c)
     return problem
 
 

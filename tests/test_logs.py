@@ -39,7 +39,10 @@ def test_plain_lines_tell_force_iterations_and_time_left():
     text = run(Console(file=io.StringIO()))
     lines = text.splitlines()
     assert len(lines) == 4
-    assert "press  1.970 mm  normal 0.5000 N  tangential 0.0500 N   5 iterations" in lines[1]
+    assert (
+        "press  0.000 mm  depth 1.970 mm  normal 0.5000 N  tangential 0.0500 N   5 iterations"
+        in lines[1]
+    )
     assert "16 %" in lines[1] and "left" in lines[1]
     assert "100 %" in lines[2] and "left" not in lines[2]
     assert "something to say" in lines[3]

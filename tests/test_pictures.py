@@ -10,7 +10,7 @@ from synthetic import make_fields, make_results, make_trace
 from tactile_fem.output import figures, pictures
 from tactile_fem.runtime import doctor
 from tactile_fem.stimulus import make_body
-from tactile_fem.study import Dots, Grating, Plate, Protocol, Sphere, Study, Text
+from tactile_fem.study import Dots, Grating, Plate, Sphere, Study, Text
 
 
 def test_states_are_those_next_to_the_extrema():
@@ -80,10 +80,10 @@ def test_pictures_are_drawn(tmp_path, study):
     "stimulus", [Text(), Plate(), Sphere(), Grating(), Dots()], ids=lambda s: s.kind
 )
 def test_the_drawn_surface_is_the_one_that_the_finger_feels(stimulus):
-    from tactile_fem.output.drawing import stimulator_surface
+    from tactile_fem.output.drawing import body_surface
 
     body = make_body(stimulus)
-    surface = stimulator_surface(Study(stimulus=stimulus, protocol=Protocol(distance_mm=2.0)))
+    surface = body_surface(body, np.array([0.0, -2.0, 0.0]), np.array([0.0, 0.0, 1.97]))
     points = surface.points.astype(float)
     felt = body.distance(points)
     # Edges of 0.3 mm radius between samples every 0.1 mm: a chord's height.

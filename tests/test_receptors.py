@@ -158,7 +158,7 @@ def test_probe_reads_a_homogeneous_state_exactly(radius):
     settings = Solver(held=("cut",))
     problem = FingerProblem(domain, tissue, make_body(Plate()), 0.3, settings)
     stretch, before = np.array([0.8, 1.1, 1.05]), np.array([0.9, 1.05, 1.0])
-    for u, now in ((problem.u, stretch), (problem.u_before, before)):
+    for u, now in ((problem.u, stretch), (problem.state.u_before, before)):
         u.interpolate(lambda x, now=now: (now - 1)[:, None] * x)
     problem.elasticity.set_time_step(0.005)
     probe = Probe(problem, sample(wanted, positions, finger), len(positions), "epidermis")
@@ -209,6 +209,6 @@ def test_a_step_accepted_leaves_what_its_viscous_stress_needs():
     for depth in (0.05, 0.1):
         assert problem.solve(np.array([0.0, 0.0, depth]), 0.01).converged
         problem.accept()
-        np.testing.assert_array_equal(problem.u_before.x.array, accepted[-1])
+        np.testing.assert_array_equal(problem.state.u_before.x.array, accepted[-1])
         accepted.append(problem.u.x.array.copy())
     assert np.abs(accepted[2] - accepted[1]).max() > 0.03

@@ -115,14 +115,14 @@ def test_more_ranks_equal_one(finished, study, tmp_path, count):
 
 
 def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
-    def stop(step):
-        if step.index == 8:
+    def stop(seen):
+        if seen.step.index == 9:  # seen before it is kept
             raise Stopped
 
     with pytest.raises(Stopped):
         scan(study, tmp_path / "cut", observers=[stop])
     steps = []
-    resumed = resume(tmp_path / "cut", observers=[steps.append])
+    resumed = resume(tmp_path / "cut", observers=[lambda seen: steps.append(seen.step)])
     assert steps[0].index == 9 and steps[0].phase == "slide"
     whole = finished[0].trace.arrays()
     for name, array in resumed.trace.arrays().items():
@@ -191,10 +191,12 @@ def test_pressing_to_a_force(study, monkeypatch, caplog):
     monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)
     wanted = Protocol(force_N=0.05, distance_mm=0)
     with caplog.at_level(logging.INFO, "tactile_fem"):
-        trace = scan(study.model_copy(update={"protocol": wanted}), observers=[steps.append]).trace
+        to_force = study.model_copy(update={"protocol": wanted})
+        trace = scan(to_force, observers=[lambda seen: steps.append(seen.step)]).trace
     assert trace.force_N[-1, 2] == pytest.approx(0.05, rel=2e-3)
     assert 0.3 < trace.depth_mm[-1] < 1.5
-    assert f"a depth of {trace.depth_mm[-1]:.4f} mm, which the slide holds" in caplog.text
+    reached = f"{trace.force_N[-1, 2]:.4f} N are reached at a depth of {trace.depth_mm[-1]:.4f} mm"
+    assert reached in caplog.text
     # What overshoots the force is work as well.
     assert sum(len(step.discarded) for step in steps) == len(reports) - len(steps) > 0
     assert trace.newton_iterations.sum() == sum(report.iterations for report in reports)
@@ -214,7 +216,7 @@ def test_a_users_finger_is_pressed_as_deep_as_it_is_thick(study, small_finger, t
     hard = Protocol(force_N=1e4, distance_mm=0)
     with pytest.raises(ConvergenceError, match="stopped") as error:
         scan(study.model_copy(update={**settings, "protocol": hard}))
-    assert error.value.displacement_mm <= 0.8 * 0.5 * 5.3 + 0.05
+    assert error.value.stimulator_mm[2] <= 0.8 * 0.5 * 5.3 + 0.05
     through = Protocol(depth_mm=2.7, distance_mm=0)
     with pytest.raises(StudyError, match=r"protocol\.depth_mm is 2\.7 but must be less than 2\.6"):
         scan(study.model_copy(update={**settings, "protocol": through}))
@@ -233,7 +235,7 @@ def test_a_press_that_meets_nothing_is_said(study, monkeypatch, caplog):
 def test_a_step_has_the_traces_names(study):
     steps = []
     brief = study.model_copy(update={"protocol": Protocol(depth_mm=0.3, distance_mm=0)})
-    trace = scan(brief, observers=[steps.append]).trace.arrays()
+    trace = scan(brief, observers=[lambda seen: steps.append(seen.step)]).trace.arrays()
     of_receptors = {"sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa"}
     of_receptors |= {"receptors_mm", "population"}
     for name in trace.keys() - of_receptors - {"time_s"}:
@@ -253,7 +255,8 @@ def test_seconds_are_of_the_scan_alone(finished, study, tmp_path):
 def test_divergence_keeps_what_came_before_and_says_where(study, tmp_path):
     """Two Newton iterations are too few for a whole step."""
     hopeless = Solver(min_step_mm=0.02, petsc={"snes_max_it": 2})
-    with pytest.raises(ConvergenceError, match=r"indentation stopped at .* mm") as error:
+    where = r"the press stopped at a depth of .* mm, 0\.0000 mm across"
+    with pytest.raises(ConvergenceError, match=where) as error:
         scan(study.model_copy(update={"solver": hopeless}), tmp_path / "failed")
     assert error.value.exit_code == 3
     assert "diverged" in error.value.reason

@@ -21,6 +21,7 @@ from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import LINEAR, NEWTON
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.mechanics.state import State
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue
 
@@ -51,15 +52,15 @@ class Penalty:
         domain, degree = block(), 10
         msh = domain.mesh
         V = fem.functionspace(msh, ("Lagrange", 2, (3,)))
-        self.u, self.u_old = fem.Function(V), fem.Function(V)
+        self.state = state = State(V)
+        self.u = state.u
         v = ufl.TestFunction(V)
         facets = np.sort(domain.surface.find(SURFACES["skin"]))
-        self.obstacle = Obstacle(make_body(BALL), self.u, facets, degree)
+        self.obstacle = Obstacle(make_body(BALL), state, facets, degree)
         self.shear_old = self.obstacle.quadrature_function((3,))
         nu, k = self.obstacle.normal, fem.Constant(msh, stiffness)
         pressure = k * ufl.max_value(-self.obstacle.gap, 0.0)
-        motion = self.u - self.u_old
-        motion -= self.obstacle.translation - self.obstacle.translation_old
+        motion = state.u - state.u_old - (state.translation - state.translation_old)
         trial = self.shear_old - k * motion
         trial -= ufl.dot(trial, nu) * nu
         size = ufl.sqrt(ufl.dot(trial, trial) + 1e-24)
@@ -68,7 +69,7 @@ class Penalty:
             "ds", msh, subdomain_data=domain.surface, metadata={"quadrature_degree": degree}
         )(SURFACES["skin"])
         traction = pressure * nu + shear
-        elasticity = Elasticity(domain, TISSUE, self.u, self.u_old, Solver().bulk_degree)
+        elasticity = Elasticity(domain, TISSUE, state.u, state.u_old, Solver().bulk_degree)
         bulk = elasticity.residual(v)
         maps = self.obstacle.entity_maps
         held = NodeOrder(domain, V).held_dofs()
@@ -99,15 +100,14 @@ class Penalty:
 
     def move(self, place: np.ndarray) -> np.ndarray:
         """Return the force with the body at `place`, which becomes history."""
-        self.obstacle.translation.value[:] = place
+        self.state.translation.value[:] = place
         self.problem.solve()
         assert self.problem.solver.getConvergedReason() > 0, place
         self.obstacle.refresh()
         force = np.array([fem.assemble_scalar(form) for form in self.force_forms])
         shear = fem.assemble_vector(self.shear_form).array / self.weights
         self.shear_old.x.array[:] = shear
-        self.u_old.x.array[:] = self.u.x.array
-        self.obstacle.translation_old.value[:] = place
+        self.state.place(place)
         return force
 
 
@@ -118,8 +118,7 @@ def nitsche() -> np.ndarray:
     forces = []
     for place in PATH:
         assert problem.solve(place, 1.0).converged
-        forces.append(problem.load().force_N)
-        problem.accept()
+        forces.append(problem.accept().force_N)
     return np.array(forces)
 
 

@@ -31,8 +31,7 @@ def forces(count: int, gamma: float, slides=(), **choice) -> np.ndarray:
     for y, z in [(0.0, 0.1), (0.0, 0.2), (0.0, 0.3), *((slide, 0.3) for slide in slides)]:
         report = problem.solve(np.array([0.0, -y, z]), 0.01)
         assert report.converged, report
-        found.append(problem.load().force_N)
-        problem.accept()
+        found.append(problem.accept().force_N)
     return np.array(found[2:])
 
 

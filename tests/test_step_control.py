@@ -2,96 +2,87 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from tactile_fem.errors import ConvergenceError
-from tactile_fem.mechanics.problem import SolveReport
 from tactile_fem.mechanics.step_control import StepControl, StepTooSmallError
-from tactile_fem.mechanics.stepper import Stepper
-from tactile_fem.runtime import backend  # noqa: F401
-from tactile_fem.study import Protocol, Solver
 
 
-def walk(control: StepControl, iterations=lambda position: 4) -> list[float]:
-    places = []
+def walk(control: StepControl, iterations=lambda time: 4, most_s=lambda time: np.inf):
+    times = []
     while not control.finished:
-        target = control.target_mm()
+        target = control.target_s(most_s(control.time_s))
         control.accept(target, iterations(target))
-        places.append(target)
-    return places
+        times.append(target)
+    return times
 
 
-def test_hits_every_milestone_exactly_with_steps_within_bounds():
-    milestones = tuple(0.3 * np.arange(1, 8))
-    places = walk(StepControl(2.0, 0.01, 0.25, 1e-3, milestones))
-    assert set(milestones[:-1]) <= set(places)
-    assert places[-1] == 2.0
-    steps = np.diff([0.0, *places])
+def test_hits_every_output_exactly_with_steps_within_bounds():
+    outputs = tuple(0.3 * np.arange(1, 8))
+    times = walk(StepControl(2.0, 0.01, 1e-3, outputs, 0.25))
+    assert set(outputs[:-1]) <= set(times)
+    assert times[-1] == 2.0
+    steps = np.diff([0.0, *times])
     assert steps.min() > 0
     assert steps.max() <= 0.25 + 1e-12
 
 
+def test_a_bound_that_changes_along_the_piece_is_kept_to():
+    times = walk(StepControl(2.0, 0.5, 1e-3), most_s=lambda time: 0.1 if time < 1.0 else 0.4)
+    steps = np.diff([0.0, *times])
+    before = np.array(times) - steps < 1.0 - 1e-9
+    assert steps[before].max() <= 0.1 + 1e-12
+    assert 0.1 < steps[~before].max() <= 0.4 + 1e-12
+
+
+def test_brief_and_long_pieces_are_stepped_alike():
+    of_a_second = np.array(walk(StepControl(1.0, 0.01, 1e-4, (0.3, 0.6))))
+    for lasts in (1e-6, 1e4):
+        outputs = (0.3 * lasts, 0.6 * lasts)
+        times = walk(StepControl(lasts, 0.01 * lasts, 1e-4 * lasts, outputs))
+        np.testing.assert_allclose(np.array(times) / lasts, of_a_second, rtol=1e-12)
+
+
 def test_easy_steps_grow_hard_ones_do_not():
-    easy = walk(StepControl(2.0, 0.01, 0.5, 1e-3))
-    hard = walk(StepControl(2.0, 0.01, 0.5, 1e-3), lambda position: 20)
+    easy = walk(StepControl(2.0, 0.01, 1e-3, largest_s=0.5))
+    hard = walk(StepControl(2.0, 0.01, 1e-3, largest_s=0.5), lambda time: 20)
     assert easy[1] - easy[0] == pytest.approx(0.02, rel=0.1)
     assert len(hard) == 200
     assert len(easy) < 15
 
 
-def test_a_step_cut_short_by_a_milestone_does_not_shorten_the_next():
-    control = StepControl(1.0, 0.2, 0.2, 1e-3, (0.21,))
-    places = walk(control)
-    assert places[:2] == pytest.approx([0.105, 0.21])
-    assert max(np.diff(places)) > 0.15
+def test_a_step_cut_short_by_an_output_does_not_shorten_the_next():
+    control = StepControl(1.0, 0.2, 1e-3, (0.21,), 0.2)
+    times = walk(control)
+    assert times[:2] == pytest.approx([0.105, 0.21])
+    assert max(np.diff(times)) > 0.15
 
 
 def test_failure_halves_until_the_floor():
-    control = StepControl(1.0, 0.4, 0.4, 0.06)
-    target = control.target_mm()
+    control = StepControl(1.0, 0.4, 0.06)
+    target = control.target_s()
     control.reject(target)
-    assert control.target_mm() == pytest.approx(target / 2, rel=0.1)
+    assert control.target_s() == pytest.approx(target / 2, rel=0.1)
     with pytest.raises(StepTooSmallError):
         for _ in range(10):
-            control.reject(control.target_mm())
-    assert control.position_mm == 0.0
+            control.reject(control.target_s())
+    assert control.time_s == 0.0
 
 
 def test_after_a_failure_the_step_grows_only_when_it_has_been_easy_for_a_while():
-    control = StepControl(10.0, 0.2, 0.2, 1e-3, patience=3)
-    control.reject(control.target_mm())
+    control = StepControl(10.0, 0.2, 1e-3, largest_s=0.2, patience=3)
+    control.reject(control.target_s())
     taken = []
     for _ in range(6):
-        target = control.target_mm()
-        taken.append(target - control.position_mm)
+        target = control.target_s()
+        taken.append(target - control.time_s)
         control.accept(target, 4)
     assert taken == pytest.approx([0.1, 0.1, 0.1, 0.1, 0.2, 0.2], rel=0.05)
 
 
-def test_milestone_is_reported():
-    control = StepControl(1.0, 0.5, 0.5, 0.1, (0.5,))
+def test_output_is_reported():
+    control = StepControl(1.0, 0.5, 0.1, (0.5,))
     control.accept(0.25, 4)
-    assert not control.at_milestone
+    assert not control.at_output
     control.accept(0.5, 4)
-    assert control.at_milestone
-
-
-@pytest.mark.parametrize(("speed", "briefest"), [(200.0, 0.01), (20.0, 0.01), (2.0, 0.001)])
-def test_a_slow_motion_may_step_as_briefly_as_a_fast_one(speed, briefest):
-    """Viscosity, which holds what snaps, acts over a time."""
-    tried = []
-
-    def fail(place, dt):
-        tried.append(speed * dt)
-        return SolveReport(False, 1, 1, 1.0, "always")
-
-    at_rest = SimpleNamespace(x=SimpleNamespace(array=np.zeros(3)))
-    stick = SimpleNamespace(old=at_rest)
-    problem = SimpleNamespace(u=at_rest, u_old=at_rest, stick=stick, solve=fail)
-    protocol = Protocol(press_speed_mm_s=speed)
-    with pytest.raises(ConvergenceError):
-        list(Stepper(problem, protocol, Solver(min_step_mm=0.01), 1.0))
-    assert briefest <= min(tried) < 2 * briefest
+    assert control.at_output

@@ -15,7 +15,6 @@
 # A strategy is a set of PETSc options over the package's defaults, and a contact width in MPa.
 
 # %%
-import json
 import logging
 import shutil
 import time
@@ -33,8 +32,9 @@ from tactile_fem.mechanics.stepper import Step, Stepper
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.scan import scan
+from tactile_fem.scan import Observation, scan
 from tactile_fem.scan.results import Results
+from tactile_fem.stimulus import make_path
 from tactile_fem.study import Finger, Output, Solver, Study, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -105,7 +105,7 @@ class Outcome:
     newton: int
     linear: int
     seconds: float
-    advance_mm: float
+    advance_s: float
 
 
 # %%
@@ -159,7 +159,8 @@ class FarEnoughError(Exception):
 
 
 # %% [markdown]
-# The checkpoint that a scan leaves after each step is all that is needed.
+# The checkpoint that a scan leaves after each step is all that is needed. An observer comes before
+# it is written, so the one that is there is the last step's.
 
 
 # %%
@@ -170,15 +171,18 @@ def save_states(
     places = {name: folder / name.replace(" ", "-") for name in moments}
     missing = [name for name, place in places.items() if not place.exists()]
 
-    def keep(step: Step) -> None:
+    last: list[Step] = []
+
+    def keep(seen: Observation) -> None:
         for name in list(missing):
             depth, slide = moments[name]
-            if step.depth_mm >= depth - 1e-9 and step.displacement_mm >= slide - 1e-9:
+            if any(s.depth_mm > depth - 1e-9 and s.displacement_mm > slide - 1e-9 for s in last):
                 missing.remove(name)
                 if MPI.COMM_WORLD.rank == 0:
                     shutil.copytree(folder / "scan", places[name])
         if not missing:
             raise FarEnoughError
+        last[:] = [seen.step]
 
     if missing:
         with suppress(FarEnoughError):
@@ -200,9 +204,8 @@ def replay(
     solver = Solver(petsc=strategy.petsc, contact_width_MPa=strategy.width_MPa)
     problem = FingerProblem.of(study.model_copy(update={"solver": solver}), domain)
     for name, results in states.items():
-        stepper = Stepper(problem, study.protocol, solver, study.finger.pad_thickness_mm)
-        saved = on_root(comm, results.load_checkpoint)
-        stepper.restore(json.loads(str(saved["state"])), saved)
+        stepper = Stepper(problem, make_path(study.protocol, 0.0), solver)
+        stepper.restore(on_root(comm, results.load_checkpoint))
         started = time.perf_counter()
         taken = []
         try:
@@ -220,7 +223,7 @@ def replay(
             sum(step.newton_iterations for step in taken),
             sum(step.linear_iterations for step in taken),
             time.perf_counter() - started,
-            sum(step.size_mm for step in taken),
+            sum(step.dt_s for step in taken),
         )
     problem.close()
 

@@ -3,7 +3,7 @@
 #
 # This demo emphasizes
 # - how a row of receptors stands in for one receptor and a stimulus that is moved,
-# - how the protocol makes a hold: a slide of 2 µm in 50 ms,
+# - how a path is put together from a press and a hold,
 # - how histories are kept in a small file for work on neurons alone.
 #
 # Phillips and Johnson (1981) pressed a bar 3 mm wide 1 mm deep into the finger pads of monkeys,
@@ -21,7 +21,8 @@
 #     python demos/neurons/histories.py results/histories --preset coarse --stimuli bar
 #
 # It writes `bar.csv`, `cylinder_1.59.csv` ...: a row per step, a column per receptor with its $y$
-# in mm as heading. Those in `histories/`, beside this script, come from the first command.
+# in mm as heading. Those in `histories/`, beside this script, come from the first command; their
+# hold has fewer steps and was a slide of 2 µm.
 
 # %%
 import csv
@@ -38,7 +39,9 @@ from tactile_fem.study import (
     Cylinder,
     Finger,
     Grating,
+    Hold,
     Output,
+    Press,
     Protocol,
     Receptors,
     Solver,
@@ -53,7 +56,7 @@ STIMULI = {
     **{f"cylinder_{radius:g}": Cylinder(radius_mm=radius, along="x") for radius in RADII_MM},
 }
 HALF_LENGTH_MM, SPACING_MM = 4.0, 0.1
-HOLD_MM, HOLD_S = 0.002, 0.05
+HOLD_S = 0.05
 
 
 # %%
@@ -72,14 +75,13 @@ def main(
     folder.mkdir(parents=True, exist_ok=True)
     for name in stimuli:
         with ProgressDisplay(rank) as display:
-            trace = scan(
-                press(STIMULI[name], preset, depth, speed, step), observers=[display.step]
-            ).trace
+            study = press(STIMULI[name], preset, depth, speed, step)
+            trace = scan(study, observers=[lambda seen, d=display: d.step(seen.step)]).trace
         if rank == 0:
             time = trace.time_s - trace.time_s[0]
             keep(folder / f"{name}.csv", time, trace.receptors_mm[:, 1], trace.sed_kPa)
-            end = trace.displacement_mm == 0
-            settling = trace.sed_kPa[-1].max() / trace.sed_kPa[end][-1].max() - 1
+            pressed = trace.sed_kPa[trace.phase == "press"][-1]
+            settling = trace.sed_kPa[-1].max() / pressed.max() - 1
             print(
                 f"{name}: {trace.force_N[-1, 2]:.4f} N, SED at most {trace.sed_kPa[-1].max():.4f} "
                 f"kPa, {100 * settling:+.1f} % in the hold"
@@ -93,21 +95,9 @@ def press(stimulus: Grating | Cylinder, preset: str, depth: float, speed: float,
     return Study(
         finger=Finger(preset=preset),
         stimulus=stimulus,
-        protocol=Protocol(
-            depth_mm=depth,
-            press_speed_mm_s=speed,
-            distance_mm=HOLD_MM,
-            speed_mm_s=HOLD_MM / HOLD_S,
-            output_mm=HOLD_MM,
-        ),
+        protocol=Protocol(path=(Press(depth_mm=depth, speed_mm_s=speed), Hold(time_s=HOLD_S))),
         receptors=Receptors(half_width_mm=0.0, extra_mm=row),
-        solver=Solver(
-            first_step_mm=step,
-            max_press_step_mm=step,
-            first_slide_step_mm=HOLD_MM / 10,
-            max_slide_step_mm=HOLD_MM / 2,
-            min_step_mm=HOLD_MM / 40,
-        ),
+        solver=Solver(first_step_mm=step, max_press_step_mm=step),
         output=Output(pictures=False),
     )
 

@@ -63,7 +63,7 @@ def main(
     )
     states = [State(0.0, 0.0, 0.0, 0.0)]
     try:
-        scan(study, observers=[lambda step: states.append(state_of(step))])
+        scan(study, observers=[lambda seen: states.append(state_of(seen.step))])
     except ConvergenceError as error:
         if len(states) == 1:
             raise

@@ -54,6 +54,7 @@ from tactile_fem.receptors import Samples, place, sample
 from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend  # noqa: F401  (brings DOLFINx, before MPI)
 from tactile_fem.runtime.files import write_table
+from tactile_fem.stimulus import make_path
 from tactile_fem.study import (
     AnyStimulus,
     Cylinder,
@@ -211,7 +212,7 @@ def ours(study: Study, finger: FingerMesh, samples: Samples, size: DeckSize) -> 
     energy = CellEnergy(problem)
     cpu = time.process_time()
     steps, sed = [], []
-    for step in Stepper(problem, study.protocol, study.solver, study.protocol.depth_mm):
+    for step in Stepper(problem, make_path(study.protocol, 0.0), study.solver):
         steps.append(step)
         sed.append(read_at(samples, energy.gather()))
     cpu = comm.allreduce(time.process_time() - cpu)
@@ -219,7 +220,7 @@ def ours(study: Study, finger: FingerMesh, samples: Samples, size: DeckSize) -> 
     seconds = sum(step.wall_s for step in steps)
     work = comm.size, True, len(steps), iterations, seconds, cpu
     cost = Cost("tactile_fem", size.tets, size.unknowns, *work)
-    way = [step.depth_mm + max(step.displacement_mm, 0.0) for step in steps]
+    way = [step.depth_mm + step.displacement_mm for step in steps]
     force = np.array([step.force_N for step in steps])
     return cost, Way(np.array(way), force, np.array(sed))
 

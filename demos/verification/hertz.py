@@ -210,10 +210,9 @@ def press(shape: Shape, R: float, per_radius: float, body_radius: float) -> Solu
         report = problem.solve(np.array([0.0, 0.0, share * depth]), 1.0)
         if not report.converged:
             what = f"{shape}, {per_radius:g} elements per mm: {report.reason}"
-            raise ConvergenceError(what, share * depth, report.reason)
-        problem.accept()
+            raise ConvergenceError(what, (0.0, 0.0, share * depth), report.reason)
+        force = problem.accept().force_N[2]
         iterations += report.iterations
-    force = problem.load().force_N[2]
     points = SkinProbe(problem)()
     return Solution(
         shape, R, depth, per_radius, body_radius, domain.cell_count, iterations, force, points

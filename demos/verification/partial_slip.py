@@ -135,9 +135,9 @@ def stroke(per_radius: float, furthest_mm: float, steps: int) -> list[State]:
         report = problem.solve(np.array([0.0, slide, height]), 1.0)
         if not report.converged:
             what = f"{leg} at {slide:g} mm: {report.reason}"
-            raise ConvergenceError(what, slide, report.reason)
+            raise ConvergenceError(what, (0.0, slide, height), report.reason)
         states.append(State(leg, slide, problem.load(), probe()))
-        problem.accept()
+        problem.accept(states[-1].load)
 
     for share in np.linspace(0, 1, _PRESS_STEPS + 1)[1:]:
         go("press", 0.0, share * depth)

@@ -116,7 +116,7 @@ def solve(domain: Domain, count: int, theta: int, gamma: float) -> Row:
     """Press and slide with one choice of the parameters."""
     solver = Solver(held=("cut",), linear="direct", nitsche_gamma=gamma, nitsche_theta=theta)
     problem = FingerProblem(domain, TISSUE, make_body(PLATE), PLATE.friction, solver)
-    iterations, pressed, normal, tangential = 0, math.nan, math.nan, math.nan
+    iterations, pressed = 0, math.nan
     seen = (math.nan, math.nan, math.nan)
     for slide, depth in places():
         report = problem.solve(np.array([0.0, -slide, depth]), DT_S)
@@ -124,15 +124,14 @@ def solve(domain: Domain, count: int, theta: int, gamma: float) -> Row:
         if not report.converged:
             failed = f"slide {slide:g}" if slide else f"press {depth:g}"
             return Row(count, theta, gamma, iterations, pressed, math.nan, math.nan, *seen, failed)
-        force = problem.load().force_N
+        load = problem.load()
         if slide == 0 and depth == PRESS_MM[-1]:
-            pressed = float(force[2])
+            pressed = float(load.force_N[2])
             points = SkinProbe(problem)()
             if points is not None:
                 seen = measures(points)
-        normal, tangential = float(force[2]), -float(force[1])
-        problem.accept()
-    return Row(count, theta, gamma, iterations, pressed, normal, tangential, *seen, "")
+        _, along, normal = problem.accept(load).force_N.tolist()
+    return Row(count, theta, gamma, iterations, pressed, normal, -along, *seen, "")
 
 
 def measures(points: SkinPoints) -> tuple[float, float, float]:

@@ -53,7 +53,7 @@ class SkinProbe:
         # Tested with the quadrature element a form gives the values at the points times weights.
         q = ufl.TestFunction(obstacle.quadrature_function(()).function_space)
         (part,) = problem.skin
-        pressure, friction = part.contact.tractions(part.t, problem.u, problem.u_old)
+        pressure, friction = part.contact.tractions(part.t, problem.u, problem.state.u_old)
         bulk = ufl.dot(part.t, obstacle.normal)
         X = ufl.SpatialCoordinate(problem.domain.mesh)
         values = [*X, *(X + problem.u), *friction, pressure, bulk, obstacle.gap]

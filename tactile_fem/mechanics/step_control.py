@@ -76,7 +76,7 @@ class StepControl:
             A further bound of the step, for where the piece is now.
         """
         ahead = [t for t in (*self.outputs_s, self.end_s) if t > self.time_s + self._rounding]
-        output = min(min(ahead), self.end_s)
+        output = float(min(min(ahead), self.end_s))
         time = output - self.time_s
         count = math.ceil(time / min(self.step_s, self.largest_s, most_s) - _ROUNDING)
         return output if count <= 1 else self.time_s + time / count

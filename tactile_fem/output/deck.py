@@ -35,7 +35,7 @@ from tactile_fem.finger.report import measured_layers_mm
 from tactile_fem.runtime.files import write_text
 from tactile_fem.stimulus import Motion, make_body, make_path
 from tactile_fem.stimulus.height_field import HeightField, height_field
-from tactile_fem.study import Elastic, Polynomial, Study
+from tactile_fem.study import Elastic, Polynomial, Protocol, Study
 from tactile_fem.tissue.energies import compression_modulus
 
 Code = Literal["calculix", "abaqus"]
@@ -145,10 +145,9 @@ def write_deck(
     StudyError
         The path wants a force, or nothing of the mesh is held.
     """
-    way = make_path(study.protocol, math.inf)
+    _check_goes_to_places(study.protocol)
+    way = make_path(study.protocol, 0.0)
     motions = [motion for _, motion in way.plan()]
-    if any(motion.until_N or motion.held_N for motion in motions):
-        raise StudyError("protocol.force_N: a deck goes to places only")
     rigid, fixed = held_parts(finger, study.solver.held)
     deformable = np.flatnonzero(~rigid)
     used = np.unique(finger.tets[deformable])
@@ -178,6 +177,17 @@ def write_deck(
         lines += _step_lines(motion, way.start_mm, (slide, press), printed)
     write_text(Path(path), "\n".join([*lines, ""]))
     return DeckSize(len(deformable), 3 * (len(used) - len(held)), len(faces))
+
+
+def _check_goes_to_places(protocol: Protocol) -> None:
+    name = "force_N" if protocol.path is None else "path.force_N"
+    for piece in protocol.pieces:
+        force = getattr(piece, "force_N", None)
+        if force is not None:
+            raise StudyError(
+                f"protocol.{name} is {force:g} but a deck knows no force: press to a depth_mm and "
+                "hold the depth."
+            )
 
 
 def element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:

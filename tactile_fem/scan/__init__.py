@@ -9,9 +9,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tactile_fem.scan.run import Observer, ScanResult, completed, resume, scan
+    from tactile_fem.scan.run import (
+        Observation,
+        Observer,
+        Parts,
+        ScanResult,
+        completed,
+        resume,
+        scan,
+    )
 
-__all__ = ["Observer", "ScanResult", "completed", "resume", "scan"]
+__all__ = ["Observation", "Observer", "Parts", "ScanResult", "completed", "resume", "scan"]
 
 
 def __getattr__(name: str) -> Any:

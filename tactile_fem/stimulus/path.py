@@ -166,27 +166,31 @@ class Path:
             name = f"protocol: piece {number} of its path ({motion.phase})"
             duration = motion.duration_s
             if not (math.isfinite(duration) and duration > 0):
-                raise StudyError(f"{name} takes {duration:g} s but must take time.")
+                raise StudyError(
+                    f"{name} takes {duration:g} s but must take a finite time above 0 s."
+                )
             _check_outputs(name, np.asarray(motion.outputs_s, dtype=float), duration)
-            off = float(np.abs(np.subtract(motion.place(0.0), start)).max())
+            off = float(np.abs(motion.places_mm[0] - start).max())
             if not off <= _JOINT_MM:
                 x, y, z = start
                 raise StudyError(
                     f"{name} begins {off:.3g} mm from where the body is then; its first place "
                     f"must be X {x:g}, Y {y:g}, Z {z:g} mm."
                 )
-            motion.slid_mm(duration)
             lasts_s += duration
         if lasts_s > _LONGEST_S:
             raise StudyError(
-                f"protocol: its path lasts {lasts_s:g} s, but at most {_LONGEST_S:,.0f} s are "
-                "possible."
+                f"protocol: its path lasts {lasts_s:g} s but may last {_LONGEST_S:,.0f} s at most: "
+                "shorten it or raise its speeds."
             )
 
 
 def _check_outputs(name: str, times_s: Array, end_s: float) -> None:
     if len(times_s) > _MOST_OUTPUTS:
-        raise StudyError(f"{name} has more than {_MOST_OUTPUTS:,} outputs.")
+        raise StudyError(
+            f"{name} has an output every {times_s[0]:.3g} s, more than {_MOST_OUTPUTS:,} in all: "
+            "raise output_mm or output_s."
+        )
     inside = (times_s > 0).all() and (times_s <= end_s * (1 + 1e-9)).all()
     if not inside or (np.diff(times_s) <= 0).any():
         raise StudyError(
