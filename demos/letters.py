@@ -50,7 +50,7 @@ def main(folder: Path, *, text: str = "FGH", depth: float = 1.97, distance: floa
     rank = MPI.COMM_WORLD.rank
     set_up(rank)
     with ProgressDisplay(rank) as display:
-        result = scan(study, folder, observers=[lambda seen: display.step(seen.step)])
+        result = scan(study, folder, observers=[display.step])
     if rank == 0:
         print_results(result)
         for path in draw(folder):

@@ -149,7 +149,7 @@ def _run(start: Callable[[list[Callable[..., None]]], object], folder: Path) -> 
         answering(stop_at_once),
         logs.ProgressDisplay(rank, console=console) as display,
     ):
-        start([lambda seen: display.step(seen.step)])
+        start([display.step])
     if rank == 0:
         found = Results.open(folder)
         if found.study.output.pictures:

@@ -151,9 +151,13 @@ def stimulator_surface(results: Results) -> pv.PolyData:
     saved = results.stimulator
     if saved is not None:
         faces = np.column_stack([np.full(len(saved.cells), 4), saved.cells])
-        return pv.PolyData(saved.points, faces.ravel()).compute_normals()
-    low, high = (ends(results.trace["stimulator_mm"], axis=0) for ends in (np.min, np.max))
-    return body_surface(make_body(results.study.stimulus), low, high)
+        surface = pv.PolyData(saved.points, faces.ravel()).triangulate()
+        surface.point_data.active_normals = surface.point_normals
+    else:
+        low, high = (ends(results.trace["stimulator_mm"], axis=0) for ends in (np.min, np.max))
+        surface = body_surface(make_body(results.study.stimulus), low, high)
+    surface["height_mm"] = surface.points[:, 2]
+    return surface
 
 
 def body_surface(
@@ -174,7 +178,6 @@ def body_surface(
     image.origin = (x[0], y[0], z)
     image["depth_mm"] = np.concatenate(layers[::-1])
     surface = image.contour([0.0], scalars="depth_mm", method="flying_edges")
-    surface["height_mm"] = surface.points[:, 2]
     surface.point_data.active_normals = body.distance(surface.points.astype(float)).normal
     return surface
 

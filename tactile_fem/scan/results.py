@@ -58,7 +58,8 @@ _OWN = (
     "fields/.*.part",
     "figures/.*.part",
 )
-_SHAPES = {"stimulator_mm": (3,), "force_N": (3,), "moment_Nmm": (3,), "displacement_mm": ()}
+_VECTORS = ("stimulator_mm", "force_N", "moment_Nmm")
+_OF_RECEPTORS = ("sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa")
 _TRACE = ("time_s", "displacement_mm", "depth_mm", "force_N", "receptors_mm", "sed_kPa")
 
 
@@ -353,12 +354,11 @@ def _check_trace(trace: dict[str, NDArray[Any]]) -> None:
     receptors = len(trace.get("receptors_mm", ()))
     if len(steps) != 1:
         raise ValueError(f"time_s has shape {steps}, not (steps,)")
+    shapes = {"population": (receptors,), "receptors_mm": (receptors, 3)}
+    shapes |= {name: (*steps, 3) for name in _VECTORS}
+    shapes |= {name: (*steps, receptors) for name in _OF_RECEPTORS}
     for name, array in trace.items():
-        if name in ("time_s", "receptors_mm"):
-            continue
-        expected = steps + _SHAPES.get(name, (receptors,) if array.ndim > 1 else ())
-        if name == "population":
-            expected = (receptors,)
+        expected = shapes.get(name, steps)
         if array.shape[: len(expected)] != expected:
             raise ValueError(f"{name} has shape {array.shape}, not {expected}")
 
