@@ -67,17 +67,12 @@ def _cpuinfo(key: str) -> str:
 
 def compiled_by() -> dict[str, str]:
     """Return the C compiler and the processor, on which the last digits of results depend."""
-    return {"version": compiler_version(), "processor": _cpuinfo("model name")}
-
-
-def compiler_version() -> str:
-    """Return the first line of the C compiler's ``--version``, or its command if there is none."""
     command = compiler() or ["cc"]
-    try:
+    lines: list[str] = []
+    with suppress(OSError, subprocess.SubprocessError):
         result = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=10)
-    except (OSError, subprocess.TimeoutExpired):
-        return command[0]
-    return (result.stdout.splitlines() or command)[0]
+        lines = result.stdout.splitlines()
+    return {"version": (lines or command)[0], "processor": _cpuinfo("model name")}
 
 
 def expression(value: Expr, points: np.ndarray) -> fem.Expression:

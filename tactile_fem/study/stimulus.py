@@ -17,7 +17,7 @@ def font_file(font: str, folder: Path | str = "") -> str:
 
 
 class Stimulus(Section):
-    """What every rigid body has; it translates along the protocol without turning."""
+    """Keys of every rigid body, which translates along the protocol without rotation."""
 
     friction: NonNegative = Field(0.3, description="paper: Coulomb friction (nylon)")
     shift_mm: tuple[Finite, Finite] = Field(
