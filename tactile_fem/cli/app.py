@@ -15,6 +15,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the c
 
 from cyclopts import App, Parameter, validators
 
+from tactile_fem import __version__
 from tactile_fem.cli import series as cli_series
 from tactile_fem.cli import view as cli_view
 from tactile_fem.cli.entry import exit_code_of
@@ -38,7 +39,7 @@ Without a study file the paper's scan is run: F G H, 1.97 mm deep, 10 mm long.
 """
 
 
-app = App(name="tactile-fem", help=HELP, help_format="plaintext")
+app = App(name="tactile-fem", help=HELP, version=__version__, help_format="plaintext")
 app.command(cli_series.sweep)
 app.command(cli_series.fibre)
 app.command(cli_view.view)

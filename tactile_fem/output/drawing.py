@@ -150,7 +150,7 @@ def stimulator_surface(study: Study) -> pv.PolyData:
     Parameters
     ----------
     study
-        With the stimulator and how far it slides.
+        Defines the stimulator and the length of its slide.
     """
     body, step = make_body(study.stimulus), _SURFACE_STEP_MM
     x = np.arange(-9.0, 9.0 + step, step)

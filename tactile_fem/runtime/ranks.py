@@ -1,4 +1,4 @@
-"""Starts a command on several MPI ranks, and tells whether this process is one of them."""
+"""Starts a command on several MPI ranks, and detects whether this process is one of them."""
 
 from __future__ import annotations
 
