@@ -36,13 +36,13 @@ from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
 
 # %% [markdown]
-# Every value of a study has the paper's default; here only the two that people change first are
-# named.
+# Every value of a study has the paper's default; only the values that are changed most often are
+# parameters here.
 
 
 # %%
 def main(folder: Path, *, text: str = "FGH", depth: float = 1.97, distance: float = 10.0) -> None:
-    """Scan a text and print what the finger felt and what the scan cost."""
+    """Scan a text and print its results and cost."""
     study = Study(
         stimulus=Text(text=text),
         protocol=Protocol(depth_mm=depth, distance_mm=distance),

@@ -1,6 +1,6 @@
-"""Scenes in PyVista: the layered finger, and the finger cut open on the stimulator.
+"""Pictures made with PyVista: the layered finger, and the finger cut open on the stimulator.
 
-Import it only where a graphics library is known to load: see `tactile_fem.output.pictures`.
+Import it only if `tactile_fem.output.pictures.can_draw` allows it: VTK may crash otherwise.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ def finger_figure(grid: pv.UnstructuredGrid) -> Figure:
     names = []
     for name, part in parts(solid):
         names.append(name)
-        look = {"color": COLOURS[name], "show_edges": True, "line_width": 1}
+        style = {"color": COLOURS[name], "show_edges": True, "line_width": 1}
         shell = part.extract_surface(algorithm=None)
         shell = shell.clip_box((0, _FAR, 0, _FAR, -_FAR, _FAR), invert=True)
         if shell.n_cells:
             outside = shell.extract_surface(algorithm=None)
-            plotter.add_mesh(outside, edge_opacity=0.3, ambient=0.4, diffuse=0.7, **look)
+            plotter.add_mesh(outside, edge_opacity=0.3, ambient=0.4, diffuse=0.7, **style)
         for face in _opened_faces(part):
-            plotter.add_mesh(face, edge_opacity=0.5, lighting=False, **look)
+            plotter.add_mesh(face, edge_opacity=0.5, lighting=False, **style)
     x, y, z = solid.center
     size = solid.length
     middle = (x + 0.02 * size, y, z - 0.07 * size)
@@ -134,7 +134,7 @@ def deformation_figure(
 
 
 def colour_limits(grids: list[pv.UnstructuredGrid]) -> tuple[float, float]:
-    """Return the ends of one colour scale for all: three decades below the near maximum."""
+    """Return a common colour scale: up to the 99.8th percentile, from a thousandth of it."""
     hard = [TISSUES[name] for name in RIGID]
     soft = [grid["sed_kPa"][~np.isin(grid["tissue"], hard)] for grid in grids]
     top = max(float(np.percentile(np.concatenate(soft), 99.8)), 1e-6)
@@ -186,7 +186,7 @@ def body_surface(
 
 
 def off_screen(pixels: tuple[int, int] = _PIXELS) -> pv.Plotter:
-    """Return a smooth white page to draw on."""
+    """Return an off-screen plotter with a white background and anti-aliasing."""
     plotter = pv.Plotter(off_screen=True, window_size=pixels)
     plotter.set_background("white")
     plotter.enable_anti_aliasing("ssaa")
@@ -196,7 +196,7 @@ def off_screen(pixels: tuple[int, int] = _PIXELS) -> pv.Plotter:
 def _picture(
     plotter: pv.Plotter, eye: tuple[float, ...], at: tuple[float, ...], half_height: float
 ) -> NDArray[np.uint8]:
-    """Return what a parallel camera sees: `eye` is its direction from the point `at`."""
+    """Return the image of a parallel camera in direction `eye` from the point `at`."""
     position = tuple(a + e for a, e in zip(at, eye, strict=True))
     plotter.camera_position = [position, at, (0.0, 0.0, 1.0)]
     plotter.enable_parallel_projection()
@@ -208,7 +208,7 @@ def _picture(
 
 
 def framed(image: NDArray[np.uint8]) -> Figure:
-    """Return a figure that the picture fills, to write on."""
+    """Return a figure filled by an image, for annotations."""
     height, width = image.shape[:2]
     figure = Figure(figsize=(7.5, 7.5 * height / width), dpi=200)
     axes = figure.add_axes((0, 0, 1, 1))
@@ -218,7 +218,7 @@ def framed(image: NDArray[np.uint8]) -> Figure:
 
 
 def linear(grid: pv.UnstructuredGrid, points: NDArray[np.floating]) -> pv.UnstructuredGrid:
-    """Return the tetrahedra by their corners only: VTK cuts those cleanly."""
+    """Return linear tetrahedra, without the mid-nodes: VTK cuts these cleanly."""
     corners = grid.cells.reshape(-1, 11)[:, 1:5]
     cells = np.hstack([np.full((len(corners), 1), 4), corners])
     kinds = np.full(len(corners), pv.CellType.TETRA)
@@ -245,7 +245,7 @@ def rim(surface: pv.PolyData, shift_mm: tuple[float, float, float]) -> pv.PolyDa
 
 
 def _opened_faces(part: pv.UnstructuredGrid) -> Iterator[pv.PolyData]:
-    """Yield the two faces that the missing quarter, X > 0 and Y > 0, lays open."""
+    """Yield the two faces exposed by removing the quarter X > 0, Y > 0."""
     beside = {"x": (-_FAR, _FAR, 0, _FAR, -_FAR, _FAR), "y": (0, _FAR, -_FAR, _FAR, -_FAR, _FAR)}
     for normal, box in beside.items():
         face = part.slice(normal, origin=(1e-4, 1e-4, 0.0))

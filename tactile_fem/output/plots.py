@@ -1,8 +1,8 @@
 """Figures of a scan: each function takes arrays and returns a matplotlib Figure.
 
-An outline is an (n, 2) array of X, Y in mm: a closed curve on the stimulator, where it lies at
-displacement 0. As the stimulator slides towards -Y, the receptor at Y = 0 meets at displacement d
-what lay at Y = d; so the outline's Y is also the displacement at which the receptor meets it.
+An outline is an (n, 2) array of X, Y in mm: a closed curve on the stimulator at displacement 0.
+The stimulator slides towards -Y, so at displacement d the receptor at Y = 0 passes the outline's
+point at Y = d. The Y axis of an outline is therefore also the displacement.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tactile_fem.output.extrema import extrema
 
 Outlines = Sequence[NDArray[np.float64]]
 
-# Okabe and Ito's colours, told apart by colour-blind readers.
+# Okabe and Ito's colours, which colour-blind readers can distinguish.
 BLUE, VERMILION, GREEN, INK, PAPER = "#0072B2", "#D55E00", "#009E73", "#222222", "#E6E3DC"
 DISPLACEMENT = "Stimulator displacement (mm)"
 ACROSS = "Receptor position across the finger, X (mm)"
@@ -46,7 +46,7 @@ _STYLE: Any = {
 
 
 def styled[**P](draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw in the package's style without touching the user's."""
+    """Draw in the package's style without changing the user's settings."""
 
     @wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -71,9 +71,9 @@ def sed_figure(
     displacement_mm, sed_kPa
         (steps,) of the slide.
     outlines
-        What the receptor meets; drawn below with the receptor's way.
+        Outlines of the stimulator; drawn below, with the receptor's path.
     receptor_x_mm
-        The receptor's place across the finger.
+        The receptor's position across the finger.
     label
         Of the vertical axis.
     """
@@ -109,9 +109,9 @@ def raster_figure(
     Parameters
     ----------
     spike_displacement_mm, spike_x_mm
-        (spikes,) where the stimulator was and where the receptor lies across the finger.
+        (spikes,) displacement of the stimulator and X of the receptor.
     rows_mm
-        X of all receptors, also of silent ones.
+        X of all receptors, including silent ones.
     range_mm
         First and last displacement.
     outlines
@@ -181,10 +181,10 @@ def force_figure(
     force_N
         (steps, 3) on the finger.
     pressing
-        (steps,) true for the indentation, its last step included.
+        (steps,) true for the indentation, including its last step.
     friction
-        Coefficient of friction, drawn as a line. The ratio exceeds it where inclined faces, such
-        as letters' flanks, press sideways; the figure then says so.
+        Coefficient of friction, drawn as a line. The ratio exceeds it if inclined faces, such
+        as letters' flanks, push sideways; the legend then states this.
     """
     depth, d = np.asarray(depth_mm, dtype=float), np.asarray(displacement_mm, dtype=float)
     force, press = np.asarray(force_N, dtype=float), np.asarray(pressing, dtype=bool)
@@ -234,14 +234,14 @@ def _map_axes(rows_mm: ArrayLike, range_mm: tuple[float, float], label: str) -> 
     axes = figure.subplots()
     margin = 0.3
     axes.set_xlim(*_span(np.asarray(range_mm)))
-    # X falls upwards, so that letters which read along the scan stand upright.
+    # X decreases upwards, so that letters that read along the scan are upright.
     axes.set_ylim(rows.max() + margin, rows.min() - margin)
     axes.set(xlabel=label, ylabel=ACROSS, aspect="equal")
     return figure, axes
 
 
 def draw_outlines(axes: Axes, outlines: Outlines) -> None:
-    """Fill the outlines; one within another is a hole."""
+    """Fill the outlines; an outline inside another one is a hole."""
     curves = [Curve(np.vstack([o, o[:1]])[:, ::-1], closed=True) for o in outlines if len(o) > 2]
     if curves:
         curve = Curve.make_compound_path(*curves)
@@ -256,7 +256,7 @@ def draw_rates(
     outlines: Outlines,
     brightest_Hz: float | None = None,
 ) -> QuadMesh:
-    """Draw rates (rows, columns) as an image from 0 on, and the outlines on top."""
+    """Draw rates (rows, columns) as an image, colours starting at 0, and the outlines on top."""
     image = axes.pcolormesh(
         displacement_mm,
         rows_mm,
@@ -278,7 +278,7 @@ def _history_axes(
 ) -> tuple[Figure, Axes, Axes | None]:
     """Return a figure with a history above and, to the same scale, the stimulator below.
 
-    Of a short slide the part of the stimulator about the receptor's way is shown, if there is any.
+    For a short slide only the part of the stimulator near the receptor's path is shown, if any.
     """
     left, width, history, highest, margin, gap = 0.75, 4.4, 2.2, 4.0, 0.5, 0.15  # inches
     across = np.concatenate([[receptor_x_mm], *(outline[:, 0] for outline in outlines)])
@@ -297,7 +297,7 @@ def _history_axes(
     figure = Figure(figsize=size)
     top = figure.add_axes(place(margin + map_space, history))
     top.set_xlim(*range_mm)
-    label = -0.13, 0.5  # one below the other, whatever the numbers on the axes
+    label = -0.13, 0.5  # aligned, independent of the tick labels
     top.yaxis.set_label_coords(*label)
     if not has_map:
         return figure, top, None
@@ -310,7 +310,7 @@ def _history_axes(
 def _meets(
     outline: NDArray[np.float64], across_mm: tuple[float, float], along_mm: tuple[float, float]
 ) -> bool:
-    """Tell whether an outline, by its extent, comes into a window."""
+    """Return whether an outline's bounding box overlaps a window."""
     (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
     overlaps = x0 < across_mm[1], x1 > across_mm[0], y0 < along_mm[1], y1 > along_mm[0]
     return all(overlaps)

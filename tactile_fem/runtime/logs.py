@@ -119,7 +119,7 @@ class ProgressDisplay:
     Parameters
     ----------
     rank
-        MPI rank; the others show nothing.
+        MPI rank; only rank 0 shows progress.
     console
         Default stderr.
     every_s
