@@ -58,7 +58,8 @@ _OWN = (
     "fields/.*.part",
     "figures/.*.part",
 )
-_SHAPES = {"stimulator_mm": (3,), "force_N": (3,), "moment_Nmm": (3,), "displacement_mm": ()}
+_SHAPES = {"stimulator_mm": (3,), "force_N": (3,), "moment_Nmm": (3,)}
+_OF_RECEPTORS = ("sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa")
 _TRACE = ("time_s", "displacement_mm", "depth_mm", "force_N", "receptors_mm", "sed_kPa")
 
 
@@ -356,7 +357,7 @@ def _check_trace(trace: dict[str, NDArray[Any]]) -> None:
     for name, array in trace.items():
         if name in ("time_s", "receptors_mm"):
             continue
-        expected = steps + _SHAPES.get(name, (receptors,) if array.ndim > 1 else ())
+        expected = steps + _SHAPES.get(name, (receptors,) if name in _OF_RECEPTORS else ())
         if name == "population":
             expected = (receptors,)
         if array.shape[: len(expected)] != expected:
