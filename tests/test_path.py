@@ -204,8 +204,10 @@ def test_a_path_that_nobody_can_go_along(piece, sentence):
 
 
 def test_the_piece_that_is_wrong_is_named():
-    later = lambda start: Motion("turn", 1.0, lambda t: start + [0.1, 0.0, 0.0])  # noqa: E731
-    told = refused(Path((press(1.0, 1.0), later)))
+    def beside(start):
+        return replace(hold(1.0, 1.0)(start + np.array([0.1, 0.0, 0.0])), phase="turn")
+
+    told = refused(Path((press(1.0, 1.0), beside)))
     assert "piece 2 of its path (turn) begins 0.1 mm from where the body is then" in told
     assert told.endswith("its first place must be X 0, Y 0, Z 1 mm.")
 
