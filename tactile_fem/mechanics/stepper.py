@@ -116,7 +116,7 @@ class Stepper:
         """
         started = time.perf_counter()
         while True:
-            if self._progress.control.finished:
+            while self._progress.control.finished:
                 self._check_force_reached()
                 if self._progress.piece == len(self._path.pieces) - 1:
                     return
