@@ -36,13 +36,13 @@ from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
 
 # %% [markdown]
-# Every value of a study has the paper's default; here only the two that people change first are
-# named.
+# Every value of a study has the paper's default; only the values that are changed most often are
+# parameters here.
 
 
 # %%
 def main(folder: Path, *, text: str = "FGH", depth: float = 1.97, distance: float = 10.0) -> None:
-    """Scan a text and print what the finger felt and what the scan cost."""
+    """Scan a text and print its results and cost."""
     study = Study(
         stimulus=Text(text=text),
         protocol=Protocol(depth_mm=depth, distance_mm=distance),
@@ -50,7 +50,7 @@ def main(folder: Path, *, text: str = "FGH", depth: float = 1.97, distance: floa
     rank = MPI.COMM_WORLD.rank
     set_up(rank)
     with ProgressDisplay(rank) as display:
-        result = scan(study, folder, observers=[lambda seen: display.step(seen.step)])
+        result = scan(study, folder, observers=[display.step])
     if rank == 0:
         print_results(result)
         for path in draw(folder):

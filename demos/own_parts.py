@@ -2,22 +2,33 @@
 # # A ring is drawn in circles over a finger with a fat of its own
 #
 # This demo emphasizes
-# - how a tissue law, a body, a path, an afferent and an observer of your own go through a scan
-#   with everything else as usual: checkpoints, results folder, pictures,
-# - that none of them needs a base class or a change of the package.
+# - how an own tissue law, body, path, transduction and observer go through a scan with everything
+#   else as usual: checkpoints, results folder, pictures,
+# - that none of them needs a base class or a change to the package.
 #
-# Killed at any moment, the same command goes on from the last step, on any number of ranks.
+# If it is killed, the same command continues from the last step, on any number of ranks.
 #
 #     python demos/own_parts.py results/own_parts
 #     mpirun -n 2 python demos/own_parts.py results/own_parts
 
 # %%
 from dataclasses import dataclass
+from pathlib import Path as FilePath
 
 import numpy as np
 import ufl
 
-from tactile_fem.stimulus import Distance, Motion
+from tactile_fem.cli.entry import run
+from tactile_fem.neuron import Population
+from tactile_fem.neuron.exponentials import ExponentialSum
+from tactile_fem.neuron.transduction import Segment
+from tactile_fem.output.figures import draw
+from tactile_fem.runtime.logs import ProgressDisplay, set_up
+from tactile_fem.scan import Parts, scan
+from tactile_fem.scan.results import Results
+from tactile_fem.stimulus import Distance, Motion, Path
+from tactile_fem.stimulus.path import hold, lift, press
+from tactile_fem.study import Finger, Output, Receptors, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -132,3 +143,79 @@ class FarthestNode:
         u = seen.state.u.x.array.reshape(-1, 3)
         here = float(np.linalg.norm(u, axis=1).max()) if len(u) else 0.0
         return {"farthest_mm": self.comm.allreduce(here, MPI.MAX)}
+
+
+# %% [markdown]
+# ## A transduction
+#
+# It yields the current in time segments, each a line plus exponentials; the membrane turns them
+# into spikes. This one responds to changes in both directions, as rapidly adapting afferents do:
+# $I = \beta\, |dS/dt|$.
+
+
+# %%
+@dataclass(frozen=True)
+class ChangeDetector:
+    """The gain is in pA s/kPa."""
+
+    gain: float
+
+    def segments(self, time_s, drive):
+        """Yield the current of each step, in pA."""
+        for k, h in enumerate(np.diff(time_s)):
+            current = self.gain * np.abs(drive[k + 1] - drive[k]) / h
+            no_exponentials = np.empty((0, len(current))), np.empty(0)
+            yield Segment(time_s[k], h, ExponentialSum(current, 0 * current, *no_exponentials))
+
+
+# %% [markdown]
+# ## The scan
+#
+# The study states everything else. `scan` continues an unfinished scan in the folder; a checkpoint
+# knows what the own parts do and refuses others.
+
+
+# %%
+def main(folder: FilePath, *, depth: float = 1.2, radius: float = 1.5, speed: float = 20.0) -> None:
+    """Press the ring, draw a circle, lift it off; print what was felt."""
+    study = Study(
+        finger=Finger(pad_size_mm=3.0, far_size_mm=6.0),
+        receptors=Receptors(half_width_mm=4.0, spacing_mm=0.5),
+        output=Output(fields_mm=1.0),
+    )
+    pieces = press(depth, speed), hold(0.05, 0.01), circles(radius, 1, speed), lift(0.0, speed)
+    parts = Parts(
+        laws={"subcutaneous": Fung(shear=0.8e-3, bulk=0.02, b=2.0)},
+        body=Ring(radius=2.0, wire=0.8),
+        path=Path(pieces),
+        populations=(Population(transduction=ChangeDetector(gain=30.0)),),
+    )
+    comm = MPI.COMM_WORLD
+    set_up(comm.rank)
+    with ProgressDisplay(comm.rank) as display:
+        observers = [display.step, centre_of_pressure, FarthestNode(comm)]
+        result = scan(study, folder, observers=observers, parts=parts)
+    if comm.rank == 0:
+        tell(result)
+        for file in draw(folder):
+            print(file)
+
+
+# %%
+def tell(result) -> None:
+    """Print the numbers of a scan, by phase of the path."""
+    trace = Results.open(result.folder).trace
+    for phase in dict.fromkeys(trace["phase"][1:].tolist()):
+        own = trace["phase"] == phase
+        x, y = trace["centre_of_pressure_mm"][own][-1]
+        print(
+            f"{phase:7s} to {trace['time_s'][own][-1]:6.3f} s  "
+            f"normal force {trace['force_N'][own, 2][-1]:.3f} N at X {x:5.2f}, Y {y:5.2f} mm, "
+            f"farthest node {trace['farthest_mm'][own][-1]:.2f} mm"
+        )
+    print(f"spikes  {sum(map(len, result.response.spikes))}")
+
+
+# %%
+if __name__ == "__main__":
+    run(main)

@@ -1,4 +1,4 @@
-"""Finger mechanics and SA1 afferents: what a finger feels when it strokes a surface."""
+"""Finger mechanics and SA1 afferents: the response of a finger that strokes a surface."""
 
 from importlib.metadata import PackageNotFoundError, version
 

@@ -1,4 +1,4 @@
-"""The errors that people meet: each carries one clear sentence."""
+"""Errors shown to users; each message is one clear sentence."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class ConvergenceError(TactileError):
         self.reason = reason
 
     def __reduce__(self) -> tuple[type[ConvergenceError], tuple[str, tuple[float, ...], str]]:
-        """Survive the way from one rank to the others."""
+        """Allow the error to be sent to other ranks."""
         return type(self), (str(self), self.stimulator_mm, self.reason)
 
 
 class StoppedError(TactileError):
-    """A signal ended the scan; its exit code is the shell's, 128 and the signal's number.
+    """A signal ended the scan; the exit code is 128 plus its number, as in a shell.
 
     Parameters
     ----------
@@ -60,10 +60,10 @@ class StoppedError(TactileError):
         self.number = number
         self.exit_code = 128 + number
         super().__init__(
-            f"stopped by {signal.Signals(number).name}: everything up to the last step is kept, "
-            "and started again it goes on from there"
+            f"stopped by {signal.Signals(number).name}: everything up to the last step is saved; "
+            "start it again to continue"
         )
 
     def __reduce__(self) -> tuple[type[StoppedError], tuple[int]]:
-        """Survive the way from one rank to the others."""
+        """Allow pickling, to send the error to other ranks."""
         return type(self), (self.number,)

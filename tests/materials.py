@@ -1,6 +1,7 @@
 """Constants that every kind of polynomial energy has, for tests."""
 
-from tactile_fem.study import Polynomial
+from tactile_fem.study import Elastic, Polynomial
+from tactile_fem.tissue.energies import bulk_modulus, shear_modulus
 
 NEO_HOOKEAN = Polynomial(C10_MPa=0.02297, D1_per_MPa=1.765)
 SECOND_ORDER = Polynomial(C10_MPa=0.0135, C20_MPa=0.01, D1_per_MPa=3.0)
@@ -15,3 +16,9 @@ FULL = Polynomial(
     D2_per_MPa=3.0,
 )
 YEOH = Polynomial(C10_MPa=0.02, C30_MPa=0.1, D1_per_MPa=2.0)
+
+
+def young_modulus(constants: Polynomial | Elastic) -> float:
+    """Return the small-strain Young's modulus, in MPa."""
+    G, K = shear_modulus(constants), bulk_modulus(constants)
+    return 9 * K * G / (3 * K + G)

@@ -316,7 +316,7 @@ def test_legibility(tmp_path):
     output = run("protocols/legibility.py", str(tmp_path), *way)
     for protocol in ("population", "single fibre"):
         for width in (0, 2):
-            pattern = rf"{protocol}, blur {width} mm: ([\d.]+) % right of 4"
+            pattern = rf"{protocol}, blur {width} mm: ([\d.]+) % correct of 4"
             assert 0 <= number(pattern, output) <= 100
     passes = {path.parent.name for path in tmp_path.glob("passes/O/*/run.json")}
     assert passes == {"shift-5.000", "shift+5.000"}  # the letter's own scan is the third

@@ -14,12 +14,12 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import block_mesh
 from dolfinx import fem
+from materials import young_modulus
 
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Cylinder, Solver, Sphere, Tissue
-from tactile_fem.tissue.energies import young_modulus
 
 TISSUE = Tissue.model_validate({"set": "maeno1998", "viscous_time_s": 0.0})
 E_STAR = young_modulus(TISSUE.dermis) / (1 - 0.48**2)

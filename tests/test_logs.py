@@ -1,6 +1,7 @@
 import io
 import logging
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 from rich.console import Console
@@ -30,7 +31,7 @@ def run(console, rank=0, every_s=0.0):
     logs.set_up(rank, console=console)
     with logs.ProgressDisplay(rank, console=console, every_s=every_s) as display:
         for step in STEPS:
-            display.step(step)
+            display.step(SimpleNamespace(step=step))
         logging.getLogger("tactile_fem.scan").info("something to say")
     return console.file.getvalue()
 
@@ -56,7 +57,7 @@ def test_a_resumed_scan_counts_the_time_left_from_where_it_went_on():
     with logs.ProgressDisplay(console=console, every_s=0.0) as display:
         for percent in range(30, 51):
             now[0] += 60.0
-            display.step(Step(percent, "slide", 1.0, 1.97, percent / 100))
+            display.step(SimpleNamespace(step=Step(percent, "slide", 1.0, 1.97, percent / 100)))
     assert "50 %  50.0 min left" in console.file.getvalue().splitlines()[-1]
 
 
@@ -83,7 +84,7 @@ def test_the_log_file_has_every_step(tmp_path):
     logs.set_up(console=console)
     with logs.log_to(tmp_path / "log.txt"), logs.ProgressDisplay(console=console) as display:
         for step in STEPS:
-            display.step(step)
+            display.step(SimpleNamespace(step=step))
         logging.getLogger("tactile_fem.scan").info("something to say")
     text = (tmp_path / "log.txt").read_text()
     assert text.count("step ") == 3 and "something to say" in text

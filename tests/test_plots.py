@@ -124,11 +124,10 @@ def test_firing_figure_shows_the_rates():
 
 def test_force_figure_has_press_slide_and_ratio():
     trace = make_trace()
+    pressing, sliding = trace["time_s"] <= 1e-12, trace["time_s"] >= -1e-12
     figure = force_figure(
-        trace["depth_mm"],
-        trace["displacement_mm"],
-        trace["force_N"],
-        trace["time_s"] <= 1e-12,
+        (trace["depth_mm"][pressing], "Indentation (mm)", trace["force_N"][pressing]),
+        (trace["displacement_mm"][sliding], DISPLACEMENT, trace["force_N"][sliding]),
         0.3,
     )
     press, slide, below, ratio = figure.axes
@@ -144,8 +143,10 @@ def test_force_figure_has_press_slide_and_ratio():
 def test_force_figure_of_a_press_alone_and_of_nothing(steps):
     depth = np.linspace(1, 2, steps)
     force = np.outer(depth, [0.0, -0.1, 0.5])
-    pressing = np.ones(steps, dtype=bool)
-    figure = force_figure(depth, 0 * depth, force, pressing)
+    end = slice(max(steps - 1, 0), None)
+    figure = force_figure(
+        (depth, "Indentation (mm)", force), (0 * depth[end], DISPLACEMENT, force[end])
+    )
     press, slide, below, ratio = figure.axes
     for label, values in (("normal", 0.5 * depth), ("tangential", 0.1 * depth)):
         assert np.array_equal(line(press, label).get_xydata(), np.column_stack([depth, values]))
@@ -164,7 +165,8 @@ def test_force_figure_of_a_press_alone_and_of_nothing(steps):
 def test_force_figure_says_why_the_ratio_exceeds_the_friction(sideways, friction, told):
     depth, slide = np.array([0.0, 1.0, 1.0]), np.array([0.0, 0.0, 1.0])
     force = np.array([[0, 0, 0], [0, 0, 0.5], [0.0, 0.5 * sideways, 0.5]])
-    *_, ratio = force_figure(depth, slide, force, slide == 0, friction).axes
+    press = depth[:2], "Indentation (mm)", force[:2]
+    *_, ratio = force_figure(press, (slide[1:], DISPLACEMENT, force[1:]), friction).axes
     (text,) = ratio.get_legend().get_texts()
     assert text.get_text().startswith("friction coefficient")
     assert ("flanks" in text.get_text()) == told

@@ -59,9 +59,8 @@ def test_passes_over_one_receptor_are_one_image(tmp_path, monkeypatch):
         make_results(folder_of(member, tmp_path), member.study, make_trace(np.zeros(1)))
     write_summary(passes, tmp_path)
     images = []
-    monkeypatch.setattr(
-        report, "fibre_image", lambda p, **k: images.append(fibre_image(p, **k)) or images[0]
-    )
+    draw = lambda p, **k: images.append(fibre_image(p, **k)) or images[0]  # noqa: E731
+    monkeypatch.setattr(report, "fibre_image", draw)
     found = tags(write_report(tmp_path, output=tmp_path / "passes.html"))
     assert found.count("tr") == 6 and found.count("img") == 2
     np.testing.assert_allclose(images[0].across_mm, [-2, -1, 0, 1, 2])

@@ -13,7 +13,7 @@ from synthetic import make_results
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StoppedError, StudyError
 from tactile_fem.scan.results import Results
-from tactile_fem.series import Task, run_series, single_fibre, sweep, write_summary
+from tactile_fem.series import run_series, share_of, single_fibre, sweep, write_summary
 from tactile_fem.series.run import folder_of
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
 
@@ -66,12 +66,12 @@ def test_bad_axes_are_told(axes, says):
 
 def test_tasks_share_a_series():
     members = single_fibre(Study(), spacing_mm=1.0)
-    shares = [Task(k, 3).of(members) for k in (1, 2, 3)]
+    shares = [share_of(members, f"{k}/3") for k in (1, 2, 3)]
     assert sorted(m.name for share in shares for m in share) == sorted(m.name for m in members)
-    assert Task.parse("2/3") == Task(2, 3)
+    assert {len(share) for share in shares} == {3, 4}
     for text in ("0/3", "4/3", "a/b", "2", "-1/2"):
         with pytest.raises(StudyError, match="K from 1 to N"):
-            Task.parse(text)
+            share_of(members, text)
 
 
 def test_complete_scans_are_not_repeated_and_foreign_ones_refused(tmp_path):

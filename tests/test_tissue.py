@@ -11,7 +11,7 @@ from tactile_fem.runtime import backend  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from dolfinx import fem, mesh
-from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH
+from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH, young_modulus
 
 from tactile_fem.study import Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import (
@@ -20,7 +20,6 @@ from tactile_fem.tissue.energies import (
     shear_modulus,
     stiffness,
     stress,
-    young_modulus,
 )
 
 

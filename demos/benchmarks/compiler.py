@@ -1,12 +1,12 @@
 # %% [markdown]
-# # What do the compiler's flags gain?
+# # Effects of the compiler's flags
 #
 # DOLFINx compiles each form to C. This benchmark emphasizes
-# - what flags that depend on the processor or reorder sums gain in assembly,
-# - how far they move the results.
+# - the speed-up of assembly by flags that depend on the processor or reorder sums,
+# - their effect on the results.
 #
-# All variants assemble the same state of the same finger, in turns, so that a machine whose speed
-# changes favours none.
+# All variants assemble the same state of the same finger in turns, so that changes in the
+# machine's speed affect all of them.
 #
 #     python demos/benchmarks/compiler.py compiler
 
@@ -41,7 +41,7 @@ DEPTH_MM = 0.3
 # %%
 @dataclass(frozen=True)
 class Row:
-    """Median seconds of one variant's assembly, and how far its results are off the first's.
+    """Median seconds of one variant's assembly, and its difference from the first variant.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ def main(
     pad_size: float | None = None,
     far_size: float | None = None,
 ) -> None:
-    """Assemble `rounds` times with each variant; print and keep the table.
+    """Assemble `rounds` times with each variant; print and save the table.
 
     Parameters
     ----------

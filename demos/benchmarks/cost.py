@@ -1,14 +1,13 @@
 # %% [markdown]
-# # What a scan costs
+# # Cost of a scan
 #
 # This benchmark emphasizes
 # - where the time goes: assembly, contact, preconditioner, linear solve, receptors, output,
 # - how the cost grows with the number of unknowns (the exponent is fitted),
-# - what a second core brings.
+# - the speed-up by a second core.
 #
-# Each scan runs in a process of its own through the command line; the numbers are those it leaves
-# in its results folder. The first scan on a computer also compiles the forms, which is not
-# counted.
+# Each scan runs in its own process through the command line; the numbers come from its results
+# folder. The first scan on a computer also compiles the forms, which is not counted.
 #
 #     python demos/benchmarks/cost.py costs                       # a short press and slide
 #     python demos/benchmarks/cost.py costs --sizes coarse --sizes medium --sizes paper \
@@ -37,7 +36,7 @@ from tactile_fem.study import Finger, Output, Protocol, Solver, Study
 # %%
 @dataclass(frozen=True)
 class Cost:
-    """What one scan cost."""
+    """Cost of one scan."""
 
     size: str
     tets: int
@@ -58,7 +57,7 @@ class Cost:
 
     @classmethod
     def of(cls, size: str, results: Results) -> "Cost":
-        """Read what a scan left."""
+        """Read the results of a scan."""
         run_, trace = results.run, results.trace
         part = {name: run_["timers_s"].get(name, 0.0) for name in (*SOLVING, *AROUND)}
         return cls(
@@ -95,7 +94,7 @@ def main(
     distance: float = 0.1,
     linear: str = "multigrid",
 ) -> None:
-    """Scan each size on each number of ranks; print and keep the table.
+    """Scan each size on each number of ranks; print and save the table.
 
     Parameters
     ----------
@@ -168,7 +167,7 @@ def print_results(costs: list[Cost], heading: bool) -> None:
 
 
 def shown(value: str | float) -> str:
-    """Return a value as it stands in the table."""
+    """Return a value as shown in the table."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

@@ -1,13 +1,13 @@
 # %% [markdown]
-# # Which nonlinear solver gets through the hard states?
+# # Nonlinear solvers on difficult states
 #
 # This benchmark emphasizes
-# - where Newton's method has trouble: first touch, the deep press, the start of the slide, a
-#   letter's edge that arrives or leaves,
+# - the difficult states for Newton's method: first touch, the deep press, the start of the slide,
+#   a letter's edge that arrives or leaves,
 # - how PETSc's line searches and trust regions compare on exactly the same saved states.
 #
-# A scan is run once and the state before each of these moments is kept in its folder. Each strategy
-# then takes the same few steps from each state; a step that fails is halved, and counted.
+# A scan is run once, and the state before each of these moments is saved in its folder. Each
+# strategy then takes the same few steps from each state; failed steps are halved and counted.
 #
 #     python demos/benchmarks/hard_states.py states
 #     python demos/benchmarks/hard_states.py states --friction 1 --fillet 0.1
@@ -43,7 +43,7 @@ from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 # %%
 @dataclass(frozen=True)
 class Strategy:
-    """PETSc options over the defaults, and how softly contact sets in."""
+    """PETSc options that override the defaults, and the contact width."""
 
     name: str
     petsc: dict[str, str | int | float] = field(default_factory=dict)
@@ -51,7 +51,7 @@ class Strategy:
 
 
 def line_search(name: str, **more: str | int | float) -> dict[str, str | int | float]:
-    """Return the options of a line search without our lower bound of its step."""
+    """Return the options of a line search without the package's lower bound of its step."""
     return {"snes_linesearch_type": name, "snes_linesearch_minlambda": 1e-12, **more}
 
 
@@ -96,7 +96,7 @@ MOMENTS = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a strategy did from one state."""
+    """Result of a strategy from one state."""
 
     strategy: str
     moment: str
@@ -119,7 +119,7 @@ def main(
     moments: list[str] | None = None,
     strategies: list[str] | None = None,
 ) -> None:
-    """Save the states, replay them with each strategy, print and keep the table.
+    """Save the states, replay them with each strategy, print and save the table.
 
     Parameters
     ----------

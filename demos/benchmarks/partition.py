@@ -1,10 +1,10 @@
 # %% [markdown]
-# # What many ranks would have to do
+# # Partition of the finger on many ranks
 #
 # This benchmark emphasizes
-# - how evenly the work is spread: cells, and skin facets, where the contact is integrated,
-# - what the ranks have to tell each other: ghost nodes, neighbours, lines that the partition cuts,
-# - without solving anything, so that one computer can look at 64 ranks.
+# - how evenly the work is distributed: cells, and skin facets, where the contact is integrated,
+# - the communication between ranks: ghost nodes, neighbours, lines cut by the partition,
+# - without solving anything, so that one computer can analyse 64 ranks.
 #
 #     mpirun -n 16 python demos/benchmarks/partition.py --preset paper
 
@@ -24,7 +24,7 @@ from dolfinx import fem  # isort: skip
 
 # %%
 def main(*, preset: str = "coarse") -> None:
-    """Distribute the finger and print what each rank got: least, mean, most."""
+    """Distribute the finger and print minimum, mean and maximum over the ranks."""
     comm = MPI.COMM_WORLD
     finger = on_root(comm, lambda: load_finger(Finger(preset=preset)), share=False)
     domain = create_domain(finger, comm, Solver().held)

@@ -1,19 +1,19 @@
 # %% [markdown]
-# # The same neurons with Brian2: spike times and time spent
+# # Comparison with Brian2: spike times and computing time
 #
 # This demo emphasizes
-# - that spikes found between the samples are those to which a simulation in time steps tends,
-# - what the same population costs with either.
+# - that a simulation with time steps converges to the exact spike times,
+# - the cost of the same population with both.
 #
 # Both get the same strain energy density $S$, linear between samples, and integrate
 #
 # $$C \dot V = -V/R + \alpha(S - \kappa a) + \beta\max(\dot S, 0) + I_0, \qquad
 #   \tau_a \dot a = S - a .$$
 #
-# [Brian2](https://brian2.readthedocs.io) takes steps $\Delta t$. A spike is put at the step in
-# which $V$ crosses the threshold, and $V$ starts again a whole number of steps later. So each spike
-# may shift the following ones by a step or two, and all must tend to ours as $\Delta t$ falls. Both
-# run on one core; Brian2's compilation and start are not counted.
+# [Brian2](https://brian2.readthedocs.io) uses steps $\Delta t$. A spike is assigned to the step in
+# which $V$ crosses the threshold, and integration restarts a whole number of steps later. Each
+# spike may therefore shift the following ones by a step or two, and all must converge to the exact
+# ones as $\Delta t$ decreases. Both run on one core, without Brian2's compilation and start.
 #
 #     pip install brian2
 #     python demos/neurons/brian.py results/brian
@@ -156,7 +156,7 @@ def with_brian(time: np.ndarray, sed: np.ndarray, step: float) -> tuple[float, l
 def compared(
     step_ms: float, seconds: float, spikes: list[np.ndarray], exact: Response, exact_s: float
 ) -> Run:
-    """Return how far Brian2's spikes are off, in steps."""
+    """Return the errors of Brian2's spike times, in steps."""
     step = 1e-3 * step_ms
     first, shift, largest, equal = 0.0, 0.0, 0.0, 0
     for theirs, ours in zip(spikes, exact.spikes, strict=True):

@@ -2,9 +2,9 @@
 # # The neuron fitted to a bar's profile, and four cylinders predicted
 #
 # This demo emphasizes
-# - what `tactile_fem.neuron.fit` needs and tells: constants, intervals, what is not determined,
+# - input and results of `tactile_fem.neuron.fit`: constants, intervals, undetermined parameters,
 # - how well one half of the positions predicts the other,
-# - what the strain energy density itself leaves unexplained.
+# - the part of the rates that strain energy density cannot explain.
 #
 # Phillips and Johnson (1981) pressed a bar 3 mm wide 1 mm deep at distances $y$ from SA1 afferents
 # of monkeys; they give a dynamic and a static rate. Here the dynamic rate is the mean over the ramp
@@ -13,11 +13,11 @@
 #
 # $$I = I_0 + \alpha (S - \kappa a) + \beta \max(\dot S, 0), \quad \tau_a \dot a = S - a,$$
 #
-# with $I_0 = V_{th}/R$; $\alpha$ and $\beta$ are fitted, $\kappa = 0.45$ and $\tau_a = 0.5$ s
-# stay: two windows do not determine them, as the demo shows by freeing them.
+# with $I_0 = V_{th}/R$; $\alpha$ and $\beta$ are fitted. $\kappa = 0.45$ and $\tau_a = 0.5$ s
+# are fixed, because two windows do not determine them, as the demo shows by fitting them too.
 #
-# $S$ comes from `histories.py`. Where two receptors with equal $S$ fire differently, no neuron
-# can be right at both: isotonic regression of the rates on the held $S$ shows how much that is.
+# $S$ comes from `histories.py`. If two receptors with equal $S$ fire differently, no neuron model
+# can fit both. Isotonic regression of the rates on $S$ during the hold quantifies this.
 #
 #     python demos/neurons/fit_bar.py results/neurons
 
@@ -98,7 +98,7 @@ class Cylinder:
 def main(
     folder: Path, *, histories: Path = Path(__file__).with_name("histories"), every: int = 1
 ) -> None:
-    """Fit, predict, print and draw; `every` n-th position counts."""
+    """Fit, predict, print and draw; only `every` n-th position is used."""
     if launched_rank():
         return
     folder.mkdir(parents=True, exist_ok=True)
@@ -120,7 +120,7 @@ def main(
 
 
 def load(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times, receptors' places and SED, the hold extended to its whole length."""
+    """Return times, receptor positions and SED, with the hold extended to its full length."""
     with path.open(newline="", encoding="utf-8") as stream:
         heading, *rows = csv.reader(stream)
     values = np.array(rows, dtype=float)
@@ -135,8 +135,8 @@ def windows(rates: np.ndarray) -> list[Window]:
 
 
 # %% [markdown]
-# Halves: each is fitted and predicts the other. Left and right differ most: the measured profile is
-# not symmetric, and neither is the finger.
+# Each half of the positions is fitted and predicts the other. The left and right halves differ
+# most, because neither the measured profile nor the finger is symmetric.
 
 
 # %%
@@ -176,7 +176,7 @@ def print_results(found: Fit) -> None:
 
 
 def undetermined(time: np.ndarray, sed: np.ndarray, rates: np.ndarray) -> None:
-    """Print what happens when adaptation or intercept are fitted as well."""
+    """Print the fits in which adaptation or intercept are free as well."""
     for more in (("adaptation",), ("adaptation", "adaptation_time_s"), ("intercept_pA",)):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", FitWarning)
@@ -187,10 +187,10 @@ def undetermined(time: np.ndarray, sed: np.ndarray, rates: np.ndarray) -> None:
 
 
 def bound(held_kPa: np.ndarray, rates: np.ndarray) -> None:
-    """Print the R2 that no increasing function of the held SED exceeds."""
+    """Print the largest R2 of any increasing function of SED during the hold."""
     order = np.argsort(held_kPa)
     best = np.array([isotonic_regression(r[order]).x for r in rates])
-    print(f"R2 of the best rising function of held SED {row(agreement(best, rates[:, order]))}")
+    print(f"R2 of the best increasing function of SED {row(agreement(best, rates[:, order]))}")
 
 
 def by_spikes(time: np.ndarray, sed: np.ndarray, rates: np.ndarray, neuron: Neuron) -> None:
@@ -237,13 +237,13 @@ def draw_bar(
 
 
 # %% [markdown]
-# The cylinders were not used in the fit. Peak: of the spikes of many trials, spread by a Gaussian
-# of 10 ms; mean: of the steady rate over the ramp; after 1 s: the steady rate at the hold's end.
+# The cylinders were not used in the fit. Peak: maximum rate of many trials, smoothed by a Gaussian
+# of 10 ms; mean: steady rate averaged over the ramp; after 1 s: steady rate at the end of the hold.
 
 
 # %%
 def cylinders(histories: Path, neuron: Neuron, folder: Path) -> None:
-    """Predict the rates under four cylinders; print, keep and draw them."""
+    """Predict the rates under four cylinders; print, save and draw them."""
     rows, courses = [], []
     noisy = neuron.model_copy(update={"threshold_noise": NOISE})
     at = np.linspace(0.0, HOLD_S, 1001)

@@ -7,15 +7,15 @@
 # - how histories are kept in a small file for work on neurons alone.
 #
 # Phillips and Johnson (1981) pressed a bar 3 mm wide 1 mm deep into the finger pads of monkeys,
-# again and again at other distances $y$ from an afferent. Here the bar is pressed once and
+# repeatedly at different distances $y$ from an afferent. Here the bar is pressed once, and
 # receptors lie on the epidermis-dermis interface at all these distances. The bar lies across the
-# finger: along it the pad is flatter (radius 18 mm, against 8 mm across). It is still curved: the
-# skin at $y$ lies $y^2/36$ mm higher than the apex, so that the bar's edge, at 1.5 mm, goes 0.94
-# mm deep, and the pad is not equally thick under all receptors, as it was when the bar was moved.
-# The cylinders have curvatures of 16, 8, 4, 2 per inch.
+# finger, because the pad is flatter along the finger (radius 18 mm, compared with 8 mm across). It
+# is still curved: the skin at $y$ lies $y^2/36$ mm higher than the apex, so the bar's edge, at
+# 1.5 mm, is only 0.94 mm deep. Also, the thickness of the pad differs between receptors, unlike in
+# the experiment, in which the bar was moved. The cylinders have curvatures of 16, 8, 4, 2 per inch.
 #
-# The press takes 50 ms (20 mm/s, assumed). Strain energy density is kept at each step until the
-# tissue's viscosity (4 ms) has died out in the hold; from there on it is constant.
+# The press takes 50 ms (20 mm/s, assumed). Strain energy density is saved at each step until the
+# viscous stress (4 ms) has decayed in the hold; from there on it is constant.
 #
 #     python demos/neurons/histories.py results/histories
 #     python demos/neurons/histories.py results/histories --preset coarse --stimuli bar
@@ -69,7 +69,7 @@ def main(
     speed: float = 20.0,
     step: float = 0.05,
 ) -> None:
-    """Press each stimulus and keep what the receptors felt; lengths in mm, speed in mm/s."""
+    """Press each stimulus and save the receptors' SED; lengths in mm, speed in mm/s."""
     rank = MPI.COMM_WORLD.rank
     set_up(rank)
     folder.mkdir(parents=True, exist_ok=True)

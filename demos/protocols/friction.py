@@ -1,13 +1,13 @@
 # %% [markdown]
-# # What friction does to a letter
+# # Effects of friction on a letter
 #
 # This demo emphasizes
 # - strain energy density, spikes and legibility as friction grows from 0 to 1,
 # - a sweep over a value of the study.
 #
-# With friction $\mu$ the slide stretches and bunches the skin: $|s_t| \le \mu s_n$. The image's
-# correlation with the letter's outline after the best shift says how much of the letter is left
-# in it.
+# With friction $\mu$ the slide stretches and compresses the skin: $|s_t| \le \mu s_n$. The
+# correlation of the firing image with the letter's outline, at the best shift, measures how much of
+# the letter is represented.
 #
 #     python demos/protocols/friction.py results/friction --jobs 2
 #     python demos/protocols/friction.py results/quick --values 0 0.5 --depth 0.6 --distance 0.6
@@ -42,7 +42,7 @@ _FRICTIONS = (0.0, 0.1, 0.3, 0.6, 1.0)
 
 @dataclass(frozen=True)
 class Row:
-    """What one friction gives."""
+    """Results for one friction coefficient."""
 
     friction: float
     normal_N: float

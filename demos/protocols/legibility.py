@@ -1,23 +1,23 @@
 # %% [markdown]
-# # Which letter was it?
+# # Recognition of letters from their firing images
 #
 # This demo emphasizes
-# - a number for "obscure": how often a letter is told from its afferents' firing alone,
-# - afferents that differ in gain and a threshold that is noisy from spike to spike,
-# - a sweep over letters: one scan each, resumed, never repeated; with `--passes` also the classic
-#   protocol, one fibre in passes that are so many mm apart.
+# - how often a letter is recognised from the firing of its afferents,
+# - afferents that differ in gain, with a threshold that varies from spike to spike,
+# - a sweep over letters, with one scan each; with `--passes` also the classic protocol, one fibre
+#   in passes at this distance in mm.
 #
 # Each letter is scanned once. Its strain energy densities then drive a population whose gains
-# and thresholds vary: $n$ realizations of the rate image $r(x, d)$. Every image is read as the
-# letter whose template, the mean of that letter's other images, it correlates with best after a
-# shift of up to 1 mm:
+# and thresholds vary: $n$ realizations of the rate image $r(x, d)$. A letter's template is the mean
+# of its other images. Every image is recognised as the letter whose template it correlates with
+# best, at the best shift of up to 1 mm:
 #
 # $$\hat L = \arg\max_L \max_\Delta\, \mathrm{corr}(r, \bar r_L(\cdot+\Delta)).$$
 #
-# $\bar r_L$ knows nothing of the population that fired $r$: not its gains, not its noise. This is
-# an ideal observer of the array. People are not: naive readers recognise 49 to 51 % of embossed
-# letters (Vega-Bermudez et al. 1991). A blur of the images, as a reader's limit, lowers the
-# accuracy.
+# The templates $\bar r_L$ contain no image of the population that produced $r$, with its gains and
+# its noise. This is an ideal observer, unlike people: naive readers recognise 49 to 51 % of
+# embossed letters (Vega-Bermudez et al. 1991). Blurring the images, to model a reader's limited
+# resolution, lowers the accuracy.
 #
 #     python demos/protocols/legibility.py results/legibility --jobs 2
 #     python demos/protocols/legibility.py results/legibility --jobs 2 --passes 1.0 --blur 0 1.5
@@ -59,8 +59,8 @@ class Row:
     spikes: int
     outline_correlation: float
     blur_mm: float
-    share_right: float
-    mostly_read_as: str
+    share_correct: float
+    mostly_recognised_as: str
 
 
 # %% [markdown]
@@ -84,19 +84,19 @@ def main(
     passes: float | None = None,
     jobs: int = 1,
 ) -> None:
-    """Scan each letter, fire, and read.
+    """Scan each letter, compute images of firing and recognise them.
 
     Parameters
     ----------
     blur
-        Standard deviations of a Gaussian over the images, mm: what a reader cannot resolve.
+        Standard deviations of a Gaussian over the images, mm: a reader's resolution.
     passes
-        Shift between two passes over one fibre, mm; without it only the population is read. The
-        population's images then have the rows of the passes, as far apart.
+        Shift between two passes over one fibre, mm; without it only the population is used. The
+        population's images then have the same row spacing.
     output
-        Positions of the slide that are hit exactly, mm; steps are no longer than that.
+        Spacing of the output positions in the slide, mm; steps are at most this long.
     jobs
-        Scans at a time.
+        Parallel scans.
     """
     set_up()
     overrides = [
@@ -140,7 +140,7 @@ def main(
 
 
 def rows_of_population(spacing: float, scan: Results, neuron: Neuron | None = None) -> RateImage:
-    """Return the population's image with rows as far apart as the passes are."""
+    """Return the population's image with the row spacing of the passes."""
     return with_row_spacing(population_image(scan, neuron), spacing)
 
 
@@ -150,7 +150,7 @@ def noisy(scan: Results, noise: dict[str, float], seed: int) -> Neuron:
 
 
 def passes_of(scan: Results, spacing: float, folder: Path, jobs: int) -> list[Results]:
-    """Return the passes with a scan's letter, run where they are missing; one is the scan."""
+    """Return the passes with a scan's letter, running missing ones; the scan is one of them."""
     half_width = scan.study.receptors.half_width_mm
     passes = single_fibre(scan.study, spacing_mm=spacing, half_width_mm=half_width)
     members = [member for member in passes if member.values["shift_mm"]]
@@ -166,7 +166,7 @@ def print_results(
     recognitions: dict[float, Recognition],
     folder: Path,
 ) -> None:
-    """Print which letter was read as which, and how much of its outline its firing shows."""
+    """Print how each letter was recognised, and the correlation of its image with its outline."""
     rows = []
     for letter, image in images.items():
         r = outline_correlation(image, scans[letter].study.stimulus)
@@ -174,12 +174,14 @@ def print_results(
         print(f"{protocol} {letter}: {spikes:5d} spikes, outline r = {r:.3f}")
         for width, recognition in recognitions.items():
             own = recognition.confusion[recognition.letters.index(letter)]
-            right = float(own[recognition.letters.index(letter)] / own.sum())
+            correct = float(own[recognition.letters.index(letter)] / own.sum())
             mostly = recognition.letters[int(np.argmax(own))]
-            rows.append(Row(letter, spikes, round(r, 3), width, round(right, 3), mostly))
-            print(f"    blur {width:g} mm: {100 * right:3.0f} % right, mostly read as {mostly}")
+            rows.append(Row(letter, spikes, round(r, 3), width, round(correct, 3), mostly))
+            print(
+                f"    blur {width:g} mm: {100 * correct:3.0f} % correct, mostly taken for {mostly}"
+            )
     for width, recognition in recognitions.items():
-        share = f"{100 * recognition.accuracy:.1f} % right of {recognition.confusion.sum()}"
+        share = f"{100 * recognition.accuracy:.1f} % correct of {recognition.confusion.sum()}"
         print(f"{protocol}, blur {width:g} mm: {share}")
     write_table(folder / f"{protocol.replace(' ', '_')}.csv", rows)
 

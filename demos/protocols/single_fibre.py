@@ -1,19 +1,19 @@
 # %% [markdown]
-# # A population of afferents against one fibre in many passes
+# # A population of afferents compared with one fibre in many passes
 #
 # This demo emphasizes
 # - the classic protocol of single-fibre recordings: the letter is shifted across the finger between
 #   passes, and one receptor's spikes are stacked to an image,
 # - the population protocol of Hamasaki et al. 2020 (DOI 10.1177/1687814020984651): one pass, many
 #   receptors,
-# - that the passes are scans of their own: some at a time, resumed, never repeated.
+# - that the passes are separate scans, which run in parallel and are not repeated.
 #
 # Let $r_p(x, d)$ be the rate of the afferent at $x$ when the letter has moved by $d$, and
 # $r_f(s, d)$ that of the afferent at $x = 0$ when the letter is shifted by $s$. A skin that is
-# the same everywhere and pressed evenly has $r_p(x, d) = r_f(-x, d)$. A finger is round:
-# receptors far from its middle carry less force, and the population's image is the more obscure
-# one. Both are held against the letter's outline by Pearson's correlation after the best shift
-# of up to 1 mm.
+# the same everywhere and pressed evenly has $r_p(x, d) = r_f(-x, d)$. A finger is round, so
+# receptors far from its middle carry less force, and the population's image is less clear. Both
+# images are compared with the letter's outline by Pearson's correlation at the best shift of up to
+# 1 mm.
 #
 #     python demos/protocols/single_fibre.py results/fibre --jobs 2
 #     python demos/protocols/single_fibre.py results/quick --spacing 1 --half-width 1 --depth 0.4 \
@@ -76,8 +76,8 @@ def _bundle(run: np.ndarray, speed_mm_s: float) -> Bundle:
 
 
 # %% [markdown]
-# The population's receptors lie as far apart as the passes are shifted, so both images have the
-# same rows. Its scan is also the pass without a shift.
+# The population's receptors have the same spacing as the passes, so both images have the
+# same rows. The population's scan is also the unshifted pass.
 
 
 # %%
@@ -100,9 +100,9 @@ def main(
     spacing, half_width
         Of receptors and shifts, mm.
     output
-        Positions of the slide that are hit exactly, mm; steps are no longer than that.
+        Spacing of the output positions in the slide, mm; steps are at most this long.
     jobs
-        Scans at a time.
+        Parallel scans.
     """
     set_up()
     study = Study(

@@ -2,9 +2,9 @@
 # # The fit that makes the tissue set "fitted"
 #
 # This demo emphasizes
-# - how two constants of the subcutaneous tissue follow from a flat plate's force,
+# - how two constants of the subcutaneous tissue are fitted to the force on a flat plate,
 # - how well the measurements determine them: confidence intervals and correlation,
-# - a fit that goes on where it was cut off, because every run of the model is kept.
+# - a fit that can be interrupted, because every run of the model is saved.
 #
 # The subcutaneous tissue has the energy
 #
@@ -15,15 +15,15 @@
 #
 # $$\sum_k r_k^2, \qquad r_k = (F_k - m_k)/s_k, \qquad x = (\ln C_{10}, \ln C_{20}).$$
 #
-# All else is fixed before: the layers above, and $D_1$ from $E$ = 5 kPa and $\nu$ = 0.48. (Were
-# Poisson's ratio kept, the bulk modulus would follow $C_{10}$ down to a few kPa, less than the
-# pressure under the plate, and the pad would be crushed rather than squeezed aside.) $C_{10}$
-# stays within one standard deviation of what was measured on porcine fat, because the plate
-# hardly tells it: under 0.5 mm the layers above carry most of the force.
+# Everything else is fixed: the layers above, and $D_1$ from $E$ = 5 kPa and $\nu$ = 0.48. (If
+# Poisson's ratio were fixed instead, the bulk modulus would follow $C_{10}$ down to a few kPa, less
+# than the pressure under the plate, and the pad would be compressed rather than displaced.)
+# $C_{10}$ is limited to one standard deviation around the values measured on porcine fat, because
+# the plate hardly determines it: below 0.5 mm the layers above carry most of the force.
 #
-# With $J = \partial r/\partial x$ the covariance of $x$ is $(J^T J)^{-1}$. It takes the four
-# deviations as independent. They are not, because each comes from the same fingers: the intervals
-# are a guide.
+# With $J = \partial r/\partial x$ the covariance of $x$ is $(J^T J)^{-1}$. It assumes that the four
+# deviations are independent. They are not, because they come from the same fingers, so the
+# intervals are only a guide.
 #
 #     python demos/validation/fit_tissue.py results/fit
 #     python demos/validation/fit_tissue.py results/fit_1MPa --corneum 1.0
@@ -124,12 +124,12 @@ def main(
 
 
 # %% [markdown]
-# Every run is kept before the next one starts.
+# Every run is saved before the next one starts.
 
 
 # %%
 class Runs:
-    """The model as a function of C10 and C20 (MPa) that never computes anything twice.
+    """The model as a function of C10 and C20 (MPa), which computes each run only once.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def press(
 
 
 # %% [markdown]
-# Besides the constants: how sure they are, and how alike their effects.
+# The constants with their confidence intervals and correlation.
 
 
 # %%

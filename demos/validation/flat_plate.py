@@ -1,18 +1,18 @@
 # %% [markdown]
-# # A flat plate on the finger pad, against measured fingers
+# # A flat plate on the finger pad, compared with measured fingers
 #
 # This demo emphasizes
-# - force and contact area over depth against published measurements,
-# - how much volume the pad loses,
-# - another stimulus with the same few lines.
+# - force and contact area over depth, compared with published measurements,
+# - the volume change of the pad,
+# - how to use another stimulus.
 #
 # Forces: four subjects, mean and standard deviation, index finger pad on a flat plate (Gulati and
 # Srinivasan's experiments as digitised by Gerling's group). The tissue set "fitted" was fitted to
-# them (`fit_tissue.py`), so for this set they show how well the fit is. Contact areas and volume
-# were not used. The gates of the area are wide, as fingers are: 40 to 70 mm² at 0.25 N, 60 to 90
-# at 0.5 N, 90 to 130 at 1 N. A finger's volume falls by at most 5 %.
+# them (`fit_tissue.py`), so for this set they show the quality of the fit. Contact areas and volume
+# were not used. The accepted ranges of the area are wide, because fingers differ: 40 to 70 mm² at
+# 0.25 N, 60 to 90 at 0.5 N, 90 to 130 at 1 N. A finger's volume decreases by at most 5 %.
 #
-# The plate rises at 0.2 mm/s: the viscosity, which is there to steady the solver, then adds about
+# The plate rises at 0.2 mm/s. At this speed the viscosity, which stabilizes the solver, adds about
 # 0.2 % to the force.
 #
 #     python demos/validation/flat_plate.py results/plate
@@ -46,7 +46,7 @@ BLUE, ORANGE = "#0072B2", "#D55E00"
 
 @dataclass(frozen=True)
 class State:
-    """The finger at one depth of what presses."""
+    """State of the finger at one indentation depth."""
 
     depth_mm: float
     force_N: float
@@ -91,7 +91,7 @@ def plate_study(depth: float, step: float, tissue: dict[str, Any], preset: str) 
 
 # %%
 def print_results(trace: Trace) -> None:
-    """Print force, area and volume beside what was measured, as far as the press went."""
+    """Print force, area and volume next to the measurements, up to the depth reached."""
     depth, force = trace.depth_mm, trace.force_N[:, 2]
     print("depth mm  model N  measured N (sd)  error/sd")
     for at, mean, deviation in zip(DEPTH_MM, MEAN_N, DEVIATION_N, strict=True):
@@ -110,7 +110,7 @@ def print_results(trace: Trace) -> None:
 
 # %%
 def draw(trace: Trace, picture: Path) -> None:
-    """Draw force over depth, and area over force with the volume that is lost."""
+    """Draw force over depth, and area over force with the volume lost."""
     figure = Figure(figsize=(10, 3.3), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     depth, force = trace.depth_mm, trace.force_N[:, 2]

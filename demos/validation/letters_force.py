@@ -2,11 +2,11 @@
 # # The letters' force at the paper's depth, and the depth of the paper's force
 #
 # This demo emphasizes
-# - one press that answers two questions: steps that hit a depth exactly, interpolation between
-#   them,
+# - both values from one press: a step at the exact depth, interpolation for the force,
 # - a prediction: the letters are not in the data that the tissue was fitted to.
 #
-# Hamasaki et al. 2020 press F G H 1.97 mm deep, "which corresponds to 0.6 N". The gate is 15 %.
+# Hamasaki et al. 2020 press F G H 1.97 mm deep, "which corresponds to 0.6 N". The accepted error
+# is 15 %.
 #
 #     python demos/validation/letters_force.py results/letters
 #     python demos/validation/letters_force.py results/slowly --press-speed 0.2
@@ -41,7 +41,7 @@ def state_of(step: Step) -> State:
 
 
 # %% [markdown]
-# Should the press end before its depth, what came before is told all the same.
+# If the press ends before its final depth, the results so far are printed.
 
 
 # %%
@@ -79,7 +79,7 @@ def main(
 
 # %%
 def print_results(states: list[State]) -> None:
-    """Print force at the paper's depth and depth at the paper's force, as far as it went."""
+    """Print force at the paper's depth and depth at the paper's force, if they were reached."""
     depth = np.array([state.depth_mm for state in states])
     force = np.array([state.force_N for state in states])
     last = states[-1]
@@ -100,7 +100,7 @@ def print_results(states: list[State]) -> None:
 
 # %%
 def draw(states: list[State], picture: Path) -> None:
-    """Draw force over depth with the paper's point and its gate."""
+    """Draw force over depth with the paper's value and the accepted error."""
     figure = Figure(figsize=(4.5, 3.3), layout="constrained")
     axes = figure.add_subplot()
     depth, force = [state.depth_mm for state in states], [state.force_N for state in states]

@@ -1,15 +1,15 @@
 # %% [markdown]
-# # What each tissue constant does
+# # Sensitivity to the tissue constants
 #
 # This demo emphasizes
-# - which constants the force and the receptors' strain energy hang on, and which hardly matter,
-# - a series of runs that goes on where it was cut off.
+# - which constants determine the force and the receptors' strain energy, and which hardly matter,
+# - a series of runs that can be interrupted and continued.
 #
-# Each constant of the tissue set "fitted", and the friction, is multiplied by 0.9 and by 1.1, the
-# others kept. $D_1$ is varied on its own: 10 % more of it is about 10 % less bulk modulus. For
-# each: the flat plate's force at 2.0 mm, the letters' force at 1.97 mm, and the largest strain
-# energy density (SED) that any receptor of the line across the finger feels, in the letters' press
-# and the slide after it.
+# Each constant of the tissue set "fitted", and the friction, is multiplied by 0.9 and by 1.1 while
+# the others are fixed. $D_1$ is varied on its own: 10 % more of it is about 10 % less bulk modulus.
+# The outputs are the flat plate's force at 2.0 mm, the letters' force at 1.97 mm, and the largest
+# strain energy density (SED) of any receptor of the line across the finger during the letters'
+# press and slide.
 #
 #     python demos/validation/sensitivity.py results/sensitivity
 #     python demos/validation/sensitivity.py results/sensitivity --distance 2
@@ -37,7 +37,7 @@ OUTCOMES = ("plate_N", "letters_N", "sed_kPa")
 
 @dataclass(frozen=True)
 class Run:
-    """What one set of constants gives."""
+    """Results for one set of constants."""
 
     constant: str
     factor: float
@@ -59,7 +59,7 @@ def main(
 ) -> None:
     """Vary every constant by 10 %, or only the named `constants`; lengths in mm.
 
-    The runs are kept in the folder; a second start with the same options repeats none.
+    The runs are saved in the folder; a second start with the same options repeats none.
     """
     path = folder / "sensitivity.csv"
     runs = load(path)
@@ -85,7 +85,7 @@ def main(
 
 
 def load(path: Path) -> dict[tuple[str, float], Run]:
-    """Return the runs that are done."""
+    """Return the runs that are complete."""
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     rows = list(csv.DictReader(lines))
     runs = [Run(row["constant"], *(float(row[n]) for n in ("factor", *OUTCOMES))) for row in rows]

@@ -2,13 +2,13 @@
 # # The skin's profile under a cylinder and under a sharp edge
 #
 # This demo emphasizes
-# - how far the skin beside an indenter follows it, against published measurements,
+# - the skin's deflection next to an indenter, compared with published measurements,
 # - how the deformed skin is read from a results folder (`skin_surface.py`),
-# - whether the mesh resolves what presses.
+# - whether the mesh resolves the indenter.
 #
 # A bar lies across the finger and is pressed $d = 1$ mm into the pad: a cylinder of 3.17 mm
 # diameter, or a wedge whose edge has a radius of 0.025 mm. The deflection is the rise of the
-# skin's points on the midline, $w = u_z$, over their deformed place $y + u_y$. Model and data are
+# skin's points on the midline, $w = u_z$, over their position $y + u_y$. Model and data are
 # compared by
 #
 # $$R^2 = 1 - \frac{\sum_k (w_k - m_k)^2}{\sum_k (m_k - \bar m)^2}$$
@@ -16,9 +16,9 @@
 # and the root mean square of $w_k - m_k$, $w_k$ being the mean of both sides. Data: Srinivasan's
 # experiments with a cylinder as digitised by Gerling's group.
 #
-# Under the edge the profile alone is shown: there are no numbers to compare it with. Between the
-# nodes of a facet the skin cannot bend more sharply than a parabola, so the demo prints the facets'
-# size next to the edge's radius.
+# For the edge only the profile is shown, because there are no measurements. Within a facet the
+# skin cannot bend more sharply than a parabola, so the demo prints the size of the facets and the
+# edge's radius.
 #
 #     python demos/validation/skin_profile.py results/cylinder
 #     python demos/validation/skin_profile.py results/edge --stimulus edge --pad-size 0.5
@@ -52,7 +52,7 @@ HALF_LENGTH_MM = 8.0
 
 @dataclass(frozen=True)
 class Point:
-    """One point of the midline: deformed place along the finger, and how far it rose."""
+    """One point of the midline: deformed position along the finger, and deflection."""
 
     place_mm: float
     deflection_mm: float
@@ -95,7 +95,7 @@ def main(
 
 
 def midline(finger: FingerMesh, displacement: np.ndarray) -> np.ndarray:
-    """Return deformed place and deflection, (2, points), of the skin at X = 0."""
+    """Return deformed position and deflection, (2, points), of the skin at X = 0."""
     y = np.linspace(-HALF_LENGTH_MM, HALF_LENGTH_MM, 641)
     points = SkinSurface(finger, np.column_stack([np.zeros_like(y), y]))
     moved = points.deformed_mm(displacement)
@@ -113,7 +113,7 @@ def resolution(finger: FingerMesh, radius: float) -> None:
 
 
 def agreement(place: np.ndarray, deflection: np.ndarray) -> None:
-    """Print the model's deflection beside the measured one, R2 and rms."""
+    """Print the model's deflection next to the measured one, R2 and rms."""
     sides = np.array([np.interp(sign * LATERAL_MM, place, deflection) for sign in (-1, 1)])
     model = sides.mean(axis=0)
     print("lateral mm  proximal mm  distal mm  mean mm  measured mm")
@@ -128,7 +128,7 @@ def agreement(place: np.ndarray, deflection: np.ndarray) -> None:
 
 # %%
 def draw(place: np.ndarray, deflection: np.ndarray, picture: Path, *, measured: bool) -> None:
-    """Draw the profile with the bar's lowest point at 0, and the data where there are any."""
+    """Draw the profile with the bar's lowest point at 0, and the data if there are any."""
     figure = Figure(figsize=(5.5, 3.3), layout="constrained")
     axes = figure.add_subplot()
     axes.plot(place, deflection, color=BLUE, label="model")

@@ -3,12 +3,12 @@
 #
 # This demo emphasizes
 # - how a study becomes an input deck for another finite element code (`tactile_fem.output.deck`),
-# - whether two codes that share nothing but the mesh find the same forces and the same strain
+# - whether two codes that share only the mesh find the same forces and the same strain
 #   energy density (SED) at the receptors,
-# - what each of them needs: iterations, seconds.
+# - their cost: iterations, seconds.
 #
-# Same nodes and tetrahedra, same energies, same held nodes, same increments, no viscosity. What
-# differs is the contact: here Nitsche's method against the stimulator's smooth distance, there
+# Nodes, tetrahedra, energies, fixed nodes and increments are the same, without viscosity. Only the
+# contact differs: Nitsche's method with the stimulator's smooth distance here, and in CalculiX
 #
 # $$p = k\,[-g]_+,\qquad |t_t| \le \mu p,$$
 #
@@ -17,8 +17,8 @@
 #
 # CalculiX prints the SED at the four integration points of a tetrahedron, whose mean we take here
 # as well; a receptor reads the mean of the tetrahedra in the epidermis within 0.25 mm of it, each
-# weighted by its share of that ball. CalculiX sums the SED up over the increments, $\sum \tfrac12
-# (S_n + S_{n-1}) : (E_n - E_{n-1})$, here it is the energy $W(F)$ itself.
+# weighted by its share of that ball. CalculiX sums the SED over the increments, $\sum \tfrac12
+# (S_n + S_{n-1}) : (E_n - E_{n-1})$; here it is the energy $W(F)$ itself.
 #
 # On a curved body CalculiX's tangential force depends on the increment of the slide, as if the
 # contact's geometry lagged behind: a bar of 1.585 mm radius without friction, slid on a symmetric
@@ -30,8 +30,8 @@
 #     python demos/verification/calculix.py results/letters letters
 #     python demos/verification/calculix.py results/small plate --pad-size 2.5 --far-size 6 --rows 1
 #
-# (The pad and the last one make a mesh of their own, which needs gmsh.) `run_deck.py` tells how to
-# get CalculiX. If `--timeout` ends it, what it did until then is compared.
+# (The pad and the last example need gmsh for their meshes.) `run_deck.py` explains how to
+# get CalculiX. If `--timeout` stops it, the increments up to then are compared.
 
 # %%
 import time
@@ -76,12 +76,11 @@ PENALTY = Penalty(stiffness_MPa_per_mm=15.0, stick_MPa_per_mm=1.5)
 
 
 # %% [markdown]
-# The cases. A height field is as coarse as the body allows: CalculiX integrates over each of its
-# squares. Four points lie along the finger, the fifth is its contact point.
+# The cases. The height field is as coarse as the body allows, because CalculiX integrates over each
+# of its squares. Four points lie along the finger, the fifth is its contact point.
 #
-# The pad (`pad.py`) has a skin of 1 mm instead of a thin stiff layer: its facets are flatter than
-# the skin is thick, and Nitsche's method wants a larger $\gamma$. Contact over 5 kPa would blur a
-# light touch as well (1.3 % at 0.15 mm).
+# The pad (`pad.py`) has a skin of 1 mm instead of a thin stiff layer, so Nitsche's method needs a
+# larger $\gamma$. A contact width of 5 kPa would also change a light touch (by 1.3 % at 0.15 mm).
 
 
 # %%

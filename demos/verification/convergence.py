@@ -1,11 +1,11 @@
 # %% [markdown]
-# # How fine must mesh and steps be for what the receptors feel?
+# # Convergence of the receptors' strain energy density with mesh and step size
 #
 # This demo emphasizes
 # - the error of the strain energy density (SED) at the receptors on three meshes, with two step
 #   sizes,
 # - an estimate of the finest mesh's own error,
-# - how much the SED varies around a receptor, and what averaging over a ball does.
+# - how much the SED varies around a receptor, and the effect of averaging over a ball.
 #
 # The same letters are scanned on each mesh. With $S_h(s, r)$ the SED of receptor $r$ at the slide
 # $s$ and $S$ that of the finest mesh, the table shows
@@ -21,7 +21,7 @@
 #     mpirun -n 2 python demos/verification/convergence.py results/convergence
 #     python demos/verification/convergence.py results/quick --meshes 3.0,6.0 --meshes 2.2,5.0
 #
-# Scans that are finished in the folder are not run again; one that was cut short goes on.
+# Complete scans in the folder are not repeated; interrupted ones continue.
 
 # %%
 import logging
@@ -200,8 +200,8 @@ def print_order(scans: dict[str, Results], meshes: list[str], errors: list[float
 
 
 # %% [markdown]
-# The state of the slide at which the receptors together feel most is taken from the field files,
-# and the SED evaluated at every point of each receptor's ball.
+# The state of the slide with the largest sum of SED over the receptors is taken from the field
+# files, and the SED is evaluated at every point of each receptor's ball.
 
 
 # %%

@@ -2,9 +2,9 @@
 # # Hertz: a rigid ball and a rigid bar on an elastic body
 #
 # This demo emphasizes
-# - contact radius, peak pressure and force against the exact solutions, and how they converge,
-# - how a body of finite size biases the depth, and how that bias is extrapolated away,
-# - how to read the contact pressure where it is computed, at the skin's quadrature points.
+# - contact radius, peak pressure and force compared with the exact solutions, with convergence,
+# - how the finite size of the body affects the depth, and how extrapolation removes this error,
+# - how to read the contact pressure at the skin's quadrature points, where it is computed.
 #
 # A rigid ball of radius $R$ presses a half space of modulus $E^* = E/(1 - \nu^2)$ with the force
 # $F$. Contact radius, peak pressure and depth are
@@ -15,17 +15,17 @@
 #
 # $$ a^2 = \frac{4 f R}{\pi E^*}, \qquad p_0 = \frac{2 f}{\pi a}, $$
 #
-# while its depth grows with the logarithm of the body's size, so it is no part of this comparison.
+# while its depth grows with the logarithm of the body's size and is therefore not compared.
 # The contact radius comes from moments of the pressure, which need no threshold:
 #
 # $$ \int p\, r^2 \,dA = \tfrac{2}{5} F a^2 \text{ (ball)}, \qquad
 #    \int p\, x^2 \,dA = \tfrac{1}{4} F a^2 \text{ (bar)}. $$
 #
-# Hertz's is a theory of small strains and shallow contact: $a/R$ is 0.05 here (`--slope`). The
+# Hertz's theory assumes small strains and shallow contact: $a/R$ is 0.05 here (`--slope`). The
 # tissue is neo-Hookean with $\nu$ = 0.48, as in the finger. The body is a quarter of a half ball
-# (half of a half disc, one element thick and in plane strain) with its outer surface held. That
-# stiffens it: the force at a given depth is too high by a term in $a/L$, $L$ being its radius.
-# Two sizes tell that term. Radius and pressure at a given force hardly feel it.
+# (half of a half disc, one element thick and in plane strain) with its outer surface fixed. This
+# stiffens it: the force at a given depth is too high by a term in $a/L$, where $L$ is its radius.
+# Two sizes determine this term. It hardly affects radius and pressure at a given force.
 #
 # `solver.contact_width_MPa` is an absolute pressure. The finger's 5 kPa would be an eighth of the
 # peak pressure here, so it is set to less than a thousandth of it.
@@ -114,7 +114,7 @@ class Row:
 # %% [markdown]
 # ## The body
 # Gmsh meshes the sector of the half ball, or of the half disc one element thick. Elements are small
-# where contact is and grow with the distance from there. Hertz's contact radius is about 1 mm.
+# in the contact zone and grow with the distance from it. Hertz's contact radius is about 1 mm.
 
 
 # %%
@@ -221,13 +221,13 @@ def press(shape: Shape, R: float, per_radius: float, body_radius: float) -> Solu
 
 # %% [markdown]
 # ## Against Hertz
-# The peak is that of the elliptic profile which fits the points within 0.8 a best, so that a single
-# odd point does not count.
+# The peak is that of the elliptic profile fitted to the points within 0.8 a, so that it does not
+# depend on a single outlier.
 
 
 # %%
 def compare(solution: Solution) -> Row:
-    """Measure a solution and hold it against Hertz at the same force."""
+    """Measure a solution and compare it with Hertz at the same force."""
     s, points = solution, solution.points
     p, area = points.pressure_MPa, points.area_mm2
     r = distance(s)
@@ -273,8 +273,8 @@ def distance(solution: Solution) -> np.ndarray:
 
 
 # %% [markdown]
-# The bias by the body's size L falls as 1/L, so the force at the same depth of two sizes gives the
-# half space's.
+# The error caused by the body's size L decreases as 1/L, so the forces of two sizes at the same
+# depth give the force of the half space.
 
 
 # %%
@@ -311,7 +311,7 @@ NAMES = {"ball": "Ball", "bar": "Bar"}
 
 
 def draw_profile(axes: Axes, solutions: list[Solution]) -> None:
-    """Draw the pressure at the points against Hertz, both scaled."""
+    """Draw the scaled pressure at the points and Hertz's."""
     for colour, s in zip(COLOURS, solutions, strict=False):
         row = compare(s)
         peak = row.peak_MPa / (1 + row.peak_error)

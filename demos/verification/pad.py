@@ -3,12 +3,12 @@
 #
 # This demo emphasizes
 # - how any mesh of tagged tetrahedra becomes a "finger" of the package (`FingerMesh`),
-# - a body that is simple enough to be built again with any other code.
+# - a body that is simple enough to be built with any other code.
 #
-# Semi-axes of 8 mm across, 10 mm along and 6.5 mm up, a skin of 1 mm, held at its flat side; the
-# apex is the origin. Skin and core are tagged as epidermis and subcutaneous tissue, so that
-# receptors lie between them. The exact volume is $\tfrac23 \pi\, 8 \cdot 10 \cdot 6.5$ mm³; flat
-# facets take a little off. Meshing needs gmsh.
+# The semi-axes are 8 mm across, 10 mm along and 6.5 mm up. The skin of 1 mm is fixed at its flat
+# side; the apex is the origin. Skin and core are tagged as epidermis and subcutaneous tissue, so
+# that receptors lie between them. The exact volume is $\tfrac23 \pi\, 8 \cdot 10 \cdot 6.5$ mm³;
+# with flat facets it is slightly smaller. Meshing needs gmsh.
 #
 #     python demos/verification/pad.py --size 1.2
 
@@ -57,7 +57,7 @@ def _tetrahedra(size_mm: float) -> tuple[np.ndarray, np.ndarray]:
 
 # %%
 def main(*, size: float = 1.2) -> None:
-    """Mesh the pad and print how well it fills the half ellipsoid; `size` in mm."""
+    """Mesh the pad and print its volume relative to the half ellipsoid; `size` in mm."""
     mesh = half_ellipsoid(size)
     corners = mesh.nodes[mesh.tets[:, :4]]
     volume = np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6

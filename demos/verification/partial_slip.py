@@ -2,12 +2,12 @@
 # # Cattaneo and Mindlin: a pressed ball that begins to slide
 #
 # This demo emphasizes
-# - where a contact sticks and where it slips, against the exact solution,
-# - the hysteresis of a tangential load that goes to and fro,
+# - the stick and slip zones of the contact, compared with the exact solution,
+# - the hysteresis of a cyclic tangential load,
 # - the energy balance of every step: work of the ball, strain energy, heat of friction.
 #
 # A ball pressed with the force $P$ onto a half space has Hertz's pressure $p$ on a disc of radius
-# $a$. A tangential force $Q < \mu P$ leaves a disc of radius $c$ that sticks,
+# $a$. With a tangential force $Q < \mu P$ a disc of radius $c$ sticks,
 #
 # $$ c/a = (1 - Q/\mu P)^{1/3}, \qquad
 #    q(r) = \mu p_0 \left(\sqrt{1 - r^2/a^2} - \tfrac{c}{a} \sqrt{1 - r^2/c^2}\right), $$
@@ -17,7 +17,7 @@
 # $$ \delta = \delta_s \left(1 - (1 - Q/\mu P)^{2/3}\right), \qquad
 #    \delta_s = \frac{3 (2 - \nu) \mu P}{16\, G a}. $$
 #
-# Turned back from $(\delta^*, Q^*)$ it follows
+# On unloading from $(\delta^*, Q^*)$ it follows
 # $\delta^* - \delta = 2 \delta_s (1 - (1 - (Q^* - Q)/2\mu P)^{2/3})$. The stick radius is measured
 # without a threshold: the second moment of the friction is
 # $\int q\, r^2 dA = \mu (1 - c^5/a^5) \int p\, r^2 dA$.
@@ -83,8 +83,8 @@ class Row:
 
 
 # %% [markdown]
-# The load breaks one of Hertz's symmetries, so half a body is needed: the quarter and its mirror
-# image.
+# The load breaks one of Hertz's symmetries, so half of the body is needed: the quarter and its
+# mirror image.
 
 
 # %%
@@ -120,7 +120,7 @@ class State:
 
 
 def stroke(per_radius: float, furthest_mm: float, steps: int) -> list[State]:
-    """Press the ball, then move it to, fro and to again by `furthest_mm`."""
+    """Press the ball, then move it to `furthest_mm`, to minus that and back again."""
     solver = Solver(held=("cut",), linear="direct", contact_width_MPa=1e-5)
     mesh = with_mirror_image(body_mesh("ball", per_radius, BODY_MM)) if COMM.rank == 0 else None
     domain = create_domain(mesh, COMM, solver.held)

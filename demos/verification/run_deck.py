@@ -2,15 +2,16 @@
 # # Running an exported deck with CalculiX
 #
 # This demo emphasizes
-# - what becomes of a deck that `tactile-fem export` wrote,
-# - where CalculiX tells what: increments in `.sta`, iterations in `.cvg`, sums of forces and the
+# - how to run a deck written by `tactile-fem export`,
+# - CalculiX's output files: increments in `.sta`, iterations in `.cvg`, sums of forces and the
 #   strain energy density (SED) at the four integration points of a tetrahedron in `.dat`.
 #
 #     tactile-fem export --deck plate.inp --set stimulus.kind=plate --grid-mm 4
 #     python demos/verification/run_deck.py plate.inp --timeout 600
 #
 # CalculiX is the program `ccx` (Debian: `apt-get install calculix-ccx`). Its time grows with nearly
-# the square of the unknowns; after `timeout` seconds it is stopped, and what it did is told.
+# the square of the unknowns. After `timeout` seconds it is stopped, and the results so far are
+# printed.
 
 # %%
 import os
@@ -33,7 +34,7 @@ KPA_PER_MPA = 1000.0
 # %%
 @dataclass(frozen=True)
 class DeckRun:
-    """What CalculiX did, over the increments that it accepted.
+    """CalculiX's results for its accepted increments.
 
     Attributes
     ----------
@@ -60,7 +61,7 @@ class DeckRun:
 
 
 def run_deck(deck: Path, *, cores: int = 1, timeout: float = 3600.0) -> DeckRun:
-    """Run CalculiX in the deck's folder and read what it left."""
+    """Run CalculiX in the deck's folder and read its output files."""
     variables = ("OMP_NUM_THREADS", "CCX_NPROC_STIFFNESS", "CCX_NPROC_RESULTS")
     environment = os.environ | dict.fromkeys(variables, str(cores))
     for suffix in (".sta", ".cvg", ".dat"):
@@ -117,12 +118,12 @@ def rows_of(path: Path) -> list[list[str]]:
 
 
 def text_of(path: Path) -> str:
-    """Return a file's text; nothing if CalculiX did not come to write it."""
+    """Return a file's text; empty if CalculiX did not write it."""
     return path.read_text(encoding="utf-8") if path.exists() else ""
 
 
 def is_installed() -> bool:
-    """Tell, and say so if not, whether CalculiX is there."""
+    """Return whether CalculiX is installed, and print a message if not."""
     found = shutil.which("ccx") is not None
     if not found:
         print("CalculiX is not installed: there is no ccx on the path, so nothing is run.")

@@ -1,21 +1,21 @@
 # %% [markdown]
-# # A block with sharp edges, pressed and slid: what Nitsche's parameters change
+# # Effects of Nitsche's parameters on a block with sharp edges
 #
 # This demo emphasizes
 # - the force over more than two decades of gamma and for theta 0, 1 and -1, on two meshes,
-# - what a small gamma costs in accuracy and a large one in Newton iterations,
-# - three ways to see a wrong choice: penetration, the oscillation of the contact pressure, and the
-#   contact force against the traction of the tissue itself.
+# - the loss of accuracy with a small gamma, and the Newton iterations with a large one,
+# - three indicators of a wrong choice: penetration, oscillation of the contact pressure, and the
+#   difference between contact force and tissue traction.
 #
-# A cube-like block of dermis, 6 x 6 x 3 mm, is held on top, pressed on a flat plate by 10 % of its
-# height and slid with friction 0.3 until it slips everywhere. Its edges carry a singular pressure.
-# Nitsche's contact pressure and the tissue's traction,
+# A block of dermis, 6 x 6 x 3 mm, is fixed on top, pressed on a flat plate by 10 % of its
+# height and slid with friction 0.3 until it slips everywhere. At its edges the pressure is
+# singular. Nitsche's contact pressure and the tissue's traction,
 #
 # $$ s_n = [p - \gamma_h g]_+, \qquad p = \nu \cdot P N, \qquad \gamma_h = \gamma (K + 4G/3)/h, $$
 #
-# agree where the mesh resolves the solution: $s_n - p$ is a residual of consistency. The
-# oscillation is the root mean square of $s_n$ minus its facet's mean, by the mean, more than
-# 1 mm away from the edges.
+# agree where the mesh resolves the solution: $s_n - p$ is a consistency error. The oscillation is
+# the root mean square of $s_n$ minus its mean on the facet, relative to the mean, at points more
+# than 1 mm from the edges.
 #
 #     python demos/verification/sharp_block.py results/sharp_block
 #     python demos/verification/sharp_block.py results/quick --meshes 2 --gammas 1.2 --thetas 0
@@ -52,7 +52,7 @@ DT_S = 0.01
 
 @dataclass(frozen=True)
 class Row:
-    """One way to solve; NaN and the step at which it failed where Newton's method did.
+    """One choice of parameters; if Newton's method failed, NaN and the failed step.
 
     Attributes
     ----------

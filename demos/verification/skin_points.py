@@ -1,4 +1,4 @@
-"""What acts at the contact quadrature points of the skin; shared by the demos of this folder."""
+"""Tractions at the contact quadrature points of the skin; used by the demos in this folder."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class SkinPoints:
 
 
 class SkinProbe:
-    """Evaluates a problem's skin, which has to be of one tissue."""
+    """Evaluates the skin of a problem, which must be of one tissue."""
 
     def __init__(self, problem: FingerProblem) -> None:
         self._problem = problem
@@ -77,7 +77,7 @@ class SkinProbe:
         return SkinPoints(place, deformed, area, friction, *rows[9:], facet.astype(int))
 
     def _facet_of(self, area: np.ndarray) -> np.ndarray:
-        """Return the facet's number of each point; the points of a facet follow each other."""
+        """Return the facet number of each point; the points of a facet are consecutive."""
         V = self._area.function_spaces[0]
         facets = V.mesh.topology.index_map(2)
         count = facets.size_local + facets.num_ghosts

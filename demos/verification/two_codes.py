@@ -1,4 +1,4 @@
-"""What two codes did with the same press and slide, side by side; used by `calculix.py`."""
+"""Compares the results of two codes for the same press and slide; used by `calculix.py`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tactile_fem.study import Protocol
 
 @dataclass(frozen=True)
 class Cost:
-    """What a code needed.
+    """Cost of a code.
 
     `seconds` is wall time without start-up; `cpu_seconds` hardly changes when the computer has
     other work too.
@@ -38,14 +38,14 @@ class Cost:
 
 @dataclass(frozen=True)
 class Way:
-    """What happened on the way: (n,) mm, (n, 3) N on the finger, (n, points) kPa."""
+    """Histories of a press or slide: (n,) mm, (n, 3) N on the finger, (n, points) kPa."""
 
     way_mm: np.ndarray
     force_N: np.ndarray
     sed_kPa: np.ndarray
 
     def at(self, way_mm: np.ndarray) -> Way:
-        """Return this way at other places, linearly between its steps."""
+        """Return these histories at other positions, interpolated linearly."""
         force, sed = (
             np.column_stack([np.interp(way_mm, self.way_mm, c) for c in field.T])
             for field in (self.force_N, self.sed_kPa)
@@ -54,7 +54,7 @@ class Way:
 
 
 def print_cost(mine: Cost, other: Cost) -> None:
-    """Print what the codes needed, side by side."""
+    """Print the cost of both codes."""
     for name, value in asdict(mine).items():
         pair = value, getattr(other, name)
         shown = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in pair)
@@ -67,7 +67,7 @@ def print_cost(mine: Cost, other: Cost) -> None:
 
 @dataclass(frozen=True)
 class Place:
-    """Forces at one place of the way; the tangential one is against the motion."""
+    """Forces at one position; the tangential one is opposite to the motion."""
 
     depth_mm: float
     slide_mm: float
@@ -79,7 +79,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Point:
-    """SED at one receptor at the end of a leg."""
+    """SED at one receptor at the end of press or slide."""
 
     moment: str
     x_mm: float
@@ -89,7 +89,7 @@ class Point:
 
 
 def compare(protocol: Protocol, points: np.ndarray, mine: Way, other: Way, folder: Path) -> None:
-    """Print, keep and draw the differences at our steps, as far as both went.
+    """Print, save and draw the differences at our steps, as far as both codes got.
 
     A difference is told as a share of CalculiX's value at the same place; friction as a share of
     its value at the end, since it starts from nothing. `points` are (n, 3) mm.

@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Literal
@@ -16,9 +15,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the c
 
 from cyclopts import App, Parameter, validators
 
+from tactile_fem import __version__
 from tactile_fem.cli import series as cli_series
 from tactile_fem.cli import view as cli_view
-from tactile_fem.cli.entry import outcome
+from tactile_fem.cli.entry import exit_code_of
 from tactile_fem.cli.options import Ranks, Settings, StudyFile
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime import doctor as diagnosis
@@ -30,23 +30,16 @@ from tactile_fem.study.file import load_study
 from tactile_fem.study.template import commented_template
 
 HELP = """Press embossed letters on a layered fingertip and slide them:
-what do its afferents fire?
+how do its afferents respond?
 
-Without a study file a scan is the paper's: F G H, 1.97 mm deep, 10 mm long.
+Without a study file the paper's scan is run: F G H, 1.97 mm deep, 10 mm long.
 
     tactile-fem scan
     tactile-fem scan study.toml --set stimulus.text=EFG --ranks 2
 """
 
 
-def _version() -> str:
-    try:
-        return version("tactile-fem")
-    except PackageNotFoundError:
-        return "unknown (not installed)"
-
-
-app = App(name="tactile-fem", help=HELP, version=_version, help_format="plaintext")
+app = App(name="tactile-fem", help=HELP, version=__version__, help_format="plaintext")
 app.command(cli_series.sweep)
 app.command(cli_series.fibre)
 app.command(cli_view.view)
@@ -73,10 +66,10 @@ def scan(
         ),
     ] = False,
 ) -> None:
-    """Run a study and leave data and pictures in a folder.
+    """Run a study and write data and pictures into a folder.
 
-    Started again after it was cut off, it goes on from the last step.
-    Options that start with -tactile_ go to PETSc: -tactile_snes_rtol 1e-8.
+    An interrupted scan continues from its last step when started again.
+    Options that start with -tactile_ are passed to PETSc: -tactile_snes_rtol 1e-8.
     """
     from tactile_fem.scan.checks import check_study
 
@@ -99,12 +92,12 @@ def scan(
 
 @app.command
 def resume(
-    results: Annotated[Path, Parameter(help="Folder of a scan that was cut off.")],
+    results: Annotated[Path, Parameter(help="Folder of an interrupted scan.")],
     /,
     *,
     ranks_: Ranks = 1,
 ) -> None:
-    """Go on with a scan from its last step, on any number of ranks."""
+    """Continue a scan from its last step, on any number of ranks."""
     from tactile_fem.scan.checks import check_study
 
     check_study(Results.open(results).study)
@@ -149,7 +142,7 @@ def _run(start: Callable[[list[Callable[..., None]]], object], folder: Path) -> 
         answering(stop_at_once),
         logs.ProgressDisplay(rank, console=console) as display,
     ):
-        start([lambda seen: display.step(seen.step)])
+        start([display.step])
     if rank == 0:
         found = Results.open(folder)
         if found.study.output.pictures:
@@ -193,7 +186,7 @@ def export(
     settings: Settings = None,
     format_: Annotated[
         Literal["calculix", "abaqus"],
-        Parameter(name="--format", help="Whose words; they differ in three lines."),
+        Parameter(name="--format", help="Dialect of the deck; they differ in three lines."),
     ] = "calculix",
     press_step_mm: Annotated[
         float | None, Parameter(help="Increments of the indentation.", validator=_positive)
@@ -283,7 +276,7 @@ def init(
 
 @app.command
 def doctor() -> int:
-    """Look for compiler and libraries that pip cannot install, and name their packages."""
+    """Check compiler and libraries that pip cannot install, and name their packages."""
     code = diagnosis.main()
     try:
         from tactile_fem.runtime import backend
@@ -298,8 +291,8 @@ def doctor() -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code, as in `outcome`."""
-    return outcome(app, petsc_settings(sys.argv[1:] if arguments is None else arguments))
+    """Run a command and return its exit code, see `exit_code_of`."""
+    return exit_code_of(app, petsc_settings(sys.argv[1:] if arguments is None else arguments))
 
 
 def petsc_settings(arguments: Sequence[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""How a program ends: with an exit code, and with a sentence where something is wrong."""
+"""Runs a program and turns its errors into one sentence and an exit code."""
 
 from __future__ import annotations
 
@@ -16,33 +16,34 @@ from tactile_fem.study.explain import explain
 
 
 def run(main: Callable[..., object]) -> NoReturn:
-    """Call a demo's `main` with the command line's arguments, and end the process.
+    """Call a demo's `main` with the arguments of the command line, and exit.
 
-    Its parameters become arguments and options, its docstring the help.
+    Its parameters become arguments and options, its docstring the help text.
     """
     app = App()
     app.default(main)
-    sys.exit(outcome(app, None))
+    sys.exit(exit_code_of(app, None))
 
 
-def outcome(app: App, tokens: list[str] | None) -> int:
-    """Run a program and return its exit code; say on rank 0 what was wrong.
+def exit_code_of(app: App, tokens: list[str] | None) -> int:
+    """Run a program and return its exit code; rank 0 prints errors.
 
-    0, 2 for bad input, 3 for divergence, 130 and 143 after SIGINT and SIGTERM, 1 otherwise.
+    The code is 0 on success, 2 for bad input, 3 for divergence, 130 and 143 after SIGINT and
+    SIGTERM, 1 otherwise.
     """
     try:
         code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
-        return _complain(str(error), 2)
+        return _report(str(error), 2)
     except ValidationError as error:  # a part of a study that a demo makes
-        return _complain(explain(error), 2)
+        return _report(explain(error), 2)
     except TactileError as error:
-        return _complain(str(error), error.exit_code)
+        return _report(str(error), error.exit_code)
     except OSError as error:
         what = error.filename or "A file"
-        return _complain(f"{what} cannot be read or written: {error.strerror or error}.", 1)
+        return _report(f"{what} cannot be read or written: {error.strerror or error}.", 1)
     except KeyboardInterrupt:
-        return _complain("interrupted", 130)
+        return _report("interrupted", 130)
     except Exception:  # a bug
         if ranks.launched_rank() in (None, 0):
             traceback.print_exc()
@@ -50,7 +51,7 @@ def outcome(app: App, tokens: list[str] | None) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _complain(message: str, code: int) -> int:
+def _report(message: str, code: int) -> int:
     if ranks.launched_rank() in (None, 0):
         for line in message.strip().splitlines():
             stop = "" if line.endswith((".", "?", "!")) else "."

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands have."""
+"""Arguments and options shared by several commands."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter, validators
 
-StudyFile = Annotated[Path | None, Parameter(help="Study file in TOML; without it the paper's.")]
+StudyFile = Annotated[Path | None, Parameter(help="Study file in TOML; default the paper's.")]
 Settings = Annotated[
     list[str] | None,
     Parameter(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tactile_fem.series import Member
 
 Folder = Annotated[Path, Parameter(help="Folder for the scans' folders and summary.csv.")]
-Jobs = Annotated[int, Parameter(help="Scans at a time.", validator=validators.Number(gte=1))]
+Jobs = Annotated[int, Parameter(help="Parallel scans.", validator=validators.Number(gte=1))]
 Share = Annotated[
     str, Parameter(help="Run only the K-th of N shares, K/N; for schedulers' job arrays.")
 ]
@@ -41,9 +41,9 @@ def sweep(
     ranks_: Ranks = 1,
     task: Share = "1/1",
 ) -> None:
-    """Scan with every combination of some values, and tabulate what came out.
+    """Scan with every combination of the given values, and tabulate the results.
 
-    Started again it does what is left. Each scan has a folder and a process of its own.
+    Started again, it completes the missing scans. Each scan has its own folder and process.
     """
     from tactile_fem.series import sweep as members_of
 
@@ -63,9 +63,9 @@ def fibre(
     ranks_: Ranks = 1,
     task: Share = "1/1",
 ) -> None:
-    """Scan in passes over one receptor, the stimulator shifted across the finger between them.
+    """Scan in passes over one receptor, with the stimulator shifted across the finger each time.
 
-    Started again it does what is left. Each pass has a folder and a process of its own.
+    Started again, it completes the missing passes. Each pass has its own folder and process.
     """
     from tactile_fem.series import single_fibre
 
@@ -76,10 +76,10 @@ def fibre(
 
 
 def _run(members: Sequence[Member], folder: Path, jobs: int, ranks: int, task: str) -> None:
-    from tactile_fem.series import Task, run_series, write_summary
+    from tactile_fem.series import run_series, write_summary
 
     logs.set_up(console=logs.stderr_console())
-    outcomes = run_series(members, folder, jobs=jobs, ranks=ranks, task=Task.parse(task))
+    outcomes = run_series(members, folder, jobs=jobs, ranks=ranks, task=task)
     print(f"Written to {write_summary(members, folder)}")
     failed = [outcome for outcome in outcomes if outcome.problem]
     if failed:

@@ -29,18 +29,19 @@ def view(
     ] = None,
     at_mm: Annotated[
         float | None,
-        Parameter(help="Displacement that the page shows; default where most is felt."),
+        Parameter(help="Displacement shown on the page; default that of the largest SED."),
     ] = None,
 ) -> None:
-    """Show the finger cut open, the strain energy density and which receptors fire.
+    """Show the finger cut open, the strain energy density and the firing receptors.
 
-    In a window with a slider over the slide; with --save in a file, which needs no display.
+    Opens a window with a slider for the displacement, or writes a file with --save, which needs
+    no display.
     """
     found = Results.open(results)
     _check(save, at_mm)
     logs.set_up(console=logs.stderr_console())
     if save is not None:
-        os.environ.pop("DISPLAY", None)  # it might not answer
+        os.environ.pop("DISPLAY", None)  # it might be unreachable
     import pyvista
 
     from tactile_fem.output import view as viewing
@@ -62,7 +63,7 @@ def view(
 
 
 def _check(save: Path | None, at_mm: float | None) -> None:
-    """Raise what can be told before a graphics library is loaded."""
+    """Raise errors that can be detected before a graphics library is loaded."""
     if save is not None and save.suffix not in _ENDINGS:
         raise StudyError(f'--save is "{save}" but must end in {", ".join(_ENDINGS)}.')
     if save is not None and not save.absolute().parent.is_dir():
@@ -83,7 +84,7 @@ def _check(save: Path | None, at_mm: float | None) -> None:
 
 
 def has_display() -> bool:
-    """Tell whether a window can be opened: a display that is named need not answer."""
+    """Return whether a window can be opened: the display in the environment may be unreachable."""
     if not sys.platform.startswith("linux"):
         return True
     try:

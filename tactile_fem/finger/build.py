@@ -1,4 +1,4 @@
-"""The parametric finger: skin extruded inwards, the rest filled by gmsh."""
+"""Meshes the parametric finger: the skin is extruded inwards, the rest filled by gmsh."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def build_finger(finger: Finger) -> FingerMesh:
 def tag_surfaces(
     nodes: Array, tets: NDArray[np.int64], tissue: NDArray[np.int64], cut_y: float
 ) -> tuple[Triangles, NDArray[np.int64]]:
-    """Return the tagged facets (k, 3) and their tags (k,), known by the tissues on their sides."""
+    """Return the tagged facets (k, 3) and tags (k,), which follow from the adjacent tissues."""
     facets, first, second = facets_of(tets)
     one = tissue[first]
     other = np.where(second < 0, 0, tissue[second])
@@ -105,7 +105,7 @@ def _rim(triangles: Triangles) -> NDArray[np.int64]:
 def _fill_plane(
     nodes: Array, loops: list[NDArray[np.int64]], size: float
 ) -> tuple[Array, Triangles]:
-    """Triangulate the cut plane within the first loop and outside of the second."""
+    """Triangulate the cut plane inside the first loop and outside the second."""
     with gmsh_model() as gmsh:
         geo = gmsh.model.geo
         known = np.concatenate(loops)
@@ -125,7 +125,7 @@ def _fill_plane(
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
         gmsh.option.setNumber("Mesh.MeshSizeMax", size)
         gmsh.model.mesh.generate(2)
-        # A point's mesh node has another number than the point.
+        # The number of a point's mesh node differs from that of the point.
         number = {}
         for tag in known:
             ((node,), _, _) = gmsh.model.mesh.getNodes(0, int(tag) + 1)
@@ -136,7 +136,7 @@ def _fill_plane(
 def _fill_volume(
     nodes: Array, surfaces: list[Triangles], improve: bool = False
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Fill a closed space with tetrahedra; improving removes slivers and adds a few cells."""
+    """Fill a closed surface with tetrahedra; `improve` removes slivers and adds a few cells."""
     with gmsh_model() as gmsh:
         mesh = gmsh.model.mesh
         known = np.unique(np.concatenate(surfaces))
@@ -148,7 +148,7 @@ def _fill_volume(
         gmsh.model.geo.synchronize()
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
         mesh.generate(3)
-        if improve:  # by gmsh's own means where it was built without Netgen, as Debian's
+        if improve:  # with gmsh's own optimizer if it was built without Netgen, as in Debian
             has_netgen = "Netgen" in gmsh.option.getString("General.BuildOptions")
             mesh.optimize("Netgen" if has_netgen else "", force=True)
         return _read(gmsh, nodes, {int(k) + 1: int(k) for k in known}, 3)

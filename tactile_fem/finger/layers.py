@@ -1,4 +1,4 @@
-"""Layers of tissue: the skin's triangles extruded inwards, three tetrahedra to a prism."""
+"""Layers of skin: its triangles are extruded inwards to prisms of three tetrahedra."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.finger.shape import Array
 from tactile_fem.study import Finger
 
-CUT_BLEND_MM = 4.0  # over this length extrusion turns into the plane of the cut
+CUT_BLEND_MM = 4.0  # over this length the extrusion turns into the plane of the cut
 
 
 @dataclass(frozen=True)
 class Layering:
     """Depths (r + 1,) in mm that bound the rows, and the tissue tag (r,) of each row.
 
-    The rows above `nail_rows` belong to the nail where there is one.
+    Under the nail's outline the first `nail_rows` rows belong to the nail.
     """
 
     depths: Array
@@ -28,15 +28,15 @@ class Layering:
 
 
 def layering(finger: Finger, epidermis_rows: int) -> Layering:
-    """Divide the layers into rows; the nail's underside is one of the limits.
+    """Divide the layers into rows; the underside of the nail is one of the boundaries.
 
-    The epidermis has at least `epidermis_rows`, one more if the nail ends within a single one;
-    otherwise the limit nearest to the nail's underside is moved there.
+    If a boundary within the epidermis is close to the underside of the nail, it is moved there;
+    otherwise a row is divided there.
 
     Raises
     ------
     MeshError
-        If the layers are thicker than the pad or the nail thicker than the layers.
+        The layers are thicker than the pad, or the nail is thicker than the layers.
     """
     corneum = finger.stratum_corneum_mm
     dermis_top = corneum + finger.epidermis_mm
@@ -68,7 +68,7 @@ def layering(finger: Finger, epidermis_rows: int) -> Layering:
 
 
 def extrusion_directions(points: Array, normals: Array, cut_y: float) -> Array:
-    """Return directions (n, 3) of unit normal component that stay in the cut plane at the cut."""
+    """Return directions (n, 3) with unit normal component, in the cut plane at the cut."""
     t = np.clip((points[:, 1] - cut_y) / CUT_BLEND_MM, 0.0, 1.0)
     directions = normals.copy()
     directions[:, 1] *= t * t * (3.0 - 2.0 * t)
@@ -87,9 +87,9 @@ def extrude(
     Parameters
     ----------
     points, directions
-        (n, 3) of the outer skin in mm; the directions point outwards.
+        (n, 3) points of the outer skin in mm, and outward directions.
     triangles, under_nail
-        (m, 3) corners turning outwards; (m,) whether the nail lies there.
+        (m, 3) corners, oriented outwards; (m,) whether a triangle is under the nail.
     layers
         The rows.
 
@@ -100,7 +100,7 @@ def extrude(
     """
     count, rows = len(points), len(layers.tissue)
     nodes = np.vstack([points - depth * directions for depth in layers.depths])
-    # Sorting the corners makes the diagonals of a side the same for both of its prisms.
+    # Sorted corners give the two prisms at a common side the same diagonal.
     order = np.argsort(triangles, axis=1)
     i, j, k = np.take_along_axis(triangles, order, axis=1).T
     prism = np.stack(
@@ -112,7 +112,7 @@ def extrude(
         axis=1,
     )
     odd = (order[:, 0] > order[:, 1]) ^ (order[:, 1] > order[:, 2]) ^ (order[:, 0] > order[:, 2])
-    # Turning outwards, (i, j, k) has the inner corner behind it: even ones are inside out.
+    # (i, j, k) is oriented outwards and the fourth corner is inside, so even ones are inverted.
     prism[~odd] = prism[~odd][..., [1, 0, 2, 3]]
     tets = np.concatenate([prism.reshape(-1, 4) + row * count for row in range(rows)])
     tissue = np.empty((rows, len(triangles), 3), dtype=np.int64)

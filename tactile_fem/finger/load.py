@@ -1,4 +1,4 @@
-"""The mesh that a study asks for: a file's, the shipped one, or a new one."""
+"""Provides the mesh of a study: from a file, a shipped one, or a new one."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ MESH_FOLDERS = (
 def load_finger(finger: Finger) -> FingerMesh:
     """Return the finger's mesh.
 
-    A `mesh_file` is read; a finger whose values equal those of a shipped recipe comes from the
-    shipped file; every other one is meshed, which needs gmsh.
+    A `mesh_file` is read. If all values equal those of a shipped recipe, the shipped mesh is
+    read. Every other finger is meshed, which needs gmsh.
 
     Raises
     ------
     MeshError
-        If the mesh cannot be read, made or used.
+        The mesh cannot be read, generated or used.
     """
     if finger.mesh_file is not None:
         if not finger.mesh_file.is_file():
@@ -49,7 +49,7 @@ def load_finger(finger: Finger) -> FingerMesh:
 
 
 def shipped_file(finger: Finger) -> Path | None:
-    """Return the shipped mesh whose recipe is this finger, if there is one."""
+    """Return the shipped mesh with this finger as its recipe, if there is one."""
     for folder in MESH_FOLDERS:
         for recipe in sorted(folder.glob("*.toml")):
             mesh = recipe.with_suffix(".msh")

@@ -20,14 +20,14 @@ TISSUES = {
 }
 SURFACES = {"skin": 11, "interface": 12, "bone_surface": 13, "cut": 14}
 
-# Corners of the facet opposite to each corner, ordered to turn outwards.
+# Corners of the facet opposite to each corner, oriented outwards.
 TET_FACETS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 # Corners of the edges that carry nodes 5 to 10 (tetra10) and 4 to 6 (triangle6), gmsh's order.
 TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [2, 3], [1, 3]])
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
-# VTK, meshio, CalculiX and Abaqus have the last two mid-nodes of a tetrahedron the other way round.
+# In VTK, meshio, CalculiX and Abaqus the last two mid-nodes of a tetrahedron are swapped.
 VTK_ORDER = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
-# A point this far outside a facet, in barycentric coordinates, is still in it.
+# Tolerance in barycentric coordinates for a point inside a facet.
 _EDGE = 1e-9
 
 
@@ -42,12 +42,12 @@ class FingerMesh:
     tets
         (m, 10) nodes of each tetrahedron, in gmsh's order.
     tissue
-        (m,) tags out of `TISSUES`.
+        (m,) tags from `TISSUES`.
     triangles
         (k, 6) nodes of the tagged facets, in gmsh's order.
     surface
-        (k,) tags out of `SURFACES`. "skin" is the outer skin without nail and cut, "interface"
-        lies between epidermis and dermis, "bone_surface" is the bone's but for the cut.
+        (k,) tags from `SURFACES`. "skin" is the outer skin without nail and cut, "interface"
+        lies between epidermis and dermis, "bone_surface" is that of the bone without the cut.
     """
 
     nodes: NDArray[np.float64]
@@ -68,12 +68,13 @@ class FingerMesh:
 def held_parts(
     mesh: FingerMesh, names: Sequence[str]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Tell which tetrahedra and which nodes the named tissues and surfaces hold.
+    """Return the tetrahedra and nodes of the named tissues and surfaces.
 
     Returns
     -------
     tets, nodes
-        (m,) tetrahedra of the tissues; (n,) their nodes and those of the surfaces.
+        (m,) whether a tetrahedron belongs to the tissues; (n,) whether a node belongs to the
+        tissues or surfaces.
     """
     tets = np.isin(mesh.tissue, [tag for name, tag in TISSUES.items() if name in names])
     facets = np.isin(mesh.surface, [tag for name, tag in SURFACES.items() if name in names])
@@ -94,13 +95,13 @@ def facets_of(tets: NDArray[np.int64]) -> tuple[NDArray, NDArray, NDArray]:
     Returns
     -------
     facets, first, second
-        (f, 3) corners, turned out of the cell `first` (f,); the cell `second` (f,) on the other
-        side is -1 on the boundary.
+        (f, 3) corners, oriented outwards from the cell `first` (f,); the cell `second` (f,) on
+        the other side is -1 on the boundary.
 
     Raises
     ------
     ValueError
-        If a facet belongs to more than two cells.
+        A facet belongs to more than two cells.
     """
     corners = tets[:, TET_FACETS].reshape(-1, 3)
     _, start, group, count = np.unique(
@@ -119,7 +120,7 @@ def facets_of(tets: NDArray[np.int64]) -> tuple[NDArray, NDArray, NDArray]:
 def quadratic(
     nodes: NDArray[np.float64], tets: NDArray[np.int64], triangles: NDArray[np.int64]
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Add straight midpoints: four- and three-node elements become ten- and six-node ones.
+    """Add midpoints: four- and three-node elements become straight ten- and six-node ones.
 
     Returns
     -------
@@ -144,18 +145,18 @@ def quadratic(
 def lowest_facet(
     x: float, y: float, facets: NDArray[np.float64]
 ) -> tuple[int, NDArray[np.float64]] | None:
-    """Return the lowest of flat facets over a place, and where in it.
+    """Return the lowest facet above or below a point of the XY plane, and the position in it.
 
     Parameters
     ----------
     x, y
-        The place in mm.
+        The point in mm.
     facets
         (m, 3, 3) corners.
 
     Returns
     -------
-    Index of the facet and barycentric coordinates (3,) of the point; None if there is no facet.
+    Index of the facet and barycentric coordinates (3,) in it; None if there is no facet.
     """
     corner, edges = facets[:, 0, :2], facets[:, 1:, :2] - facets[:, :1, :2]
     (a, b), (c, d) = edges[:, :, 0].T, edges[:, :, 1].T

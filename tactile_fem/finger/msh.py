@@ -16,9 +16,9 @@ OPTIONAL = {"nail"}
 
 
 def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
-    """Read a .msh file of any version; the names of its physical groups decide.
+    """Read a .msh file of any version; the tags follow from the names of its physical groups.
 
-    Nodes keep the file's order, those of no tetrahedron are left out.
+    Nodes keep the file's order; nodes that belong to no tetrahedron are left out.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
     Raises
     ------
     MeshError
-        If the file cannot be read, lacks a part, or has elements of another order.
+        The file cannot be read, a part is missing, or its elements are of another order.
     """
     try:
         raw = meshio.gmsh.read(path)
@@ -76,7 +76,7 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
 def _tagged(
     raw: meshio.Mesh, kind: str, dim: int, tags: dict[str, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the cells of a kind and our tags of them, 0 for unknown names."""
+    """Return the cells of a type and their tags in this package, 0 for unknown names."""
     number = {
         int(value[0]): tags[name]
         for name, value in raw.field_data.items()

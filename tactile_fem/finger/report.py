@@ -29,19 +29,16 @@ def volumes(nodes: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.f
 
 
 def gammas(nodes: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return gmsh's quality gamma (m,): inscribed over circumscribed radius, 1 if regular."""
-    a, b, c, d = (nodes[tets[:, i]] for i in range(4))
-    area = sum(
-        np.linalg.norm(np.cross(q - p, r - p), axis=1) / 2
-        for p, q, r in ((a, b, c), (a, b, d), (a, c, d), (b, c, d))
-    )
-    edges = [np.linalg.norm(q - p, axis=1) for p, q in ((a, b), (c, d), (a, c), (b, d))]
-    edges += [np.linalg.norm(q - p, axis=1) for p, q in ((a, d), (b, c))]
-    x, y, z = edges[0] * edges[1], edges[2] * edges[3], edges[4] * edges[5]
-    heron = np.maximum((x + y + z) * (x + y - z) * (x - y + z) * (y + z - x), 1e-300)
+    """Return gmsh's quality gamma (m,): three times inradius over circumradius, 1 if regular."""
+    p, q, r = (nodes[tets[:, i]] - nodes[tets[:, 0]] for i in (1, 2, 3))
+    faces = np.array([np.cross(q, r), np.cross(r, p), np.cross(p, q)])
+    faces_and_base = np.array([*faces, faces.sum(axis=0)])
+    area = np.linalg.norm(faces_and_base, axis=2).sum(axis=0) / 2
+    squares = (np.array([p, q, r]) ** 2).sum(axis=2, keepdims=True)
     volume = np.abs(volumes(nodes, tets))
-    # r = 3 V / A and R = sqrt(heron) / (24 V)
-    return 3.0 * (3.0 * volume / area) * (24.0 * volume / np.sqrt(heron))
+    # The inradius is 3 V / A, the circumradius |sum of squares times faces| / (12 V).
+    circumradius_12V = np.linalg.norm((squares * faces).sum(axis=0), axis=1)
+    return 3 * (3 * volume / area) * (12 * volume / circumradius_12V)
 
 
 def _jacobians(mesh: FingerMesh) -> NDArray[np.float64]:
@@ -95,7 +92,7 @@ def check_mesh(mesh: FingerMesh) -> None:
 
 
 def pad_thickness_mm(mesh: FingerMesh) -> float:
-    """Return the height in mm from skin to bone straight above the contact point, X = Y = 0.
+    """Return the height in mm from skin to bone above the contact point, X = Y = 0.
 
     Raises
     ------
@@ -124,8 +121,9 @@ def layer_thickness(mesh: FingerMesh) -> dict[str, NDArray[np.float64]]:
     Returns
     -------
     thickness
-        mm per layer: distances from the middles of the pad's facets of each limit to the nearest
-        point of the next limit, the stratum corneum first. A layer that the pad lacks is left out.
+        mm per layer, the stratum corneum first: distances from the facet centres of the layer's
+        outer boundary on the pad to the nearest point of its inner boundary. Missing layers are
+        left out.
     """
     facets, first, second = facets_of(mesh.tets)
     inner = second >= 0

@@ -1,4 +1,4 @@
-"""Gmsh, started only while a finger is meshed."""
+"""Access to gmsh, which runs only while a finger is meshed."""
 
 from __future__ import annotations
 
@@ -32,14 +32,15 @@ _OPTIONS = {
 
 @contextmanager
 def gmsh_model() -> Iterator[ModuleType]:
-    """Lend gmsh with an empty model and silent, repeatable settings.
+    """Provide gmsh with an empty model and silent, reproducible settings.
 
-    The model is removed afterwards, and gmsh finalized if it was started here, error or not.
+    Afterwards, also after an error, the model is removed, and gmsh is finalized if it was started
+    here.
 
     Raises
     ------
     MeshError
-        If gmsh is missing, or fails while meshing.
+        Gmsh is missing, or fails while meshing.
     """
     try:
         import gmsh
@@ -77,7 +78,7 @@ def simplices(
     Returns
     -------
     points, cells
-        (n, 3) the corners that are used, in the order of gmsh's tags; (m, dim + 1).
+        (n, 3) used corners in the order of gmsh's tags; (m, dim + 1).
     """
     tags, flat, _ = gmsh.model.mesh.getNodes()
     _, corners = gmsh.model.mesh.getElementsByType({2: 2, 3: 4}[dim])

@@ -1,9 +1,9 @@
-"""The analytic finger: where its skin and its bone lie, and their normals.
+"""The analytic finger: skin and bone with their normals.
 
 Both are capsules: an elliptic cylinder along Y with a half-ellipsoidal tip, whose palmar and
-dorsal halves differ in height. Proximal of the contact point everything rises along an arc, so
-that the pad lifts off a plate before the cut; distal of it the palmar contour starts with the
-same curvature. All of it is proposed by this project.
+dorsal halves differ in height. Proximal of the contact point both rise along an arc, so
+that the pad lifts off a plate before the cut. Distal of it the palmar contour starts with the
+same curvature. This shape is proposed by this project.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tactile_fem.study import Finger
 
 Array = NDArray[np.float64]
 
-STEEPEST = math.radians(30.0)  # the arc of the pad ends at this slope, its tangent goes on
+STEEPEST = math.radians(30.0)  # the arc of the pad ends at this slope and continues straight
 LEAST_GAP_MM = 0.15  # bone to dermis
 
 
@@ -35,12 +35,12 @@ class Capsule:
     axis_z
         Height of the axis at Y >= 0.
     tip_y, tip_length, cut_y
-        Where the tip ends, how long it is, and where the body is cut.
+        Y of the end of the tip, length of the tip, and Y of the cut.
     pad_radius
         Radius of the contour along Y for Y < 0.
     fullness
-        Second derivative of the palmar tip contour at Y = 0 over that of an ellipse which starts
-        there; ``None`` lets the palmar contour close like the rest.
+        Second derivative of the palmar tip contour at Y = 0, divided by that of an ellipse that
+        starts there; with ``None`` the palmar contour closes like the dorsal one.
     """
 
     half_width: float
@@ -55,11 +55,11 @@ class Capsule:
 
     @property
     def shoulder_y(self) -> float:
-        """Where the rounded tip begins."""
+        """Y at which the rounded tip begins."""
         return self.tip_y - self.tip_length
 
     def rise(self, y: ArrayLike) -> tuple[Array, Array]:
-        """Return how far the body has risen at y, and its slope: arc, then tangent."""
+        """Return the rise of the body at y and its slope: an arc, then its tangent."""
         back = np.maximum(-np.asarray(y, dtype=float), 0.0)
         end = self.pad_radius * math.sin(STEEPEST)
         on_arc = np.minimum(back, end)
@@ -98,7 +98,7 @@ class Capsule:
         Parameters
         ----------
         reference
-            (n, 3): u, y, v with u^2 + v^2 = 1 in the shaft; pulled onto the capsule first.
+            (n, 3): u, y, v with u^2 + v^2 = 1 in the shaft; projected onto the capsule first.
 
         Returns
         -------
@@ -137,7 +137,7 @@ class Capsule:
         return (x / self.half_width) ** 2 + zeta**2 / height2 - closing
 
     def sample(self, step_mm: float) -> tuple[Array, Array]:
-        """Return points and normals about step_mm apart."""
+        """Return points about `step_mm` apart and their normals."""
         shaft = np.arange(self.cut_y, self.shoulder_y, step_mm)
         angle = np.linspace(0.0, np.pi / 2, int(np.ceil(2 * self.tip_length / step_mm)))
         y = np.concatenate([shaft, self.shoulder_y + self.tip_length * np.sin(angle)])
@@ -155,7 +155,7 @@ def skin_shape(finger: Finger) -> Capsule:
     Raises
     ------
     MeshError
-        If the lengths do not make a finger.
+        The lengths do not form a finger.
     """
     tip = finger.contact_from_tip_mm
     cut = tip - finger.tip_length_mm - finger.straight_length_mm
@@ -194,7 +194,7 @@ def bone_shape(finger: Finger) -> Capsule:
     Raises
     ------
     MeshError
-        If it comes nearer to the skin than the layers allow.
+        The bone is closer to the skin than the layers allow.
     """
     skin = skin_shape(finger)
     tip = finger.contact_from_tip_mm - finger.bone_tip_gap_mm

@@ -1,4 +1,4 @@
-"""Triangulation of a capsule (skin or bone), fine under the contact patch."""
+"""Triangulation of a capsule (skin or bone), refined at the contact patch."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ Size = Callable[[float, float, float], float]
 
 @dataclass(frozen=True)
 class Sizes:
-    """Edge lengths in mm under the patch, far from it and on the bone, and their growth.
+    """Edge lengths in mm at the contact patch, far from it and on the bone, and their growth.
 
-    At a mm from the patch the edge length is pad + growth a + curve a^2, at most far.
+    At a distance a from the patch the edge length is pad + growth a + curve a^2, at most far.
     """
 
     pad: float
@@ -44,7 +44,7 @@ PRESETS = {
 
 
 def sizes_of(finger: Finger) -> Sizes:
-    """Return the preset's sizes with the finger's own values in their place."""
+    """Return the preset's sizes, overridden by the finger's own values."""
     preset = PRESETS[finger.preset]
     pad = finger.pad_size_mm or preset.pad
     far = finger.far_size_mm or max(preset.far, pad)
@@ -60,7 +60,7 @@ def sizes_of(finger: Finger) -> Sizes:
 
 @dataclass(frozen=True)
 class NailOutline:
-    """Rounded rectangle in the XY plane; the nail lies under its dorsal projection (mm)."""
+    """Rounded rectangle in the XY plane (mm); the nail is its projection onto the dorsal side."""
 
     half_width: float
     start_y: float
@@ -72,7 +72,7 @@ class NailOutline:
         return 0.9 * min(self.half_width, 0.5 * (self.end_y - self.start_y))
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
-        """Tell which of the (n, 3) points lie within the outline, seen along Z."""
+        """Return which of the (n, 3) points lie inside the outline, seen along Z."""
         inner = (self.half_width - self.corner, 0.5 * (self.end_y - self.start_y) - self.corner)
         dx = np.maximum(np.abs(points[:, 0]) - inner[0], 0.0)
         dy = np.maximum(np.abs(points[:, 1] - 0.5 * (self.start_y + self.end_y)) - inner[1], 0.0)
@@ -95,7 +95,7 @@ def nail_outline(finger: Finger) -> NailOutline:
     Raises
     ------
     MeshError
-        If it is wider or longer than the back of the finger.
+        The nail is wider or longer than the back of the finger.
     """
     tip = finger.contact_from_tip_mm
     outline = NailOutline(
@@ -120,7 +120,7 @@ def nail_outline(finger: Finger) -> NailOutline:
 
 
 def pad_size(sizes: Sizes, capsule: Capsule) -> Size:
-    """Return the edge length as a function of the place on the unbent capsule."""
+    """Return the edge length as a function of the position on the unbent capsule."""
 
     def size(x: float, y: float, z: float) -> float:
         across = max(abs(x) - PATCH_MM[0], 0.0)
@@ -133,7 +133,7 @@ def pad_size(sizes: Sizes, capsule: Capsule) -> Size:
 
 
 def bone_size(sizes: Sizes, finger: Finger) -> Size:
-    """Return the bone's edge length, on its palmar side not far above the gap to the dermis."""
+    """Return the bone's edge length; on its palmar side it follows the gap to the dermis."""
     near = min(sizes.bone, max(sizes.pad, 1.5 * finger.subcutaneous_mm))
     return lambda x, y, z: near if z < 0.0 else sizes.bone
 
@@ -148,21 +148,21 @@ def triangulate(
     capsule
         The body.
     size
-        Edge length in mm at x, y and the height over the axis, before the rise.
+        Edge length in mm at x, y and the height above the axis, without the rise.
     outline
-        Edges follow this outline on the dorsal side.
+        Outline on the dorsal side that edges follow.
 
     Returns
     -------
     points, normals, triangles, under_nail
-        (n, 3) in mm, (n, 3) outward unit normals, (m, 3) corners turning outwards, (m,) whether
-        a triangle lies within the outline.
+        (n, 3) in mm, (n, 3) outward unit normals, (m, 3) corners oriented outwards, (m,) whether
+        a triangle lies inside the outline.
     """
     with gmsh_model() as gmsh:
         _add_capsule(gmsh, capsule, outline)
         gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, lc: size(x, y, z))
         gmsh.model.mesh.generate(2)
-        gmsh.model.mesh.optimize("Relocate2D", niter=5)  # mends the pole of the tip
+        gmsh.model.mesh.optimize("Relocate2D", niter=5)  # improves the pole of the tip
         gmsh.model.mesh.removeSizeCallback()
         raw, triangles = simplices(gmsh, 2)
     points, normals = capsule.place(raw / [capsule.half_width, 1.0, capsule.below])
@@ -181,7 +181,7 @@ def _add_capsule(gmsh: Any, capsule: Capsule, outline: NailOutline | None) -> No
     """Add half an ellipsoid and an elliptic tube around Y, without the proximal lid."""
     occ = gmsh.model.occ
     width, height, shoulder = capsule.half_width, capsule.below, capsule.shoulder_y
-    seam = 0.0 if outline is not None else math.pi / 2  # nodes line up here: keep it off the pad
+    seam = 0.0 if outline is not None else math.pi / 2  # nodes align here: not on the pad
     cap = (3, occ.addSphere(0, 0, 0, 1, angle1=0, angle2=math.pi / 2))
     tube = (3, occ.addCylinder(0, 0, -1, 0, 0, 1, 1))
     occ.rotate([cap, tube], 0, 0, 0, 0, 0, 1, seam)

@@ -22,7 +22,7 @@ from tactile_fem.runtime.doctor import compiler
 _WAIT_S = 300
 # Compiling a form never takes this long: its process was killed.
 _ABANDONED_S = 600
-# Other programs use the same cache. In a folder of our own we never remove what they compile.
+# A folder of our own, so that `clean_cache` never removes forms that other programs compile.
 _SUBFOLDER = "tactile_fem"
 
 _locks: dict[Path, IO[str]] = {}  # open, and so locked, as long as this process lives
@@ -37,7 +37,8 @@ def jit_options(flags: Sequence[str]) -> dict[str, Any]:
 
     This process counts as a user of the cache from now on, see `clean_cache`.
     """
-    chosen = [flag for flag in flags if flag != "-march=native" or _is_x86()]
+    is_x86 = platform.machine() in ("x86_64", "AMD64")
+    chosen = [flag for flag in flags if flag != "-march=native" or is_x86]
     if "-march=native" in chosen:
         features = hashlib.sha256(_cpuinfo("flags").encode()).hexdigest()[:12]
         chosen.append(f"-DTACTILE_CPU={features}")
@@ -52,10 +53,6 @@ def _common_options() -> dict[str, Any]:
     return {"cache_dir": folder, "timeout": _WAIT_S}
 
 
-def _is_x86() -> bool:
-    return platform.machine() in ("x86_64", "AMD64")
-
-
 def _cpuinfo(key: str) -> str:
     """Return a line of /proc/cpuinfo; the machine's name if there is none."""
     try:
@@ -67,17 +64,12 @@ def _cpuinfo(key: str) -> str:
 
 def compiled_by() -> dict[str, str]:
     """Return the C compiler and the processor, on which the last digits of results depend."""
-    return {"version": compiler_version(), "processor": _cpuinfo("model name")}
-
-
-def compiler_version() -> str:
-    """Return the first line of the C compiler's ``--version``, or its command if there is none."""
     command = compiler() or ["cc"]
-    try:
+    lines: list[str] = []
+    with suppress(OSError, subprocess.SubprocessError):
         result = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=10)
-    except (OSError, subprocess.TimeoutExpired):
-        return command[0]
-    return (result.stdout.splitlines() or command)[0]
+        lines = result.stdout.splitlines()
+    return {"version": (lines or command)[0], "processor": _cpuinfo("model name")}
 
 
 def expression(value: Expr, points: np.ndarray) -> fem.Expression:
@@ -86,11 +78,10 @@ def expression(value: Expr, points: np.ndarray) -> fem.Expression:
 
 
 def clean_cache(folder: Path) -> None:
-    """Remove forms from our part of DOLFINx's cache, `folder`, whose compilation was interrupted.
+    """Remove forms whose compilation was interrupted from our part of DOLFINx's cache, `folder`.
 
-    DOLFINx would wait for them until it gives up, at every start. Forms that another process may
-    be compiling stay. So that this can be known, this process counts as a user of the cache until
-    it ends.
+    At every start, DOLFINx would wait for them until its timeout. Forms that another process may
+    still be compiling are not removed; a lock shows whether there are other processes.
     """
     ours = folder / _SUBFOLDER
     least_age_s = 0.0 if _lock(ours) else _ABANDONED_S
@@ -98,7 +89,7 @@ def clean_cache(folder: Path) -> None:
         ready = source.with_suffix(".c.cached")
         libraries = ours.glob(f"{source.stem}.*.so")
         with suppress(OSError):  # another process was faster
-            if ready.exists():  # a power cut can leave files empty
+            if ready.exists():  # after a power cut, a library may be empty
                 interrupted = any(library.stat().st_size == 0 for library in libraries)
             else:
                 interrupted = time.time() - source.stat().st_mtime >= least_age_s
@@ -108,7 +99,7 @@ def clean_cache(folder: Path) -> None:
 
 
 def _lock(folder: Path) -> bool:
-    """Use a cache from now on; tell whether no other process does, False if that is unknown.
+    """Register as a user of a cache; return whether it is the only one, False if unknown.
 
     The system releases the lock when the process ends, however it ends.
     """

@@ -1,4 +1,4 @@
-"""The finger as a distributed DOLFINx mesh, and the way back to the mesh file's node order."""
+"""The finger as a distributed DOLFINx mesh, and the mapping to the mesh file's node order."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Domain:
     nodes
         The file's nodes (n, dimension) in mm, on every rank.
     held
-        Whether a node belongs to a held part, (n,).
+        Whether a node belongs to a fixed part, (n,).
     line
         Number of the skin node above each node of the skin's layers, -1 deeper, (n,).
     file_cells
@@ -64,9 +64,9 @@ class Domain:
         return self.mesh.comm
 
     def tissues_of(self, tags: mesh.MeshTags) -> dict[str, int]:
-        """Return name and tag of the tissues that any rank has among `tags`.
+        """Return name and tag of the tissues in `tags` on any rank.
 
-        All ranks get the same in the same order, so that they make the same forms.
+        All ranks get the same tissues in the same order, so that they create the same forms.
         """
         here = set(tags.values.tolist())
         return {
@@ -103,9 +103,8 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
     finger
         The mesh, on rank 0; other ranks may pass None.
     held
-        Tissues and surfaces that do not move. Tetrahedra of held tissues are left out: bone is
-        a million times stiffer than the tissue around it, so holding it whole (a rigid bone)
-        changes nothing but the cost.
+        Tissues and surfaces that are fixed. Tetrahedra of fixed tissues are left out: bone is
+        a million times stiffer than the tissue around it, so a rigid bone changes only the cost.
     """
     straight, nodes, held_nodes, line, file_cells = on_root(comm, lambda: _plan(finger, held))
     dim, degree = nodes.shape[1], 1 if straight else 2
@@ -150,7 +149,7 @@ def _plan(
 
 
 def _lines(finger: FingerMesh) -> np.ndarray:
-    """Return for each node of the skin's layers the nearest node of the skin, else -1."""
+    """Return the nearest skin node for each node of the skin's layers, -1 for deeper nodes."""
     layers = [TISSUES[name] for name in ("stratum_corneum", "epidermis", "dermis")]
     inside = np.unique(finger.tets[np.isin(finger.tissue, layers)])
     skin = np.unique(finger.triangles[finger.surface == SURFACES["skin"]])
@@ -160,7 +159,7 @@ def _lines(finger: FingerMesh) -> np.ndarray:
 
 
 def _is_straight(finger: FingerMesh) -> bool:
-    """Tell whether every mid-node halves its edge."""
+    """Return whether every mid-node halves its edge."""
     points = finger.nodes[finger.tets]
     middle = points[:, TET_EDGES].mean(axis=2)
     return bool(np.abs(points[:, 4:] - middle).max() < 1e-9)
@@ -184,7 +183,7 @@ def _tags(
 def roller(
     V: fem.FunctionSpace, axis: int, where: Callable[[np.ndarray], np.ndarray]
 ) -> fem.DirichletBC:
-    """Return the condition that points do not move along `axis` where `where(x)`, x (3, n)."""
+    """Return the condition of no displacement along `axis` where `where(x)` is true, x (3, n)."""
     component, _ = V.sub(axis).collapse()
     dofs = fem.locate_dofs_geometrical((V.sub(axis), component), where)
     return fem.dirichletbc(fem.Function(component), dofs, V.sub(axis))
@@ -221,16 +220,16 @@ class NodeOrder:
         return np.flatnonzero(self._held[self._file]).astype(np.int32)
 
     def blocks(self) -> list[np.ndarray]:
-        """Return the lines of nodes through the skin's layers that this rank has to care for.
+        """Return this rank's lines of nodes through the skin's layers.
 
-        Every node of the mesh is in one line of one rank, deeper nodes in a line of their own; a
-        line belongs to the rank that owns its node on the skin, wherever its other nodes are.
+        Every node of the mesh is in one line of one rank; each deeper node is a line of its own.
+        A line belongs to the rank that owns its node on the skin, wherever its other nodes are.
 
         Returns
         -------
         Global block indices, one array (lines, length) for each length.
         """
-        number, owner = place = np.full((2, self._count), -1)  # -1: of a held tissue only
+        number, owner = place = np.full((2, self._count), -1)  # -1: in fixed tissues only
         owned = self._file[: self._owned]
         number[owned] = self._first + np.arange(self._owned)
         owner[owned] = self._comm.rank
@@ -243,7 +242,7 @@ class NodeOrder:
         return [number[mine[group]] for group in groups]
 
     def _warn_of_broken_lines(self, line: np.ndarray, groups: list[np.ndarray]) -> None:
-        """Warn where nodes of the skin's layers are left without a line: multigrid needs them."""
+        """Warn if many nodes of the skin's layers are in no line: multigrid needs the lines."""
         broken = sum(np.sum(line[group] >= 0) for group in groups if group.shape[1] == 1)
         counts = self._comm.allreduce(np.array([broken, np.sum(line >= 0)]))
         if counts[0] > _FEW_BROKEN * counts[1]:
@@ -269,7 +268,7 @@ class NodeOrder:
 
 
 def _groups(line: np.ndarray) -> list[np.ndarray]:
-    """Return the nodes of equally long lines as arrays (lines, length)."""
+    """Return the nodes of lines of equal length as arrays (lines, length)."""
     numbers, inverse, count = np.unique(line, return_inverse=True, return_counts=True)
     single = (numbers[inverse] < 0) | (count[inverse] > _LONGEST_LINE)
     groups = [np.flatnonzero(single)[:, None]]

@@ -1,9 +1,9 @@
-"""Two-level multigrid whose smoother sees through the thin, stiff layers.
+"""Two-level multigrid with a line smoother for the thin, stiff layers.
 
 P1 is the coarse space of P2. The smoother is block Jacobi with one block for every vertical line
-of nodes through the skin's layers and one for each node below: point blocks would need ten times
-the iterations, because stratum corneum is flat and a thousand times stiffer than the tissue
-under it.
+of nodes through the skin's layers and one for each node below. Point blocks would need ten times
+the iterations, because the stratum corneum is thin and a thousand times stiffer than the tissue
+below it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "mg_coarse_mat_mumps_icntl_24": 1,  # the held nodes' rows are empty
 }
 
-# Setting up costs as much as twenty iterations: worth it where solves have become slow.
+# A set-up costs as much as twenty iterations, so it pays only when solves have become slow.
 _FEW_ITERATIONS = 10
 
 
@@ -42,7 +42,7 @@ class TwoLevel:
     fine
         The P2 space.
     held
-        Blocks (ghosts included) that do not move: nothing is interpolated onto them.
+        Blocks (ghosts included) that are fixed: nothing is interpolated to them.
     lines
         This rank's lines of blocks, see `NodeOrder.blocks`.
     """
@@ -71,20 +71,20 @@ class TwoLevel:
         smoother = pc.getMGSmoother(1).getPC()
         smoother.setType("python")
         smoother.setPythonContext(self._smoother)
-        self._fine = PETSc.Mat()  # the Jacobian in the one format that gives its entries
+        self._fine = PETSc.Mat()  # the Jacobian in AIJ format, which gives access to its entries
         self._coarse: PETSc.Mat | None = None
-        # Newton's method would set up with each Jacobian: `follow` does so.
+        # `follow` decides about set-ups; Newton's method would set up with each Jacobian.
         PETSc.Options(snes.getOptionsPrefix())["snes_lag_preconditioner"] = -2
         snes.setFromOptions()
 
     def follow(self, jacobian: PETSc.Mat) -> None:
-        """Set up with a new Jacobian if what an earlier one gave no longer serves."""
+        """Set up with a new Jacobian if the previous set-up has become inefficient."""
         newton, linear = self._snes.getIterationNumber(), self._snes.getKSP().getIterationNumber()
         if self._coarse is None or (newton > 0 and linear > _FEW_ITERATIONS):
             self.set_up(jacobian)
 
     def set_up(self, jacobian: PETSc.Mat) -> None:
-        """Make coarse operator and factors, the lines' inverses, bounds of the spectrum."""
+        """Compute coarse operator and factors, the lines' inverses and the spectral bounds."""
         with common.Timer("tactile: preconditioner"):
             jacobian.convert("aij", out=self._fine)
             self._coarse = self._fine.ptap(self._interpolation, self._coarse)
@@ -99,15 +99,15 @@ class TwoLevel:
 class LineJacobi:
     """Block Jacobi over lines of nodes, a preconditioner for PETSc's Python type.
 
-    A line is inverted whole by one rank also where the partition cuts it, so that iterations do
-    not depend on the number of ranks.
+    One rank inverts a complete line even if the partition cuts it, so that the number of
+    iterations does not depend on the number of ranks.
 
     Parameters
     ----------
     lines
         This rank's lines: global block indices, one array (lines, length) for each length.
     like
-        A vector of the matrix's rows.
+        A vector with the layout of the matrix's rows.
     """
 
     def __init__(self, lines: list[np.ndarray], like: PETSc.Vec) -> None:
@@ -133,7 +133,7 @@ class LineJacobi:
         self._inverses = [np.linalg.inv(padded[position]) for position in self._positions]
 
     def _locate(self, starts: np.ndarray, columns: np.ndarray) -> None:
-        """Find where the blocks' entries stand among the matrix's values."""
+        """Find the positions of the blocks' entries in the matrix's values."""
         number = np.arange(1, len(columns) + 1)
         size = len(starts) - 1
         order = scipy.sparse.csr_array((number, columns, starts), shape=(size, size))

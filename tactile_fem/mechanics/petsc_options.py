@@ -1,7 +1,7 @@
 """PETSc's options: the package's defaults, then the study's, then those of PETSc's database.
 
-People write ``-tactile_snes_monitor``, which holds for every problem. PETSc keeps all options of a
-process in one table, so each problem reads its own copy there, under a prefix of its own.
+Users write ``-tactile_snes_monitor``, which applies to every problem. PETSc stores all options of
+a process in one table, so each problem has its own copy there, under its own prefix.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NEWTON: dict[str, PetscOption] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "bt",
     "snes_linesearch_order": 1,
-    "snes_linesearch_minlambda": 5e-3,  # shorter steps lead nowhere
+    "snes_linesearch_minlambda": 5e-3,  # shorter steps do not converge
     "snes_atol": 1e-8,
     "snes_rtol": 1e-14,
     "snes_stol": 0.0,
@@ -36,7 +36,7 @@ LINEAR: dict[str, dict[str, PetscOption]] = {
         "ksp_type": "fgmres",
         "ksp_max_it": 25,
         "snes_ksp_ew": True,
-        # Loose while Newton's method looks for what touches: closer solves lead astray.
+        # Coarse while Newton's method searches the contact zone: accurate solves mislead it.
         "snes_ksp_ew_rtol0": 0.3,
         "snes_ksp_ew_rtolmax": 0.3,
         **MULTIGRID_OPTIONS,
@@ -47,16 +47,16 @@ LINEAR: dict[str, dict[str, PetscOption]] = {
         "pc_factor_mat_solver_type": "mumps",
     },
 }
-_latest = 0  # number in the newest prefix
+_latest = 0  # number in the latest prefix
 
 
 def check_options(solver: Solver) -> None:
-    """Let PETSc read the options once, on a solver that has nothing to solve.
+    """Let PETSc read the options once, on a solver without a problem.
 
     Raises
     ------
     StudyError
-        PETSc refuses one. Options of the parts of multigrid are read later.
+        PETSc rejects an option. Options of multigrid's components are read later.
     """
     prefix = set_options(options_of(solver), MPI.COMM_SELF)
     trial = PETSc.SNES().create(PETSc.COMM_SELF)
@@ -76,8 +76,8 @@ def check_options(solver: Solver) -> None:
 def options_of(solver: Solver) -> dict[str, PetscOption]:
     """Return a problem's options without a prefix: defaults, the study's, PETSc's database.
 
-    From the database come those that start with ``tactile_`` at this moment, whether
-    ``PETSC_OPTIONS`` or a script has set them. They win.
+    The database's options are those that start with ``tactile_`` at this moment, whether set by
+    ``PETSC_OPTIONS`` or by a script. They take precedence.
     """
     return {
         **NEWTON,
@@ -90,8 +90,8 @@ def options_of(solver: Solver) -> dict[str, PetscOption]:
 def set_options(options: Mapping[str, PetscOption], comm: MPI.Comm) -> str:
     """Put a problem's options into PETSc's database, until `clear_options`; return their prefix.
 
-    They have to stay there, since multigrid reads its own at the first solve. No other problem
-    has the prefix, which is the same on all ranks of `comm`.
+    They have to stay there because multigrid reads its options at the first solve. The prefix is
+    unique to the problem and the same on all ranks of `comm`.
     """
     global _latest
     _latest = comm.allreduce(_latest, op=MPI.MAX) + 1

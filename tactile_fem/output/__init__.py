@@ -1,1 +1,1 @@
-"""What is made of a scan's results: figures, pictures, films; and input decks."""
+"""Output of a scan: figures, pictures, animations; and input decks."""

@@ -5,10 +5,10 @@ differs from this package's own model in three ways: contact is a linear penalty
 Nitsche's method, the stimulator is a facetted height field instead of a smooth distance, and
 tissues have no viscosity (``tissue.viscous_time_s`` is left out).
 
-Both codes read the same words but for three, which `Code` tells apart. ``*FRICTION``: CalculiX
-takes the stick slope (MPa/mm) after the coefficient; Abaqus has an elastic slip of its own, which
-is left at its default. ``*NODE PRINT``: ``TOTALS=ONLY`` in CalculiX, ``TOTALS=YES`` in Abaqus.
-Strain energy density: ``ENER`` and ``SENER``. Abaqus was not tried.
+The two codes differ in three keywords, selected by `Code`. ``*FRICTION``: CalculiX needs the stick
+slope (MPa/mm) after the coefficient; for Abaqus the default elastic slip is used. ``*NODE PRINT``:
+``TOTALS=ONLY`` in CalculiX, ``TOTALS=YES`` in Abaqus. Strain energy density: ``ENER`` and
+``SENER``. Abaqus has not been tested.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Code = Literal["calculix", "abaqus"]
 
 # The faces S1 to S4 of C3D10 are opposite to the corners 4, 3, 1 and 2.
 C3D10_FACES = TET_FACETS[[3, 2, 0, 1]]
-# CalculiX puts its own value in the place of a D2 of zero; this one takes the term out.
+# CalculiX replaces a D2 of zero by its own value; this value removes the term.
 NO_D_PER_MPa = 1e12
 _THICKNESS_MM = 0.5
 _SMALLEST_INCREMENT = 1e-5
@@ -65,10 +65,10 @@ class Penalty:
 
     @classmethod
     def of(cls, study: Study, finger: FingerMesh) -> Penalty:
-        """Return the stiffness of Nitsche's method, ``gamma M/h`` with h the stratum corneum.
+        """Return Nitsche's stiffness ``gamma M/h`` with h the thickness of the stratum corneum.
 
-        Sticking is ten times softer: CalculiX converges better so, and the skin then creeps by
-        a few micrometres only.
+        Sticking is ten times softer, because CalculiX then converges better and the skin creeps
+        by only a few micrometres.
 
         Raises
         ------
@@ -87,12 +87,12 @@ class Penalty:
 
 @dataclass(frozen=True)
 class DeckSize:
-    """What a deck holds.
+    """Size of a deck.
 
     Attributes
     ----------
     tets, unknowns
-        Elements of the finger and components of displacement that are free.
+        Number of elements of the finger and of free displacement components.
     skin_facets
         Faces of the slave surface.
     """
@@ -116,29 +116,29 @@ def write_deck(
 ) -> DeckSize:
     """Write a study as an input deck.
 
-    Nodes and tetrahedra keep the mesh's order and are counted from 1. Parts that
-    ``solver.held`` names are fixed as in this package: held tissues are left out and the nodes
-    they share with others do not move. For each increment the sum of forces on the sets
-    STIMULATOR (force on the finger) and HELD (its reaction) is printed.
+    Nodes and tetrahedra keep the mesh's order and are counted from 1. Parts in ``solver.held``
+    are fixed as in this package: their tissues are left out, and the nodes that they share with
+    others do not move. The sum of forces on the sets STIMULATOR (force on the finger) and HELD
+    (its reaction) is printed for each increment.
 
     Parameters
     ----------
     study, finger
-        What to do, and the mesh on which to do it.
+        The study and its mesh.
     path
-        The deck; CalculiX wants the ending .inp.
+        The deck; CalculiX needs the ending .inp.
     press_step_mm, slide_step_mm
         Fixed increments towards the finger and across it; default the longest ones that the study
         allows. The other code may halve them if it does not converge.
     grid_mm
         Spacing of the height field in X and Y.
     penalty
-        The contact law; default as stiff as this package's.
+        The contact law; default `Penalty.of` the study.
     energy_of
         Tetrahedra, numbered as in the mesh, whose strain energy density is printed at their
         integration points for each increment; the set FELT.
     code
-        Whose words the deck uses.
+        The code that reads the deck.
 
     Raises
     ------
@@ -228,7 +228,7 @@ def _finger_lines(
 
 
 def _stimulator_lines(field: HeightField, first_node: int, first_cell: int) -> list[str]:
-    """Write one layer of hexahedra; all nodes are driven, so its material does not matter."""
+    """Return one layer of hexahedra; all nodes are prescribed, so its material has no effect."""
     count = len(field.points)
     below = field.points - [0.0, 0.0, _THICKNESS_MM]
     numbers = np.arange(first_node, first_node + 2 * count)
@@ -249,7 +249,7 @@ def _stimulator_lines(field: HeightField, first_node: int, first_cell: int) -> l
 
 
 def material_lines(name: str, constants: Polynomial | Elastic) -> list[str]:
-    """Return the material of a tissue; the polynomial form has the constants of our energy."""
+    """Return the material of a tissue, with the constants of `PolynomialEnergy`."""
     head = f"*MATERIAL, NAME={name.upper()}"
     c = constants
     if isinstance(c, Elastic):

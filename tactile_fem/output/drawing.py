@@ -1,6 +1,6 @@
-"""Scenes in PyVista: the layered finger, and the finger cut open on the stimulator.
+"""Pictures made with PyVista: the layered finger, and the finger cut open on the stimulator.
 
-Import it only where a graphics library is known to load: see `tactile_fem.output.pictures`.
+Import it only if `tactile_fem.output.pictures.can_draw` allows it: VTK may crash otherwise.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
+from tactile_fem.stimulus.distance_grid import DistanceGrid
 
 COLOURS = {
     "stratum_corneum": "#E7C6A5",
@@ -33,8 +34,6 @@ RELIEF_STYLE = {"scalars": "height_mm", "cmap": _RELIEF, "smooth_shading": True}
 RIM_STYLE = {"color": "black", "line_width": 1.5}
 _PIXELS = (1650, 1050)
 _FAR = 1e3
-_SURFACE_STEP_MM = 0.1
-_LOWEST_MM = -3.0
 
 
 # --- figures -----------------------------------------------------------------------------------
@@ -53,14 +52,14 @@ def finger_figure(grid: pv.UnstructuredGrid) -> Figure:
     names = []
     for name, part in parts(solid):
         names.append(name)
-        look = {"color": COLOURS[name], "show_edges": True, "line_width": 1}
+        style = {"color": COLOURS[name], "show_edges": True, "line_width": 1}
         shell = part.extract_surface(algorithm=None)
         shell = shell.clip_box((0, _FAR, 0, _FAR, -_FAR, _FAR), invert=True)
         if shell.n_cells:
             outside = shell.extract_surface(algorithm=None)
-            plotter.add_mesh(outside, edge_opacity=0.3, ambient=0.4, diffuse=0.7, **look)
+            plotter.add_mesh(outside, edge_opacity=0.3, ambient=0.4, diffuse=0.7, **style)
         for face in _opened_faces(part):
-            plotter.add_mesh(face, edge_opacity=0.5, lighting=False, **look)
+            plotter.add_mesh(face, edge_opacity=0.5, lighting=False, **style)
     x, y, z = solid.center
     size = solid.length
     middle = (x + 0.02 * size, y, z - 0.07 * size)
@@ -134,7 +133,7 @@ def deformation_figure(
 
 
 def colour_limits(grids: list[pv.UnstructuredGrid]) -> tuple[float, float]:
-    """Return the ends of one colour scale for all: three decades below the near maximum."""
+    """Return a common colour scale: up to the 99.8th percentile, from a thousandth of it."""
     hard = [TISSUES[name] for name in RIGID]
     soft = [grid["sed_kPa"][~np.isin(grid["tissue"], hard)] for grid in grids]
     top = max(float(np.percentile(np.concatenate(soft), 99.8)), 1e-6)
@@ -144,46 +143,36 @@ def colour_limits(grids: list[pv.UnstructuredGrid]) -> tuple[float, float]:
 def stimulator_surface(results: Results) -> pv.PolyData:
     """Return the part of the stimulator's surface that comes near the finger, in the body's frame.
 
-    For a body that the study states it is the zero level of the signed distance. Its normals are
-    the gradient of the distance, so it looks as smooth as the contact formulation sees it. For an
-    own body it is the surface that the scan has saved.
+    It is the zero level of the signed distance, which a scan saves for an own body.
     """
-    saved = results.stimulator
-    if saved is not None:
-        faces = np.column_stack([np.full(len(saved.cells), 4), saved.cells])
-        return pv.PolyData(saved.points, faces.ravel()).compute_normals()
-    low, high = (ends(results.trace["stimulator_mm"], axis=0) for ends in (np.min, np.max))
-    return body_surface(make_body(results.study.stimulus), low, high)
-
-
-def body_surface(
-    body: RigidBody, low_mm: NDArray[np.float64], high_mm: NDArray[np.float64]
-) -> pv.PolyData:
-    """Return a body's surface where it comes near the finger, its places being within a box."""
-    step = _SURFACE_STEP_MM
-    x = np.arange(-9.0 - high_mm[0], 9.0 - low_mm[0] + step, step)
-    y = np.arange(-15.0 - high_mm[1], 15.0 - low_mm[1] + step, step)
-    plane = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    layers: list[NDArray[np.float64]] = []
-    # Downwards until a whole layer is inside: early for a plate, never for a ball.
-    for z in np.arange(step / 2, _LOWEST_MM, -step):
-        layers.append(-body.distance(np.column_stack([plane, np.full(len(plane), z)])).gap)
-        if layers[-1].min() > 0:
-            break
-    image = pv.ImageData(dimensions=(len(x), len(y), len(layers)), spacing=(step, step, step))
-    image.origin = (x[0], y[0], z)
-    image["depth_mm"] = np.concatenate(layers[::-1])
-    surface = image.contour([0.0], scalars="depth_mm", method="flying_edges")
+    if results.stimulator is not None:
+        surface = zero_level(results.stimulator)
+    else:
+        surface = body_surface(make_body(results.study.stimulus), results.trace["stimulator_mm"])
     surface["height_mm"] = surface.points[:, 2]
+    return surface
+
+
+def body_surface(body: RigidBody, places_mm: NDArray[np.float64]) -> pv.PolyData:
+    """Return that surface of a body that comes to places (n, 3), as smooth as the skin feels it."""
+    surface = zero_level(DistanceGrid.of(body, places_mm))
     surface.point_data.active_normals = body.distance(surface.points.astype(float)).normal
     return surface
+
+
+def zero_level(grid: DistanceGrid) -> pv.PolyData:
+    """Return the surface at which a distance vanishes; its normals are the distance's gradient."""
+    spacing = (grid.step_mm,) * 3
+    image = pv.ImageData(dimensions=grid.gap_mm.shape[::-1], spacing=spacing, origin=grid.origin_mm)
+    image["depth_mm"] = -grid.gap_mm.ravel()
+    return image.contour([0.0], scalars="depth_mm", method="flying_edges", compute_normals=True)
 
 
 # --- parts of figures --------------------------------------------------------------------------
 
 
 def off_screen(pixels: tuple[int, int] = _PIXELS) -> pv.Plotter:
-    """Return a smooth white page to draw on."""
+    """Return an off-screen plotter with a white background and anti-aliasing."""
     plotter = pv.Plotter(off_screen=True, window_size=pixels)
     plotter.set_background("white")
     plotter.enable_anti_aliasing("ssaa")
@@ -193,7 +182,7 @@ def off_screen(pixels: tuple[int, int] = _PIXELS) -> pv.Plotter:
 def _picture(
     plotter: pv.Plotter, eye: tuple[float, ...], at: tuple[float, ...], half_height: float
 ) -> NDArray[np.uint8]:
-    """Return what a parallel camera sees: `eye` is its direction from the point `at`."""
+    """Return the image of a parallel camera in direction `eye` from the point `at`."""
     position = tuple(a + e for a, e in zip(at, eye, strict=True))
     plotter.camera_position = [position, at, (0.0, 0.0, 1.0)]
     plotter.enable_parallel_projection()
@@ -205,7 +194,7 @@ def _picture(
 
 
 def framed(image: NDArray[np.uint8]) -> Figure:
-    """Return a figure that the picture fills, to write on."""
+    """Return a figure filled by an image, for annotations."""
     height, width = image.shape[:2]
     figure = Figure(figsize=(7.5, 7.5 * height / width), dpi=200)
     axes = figure.add_axes((0, 0, 1, 1))
@@ -215,7 +204,7 @@ def framed(image: NDArray[np.uint8]) -> Figure:
 
 
 def linear(grid: pv.UnstructuredGrid, points: NDArray[np.floating]) -> pv.UnstructuredGrid:
-    """Return the tetrahedra by their corners only: VTK cuts those cleanly."""
+    """Return linear tetrahedra, without the mid-nodes: VTK cuts these cleanly."""
     corners = grid.cells.reshape(-1, 11)[:, 1:5]
     cells = np.hstack([np.full((len(corners), 1), 4), corners])
     kinds = np.full(len(corners), pv.CellType.TETRA)
@@ -242,7 +231,7 @@ def rim(surface: pv.PolyData, shift_mm: tuple[float, float, float]) -> pv.PolyDa
 
 
 def _opened_faces(part: pv.UnstructuredGrid) -> Iterator[pv.PolyData]:
-    """Yield the two faces that the missing quarter, X > 0 and Y > 0, lays open."""
+    """Yield the two faces exposed by removing the quarter X > 0, Y > 0."""
     beside = {"x": (-_FAR, _FAR, 0, _FAR, -_FAR, _FAR), "y": (0, _FAR, -_FAR, _FAR, -_FAR, _FAR)}
     for normal, box in beside.items():
         face = part.slice(normal, origin=(1e-4, 1e-4, 0.0))

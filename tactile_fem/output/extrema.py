@@ -1,4 +1,4 @@
-"""Finds the central receptor and those in line with it; where one feels most and least."""
+"""Extrema of a history; the central receptor and the row of receptors through it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def extrema(
     values
         A history.
     prominence
-        How far a maximum must stand above, a minimum below its surroundings, as a share of the
-        whole range: smaller wiggles are passed over.
+        Least height of a maximum above its surroundings (depth of a minimum below them), as a
+        fraction of the range; smaller oscillations are ignored.
     """
     series = np.asarray(values, dtype=float)
     least = prominence * np.ptp(series) if len(series) else 0.0

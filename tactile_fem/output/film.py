@@ -1,6 +1,6 @@
-"""A scan as a film: frames of the finger, the epidermis-dermis interface and the receptors on it.
+"""Frames of a scan: the finger, the epidermis-dermis interface and the receptors on it.
 
-Import it only where a graphics library is known to load: see `tactile_fem.output.pictures`.
+Import it only if `tactile_fem.output.pictures.can_draw` allows it: VTK may crash otherwise.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from tactile_fem.output.pictures import at_time
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
 
-# Frames from one written state to the next.
+# Frames from one saved state to the next.
 _BETWEEN = 4
-# The cut is this far behind the receptors, so that they stand before it.
+# Distance from the receptors to the cut behind them.
 _BEHIND_MM = 0.15
-# The interface is shown up to this height over its lowest point, or so much over the receptors.
+# The interface is shown up to this height above its lowest point, or above the receptors.
 _BOWL_MM, _MARGIN_MM = 2.3, 0.2
-# A facet of the interface lies over the pad if its normal points down at least so much.
+# Facets of the interface over the pad have a downward normal component of at least this.
 _DOWN = 0.3
 
 
@@ -45,11 +45,11 @@ class State:
         Undeformed facets between epidermis and dermis over the pad, with ``displacement_mm`` and
         ``sed_kPa`` at their nodes.
     receptors_mm
-        (receptors, 3), where they have moved to.
+        (receptors, 3) deformed positions.
     fired
-        (receptors,) whether they did so since the frame before.
+        (receptors,) whether they have fired since the previous frame.
     stimulator
-        Its surface, in place.
+        Its surface at its current position.
     """
 
     time_s: float
@@ -62,25 +62,25 @@ class State:
 
 
 class Film:
-    """A scan frame by frame: the states that were written, and linear in time between them.
+    """Frames of a scan: the saved states and linear interpolations in time between them.
 
     Raises
     ------
     StudyError
-        There are no field files, or they do not fit.
+        There are no field files, or they cannot be used.
 
     Attributes
     ----------
     displacement_mm
         (frames,) of the slide.
     cut_mm
-        Where the finger is cut, along Y of the undeformed finger.
+        Y of the cut in the undeformed finger.
     rim_mm
-        Height up to which the interface is shown, undeformed.
+        Height up to which the undeformed interface is shown.
     top_kPa
-        Strain energy density at the end of the colours: what 0.2 % of the interface exceed.
+        Upper end of the colour scale: 0.2 % of the interface exceed this strain energy density.
     strongest
-        Number of the frame in which that is largest.
+        Number of the frame with the largest value of it.
     """
 
     def __init__(self, results: Results) -> None:
@@ -109,7 +109,7 @@ class Film:
         return len(self._times_s)
 
     def nearest(self, displacement_mm: float) -> int:
-        """Return the number of the frame next to a displacement."""
+        """Return the number of the frame nearest to a displacement."""
         return int(np.argmin(np.abs(self.displacement_mm - displacement_mm)))
 
     def __getitem__(self, k: int) -> State:
@@ -131,7 +131,7 @@ class Film:
         )
 
     def _fields(self, k: int) -> pv.UnstructuredGrid:
-        """Return the undeformed tetrahedra with the fields of a frame."""
+        """Return the undeformed tetrahedra with the fields of frame `k`."""
         before, share = divmod(k, _BETWEEN)
         grid = _read(self._files[before])
         solid = drawing.linear(grid, grid.points)
@@ -144,7 +144,7 @@ class Film:
 
 
 class Interface:
-    """The facets between epidermis and dermis that look down on the stimulator.
+    """The facets between epidermis and dermis that face the stimulator.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class Interface:
         return float(self._rest.bounds.z_min)
 
     def sed_kPa(self, grid: pv.UnstructuredGrid) -> NDArray[np.float64]:
-        """Return the strain energy density at the nodes: the mean of the facets around."""
+        """Return the strain energy density at the nodes: the mean of the adjacent facets."""
         around = np.bincount(self._corners.ravel(), minlength=len(self._nodes))
         values = np.repeat(grid["sed_kPa"][self._owner], 3)
         return np.bincount(self._corners.ravel(), values, len(self._nodes)) / around
@@ -195,7 +195,7 @@ class Interface:
         return surface
 
     def anchors(self, places_mm: NDArray[np.float64]) -> Anchors:
-        """Tie undeformed places to the facets next to them."""
+        """Attach undeformed points to their nearest facets."""
         facet, foot = self._rest.find_closest_cell(places_mm, return_closest_point=True)
         a, b, c = np.moveaxis(self._rest.points[self._corners[facet]], 1, 0)
         edges = np.stack([b - a, c - a], axis=2)
@@ -206,14 +206,14 @@ class Interface:
 
 @dataclass(frozen=True)
 class Anchors:
-    """Places that go along with a surface.
+    """Points that move with a surface.
 
     Attributes
     ----------
     nodes, weights
-        (n, 3) corners of the facet below each, and its barycentric coordinates.
+        (n, 3) corners of the facet nearest to each point, and barycentric coordinates in it.
     offset_mm
-        (n, 3) from there.
+        (n, 3) from there to the point.
     """
 
     nodes: NDArray[np.int64]
@@ -221,15 +221,15 @@ class Anchors:
     offset_mm: NDArray[np.float64]
 
     def follow(self, surface: pv.PolyData) -> NDArray[np.float64]:
-        """Return where the places are now, (n, 3) mm."""
+        """Return the deformed positions of the points, (n, 3) mm."""
         corners = deformed(surface).points[self.nodes]
         return np.einsum("pc,pci->pi", self.weights, corners) + self.offset_mm
 
 
 def _read(path: Path) -> pv.UnstructuredGrid:
-    """Return a written state; raise StudyError if it is none."""
+    """Return a saved state; raise StudyError if the file is no such state."""
     with suppress(OSError, ValueError, ET.ParseError):
-        ET.parse(path)  # VTK would say at length what is wrong with it
+        ET.parse(path)  # VTK prints long messages about damaged files
         grid = pv.read(path)
         if all(name in grid.array_names for name in ("displacement_mm", "sed_kPa", "tissue")):
             return grid

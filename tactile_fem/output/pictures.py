@@ -1,7 +1,7 @@
-"""Pictures of the finger in three dimensions, drawn off screen in a process of their own.
+"""3-D pictures of the finger, drawn off screen in a separate process.
 
-A graphics library can end the process that loads it, so nothing here is imported by a scan:
-`draw_pictures` starts ``python -m tactile_fem.output.pictures FOLDER`` and reports what went wrong.
+A graphics library can crash the process that loads it, so a scan does not load one:
+`draw_pictures` starts ``python -m tactile_fem.output.pictures FOLDER`` and logs its errors.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _MOST = 8
 
 
 def can_draw() -> str | None:
-    """Return why no picture can be drawn, in one sentence, or None if all seems well."""
+    """Return in one sentence why no picture can be drawn, or None if nothing is missing."""
     if find_spec("pyvista") is None:
         return (
             "PyVista is not installed: 3-D pictures are skipped. "
@@ -47,9 +47,11 @@ def can_draw() -> str | None:
 def draw_pictures(results: Results) -> list[Path]:
     """Draw finger and deformations into the results folder; return the files.
 
-    Whatever goes wrong is logged as a warning: data come first.
+    All errors are logged as warnings, because pictures are less important than the data.
     """
-    reason = can_draw() or _no_fields(results)
+    reason = can_draw()
+    if reason is None and not read_series(results.fields)[1]:
+        reason = "There are no field files: 3-D pictures are skipped."
     if reason is not None:
         logger.warning("%s", reason)
         return []
@@ -64,21 +66,15 @@ def draw_pictures(results: Results) -> list[Path]:
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no message"])[-1]
         logger.warning(
-            "Drawing 3-D pictures ended with code %d (%s); the data are not touched by this.",
+            "Drawing 3-D pictures ended with code %d (%s); the data are not affected.",
             done.returncode,
             last,
         )
     return [Path(line) for line in done.stdout.splitlines() if Path(line).is_file()]
 
 
-def _no_fields(results: Results) -> str | None:
-    if read_series(results.fields)[1]:
-        return None
-    return "There are no field files: 3-D pictures are skipped."
-
-
 def _environment() -> dict[str, str]:
-    """Return an environment without MPI's variables, nor a screen that might not answer."""
+    """Return the environment without MPI's variables and a display that may be unreachable."""
     mpi = ("PMI_", "PMIX_", "OMPI_", "MPI_", "HYD")
     environment = {name: value for name, value in os.environ.items() if not name.startswith(mpi)}
     environment.pop("DISPLAY", None)
@@ -88,14 +84,14 @@ def _environment() -> dict[str, str]:
 def choose_states(
     trace: Mapping[str, NDArray[np.float64]], times_s: NDArray[np.float64]
 ) -> list[int]:
-    """Return the written states nearest to the extrema of the central receptor's SED.
+    """Return the saved states nearest to the extrema of the central receptor's SED.
 
     Parameters
     ----------
     trace
         Histories of the scan.
     times_s
-        (states,) when fields were written.
+        (states,) times of the saved states.
     """
     slide = trace["time_s"] >= 0
     sed = trace["sed_kPa"][slide, central_receptor(trace["receptors_mm"])]
@@ -107,7 +103,7 @@ def choose_states(
 
 
 def main(folder: str) -> int:
-    """Draw into a results folder and print the files; the only place that loads VTK."""
+    """Draw into a results folder and print the names of the files."""
     import pyvista as pv
 
     from tactile_fem.output import drawing

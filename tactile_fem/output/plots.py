@@ -1,8 +1,8 @@
 """Figures of a scan: each function takes arrays and returns a matplotlib Figure.
 
-An outline is an (n, 2) array of X, Y in mm: a closed curve on the stimulator, where it lies at
-displacement 0. As the stimulator slides towards -Y, the receptor at Y = 0 meets at displacement d
-what lay at Y = d; so the outline's Y is also the displacement at which the receptor meets it.
+An outline is an (n, 2) array of X, Y in mm: a closed curve on the stimulator at displacement 0.
+The stimulator slides towards -Y, so at displacement d the receptor at Y = 0 passes the outline's
+point at Y = d. The Y axis of an outline is therefore also the displacement.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tactile_fem.output.extrema import extrema
 
 Outlines = Sequence[NDArray[np.float64]]
 
-# Okabe and Ito's colours, told apart by colour-blind readers.
+# Okabe and Ito's colours, which colour-blind readers can distinguish.
 BLUE, VERMILION, GREEN, INK, PAPER = "#0072B2", "#D55E00", "#009E73", "#222222", "#E6E3DC"
 DISPLACEMENT = "Stimulator displacement (mm)"
 ACROSS = "Receptor position across the finger, X (mm)"
@@ -46,7 +46,7 @@ _STYLE: Any = {
 
 
 def styled[**P](draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw in the package's style without touching the user's."""
+    """Draw in the package's style without changing the user's settings."""
 
     @wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -62,7 +62,7 @@ def sed_figure(
     sed_kPa: ArrayLike,
     outlines: Outlines = (),
     receptor_x_mm: float = 0.0,
-    label: str = "Strain energy density (kPa)",
+    labels: tuple[str, str] = (DISPLACEMENT, "Strain energy density (kPa)"),
 ) -> Figure:
     """Draw the strain energy density of one receptor, or what else it feels, over the slide.
 
@@ -71,26 +71,26 @@ def sed_figure(
     displacement_mm, sed_kPa
         (steps,) of the slide.
     outlines
-        What the receptor meets; drawn below with the receptor's way.
+        Outlines of the stimulator; drawn below, with the receptor's path.
     receptor_x_mm
-        The receptor's place across the finger.
-    label
-        Of the vertical axis.
+        The receptor's position across the finger.
+    labels
+        Of the horizontal and of the vertical axis.
     """
     d, sed = np.asarray(displacement_mm, dtype=float), np.asarray(sed_kPa, dtype=float)
     figure, top, below = _history_axes(_span(d), outlines, receptor_x_mm)
     if below is None:
-        top.set_xlabel(DISPLACEMENT)
+        top.set_xlabel(labels[0])
     else:
         draw_outlines(below, outlines)
         below.axhline(receptor_x_mm, color=BLUE, lw=1, ls=(0, (4, 3)))
-        below.set(xlabel=DISPLACEMENT, ylabel="X (mm)")
+        below.set(xlabel=labels[0], ylabel="X (mm)")
         top.tick_params(labelbottom=False)
     top.plot(d, sed, color=BLUE)
     highs, lows = extrema(sed)
     top.plot(d[highs], sed[highs], "o", color=VERMILION, ms=4.5, label="maxima")
     top.plot(d[lows], sed[lows], "o", mfc="white", mec=VERMILION, ms=4.5, label="minima")
-    top.set_ylabel(label)
+    top.set_ylabel(labels[1])
     top.set_ylim(1.08 * sed.min(initial=0.0), 1.08 * max(sed.max(initial=0.0), 1e-12))
     return figure
 
@@ -109,9 +109,9 @@ def raster_figure(
     Parameters
     ----------
     spike_displacement_mm, spike_x_mm
-        (spikes,) where the stimulator was and where the receptor lies across the finger.
+        (spikes,) displacement of the stimulator and X of the receptor.
     rows_mm
-        X of all receptors, also of silent ones.
+        X of all receptors, including silent ones.
     range_mm
         First and last displacement.
     outlines
@@ -142,6 +142,7 @@ def firing_figure(
     rows_mm: ArrayLike,
     rate_Hz: ArrayLike,
     outlines: Outlines = (),
+    label: str = DISPLACEMENT,
 ) -> Figure:
     """Draw the firing rate of a line of receptors as an image.
 
@@ -155,9 +156,11 @@ def firing_figure(
         (rows, columns).
     outlines
         Drawn on top.
+    label
+        Of the horizontal axis.
     """
     d, x = np.asarray(displacement_mm, dtype=float), np.asarray(rows_mm, dtype=float)
-    figure, axes = _map_axes(x, (d[0], d[-1]), DISPLACEMENT)
+    figure, axes = _map_axes(x, (d[0], d[-1]), label)
     image = draw_rates(axes, d, x, np.asarray(rate_Hz), outlines)
     bar = figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02, label="Firing rate (spikes/s)")
     bar.outline.set_visible(False)
@@ -166,34 +169,30 @@ def firing_figure(
 
 @styled
 def force_figure(
-    depth_mm: ArrayLike,
-    displacement_mm: ArrayLike,
-    force_N: ArrayLike,
-    pressing: ArrayLike,
+    indentation: tuple[ArrayLike, str, ArrayLike],
+    rest: tuple[ArrayLike, str, ArrayLike],
     friction: float | None = None,
 ) -> Figure:
     """Draw normal and tangential force and their ratio over indentation and slide.
 
     Parameters
     ----------
-    depth_mm, displacement_mm
-        (steps,) of the whole protocol.
-    force_N
-        (steps, 3) on the finger.
-    pressing
-        (steps,) true for the indentation, its last step included.
+    indentation, rest
+        What they are drawn over, (steps,), its label, and the forces on the finger, (steps, 3).
     friction
-        Coefficient of friction, drawn as a line. The ratio exceeds it where inclined faces, such
-        as letters' flanks, press sideways; the figure then says so.
+        Coefficient of friction, drawn as a line. The ratio exceeds it if inclined faces, such
+        as letters' flanks, push sideways; the legend then states this.
     """
-    depth, d = np.asarray(depth_mm, dtype=float), np.asarray(displacement_mm, dtype=float)
-    force, press = np.asarray(force_N, dtype=float), np.asarray(pressing, dtype=bool)
-    normal, tangential = force[:, 2], np.hypot(force[:, 0], force[:, 1])
-    touching = normal > 1e-3 * max(normal.max(initial=0.0), 1e-12)
-    ratio = np.divide(tangential, normal, out=np.full_like(normal, np.nan), where=touching)
-    slide = ~press
-    if press.any():
-        slide[np.flatnonzero(press)[-1]] = True
+    columns = [
+        (np.asarray(along, dtype=float), label, *_normal_and_tangential(force_N))
+        for along, label, force_N in (indentation, rest)
+    ]
+    touching = 1e-3 * max(normal.max(initial=1e-9) for _, _, normal, _ in columns)
+    ratios = [
+        np.divide(tangential, normal, out=np.full_like(normal, np.nan), where=normal > touching)
+        for _, _, normal, tangential in columns
+    ]
+    largest = np.nanmax(np.concatenate(ratios), initial=0.0)
     figure = Figure(figsize=(7.0, 4.4), layout="constrained")
     grid = figure.subplots(
         2,
@@ -203,23 +202,22 @@ def force_figure(
         gridspec_kw={"width_ratios": [1, 2], "height_ratios": [2, 1]},
     )
     bound = "friction coefficient"
-    if friction is not None and np.nanmax(ratio, initial=0.0) > friction + 0.01:
+    if friction is not None and largest > friction + 0.01:
         bound += ", exceeded where flanks press sideways"
-    columns = [(depth, press, "Indentation (mm)"), (d, slide, DISPLACEMENT)]
-    for column, (along, part, label) in enumerate(columns):
+    for column, (along, label, normal, tangential) in enumerate(columns):
         top, below = grid[0, column], grid[1, column]
-        top.plot(along[part], normal[part], color=BLUE, label="normal")
-        top.plot(along[part], tangential[part], color=VERMILION, label="tangential")
-        below.plot(along[part], ratio[part], color=INK, lw=1.2)
+        top.plot(along, normal, color=BLUE, label="normal")
+        top.plot(along, tangential, color=VERMILION, label="tangential")
+        below.plot(along, ratios[column], color=INK, lw=1.2)
         if friction is not None:
             below.axhline(friction, color=GREEN, lw=1, ls=(0, (4, 3)), label=bound)
         below.set_xlabel(label)
-        below.set_xlim(*_span(along[part]))
+        below.set_xlim(*_span(along))
     grid[0, 0].set_ylabel("Force on the finger (N)")
     grid[0, 0].set_ylim(bottom=0)
     grid[1, 0].set_ylabel("Tangential / normal")
-    grid[1, 0].set_ylim(0, 1.25 * max(friction or 0.0, np.nanmax(ratio, initial=0.0), 1e-3))
-    grid[0, 1].legend(loc="center right")
+    grid[1, 0].set_ylim(0, 1.25 * max(friction or 0.0, largest, 1e-3))
+    grid[0, 1].legend(loc="best")
     if friction is not None:
         grid[1, 1].legend(loc="lower right", fontsize=8)
     return figure
@@ -228,20 +226,25 @@ def force_figure(
 # --- parts of figures --------------------------------------------------------------------------
 
 
+def _normal_and_tangential(force_N: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    force = np.asarray(force_N, dtype=float)
+    return force[:, 2], np.hypot(force[:, 0], force[:, 1])
+
+
 def _map_axes(rows_mm: ArrayLike, range_mm: tuple[float, float], label: str) -> tuple[Figure, Axes]:
     rows = np.asarray(rows_mm, dtype=float)
     figure = Figure(figsize=(5.6, 5.2), layout="constrained")
     axes = figure.subplots()
     margin = 0.3
     axes.set_xlim(*_span(np.asarray(range_mm)))
-    # X falls upwards, so that letters which read along the scan stand upright.
+    # X decreases upwards, so that letters that read along the scan are upright.
     axes.set_ylim(rows.max() + margin, rows.min() - margin)
-    axes.set(xlabel=label, ylabel=ACROSS, aspect="equal")
+    axes.set(xlabel=label, ylabel=ACROSS, aspect="equal" if label.endswith("(mm)") else "auto")
     return figure, axes
 
 
 def draw_outlines(axes: Axes, outlines: Outlines) -> None:
-    """Fill the outlines; one within another is a hole."""
+    """Fill the outlines; an outline inside another one is a hole."""
     curves = [Curve(np.vstack([o, o[:1]])[:, ::-1], closed=True) for o in outlines if len(o) > 2]
     if curves:
         curve = Curve.make_compound_path(*curves)
@@ -256,7 +259,7 @@ def draw_rates(
     outlines: Outlines,
     brightest_Hz: float | None = None,
 ) -> QuadMesh:
-    """Draw rates (rows, columns) as an image from 0 on, and the outlines on top."""
+    """Draw rates (rows, columns) as an image, colours starting at 0, and the outlines on top."""
     image = axes.pcolormesh(
         displacement_mm,
         rows_mm,
@@ -278,7 +281,7 @@ def _history_axes(
 ) -> tuple[Figure, Axes, Axes | None]:
     """Return a figure with a history above and, to the same scale, the stimulator below.
 
-    Of a short slide the part of the stimulator about the receptor's way is shown, if there is any.
+    For a short slide only the part of the stimulator near the receptor's path is shown, if any.
     """
     left, width, history, highest, margin, gap = 0.75, 4.4, 2.2, 4.0, 0.5, 0.15  # inches
     across = np.concatenate([[receptor_x_mm], *(outline[:, 0] for outline in outlines)])
@@ -297,7 +300,7 @@ def _history_axes(
     figure = Figure(figsize=size)
     top = figure.add_axes(place(margin + map_space, history))
     top.set_xlim(*range_mm)
-    label = -0.13, 0.5  # one below the other, whatever the numbers on the axes
+    label = -0.13, 0.5  # aligned, independent of the tick labels
     top.yaxis.set_label_coords(*label)
     if not has_map:
         return figure, top, None
@@ -310,7 +313,7 @@ def _history_axes(
 def _meets(
     outline: NDArray[np.float64], across_mm: tuple[float, float], along_mm: tuple[float, float]
 ) -> bool:
-    """Tell whether an outline, by its extent, comes into a window."""
+    """Return whether an outline's bounding box overlaps a window."""
     (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
     overlaps = x0 < across_mm[1], x1 > across_mm[0], y0 < along_mm[1], y1 > along_mm[0]
     return all(overlaps)

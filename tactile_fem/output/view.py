@@ -1,9 +1,9 @@
-"""The deformation to look at: a window with a slider, an animation, a page for the browser.
+"""Views of the deformation: a window with a slider, an animation, a page for the browser.
 
-The finger is cut across at the receptors. Behind the cut it stands in its layers; before it only
-the epidermis-dermis interface is left, coloured by strain energy density, with the receptors on it.
+The finger is cut at the receptors. Behind the cut are its layers. In front of it only the
+epidermis-dermis interface is shown, coloured by strain energy density, with the receptors on it.
 
-Import it only where a graphics library is known to load: see `tactile_fem.output.pictures`.
+Import it only if `tactile_fem.output.pictures.can_draw` allows it: VTK may crash otherwise.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _PER_SECOND, _DPI = 20, 112
 
 
 class Scene:
-    """Draws frames into a plotter, each in place of the one before."""
+    """Draws frames into a plotter; each replaces the previous one."""
 
     def __init__(self, plotter: pv.Plotter, film: Film) -> None:
         self._plotter, self._film = plotter, film
@@ -54,9 +54,9 @@ class Scene:
         plotter.parallel_scale = 9.6
 
     def show(self, k: int) -> State:
-        """Draw the frame number `k` and return its state."""
+        """Draw frame `k` and return its state."""
         state = self._film[k]
-        for name, mesh, look in _pieces(state, self._film):
+        for name, mesh, style in _pieces(state, self._film):
             self._plotter.remove_actor(name, render=False)
             if mesh.n_points:
                 self._plotter.add_mesh(
@@ -65,7 +65,7 @@ class Scene:
                     reset_camera=False,
                     render=False,
                     show_scalar_bar=False,
-                    **look,
+                    **style,
                 )
         self._plotter.reset_camera_clipping_range()
         self._plotter.render()
@@ -73,7 +73,7 @@ class Scene:
 
 
 def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict[str, Any]]]:
-    """Yield everything to be drawn: a name, a mesh and its look."""
+    """Yield everything to be drawn: a name, a mesh and its style."""
     cut = (0.0, film.cut_mm, 0.0)
     for name, part in drawing.parts(state.solid):
         colour = drawing.COLOURS[name]
@@ -85,16 +85,16 @@ def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict[st
             face = deformed(face)
             yield f"{name} face", face, {"color": colour, "lighting": False}
             yield f"{name} rim", drawing.rim(face, _RIM_SHIFT_MM), drawing.RIM_STYLE
-    carpet = state.interface.clip("y", origin=cut, invert=False)
-    carpet = deformed(carpet.clip("z", origin=(0.0, 0.0, film.rim_mm)))
-    look = {
+    front = state.interface.clip("y", origin=cut, invert=False)
+    front = deformed(front.clip("z", origin=(0.0, 0.0, film.rim_mm)))
+    style = {
         "scalars": "sed_kPa",
         "cmap": _SED_COLOURS,
         "clim": (0, film.top_kPa),
         "lighting": False,
     }
-    yield "interface", carpet, look
-    yield "interface rim", drawing.rim(carpet, _RIM_SHIFT_MM), drawing.RIM_STYLE
+    yield "interface", front, style
+    yield "interface rim", drawing.rim(front, _RIM_SHIFT_MM), drawing.RIM_STYLE
     for name, which, (colour, radius) in (
         ("silent", ~state.fired, _SILENT),
         ("firing", state.fired, _FIRING),
@@ -105,7 +105,7 @@ def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict[st
     yield "stimulator", state.stimulator, drawing.RELIEF_STYLE
 
 
-# --- where it goes -----------------------------------------------------------------------------
+# --- windows and files -------------------------------------------------------------------------
 
 
 def window(film: Film) -> None:
@@ -119,7 +119,7 @@ def _window_plotter(film: Film, *, off_screen: bool) -> pv.Plotter:
     scene = Scene(plotter, film)
     scene.show(0)
     _colour_bar(plotter)
-    # VTK's own legend writes in the colours themselves, white on white among them.
+    # VTK's own legend would write its text in the colours themselves, such as white on white.
     figure = Figure(figsize=(2, 2.4))
     _add_legend(figure)
     legend = pv.ChartMPL(figure, size=(0.17, 0.29), loc=(0.0, 0.0))
@@ -140,7 +140,7 @@ def _window_plotter(film: Film, *, off_screen: bool) -> pv.Plotter:
 
 
 def save_html(film: Film, k: int, path: Path) -> None:
-    """Write the frame number `k` as a page that turns and zooms in a browser."""
+    """Write frame `k` as an HTML page on which it can be rotated and zoomed."""
     plotter = pv.Plotter(off_screen=True, window_size=_PIXELS)
     state = Scene(plotter, film).show(k)
     _colour_bar(plotter)
@@ -150,7 +150,7 @@ def save_html(film: Film, k: int, path: Path) -> None:
         f'<br><span style="color:{colour};text-shadow:0 0 1px black">&#9679;</span> {name}'
         for name, colour in _legend().items()
     )
-    box = (  # beside the viewer, which empties what it is put into
+    box = (  # next to the viewer, which clears its own container
         '<div class="content" style="width:100vw;height:100vh"></div>'
         '<div style="position:fixed;left:1em;bottom:1em;padding:.5em 1em;background:#ffffffe6;'
         f'font:15px/1.5 sans-serif;pointer-events:none">{_title(state)}{rows}</div>'
@@ -196,7 +196,7 @@ def save_mp4(film: Film, path: Path) -> None:
 
 
 def frames(film: Film) -> Iterator[Image.Image]:
-    """Yield the pictures of an animation, with colour bar and legend."""
+    """Yield the images of an animation, with colour bar and legend."""
     logger.info("%d frames to draw", len(film))
     plotter = drawing.off_screen(_PIXELS)
     scene = Scene(plotter, film)
@@ -227,12 +227,12 @@ def _framed(image: NDArray[np.uint8], state: State, top_kPa: float) -> Image.Ima
 def _add_legend(figure: Figure) -> None:
     dot = {"ls": "", "marker": "o", "ms": 7, "mec": "black", "mew": 0.7}
     handles = [Line2D([], [], color=c, label=name, **dot) for name, c in _legend().items()]
-    look = {"loc": "lower left", "fontsize": 9, "framealpha": 0.9, "edgecolor": "none"}
-    figure.legend(handles=handles, handletextpad=0.2, **look)
+    style = {"loc": "lower left", "fontsize": 9, "framealpha": 0.9, "edgecolor": "none"}
+    figure.legend(handles=handles, handletextpad=0.2, **style)
 
 
 def _palette(image: Image.Image) -> NDArray[np.uint8]:
-    """Return (256, 3) colours: those of the scale and the legend, the others from a frame."""
+    """Return (256, 3) colours: those of the colour scale and legend, the rest from a frame."""
     named = [*colormaps[_SED_COLOURS](np.linspace(0, 1, 128)), *map(to_rgba, _legend().values())]
     fixed = np.round(255 * np.array(named)[:, :3])
     others = image.quantize(256 - len(fixed), dither=Image.Dither.NONE).getpalette()
@@ -240,7 +240,7 @@ def _palette(image: Image.Image) -> NDArray[np.uint8]:
 
 
 def _indexed(image: Image.Image, palette: NDArray[np.uint8]) -> Image.Image:
-    """Return the picture in the colours next to its own; Pillow's search is not exact."""
+    """Return the image with the nearest colours of a palette; Pillow's search is not exact."""
     pixels = np.asarray(image).astype(np.int64) @ [1 << 16, 1 << 8, 1]
     colours, place = np.unique(pixels, return_inverse=True)
     rgb = np.column_stack([colours >> 16, (colours >> 8) & 255, colours & 255])

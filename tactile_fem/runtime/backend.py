@@ -1,8 +1,8 @@
-"""Brings DOLFINx in, wherever it was installed from.
+"""Imports DOLFINx, wherever it was installed from.
 
-Import this module before anything from DOLFINx, petsc4py or mpi4py: packages that use them do
-so in their ``__init__``. The PyPI wheel has to order MPI first, a conda or system DOLFINx needs
-nothing of the kind.
+Import this module before anything from DOLFINx, petsc4py or mpi4py; packages that use them do
+so in their ``__init__``. The PyPI wheel has to set up MPI first; a DOLFINx from conda or the
+system does not.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from tactile_fem.runtime.doctor import compiler
 
-# The only release that the tests run with; DOLFINx changes its interface with each.
+# The only release that the tests run with; each release changes the interface.
 DOLFINX_RELEASE = (0, 11)
 
 _ROUTES = (
@@ -60,7 +60,7 @@ def load() -> str:
         DOLFINx is missing, too old or too new, without PETSc or of complex scalars.
     """
     if find_spec("dolfinx_solver") is not None:
-        import dolfinx_solver  # noqa: F401  (orders MPI ahead of the compiled modules)
+        import dolfinx_solver  # noqa: F401  (loads MPI before the compiled modules)
     if command := compiler():
         os.environ.setdefault("CC", shlex.join(command))  # for the forms that DOLFINx compiles
     try:

@@ -1,6 +1,6 @@
-"""Looks for what pip cannot install: a C compiler, and libraries for meshes and pictures.
+"""Checks what pip cannot install: a C compiler, and libraries for meshes and pictures.
 
-Standard library only, so that it also runs where nothing is installed yet.
+It uses only the standard library, so that it runs before anything is installed.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ _OFF_SCREEN = ("libEGL.so.1", "libOSMesa.so.8", "libOSMesa.so")
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is missing.
+    """A missing program or library.
 
     Attributes
     ----------
     sentence
         What is missing and what does not work without it.
     packages
-        Debian packages that bring it.
+        Debian packages that provide it.
     fatal
-        Whether no scan can run without it.
+        Whether it is needed for every scan.
     """
 
     sentence: str
@@ -60,7 +60,7 @@ def has_library(name: str) -> bool:
 def compiler() -> list[str]:
     """Return the command of the C compiler; empty if there is none.
 
-    Python names the one it was built with, which need not be here; another will do.
+    The compiler that Python was built with need not be installed; any other can be used.
     """
     named = os.environ.get("CC") or (sysconfig.get_config_var("CC") or "cc").split()[0]
     for command in (named, "gcc", "cc", "clang"):
@@ -71,7 +71,7 @@ def compiler() -> list[str]:
 
 
 def compiler_finding() -> Finding | None:
-    """Try to compile against Python: DOLFINx compiles each form on first use."""
+    """Try to compile against Python, because DOLFINx compiles each form on first use."""
     words = compiler()
     if not words:
         return Finding(
@@ -97,7 +97,7 @@ def _compiles(compiler: list[str], code: str) -> bool:
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "probe.c"
         source.write_text(code)
-        # As setuptools does: an environment may bring the headers that its Python lacks.
+        # As in setuptools: an environment may provide headers that its Python lacks.
         folders = [f"-I{sys.prefix}/include", f"-I{sysconfig.get_path('include')}"]
         command = [*compiler, "-c", *folders, str(source), "-o", f"{source}.o"]
         try:
@@ -107,19 +107,19 @@ def _compiles(compiler: list[str], code: str) -> bool:
 
 
 def gmsh_finding() -> Finding | None:
-    """Look for the libraries that gmsh's wheel loads."""
+    """Check the libraries that gmsh's wheel loads."""
     missing = [package for name, package in GMSH_LIBRARIES.items() if not has_library(name)]
     if not missing:
         return None
     return Finding(
-        "Libraries that gmsh needs are missing: only the shipped fingers and .msh files of your "
-        "own can be used.",
+        "Libraries that gmsh needs are missing: only the shipped fingers and your own .msh files "
+        "can be used.",
         tuple(missing),
     )
 
 
 def picture_finding() -> Finding | None:
-    """Look for a library that draws off screen; without one VTK ends in a crash."""
+    """Check for a library that renders off screen; without one VTK crashes."""
     if any(has_library(name) for name in _OFF_SCREEN):
         return None
     return Finding(
@@ -141,7 +141,7 @@ def install_line(missing: Iterable[Finding]) -> str:
 
 
 def main() -> int:
-    """Say what is missing and how to get it; 1 if no scan can run."""
+    """Print what is missing and how to install it; return 1 if no scan can run."""
     missing = findings()
     for finding in missing:
         print(f"{'Error' if finding.fatal else 'Warning'}: {finding.sentence}")

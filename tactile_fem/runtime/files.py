@@ -1,4 +1,4 @@
-"""Whole files only: written beside their place and then renamed."""
+"""Atomic writing: files are written under a temporary name and then renamed."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ PART_SUFFIX = ".part"
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a path to write to; it takes the place of `path` when the block ends well.
+    """Provide a temporary path, which replaces `path` when the block ends without an error.
 
-    A reader sees the old file or the new one, also when the writer is killed.
+    Readers see either the old file or the new one, even if the writer is killed.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole."""
+    """Write a text file atomically."""
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8")
 

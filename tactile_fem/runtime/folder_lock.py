@@ -1,4 +1,4 @@
-"""One run at a time writes into a results folder."""
+"""A lock, so that only one run at a time writes into a results folder."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ LOCK_FILE = ".lock"
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder, which is made if needed, against other runs.
+    """Lock a folder against other runs, and create it if needed.
 
-    The operating system forgets the lock when the process ends, however it ends: the file that
-    stays means nothing.
+    The operating system releases the lock when the process ends, however it ends; the file that
+    remains has no meaning.
 
     Raises
     ------
     StudyError
-        Another process holds it, or it cannot be written.
+        Another process holds the lock, or the folder is not writable.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

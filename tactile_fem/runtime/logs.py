@@ -25,6 +25,7 @@ from tactile_fem.runtime.ranks import TERMINAL_VARIABLE
 
 if TYPE_CHECKING:
     from tactile_fem.mechanics.stepper import Step
+    from tactile_fem.scan import Observation
 
 PACKAGE = "tactile_fem"
 logger = logging.getLogger(__name__)
@@ -118,7 +119,7 @@ class ProgressDisplay:
     Parameters
     ----------
     rank
-        MPI rank; the others show nothing.
+        MPI rank; only rank 0 shows progress.
     console
         Default stderr.
     every_s
@@ -163,10 +164,11 @@ class ProgressDisplay:
         if self._shown:
             self._bar.stop()
 
-    def step(self, step: Step) -> None:
-        """Show an accepted step."""
+    def step(self, seen: Observation) -> None:
+        """Show an accepted step; an observer of a scan."""
         if self._silent:
             return
+        step = seen.step
         line, now, level = describe_step(step), self._bar.get_time(), logging.DEBUG
         self._bar.update(self._task, completed=step.fraction, description=line)
         due = now - self._last_line_s >= self._every or step.fraction >= 1.0 or step.index == 1

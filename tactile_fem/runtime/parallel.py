@@ -1,4 +1,4 @@
-"""What one rank does for all, and an end for all: the result or the error reaches every rank."""
+"""Work on one rank for all, and errors that reach all ranks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tactile_fem.errors import TactileError
 
 logger = logging.getLogger(__name__)
 
-# How long a rank that failed waits for the others to fail as well, and then to be heard.
+# How long a failed rank waits for the others to fail too, and then for its message to be read.
 _PATIENCE_S = 5.0
 
 
@@ -50,7 +50,7 @@ def on_root[T](comm: MPI.Comm, action: Callable[[], T], *, share: bool = True) -
 
 @contextmanager
 def raising_together(comm: MPI.Comm) -> Iterator[None]:
-    """Raise on all ranks what any of them raises in the block, which must not communicate.
+    """Raise an error of any rank on all ranks; the block must not communicate.
 
     Parameters
     ----------
@@ -69,17 +69,17 @@ def raising_together(comm: MPI.Comm) -> Iterator[None]:
 
 
 def _sendable(error: Exception | None) -> Exception | None:
-    """Return an error that other ranks can make again: Python's or the package's own, or words."""
+    """Return an error that can be pickled: a built-in or own one as it is, others as text."""
     known = isinstance(error, TactileError) or type(error).__module__ == "builtins"
     return error if known else TactileError(f"{type(error).__name__}: {error}")
 
 
 @contextmanager
 def ending_together(comm: MPI.Comm) -> Iterator[None]:
-    """Let an error out of the block only if all ranks have one; otherwise end all ranks.
+    """Raise an error if all ranks have one; end all ranks if only some of them do.
 
-    An error on some ranks would leave the others waiting for ever. What they wait for is left
-    alone: the ranks meet on a communicator of their own.
+    Otherwise the other ranks would wait for ever. The ranks synchronize on a communicator of
+    their own, so that communication in the block is not disturbed.
     """
     if comm.size == 1:
         yield
@@ -96,14 +96,14 @@ def ending_together(comm: MPI.Comm) -> Iterator[None]:
                 _await_reader(2)
             finally:
                 comm.Abort(code)
-                os._exit(code)  # some MPI return from their abort
+                os._exit(code)  # in some MPI libraries, Abort returns
         raise
     finally:
         own.Free()
 
 
 def _all_arrive(comm: MPI.Comm) -> bool:
-    """Tell whether all ranks call this within a few seconds."""
+    """Return whether all ranks call this within a few seconds."""
     request = comm.Ibarrier()
     end = time.monotonic() + _PATIENCE_S
     while not request.Test():
@@ -114,10 +114,10 @@ def _all_arrive(comm: MPI.Comm) -> bool:
 
 
 def _await_reader(pipe: int) -> None:
-    """Wait until what was written into a pipe has been read, a few seconds at most.
+    """Wait until the content of a pipe has been read, but only a few seconds.
 
-    MPICH's mpiexec ends as soon as it hears of an abort, and its proxy passes that on before what
-    the rank said on stderr: on a busy machine the sentence was lost.
+    MPICH's mpiexec ends at once after an abort, and its proxy forwards the abort before the
+    rank's stderr. On a busy machine the error message was lost.
     """
     if not stat.S_ISFIFO(os.fstat(pipe).st_mode):
         return

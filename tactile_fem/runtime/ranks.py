@@ -1,4 +1,4 @@
-"""Starts a command on several MPI ranks, and tells whether this process is one of them."""
+"""Starts a command on several MPI ranks, and detects whether this process is one of them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from pathlib import Path
 from tactile_fem.errors import StudyError, TactileError
 
 TERMINAL_VARIABLE = "TACTILE_FEM_TERMINAL"
-# Open MPI refuses more ranks than cores unless told (versions from 5 on, and 4); MPICH lets them
-# share.
+# Open MPI (from version 5 on, and 4) needs these to run more ranks than cores; MPICH does not.
 SHARED_CORES = {
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
@@ -21,7 +20,7 @@ _RANK_VARIABLES = ("PMI_RANK", "PMIX_RANK", "OMPI_COMM_WORLD_RANK", "MV2_COMM_WO
 
 
 def launched_rank(environment: Mapping[str, str] = os.environ) -> int | None:
-    """Return this process's rank as its launcher set it, before MPI starts; None without one."""
+    """Return this process's rank from its launcher's variables, before MPI starts, or None."""
     for name in _RANK_VARIABLES:
         if environment.get(name, "").isdigit():
             return int(environment[name])
@@ -29,12 +28,12 @@ def launched_rank(environment: Mapping[str, str] = os.environ) -> int | None:
 
 
 def launcher() -> str:
-    """Return the mpiexec beside this Python, else the one on the path.
+    """Return the mpiexec next to this Python, else the one on the path.
 
     Raises
     ------
     TactileError
-        There is none.
+        There is no mpiexec.
     """
     folder = Path(sys.executable).parent
     for path in (folder, None):
@@ -42,7 +41,7 @@ def launcher() -> str:
             if found := shutil.which(name, path=path):
                 return found
     raise TactileError(
-        "There is no mpiexec beside this Python nor on the path: start without --ranks."
+        "There is no mpiexec next to this Python or on the path: start without --ranks."
     )
 
 
@@ -58,7 +57,7 @@ def restart(ranks: int, arguments: Sequence[str]) -> None:
         raise StudyError("--ranks does not go together with mpiexec: use one of them.")
     command = [launcher(), "-n", str(ranks), sys.executable, "-m", "tactile_fem", *arguments]
     environment = {"OMP_NUM_THREADS": "1", **SHARED_CORES, **os.environ}
-    if sys.stderr.isatty():  # mpiexec hides it
+    if sys.stderr.isatty():  # behind mpiexec this is not visible
         environment[TERMINAL_VARIABLE] = str(shutil.get_terminal_size().columns)
     sys.stdout.flush()
     os.execve(command[0], command, environment)

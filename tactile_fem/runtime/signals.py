@@ -1,4 +1,4 @@
-"""SIGTERM and SIGINT end a scan between two Newton iterations, on all ranks together."""
+"""SIGTERM and SIGINT stop a scan between two Newton iterations, on all ranks together."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 @contextmanager
 def answering(answer: Callable[[int], None]) -> Iterator[None]:
-    """Call `answer` with the number of a signal that asks to stop; main thread only."""
+    """Call `answer` with the number of a received SIGTERM or SIGINT; main thread only."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -33,12 +33,12 @@ def answering(answer: Callable[[int], None]) -> Iterator[None]:
 
 
 def stop_at_once(number: int) -> None:
-    """Answer a signal where nothing is to be saved."""
+    """Raise StoppedError; for `answering` while there is nothing to save."""
     raise StoppedError(number)
 
 
 class StopRequest:
-    """A signal that any rank got, heeded by all at the same place.
+    """A signal received on any rank, handled on all ranks at the same point.
 
     Parameters
     ----------
@@ -51,11 +51,11 @@ class StopRequest:
         self._number = 0
 
     def note(self, number: int) -> None:
-        """Remember a signal; for `answering`."""
+        """Store a signal; for `answering`."""
         self._number = number
 
     def check(self, *args: Any) -> None:
-        """Raise StoppedError on all ranks if one of them got a signal; fit for a SNES monitor."""
+        """Raise StoppedError on all ranks if one received a signal; usable as a SNES monitor."""
         number = self._comm.allreduce(self._number, op=max)
         if number:
             raise StoppedError(number)

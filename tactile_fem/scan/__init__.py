@@ -1,6 +1,6 @@
-"""The scan: from a study to what every receptor felt and fired, kept in a folder.
+"""The scan: from a study to the histories and spikes of its receptors in a results folder.
 
-Results and checks are read without DOLFINx, so what runs a scan is imported when it is asked for.
+Results and checks work without DOLFINx, so the functions that run a scan are imported on demand.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["Observation", "Observer", "Parts", "ScanResult", "completed", "resum
 
 
 def __getattr__(name: str) -> Any:
-    """Return what runs a scan."""
+    """Import a name from `tactile_fem.scan.run`."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module("tactile_fem.scan.run"), name)

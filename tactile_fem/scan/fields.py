@@ -17,12 +17,12 @@ SERIES = "deformation.pvd"
 
 
 class FieldWriter:
-    """Writes the deformed finger, step by step.
+    """Writes the deformed finger, one file per state.
 
     Parameters
     ----------
     folder
-        Where the files go: ``deformation_0000.vtu`` ... and ``deformation.pvd``; made with them.
+        Folder of ``deformation_0000.vtu`` ... and ``deformation.pvd``; created when needed.
     nodes
         (n, 3) undeformed nodes in mm.
     tets
@@ -73,7 +73,7 @@ class FieldWriter:
         return len(self._series)
 
     def go_on(self, count: int) -> None:
-        """Add to the first `count` states of the series that is already in the folder."""
+        """Continue the series in the folder after its first `count` states."""
         times, files = read_series(self.folder)
         pairs = zip(times[:count], files[:count], strict=True)
         self._series = [(float(t), path.name) for t, path in pairs]
@@ -89,7 +89,7 @@ class FieldWriter:
 
 
 def read_series(folder: Path) -> tuple[NDArray[np.float64], list[Path]]:
-    """Return times in s and files of the written states; both empty if there are none.
+    """Return times in s and files of the saved states; both empty if there are none.
 
     Raises
     ------

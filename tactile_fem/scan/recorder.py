@@ -27,7 +27,7 @@ from tactile_fem.scan.fields import FieldWriter
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.setup import Instruments, Setup
 from tactile_fem.scan.trace import Array, Trace
-from tactile_fem.stimulus.height_field import height_field
+from tactile_fem.stimulus.distance_grid import DistanceGrid
 
 # Counts up when what a checkpoint holds changes its names or meaning.
 _FORMAT = 5
@@ -38,8 +38,6 @@ _FREE: dict[str, Any] = {
     "output": True,
     "finger": {"mesh_file"},
 }
-# Of the surface of an own body.
-_SURFACE_GRID_MM = (0.1, 0.1)
 _TIMERS = (
     "solve",
     "jacobian",
@@ -88,7 +86,8 @@ class Recorder:
         """Save the state of rest, so that a scan that fails at once leaves a whole folder."""
         on_root(self._comm, lambda: self._results.save_trace(**trace.arrays()))
         if self._setup.parts.body is not None:
-            on_root(self._comm, self._save_body)
+            grid = DistanceGrid.of(self._setup.body, self._setup.path.places_mm())
+            on_root(self._comm, lambda: self._results.save_stimulator(grid))
         self._save_run("running")
 
     def step(self, step: Step, trace: Trace) -> None:
@@ -173,14 +172,6 @@ class Recorder:
                     "same parts to resume, or run the scan again in another folder."
                 )
         return saved
-
-    def _save_body(self) -> None:
-        """Save the upper side of an own body where it comes near the finger, for pictures."""
-        setup = self._setup
-        assert setup.finger is not None
-        places = setup.path.places_mm()
-        surface = height_field(setup.body, places, setup.finger.nodes, _SURFACE_GRID_MM)
-        self._results.save_stimulator(surface)
 
     def spikes(self, response: Response) -> None:
         """Keep the spikes."""

@@ -6,7 +6,7 @@
 ``trace.npz``        histories: see `Results.save_trace`
 ``spikes.csv``       ``receptor,time_s,displacement_mm,population``
 ``checkpoint.npz``   the state to go on from
-``stimulator.npz``   surface of an own body, for pictures
+``stimulator.npz``   shape of an own body, for pictures
 ``fields/``          VTU files and ``deformation.pvd``, their index, for ParaView
 ``figures/``         pictures
 ``log.txt``          what was said on the way
@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.files import replacing, write_text
-from tactile_fem.stimulus.height_field import HeightField
+from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
 
@@ -58,7 +58,7 @@ _OWN = (
     "fields/.*.part",
     "figures/.*.part",
 )
-_SHAPES = {"stimulator_mm": (3,), "force_N": (3,), "moment_Nmm": (3,)}
+_VECTORS = ("stimulator_mm", "force_N", "moment_Nmm")
 _OF_RECEPTORS = ("sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa")
 _TRACE = ("time_s", "displacement_mm", "depth_mm", "force_N", "receptors_mm", "sed_kPa")
 
@@ -220,9 +220,9 @@ class Results:
         """Write ``checkpoint.npz``."""
         self._save_npz("checkpoint.npz", {k: np.asarray(v) for k, v in arrays.items()})
 
-    def save_stimulator(self, surface: HeightField) -> None:
+    def save_stimulator(self, grid: DistanceGrid) -> None:
         """Write ``stimulator.npz``."""
-        self._save_npz("stimulator.npz", {"points": surface.points, "cells": surface.cells})
+        self._save_npz("stimulator.npz", {k: np.asarray(v) for k, v in vars(grid).items()})
 
     def save_spikes(self, spikes: Sequence[ArrayLike]) -> None:
         """Write ``spikes.csv``.
@@ -321,12 +321,12 @@ class Results:
         return who
 
     @property
-    def stimulator(self) -> HeightField | None:
-        """The surface of an own body; None where the study states the body."""
+    def stimulator(self) -> DistanceGrid | None:
+        """The shape of an own body; None where the study states the body."""
         if not (self.folder / "stimulator.npz").exists():
             return None
         saved = self._load_npz("stimulator.npz")
-        return HeightField(saved["points"], saved["cells"])
+        return DistanceGrid(saved["origin_mm"], float(saved["step_mm"]), saved["gap_mm"])
 
     def load_checkpoint(self) -> dict[str, NDArray[Any]]:
         """Return the arrays of ``checkpoint.npz``."""
@@ -354,12 +354,11 @@ def _check_trace(trace: dict[str, NDArray[Any]]) -> None:
     receptors = len(trace.get("receptors_mm", ()))
     if len(steps) != 1:
         raise ValueError(f"time_s has shape {steps}, not (steps,)")
+    shapes = {"population": (receptors,), "receptors_mm": (receptors, 3)}
+    shapes |= {name: (*steps, 3) for name in _VECTORS}
+    shapes |= {name: (*steps, receptors) for name in _OF_RECEPTORS}
     for name, array in trace.items():
-        if name in ("time_s", "receptors_mm"):
-            continue
-        expected = steps + _SHAPES.get(name, (receptors,) if name in _OF_RECEPTORS else ())
-        if name == "population":
-            expected = (receptors,)
+        expected = shapes.get(name, steps)
         if array.shape[: len(expected)] != expected:
             raise ValueError(f"{name} has shape {array.shape}, not {expected}")
 

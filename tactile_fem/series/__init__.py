@@ -2,19 +2,19 @@
 
 from tactile_fem.series.image import RateImage, fibre_image, rate_image
 from tactile_fem.series.members import Member, single_fibre, sweep
-from tactile_fem.series.run import Outcome, Task, complete_scans, run_series
+from tactile_fem.series.run import Outcome, complete_scans, run_series, share_of
 from tactile_fem.series.table import numbers_of, write_summary
 
 __all__ = [
     "Member",
     "Outcome",
     "RateImage",
-    "Task",
     "complete_scans",
     "fibre_image",
     "numbers_of",
     "rate_image",
     "run_series",
+    "share_of",
     "single_fibre",
     "sweep",
     "write_summary",

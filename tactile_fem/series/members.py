@@ -28,7 +28,7 @@ class Member:
     name
         Of its folder.
     values
-        What it has for itself, by the name of the study's value.
+        Its varied values, by their names in the study.
     """
 
     name: str
@@ -39,12 +39,12 @@ class Member:
 def single_fibre(
     study: Study, *, spacing_mm: float = 0.2, half_width_mm: float = 5.0
 ) -> list[Member]:
-    """Return the passes of the classic protocol: one receptor, the stimulator shifted between.
+    """Return the passes of the classic protocol: one receptor, and a shifted stimulator in each.
 
     Parameters
     ----------
     study
-        What every pass does; of its receptors only the one at X = Y = 0 is kept.
+        The study of every pass; only its receptor at X = Y = 0 is used.
     spacing_mm, half_width_mm
         The shifts in X go from ``-half_width_mm`` to ``half_width_mm`` (paper: 0.2 and 5 mm).
 
@@ -83,19 +83,19 @@ def _central(receptors: Receptors) -> Receptors:
 def sweep(
     axes: Sequence[str], path: Path | None = None, overrides: Sequence[str] = ()
 ) -> list[Member]:
-    """Return the studies with every combination of the values on some axes.
+    """Return the studies with every combination of the given values.
 
     Parameters
     ----------
     axes
         ``section.key=value,value,...`` each.
     path, overrides
-        The study that is varied, as for `load_study`.
+        The study to vary, as for `load_study`.
 
     Raises
     ------
     StudyError
-        An axis without values, the same axis twice, or a study that is not valid.
+        An axis has no values or is given twice, or a study is not valid.
     """
     names, values = zip(*map(_axis, axes), strict=True) if axes else ((), ())
     if not axes or len(set(names)) < len(names):
@@ -130,7 +130,7 @@ def _axis(text: str) -> tuple[str, list[str]]:
 
 
 def _as_toml(listed: str) -> list[str] | None:
-    """Return the values of a TOML list without its brackets, each as TOML again; None if not."""
+    """Return the entries of a TOML list without brackets, each as TOML; None if it is no list."""
     try:
         values = tomllib.loads(f"values = [{listed}]")["values"]
     except tomllib.TOMLDecodeError:

@@ -26,32 +26,6 @@ _POLL_S = 0.3
 
 
 @dataclass(frozen=True)
-class Task:
-    """A share of a series for job arrays: number `number` of `count`, counted from 1."""
-
-    number: int = 1
-    count: int = 1
-
-    @classmethod
-    def parse(cls, text: str) -> Task:
-        """Return the task that ``K/N`` names.
-
-        Raises
-        ------
-        StudyError
-            It is not that, or K is not from 1 to N.
-        """
-        first, _, last = text.partition("/")
-        if not (first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last)):
-            raise StudyError(f'--task is "{text}" but must be K/N with K from 1 to N.')
-        return cls(int(first), int(last))
-
-    def of(self, members: Sequence[Member]) -> list[Member]:
-        """Return the members of this share."""
-        return list(members[self.number - 1 :: self.count])
-
-
-@dataclass(frozen=True)
 class Outcome:
     """How a scan of a series ended.
 
@@ -68,6 +42,20 @@ class Outcome:
     wall_s: float
 
 
+def share_of(members: Sequence[Member], task: str) -> list[Member]:
+    """Return the share of task ``K/N`` of a job array, K counted from 1.
+
+    Raises
+    ------
+    StudyError
+        The task is not of this form, or K is not from 1 to N.
+    """
+    first, _, last = task.partition("/")
+    if not (first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last)):
+        raise StudyError(f'--task is "{task}" but must be K/N with K from 1 to N.')
+    return list(members[int(first) - 1 :: int(last)])
+
+
 def folder_of(member: Member, folder: Path) -> Path:
     """Return the results folder of a member."""
     return folder / member.name
@@ -79,7 +67,7 @@ def run_series(
     *,
     jobs: int = 1,
     ranks: int = 1,
-    task: Task | None = None,
+    task: str = "1/1",
 ) -> list[Outcome]:
     """Run the scans that are not complete; one that fails does not stop the others.
 
@@ -94,7 +82,7 @@ def run_series(
     jobs, ranks
         Number of scans in parallel, and of MPI processes for each.
     task
-        The share to run; default all.
+        The share ``K/N`` to run, see `share_of`; default all.
 
     Raises
     ------
@@ -104,7 +92,7 @@ def run_series(
         SIGTERM or SIGINT was received; the running scans have been asked to stop.
     """
     folder = Path(folder)
-    mine = (task or Task()).of(members)
+    mine = share_of(members, task)
     for member in mine:
         check_study(member.study)
         _save_study(member, folder)

@@ -1,4 +1,4 @@
-"""One row of numbers for each scan of a series."""
+"""Summary of a series: one row of numbers for each scan."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def write_summary(members: Sequence[Member], folder: Path | str) -> Path:
 
 
 def _numbers(member: Member, folder: Path) -> dict[str, Any]:
-    """Return what a scan gave; only its status if it is not complete."""
+    """Return the numbers of a scan; only its status if it is not complete."""
     if not is_complete(member, folder):
         return {"status": "not complete"}
     numbers = numbers_of(Results.open(folder_of(member, folder)))
@@ -37,9 +37,9 @@ def _numbers(member: Member, folder: Path) -> dict[str, Any]:
 
 
 def numbers_of(results: Results) -> dict[str, int | float]:
-    """Return what a scan cost and gave: forces and SED of the slide, spikes, also by population.
+    """Return cost and results of a scan: forces and SED of the slide, spikes, also by population.
 
-    Means of the forces are over its steps; a scan without a slide gives its last step.
+    Forces are averaged over the steps of the slide; without a slide the last step is used.
     """
     trace, spikes = results.trace, results.spikes
     slide = trace["displacement_mm"] > 0

@@ -1,4 +1,4 @@
-"""Letters: font outline, rounded, its signed distance as a spline."""
+"""Letters: rounded font outlines with their signed distance as a spline."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from tactile_fem.stimulus.body import Array, Planar
 from tactile_fem.study import Text
 
 _GRID_MM = 0.05
-# Farther from the outline than this only the plate can be touched.
+# Beyond this distance from the outline only the plate can be touched.
 _REACH_MM = 1.6
 _FAR_MM = 1.2
-# Curves become chords at this size of type: shorter than the grid, so that curvature is smooth.
+# At this font size the chords of curves are shorter than the grid, so that curvature is smooth.
 _TYPE_SIZE = 20000
 
 
 @dataclass(frozen=True)
 class Letter:
-    """One letter's signed distance, splined on a grid around it; `polygon` in mm."""
+    """One letter: its signed distance as a spline on a grid around it; `polygon` in mm."""
 
     polygon: shapely.Geometry
     spline: RectBivariateSpline
@@ -35,9 +35,9 @@ class Letter:
 
 
 class Letters:
-    """Letters that read along +Y with their tops towards -X, unmirrored seen from above.
+    """Letters that read along +Y with their tops towards -X, not mirrored as seen from above.
 
-    The body frame's origin is the place of the text over the contact point at displacement 0.
+    The body frame's origin is the point of the text over the contact point at displacement 0.
     """
 
     def __init__(self, text: Text) -> None:
@@ -81,7 +81,7 @@ class Letters:
 
     @staticmethod
     def _join(result: Planar, xy: Array, letter: Letter) -> None:
-        """Put the letter's distance where it is the least, in place."""
+        """Replace the distance where the letter's is smaller, in place."""
         x0, y0, x1, y1 = letter.bounds
         near = np.flatnonzero((xy[:, 0] > x0) & (xy[:, 0] < x1) & (xy[:, 1] > y0) & (xy[:, 1] < y1))
         if not len(near):
@@ -100,7 +100,7 @@ class Letters:
 
 
 def _font(name: str) -> FontProperties:
-    """Return the font of a family name or file; no silent replacement."""
+    """Return the font of a family name or file, without silent replacement."""
     if Path(name).suffix.lower() in (".ttf", ".otf", ".ttc"):
         if not Path(name).is_file():
             raise StudyError(f'stimulus.font = "{name}": there is no such file')
@@ -109,7 +109,7 @@ def _font(name: str) -> FontProperties:
         except (OSError, RuntimeError) as error:
             raise StudyError(f'stimulus.font = "{name}" cannot be read as a font') from error
         return FontProperties(fname=name)
-    # As a list: a bare name would be read as a fontconfig pattern ("sans-serif" is none).
+    # As a list, because a plain name is parsed as a fontconfig pattern ("sans-serif" is invalid).
     font = FontProperties(family=[name])
     try:
         findfont(font, fallback_to_default=False)
@@ -148,11 +148,11 @@ def _width(shape: shapely.Geometry) -> float:
 @lru_cache(maxsize=64)
 def _letter(character: str, shape: shapely.Geometry, radius: float, font: str) -> Letter:
     """Round the outline's corners and spline its signed distance."""
-    # Opening rounds the convex corners, closing the concave ones.
+    # Morphological opening rounds convex corners, closing rounds concave ones.
     opened = shape.buffer(-radius, quad_segs=32).buffer(radius, quad_segs=32)
     rounded = opened.buffer(radius, quad_segs=32).buffer(-radius, quad_segs=32)
-    # A stroke that vanishes takes parts, holes or the far end of an arm with it; an acute corner
-    # loses less than four radii.
+    # If a stroke vanishes, a part, a hole or the end of an arm is lost. An acute corner loses less
+    # than four radii.
     lost = shapely.distance(rounded, shapely.points(shapely.get_coordinates(shape))).max()
     if rounded.is_empty or lost > 4 * radius or _topology(rounded) != _topology(shape):
         raise StudyError(

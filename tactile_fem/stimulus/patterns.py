@@ -1,4 +1,4 @@
-"""Regular outlines: ridges of a grating, dots of an array."""
+"""Outlines of regular patterns: ridges of a grating, dots of an array."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactile_fem.stimulus.body import Array, Planar, norm_of
 
 @dataclass(frozen=True)
 class Row:
-    """`count` equally spaced places along an axis, the first one at `first` mm."""
+    """`count` equally spaced positions along an axis, the first at `first` mm."""
 
     first: float
     spacing: float
@@ -21,15 +21,15 @@ class Row:
 
     @classmethod
     def of(cls, spacing: float, count: int, start: float | None = None) -> Row:
-        """Return places of which the one `start` mm from the first is 0; default the middle."""
+        """Return positions such that `start` mm from the first is 0; default the middle."""
         return cls(-spacing * (count - 1) / 2 if start is None else -start, spacing, count)
 
     def places(self) -> Array:
-        """Return all places (count,)."""
+        """Return all positions (count,)."""
         return self.first + self.spacing * np.arange(self.count)
 
     def nearest(self, coordinate: Array) -> Array:
-        """Return the place nearest to each coordinate."""
+        """Return the position nearest to each coordinate."""
         index = np.round((coordinate - self.first) / self.spacing)
         return self.first + self.spacing * np.clip(index, 0, self.count - 1)
 

@@ -1,7 +1,7 @@
-"""The study: everything a scan is made from, with the paper's values as defaults.
+"""The study: all input of a scan, with the paper's values as defaults.
 
-"The paper" is Hamasaki et al. 2020, DOI 10.1177/1687814020984651. Descriptions say ``paper``
-where a value stands in its text and ``proposed`` where this project chose it.
+"The paper" is Hamasaki et al. 2020, DOI 10.1177/1687814020984651. In descriptions, ``paper``
+marks values stated in its text and ``proposed`` values chosen by this project.
 Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
 """
 

@@ -1,4 +1,4 @@
-"""What the parts of a study are made of."""
+"""Base classes and types for the sections of a study."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-# Strict: a number is a number, never text such as "0.2 mm" nor true or false.
+# Strict: text such as "0.2 mm" and true or false are not accepted as numbers.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Finite, Field(gt=0)]
 NonNegative = Annotated[Finite, Field(ge=0)]
@@ -25,16 +25,16 @@ Whole = Annotated[int, Field(strict=True)]
 
 
 def absolute(path: Path | str, folder: Path | str = "") -> Path:
-    """Return an absolute path: a relative one starts from `folder`, or from here."""
+    """Return an absolute path; a relative one starts from `folder` or the working directory."""
     return Path(os.path.abspath(Path(folder, os.path.expanduser(path))))
 
 
-# Absolute, so that it means the same file in the study that a results folder keeps.
+# Absolute, so that it refers to the same file in the study saved in a results folder.
 File = Annotated[Path, AfterValidator(absolute)]
 
 
 class Section(BaseModel):
-    """A frozen group of values that refuses unknown keys."""
+    """A frozen group of values without unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 

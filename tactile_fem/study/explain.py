@@ -50,7 +50,7 @@ def explain(error: ValidationError) -> str:
 
 
 def toml_value(value: Any) -> str:
-    """Return `value` as it would stand in a study file, on one line."""
+    """Return `value` as written in a study file, on one line."""
     if isinstance(value, dict):
         return "a table" if value else "an empty table"
     if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):

@@ -149,7 +149,7 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
 
 
 def dump_study(study: Study) -> str:
-    """Return the study as TOML with every value; what is not set is left out."""
+    """Return the study as TOML with every value; keys that are not set are left out."""
     document = tomlkit.document()
     document.add(tomlkit.comment("The resolved study. A name carries its unit."))
     for section, values in study.model_dump(mode="json", exclude_none=True).items():

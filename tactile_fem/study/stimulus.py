@@ -11,13 +11,13 @@ from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole
 
 
 def font_file(font: str, folder: Path | str = "") -> str:
-    """Return the path of a font file as an absolute one, the name of a family as it is."""
+    """Return an absolute path for a font file; return the name of a font family unchanged."""
     is_file = Path(font).suffix.lower() in (".ttf", ".otf", ".ttc")
     return str(absolute(font, folder)) if is_file else font
 
 
 class Stimulus(Section):
-    """What every rigid body has; it translates along the protocol without turning."""
+    """Keys of every rigid body, which translates along the protocol without rotation."""
 
     friction: NonNegative = Field(0.3, description="paper: Coulomb friction (nylon)")
     shift_mm: tuple[Finite, Finite] = Field(

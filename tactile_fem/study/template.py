@@ -1,4 +1,4 @@
-"""Writes the study file that people start from: every key commented out at its default."""
+"""Writes a study template: every key commented out at its default."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tactile_fem.study import Afferents, Stimulus, Study
 from tactile_fem.study.explain import KINDS, toml_value
 
 _HEAD = """\
-# A study: everything a scan is made from. Each value below is the default, the paper's where it
-# states one (Hamasaki et al. 2020, DOI 10.1177/1687814020984651). To change a value, remove the
+# A study: all input of a scan. Each value below is the default, which is the paper's if it states
+# one (Hamasaki et al. 2020, DOI 10.1177/1687814020984651). To change a value, remove the
 # "#" in front of its line. A name carries its unit. Square brackets in a comment hold the allowed
 # values. Axes: X across the finger, Y along it towards the tip, Z from the pad to the nail; the
 # origin is the pad's lowest point.
@@ -85,7 +85,7 @@ def _keys(values: BaseModel, mark: str, without: set[str]) -> Iterator[str]:
 
 
 def _allowed(schema: dict[str, Any]) -> str:
-    """Return the choices or limits of a JSON schema; nothing where the type says all."""
+    """Return the choices or limits of a JSON schema; empty if the type is the only limit."""
     options = [schema, *schema.get("anyOf", ()), *schema.get("prefixItems", ())[:1]]
     words = []
     for part in [*options, *(option.get("items", {}) for option in options)]:
@@ -100,7 +100,7 @@ def _summary(model: type[BaseModel]) -> str:
 
 
 def _with_note(line: str, note: str | None) -> list[str]:
-    """Return the line with its note behind it or, where that is too long, before it."""
+    """Return the line with its note behind it or, if that is too long, before it."""
     if not note:
         return [line]
     both = f"{line:<{_NOTES_AT}}  # {note}"

@@ -1,4 +1,4 @@
-"""Constants of the tissues, and the sets of them that have a name."""
+"""Constants of the tissues, and named sets of them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Polynomial(Section):
 
     @property
     def is_neo_hookean(self) -> bool:
-        """Whether C10 and D1 say all."""
+        """Whether all constants other than C10 and D1 are zero or not set."""
         higher = (self.C01_MPa, self.C20_MPa, self.C11_MPa, self.C02_MPa, self.C30_MPa)
         return not any(higher) and self.D2_per_MPa is None
 
@@ -53,17 +53,17 @@ def _neo_hookean(E_MPa: float, nu: float = 0.48) -> dict[str, float]:
 
 
 _DERMIS = {"C10_MPa": 0.01351, "C20_MPa": 0.010, "D1_per_MPa": 3.0}
-# The paper's outer layers are neo-Hookean. C30 acts where they are stretched or squeezed by tens
-# of percent, as friction of 1 or the free end of a stroke does; else it changes the maxima of
-# SED by 1.5 % (rms), less than the mesh does.
+# The paper's outer layers are neo-Hookean. C30 matters at strains of tens of percent, as caused
+# by a friction of 1 or the free end of a stroke. Otherwise it changes the maxima of SED by 1.5 %
+# (rms), less than the mesh does.
 _CORNEUM = {"C10_MPa": 0.0845, "C30_MPa": 0.845, "D1_per_MPa": 0.48}
 _EPIDERMIS = {"C10_MPa": 0.02297, "C30_MPa": 0.02297, "D1_per_MPa": 1.765}
 _BONE = {"E_MPa": 17_000.0, "nu": 0.3}
 _NAIL = {"E_MPa": 170.0, "nu": 0.3}
 
 TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
-    # C10 and C20 of the subcutaneous tissue: demos/validation/fit_tissue.py, on the force that
-    # measured finger pads take from a flat plate; D1 of 5 kPa and nu 0.48; the rest as below.
+    # C10 and C20 of the subcutaneous tissue: fitted by demos/validation/fit_tissue.py to measured
+    # forces of finger pads on a flat plate; D1 from 5 kPa and nu 0.48; the rest as below.
     "fitted": {
         "stratum_corneum": _CORNEUM,
         "epidermis": _EPIDERMIS,
@@ -72,7 +72,7 @@ TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
         "bone": _BONE,
         "nail": _NAIL,
     },
-    # Proposed: chosen by hand after the same forces.
+    # Proposed: adjusted by hand to the same forces.
     "proposed": {
         "stratum_corneum": _CORNEUM,
         "epidermis": _EPIDERMIS,
@@ -103,7 +103,7 @@ TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
 
 
 class Tissue(Section):
-    """Constants of the tissues; a table left out is taken from the named set."""
+    """Constants of the tissues; tables and keys that are left out come from the named set."""
 
     set: Literal["fitted", "proposed", "maeno1998", "gerling2014"] = Field(
         "fitted", description="constants of the tissues that are not given below"

@@ -1,7 +1,7 @@
 """Strain energies of the tissues, in UFL.
 
-A law is a small frozen dataclass that states only its energy `W(F)` in MPa (mJ/mm3); the first
-Piola stress follows by `stress`, the tangent from UFL's derivative of the residual.
+A law is a small frozen dataclass that defines only its energy `W(F)` in MPa (mJ/mm3). `stress`
+derives the first Piola stress, and the tangent is UFL's derivative of the residual.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Wrap = Callable[[float], Expr | float]
 
 
 class Law(Protocol):
-    """A hyperelastic law: its energy, from which all else follows."""
+    """A hyperelastic law, defined by its energy."""
 
     def energy(self, F: Expr) -> Expr:
         """Return the strain energy density of the deformation gradient `F`, in MPa."""
@@ -29,7 +29,7 @@ class Law(Protocol):
 
 @dataclass(frozen=True)
 class PolynomialEnergy:
-    """Second-order polynomial energy (paper; Abaqus' standard writing) with Yeoh's cubic term.
+    """Second-order polynomial energy (paper; in the form of Abaqus) with Yeoh's cubic term.
 
     ``W = sum_{1<=i+j<=2} C_ij (I1bar-3)^i (I2bar-3)^j + C_30 (I1bar-3)^3 + sum_i (J-1)^(2i)/D_i``
     with the invariants of ``Cbar = J^(-2/3) C``. With C10 alone it is neo-Hookean.
@@ -98,10 +98,10 @@ def stress(law: Law, F: Expr) -> Expr:
 
 
 def stiffness(law: Law, F: Expr) -> Expr:
-    """Return how stiff `law` is at `F`, in MPa: ``K + 4 G/3``.
+    """Return the stiffness ``K + 4 G/3`` of `law` at `F`, in MPa.
 
-    `K` is the slope of the pressure where the volume changes alone, and `G` that of the shear
-    stress in the simple shear that distorts as much as `F` does, of ``gamma^2 = I1bar - 3``.
+    `K` is the slope of the pressure in a pure volume change to the volume of `F`. `G` is the slope
+    of the shear stress in a simple shear with the distortion of `F`, ``gamma^2 = I1bar - 3``.
     """
     volume, distortion, _ = _invariants(F)
     J = ufl.variable(volume)
@@ -135,20 +135,14 @@ def bulk_modulus(constants: Polynomial | Elastic) -> float:
     return 2 / constants.D1_per_MPa
 
 
-def young_modulus(constants: Polynomial | Elastic) -> float:
-    """Return the small-strain Young's modulus, in MPa."""
-    G, K = shear_modulus(constants), bulk_modulus(constants)
-    return 9 * K * G / (3 * K + G)
-
-
 def compression_modulus(constants: Polynomial | Elastic) -> float:
-    """Return the small-strain stiffness ``K + 4 G/3`` against one-sided compression, in MPa."""
+    """Return the small-strain uniaxial-strain modulus ``K + 4 G/3``, in MPa."""
     return bulk_modulus(constants) + 4 * shear_modulus(constants) / 3
 
 
 @singledispatch
 def law_of(constants: Any, wrap: Wrap = float) -> Law:
-    """Return the law that goes with a tissue's constants; ``law_of.register`` adds one."""
+    """Return the law for a tissue's constants; ``law_of.register`` adds one."""
     del wrap
     raise TypeError(f"no law goes with {type(constants).__name__}")
 
