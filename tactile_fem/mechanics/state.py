@@ -56,9 +56,8 @@ class PointHistory(ABC):
     def present(self) -> Array:
         """Return the values at the present state, as `old` holds them; all ranks call."""
 
-    def accept(self) -> None:
+    def accept(self, present: Array) -> None:
         """Make the present values the old ones."""
-        present = self.present()
         self.before[:] = self.old.x.array
         self.old.x.array[:] = present
 
@@ -126,7 +125,8 @@ class Progress:
     def from_json(cls, text: str) -> Progress:
         """Return what `to_json` wrote."""
         values = json.loads(text)
-        return cls(**{**values, "control": StepControl(**values["control"])})
+        control, start = StepControl(**values.pop("control")), tuple(values.pop("start_mm"))
+        return cls(**values, start_mm=start, control=control)
 
 
 class State:
@@ -196,8 +196,9 @@ class State:
         iterations
             Newton's, to the present state.
         """
-        for history in self.histories:
-            history.accept()
+        present = [history.present() for history in self.histories]  # none of them has moved on
+        for history, values in zip(self.histories, present, strict=True):
+            history.accept(values)
         self.u_before.x.array[:] = self.u_old.x.array
         self.translation_before[:] = self.translation_old.value
         self.force_old_N = force_N

@@ -116,7 +116,7 @@ class Stepper:
         """
         started = time.perf_counter()
         while True:
-            if self._progress.control.finished:
+            while self._progress.control.finished:
                 self._check_force_reached()
                 if self._progress.piece == len(self._path.pieces) - 1:
                     return
@@ -164,6 +164,7 @@ class Stepper:
         self._state.progress = Progress(
             piece, tuple(start.tolist()), start_s, slid_mm, indenting, index, control
         )
+        self._end_at_force()
 
     def _control(self, motion: Motion) -> StepControl:
         """Return the control of the steps of a motion.
@@ -228,8 +229,7 @@ class Stepper:
         self._note_stiffness(load)
         self.problem.accept(load)
         control.accept(target, report.iterations)
-        if motion.until_N is not None and not self._short_of(motion.until_N):
-            control.end_s = target
+        self._end_at_force()
         return self._step(load, report, dt, started)
 
     def _step(self, load: Load, report: SolveReport, dt_s: float, started: float) -> Step:
@@ -326,6 +326,12 @@ class Stepper:
         share = (force_N - before) / (reached - before)
         control.step_s = control.largest_s = max(share, 0.05) * (target_s - control.time_s)
         return False
+
+    def _end_at_force(self) -> None:
+        """End a press where its force is reached, which it may be from the start."""
+        until_N, control = self._motion.until_N, self._progress.control
+        if until_N is not None and not self._short_of(until_N):
+            control.end_s = control.time_s
 
     def _short_of(self, force_N: float) -> bool:
         """Tell whether the last accepted step's normal force is less."""

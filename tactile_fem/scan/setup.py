@@ -65,7 +65,7 @@ class Setup:
         thickness = on_root(comm, lambda: pad_thickness_mm(finger))
         body = parts.body or make_body(study.stimulus)
         path = parts.path or make_path(study.protocol, DEEPEST * thickness)
-        check_depth(study.protocol, path, thickness)
+        check_depth(None if parts.path else study.protocol, path, thickness)
         layout = on_root(comm, lambda: lay_out(study, finger))
         on_root(comm, lambda: check_apart(body, path, finger))
         return cls(study, parts, finger, body, path, layout, populations)
