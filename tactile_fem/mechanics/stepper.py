@@ -10,7 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactile_fem.errors import ConvergenceError
-from tactile_fem.mechanics.problem import FingerProblem, Load, SolveReport
+from tactile_fem.mechanics.load import Load
+from tactile_fem.mechanics.newton import SolveReport
+from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.state import Progress
 from tactile_fem.mechanics.step_control import StepControl, StepTooSmallError
 from tactile_fem.stimulus.path import Motion, Path
