@@ -190,7 +190,7 @@ class FingerProblem:
 
     @property
     def unknowns(self) -> int:
-        """Number of displacement components of the whole finger, held ones included."""
+        """Number of displacement components of the whole finger, including fixed ones."""
         dofmap = self.u.function_space.dofmap
         return dofmap.index_map_bs * dofmap.index_map.size_global
 
@@ -201,7 +201,7 @@ class FingerProblem:
 
     @cached_property
     def load_cell(self) -> LoadCell:
-        """Reads what the finger carries; compiled when first used."""
+        """Evaluates the load on the finger; compiled when first used."""
         return LoadCell(
             self.state,
             self.elasticity,
@@ -317,7 +317,7 @@ class FingerProblem:
         return load
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
-        """Become what `state.gather` returned, the next step's preconditioner included."""
+        """Restore what `state.gather` returned, including the preconditioner of the next step."""
         self.state.restore(saved, self.order, self._prepare)
 
     def _prepare(self, translation: np.ndarray, dt_s: float) -> None:
