@@ -27,7 +27,7 @@ import numpy as np
 from tactile_fem.cli.entry import run
 from tactile_fem.output.extrema import central_receptor
 from tactile_fem.output.figures import draw
-from tactile_fem.runtime.logs import ProgressDisplay, set_up
+from tactile_fem.runtime.logs import progress, set_up
 from tactile_fem.scan import scan
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Protocol, Study, Text
@@ -49,8 +49,8 @@ def main(folder: Path, *, text: str = "FGH", depth: float = 1.97, distance: floa
     )
     rank = MPI.COMM_WORLD.rank
     set_up(rank)
-    with ProgressDisplay(rank) as display:
-        result = scan(study, folder, observers=[display.step])
+    with progress(rank) as show:
+        result = scan(study, folder, observers=[show])
     if rank == 0:
         print_results(result)
         for path in draw(folder):

@@ -23,7 +23,7 @@ from tactile_fem.neuron import Population
 from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.neuron.transduction import Segment
 from tactile_fem.output.figures import draw
-from tactile_fem.runtime.logs import ProgressDisplay, set_up
+from tactile_fem.runtime.logs import progress, set_up
 from tactile_fem.scan import Parts, scan
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import Distance, Motion, Path
@@ -192,8 +192,8 @@ def main(folder: FilePath, *, depth: float = 1.2, radius: float = 1.5, speed: fl
     )
     comm = MPI.COMM_WORLD
     set_up(comm.rank)
-    with ProgressDisplay(comm.rank) as display:
-        observers = [display.step, centre_of_pressure, FarthestNode(comm)]
+    with progress(comm.rank) as show:
+        observers = [show, centre_of_pressure, FarthestNode(comm)]
         result = scan(study, folder, observers=observers, parts=parts)
     if comm.rank == 0:
         tell(result)

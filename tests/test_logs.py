@@ -29,9 +29,9 @@ STEPS = [
 
 def run(console, rank=0, every_s=0.0):
     logs.set_up(rank, console=console)
-    with logs.ProgressDisplay(rank, console=console, every_s=every_s) as display:
+    with logs.progress(rank, console=console, every_s=every_s) as show:
         for step in STEPS:
-            display.step(SimpleNamespace(step=step))
+            show(SimpleNamespace(step=step))
         logging.getLogger("tactile_fem.scan").info("something to say")
     return console.file.getvalue()
 
@@ -54,10 +54,10 @@ def test_a_resumed_scan_counts_the_time_left_from_where_it_went_on():
     now = [0.0]
     console = Console(file=io.StringIO(), get_time=lambda: now[0])
     logs.set_up(console=console)
-    with logs.ProgressDisplay(console=console, every_s=0.0) as display:
+    with logs.progress(console=console, every_s=0.0) as show:
         for percent in range(30, 51):
             now[0] += 60.0
-            display.step(SimpleNamespace(step=Step(percent, "slide", 1.0, 1.97, percent / 100)))
+            show(SimpleNamespace(step=Step(percent, "slide", 1.0, 1.97, percent / 100)))
     assert "50 %  50.0 min left" in console.file.getvalue().splitlines()[-1]
 
 
@@ -82,9 +82,9 @@ def test_a_terminal_gets_a_bar():
 def test_the_log_file_has_every_step(tmp_path):
     console = Console(file=io.StringIO())
     logs.set_up(console=console)
-    with logs.log_to(tmp_path / "log.txt"), logs.ProgressDisplay(console=console) as display:
+    with logs.log_to(tmp_path / "log.txt"), logs.progress(console=console) as show:
         for step in STEPS:
-            display.step(SimpleNamespace(step=step))
+            show(SimpleNamespace(step=step))
         logging.getLogger("tactile_fem.scan").info("something to say")
     text = (tmp_path / "log.txt").read_text()
     assert text.count("step ") == 3 and "something to say" in text
