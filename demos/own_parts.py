@@ -25,7 +25,7 @@ from tactile_fem.neuron.transduction import Segment
 from tactile_fem.output.figures import draw
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import Parts, scan
-from tactile_fem.scan.progress import ProgressDisplay
+from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import Distance, Motion, Path
 from tactile_fem.stimulus.path import hold, lift, press
@@ -193,8 +193,8 @@ def main(folder: FilePath, *, depth: float = 1.2, radius: float = 1.5, speed: fl
     )
     comm = MPI.COMM_WORLD
     set_up(comm.rank)
-    with ProgressDisplay(comm.rank) as display:
-        observers = [display.step, centre_of_pressure, FarthestNode(comm)]
+    with progress(comm.rank) as show:
+        observers = [show, centre_of_pressure, FarthestNode(comm)]
         result = scan(study, folder, observers=observers, parts=parts)
     if comm.rank == 0:
         tell(result)

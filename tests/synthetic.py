@@ -58,10 +58,10 @@ def make_fields(results, states=(0.0, 2.5, 5.0)):
         if k < len(names):
             box = [4 * k + i for i in (0, 1, 2, 3)] + [4 * k + 4 + i for i in (0, 1, 2, 3)]
             for a, b, c, d in ((0, 1, 3, 7), (0, 3, 2, 7), (0, 2, 6, 7), (0, 6, 4, 7)):
-                tets.append([box[a], box[b], box[c], box[d]])
+                tets.append([box[b], box[a], box[c], box[d]])
                 tissue.append(TISSUES[names[k]])
             for a, b, c, d in ((0, 4, 5, 7), (0, 5, 1, 7)):
-                tets.append([box[a], box[b], box[c], box[d]])
+                tets.append([box[b], box[a], box[c], box[d]])
                 tissue.append(TISSUES[names[k]])
     nodes = [list(map(float, corner)) for corner in corners]
     quadratic = []

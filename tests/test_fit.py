@@ -8,8 +8,7 @@ import pytest
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import FitWarning, Window, fit, respond
-from tactile_fem.neuron.fit import mean_rates
-from tactile_fem.neuron.rates import current_at, current_of, rate_of
+from tactile_fem.neuron.fit import current_at, current_of, mean_rates, rate_of
 from tactile_fem.study import Neuron
 
 STATIC, DYNAMIC = "static_gain_pA_per_kPa", "dynamic_gain_pA_s_per_kPa"

@@ -7,7 +7,7 @@ import numpy as np
 from rich.console import Console
 
 from tactile_fem.runtime import logs
-from tactile_fem.scan.progress import ProgressDisplay
+from tactile_fem.scan.progress import progress
 
 
 @dataclass
@@ -30,9 +30,9 @@ STEPS = [
 
 def run(console, rank=0, every_s=0.0):
     logs.set_up(rank, console=console)
-    with ProgressDisplay(rank, console=console, every_s=every_s) as display:
+    with progress(rank, console=console, every_s=every_s) as show:
         for step in STEPS:
-            display.step(SimpleNamespace(step=step))
+            show(SimpleNamespace(step=step))
         logging.getLogger("tactile_fem.scan").info("something to say")
     return console.file.getvalue()
 
@@ -55,10 +55,10 @@ def test_a_resumed_scan_counts_the_time_left_from_where_it_went_on():
     now = [0.0]
     console = Console(file=io.StringIO(), get_time=lambda: now[0])
     logs.set_up(console=console)
-    with ProgressDisplay(console=console, every_s=0.0) as display:
+    with progress(console=console, every_s=0.0) as show:
         for percent in range(30, 51):
             now[0] += 60.0
-            display.step(SimpleNamespace(step=Step(percent, "slide", 1.0, 1.97, percent / 100)))
+            show(SimpleNamespace(step=Step(percent, "slide", 1.0, 1.97, percent / 100)))
     assert "50 %  50.0 min left" in console.file.getvalue().splitlines()[-1]
 
 
@@ -83,9 +83,9 @@ def test_a_terminal_gets_a_bar():
 def test_the_log_file_has_every_step(tmp_path):
     console = Console(file=io.StringIO())
     logs.set_up(console=console)
-    with logs.log_to(tmp_path / "log.txt"), ProgressDisplay(console=console) as display:
+    with logs.log_to(tmp_path / "log.txt"), progress(console=console) as show:
         for step in STEPS:
-            display.step(SimpleNamespace(step=step))
+            show(SimpleNamespace(step=step))
         logging.getLogger("tactile_fem.scan").info("something to say")
     text = (tmp_path / "log.txt").read_text()
     assert text.count("step ") == 3 and "something to say" in text

@@ -161,7 +161,7 @@ def test_probe_reads_a_homogeneous_state_exactly(radius):
     for u, now in ((problem.u, stretch), (problem.state.u_before, before)):
         u.interpolate(lambda x, now=now: (now - 1)[:, None] * x)
     problem.elasticity.set_time_step(0.005)
-    probe = Probe(problem, sample(wanted, positions, finger), len(positions), "epidermis")
+    probe = Probe(problem, sample(wanted, positions, finger), len(positions))
     felt = probe.read()
     J = stretch.prod()
     c = tissue.epidermis
@@ -193,7 +193,7 @@ def test_probe_finds_its_points_in_a_curved_mesh():
     problem = FingerProblem(
         domain, Tissue.model_validate({}), make_body(Plate()), 0.3, Solver(held=("cut",))
     )
-    probe = Probe(problem, sample(wanted, positions, finger), len(positions), "epidermis")
+    probe = Probe(problem, sample(wanted, positions, finger), len(positions))
     # A field that is cubic in each cell is read exactly: so is the place itself.
     place_of = expression(ufl.SpatialCoordinate(domain.mesh), probe.nodes)
     places = place_of.eval(domain.mesh, probe.cells).reshape(-1, 3)

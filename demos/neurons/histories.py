@@ -35,7 +35,7 @@ from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import replacing
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import scan
-from tactile_fem.scan.progress import ProgressDisplay
+from tactile_fem.scan.progress import progress
 from tactile_fem.study import (
     Cylinder,
     Finger,
@@ -75,9 +75,9 @@ def main(
     set_up(rank)
     folder.mkdir(parents=True, exist_ok=True)
     for name in stimuli:
-        with ProgressDisplay(rank) as display:
+        with progress(rank) as show:
             study = press(STIMULI[name], preset, depth, speed, step)
-            trace = scan(study, observers=[lambda seen, d=display: d.step(seen.step)]).trace
+            trace = scan(study, observers=[show]).trace
         if rank == 0:
             time = trace.time_s - trace.time_s[0]
             keep(folder / f"{name}.csv", time, trace.receptors_mm[:, 1], trace.sed_kPa)

@@ -25,7 +25,7 @@
 
 # %%
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import meshio
@@ -38,7 +38,7 @@ from tactile_fem.finger import load_finger
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.output.extrema import central_receptor
-from tactile_fem.receptors import Samples, place, sample
+from tactile_fem.receptors import place, sample
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
@@ -220,11 +220,12 @@ def spread_of(name: str, results: Results) -> Spread:
 
     positions = place(study.receptors, finger)
     ball = sample(study.receptors, positions, finger)
-    single = Samples(np.arange(len(ball.receptor)), ball.cell, ball.point, np.ones(len(ball.cell)))
-    sed = Probe(problem, single, len(ball.receptor), study.receptors.side).read().sed_kPa
+    number, one = np.arange(len(ball.receptor)), np.ones(len(ball.receptor))
+    single = replace(ball, receptor=number, weight=one)
+    sed = Probe(problem, single, len(ball.receptor)).read().sed_kPa
     at_point = study.receptors.model_copy(update={"average_radius_mm": 0.0})
     points = sample(at_point, positions, finger)
-    value = Probe(problem, points, len(positions), study.receptors.side).read().sed_kPa
+    value = Probe(problem, points, len(positions)).read().sed_kPa
     groups = [sed[ball.receptor == number] for number in range(len(positions))]
     mean = np.array([group.mean() for group in groups])
     deviation = np.array([group.std() for group in groups])

@@ -6,6 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -25,8 +26,9 @@ from tactile_fem.runtime import doctor as diagnosis
 from tactile_fem.runtime import logs, ranks
 from tactile_fem.runtime.files import write_text
 from tactile_fem.runtime.signals import answering, stop_at_once
-from tactile_fem.scan.progress import ProgressDisplay
+from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
+from tactile_fem.study import Study
 from tactile_fem.study.file import load_study
 from tactile_fem.study.template import commented_template
 
@@ -72,23 +74,15 @@ def scan(
     An interrupted scan continues from its last step when started again.
     Options that start with -tactile_ are passed to PETSc: -tactile_snes_rtol 1e-8.
     """
-    from tactile_fem.scan.checks import check_study
-
     the_study = load_study(study, settings or ())
     first = ranks.launched_rank() in (None, 0)
     if first and (overwrite or not Results.unfinished(results, the_study)):
         Results.check(results, overwrite=overwrite)
-    check_study(the_study)
-    _require_compiler()
-    if ranks_ > 1:
-        ranks.restart(ranks_, _scan_arguments(study, settings or (), results, overwrite))
-    scanning = _import_scan()
-    _run(
-        lambda observers: scanning.scan(
-            the_study, results, overwrite=overwrite, observers=observers
-        ),
-        results,
-    )
+    arguments = ["scan", *([str(study)] if study else [])]
+    arguments += [word for setting in settings or () for word in ("--set", setting)]
+    arguments += ["--results", str(results), *(["--overwrite"] if overwrite else [])]
+    module = _prepared(the_study, ranks_, arguments)
+    _run(partial(module.scan, the_study, results, overwrite=overwrite), results)
 
 
 @app.command
@@ -99,51 +93,36 @@ def resume(
     ranks_: Ranks = 1,
 ) -> None:
     """Continue a scan from its last step, on any number of ranks."""
+    module = _prepared(Results.open(results).study, ranks_, ["resume", str(results)])
+    _run(partial(module.resume, results), results)
+
+
+def _prepared(study: Study, ranks_: int, arguments: list[str]) -> ModuleType:
+    """Return the module that scans, on all ranks; raise first what would stop a scan later."""
     from tactile_fem.scan.checks import check_study
 
-    check_study(Results.open(results).study)
-    _require_compiler()
+    check_study(study)
+    finding = diagnosis.compiler_finding()
+    if finding is not None:
+        line = diagnosis.install_line([finding])
+        raise TactileError(f"{finding.sentence} On Debian or Ubuntu: {line}")
     if ranks_ > 1:
-        ranks.restart(ranks_, ["resume", str(results)])
-    scanning = _import_scan()
-    _run(lambda observers: scanning.resume(results, observers=observers), results)
-
-
-def _import_scan() -> ModuleType:
+        ranks.restart(ranks_, arguments)
     try:
         return import_module("tactile_fem.scan.run")
     except ImportError as error:
         raise TactileError(str(error)) from error
 
 
-def _scan_arguments(
-    study: Path | None, settings: Sequence[str], results: Path, overwrite: bool
-) -> list[str]:
-    arguments = ["scan"] + ([str(study)] if study else [])
-    for setting in settings:
-        arguments += ["--set", setting]
-    return [*arguments, "--results", str(results)] + (["--overwrite"] if overwrite else [])
-
-
-def _require_compiler() -> None:
-    finding = diagnosis.compiler_finding()
-    if finding is not None:
-        line = diagnosis.install_line([finding])
-        raise TactileError(f"{finding.sentence} On Debian or Ubuntu: {line}")
-
-
-def _run(start: Callable[[list[Callable[..., None]]], object], folder: Path) -> None:
+def _run(start: Callable[..., object], folder: Path) -> None:
     """Scan or resume on all ranks; the first one shows progress and draws."""
     from mpi4py import MPI
 
     rank = MPI.COMM_WORLD.rank
     console = logs.stderr_console()
     logs.set_up(rank, console=console)
-    with (
-        answering(stop_at_once),
-        ProgressDisplay(rank, console=console) as display,
-    ):
-        start([display.step])
+    with answering(stop_at_once), progress(rank, console=console) as show:
+        start(observers=[show])
     if rank == 0:
         found = Results.open(folder)
         if found.study.output.pictures:
@@ -167,7 +146,7 @@ def mesh(
         raise StudyError(f'--output is "{output}" but must end in .msh.')
     from tactile_fem.finger import describe, load_finger, write_msh
 
-    logs.set_up(console=logs.stderr_console())
+    logs.set_up()
     the_mesh = load_finger(finger)
     print(describe(the_mesh, finger))
     if output is not None:
@@ -214,7 +193,7 @@ def export(
     from tactile_fem.finger import load_finger
     from tactile_fem.output.deck import write_deck
 
-    logs.set_up(console=logs.stderr_console())
+    logs.set_up()
     finger = load_finger(the_study.finger)
     try:
         size = write_deck(
@@ -236,7 +215,7 @@ def export(
 def plot(results: Annotated[Path, Parameter(help="Folder of a scan.")], /) -> None:
     """Draw all figures of a scan again."""
     found = Results.open(results)
-    logs.set_up(console=logs.stderr_console())
+    logs.set_up()
     _draw(found)
 
 
@@ -250,7 +229,7 @@ def report(
     """Write one HTML file with the figures, numbers and parameters."""
     from tactile_fem.series.report import write_report
 
-    logs.set_up(console=logs.stderr_console())
+    logs.set_up()
     print(f"Written to {write_report(results, output=output)}")
 
 

@@ -78,7 +78,7 @@ def fibre(
 def _run(members: Sequence[Member], folder: Path, jobs: int, ranks: int, task: str) -> None:
     from tactile_fem.series import run_series, write_summary
 
-    logs.set_up(console=logs.stderr_console())
+    logs.set_up()
     outcomes = run_series(members, folder, jobs=jobs, ranks=ranks, task=task)
     print(f"Written to {write_summary(members, folder)}")
     failed = [outcome for outcome in outcomes if outcome.problem]

@@ -39,7 +39,7 @@ def view(
     """
     found = Results.open(results)
     _check(save, at_mm)
-    logs.set_up(console=logs.stderr_console())
+    logs.set_up()
     if save is not None:
         os.environ.pop("DISPLAY", None)  # it might be unreachable
     import pyvista

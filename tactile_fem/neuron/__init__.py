@@ -1,11 +1,10 @@
 """From what a receptor feels to the spikes of its afferent (NumPy, SciPy)."""
 
-from tactile_fem.neuron.afferent import respond
 from tactile_fem.neuron.drives import DRIVES, Drive, drive_of
 from tactile_fem.neuron.field import ReceptiveField
 from tactile_fem.neuron.fit import Fit, FitWarning, Window, fit
 from tactile_fem.neuron.io import load, save, to_neo
-from tactile_fem.neuron.population import Population, fire_all, populations_of
+from tactile_fem.neuron.population import Population, fire_all, populations_of, respond
 from tactile_fem.neuron.response import Response
 
 __all__ = [

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron.afferent import checked_history, checked_signed
 
 Array = NDArray[Any]
 Histories = Mapping[str, Array]
+_ROUNDING_KPA = 1e-9  # what rounding may leave below zero
 
 
 @dataclass(frozen=True)
@@ -45,36 +45,70 @@ class Drive:
             value = self.value(histories)
         except KeyError as missing:
             raise StudyError(f"{self.label}: the histories have no {missing.args[0]}.") from None
-        return checked_signed(histories["time_s"], value, self.label)
+        return checked(histories["time_s"], value, self.label)
 
     def rate(self) -> Drive:
-        """Return its rate of change, see `rate_of_change`."""
+        """Return its rate of change: second-order differences, one-sided at the ends.
+
+        They are exact for parabolas, whatever the distances of the samples. Between the samples
+        the rate is linear, as every drive is.
+        """
 
         def value(histories: Histories) -> Array:
-            return rate_of_change(histories["time_s"], self.value(histories))
+            time_s = histories["time_s"]
+            order = min(2, len(time_s) - 1)
+            return np.gradient(self.value(histories), time_s, axis=0, edge_order=order)
 
         return Drive(f"Rate of {self.label[0].lower()}{self.label[1:]}", f"{self.unit}/s", value)
 
 
-class _StrainEnergyDensity(Drive):
-    """Strain energy density, of which nothing but rounding may be negative."""
+def checked_sed(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[Array, Array]:
+    """Return a history of strain energy density as arrays, or raise what `respond` raises."""
+    time, sed = checked(time_s, sed_kPa, "sed_kPa")
+    if sed.size and sed.min() <= -_ROUNDING_KPA:
+        row, column = np.unravel_index(sed.argmin(), sed.shape)
+        raise StudyError(
+            f"sed_kPa is {sed[row, column]:g} kPa at row {row}, receptor {column}; "
+            "a strain energy density is never negative."
+        )
+    return time, np.maximum(sed, 0.0)
 
-    def of(self, histories: Histories) -> tuple[Array, Array]:
-        return checked_history(histories["time_s"], self.value(histories))
+
+def checked(time_s: ArrayLike, drive: ArrayLike, name: str) -> tuple[Array, Array]:
+    """Return a history of either sign as arrays, or raise what `respond` raises."""
+    time, values = _numbers("time_s", time_s), _numbers(name, drive)
+    if time.ndim != 1 or len(time) < 2:
+        raise StudyError(f"time_s has shape {time.shape}; it needs (t,) with two times or more.")
+    if values.ndim != 2 or len(values) != len(time):
+        raise StudyError(
+            f"{name} has shape {values.shape}; it needs ({len(time)}, receptors), a row per time."
+        )
+    late = np.flatnonzero(np.diff(time) <= 0)
+    if late.size:
+        k = late[0]
+        raise StudyError(
+            f"time_s does not increase: {time[k + 1]:g} s follows {time[k]:g} s at row {k + 1}."
+        )
+    return time, values
 
 
-def rate_of_change(time_s: Array, values: Array) -> Array:
-    """Return d(values)/dt at the samples, (t, ...).
-
-    By differences of second order, one-sided at the ends: exact for parabolas, whatever the
-    distances of the samples. The rate is then linear between the samples, as every drive is.
-    """
-    return np.gradient(values, time_s, axis=0, edge_order=min(2, len(time_s) - 1))
+def _numbers(name: str, values: ArrayLike) -> Array:
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise StudyError(f"{name} is not an array of numbers.") from error
+    wrong = ~np.isfinite(array)
+    if wrong.any():
+        where = tuple(int(k) for k in np.argwhere(wrong)[0])
+        raise StudyError(f"{name} is {array[where]} at index {where}; all values must be finite.")
+    return array
 
 
 # Drives by name; one of your own may join. Principal values rise; tension is positive.
 DRIVES: dict[str, Drive] = {
-    "sed": _StrainEnergyDensity("Strain energy density", "kPa", lambda h: h["sed_kPa"]),
+    "sed": Drive(
+        "Strain energy density", "kPa", lambda h: checked_sed(h["time_s"], h["sed_kPa"])[1]
+    ),
     "von_mises": Drive("Von Mises stress", "kPa", lambda h: h["von_mises_kPa"]),
     "largest_stretch": Drive("Largest stretch - 1", "1", lambda h: h["stretches"][..., -1] - 1),
     "smallest_stretch": Drive("Smallest stretch - 1", "1", lambda h: h["stretches"][..., 0] - 1),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ Array = NDArray[Any]
 _ROUNDING = 4 * np.finfo(float).eps
 
 
+@dataclass(frozen=True)
 class ExponentialSum:
     """The functions p + q s + sum_j c_j exp(-s/tau_j), one per column.
 
@@ -25,9 +27,10 @@ class ExponentialSum:
         tau_j, (k,), all different.
     """
 
-    def __init__(self, constant: Array, slope: Array, amplitudes: Array, times: Array) -> None:
-        self.constant, self.slope = constant, slope
-        self.amplitudes, self.times = amplitudes, times
+    constant: Array
+    slope: Array
+    amplitudes: Array
+    times: Array
 
     def of(self, which: Array) -> ExponentialSum:
         """Return some of the columns."""
@@ -55,10 +58,6 @@ class ExponentialSum:
         return ExponentialSum(
             self.constant + self.slope * s, self.slope, self.amplitudes * kept, self.times
         )
-
-    def minus(self, level: Array) -> ExponentialSum:
-        """Return the functions less a constant."""
-        return ExponentialSum(self.constant - level, self.slope, self.amplitudes, self.times)
 
     def bounds(self, s: Any) -> tuple[Array, Array]:
         """Return a lower and an upper bound on [0, s]: those of the terms added up."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,7 @@ class Membrane:
         return np.split(times[order], np.searchsorted(who[order], np.arange(1, count)))
 
 
+@dataclass(frozen=True)
 class Course:
     """Potential V(s) that starts at `v` under a current: tau dV/ds = R I(s) - V.
 
@@ -122,18 +124,18 @@ class Course:
         R in GOhm; R C in s.
     """
 
-    def __init__(self, v: Array, current: ExponentialSum, resistance: float, tau: float) -> None:
-        self._v, self._current = v, current
-        self._resistance, self._tau = resistance, tau
+    v: Array
+    current: ExponentialSum
+    resistance: float
+    tau: float
 
     def of(self, which: Array) -> Course:
         """Return the course of some."""
-        current = self._current.of(which)
-        return Course(self._v[which], current, self._resistance, self._tau)
+        return replace(self, v=self.v[which], current=self.current.of(which))
 
     def at(self, s: Any) -> Array:
         """Return V, mV, at `s`, a number or (n,) or (m, n)."""
-        current, tau = self._current, self._tau
+        current, tau = self.current, self.tau
         gone = -np.expm1(-s / tau)
         driven = current.constant * gone + current.slope * (s - tau * gone)
         for amplitude, time in zip(current.amplitudes, current.times, strict=True):
@@ -142,7 +144,7 @@ class Course:
             rate = abs(1 / tau - 1 / time)
             lag = -np.expm1(-rate * s) / (tau * rate) if rate else s / tau
             driven += amplitude * (np.exp(-s / max(tau, time)) * lag)
-        return self._v * (1 - gone) + self._resistance * driven
+        return self.v * (1 - gone) + self.resistance * driven
 
     def first_at(self, level: Array, end: Array) -> tuple[Array, Array]:
         """Return where in [0, end] V first reaches `level`, infinity without, and V at the end.
@@ -151,8 +153,9 @@ class Course:
         sign changes of R I - level one look at the ends tells.
         """
         last = self.at(end)
-        low, high, below, above = np.zeros_like(end), end.copy(), self._v.copy(), last.copy()
-        excess = self._current.minus(level / self._resistance)
+        low, high, below, above = np.zeros_like(end), end.copy(), self.v.copy(), last.copy()
+        current = self.current
+        excess = replace(current, constant=current.constant - level / self.resistance)
         least, most = excess.bounds(end)
         turns = np.flatnonzero((least < 0) & (most > 0))
         if turns.size:
@@ -163,8 +166,8 @@ class Course:
             column = np.arange(len(turns))
             low[turns], high[turns] = breaks[row, column], breaks[row + 1, column]
             below[turns], above[turns] = potential[row, column], potential[row + 1, column]
-        result = np.where(self._v >= level, 0.0, np.inf)
-        who = np.flatnonzero((above >= level) & (self._v < level))
+        result = np.where(self.v >= level, 0.0, np.inf)
+        who = np.flatnonzero((above >= level) & (self.v < level))
         if who.size:
             mine, aim, low, high = self.of(who), level[who], low[who], high[who]
             below, above = below[who], above[who]
@@ -181,4 +184,4 @@ class Course:
     def over(self, level: Array, s: Array) -> tuple[Array, Array]:
         """Return V - level, mV, and dV/ds, mV/s."""
         v = self.at(s)
-        return v - level, (self._resistance * self._current.at(s) - v) / self._tau
+        return v - level, (self.resistance * self.current.at(s) - v) / self.tau

@@ -1,4 +1,4 @@
-"""Populations of afferents: what they feel, how they transduce it, and their membranes."""
+"""Afferents: what they feel is transduced to a current, and the membrane fires."""
 
 from __future__ import annotations
 
@@ -7,16 +7,81 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron.afferent import fire
-from tactile_fem.neuron.drives import Drive, Histories, drive_of
+from tactile_fem.neuron.drives import Drive, Histories, checked_sed, drive_of
+from tactile_fem.neuron.membrane import Membrane
 from tactile_fem.neuron.response import Response
 from tactile_fem.neuron.transduction import Transduction, transduction_of
+from tactile_fem.neuron.variability import Variability
 from tactile_fem.study import DEFAULT_NAME, Afferents, Neuron, Study
 
 Array = NDArray[Any]
+
+
+def respond(
+    time_s: ArrayLike,
+    sed_kPa: ArrayLike,
+    neuron: Neuron | None = None,
+    units: ArrayLike | None = None,
+) -> Response:
+    """Return the spikes that a history of strain energy density evokes.
+
+    Strain energy density is linear between the samples. Current and potential are then exact,
+    and spikes are found to rounding: samples that add nothing to the history change nothing.
+
+    Parameters
+    ----------
+    time_s
+        Increasing times of the samples, s, (t,); the indentation may have negative times.
+        Receptors are unadapted and membranes at rest at the first.
+    sed_kPa
+        Strain energy density, kPa, (t, receptors). Other drives: `Population`.
+    neuron
+        Constants of transduction and membrane; default ``Neuron()``.
+    units
+        Numbers of the afferents, (receptors,), which their random numbers belong to; default 0,
+        1, 2 ... So parts of a population fire as the whole does.
+
+    Returns
+    -------
+    Response
+        Spikes per receptor.
+
+    Raises
+    ------
+    StudyError
+        Shapes that do not fit, values that are not finite, times that do not increase, negative
+        strain energy density.
+    """
+    time, sed = checked_sed(time_s, sed_kPa)
+    return fire(time, sed, neuron or Neuron(), units=units)
+
+
+def fire(
+    time: Array,
+    drive: Array,
+    neuron: Neuron,
+    transduction: Transduction | None = None,
+    units: ArrayLike | None = None,
+) -> Response:
+    """Return the spikes that a checked history evokes; default transduction: the neuron's."""
+    variability = Variability(neuron, _numbered(units, drive.shape[1]))
+    membrane = Membrane(neuron, variability)
+    if neuron.gain_spread:
+        drive = drive * variability.gains()  # the current is homogeneous in the drive
+    for segment in (transduction or transduction_of(neuron)).segments(time, drive):
+        membrane.advance(segment)
+    return Response(membrane.spikes(), float(time[0]), float(time[-1]))
+
+
+def _numbered(units: ArrayLike | None, count: int) -> NDArray[np.int64]:
+    numbers = np.arange(count) if units is None else np.asarray(units)
+    whole = numbers.shape == (count,) and np.issubdtype(numbers.dtype, np.integer)
+    if not whole or (numbers < 0).any():
+        raise StudyError(f"units must be {count} whole numbers from 0 on, one per receptor.")
+    return numbers
 
 
 @dataclass(frozen=True)
@@ -69,12 +134,7 @@ class Population:
         time, felt = self.drive.of(histories)
         if "population" in histories:
             felt = felt[:, histories["population"] == self.name]
-        return self.respond(time, felt)
-
-    def respond(self, time_s: Array, felt: Array) -> Response:
-        """Return the spikes that what is felt, (t, receptors), evokes at increasing times (t,)."""
-        transduction = self.transduction or transduction_of(self.neuron)
-        return fire(time_s, felt, self.neuron, transduction)
+        return fire(time, felt, self.neuron, self.transduction)
 
 
 def fire_all(populations: Iterable[Population], histories: Histories) -> Response:

@@ -129,53 +129,24 @@ class GeneratorFunction:
             slope = (end - felt) / h
             level = times * slope  # where a part tends to
             away = part - level
-            after = level + away * np.exp(-h / times)
-            base = self._lasting * felt + self._rest * (felt + end > 0)
-            parts = _Parts(base, self._lasting * slope, level, away, times)
-            changing = (part * after < 0).any(axis=0)
-            if not changing.any():
-                yield Segment(time_s[k], h, parts.current(self._gains * (part + after > 0)))
-            else:
-                who = np.flatnonzero(~changing)
-                active = self._gains * (part + after > 0)[:, who]
-                yield Segment(time_s[k], h, parts.of(who).current(active), who)
-                who = np.flatnonzero(changing)
-                yield from self._cut(time_s[k], h, parts.of(who), who)
-            part = after
-
-    def _cut(self, start: float, h: float, parts: _Parts, who: Array) -> Iterator[Segment]:
-        """Yield a stretch for those with parts that change their sign in it."""
-        zero = np.sort(parts.zeros(h), axis=0)
-        cuts = [np.zeros(len(who)), *zero, np.full(len(who), h)]
-        for begin, until in pairwise(cuts):
-            active = self._gains * (parts.at(0.5 * (begin + until)) > 0)
-            yield Segment(start + begin, until - begin, parts.current(active).from_(begin), who)
-
-
-class _Parts(NamedTuple):
-    """Parts level + away exp(-s/times) of the current, (k, n), and the line base + slope s."""
-
-    base: Array
-    slope: Array
-    level: Array
-    away: Array
-    times: Array
-
-    def of(self, who: Array) -> _Parts:
-        base, slope, level, away, times = self
-        return _Parts(base[who], slope[who], level[:, who], away[:, who], times)
-
-    def at(self, s: Array) -> Array:
-        return self.level + self.away * np.exp(-s / self.times)
-
-    def zeros(self, h: float) -> Array:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            zero = self.times * np.log(-self.away / self.level)
-        return np.where((zero > 0) & (zero < h), zero, h)
-
-    def current(self, gains: Array) -> ExponentialSum:
-        constant = self.base + (gains * self.level).sum(axis=0)
-        return ExponentialSum(constant, self.slope, gains * self.away, self.times[:, 0])
+            line = self._lasting * felt + self._rest * (felt + end > 0)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                zeros = times * np.log(-away / level)
+            zeros = np.sort(np.where((zeros > 0) & (zeros < h), zeros, h), axis=0)
+            for begin, until in pairwise([0 * slope, *zeros, 0 * slope + h]):
+                who = np.flatnonzero(until > begin)
+                if not who.size:
+                    continue
+                gains = self._gains * (level + away * np.exp(-0.5 * (begin + until) / times) > 0)
+                current = ExponentialSum(
+                    line + (gains * level).sum(axis=0),
+                    self._lasting * slope,
+                    gains * away,
+                    self._times,
+                )
+                start, length = begin[who], (until - begin)[who]
+                yield Segment(time_s[k] + start, length, current.of(who).from_(start), who)
+            part = level + away * np.exp(-h / times)
 
 
 def intercept_pA(neuron: Neuron) -> float:

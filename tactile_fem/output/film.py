@@ -89,19 +89,19 @@ class Film:
             raise StudyError(f"There are no field files in {results.fields}: nothing to view.")
         self._trace, self._spikes = results.trace, results.spikes
         self._surface = drawing.stimulator_surface(results)
-        self._interface = Interface(
-            _read(self._files[0]), results.study.populations[0].receptors.side
-        )
-        self._anchors = self._interface.anchors(self._trace["receptors_mm"])
+        side = results.study.populations[0].receptors.side
+        self._interface = _interface(_read(self._files[0]), side)
+        places = self._trace["receptors_mm"]
+        _, self._feet = self._interface.find_closest_cell(places, return_closest_point=True)
         frames = np.arange(_BETWEEN * (len(self._files) - 1) + 1) / _BETWEEN
         self._times_s = np.interp(frames, np.arange(len(self._files)), self._written_s)
         step = self._times_s[1] - self._times_s[0] if len(frames) > 1 else np.inf
         self._since_s = np.concatenate([self._times_s[:1] - step, self._times_s[:-1]])
         self.displacement_mm = at_time(self._trace, "displacement_mm", self._times_s)
-        self.cut_mm = float(self._trace["receptors_mm"][:, 1].min()) - _BEHIND_MM
-        highest = float(self._trace["receptors_mm"][:, 2].max()) + _MARGIN_MM
-        self.rim_mm = max(self._interface.lowest_mm + _BOWL_MM, highest)
-        tops = [np.percentile(self._interface.sed_kPa(_read(p)), 99.8) for p in self._files]
+        self.cut_mm = float(places[:, 1].min()) - _BEHIND_MM
+        highest = float(places[:, 2].max()) + _MARGIN_MM
+        self.rim_mm = max(self._interface.bounds.z_min + _BOWL_MM, highest)
+        tops = [np.percentile(self._felt(_read(p))["sed_kPa"], 99.8) for p in self._files]
         self.top_kPa = max(*tops, 1e-6)
         self.strongest = _BETWEEN * int(np.argmax(tops))
 
@@ -115,17 +115,17 @@ class Film:
     def __getitem__(self, k: int) -> State:
         time = self._times_s[k]
         solid = self._fields(k)
-        interface = self._interface.of(solid)
         recent = (self._spikes.time_s > self._since_s[k]) & (self._spikes.time_s <= time)
         fired = np.zeros(len(self._trace["receptors_mm"]), dtype=bool)
         fired[self._spikes.receptor[recent]] = True
         translation = at_time(self._trace, "stimulator_mm", time)
+        moved = pv.PolyData(self._feet).sample(solid, snap_to_closest_point=True)
         return State(
             time_s=float(time),
             displacement_mm=float(self.displacement_mm[k]),
             solid=solid,
-            interface=interface,
-            receptors_mm=self._anchors.follow(interface),
+            interface=self._felt(solid),
+            receptors_mm=self._trace["receptors_mm"] + moved["displacement_mm"],
             fired=fired,
             stimulator=self._surface.translate(translation),
         )
@@ -142,88 +142,35 @@ class Film:
                 solid[name] = solid[name] + share / _BETWEEN * (after[name] - solid[name])
         return solid
 
+    def _felt(self, grid: pv.UnstructuredGrid) -> pv.PolyData:
+        """Return the interface with ``displacement_mm`` and ``sed_kPa`` at its nodes."""
+        surface = self._interface.copy()
+        surface["displacement_mm"] = grid["displacement_mm"][surface["node"]]
+        surface.cell_data["sed_kPa"] = grid["sed_kPa"][surface["owner"]]
+        return surface.cell_data_to_point_data()
 
-class Interface:
-    """The facets between epidermis and dermis that face the stimulator.
 
-    Parameters
-    ----------
-    grid
-        Quadratic tetrahedra with ``tissue``.
-    side
-        Tissue whose strain energy density is shown.
+def _interface(grid: pv.UnstructuredGrid, side: str) -> pv.PolyData:
+    """Return the facets between epidermis and dermis that face the stimulator.
+
+    Points know their ``node`` in the grid, facets their ``owner``: the cell on the given side,
+    whose strain energy density is shown.
     """
-
-    def __init__(self, grid: pv.UnstructuredGrid, side: str) -> None:
-        tets = grid.cells.reshape(-1, 11)[:, 1:5]
-        facets, *cells = facets_of(tets)
-        tissues = np.where(np.array(cells) >= 0, grid["tissue"][np.array(cells)], 0)
-        epidermis, dermis = (
-            np.where(tissues[0] == TISSUES[name], *cells) for name in ("epidermis", "dermis")
-        )
-        between = np.sort(tissues, axis=0).T == (TISSUES["epidermis"], TISSUES["dermis"])
-        centres = grid.points[tets].mean(axis=1)
-        a, b, c = np.moveaxis(grid.points[facets], 1, 0)
-        normal = np.cross(b - a, c - a)
-        outward = np.sign(((centres[epidermis] - centres[dermis]) * normal).sum(axis=1))
-        down = -outward * normal[:, 2] / np.linalg.norm(normal, axis=1)
-        chosen = between.all(axis=1) & (down > _DOWN)
-        if not chosen.any():
-            raise StudyError("The fields have no interface between epidermis and dermis to view.")
-        owner = (epidermis if side == "epidermis" else dermis)[chosen]
-        self._nodes, corners = np.unique(facets[chosen], return_inverse=True)
-        self._corners = corners.reshape(-1, 3)
-        self._owner = owner
-        self._rest = pv.PolyData.from_regular_faces(grid.points[self._nodes], self._corners)
-
-    @property
-    def lowest_mm(self) -> float:
-        """Height of its lowest point."""
-        return float(self._rest.bounds.z_min)
-
-    def sed_kPa(self, grid: pv.UnstructuredGrid) -> NDArray[np.float64]:
-        """Return the strain energy density at the nodes: the mean of the adjacent facets."""
-        around = np.bincount(self._corners.ravel(), minlength=len(self._nodes))
-        values = np.repeat(grid["sed_kPa"][self._owner], 3)
-        return np.bincount(self._corners.ravel(), values, len(self._nodes)) / around
-
-    def of(self, grid: pv.UnstructuredGrid) -> pv.PolyData:
-        """Return the undeformed facets with ``displacement_mm`` and ``sed_kPa`` at their nodes."""
-        surface = self._rest.copy()
-        surface["displacement_mm"] = grid["displacement_mm"][self._nodes]
-        surface["sed_kPa"] = self.sed_kPa(grid)
-        return surface
-
-    def anchors(self, places_mm: NDArray[np.float64]) -> Anchors:
-        """Attach undeformed points to their nearest facets."""
-        facet, foot = self._rest.find_closest_cell(places_mm, return_closest_point=True)
-        a, b, c = np.moveaxis(self._rest.points[self._corners[facet]], 1, 0)
-        edges = np.stack([b - a, c - a], axis=2)
-        local = np.einsum("pij,pj->pi", np.linalg.pinv(edges), foot - a)
-        weights = np.column_stack([1 - local.sum(axis=1), local])
-        return Anchors(self._corners[facet], weights, places_mm - foot)
-
-
-@dataclass(frozen=True)
-class Anchors:
-    """Points that move with a surface.
-
-    Attributes
-    ----------
-    nodes, weights
-        (n, 3) corners of the facet nearest to each point, and barycentric coordinates in it.
-    offset_mm
-        (n, 3) from there to the point.
-    """
-
-    nodes: NDArray[np.int64]
-    weights: NDArray[np.float64]
-    offset_mm: NDArray[np.float64]
-
-    def follow(self, surface: pv.PolyData) -> NDArray[np.float64]:
-        """Return the deformed positions of the points, (n, 3) mm."""
-        corners = deformed(surface).points[self.nodes]
-        return np.einsum("pc,pci->pi", self.weights, corners) + self.offset_mm
+    facets, *pair = facets_of(grid.cells.reshape(-1, 11)[:, 1:5])
+    tissues = np.where(np.array(pair) >= 0, grid["tissue"][np.array(pair)], 0)
+    between = np.sort(tissues, axis=0).T == (TISSUES["epidermis"], TISSUES["dermis"])
+    a, b, c = np.moveaxis(grid.points[facets], 1, 0)
+    normal = np.cross(b - a, c - a)  # out of the first cell of the pair
+    inward = np.where(tissues[0] == TISSUES["epidermis"], 1, -1)
+    down = inward * normal[:, 2] / np.linalg.norm(normal, axis=1)
+    chosen = between.all(axis=1) & (down > _DOWN)
+    if not chosen.any():
+        raise StudyError("The fields have no interface between epidermis and dermis to view.")
+    nodes, corners = np.unique(facets[chosen], return_inverse=True)
+    surface = pv.PolyData.from_regular_faces(grid.points[nodes], corners.reshape(-1, 3))
+    surface.point_data["node"] = nodes
+    surface.cell_data["owner"] = np.where(tissues[0] == TISSUES[side], *pair)[chosen]
+    return surface
 
 
 def _read(path: Path) -> pv.UnstructuredGrid:

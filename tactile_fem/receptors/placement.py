@@ -3,16 +3,105 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, lowest_facet
-from tactile_fem.study import Receptors
+from tactile_fem.study import Afferents, Receptors, Study
 
 _MOST = 100_000
 _TRIES = 1000
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Points whose weighted mean is a receptor's reading.
+
+    Attributes
+    ----------
+    receptor, cell
+        Index of the receptor and of the tetrahedron in the mesh, (samples,).
+    tissue
+        Tag of the tissue that is felt, (samples,).
+    point
+        Position, (samples, 3) mm.
+    weight
+        Share in the receptor's mean, (samples,).
+    """
+
+    receptor: np.ndarray
+    cell: np.ndarray
+    tissue: np.ndarray
+    point: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The receptors of a study, one population after the other.
+
+    Attributes
+    ----------
+    positions_mm
+        (receptors, 3).
+    population
+        Name of each receptor's population, (receptors,).
+    samples
+        Points to be averaged.
+    """
+
+    positions_mm: np.ndarray
+    population: np.ndarray
+    samples: Samples
+
+
+def lay_out(study: Study, finger: FingerMesh) -> Layout:
+    """Place the receptors of all populations and find the points that they average.
+
+    Raises
+    ------
+    StudyError
+        As `place` and `sample`, with the name of the population if the study names any.
+    """
+    placed = place_all(study, finger)
+    names: list[str] = []
+    found = []
+    for afferents, positions in zip(study.populations, placed, strict=True):
+        with _naming(afferents, study):
+            own = sample(afferents.receptors, positions, finger)
+        found.append(replace(own, receptor=own.receptor + len(names)))
+        names += [afferents.name] * len(positions)
+    columns = zip(*(vars(samples).values() for samples in found), strict=True)
+    together = Samples(*map(np.concatenate, columns))
+    return Layout(np.concatenate(placed), np.array(names), together)
+
+
+def place_all(study: Study, finger: FingerMesh) -> list[np.ndarray]:
+    """Return the receptors' positions (n, 3) in mm of each population.
+
+    Raises
+    ------
+    StudyError
+        As `place`, with the name of the population if the study names any.
+    """
+    positions = []
+    for afferents in study.populations:
+        with _naming(afferents, study):
+            positions.append(place(afferents.receptors, finger))
+    return positions
+
+
+@contextmanager
+def _naming(afferents: Afferents, study: Study) -> Iterator[None]:
+    """Name the population in errors, if the study names any."""
+    try:
+        yield
+    except StudyError as error:
+        prefix = f"afferents.{afferents.name}." if study.afferents else ""
+        raise StudyError(f"{prefix}{error}") from None
 
 
 def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
@@ -111,26 +200,6 @@ def _lift(x: float, y: float, facets: np.ndarray) -> tuple[np.ndarray, float]:
     return np.array([x, y, weights @ corners[:, 2]]), stretch
 
 
-@dataclass(frozen=True)
-class Samples:
-    """Points whose mean is a receptor's reading.
-
-    Attributes
-    ----------
-    receptor, cell
-        Index of the receptor and the file's index of the tetrahedron, (samples,).
-    point
-        Position, (samples, 3) mm.
-    weight
-        Share in the receptor's mean, (samples,).
-    """
-
-    receptor: np.ndarray
-    cell: np.ndarray
-    point: np.ndarray
-    weight: np.ndarray
-
-
 def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> Samples:
     """Return the points of one tissue within the receptors' balls, and their tetrahedra.
 
@@ -138,7 +207,8 @@ def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> S
     the only point. Where cells meet, the one with the lowest index counts, so that the answer
     does not depend on the partition.
     """
-    cells = np.flatnonzero(finger.tissue == TISSUES[receptors.side])
+    tag = TISSUES[receptors.side]
+    cells = np.flatnonzero(finger.tissue == tag)
     corners = finger.nodes[finger.tets[cells, :4]]
     low, high = corners.min(axis=1), corners.max(axis=1)
     radius = receptors.average_radius_mm
@@ -159,10 +229,10 @@ def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> S
                 f"the receptor at X {x:g}, Y {y:g} mm"
             )
         first = near[inside[hit].argmax(axis=1)]
-        count = len(first)
-        weight = 1 / (count * receptors.end_organs)
-        found.append((np.full(count, number), cells[first], points[hit], np.full(count, weight)))
-    return Samples(*(np.concatenate(column) for column in zip(*found, strict=True)))
+        ones = np.ones(len(first), dtype=int)
+        weight = ones / (len(first) * receptors.end_organs)
+        found.append((number * ones, cells[first], tag * ones, points[hit], weight))
+    return Samples(*map(np.concatenate, zip(*found, strict=True)))
 
 
 def _end_organs(

@@ -12,11 +12,13 @@ import numpy as np
 import scipy.sparse
 import ufl
 from dolfinx import common
+from ufl.core.expr import Expr
 
+from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.elasticity import deformation_gradient
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.receptors import Layout, Samples
+from tactile_fem.receptors import Samples
 
 _KPA_PER_MPA = 1000.0
 
@@ -53,8 +55,6 @@ class Probe:
         The finger, whose last step was accepted when it is read.
     samples, count
         Points to be averaged, and the number of receptors.
-    tissue
-        Name of the tissue that they lie in.
 
     Attributes
     ----------
@@ -66,27 +66,10 @@ class Probe:
         Share of each cell's nodes in the readings, (receptors, cells x nodes).
     """
 
-    def __init__(self, problem: FingerProblem, samples: Samples, count: int, tissue: str) -> None:
+    def __init__(self, problem: FingerProblem, samples: Samples, count: int) -> None:
         self._comm = problem.domain.comm
         self._mesh = problem.domain.mesh
-        F = deformation_gradient(problem.u)
-        W = problem.elasticity.energy(tissue)
-        # Read after a step was accepted: viscosity acts over that step.
-        P = problem.elasticity.stress(tissue, problem.state.u_before)
-        sigma = P * F.T / ufl.det(F)
-        deviator = ufl.dev(sigma)
-        von_mises = ufl.sqrt(1.5 * ufl.inner(deviator, deviator) + 1e-30)
-        C = F.T * F
-        fields = ufl.as_vector(
-            [
-                _KPA_PER_MPA * W,
-                _KPA_PER_MPA * von_mises,
-                *(C[i, j] for i in range(3) for j in range(3)),
-                *(_KPA_PER_MPA * sigma[i, j] for i in range(3) for j in range(i + 1)),
-            ]
-        )
         element = basix.ufl.element("DG", "tetrahedron", 3).basix_element
-        self._expression = expression(fields, element.points)
         self.nodes = element.points
         count_in_cell = len(self.nodes)
 
@@ -102,6 +85,12 @@ class Probe:
         shape = count, len(self.cells) * count_in_cell
         self.weights = scipy.sparse.csr_array((weights, (rows, columns)), shape=shape)
 
+        self._fields = []
+        for name, tag in TISSUES.items():
+            if tag in samples.tissue:
+                own = np.unique(column[samples.tissue[mine] == tag])
+                self._fields.append((expression(_fields(problem, name), self.nodes), own))
+
     def _basis(self, element: object, cells: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the nodal basis at physical points, (points, nodes)."""
         geometry = self._mesh.geometry
@@ -115,14 +104,35 @@ class Probe:
     def read(self) -> ReceptorState:
         """Return what the receptors feel at the problem's present displacement."""
         with common.Timer("tactile: probe"):
-            values = np.zeros((self.weights.shape[0], 17))
-            if len(self.cells):
-                nodal = self._expression.eval(self._mesh, self.cells).reshape(-1, 17)
-                values += self.weights @ nodal
+            nodal = np.zeros((len(self.cells), len(self.nodes), 17))
+            for fields, own in self._fields:
+                if len(own):
+                    nodal[own] = fields.eval(self._mesh, self.cells[own]).reshape(len(own), -1, 17)
+            values = self.weights @ nodal.reshape(-1, 17)
             self._comm.Allreduce(MPI.IN_PLACE, values)
         C = values[:, 2:11].reshape(-1, 3, 3)
         stretches = np.sqrt(np.linalg.eigvalsh((C + np.swapaxes(C, 1, 2)) / 2))
         return ReceptorState(values[:, 0], values[:, 1], stretches, _principal(values[:, 11:]))
+
+
+def _fields(problem: FingerProblem, tissue: str) -> Expr:
+    """Return what is felt in a tissue: energy, von Mises stress, C (9), Cauchy's stress (6)."""
+    F = deformation_gradient(problem.u)
+    W = problem.elasticity.energy(tissue)
+    # Read after a step was accepted: viscosity acts over that step.
+    P = problem.elasticity.stress(tissue, problem.state.u_before)
+    sigma = P * F.T / ufl.det(F)
+    deviator = ufl.dev(sigma)
+    von_mises = ufl.sqrt(1.5 * ufl.inner(deviator, deviator) + 1e-30)
+    C = F.T * F
+    return ufl.as_vector(
+        [
+            _KPA_PER_MPA * W,
+            _KPA_PER_MPA * von_mises,
+            *(C[i, j] for i in range(3) for j in range(3)),
+            *(_KPA_PER_MPA * sigma[i, j] for i in range(3) for j in range(i + 1)),
+        ]
+    )
 
 
 def _principal(lower: np.ndarray) -> np.ndarray:
@@ -133,31 +143,6 @@ def _principal(lower: np.ndarray) -> np.ndarray:
     values = np.full((len(lower), 3), np.nan)
     values[sound] = np.linalg.eigvalsh(matrices[sound])
     return values
-
-
-class Probes:
-    """Probes of one or more tissues, read as one.
-
-    Parameters
-    ----------
-    problem
-        As for `Probe`.
-    layout
-        The receptors.
-    """
-
-    def __init__(self, problem: FingerProblem, layout: Layout) -> None:
-        count = len(layout.positions_mm)
-        samples = layout.samples.items()
-        self._probes = [Probe(problem, those, count, tissue) for tissue, those in samples]
-
-    def read(self) -> ReceptorState:
-        """Return what the receptors feel; each probe reads 0 for those that are not its own."""
-        first, *others = (probe.read() for probe in self._probes)
-        for state in others:
-            added = (a + b for a, b in zip(vars(first).values(), vars(state).values(), strict=True))
-            first = ReceptorState(*added)
-        return first
 
 
 class CellEnergy:

@@ -8,7 +8,6 @@ system does not.
 from __future__ import annotations
 
 import os
-import re
 import shlex
 from importlib.util import find_spec
 from typing import Any
@@ -26,12 +25,6 @@ _ROUTES = (
 )
 
 
-def version_tuple(version: str) -> tuple[int, int]:
-    """Return major and minor of a version string such as ``0.11.0.post0``."""
-    found = re.match(r"(\d+)\.(\d+)", version)
-    return (int(found[1]), int(found[2])) if found else (0, 0)
-
-
 def check(version: str, scalar: Any) -> None:
     """Raise ImportError unless this DOLFINx can run the package's problems.
 
@@ -42,8 +35,8 @@ def check(version: str, scalar: Any) -> None:
     scalar
         PETSc's scalar type, ``numpy.float64`` in a real build.
     """
-    if version_tuple(version) != DOLFINX_RELEASE:
-        needed = ".".join(map(str, DOLFINX_RELEASE))
+    needed = ".".join(map(str, DOLFINX_RELEASE))
+    if not version.startswith(f"{needed}."):
         raise ImportError(f"tactile_fem needs DOLFINx {needed} and found {version}. {_ROUTES}")
     if np.issubdtype(scalar, np.complexfloating):
         raise ImportError(

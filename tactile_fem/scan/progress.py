@@ -1,10 +1,11 @@
-"""Shows how far a scan has come."""
+"""Shows how far a scan is."""
 
 from __future__ import annotations
 
 import logging
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import (
@@ -35,10 +36,11 @@ def describe_step(step: Step) -> str:
     )
 
 
-class ProgressDisplay:
-    """Shows the progress of a scan: a bar on a terminal, occasional lines elsewhere.
-
-    A context manager: a bar left open would garble the terminal.
+@contextmanager
+def progress(
+    rank: int = 0, *, console: Console | None = None, every_s: float = 15.0
+) -> Iterator[Callable[[Observation], None]]:
+    """Provide an observer that shows how far a scan is: a bar on a terminal, else some lines.
 
     Parameters
     ----------
@@ -49,60 +51,41 @@ class ProgressDisplay:
     every_s
         Minimum time between two lines if there is no terminal.
     """
+    console = console or stderr_console()
+    # Also without a terminal: it estimates the time left from the last minutes, because a
+    # resumed scan does not begin at 0 % and the press is faster than the slide.
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console,
+        speed_estimate_period=900.0,
+    )
+    task = bar.add_task("first touch", total=1.0)
+    last_line_s = bar.get_time()
 
-    def __init__(
-        self, rank: int = 0, *, console: Console | None = None, every_s: float = 15.0
-    ) -> None:
-        console = console or stderr_console()
-        self._silent = rank != 0
-        self._every = every_s
-        # Also without a terminal: it estimates the time left from the last minutes, because a
-        # resumed scan does not begin at 0 % and the press is faster than the slide.
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=24),
-            TextColumn("{task.percentage:3.0f} %"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            console=console,
-            speed_estimate_period=900.0,
-        )
-        self._shown = console.is_terminal and not self._silent
-        self._task = self._bar.add_task("first touch", total=1.0)
-        self._last_line_s = self._bar.get_time()
-
-    def __enter__(self) -> Self:
-        """Open the display."""
-        if self._shown:
-            self._bar.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close it, also after an error."""
-        if self._shown:
-            self._bar.stop()
-
-    def step(self, seen: Observation) -> None:
-        """Show an accepted step; an observer of a scan."""
-        if self._silent:
+    def show(seen: Observation) -> None:
+        nonlocal last_line_s
+        if rank != 0:
             return
         step = seen.step
-        line, now, level = describe_step(step), self._bar.get_time(), logging.DEBUG
-        self._bar.update(self._task, completed=step.fraction, description=line)
-        due = now - self._last_line_s >= self._every or step.fraction >= 1.0 or step.index == 1
-        if due and not self._shown:
-            self._last_line_s, level = now, logging.INFO
-            line += f"  {100 * step.fraction:3.0f} %{self._time_left()}"
+        line, now, level = describe_step(step), bar.get_time(), logging.DEBUG
+        bar.update(task, completed=step.fraction, description=line)
+        due = now - last_line_s >= every_s or step.fraction >= 1.0 or step.index == 1
+        if due and not console.is_terminal:
+            last_line_s, level = now, logging.INFO
+            line += f"  {100 * step.fraction:3.0f} %{_time_left(bar)}"
         logger.log(level, "%s", line)
 
-    def _time_left(self) -> str:
-        left = self._bar.tasks[self._task].time_remaining
-        if not left:
-            return ""
-        return f"  {left / 60:.1f} min left" if left >= 90 else f"  {left:.0f} s left"
+    with bar if console.is_terminal and rank == 0 else nullcontext():
+        yield show
+
+
+def _time_left(bar: Progress) -> str:
+    left = bar.tasks[0].time_remaining
+    if not left:
+        return ""
+    return f"  {left / 60:.1f} min left" if left >= 90 else f"  {left:.0f} s left"

@@ -19,7 +19,7 @@ from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Stepper
 from tactile_fem.neuron import Population, populations_of
 from tactile_fem.receptors import Layout, lay_out
-from tactile_fem.receptors.probe import Probes
+from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.scan.checks import DEEPEST, check_apart, check_depth
 from tactile_fem.scan.parts import Parts, check_parts
@@ -85,7 +85,7 @@ class Setup:
                 laws=self.parts.laws,
             )
             _ = problem.load_cell  # compiled here, not in the first step
-            probe = Probes(problem, self.layout)
+            probe = Probe(problem, self.layout.samples, len(self.layout.positions_mm))
             stepper = Stepper(problem, self.path, study.solver)
         logger.info(
             "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
@@ -103,7 +103,7 @@ class Instruments:
 
     problem: FingerProblem
     stepper: Stepper
-    probe: Probes
+    probe: Probe
 
 
 def _finger(study: Study, parts: Parts) -> FingerMesh:
