@@ -18,7 +18,7 @@ from dolfinx import fem
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.mechanics.load import Load
-from tactile_fem.mechanics.problem import SolveReport
+from tactile_fem.mechanics.newton import SolveReport
 from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.stepper import Step, Stepper
 from tactile_fem.stimulus import Motion, Path, make_path

@@ -25,6 +25,7 @@ from tactile_fem.runtime import doctor as diagnosis
 from tactile_fem.runtime import logs, ranks
 from tactile_fem.runtime.files import write_text
 from tactile_fem.runtime.signals import answering, stop_at_once
+from tactile_fem.scan.progress import ProgressDisplay
 from tactile_fem.scan.results import Results
 from tactile_fem.study.file import load_study
 from tactile_fem.study.template import commented_template
@@ -140,7 +141,7 @@ def _run(start: Callable[[list[Callable[..., None]]], object], folder: Path) -> 
     logs.set_up(rank, console=console)
     with (
         answering(stop_at_once),
-        logs.ProgressDisplay(rank, console=console) as display,
+        ProgressDisplay(rank, console=console) as display,
     ):
         start([display.step])
     if rank == 0:

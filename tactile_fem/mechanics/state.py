@@ -1,8 +1,8 @@
-"""What an accepted step leaves for the next one.
+"""The state of finger and body that one accepted step passes to the next.
 
-Nothing else in the mechanics keeps a history. A quantity at quadrature points, of the contact or
-of the tissue, is a `PointHistory` that joins the state once; it is then accepted, saved and
-restored with everything else.
+Nothing else in the mechanics stores a history. A quantity at quadrature points, of the contact or
+of the tissue, is a `PointHistory` in the list of the state's histories; it is then accepted, saved
+and restored with everything else.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ class PointHistory(ABC):
         """
         points = self.points_mm()
         rows = values.reshape(len(points), -1) if len(points) else np.empty((0, 1))
-        some = np.any(rows != 0, axis=1)
-        parts = self._comm.allgather(np.hstack([points[some], rows[some]]))
+        nonzero = np.any(rows != 0, axis=1)
+        parts = self._comm.allgather(np.hstack([points[nonzero], rows[nonzero]]))
         return np.concatenate([part for part in parts if len(part)] or parts[:1])
 
     def scatter(self, saved: Array) -> None:
@@ -230,7 +230,7 @@ class State:
     def restore(
         self, saved: dict[str, Array], order: NodeOrder, prepare: Callable[[Array, float], None]
     ) -> None:
-        """Become what `gather` returned.
+        """Restore what `gather` returned.
 
         Parameters
         ----------

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import shapely
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, drive_of
+from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.extrema import central_receptor, middle_row
 from tactile_fem.output.pictures import draw_pictures
 from tactile_fem.output.plots import (
     DISPLACEMENT,
-    Outlines,
+    TIME,
     firing_figure,
     force_figure,
     raster_figure,
@@ -25,14 +24,12 @@ from tactile_fem.output.plots import (
 )
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.scan.results import Results
-from tactile_fem.stimulus import outlines
-from tactile_fem.study import Afferents, AnyStimulus
+from tactile_fem.study import Afferents
 
 logger = logging.getLogger(__name__)
 
 Indices = NDArray[np.intp]
 
-_TIME = "Time (s)"
 _MET = "Place on the stimulator that the receptor meets (mm)"
 _COLUMNS = 201
 # Standard deviation of the Gaussian that spreads a spike.
@@ -79,55 +76,6 @@ def draw_plots(results: Results) -> list[Path]:
     return paths
 
 
-@dataclass(frozen=True)
-class Abscissa:
-    """What a scan's figures are drawn over from the end of the indentation on.
-
-    For a steady slide along the finger, towards the palm, it is the displacement, which is also Y
-    of the stimulator's outlines. For any other path it is the time.
-
-    Attributes
-    ----------
-    label
-        Of the axis.
-    rows
-        Which rows of the trace it has, (steps,).
-    values
-        At these rows.
-    outlines
-        Of the stimulator; none over time.
-    """
-
-    label: str
-    rows: NDArray[np.bool_]
-    values: NDArray[np.float64]
-    outlines: Outlines = ()
-
-    @classmethod
-    def of(cls, results: Results) -> Abscissa:
-        """Return what a scan's figures are drawn over."""
-        trace = results.trace
-        rows = trace["time_s"] >= -1e-12
-        slid, places = trace["displacement_mm"][rows], trace["stimulator_mm"][rows]
-        straight = places[:1, :2] + slid[:, None] * [0.0, -1.0]
-        along = np.allclose(places[:, :2], straight, atol=1e-9) and (np.diff(slid) > 0).all()
-        if not along:
-            return cls(_TIME, rows, trace["time_s"][rows])
-        shapes = rings(results.study.stimulus) if results.stimulator is None else []
-        return cls(DISPLACEMENT, rows, slid, shapes)
-
-
-def rings(stimulus: AnyStimulus) -> Outlines:
-    """Return the outlines of what is raised as closed curves, holes turning the other way."""
-    parts = shapely.get_parts([part for part in outlines(stimulus) if not part.is_empty])
-    polygons = [shapely.geometry.polygon.orient(part) for part in parts]
-    return [
-        np.asarray(ring.coords)
-        for polygon in polygons
-        for ring in (polygon.exterior, *polygon.interiors)
-    ]
-
-
 def _felt(results: Results, afferents: Afferents, own: Indices, over: Abscissa) -> Figure | None:
     """Draw what the central receptor of a population feels, if that can be told here."""
     trace = results.trace
@@ -153,7 +101,7 @@ def _raster(results: Results, own: Indices, over: Abscissa) -> Figure:
     shown = (spikes.time_s >= 0) & np.isin(spikes.receptor, own)
     receptor = spikes.receptor[shown]
     x, y = places[own, :2].T
-    if over.label == _TIME:
+    if over.label == TIME:
         ends = float(over.values[0]), float(over.values[-1])
         return raster_figure(spikes.time_s[shown], places[receptor, 0], x, ends, (), over.label)
     on_the_origin = np.ptp(y) < 1e-9 and abs(y[0]) < 1e-9

@@ -26,7 +26,7 @@ Outlines = Sequence[NDArray[np.float64]]
 
 # Okabe and Ito's colours, which colour-blind readers can distinguish.
 BLUE, VERMILION, GREEN, INK, PAPER = "#0072B2", "#D55E00", "#009E73", "#222222", "#E6E3DC"
-DISPLACEMENT = "Stimulator displacement (mm)"
+DISPLACEMENT, TIME = "Stimulator displacement (mm)", "Time (s)"
 ACROSS = "Receptor position across the finger, X (mm)"
 _STYLE: Any = {
     "font.size": 9,

@@ -1,4 +1,4 @@
-"""Finds within a second what would stop a scan later."""
+"""Finds within a second the errors of a study that would stop its scan later."""
 
 from __future__ import annotations
 

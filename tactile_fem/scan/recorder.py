@@ -1,4 +1,4 @@
-"""Keeps a running scan: trace and checkpoint after each step, fields now and then."""
+"""Saves a running scan: trace and checkpoint after each step, fields at intervals."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Recorder:
         )
 
     def begin(self, trace: Trace) -> None:
-        """Save the state of rest, so that a scan that fails at once leaves a whole folder."""
+        """Save the state at rest, so that a scan that fails at once leaves a complete folder."""
         on_root(self._comm, lambda: self._results.save_trace(**trace.arrays()))
         if self._setup.parts.body is not None:
             grid = DistanceGrid.of(self._setup.body, self._setup.path.places_mm())
@@ -117,7 +117,7 @@ class Recorder:
             on_root(self._comm, write)
 
     def _field_due(self, step: Step) -> bool:
-        """Tell whether a field is due: at the end of a piece of the path and at equal slides."""
+        """Return whether to write a field: at the end of a piece of the path and at intervals."""
         slid = step.displacement_mm >= self._next_field_mm - 1e-9
         if not step.output or not (slid or step.ends_piece):
             return False
@@ -174,11 +174,11 @@ class Recorder:
         return saved
 
     def spikes(self, response: Response) -> None:
-        """Keep the spikes."""
+        """Save the spikes."""
         on_root(self._comm, lambda: self._results.save_spikes(response.spikes))
 
     def finish(self, status: str) -> None:
-        """Say how it ended."""
+        """Save how the scan ended."""
         self._save_run(status)
 
     def _spent(self) -> dict[str, Any]:
@@ -196,7 +196,7 @@ class Recorder:
         }
 
     def _spend(self, earlier: dict[str, Any]) -> None:
-        """Count what the scan took before it was interrupted."""
+        """Add the cost of the scan before it was interrupted."""
         self._started -= earlier["wall_s"]
         self._memory_MB = earlier["peak_memory_MB"]
         for name, seconds in earlier["timers_s"].items():
@@ -222,7 +222,7 @@ class Recorder:
 
 
 def _measured(finger: FingerMesh) -> dict[str, Any]:
-    """Return what a mesh is, whoever made it."""
+    """Return the measures of a mesh."""
     return {
         "hash": finger.hash,
         "tetrahedra": len(finger.tets),

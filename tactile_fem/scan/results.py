@@ -116,7 +116,7 @@ class Results:
 
     @staticmethod
     def check(folder: Path | str, *, overwrite: bool = False) -> None:
-        """Raise what `create` would raise, as far as can be told without writing."""
+        """Raise what `create` would raise, as far as this is known without writing."""
         path = Path(folder)
         try:
             if path.is_dir():
@@ -155,7 +155,7 @@ class Results:
 
     @classmethod
     def unfinished(cls, folder: Path | str, study: Study) -> bool:
-        """Tell whether the folder holds a scan of this study that has not come to its end."""
+        """Return whether the folder holds an incomplete scan of this study."""
         results = cls(folder)
         try:
             return results.study == study and not results.complete
@@ -164,7 +164,7 @@ class Results:
 
     @property
     def complete(self) -> bool:
-        """Whether the scan has come to its end."""
+        """Whether the scan is complete."""
         return bool(self.run.get("status") == "complete")
 
     @property
@@ -265,7 +265,7 @@ class Results:
 
     @cached_property
     def run(self) -> dict[str, Any]:
-        """Versions, mesh, options, ranks, timings, status; empty if the scan has not said."""
+        """Versions, mesh, options, ranks, timings, status; empty if not saved yet."""
         path = self.folder / "run.json"
         if not path.exists():
             return {}
@@ -291,7 +291,7 @@ class Results:
 
     @cached_property
     def spikes(self) -> Spikes:
-        """Spikes of all receptors; none if the scan has not come so far."""
+        """Spikes of all receptors; none if not saved yet."""
         path = self.folder / "spikes.csv"
         rows: list[list[str]] = []
         try:
@@ -314,11 +314,11 @@ class Results:
         StudyError
             It has none.
         """
-        who = np.flatnonzero(self.trace["population"] == population)
-        if not len(who):
+        indices = np.flatnonzero(self.trace["population"] == population)
+        if not len(indices):
             names = ", ".join(dict.fromkeys(self.trace["population"].tolist()))
             raise StudyError(f"{self.folder} has no afferents {population}, only {names}.")
-        return who
+        return indices
 
     @property
     def stimulator(self) -> DistanceGrid | None:
@@ -338,13 +338,13 @@ class Results:
             with np.load(path, allow_pickle=False) as arrays:
                 return dict(arrays)
         except FileNotFoundError:
-            raise StudyError(f"There is no {path}: the scan has not come so far.") from None
+            raise StudyError(f"There is no {path}: it has not been written yet.") from None
         except Exception as error:  # a damaged archive fails in many ways
             raise StudyError(f"{path} cannot be read: {error}.") from None
 
 
 def _has_files(folder: Path) -> bool:
-    """Tell whether there is more in a folder than other folders and hidden files."""
+    """Return whether a folder has files other than hidden ones, also in its subfolders."""
     return any(path.is_file() and not path.name.startswith(".") for path in folder.rglob("*"))
 
 

@@ -14,7 +14,7 @@ Array = NDArray[Any]
 
 
 class Trace:
-    """What happened and what the receptors felt; the first row is the finger at rest.
+    """Motion, load and receptors of all steps; the first row is the finger at rest.
 
     Columns are attributes. An observer's own columns join them; a row without a value has NaN.
 
@@ -97,7 +97,7 @@ class Trace:
         return len(self._of_step["clock_s"])
 
     def add(self, step: Any, receptors: Any, own: Mapping[str, ArrayLike]) -> None:
-        """Append a row: a step, what the receptors feel at it, and observers' own columns."""
+        """Append a row: a step, the state of the receptors, and the observers' own columns."""
         rows, values = len(self), self._checked(own)
         for source, columns in ((receptors, self._of_receptors), (step, self._of_step)):
             for name, column in columns.items():

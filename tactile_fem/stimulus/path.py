@@ -170,11 +170,11 @@ class Path:
                     f"{name} takes {duration:g} s but must take a finite time above 0 s."
                 )
             _check_outputs(name, np.asarray(motion.outputs_s, dtype=float), duration)
-            off = float(np.abs(motion.places_mm[0] - start).max())
-            if not off <= _JOINT_MM:
+            distance = float(np.abs(motion.places_mm[0] - start).max())
+            if not distance <= _JOINT_MM:
                 x, y, z = start
                 raise StudyError(
-                    f"{name} begins {off:.3g} mm from where the body is then; its first place "
+                    f"{name} begins {distance:.3g} mm from where the body is then; its first place "
                     f"must be X {x:g}, Y {y:g}, Z {z:g} mm."
                 )
             lasts_s += duration
