@@ -63,7 +63,9 @@ class Parts:
         if self.body is not None:
             parts["body"] = self.body, self.body.distance(_POINTS).gap
         if self.path is not None:
-            parts["path"] = self.path, self.path.places_mm()
+            motions = [motion for _, motion in self.path.plan()]
+            when = [[m.duration_s, m.until_N or 0.0, m.held_N or 0.0] for m in motions]
+            parts["path"] = self.path, np.concatenate([when, *(m.places_mm for m in motions)])
         return {name: f"{_name(part)} {_hash(does)}" for name, (part, does) in parts.items()}
 
 
