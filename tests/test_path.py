@@ -196,6 +196,10 @@ def test_a_study_keeps_its_path(tmp_path, places_file):
         (lambda _: replace(hold(1.0, 1.0)(REST), outputs_s=(0.0, 1.0)), "outputs_s must increase"),
         (lambda _: replace(hold(1.0, 1.0)(REST), outputs_s=(0.5, 0.5)), "outputs_s must increase"),
         (lambda _: replace(hold(1.0, 1.0)(REST), outputs_s=(1.1,)), "to at most 1 s"),
+        (
+            lambda _: replace(hold(1.0, 1.0)(REST), knots_s=[0.0, 0.5]),
+            "knots_s must increase from 0",
+        ),
         (lambda _: hold(1.0, 1.0)(np.array([0, 0, 0.5])), "begins 0.5 mm from where the body is"),
     ],
 )

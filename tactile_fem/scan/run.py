@@ -253,7 +253,11 @@ def _observed(observers: Iterable[Observer], seen: Observation) -> dict[str, Arr
     """Return what the observers add to the trace."""
     columns: dict[str, ArrayLike] = {}
     for observer in observers:
-        columns.update(observer(seen) or {})
+        found = observer(seen) or {}
+        twice = sorted(columns.keys() & found.keys())
+        if twice:
+            raise StudyError(f"observers: two of them return {twice[0]}: choose another name.")
+        columns.update(found)
     return columns
 
 

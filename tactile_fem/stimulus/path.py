@@ -170,6 +170,9 @@ class Path:
                     f"{name} takes {duration:g} s but must take a finite time above 0 s."
                 )
             _check_outputs(name, np.asarray(motion.outputs_s, dtype=float), duration)
+            knots = np.asarray([0.0, duration] if motion.knots_s is None else motion.knots_s)
+            if knots[0] != 0 or knots[-1] != duration or (np.diff(knots) <= 0).any():
+                raise StudyError(f"{name}: its knots_s must increase from 0 to {duration:g} s.")
             distance = float(np.abs(motion.places_mm[0] - start).max())
             if not distance <= _JOINT_MM:
                 x, y, z = start
