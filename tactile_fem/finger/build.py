@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from types import ModuleType
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from tactile_fem.errors import MeshError
 from tactile_fem.finger.layers import extrude, extrusion_directions, layering
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
 from tactile_fem.finger.report import check_mesh
-from tactile_fem.finger.session import gmsh_model
+from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.finger.shape import Array, bone_shape, skin_shape
 from tactile_fem.finger.skin import bone_size, nail_outline, pad_size, sizes_of, triangulate
 from tactile_fem.study import Finger
@@ -155,17 +156,13 @@ def _fill_volume(
 
 
 def _read(
-    gmsh: ModuleType, nodes: Array, number: dict[int, int], dim: int
+    gmsh: ModuleType, nodes: Array, number: dict[int, int], dim: Literal[2, 3]
 ) -> tuple[Array, NDArray[np.int64]]:
     """Append gmsh's new nodes and return the elements in our numbering."""
-    tags, flat, _ = gmsh.model.mesh.getNodes()
-    elements = gmsh.model.mesh.getElementsByType({2: 2, 3: 4}[dim])[1].reshape(-1, dim + 1)
-    if len(elements) == 0:
+    points, cells, tags = simplices(gmsh, dim)
+    if len(cells) == 0:
         raise MeshError("gmsh left a part of the finger empty: bone and skin may be too near")
-    order = np.argsort(tags)
-    tags, points = tags[order].astype(np.int64), flat.reshape(-1, 3)[order]
-    numbers = np.array([number.get(int(tag), -1) for tag in tags])
-    new = (numbers < 0) & np.isin(tags, elements)
+    numbers = np.array([number.get(tag, -1) for tag in tags.tolist()])
+    new = numbers < 0
     numbers[new] = len(nodes) + np.arange(new.sum())
-    found = numbers[np.searchsorted(tags, elements.astype(np.int64))]
-    return np.vstack([nodes, points[new]]), found
+    return np.vstack([nodes, points[new]]), numbers[cells]

@@ -56,6 +56,13 @@ class FingerMesh:
     triangles: NDArray[np.int64]
     surface: NDArray[np.int64]
 
+    @property
+    def missing(self) -> list[str]:
+        """Names of the tissues and surfaces that it lacks, but for the nail."""
+        tags = {*np.unique(self.tissue).tolist(), *np.unique(self.surface).tolist()}
+        parts = {**TISSUES, **SURFACES}
+        return [name for name, tag in parts.items() if tag not in tags and name != "nail"]
+
     @cached_property
     def hash(self) -> str:
         """SHA-256 of the content, in hexadecimal digits."""
