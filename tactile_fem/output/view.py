@@ -17,9 +17,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 from matplotlib import colormaps
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, to_rgba
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
@@ -37,8 +35,8 @@ _SED_COLOURS = "viridis"
 # Colour and radius in mm.
 _SILENT, _FIRING = ("#101010", 0.07), ("#FFFFFF", 0.1)
 _RIM_SHIFT_MM = (0.0, 0.03, 0.03)
-_PIXELS = (1100, 700)
-_PER_SECOND, _DPI = 20, 112
+_PIXELS, _IN_FILM = (1100, 700), (840, 534)
+_PER_SECOND = 20
 
 
 class Scene:
@@ -110,21 +108,11 @@ def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict[st
 
 def window(film: Film) -> None:
     """Open a window with a slider over the slide, and wait until it is closed."""
-    plotter = _window_plotter(film, off_screen=False)
-    plotter.show()
+    _window_plotter(film, off_screen=False).show()
 
 
 def _window_plotter(film: Film, *, off_screen: bool) -> pv.Plotter:
-    plotter = pv.Plotter(window_size=_PIXELS, title="tactile-fem", off_screen=off_screen)
-    scene = Scene(plotter, film)
-    scene.show(0)
-    _colour_bar(plotter)
-    # VTK's own legend would write its text in the colours themselves, such as white on white.
-    figure = Figure(figsize=(2, 2.4))
-    _add_legend(figure)
-    legend = pv.ChartMPL(figure, size=(0.17, 0.29), loc=(0.0, 0.0))
-    legend.border_color = "white"
-    plotter.add_chart(legend)
+    plotter, scene = _stage(film, off_screen=off_screen)
     if len(film) > 1:
         plotter.add_slider_widget(
             lambda displacement_mm: scene.show(film.nearest(displacement_mm)),
@@ -137,6 +125,24 @@ def _window_plotter(film: Film, *, off_screen: bool) -> pv.Plotter:
             pointb=(0.33, 0.91),
         )
     return plotter
+
+
+def _stage(film: Film, *, off_screen: bool) -> tuple[pv.Plotter, Scene]:
+    """Return a plotter with the first frame, colour bar and legend, and the scene in it."""
+    plotter = pv.Plotter(window_size=_PIXELS, title="tactile-fem", off_screen=off_screen)
+    scene = Scene(plotter, film)
+    scene.show(0)
+    _colour_bar(plotter)
+    # VTK's own legend would write its text in the colours themselves, such as white on white.
+    figure = Figure(figsize=(2, 2.4))
+    dot = {"ls": "", "marker": "o", "ms": 7, "mec": "black", "mew": 0.7}
+    handles = [Line2D([], [], color=c, label=name, **dot) for name, c in _legend().items()]
+    style = {"loc": "lower left", "fontsize": 9, "framealpha": 0.9, "edgecolor": "none"}
+    figure.legend(handles=handles, handletextpad=0.2, **style)
+    legend = pv.ChartMPL(figure, size=(0.17, 0.29), loc=(0.0, 0.0))
+    legend.border_color = "white"
+    plotter.add_chart(legend)
+    return plotter, scene
 
 
 def save_html(film: Film, k: int, path: Path) -> None:
@@ -198,37 +204,12 @@ def save_mp4(film: Film, path: Path) -> None:
 def frames(film: Film) -> Iterator[Image.Image]:
     """Yield the images of an animation, with colour bar and legend."""
     logger.info("%d frames to draw", len(film))
-    plotter = drawing.off_screen(_PIXELS)
-    scene = Scene(plotter, film)
+    plotter, scene = _stage(film, off_screen=True)
     for k in range(len(film)):
-        state = scene.show(k)
-        yield _framed(np.asarray(plotter.screenshot(return_img=True)), state, film.top_kPa)
+        plotter.add_text(_title(scene.show(k)), font_size=10, name="title")
+        image = Image.fromarray(plotter.screenshot(return_img=True))
+        yield image.resize(_IN_FILM, Image.Resampling.LANCZOS)
     plotter.close()
-
-
-def _framed(image: NDArray[np.uint8], state: State, top_kPa: float) -> Image.Image:
-    figure = drawing.framed(image)
-    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.9, "pad": 4}
-    figure.text(0.02, 0.97, _title(state), fontsize=11, va="top", bbox=box)
-    _add_legend(figure)
-    bar = figure.colorbar(
-        ScalarMappable(Normalize(0, top_kPa), _SED_COLOURS),
-        cax=figure.add_axes((0.87, 0.56, 0.016, 0.38)),
-        extend="max",
-    )
-    bar.set_label(_SED, fontsize=9)
-    bar.ax.tick_params(labelsize=8)
-    figure.set_dpi(_DPI)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-
-
-def _add_legend(figure: Figure) -> None:
-    dot = {"ls": "", "marker": "o", "ms": 7, "mec": "black", "mew": 0.7}
-    handles = [Line2D([], [], color=c, label=name, **dot) for name, c in _legend().items()]
-    style = {"loc": "lower left", "fontsize": 9, "framealpha": 0.9, "edgecolor": "none"}
-    figure.legend(handles=handles, handletextpad=0.2, **style)
 
 
 def _palette(image: Image.Image) -> NDArray[np.uint8]:
