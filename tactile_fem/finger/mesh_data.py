@@ -75,14 +75,7 @@ class FingerMesh:
 def held_parts(
     mesh: FingerMesh, names: Sequence[str]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the tetrahedra and nodes of the named tissues and surfaces.
-
-    Returns
-    -------
-    tets, nodes
-        (m,) whether a tetrahedron belongs to the tissues; (n,) whether a node belongs to the
-        tissues or surfaces.
-    """
+    """Return which tetrahedra (m,) and nodes (n,) belong to the named tissues and surfaces."""
     tets = np.isin(mesh.tissue, [tag for name, tag in TISSUES.items() if name in names])
     facets = np.isin(mesh.surface, [tag for name, tag in SURFACES.items() if name in names])
     nodes = np.zeros(len(mesh.nodes), dtype=bool)
@@ -152,18 +145,10 @@ def quadratic(
 def lowest_facet(
     x: float, y: float, facets: NDArray[np.float64]
 ) -> tuple[int, NDArray[np.float64]] | None:
-    """Return the lowest facet above or below a point of the XY plane, and the position in it.
+    """Return the lowest facet over or under a point of the XY plane, and where it meets it.
 
-    Parameters
-    ----------
-    x, y
-        The point in mm.
-    facets
-        (m, 3, 3) corners.
-
-    Returns
-    -------
-    Index of the facet and barycentric coordinates (3,) in it; None if there is no facet.
+    That is the facet's index in `facets`, (m, 3, 3) corners, and barycentric coordinates (3,) in
+    it; None if there is no facet.
     """
     corner, edges = facets[:, 0, :2], facets[:, 1:, :2] - facets[:, :1, :2]
     (a, b), (c, d) = edges[:, :, 0].T, edges[:, :, 1].T

@@ -47,8 +47,8 @@ class Letters:
         if not glyphs:
             raise StudyError('stimulus.text holds no letter; for a flat plate set kind = "plate"')
         reference = _glyph("G", font, text.font)
-        scale = text.g_width_mm / _width(reference)
-        middle = sum(reference.bounds[1::2]) / 2
+        left, bottom, right, top = reference.bounds
+        scale, middle = text.g_width_mm / (right - left), (bottom + top) / 2
         start = text.start_mm
         if start is None:
             start = text.pitch_mm / 2 if len(text.text) > 1 else -text.pitch_mm / 2
@@ -139,10 +139,6 @@ def _topology(shape: shapely.Geometry) -> tuple[int, int]:
     """Return the number of parts and of holes."""
     parts = [part for part in shapely.get_parts(shape) if not part.is_empty]
     return len(parts), sum(len(part.interiors) for part in parts)
-
-
-def _width(shape: shapely.Geometry) -> float:
-    return float(shape.bounds[2] - shape.bounds[0])
 
 
 @lru_cache(maxsize=64)
