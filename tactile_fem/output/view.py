@@ -40,24 +40,48 @@ _PER_SECOND = 20
 
 
 class Scene:
-    """Draws frames into a plotter; each replaces the previous one."""
+    """Draws frames, each in place of the previous one, into a plotter of its own."""
 
-    def __init__(self, plotter: pv.Plotter, film: Film) -> None:
-        self._plotter, self._film = plotter, film
-        plotter.set_background("white")
+    def __init__(self, film: Film, *, off_screen: bool = True) -> None:
+        self._film = film
+        self.plotter = pv.Plotter(window_size=_PIXELS, title="tactile-fem", off_screen=off_screen)
+        self.plotter.set_background("white")
         focus = (0.0, film.cut_mm + 0.5, 3.6)
         eye = (9.0, film.cut_mm + 28.0, 24.0)
-        plotter.camera_position = [eye, focus, (0.0, 0.0, 1.0)]
-        plotter.enable_parallel_projection()
-        plotter.parallel_scale = 9.6
+        self.plotter.camera_position = [eye, focus, (0.0, 0.0, 1.0)]
+        self.plotter.enable_parallel_projection()
+        self.plotter.parallel_scale = 9.6
+        self.show(0)
+        self.plotter.add_scalar_bar(
+            title=f"{_SED}\n ",
+            mapper=self.plotter.actors["interface"].mapper,
+            color="black",
+            vertical=True,
+            position_x=0.88,
+            position_y=0.5,
+            height=0.42,
+            width=0.06,
+            fmt="%.1f",
+        )
+
+    def add_legend(self) -> None:
+        """Name the colours; VTK's own legend would write white on white."""
+        figure = Figure(figsize=(2, 2.4))
+        dot = {"ls": "", "marker": "o", "ms": 7, "mec": "black", "mew": 0.7}
+        handles = [Line2D([], [], color=c, label=name, **dot) for name, c in _legend().items()]
+        style = {"loc": "lower left", "fontsize": 9, "framealpha": 0.9, "edgecolor": "none"}
+        figure.legend(handles=handles, handletextpad=0.2, **style)
+        legend = pv.ChartMPL(figure, size=(0.17, 0.29), loc=(0.0, 0.0))
+        legend.border_color = "white"
+        self.plotter.add_chart(legend)
 
     def show(self, k: int) -> State:
         """Draw frame `k` and return its state."""
         state = self._film[k]
         for name, mesh, style in _pieces(state, self._film):
-            self._plotter.remove_actor(name, render=False)
+            self.plotter.remove_actor(name, render=False)
             if mesh.n_points:
-                self._plotter.add_mesh(
+                self.plotter.add_mesh(
                     mesh,
                     name=name,
                     reset_camera=False,
@@ -65,8 +89,8 @@ class Scene:
                     show_scalar_bar=False,
                     **style,
                 )
-        self._plotter.reset_camera_clipping_range()
-        self._plotter.render()
+        self.plotter.reset_camera_clipping_range()
+        self.plotter.render()
         return state
 
 
@@ -112,9 +136,10 @@ def window(film: Film) -> None:
 
 
 def _window_plotter(film: Film, *, off_screen: bool) -> pv.Plotter:
-    plotter, scene = _stage(film, off_screen=off_screen)
+    scene = Scene(film, off_screen=off_screen)
+    scene.add_legend()
     if len(film) > 1:
-        plotter.add_slider_widget(
+        scene.plotter.add_slider_widget(
             lambda displacement_mm: scene.show(film.nearest(displacement_mm)),
             (film.displacement_mm[0], film.displacement_mm[-1]),
             title="Displacement (mm)",
@@ -124,34 +149,15 @@ def _window_plotter(film: Film, *, off_screen: bool) -> pv.Plotter:
             pointa=(0.03, 0.91),
             pointb=(0.33, 0.91),
         )
-    return plotter
-
-
-def _stage(film: Film, *, off_screen: bool) -> tuple[pv.Plotter, Scene]:
-    """Return a plotter with the first frame, colour bar and legend, and the scene in it."""
-    plotter = pv.Plotter(window_size=_PIXELS, title="tactile-fem", off_screen=off_screen)
-    scene = Scene(plotter, film)
-    scene.show(0)
-    _colour_bar(plotter)
-    # VTK's own legend would write its text in the colours themselves, such as white on white.
-    figure = Figure(figsize=(2, 2.4))
-    dot = {"ls": "", "marker": "o", "ms": 7, "mec": "black", "mew": 0.7}
-    handles = [Line2D([], [], color=c, label=name, **dot) for name, c in _legend().items()]
-    style = {"loc": "lower left", "fontsize": 9, "framealpha": 0.9, "edgecolor": "none"}
-    figure.legend(handles=handles, handletextpad=0.2, **style)
-    legend = pv.ChartMPL(figure, size=(0.17, 0.29), loc=(0.0, 0.0))
-    legend.border_color = "white"
-    plotter.add_chart(legend)
-    return plotter, scene
+    return scene.plotter
 
 
 def save_html(film: Film, k: int, path: Path) -> None:
     """Write frame `k` as an HTML page on which it can be rotated and zoomed."""
-    plotter = pv.Plotter(off_screen=True, window_size=_PIXELS)
-    state = Scene(plotter, film).show(k)
-    _colour_bar(plotter)
-    page = plotter.trame.export_html(None).read()
-    plotter.close()
+    scene = Scene(film)
+    state = scene.show(k)
+    page = scene.plotter.trame.export_html(None).read()
+    scene.plotter.close()
     rows = "".join(
         f'<br><span style="color:{colour};text-shadow:0 0 1px black">&#9679;</span> {name}'
         for name, colour in _legend().items()
@@ -204,12 +210,13 @@ def save_mp4(film: Film, path: Path) -> None:
 def frames(film: Film) -> Iterator[Image.Image]:
     """Yield the images of an animation, with colour bar and legend."""
     logger.info("%d frames to draw", len(film))
-    plotter, scene = _stage(film, off_screen=True)
+    scene = Scene(film)
+    scene.add_legend()
     for k in range(len(film)):
-        plotter.add_text(_title(scene.show(k)), font_size=10, name="title")
-        image = Image.fromarray(plotter.screenshot(return_img=True))
+        scene.plotter.add_text(_title(scene.show(k)), font_size=10, name="title")
+        image = Image.fromarray(scene.plotter.screenshot(return_img=True))
         yield image.resize(_IN_FILM, Image.Resampling.LANCZOS)
-    plotter.close()
+    scene.plotter.close()
 
 
 def _palette(image: Image.Image) -> NDArray[np.uint8]:
@@ -238,17 +245,3 @@ def _title(state: State) -> str:
 def _legend() -> dict[str, str]:
     layers = {name.replace("_", " "): colour for name, colour in drawing.COLOURS.items()}
     return {**layers, "receptor, silent": _SILENT[0], "receptor, firing": _FIRING[0]}
-
-
-def _colour_bar(plotter: pv.Plotter) -> None:
-    plotter.add_scalar_bar(
-        title=f"{_SED}\n ",
-        mapper=plotter.actors["interface"].mapper,
-        color="black",
-        vertical=True,
-        position_x=0.88,
-        position_y=0.5,
-        height=0.42,
-        width=0.06,
-        fmt="%.1f",
-    )
