@@ -85,12 +85,7 @@ def held_parts(
 
 
 def facets_of(tets: NDArray[np.int64]) -> tuple[NDArray, NDArray, NDArray]:
-    """Find the facets of four-node tetrahedra.
-
-    Parameters
-    ----------
-    tets
-        (m, 4) or (m, 10) nodes.
+    """Find the facets of tetrahedra with (m, 4) or (m, 10) nodes.
 
     Returns
     -------

@@ -39,9 +39,7 @@ def can_draw() -> str | None:
             'To install it: pip install "tactile-fem[pictures]".'
         )
     finding = doctor.picture_finding()
-    if finding is not None:
-        return f"{finding.sentence} On Debian or Ubuntu: {doctor.install_line([finding])}."
-    return None
+    return None if finding is None else f"{finding}."
 
 
 def draw_pictures(results: Results) -> list[Path]:

@@ -46,6 +46,10 @@ class Finding:
     packages: tuple[str, ...]
     fatal: bool = False
 
+    def __str__(self) -> str:
+        """Return the sentence, and the command that installs what is missing."""
+        return f"{self.sentence} On Debian or Ubuntu: {install_line([self])}"
+
 
 def has_library(name: str) -> bool:
     """Return whether a shared library can be loaded."""

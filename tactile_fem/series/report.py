@@ -42,14 +42,9 @@ _CAPTIONS = {
 
 
 def write_report(folder: Path | str, *, output: Path | None = None) -> Path:
-    """Write the report of a scan, or of a series, and return its path.
+    """Write the report of a scan's or a series' folder and return its path.
 
-    Parameters
-    ----------
-    folder
-        Results of a scan, or the folder of a series.
-    output
-        Default ``report.html`` in `folder`.
+    It is ``report.html`` in the folder unless `output` is given.
 
     Raises
     ------
