@@ -48,13 +48,7 @@ class ConvergenceError(TactileError):
 
 
 class StoppedError(TactileError):
-    """A signal ended the scan; the exit code is 128 plus its number, as in a shell.
-
-    Parameters
-    ----------
-    number
-        The signal.
-    """
+    """A signal ended the scan; the exit code is 128 plus its number, as in a shell."""
 
     def __init__(self, number: int) -> None:
         self.number = number

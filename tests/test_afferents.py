@@ -26,7 +26,7 @@ from tactile_fem.scan.results import Results
 from tactile_fem.series import fibre_image
 from tactile_fem.series.members import single_fibre
 from tactile_fem.series.report import write_report
-from tactile_fem.series.table import numbers_of
+from tactile_fem.series.run import numbers_of
 from tactile_fem.study import Afferents, Neuron, Receptors, Study
 from tactile_fem.study.file import dump_study, load_study
 

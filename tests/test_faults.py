@@ -25,7 +25,7 @@ from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.mechanics.compile import clean_cache, jit_options
 from tactile_fem.output.figures import draw_plots
-from tactile_fem.runtime.folder_lock import locked
+from tactile_fem.runtime.files import locked
 from tactile_fem.scan import resume, scan
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results

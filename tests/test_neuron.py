@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import ReceptiveField, Response, load, respond, save, to_neo
+from tactile_fem.neuron import Response, load, pool, respond, save, to_neo
 from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.neuron.variability import Variability
 from tactile_fem.study import Neuron
@@ -332,18 +332,15 @@ def test_neo_gets_every_spike():
 def test_receptive_fields_are_means_or_maxima_of_their_points():
     points = np.array([[0.0, 0], [1, 0], [2, 0], [9, 0]])
     sed = np.array([[1.0, 2, 6, 7], [4, 2, 0, 5]])
-    mean, largest = (
-        ReceptiveField.around([[1.0, 0], [9, 0]], points, 1.0, rule).combine(sed)
-        for rule in ("sum", "max")
-    )
+    mean, largest = (pool(sed, points, [[1.0, 0], [9, 0]], 1.0, rule) for rule in ("mean", "max"))
     assert mean == pytest.approx(np.array([[3, 7], [2, 5]]))
     assert largest == pytest.approx(np.array([[6, 7], [4, 5]]))
-    one = ReceptiveField.around(points, points, 0.0).combine(sed)
+    one = pool(sed, points, points, 0.0)
     assert np.array_equal(one, sed)
     with pytest.raises(StudyError, match="No point lies within 1 mm of afferent 1"):
-        ReceptiveField.around([[0.0, 0], [5, 0]], points, 1.0)
+        pool(sed, points, [[0.0, 0], [5, 0]], 1.0)
     with pytest.raises(StudyError, match=r"it needs \(t, 4\)"):
-        ReceptiveField.around(points, points, 0.0).combine(sed[:, :2])
+        pool(sed[:, :2], points, points, 0.0)
 
 
 def test_neurons_need_neither_solver_nor_plots():

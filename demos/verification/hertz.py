@@ -140,7 +140,7 @@ def body_mesh(shape: Shape, per_radius: float, radius: float) -> FingerMesh:
         occ.synchronize()
         gmsh.model.mesh.setSizeCallback(size)
         gmsh.model.mesh.generate(3)
-        nodes, cells = simplices(gmsh, 3)
+        nodes, cells, _ = simplices(gmsh, 3)
     facets, _, second = facets_of(cells)
     facets = facets[second < 0]
     axes = [0, 1, 2] if shape == "ball" else [0, 2]

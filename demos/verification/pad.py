@@ -52,7 +52,7 @@ def _tetrahedra(size_mm: float) -> tuple[np.ndarray, np.ndarray]:
         occ.synchronize()
         gmsh.option.setNumber("Mesh.MeshSizeMax", size_mm)
         gmsh.model.mesh.generate(3)
-        return simplices(gmsh, 3)
+        return simplices(gmsh, 3)[:2]
 
 
 # %%

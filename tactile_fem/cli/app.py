@@ -104,8 +104,7 @@ def _prepared(study: Study, ranks_: int, arguments: list[str]) -> ModuleType:
     check_study(study)
     finding = diagnosis.compiler_finding()
     if finding is not None:
-        line = diagnosis.install_line([finding])
-        raise TactileError(f"{finding.sentence} On Debian or Ubuntu: {line}")
+        raise TactileError(str(finding))
     if ranks_ > 1:
         ranks.restart(ranks_, arguments)
     try:

@@ -56,6 +56,13 @@ class FingerMesh:
     triangles: NDArray[np.int64]
     surface: NDArray[np.int64]
 
+    @property
+    def missing(self) -> list[str]:
+        """Names of the tissues and surfaces that it lacks, but for the nail."""
+        tags = {*np.unique(self.tissue).tolist(), *np.unique(self.surface).tolist()}
+        parts = {**TISSUES, **SURFACES}
+        return [name for name, tag in parts.items() if tag not in tags and name != "nail"]
+
     @cached_property
     def hash(self) -> str:
         """SHA-256 of the content, in hexadecimal digits."""
@@ -68,14 +75,7 @@ class FingerMesh:
 def held_parts(
     mesh: FingerMesh, names: Sequence[str]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the tetrahedra and nodes of the named tissues and surfaces.
-
-    Returns
-    -------
-    tets, nodes
-        (m,) whether a tetrahedron belongs to the tissues; (n,) whether a node belongs to the
-        tissues or surfaces.
-    """
+    """Return which tetrahedra (m,) and nodes (n,) belong to the named tissues and surfaces."""
     tets = np.isin(mesh.tissue, [tag for name, tag in TISSUES.items() if name in names])
     facets = np.isin(mesh.surface, [tag for name, tag in SURFACES.items() if name in names])
     nodes = np.zeros(len(mesh.nodes), dtype=bool)
@@ -85,12 +85,7 @@ def held_parts(
 
 
 def facets_of(tets: NDArray[np.int64]) -> tuple[NDArray, NDArray, NDArray]:
-    """Find the facets of four-node tetrahedra.
-
-    Parameters
-    ----------
-    tets
-        (m, 4) or (m, 10) nodes.
+    """Find the facets of tetrahedra with (m, 4) or (m, 10) nodes.
 
     Returns
     -------
@@ -145,18 +140,10 @@ def quadratic(
 def lowest_facet(
     x: float, y: float, facets: NDArray[np.float64]
 ) -> tuple[int, NDArray[np.float64]] | None:
-    """Return the lowest facet above or below a point of the XY plane, and the position in it.
+    """Return the lowest facet over or under a point of the XY plane, and where it meets it.
 
-    Parameters
-    ----------
-    x, y
-        The point in mm.
-    facets
-        (m, 3, 3) corners.
-
-    Returns
-    -------
-    Index of the facet and barycentric coordinates (3,) in it; None if there is no facet.
+    That is the facet's index in `facets`, (m, 3, 3) corners, and barycentric coordinates (3,) in
+    it; None if there is no facet.
     """
     corner, edges = facets[:, 0, :2], facets[:, 1:, :2] - facets[:, :1, :2]
     (a, b), (c, d) = edges[:, :, 0].T, edges[:, :, 1].T

@@ -12,8 +12,6 @@ from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, VTK_ORDER, FingerMesh
 from tactile_fem.runtime.files import write_text
 
-OPTIONAL = {"nail"}
-
 
 def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
     """Read a .msh file of any version; the tags follow from the names of its physical groups.
@@ -47,30 +45,27 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
         )
     tets, tissue = _tagged(raw, "tetra10", 3, TISSUES)
     triangles, surface = _tagged(raw, "triangle6", 2, SURFACES)
-    required = {**TISSUES, **SURFACES}
-    found = set(np.unique(np.concatenate([tissue, surface])).tolist())
-    missing = [name for name, tag in required.items() if tag not in found and name not in OPTIONAL]
-    if missing:
+    used, flat = np.unique(tets, return_inverse=True)
+    mesh = FingerMesh(
+        nodes=np.ascontiguousarray(raw.points[used], dtype=np.float64),
+        tets=flat.reshape(-1, 10)[:, VTK_ORDER].astype(np.int64),
+        tissue=tissue,
+        triangles=np.searchsorted(used, triangles[surface > 0]).astype(np.int64),
+        surface=surface[surface > 0],
+    )
+    if mesh.missing:
         raise MeshError(
-            f"the mesh {path} lacks the physical group{'s' * (len(missing) > 1)} "
-            f"{', '.join(missing)}"
+            f"the mesh {path} lacks the physical group{'s' * (len(mesh.missing) > 1)} "
+            f"{', '.join(mesh.missing)}"
         )
     if np.any(tissue == 0):
         raise MeshError(
             f"{int(np.sum(tissue == 0))} tetrahedra of {path} belong to no tissue; the physical "
             f"volumes are {', '.join(TISSUES)}"
         )
-    triangles, surface = triangles[surface > 0], surface[surface > 0]
-    used, flat = np.unique(tets, return_inverse=True)
-    if not np.all(np.isin(triangles, used)):
+    if not np.all(np.isin(triangles[surface > 0], used)):
         raise MeshError(f"the mesh {path} has surface triangles that are no facets of tetrahedra")
-    return FingerMesh(
-        nodes=np.ascontiguousarray(raw.points[used], dtype=np.float64),
-        tets=flat.reshape(-1, 10)[:, VTK_ORDER].astype(np.int64),
-        tissue=tissue,
-        triangles=np.searchsorted(used, triangles).astype(np.int64),
-        surface=surface,
-    )
+    return mesh
 
 
 def _tagged(
@@ -82,13 +77,12 @@ def _tagged(
         for name, value in raw.field_data.items()
         if int(value[1]) == dim and name in tags
     }
-    data = raw.cell_data.get("gmsh:physical", [np.zeros(len(b.data), int) for b in raw.cells])
-    cells, found = [np.empty((0, {3: 10, 2: 6}[dim]), int)], [np.empty(0, int)]
-    for block, physical in zip(raw.cells, data, strict=True):
-        if block.type == kind:
-            cells.append(block.data)
-            found.append(np.array([number.get(int(tag), 0) for tag in physical], dtype=int))
-    return np.concatenate(cells).astype(np.int64), np.concatenate(found).astype(np.int64)
+    cells = raw.get_cells_type(kind)
+    groups = np.zeros(len(cells))
+    if "gmsh:physical" in raw.cell_data:
+        groups = raw.get_cell_data("gmsh:physical", kind)
+    tagged = np.array([number.get(int(group), 0) for group in groups], dtype=np.int64)
+    return cells.astype(np.int64).reshape(len(cells), {3: 10, 2: 6}[dim]), tagged
 
 
 def write_msh(path: str | os.PathLike[str], mesh: FingerMesh) -> None:

@@ -67,11 +67,8 @@ def check_mesh(mesh: FingerMesh) -> None:
         missing, coordinates are not finite or not in mm, or there is no skin or bone above the
         contact point.
     """
-    missing = [name for name, tag in TISSUES.items() if not np.any(mesh.tissue == tag)]
-    missing += [name for name, tag in SURFACES.items() if not np.any(mesh.surface == tag)]
-    missing = [name for name in missing if name != "nail"]
-    if missing:
-        raise MeshError(f"the mesh lacks the part {', '.join(missing)}")
+    if mesh.missing:
+        raise MeshError(f"the mesh lacks the part {', '.join(mesh.missing)}")
     if not np.all(np.isfinite(mesh.nodes)):
         raise MeshError("the mesh has nodes whose coordinates are no finite numbers")
     length = float(np.ptp(mesh.nodes, axis=0).max())

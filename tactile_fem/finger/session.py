@@ -72,17 +72,17 @@ def gmsh_model() -> Iterator[ModuleType]:
 
 def simplices(
     gmsh: ModuleType, dim: Literal[2, 3]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Return the meshed triangles (`dim` 2) or tetrahedra (3) of the open model.
 
     Returns
     -------
-    points, cells
-        (n, 3) used corners in the order of gmsh's tags; (m, dim + 1).
+    points, cells, tags
+        (n, 3) used corners in the order of gmsh's tags; (m, dim + 1); (n,) gmsh's tags.
     """
     tags, flat, _ = gmsh.model.mesh.getNodes()
     _, corners = gmsh.model.mesh.getElementsByType({2: 2, 3: 4}[dim])
     used, cells = np.unique(corners, return_inverse=True)
     order = np.argsort(tags)
     points = flat.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)]]
-    return points, cells.reshape(-1, dim + 1).astype(np.int64)
+    return points, cells.reshape(-1, dim + 1).astype(np.int64), used.astype(np.int64)

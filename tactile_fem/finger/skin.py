@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError
@@ -71,22 +72,16 @@ class NailOutline:
         """Radius of the corners."""
         return 0.9 * min(self.half_width, 0.5 * (self.end_y - self.start_y))
 
-    def contains(self, points: Array) -> NDArray[np.bool_]:
-        """Return which of the (n, 3) points lie inside the outline, seen along Z."""
-        inner = (self.half_width - self.corner, 0.5 * (self.end_y - self.start_y) - self.corner)
-        dx = np.maximum(np.abs(points[:, 0]) - inner[0], 0.0)
-        dy = np.maximum(np.abs(points[:, 1] - 0.5 * (self.start_y + self.end_y)) - inner[1], 0.0)
-        return np.hypot(dx, dy) < self.corner
+    @property
+    def centres(self) -> tuple[float, float, float, float]:
+        """Least X and Y, largest X and Y of the corners' centres."""
+        x, r = self.half_width - self.corner, self.corner
+        return -x, self.start_y + r, x, self.end_y - r
 
-    def rim(self, count: int) -> Array:
-        """Return (4 count, 2) points of the outline."""
-        inner = (self.half_width - self.corner, 0.5 * (self.end_y - self.start_y) - self.corner)
-        turn = np.linspace(0.0, 2.0 * np.pi, 4 * count, endpoint=False)
-        x, y = np.cos(turn), np.sin(turn)
-        mid = 0.5 * (self.start_y + self.end_y)
-        return np.column_stack(
-            [np.sign(x) * inner[0] + self.corner * x, mid + np.sign(y) * inner[1] + self.corner * y]
-        )
+    @property
+    def polygon(self) -> shapely.Polygon:
+        """The outline."""
+        return shapely.box(*self.centres).buffer(self.corner, quad_segs=16)
 
 
 def nail_outline(finger: Finger) -> NailOutline:
@@ -103,7 +98,7 @@ def nail_outline(finger: Finger) -> NailOutline:
         start_y=tip - NAIL_FROM_TIP_MM - finger.nail_length_mm,
         end_y=tip - NAIL_FROM_TIP_MM,
     )
-    x, y = outline.rim(16).T
+    x, y = np.array(outline.polygon.exterior.coords).T
     t = np.clip((y - (tip - finger.tip_length_mm)) / finger.tip_length_mm, 0.0, 1.0)
     room = finger.half_width_mm * np.sqrt(1.0 - t**2)
     if np.any(np.abs(x) > 0.97 * room):
@@ -164,7 +159,7 @@ def triangulate(
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.optimize("Relocate2D", niter=5)  # improves the pole of the tip
         gmsh.model.mesh.removeSizeCallback()
-        raw, triangles = simplices(gmsh, 2)
+        raw, triangles, _ = simplices(gmsh, 2)
     points, normals = capsule.place(raw / [capsule.half_width, 1.0, capsule.below])
     corner = points[triangles]
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
@@ -173,7 +168,8 @@ def triangulate(
     middle = raw[triangles].mean(axis=1)
     under_nail = np.zeros(len(triangles), dtype=bool)
     if outline is not None:
-        under_nail = outline.contains(middle) & (middle[:, 2] > 0)
+        inside = shapely.contains_xy(outline.polygon, middle[:, :2])
+        under_nail = inside & (middle[:, 2] > 0)
     return points, normals, triangles, under_nail
 
 
@@ -207,11 +203,9 @@ def _add_capsule(gmsh: Any, capsule: Capsule, outline: NailOutline | None) -> No
 
 def _nail_walls(occ: Any, outline: NailOutline, height: float) -> list[tuple[int, int]]:
     """Add upright walls along the outline."""
-    mid = 0.5 * (outline.start_y + outline.end_y)
-    inner = (outline.half_width - outline.corner, mid - outline.start_y - outline.corner)
+    left, near, right, far = outline.centres
     starts, ends, lines = [], [], []
-    for quarter, (right, up) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)]):
-        centre = (right * inner[0], mid + up * inner[1])
+    for quarter, centre in enumerate([(right, far), (left, far), (left, near), (right, near)]):
         turn = 0.5 * math.pi * quarter
         ring = [
             occ.addPoint(

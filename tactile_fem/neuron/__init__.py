@@ -1,7 +1,7 @@
 """From what a receptor feels to the spikes of its afferent (NumPy, SciPy)."""
 
 from tactile_fem.neuron.drives import DRIVES, Drive, drive_of
-from tactile_fem.neuron.field import ReceptiveField
+from tactile_fem.neuron.field import pool
 from tactile_fem.neuron.fit import Fit, FitWarning, Window, fit
 from tactile_fem.neuron.io import load, save, to_neo
 from tactile_fem.neuron.population import Population, fire_all, populations_of, respond
@@ -13,13 +13,13 @@ __all__ = [
     "Fit",
     "FitWarning",
     "Population",
-    "ReceptiveField",
     "Response",
     "Window",
     "drive_of",
     "fire_all",
     "fit",
     "load",
+    "pool",
     "populations_of",
     "respond",
     "save",

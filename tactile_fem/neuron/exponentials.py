@@ -73,20 +73,11 @@ class ExponentialSum:
         return np.abs(self.constant) + np.abs(self.slope) * s + np.abs(self.amplitudes).sum(axis=0)
 
     def zeros(self, end: Array) -> Array:
-        """Return in rising order where the functions change sign in (0, end).
+        """Return in rising order where the functions change sign in (0, end), (k + 1, n).
 
         Between two zeros of f' + f/tau the function f exp(s/tau) is monotone, so it changes its
-        sign there at most once; and that sum has one exponential less than f.
-
-        Parameters
-        ----------
-        end
-            (n,).
-
-        Returns
-        -------
-        zeros
-            (k + 1, n), filled up with `end`.
+        sign there at most once; and that sum has one exponential less than f. A function with
+        fewer zeros than k + 1 has its end, (n,), in their place.
         """
         if not len(self.times):
             with np.errstate(divide="ignore", invalid="ignore"):

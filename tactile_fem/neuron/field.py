@@ -2,78 +2,46 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import StudyError
 
-Array = NDArray[Any]
 
+def pool(
+    sed_kPa: ArrayLike,
+    points_mm: ArrayLike,
+    afferents_mm: ArrayLike,
+    radius_mm: float,
+    rule: Literal["mean", "max"] = "mean",
+) -> NDArray[Any]:
+    """Return what afferents feel, (t, afferents), of the points within a radius of each.
 
-@dataclass(frozen=True)
-class ReceptiveField:
-    """Which points each afferent feels and how it puts them together.
-
-    Attributes
+    Parameters
     ----------
-    weights
-        (afferents, points), every afferent with at least one point.
+    sed_kPa
+        What the points feel, (t, points).
+    points_mm, afferents_mm
+        Places, (points, d) and (afferents, d).
+    radius_mm
+        Reach of an afferent's branches.
     rule
-        "sum" is the weighted sum; "max" the largest weighted value, taken at the samples.
+        Mean of the points, or the largest value, taken at the samples.
+
+    Raises
+    ------
+    StudyError
+        An afferent has no point within reach, or `sed_kPa` another number of points.
     """
-
-    weights: csr_array
-    rule: Literal["sum", "max"] = "sum"
-
-    def __post_init__(self) -> None:
-        if (np.diff(self.weights.indptr) == 0).any() or self.weights.nnz == 0:
-            raise StudyError("Every afferent needs a point in its receptive field.")
-
-    @classmethod
-    def around(
-        cls,
-        afferents_mm: ArrayLike,
-        points_mm: ArrayLike,
-        radius_mm: float,
-        rule: Literal["sum", "max"] = "sum",
-    ) -> ReceptiveField:
-        """Return fields of all points within a radius: their mean, or the largest.
-
-        Parameters
-        ----------
-        afferents_mm, points_mm
-            Places, (afferents, d) and (points, d).
-        radius_mm
-            Reach of an afferent's branches.
-
-        Raises
-        ------
-        StudyError
-            An afferent has no point within reach.
-        """
-        places = np.asarray(afferents_mm, dtype=float)
-        found = cKDTree(np.asarray(points_mm, dtype=float)).query_ball_point(places, radius_mm)
-        counts = np.array([len(points) for points in found], dtype=np.int64)
-        if (counts == 0).any():
-            raise StudyError(
-                f"No point lies within {radius_mm:g} mm of afferent {np.argmin(counts)}."
-            )
-        row, column = np.repeat(np.arange(len(counts)), counts), np.concatenate(found)
-        weight = np.ones(len(row)) if rule == "max" else 1 / counts[row]
-        shape = len(places), len(np.asarray(points_mm))
-        return cls(csr_array((weight, (row, column.astype(np.int64))), shape=shape), rule)
-
-    def combine(self, sed_kPa: ArrayLike) -> Array:
-        """Return what the afferents feel, (t, afferents), of what the points do, (t, points)."""
-        sed, weights = np.asarray(sed_kPa, dtype=float), self.weights
-        if sed.ndim != 2 or sed.shape[1] != weights.shape[1]:
-            raise StudyError(f"sed_kPa has shape {sed.shape}; it needs (t, {weights.shape[1]}).")
-        if self.rule == "sum":
-            return (weights @ sed.T).T
-        felt = sed[:, weights.indices] * weights.data
-        return np.maximum.reduceat(felt, weights.indptr[:-1], axis=1)
+    sed, points = np.asarray(sed_kPa, dtype=float), np.asarray(points_mm, dtype=float)
+    if sed.ndim != 2 or sed.shape[1] != len(points):
+        raise StudyError(f"sed_kPa has shape {sed.shape}; it needs (t, {len(points)}).")
+    fields = cKDTree(points).query_ball_point(np.asarray(afferents_mm, dtype=float), radius_mm)
+    for number, near in enumerate(fields):
+        if not near:
+            raise StudyError(f"No point lies within {radius_mm:g} mm of afferent {number}.")
+    combine = np.mean if rule == "mean" else np.max
+    return np.column_stack([combine(sed[:, near], axis=1) for near in fields])

@@ -138,7 +138,8 @@ def fit(
     time, sed = checked_sed(time_s, sed_kPa)
     _check(windows, time, sed, neuron, free)
     measured = np.array([window.rate_Hz for window in windows], dtype=float)
-    start = dict(zip(free, (_start(name, neuron) for name in free), strict=True))
+    known = neuron.model_copy(update={"intercept_pA": intercept_pA(neuron)})
+    start = {name: getattr(known, name) for name in free}
     if "static_gain_pA_per_kPa" in start:
         start["static_gain_pA_per_kPa"] = _regression(time, sed, windows[-1], neuron)
     scale = np.array([abs(value) or 1.0 for value in start.values()])
@@ -207,16 +208,9 @@ def current_of(rate_Hz: ArrayLike, neuron: Neuron) -> Array:
 
 
 def current_at(at_s: Array, time_s: Array, sed_kPa: Array, neuron: Neuron) -> Array:
-    """Return the transduction current, pA, (times, receptors), of a history at some times.
+    """Return the transduction current, pA, (times, receptors), at times within a history.
 
-    Parameters
-    ----------
-    at_s
-        (times,) within the history; at a jump the later value counts.
-    time_s, sed_kPa
-        As in `tactile_fem.neuron.respond`.
-    neuron
-        The constants.
+    At a jump the later value counts. The history is as in `tactile_fem.neuron.respond`.
     """
     result = np.zeros((len(at_s), sed_kPa.shape[1]))
     columns = np.arange(sed_kPa.shape[1])
@@ -229,10 +223,6 @@ def current_at(at_s: Array, time_s: Array, sed_kPa: Array, neuron: Neuron) -> Ar
             value = current.at(np.clip(at - begin, 0.0, length))
             result[place] = np.where((at >= begin) & (at <= end), value, result[place])
     return result
-
-
-def _start(name: Constant, neuron: Neuron) -> float:
-    return intercept_pA(neuron) if name == "intercept_pA" else getattr(neuron, name)
 
 
 def _regression(time: Array, sed: Array, hold: Window, neuron: Neuron) -> float:

@@ -18,15 +18,9 @@ if TYPE_CHECKING:
 
 
 def save(response: Response, path: Path | str) -> None:
-    """Write a response.
+    """Write a response: all of it as ``.npz``, or its spikes as ``.csv``.
 
-    Parameters
-    ----------
-    response
-        What to keep.
-    path
-        ``.npz`` keeps everything, see `load`; ``.csv`` the columns ``receptor,time_s``, a row per
-        spike with all digits.
+    The columns of a CSV file are ``receptor,time_s``; it has a row per spike, with all digits.
 
     Raises
     ------
@@ -57,7 +51,7 @@ def load(path: Path | str) -> Response:
     Raises
     ------
     StudyError
-        The file is none.
+        The file is not one of them.
     """
     try:
         with np.load(path, allow_pickle=False) as kept:

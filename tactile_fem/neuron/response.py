@@ -40,12 +40,9 @@ class Response:
         return np.repeat(np.arange(len(counts)), counts), times
 
     def latency(self, onset_s: float | None = None) -> Array:
-        """Return how long after the onset the first spike comes, s, (receptors,); nan without.
+        """Return the time from the onset to the first spike, s, (receptors,); nan without one.
 
-        Parameters
-        ----------
-        onset_s
-            Spikes before it do not count; default the start.
+        Spikes before the onset do not count; its default is the start.
         """
         onset = self.start_s if onset_s is None else onset_s
         late = (times[times >= onset] for times in self.spikes)
@@ -62,7 +59,7 @@ class Response:
         return np.array([last - first for first, last in inside], dtype=float) / length
 
     def rate(self, times_s: ArrayLike, window_s: float) -> Array:
-        """Return smoothed firing rates: each spike spread by a Gaussian.
+        """Return firing rates smoothed by a Gaussian, spikes/s, (times, receptors).
 
         Parameters
         ----------
@@ -70,11 +67,6 @@ class Response:
             Where the rates are wanted, s, (times,).
         window_s
             Standard deviation of the Gaussian, s.
-
-        Returns
-        -------
-        rate_Hz
-            Spikes/s, (times, receptors).
         """
         at, width = np.asarray(times_s, dtype=float), _positive("window_s", window_s)
         rates = np.zeros((len(at), len(self.spikes)))
@@ -83,19 +75,9 @@ class Response:
         return rates / (width * np.sqrt(2 * np.pi))
 
     def psth(self, bin_s: float) -> tuple[Array, NDArray[np.int64]]:
-        """Return counts in bins of equal length from the start on.
+        """Return edges, s, (bins + 1,), and counts, (bins, receptors), in bins of equal length.
 
-        Parameters
-        ----------
-        bin_s
-            Length of a bin, s; the last bin may reach beyond the end.
-
-        Returns
-        -------
-        edges_s
-            (bins + 1,).
-        counts
-            (bins, receptors).
+        The first bin begins at the start; the last one may reach beyond the end.
         """
         width = _positive("bin_s", bin_s)
         bins = max(1, int(np.ceil((self.end_s - self.start_s) / width - 1e-9)))

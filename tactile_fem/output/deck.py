@@ -87,15 +87,7 @@ class Penalty:
 
 @dataclass(frozen=True)
 class DeckSize:
-    """Size of a deck.
-
-    Attributes
-    ----------
-    tets, unknowns
-        Number of elements of the finger and of free displacement components.
-    skin_facets
-        Faces of the slave surface.
-    """
+    """Number of tetrahedra, of free displacement components and of faces of the slave surface."""
 
     tets: int
     unknowns: int
@@ -155,7 +147,7 @@ def write_deck(
     if not len(held):
         raise StudyError(f"solver.held = {list(study.solver.held)}: nothing of the mesh is held")
     skin = finger.triangles[finger.surface == SURFACES["skin"], :3]
-    faces = element_faces(finger.tets, skin)
+    faces = _element_faces(finger.tets, skin)
     contact = penalty or Penalty.of(study, finger)
     body = make_body(study.stimulus)
     field = height_field(body, way.places_mm(), finger.nodes[skin], grid_mm)
@@ -190,21 +182,8 @@ def _check_goes_to_places(protocol: Protocol) -> None:
             )
 
 
-def element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return tetrahedron and face, 0 to 3 for S1 to S4, of each boundary triangle.
-
-    Parameters
-    ----------
-    tets
-        (m, 10) nodes.
-    triangles
-        (k, 3) corners, in any order.
-
-    Returns
-    -------
-    faces
-        (k, 2).
-    """
+def _element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return tetrahedron and face, 0 to 3 for S1 to S4, of each boundary triangle, (k, 2)."""
     corners = np.sort(tets[:, C3D10_FACES].reshape(-1, 3), axis=1)
     place = {tuple(face): i for i, face in enumerate(corners.tolist())}
     flat = [place[tuple(sorted(triangle))] for triangle in triangles.tolist()]

@@ -40,13 +40,7 @@ _FAR = 1e3
 
 
 def finger_figure(grid: pv.UnstructuredGrid) -> Figure:
-    """Draw the mesh with a quarter cut away, each layer in its colour.
-
-    Parameters
-    ----------
-    grid
-        Quadratic tetrahedra with cell data ``tissue``.
-    """
+    """Draw quadratic tetrahedra with cell data ``tissue``, a quarter of them cut away."""
     solid = linear(grid, grid.points)
     plotter = off_screen()
     names = []
@@ -76,18 +70,10 @@ def deformation_figure(
     limits_kPa: tuple[float, float],
     title: str,
 ) -> Figure:
-    """Draw the deformed finger cut open at X = 0, on the stimulator.
+    """Draw the deformed finger cut open at X = 0, on the stimulator's surface.
 
-    Parameters
-    ----------
-    grid
-        Quadratic tetrahedra with ``displacement_mm``, ``sed_kPa`` and ``tissue``.
-    stimulator
-        Its surface, in place.
-    limits_kPa
-        Ends of the logarithmic colour scale.
-    title
-        Written above.
+    The quadratic tetrahedra have ``displacement_mm``, ``sed_kPa`` and ``tissue``. `limits_kPa` are
+    the ends of the logarithmic colour scale.
     """
     solid = linear(grid, grid.points + grid["displacement_mm"])
     plotter = off_screen()

@@ -10,15 +10,10 @@ from scipy.signal import find_peaks
 def extrema(
     values: ArrayLike, prominence: float = 0.1
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the indices of local maxima and of local minima.
+    """Return the indices of local maxima and of local minima of a history.
 
-    Parameters
-    ----------
-    values
-        A history.
-    prominence
-        Least height of a maximum above its surroundings (depth of a minimum below them), as a
-        fraction of the range; smaller oscillations are ignored.
+    A maximum is at least `prominence` above its surroundings (a minimum below them), as a fraction
+    of the range; smaller oscillations are ignored.
     """
     series = np.asarray(values, dtype=float)
     least = prominence * np.ptp(series) if len(series) else 0.0

@@ -41,9 +41,7 @@ def can_draw() -> str | None:
             'To install it: pip install "tactile-fem[pictures]".'
         )
     finding = doctor.picture_finding()
-    if finding is not None:
-        return f"{finding.sentence} On Debian or Ubuntu: {doctor.install_line([finding])}."
-    return None
+    return None if finding is None else f"{finding}."
 
 
 def draw_pictures(results: Results) -> list[Path]:
@@ -86,15 +84,7 @@ def _environment() -> dict[str, str]:
 def choose_states(
     trace: Mapping[str, NDArray[np.float64]], times_s: NDArray[np.float64]
 ) -> list[int]:
-    """Return the saved states nearest to the extrema of the central receptor's SED.
-
-    Parameters
-    ----------
-    trace
-        Histories of the scan.
-    times_s
-        (states,) times of the saved states.
-    """
+    """Return which of the states saved at some times are nearest to extrema of the central SED."""
     slide = trace["time_s"] >= 0
     sed = trace["sed_kPa"][slide, central_receptor(trace["receptors_mm"])]
     times = trace["time_s"][slide][np.sort(np.concatenate(extrema(sed)))]

@@ -17,9 +17,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 from matplotlib import colormaps
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, to_rgba
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
@@ -37,29 +35,53 @@ _SED_COLOURS = "viridis"
 # Colour and radius in mm.
 _SILENT, _FIRING = ("#101010", 0.07), ("#FFFFFF", 0.1)
 _RIM_SHIFT_MM = (0.0, 0.03, 0.03)
-_PIXELS = (1100, 700)
-_PER_SECOND, _DPI = 20, 112
+_PIXELS, _IN_FILM = (1100, 700), (840, 534)
+_PER_SECOND = 20
 
 
 class Scene:
-    """Draws frames into a plotter; each replaces the previous one."""
+    """Draws frames, each in place of the previous one, into a plotter of its own."""
 
-    def __init__(self, plotter: pv.Plotter, film: Film) -> None:
-        self._plotter, self._film = plotter, film
-        plotter.set_background("white")
+    def __init__(self, film: Film, *, off_screen: bool = True) -> None:
+        self._film = film
+        self.plotter = pv.Plotter(window_size=_PIXELS, title="tactile-fem", off_screen=off_screen)
+        self.plotter.set_background("white")
         focus = (0.0, film.cut_mm + 0.5, 3.6)
         eye = (9.0, film.cut_mm + 28.0, 24.0)
-        plotter.camera_position = [eye, focus, (0.0, 0.0, 1.0)]
-        plotter.enable_parallel_projection()
-        plotter.parallel_scale = 9.6
+        self.plotter.camera_position = [eye, focus, (0.0, 0.0, 1.0)]
+        self.plotter.enable_parallel_projection()
+        self.plotter.parallel_scale = 9.6
+        self.show(0)
+        self.plotter.add_scalar_bar(
+            title=f"{_SED}\n ",
+            mapper=self.plotter.actors["interface"].mapper,
+            color="black",
+            vertical=True,
+            position_x=0.88,
+            position_y=0.5,
+            height=0.42,
+            width=0.06,
+            fmt="%.1f",
+        )
+
+    def add_legend(self) -> None:
+        """Name the colours; VTK's own legend would write white on white."""
+        figure = Figure(figsize=(2, 2.4))
+        dot = {"ls": "", "marker": "o", "ms": 7, "mec": "black", "mew": 0.7}
+        handles = [Line2D([], [], color=c, label=name, **dot) for name, c in _legend().items()]
+        style = {"loc": "lower left", "fontsize": 9, "framealpha": 0.9, "edgecolor": "none"}
+        figure.legend(handles=handles, handletextpad=0.2, **style)
+        legend = pv.ChartMPL(figure, size=(0.17, 0.29), loc=(0.0, 0.0))
+        legend.border_color = "white"
+        self.plotter.add_chart(legend)
 
     def show(self, k: int) -> State:
         """Draw frame `k` and return its state."""
         state = self._film[k]
         for name, mesh, style in _pieces(state, self._film):
-            self._plotter.remove_actor(name, render=False)
+            self.plotter.remove_actor(name, render=False)
             if mesh.n_points:
-                self._plotter.add_mesh(
+                self.plotter.add_mesh(
                     mesh,
                     name=name,
                     reset_camera=False,
@@ -67,8 +89,8 @@ class Scene:
                     show_scalar_bar=False,
                     **style,
                 )
-        self._plotter.reset_camera_clipping_range()
-        self._plotter.render()
+        self.plotter.reset_camera_clipping_range()
+        self.plotter.render()
         return state
 
 
@@ -110,23 +132,14 @@ def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict[st
 
 def window(film: Film) -> None:
     """Open a window with a slider over the slide, and wait until it is closed."""
-    plotter = _window_plotter(film, off_screen=False)
-    plotter.show()
+    _window_plotter(film, off_screen=False).show()
 
 
 def _window_plotter(film: Film, *, off_screen: bool) -> pv.Plotter:
-    plotter = pv.Plotter(window_size=_PIXELS, title="tactile-fem", off_screen=off_screen)
-    scene = Scene(plotter, film)
-    scene.show(0)
-    _colour_bar(plotter)
-    # VTK's own legend would write its text in the colours themselves, such as white on white.
-    figure = Figure(figsize=(2, 2.4))
-    _add_legend(figure)
-    legend = pv.ChartMPL(figure, size=(0.17, 0.29), loc=(0.0, 0.0))
-    legend.border_color = "white"
-    plotter.add_chart(legend)
+    scene = Scene(film, off_screen=off_screen)
+    scene.add_legend()
     if len(film) > 1:
-        plotter.add_slider_widget(
+        scene.plotter.add_slider_widget(
             lambda displacement_mm: scene.show(film.nearest(displacement_mm)),
             (film.displacement_mm[0], film.displacement_mm[-1]),
             title="Displacement (mm)",
@@ -136,16 +149,15 @@ def _window_plotter(film: Film, *, off_screen: bool) -> pv.Plotter:
             pointa=(0.03, 0.91),
             pointb=(0.33, 0.91),
         )
-    return plotter
+    return scene.plotter
 
 
 def save_html(film: Film, k: int, path: Path) -> None:
     """Write frame `k` as an HTML page on which it can be rotated and zoomed."""
-    plotter = pv.Plotter(off_screen=True, window_size=_PIXELS)
-    state = Scene(plotter, film).show(k)
-    _colour_bar(plotter)
-    page = plotter.trame.export_html(None).read()
-    plotter.close()
+    scene = Scene(film)
+    state = scene.show(k)
+    page = scene.plotter.trame.export_html(None).read()
+    scene.plotter.close()
     rows = "".join(
         f'<br><span style="color:{colour};text-shadow:0 0 1px black">&#9679;</span> {name}'
         for name, colour in _legend().items()
@@ -198,37 +210,13 @@ def save_mp4(film: Film, path: Path) -> None:
 def frames(film: Film) -> Iterator[Image.Image]:
     """Yield the images of an animation, with colour bar and legend."""
     logger.info("%d frames to draw", len(film))
-    plotter = drawing.off_screen(_PIXELS)
-    scene = Scene(plotter, film)
+    scene = Scene(film)
+    scene.add_legend()
     for k in range(len(film)):
-        state = scene.show(k)
-        yield _framed(np.asarray(plotter.screenshot(return_img=True)), state, film.top_kPa)
-    plotter.close()
-
-
-def _framed(image: NDArray[np.uint8], state: State, top_kPa: float) -> Image.Image:
-    figure = drawing.framed(image)
-    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.9, "pad": 4}
-    figure.text(0.02, 0.97, _title(state), fontsize=11, va="top", bbox=box)
-    _add_legend(figure)
-    bar = figure.colorbar(
-        ScalarMappable(Normalize(0, top_kPa), _SED_COLOURS),
-        cax=figure.add_axes((0.87, 0.56, 0.016, 0.38)),
-        extend="max",
-    )
-    bar.set_label(_SED, fontsize=9)
-    bar.ax.tick_params(labelsize=8)
-    figure.set_dpi(_DPI)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-
-
-def _add_legend(figure: Figure) -> None:
-    dot = {"ls": "", "marker": "o", "ms": 7, "mec": "black", "mew": 0.7}
-    handles = [Line2D([], [], color=c, label=name, **dot) for name, c in _legend().items()]
-    style = {"loc": "lower left", "fontsize": 9, "framealpha": 0.9, "edgecolor": "none"}
-    figure.legend(handles=handles, handletextpad=0.2, **style)
+        scene.plotter.add_text(_title(scene.show(k)), font_size=10, name="title")
+        image = Image.fromarray(scene.plotter.screenshot(return_img=True))
+        yield image.resize(_IN_FILM, Image.Resampling.LANCZOS)
+    scene.plotter.close()
 
 
 def _palette(image: Image.Image) -> NDArray[np.uint8]:
@@ -257,17 +245,3 @@ def _title(state: State) -> str:
 def _legend() -> dict[str, str]:
     layers = {name.replace("_", " "): colour for name, colour in drawing.COLOURS.items()}
     return {**layers, "receptor, silent": _SILENT[0], "receptor, firing": _FIRING[0]}
-
-
-def _colour_bar(plotter: pv.Plotter) -> None:
-    plotter.add_scalar_bar(
-        title=f"{_SED}\n ",
-        mapper=plotter.actors["interface"].mapper,
-        color="black",
-        vertical=True,
-        position_x=0.88,
-        position_y=0.5,
-        height=0.42,
-        width=0.06,
-        fmt="%.1f",
-    )

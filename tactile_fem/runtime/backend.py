@@ -26,15 +26,7 @@ _ROUTES = (
 
 
 def check(version: str, scalar: Any) -> None:
-    """Raise ImportError unless this DOLFINx can run the package's problems.
-
-    Parameters
-    ----------
-    version
-        Version of DOLFINx.
-    scalar
-        PETSc's scalar type, ``numpy.float64`` in a real build.
-    """
+    """Raise ImportError unless DOLFINx has the version that is tested, and real scalars."""
     needed = ".".join(map(str, DOLFINX_RELEASE))
     if not version.startswith(f"{needed}."):
         raise ImportError(f"tactile_fem needs DOLFINx {needed} and found {version}. {_ROUTES}")

@@ -25,7 +25,6 @@ GMSH_LIBRARIES = {
     "libXft.so.2": "libxft2",
     "libXinerama.so.1": "libxinerama1",
 }
-PICTURE_LIBRARIES = {"libEGL.so.1": "libegl1"}
 _OFF_SCREEN = ("libEGL.so.1", "libOSMesa.so.8", "libOSMesa.so")
 
 
@@ -46,6 +45,10 @@ class Finding:
     sentence: str
     packages: tuple[str, ...]
     fatal: bool = False
+
+    def __str__(self) -> str:
+        """Return the sentence, and the command that installs what is missing."""
+        return f"{self.sentence} On Debian or Ubuntu: {install_line([self])}"
 
 
 def has_library(name: str) -> bool:
@@ -72,24 +75,16 @@ def compiler() -> list[str]:
 
 def compiler_finding() -> Finding | None:
     """Try to compile against Python, because DOLFINx compiles each form on first use."""
-    words = compiler()
+    words, library = compiler(), ("gcc", "libc6-dev")
     if not words:
-        return Finding(
-            "There is no C compiler, which DOLFINx needs to run.", ("gcc", "libc6-dev"), fatal=True
-        )
+        return Finding("There is no C compiler, which DOLFINx needs to run.", library, fatal=True)
     if not _compiles(words, "#include <stdio.h>\n#include <math.h>\n"):
-        return Finding(
-            f"The C compiler {words[0]} does not compile: headers of the C library are missing.",
-            ("gcc", "libc6-dev"),
-            fatal=True,
-        )
+        what = f"The C compiler {words[0]} does not compile: headers of the C library are missing."
+        return Finding(what, library, fatal=True)
     if not _compiles(words, "#include <Python.h>\n"):
-        version = f"{sys.version_info.major}.{sys.version_info.minor}"
-        return Finding(
-            f"The headers of Python {version} are missing, which DOLFINx needs to run.",
-            (f"python{version}-dev",),
-            fatal=True,
-        )
+        python = f"{sys.version_info.major}.{sys.version_info.minor}"
+        what = f"The headers of Python {python} are missing, which DOLFINx needs to run."
+        return Finding(what, (f"python{python}-dev",), fatal=True)
     return None
 
 
@@ -124,7 +119,7 @@ def picture_finding() -> Finding | None:
         return None
     return Finding(
         "There is no EGL or OSMesa library to draw with: 3-D pictures are skipped.",
-        tuple(PICTURE_LIBRARIES.values()),
+        ("libegl1",),
     )
 
 

@@ -1,8 +1,10 @@
-"""Atomic writing: files are written under a temporary name and then renamed."""
+"""Files that are written whole or not at all, and a lock on the folder of a run."""
 
 from __future__ import annotations
 
 import csv
+import fcntl
+import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -10,8 +12,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tactile_fem.errors import StudyError
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+logger = logging.getLogger(__name__)
 
 PART_SUFFIX = ".part"
 
@@ -64,3 +70,34 @@ def write_records(path: Path, records: Sequence[Mapping[str, Any]]) -> None:
         writer = csv.DictWriter(stream, records[0])
         writer.writeheader()
         writer.writerows(records)
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Lock a folder against other runs, and create it if needed.
+
+    The operating system releases the lock when the process ends, however it ends; the file that
+    remains has no meaning.
+
+    Raises
+    ------
+    StudyError
+        Another process holds the lock, or the folder is not writable.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stream = (folder / ".lock").open("a")
+    except OSError as error:
+        raise StudyError(
+            f"The results folder {folder} is not writable: {error.strerror}."
+        ) from None
+    with stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StudyError(
+                f"Another run is writing into {folder}: wait for its end or choose another folder."
+            ) from None
+        except OSError as error:  # some network file systems
+            logger.warning("%s: no guard against a second run (%s)", folder, error.strerror)
+        yield

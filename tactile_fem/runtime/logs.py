@@ -31,14 +31,7 @@ def stderr_console() -> Console:
 def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None = None) -> None:
     """Send the package's log to stderr: rich on a terminal, plain lines elsewhere.
 
-    Parameters
-    ----------
-    rank
-        MPI rank; the others report errors only.
-    level
-        Lowest level shown.
-    console
-        Default stderr.
+    `level` is the lowest that is shown; MPI ranks other than 0 report errors only.
     """
     console = console or stderr_console()
     handler: logging.Handler

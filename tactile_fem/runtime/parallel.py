@@ -50,13 +50,7 @@ def on_root[T](comm: MPI.Comm, action: Callable[[], T], *, share: bool = True) -
 
 @contextmanager
 def raising_together(comm: MPI.Comm) -> Iterator[None]:
-    """Raise an error of any rank on all ranks; the block must not communicate.
-
-    Parameters
-    ----------
-    comm
-        Communicator; all its ranks must enter.
-    """
+    """Raise an error of any rank on all ranks, which must all enter; they must not communicate."""
     error: Exception | None = None
     try:
         yield

@@ -38,13 +38,7 @@ def stop_at_once(number: int) -> None:
 
 
 class StopRequest:
-    """A signal received on any rank, handled on all ranks at the same point.
-
-    Parameters
-    ----------
-    comm
-        Communicator; all its ranks must check.
-    """
+    """A signal received on any rank, handled at the same point on all ranks, which must check."""
 
     def __init__(self, comm: MPI.Comm) -> None:
         self._comm = comm

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.layers import layering
+from tactile_fem.finger.build import layering
 from tactile_fem.finger.load import load_finger, shipped_file
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.report import pad_thickness_mm

@@ -23,7 +23,7 @@ from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.stepper import Step, stopped
 from tactile_fem.neuron import Population, Response, fire_all
 from tactile_fem.receptors.probe import ReceptorState
-from tactile_fem.runtime.folder_lock import locked
+from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import log_to
 from tactile_fem.runtime.parallel import ending_together, on_root
 from tactile_fem.runtime.signals import StopRequest, answering

@@ -2,8 +2,14 @@
 
 from tactile_fem.series.image import RateImage, fibre_image, rate_image
 from tactile_fem.series.members import Member, single_fibre, sweep
-from tactile_fem.series.run import Outcome, complete_scans, run_series, share_of
-from tactile_fem.series.table import numbers_of, write_summary
+from tactile_fem.series.run import (
+    Outcome,
+    complete_scans,
+    numbers_of,
+    run_series,
+    share_of,
+    write_summary,
+)
 
 __all__ = [
     "Member",

@@ -123,16 +123,11 @@ def _without_pictures(study: Study, changes: dict[str, Any]) -> Study:
 def _axis(text: str) -> tuple[str, list[str]]:
     """Return name and values, as TOML or plain text, of an axis."""
     name, equals, listed = text.partition("=")
-    values = _as_toml(listed) or [part.strip() for part in listed.split(",")]
+    try:
+        entries = tomllib.loads(f"values = [{listed}]")["values"]
+        values = [tomlkit.item(value).as_string() for value in entries]
+    except tomllib.TOMLDecodeError:
+        values = [part.strip() for part in listed.split(",")]
     if not equals or not listed.strip() or not all(values):
         raise StudyError(f'"{text}" is no axis of a sweep: write section.key=value,value,...')
     return name.strip(), values
-
-
-def _as_toml(listed: str) -> list[str] | None:
-    """Return the entries of a TOML list without brackets, each as TOML; None if it is no list."""
-    try:
-        values = tomllib.loads(f"values = [{listed}]")["values"]
-    except tomllib.TOMLDecodeError:
-        return None
-    return [tomlkit.item(value).as_string() for value in values]

@@ -19,7 +19,7 @@ from tactile_fem.output.plots import firing_figure, raster_figure
 from tactile_fem.runtime.files import write_text
 from tactile_fem.scan.results import Results
 from tactile_fem.series.image import fibre_image
-from tactile_fem.series.table import numbers_of
+from tactile_fem.series.run import numbers_of
 from tactile_fem.study.file import dump_study
 
 _STYLE = """
@@ -43,14 +43,9 @@ _CAPTIONS = {
 
 
 def write_report(folder: Path | str, *, output: Path | None = None) -> Path:
-    """Write the report of a scan, or of a series, and return its path.
+    """Write the report of a scan's or a series' folder and return its path.
 
-    Parameters
-    ----------
-    folder
-        Results of a scan, or the folder of a series.
-    output
-        Default ``report.html`` in `folder`.
+    It is ``report.html`` in the folder unless `output` is given.
 
     Raises
     ------

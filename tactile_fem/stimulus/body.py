@@ -67,6 +67,14 @@ def norm_of(components: Array) -> tuple[Array, Array, Array]:
     return r, n, (identity - n[:, :, None] * n[:, None, :]) / r[:, None, None]
 
 
+def _in_space(axes: tuple[int, ...], gap: Array, gradient: Array, hessian: Array) -> Distance:
+    """Return a distance that depends on some axes only; (n,), (n, k), (n, k, k)."""
+    normal, H = np.zeros((len(gap), 3)), np.zeros((len(gap), 3, 3))
+    normal[:, axes] = gradient
+    H[:, np.array(axes)[:, None], axes] = hessian
+    return Distance(gap, normal, H)
+
+
 @dataclass(frozen=True)
 class HalfSpace:
     """Everything below ``z = -depth``."""
@@ -100,11 +108,7 @@ class Ball:
         offset = points[:, self.axes].copy()
         offset[:, -1] += self.radius
         r, n, H = norm_of(offset)
-        normal = np.zeros_like(points)
-        normal[:, self.axes] = n
-        hessian = np.zeros((len(points), 3, 3))
-        hessian[:, np.array(self.axes)[:, None], np.array(self.axes)] = H
-        return Distance(r - self.radius, normal, hessian)
+        return _in_space(self.axes, r - self.radius, n, H)
 
 
 @dataclass(frozen=True)
@@ -134,11 +138,7 @@ class Wedge:
         r = np.where(on_flank, flank, r)
         n = np.where(on_flank[:, None], flank_normal, n)
         H = np.where(on_flank[:, None, None], 0.0, H)
-        normal = np.zeros_like(points)
-        normal[:, axes] = n
-        hessian = np.zeros((len(points), 3, 3))
-        hessian[:, np.array(axes)[:, None], np.array(axes)] = H
-        return Distance(r - self.radius, normal, hessian)
+        return _in_space(axes, r - self.radius, n, H)
 
 
 @dataclass(frozen=True)

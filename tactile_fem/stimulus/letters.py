@@ -47,8 +47,8 @@ class Letters:
         if not glyphs:
             raise StudyError('stimulus.text holds no letter; for a flat plate set kind = "plate"')
         reference = _glyph("G", font, text.font)
-        scale = text.g_width_mm / _width(reference)
-        middle = sum(reference.bounds[1::2]) / 2
+        left, bottom, right, top = reference.bounds
+        scale, middle = text.g_width_mm / (right - left), (bottom + top) / 2
         start = text.start_mm
         if start is None:
             start = text.pitch_mm / 2 if len(text.text) > 1 else -text.pitch_mm / 2
@@ -76,27 +76,19 @@ class Letters:
             np.full(len(xy), _FAR_MM), np.zeros((len(xy), 2)), np.zeros((len(xy), 2, 2))
         )
         for y, letter in self._letters:
-            self._join(result, xy - [0.0, y], letter)
+            here, evaluate = xy - [0.0, y], letter.spline.ev
+            low, high = letter.bounds[:2], letter.bounds[2:]
+            near = np.flatnonzero(np.all((here > low) & (here < high), axis=1))
+            d = evaluate(*here[near].T)
+            least = d < result.value[near]
+            near, p = near[least], here[near[least]].T
+            result.value[near] = d[least]
+            result.gradient[near] = np.column_stack([evaluate(*p, dx=1), evaluate(*p, dy=1)])
+            result.hessian[near, 0, 0] = evaluate(*p, dx=2)
+            result.hessian[near, 1, 1] = evaluate(*p, dy=2)
+            mixed = evaluate(*p, dx=1, dy=1)
+            result.hessian[near, 0, 1] = result.hessian[near, 1, 0] = mixed
         return result
-
-    @staticmethod
-    def _join(result: Planar, xy: Array, letter: Letter) -> None:
-        """Replace the distance where the letter's is smaller, in place."""
-        x0, y0, x1, y1 = letter.bounds
-        near = np.flatnonzero((xy[:, 0] > x0) & (xy[:, 0] < x1) & (xy[:, 1] > y0) & (xy[:, 1] < y1))
-        if not len(near):
-            return
-        p = xy[near].T
-        d = letter.spline.ev(*p)
-        least = d < result.value[near]
-        near, p = near[least], p[:, least]
-        result.value[near] = d[least]
-        evaluate = letter.spline.ev
-        result.gradient[near] = np.column_stack([evaluate(*p, dx=1), evaluate(*p, dy=1)])
-        mixed = evaluate(*p, dx=1, dy=1)
-        result.hessian[near, 0, 0] = evaluate(*p, dx=2)
-        result.hessian[near, 1, 1] = evaluate(*p, dy=2)
-        result.hessian[near, 0, 1] = result.hessian[near, 1, 0] = mixed
 
 
 def _font(name: str) -> FontProperties:
@@ -139,10 +131,6 @@ def _topology(shape: shapely.Geometry) -> tuple[int, int]:
     """Return the number of parts and of holes."""
     parts = [part for part in shapely.get_parts(shape) if not part.is_empty]
     return len(parts), sum(len(part.interiors) for part in parts)
-
-
-def _width(shape: shapely.Geometry) -> float:
-    return float(shape.bounds[2] - shape.bounds[0])
 
 
 @lru_cache(maxsize=64)

@@ -50,16 +50,14 @@ class Either(Section):
         """Return the keys, the most important first, and what each takes the place of."""
         raise NotImplementedError
 
-    def _replaced(self) -> dict[str, str]:
-        """Return the keys that have no effect, each with the one that takes its place."""
-        given = [key for key in self._alternatives() if getattr(self, key) is not None]
-        return {name: key for key in reversed(given) for name in self._alternatives()[key]}
+    def _used_keys(self) -> list[str]:
+        """Return the keys that are set and take the place of others."""
+        return [key for key in self._alternatives() if getattr(self, key) is not None]
 
     @model_validator(mode="after")
     def _has_one_or_the_other(self) -> Self:
-        replaced = self._replaced()
-        for key in dict.fromkeys(replaced.values()):
-            values = {name: getattr(self, name) for name in replaced if replaced[name] == key}
+        for key in self._used_keys():
+            values = {name: getattr(self, name) for name in self._alternatives()[key]}
             given = [
                 f"{name} = {json.dumps(value)}"
                 for name, value in values.items()
@@ -73,5 +71,5 @@ class Either(Section):
 
     @model_serializer(mode="wrap")
     def _used(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        values = serialize(self)
-        return {name: values[name] for name in values if name not in self._replaced()}
+        hidden = [name for key in self._used_keys() for name in self._alternatives()[key]]
+        return {name: value for name, value in serialize(self).items() if name not in hidden}

@@ -21,22 +21,25 @@ PIECES = _by_kind(get_args(AnyPiece)[0])
 # What the kinds of a section are kinds of.
 _WHAT = {"stimulus": "stimulus", "protocol": "piece"}
 
-_COMPARISONS = {
-    "greater_than": ("gt", "greater than"),
-    "greater_than_equal": ("ge", "at least"),
-    "less_than": ("lt", "less than"),
-    "less_than_equal": ("le", "at most"),
-}
-
-_TYPES = {
+# What a value must be, by pydantic's kind of error.
+_ALLOWED = {
+    "greater_than": "greater than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "at most {le:g}",
     "float_type": "a number",
     "finite_number": "a finite number",
     "int_type": "a whole number",
     "int_from_float": "a whole number",
     "string_type": "text",
+    "string_pattern_mismatch": "made of letters, digits, _ and -",
+    "string_too_short": "at least {min_length} character long",
+    "string_too_long": "at most {max_length} characters long",
     "bool_type": "true or false",
     "path_type": "the path of a file",
     "tuple_type": "a list",
+    "too_long": "a list of at most {max_length} entries",
+    "too_short": "a list of at least {min_length} entry",
     "dict_type": "a table",
     "model_type": "a table of values",
     "model_attributes_type": "a table of values",
@@ -121,28 +124,14 @@ def _allowed(kind: str, path: tuple[str | int, ...], context: Any, message: str)
     """Return what a value may be, to follow "must be"."""
     if path[:2] == ("solver", "petsc") and len(path) == 3:
         return "text, a number, true or false"
-    if kind in _COMPARISONS:
-        key, words = _COMPARISONS[kind]
-        return f"{words} {context[key]:g}"
     if kind == "literal_error":
         return str(context["expected"]).replace("'", '"')
     if path == ("afferents",):
         return "a list of tables, each under [[afferents]]"
     if path == ("protocol", "path"):
         return "a list of tables, each under [[protocol.path]]"
-    if kind == "string_pattern_mismatch":
-        return "made of letters, digits, _ and -"
-    if kind == "string_too_short":
-        return f"at least {context['min_length']} character long"
-    if kind == "string_too_long":
-        return f"at most {context['max_length']} characters long"
-    if kind == "too_long":
-        return f"a list of at most {context['max_length']} entries"
-    if kind == "too_short":
-        least = context["min_length"]
-        return f"a list of at least {least} {'entry' if least == 1 else 'entries'}"
-    if kind in _TYPES:
-        return _TYPES[kind]
+    if kind in _ALLOWED:
+        return _ALLOWED[kind].format(**context)
     return "valid: " + message[:1].lower() + message[1:]
 
 

@@ -40,11 +40,7 @@ class PolynomialEnergy:
 
     def energy(self, F: Expr) -> Expr:
         """Return the strain energy density of `F`, in MPa."""
-        J, a, b = _invariants(F)
-        return self._isochoric(a, b) + self._volumetric(J)
-
-    def _isochoric(self, a: Expr, b: Expr) -> Expr:
-        c = self.constants
+        c, (J, a, b) = self.constants, _invariants(F)
         W = self.wrap(c.C10_MPa) * a
         if c.C20_MPa:
             W += self.wrap(c.C20_MPa) * a**2
@@ -53,11 +49,7 @@ class PolynomialEnergy:
         if c.C01_MPa or c.C11_MPa or c.C02_MPa:
             W += self.wrap(c.C01_MPa) * b
             W += self.wrap(c.C11_MPa) * a * b + self.wrap(c.C02_MPa) * b**2
-        return W
-
-    def _volumetric(self, J: Expr) -> Expr:
-        c = self.constants
-        W = self.wrap(1 / c.D1_per_MPa) * (J - 1) ** 2
+        W += self.wrap(1 / c.D1_per_MPa) * (J - 1) ** 2
         if c.D2_per_MPa is not None:
             W += self.wrap(1 / c.D2_per_MPa) * (J - 1) ** 4
         return W
@@ -147,11 +139,5 @@ def law_of(constants: Any, wrap: Wrap = float) -> Law:
     raise TypeError(f"no law goes with {type(constants).__name__}")
 
 
-@law_of.register
-def _polynomial(constants: Polynomial, wrap: Wrap = float) -> Law:
-    return PolynomialEnergy(constants, wrap)
-
-
-@law_of.register
-def _elastic(constants: Elastic, wrap: Wrap = float) -> Law:
-    return StVenantKirchhoff(constants, wrap)
+law_of.register(Polynomial, PolynomialEnergy)
+law_of.register(Elastic, StVenantKirchhoff)
