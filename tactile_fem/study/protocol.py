@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from tactile_fem.study.base import Either, File, Finite, NonNegative, Positive, Section
 
 Speed = Annotated[Positive, Field(description="speed of the body")]
-_HELD = "normal force that the body holds by its height; not set: it stays at its depth"
+_HELD = "normal force to be held by moving in Z; not set: the depth is held"
 
 
 class Press(Section):

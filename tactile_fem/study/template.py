@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
 
 from tactile_fem.study import Afferents, Stimulus, Study
-from tactile_fem.study.explain import KINDS, toml_value
+from tactile_fem.study.explain import KINDS, PIECES, toml_value
 
 _HEAD = """\
 # A study: all input of a scan. Each value below is the default, which is the paper's if it states
@@ -35,7 +36,7 @@ def commented_template() -> str:
     study = Study()
     for name in Study.model_fields:
         if name == "afferents":
-            lines += _populations()
+            lines += _described("[[afferents]] once or more", Afferents)
             continue
         values = getattr(study, name)
         lines += _table(name, values, _summary(type(values)))
@@ -44,16 +45,27 @@ def commented_template() -> str:
                 if kind != study.stimulus.kind:
                     lines += _comment(f'or kind = "{kind}": {_summary(model)}')
                     lines += [*_keys(model(), "#     ", {"kind", *Stimulus.model_fields}), ""]
+        if name == "protocol":
+            for kind, model in PIECES.items():
+                lines += _described(f'[[protocol.path]] with kind = "{kind}"', model)
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _populations() -> Iterator[str]:
-    yield from _comment(f"[[afferents]] once or more: {_summary(Afferents)}")
-    for key, field in Afferents.model_fields.items():
-        if field.description:
-            yield from _comment(f"    {key}: {field.description}")
-        else:
+def _described(heading: str, model: type[BaseModel]) -> Iterator[str]:
+    """Describe a table that may be added to a study."""
+    yield from _comment(f"{heading}: {_summary(model)}")
+    schema = model.model_json_schema()["properties"]
+    for key, field in model.model_fields.items():
+        if key == "kind":
+            continue
+        if not field.description:
             yield f"#     [afferents.{key}] has the keys of [{key}]"
+            continue
+        default = "" if field.default in (None, PydanticUndefined) else toml_value(field.default)
+        line = f"{key} = {default}" if default else key
+        allowed = _allowed(schema[key])
+        note = f"{field.description} [{allowed}]" if allowed else field.description
+        yield from _comment(f"    {line}: {note}")
     yield ""
 
 
