@@ -27,8 +27,9 @@ import numpy as np
 from tactile_fem.cli.entry import run
 from tactile_fem.output.extrema import central_receptor
 from tactile_fem.output.figures import draw
-from tactile_fem.runtime.logs import progress, set_up
+from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import scan
+from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Protocol, Study, Text
 

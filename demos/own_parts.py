@@ -23,8 +23,9 @@ from tactile_fem.neuron import Population
 from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.neuron.transduction import Segment
 from tactile_fem.output.figures import draw
-from tactile_fem.runtime.logs import progress, set_up
+from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import Parts, scan
+from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import Distance, Motion, Path
 from tactile_fem.stimulus.path import hold, lift, press

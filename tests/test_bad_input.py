@@ -296,7 +296,7 @@ COMMANDS = [
     ("walk", 'Unknown command "walk". ...'),
     ("plot", 'Command "plot" parameter RESULTS requires an argument.'),
     ("plot none", "none holds no results: there is no study.toml in it."),
-    ("plot emptied", "There is no emptied/trace.npz: the scan has not come so far."),
+    ("plot emptied", "There is no emptied/trace.npz: it has not been written yet."),
     (
         "plot pickled",
         "pickled/trace.npz cannot be read: Object arrays cannot be loaded when allow_pickle=False.",

@@ -9,6 +9,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+import time
 from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
@@ -61,6 +62,37 @@ def test_letters(tmp_path):
     assert number(r"normal force at 0.30 mm +([\d.]+) N", output) == pytest.approx(0.0156, rel=0.1)
     assert number(r"minus reaction +([\d.e+-]+) N", output) < 1e-5
     assert (tmp_path / "out" / "figures" / "raster.png").is_file()
+
+
+@pytest.mark.slow
+def test_own_parts_are_killed_and_resumed_on_two_ranks(tmp_path):
+    options = ["--depth", "0.4", "--radius", "0.1"]
+    command = [str(DEMOS / "own_parts.py"), str(tmp_path / "killed"), *options]
+    killed = subprocess.Popen([sys.executable, *command], stderr=subprocess.DEVNULL)
+    trace = tmp_path / "killed" / "trace.npz"
+    while killed.poll() is None and not (trace.exists() and "circle" in phases(trace)):
+        time.sleep(0.1)
+    killed.kill()
+    assert killed.wait() != 0, "it came to its end before it was killed"
+    resumed = run_command(ranks.launcher(), "-n", "2", sys.executable, *command)
+    whole = run("own_parts.py", str(tmp_path / "whole"), *options)
+    assert numbers(resumed) == pytest.approx(numbers(whole), abs=0.002)
+    assert number(r"circle .*normal force ([\d.]+) N", whole) > 0.01
+    one, two = (np.load(tmp_path / name / "trace.npz") for name in ("whole", "killed"))
+    assert list(dict.fromkeys(two["phase"])) == ["rest", "press", "hold", "circle", "lift"]
+    assert np.abs(two["sed_kPa"] - one["sed_kPa"]).max() < 1e-6 * one["sed_kPa"].max()
+    for name in ("centre_of_pressure_mm", "farthest_mm"):
+        np.testing.assert_allclose(two[name], one[name], atol=1e-6)
+    assert (tmp_path / "killed" / "figures" / "raster.png").is_file()
+
+
+def phases(trace: Path) -> set[str]:
+    with np.load(trace) as arrays:
+        return set(arrays["phase"].tolist())
+
+
+def numbers(text: str) -> list[float]:
+    return [float(word) for word in re.findall(r"-?\d+\.?\d*", text.split("spikes")[0])]
 
 
 @pytest.mark.slow

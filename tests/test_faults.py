@@ -157,7 +157,7 @@ FAULTS = [
     (half_written, r"checkpoint\.npz cannot be read"),
     (pickled, r"checkpoint\.npz cannot be read"),
     (no_archive, r"checkpoint\.npz cannot be read"),
-    (removed, "has no checkpoint to go on from"),
+    (removed, "has no checkpoint to continue from"),
     (of_another_study, r"study\.toml has changed since .* was written \(protocol\)"),
     (of_another_mesh, "belongs to another mesh"),
     (with_another_trace, "lacks columns work_mJ"),

@@ -7,6 +7,7 @@ import numpy as np
 from rich.console import Console
 
 from tactile_fem.runtime import logs
+from tactile_fem.scan.progress import progress
 
 
 @dataclass
@@ -29,7 +30,7 @@ STEPS = [
 
 def run(console, rank=0, every_s=0.0):
     logs.set_up(rank, console=console)
-    with logs.progress(rank, console=console, every_s=every_s) as show:
+    with progress(rank, console=console, every_s=every_s) as show:
         for step in STEPS:
             show(SimpleNamespace(step=step))
         logging.getLogger("tactile_fem.scan").info("something to say")
@@ -54,7 +55,7 @@ def test_a_resumed_scan_counts_the_time_left_from_where_it_went_on():
     now = [0.0]
     console = Console(file=io.StringIO(), get_time=lambda: now[0])
     logs.set_up(console=console)
-    with logs.progress(console=console, every_s=0.0) as show:
+    with progress(console=console, every_s=0.0) as show:
         for percent in range(30, 51):
             now[0] += 60.0
             show(SimpleNamespace(step=Step(percent, "slide", 1.0, 1.97, percent / 100)))
@@ -82,7 +83,7 @@ def test_a_terminal_gets_a_bar():
 def test_the_log_file_has_every_step(tmp_path):
     console = Console(file=io.StringIO())
     logs.set_up(console=console)
-    with logs.log_to(tmp_path / "log.txt"), logs.progress(console=console) as show:
+    with logs.log_to(tmp_path / "log.txt"), progress(console=console) as show:
         for step in STEPS:
             show(SimpleNamespace(step=step))
         logging.getLogger("tactile_fem.scan").info("something to say")

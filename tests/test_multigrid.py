@@ -19,6 +19,7 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
 
+from tactile_fem.mechanics import newton
 from tactile_fem.mechanics import problem as problem_module
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.mechanics.multigrid import TwoLevel
@@ -103,7 +104,7 @@ def test_the_last_step_spares_a_jacobian_and_loses_nothing(linear, monkeypatch):
     monkeypatch.setattr(problem_module.fem_petsc, "assemble_jacobian", built)
     found = {}
     for caution in (4.0, np.inf):
-        monkeypatch.setattr(problem_module, "_CAUTION", caution)
+        monkeypatch.setattr(newton, "_CAUTION", caution)
         problem.u.x.array[:] = guess
         built.reset_mock()
         report = problem.solve(np.array([0, -0.0503, 0.4]), 0.01)

@@ -83,7 +83,7 @@ def test_the_drawn_surface_is_the_one_that_the_finger_feels(stimulus):
     from tactile_fem.output.drawing import body_surface
 
     body = make_body(stimulus)
-    surface = body_surface(body, np.array([0.0, -2.0, 0.0]), np.array([0.0, 0.0, 1.97]))
+    surface = body_surface(body, np.array([[0.0, 0.0, 0.0], [0.0, -2.0, 1.97]]))
     points = surface.points.astype(float)
     felt = body.distance(points)
     # Edges of 0.3 mm radius between samples every 0.1 mm: a chord's height.

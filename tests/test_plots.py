@@ -6,16 +6,18 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 from synthetic import make_results, make_spikes, make_trace
 
-from tactile_fem.output import figures
+from tactile_fem.output import abscissa, figures
 from tactile_fem.output.extrema import central_receptor, extrema
 from tactile_fem.output.plots import (
     DISPLACEMENT,
     PAPER,
+    TIME,
     firing_figure,
     force_figure,
     raster_figure,
     sed_figure,
 )
+from tactile_fem.scan.results import Results
 from tactile_fem.study import Cylinder, Dots, Protocol, Study, Text
 
 SQUARE = np.array([[-3.0, 2.0], [3.0, 2.0], [3.0, 8.0], [-3.0, 8.0]])
@@ -124,11 +126,10 @@ def test_firing_figure_shows_the_rates():
 
 def test_force_figure_has_press_slide_and_ratio():
     trace = make_trace()
+    pressing, sliding = trace["time_s"] <= 1e-12, trace["time_s"] >= -1e-12
     figure = force_figure(
-        trace["depth_mm"],
-        trace["displacement_mm"],
-        trace["force_N"],
-        trace["time_s"] <= 1e-12,
+        (trace["depth_mm"][pressing], "Indentation (mm)", trace["force_N"][pressing]),
+        (trace["displacement_mm"][sliding], DISPLACEMENT, trace["force_N"][sliding]),
         0.3,
     )
     press, slide, below, ratio = figure.axes
@@ -144,8 +145,10 @@ def test_force_figure_has_press_slide_and_ratio():
 def test_force_figure_of_a_press_alone_and_of_nothing(steps):
     depth = np.linspace(1, 2, steps)
     force = np.outer(depth, [0.0, -0.1, 0.5])
-    pressing = np.ones(steps, dtype=bool)
-    figure = force_figure(depth, 0 * depth, force, pressing)
+    end = slice(max(steps - 1, 0), None)
+    figure = force_figure(
+        (depth, "Indentation (mm)", force), (0 * depth[end], DISPLACEMENT, force[end])
+    )
     press, slide, below, ratio = figure.axes
     for label, values in (("normal", 0.5 * depth), ("tangential", 0.1 * depth)):
         assert np.array_equal(line(press, label).get_xydata(), np.column_stack([depth, values]))
@@ -164,7 +167,8 @@ def test_force_figure_of_a_press_alone_and_of_nothing(steps):
 def test_force_figure_says_why_the_ratio_exceeds_the_friction(sideways, friction, told):
     depth, slide = np.array([0.0, 1.0, 1.0]), np.array([0.0, 0.0, 1.0])
     force = np.array([[0, 0, 0], [0, 0, 0.5], [0.0, 0.5 * sideways, 0.5]])
-    *_, ratio = force_figure(depth, slide, force, slide == 0, friction).axes
+    press = depth[:2], "Indentation (mm)", force[:2]
+    *_, ratio = force_figure(press, (slide[1:], DISPLACEMENT, force[1:]), friction).axes
     (text,) = ratio.get_legend().get_texts()
     assert text.get_text().startswith("friction coefficient")
     assert ("flanks" in text.get_text()) == told
@@ -201,15 +205,34 @@ def test_a_press_without_a_slide_has_its_forces(tmp_path):
     assert [path.name for path in figures.draw_plots(results)] == ["force.png"]
 
 
+def test_a_path_that_is_no_straight_slide_is_drawn_over_time(tmp_path):
+    trace = make_trace()
+    straight = abscissa.Abscissa.of(make_results(tmp_path / "straight", trace=trace))
+    assert straight.label == DISPLACEMENT and straight.outlines
+    assert straight.values.tolist() == trace["displacement_mm"][trace["time_s"] >= 0].tolist()
+    for change in ("across", "held"):
+        other = {name: values.copy() for name, values in trace.items()}
+        if change == "across":
+            other["stimulator_mm"][:, 0] += other["displacement_mm"]
+        else:
+            other["displacement_mm"][-1] = other["displacement_mm"][-2]
+            other["stimulator_mm"][-1] = other["stimulator_mm"][-2]
+        over = abscissa.Abscissa.of(make_results(tmp_path / change, trace=other))
+        assert over.label == TIME and not len(over.outlines)
+        assert over.values.tolist() == trace["time_s"][trace["time_s"] >= 0].tolist()
+        paths = figures.draw_plots(Results.open(tmp_path / change))
+        assert {p.stem for p in paths} == {"sed", "raster", "firing", "force"}
+
+
 def test_letters_have_holes():
     def area(ring):
         x, y = ring.T
         return 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
 
-    rings = figures.rings(Text(text="O"))
+    rings = abscissa.rings(Text(text="O"))
     assert len(rings) == 2
     assert area(rings[0][:-1]) > 0 > area(rings[1][:-1])
-    assert figures.rings(Cylinder()) == []
+    assert abscissa.rings(Cylinder()) == []
     # Drawn, the O has a stroke, and its middle is as white as what is around it.
     around, middle = rings[0].min(axis=0) - 0.2, rings[1].mean(axis=0)
     stroke = (rings[0][rings[0][:, 0].argmin()] + rings[1][rings[1][:, 0].argmin()]) / 2
@@ -227,7 +250,7 @@ def test_letters_have_holes():
 def test_spikes_of_the_synthetic_folder_are_all_drawn(tmp_path):
     trace = make_trace()
     results = make_results(tmp_path / "r", trace=trace)
-    figure = figures._raster(results, np.arange(21), [])
+    figure = figures._raster(results, np.arange(21), abscissa.Abscissa.of(results))
     dots = next(one for one in figure.axes[0].lines if one.get_gid() == "spikes")
     assert len(dots.get_xdata()) == sum(map(len, make_spikes(trace)))
     assert np.unique(dots.get_xdata()) == pytest.approx([1, 3, 5, 7, 9])

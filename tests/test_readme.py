@@ -63,15 +63,21 @@ def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_parts_of_ones_own_make_a_scan(small_finger):
+def test_parts_of_ones_own_make_a_scan(small_finger, tmp_path, monkeypatch):
     pytest.importorskip("tactile_fem.runtime.backend")
+    monkeypatch.chdir(tmp_path)
     page = PAGES / "extending.md"
     code = "\n".join(blocks(page, "python"))
-    code = shortened(code, "depth_mm=1.0, distance_mm=2.0", "depth_mm=0.2, distance_mm=0.1")
+    code = shortened(code, "press(depth_mm=1.0", "press(depth_mm=0.2")
+    code = shortened(code, "zigzag(2.0, 0.5, 0.2)", "zigzag(0.2, 0.1, 0.02)")
     code = shortened(code, "Finger()", f"Finger(mesh_file={str(small_finger)!r})")
     names = run(code, page)
-    assert names["step"].force_N[2] > 0.005
-    # Current that only change evokes: 20 kPa/s for 50 ms, then none.
+    trace = names["result"].trace
+    assert trace.force_N[-1, 2] > 0.005
+    assert trace.phase.tolist().count("zigzag") >= 10
+    np.testing.assert_allclose(trace.stimulator_mm[-1], [0.0, -0.2, 0.2], atol=1e-9)
+    np.testing.assert_allclose(trace.work_mJ[1:], trace.power_mW[1:] * np.diff(trace.clock_s))
+    # Current that only change evokes: 20 kPa^0.5/s for 50 ms, then none.
     time_s, sed_kPa = np.array([0.0, 0.05, 1.0]), np.array([[0.0], [1.0], [1.0]])
     (spikes,) = names["ra"].fire({"time_s": time_s, "sed_kPa": sed_kPa}).spikes
     assert names["DRIVES"].pop("root") is names["root"]
@@ -79,12 +85,11 @@ def test_parts_of_ones_own_make_a_scan(small_finger):
     from tactile_fem.tissue.energies import stiffness
 
     # The law's stiffness is K + 4 G/3 at rest, and its energy Fung's.
-    constants = names["Fung"](C10_MPa=0.01, b=2.0, D1_per_MPa=2.0)
-    law = names["law_of"](constants)
+    law = names["Fung"](shear=0.02, b=2.0, bulk=1.0)
     rest, stretched = np.eye(3), np.diag([1.2, 1.0, 1 / 1.2])
-    assert at(lambda F: stiffness(law, F), rest) == pytest.approx(1.0 + 8 / 3 * 0.01)
+    assert at(lambda F: stiffness(law, F), rest) == pytest.approx(1.0 + 4 / 3 * 0.02)
     a = 1.2**2 + 1 + 1.2**-2 - 3
-    assert at(law.energy, stretched) == pytest.approx(0.01 / 2 * np.expm1(2 * a))
+    assert at(law.energy, stretched) == pytest.approx(0.02 / 4 * np.expm1(2 * a))
 
 
 def at(expression, F):

@@ -6,6 +6,7 @@ import logging
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,19 +19,27 @@ from tactile_fem.runtime import ranks
 from tactile_fem.scan import Parts, resume, scan
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
+from tactile_fem.scan.trace import Trace
+from tactile_fem.stimulus import Distance, Path
+from tactile_fem.stimulus.path import press, slide
 from tactile_fem.study import (
     Afferents,
     Finger,
+    Hold,
+    Lift,
     Neuron,
     Output,
     Plate,
+    Press,
     Protocol,
     Receptors,
+    Slide,
     Solver,
     Study,
     Text,
 )
 from tactile_fem.study.file import dump_study
+from tactile_fem.tissue.energies import law_of
 
 
 class Stopped(Exception):
@@ -274,3 +283,146 @@ def test_a_stimulus_that_starts_inside_the_finger_is_refused(study, small_finger
     with pytest.raises(StudyError, match=r"inside the finger"):
         scan(inside, tmp_path / "results")
     assert not (tmp_path / "results").exists()
+
+
+# --- paths, observers' columns, own parts ---------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def held(study) -> Study:
+    """A press to a force that is then held, in rest and in motion."""
+    pieces = (
+        Press(force_N=0.03),
+        Hold(time_s=0.02, output_s=0.01, force_N=0.03),
+        Slide(by_mm=(0.0, -0.2), output_mm=0.1, force_N=0.03),
+        Lift(depth_mm=-0.05),
+    )
+    return study.model_copy(update={"protocol": Protocol(path=pieces)})
+
+
+def middle_pressed(seen):
+    """Return columns of one's own: a number for each step, one for each receptor, a vector."""
+    felt = seen.receptors.sed_kPa
+    number = {"mean_kPa": felt.mean(), "twice_kPa": 2 * felt, "pull_N": seen.step.force_N[:2]}
+    return number if seen.step.index > 1 else {}
+
+
+@pytest.fixture(scope="module")
+def held_whole(held):
+    return scan(held, observers=[middle_pressed]).trace
+
+
+def test_a_held_normal_force_stays(held_whole):
+    trace = held_whole
+    assert list(dict.fromkeys(trace.phase)) == ["rest", "press", "hold", "slide", "lift"]
+    at_force = np.isin(trace.phase, ["hold", "slide"])
+    at_force[np.flatnonzero(trace.phase == "press")[-1]] = True
+    assert at_force.sum() >= 6
+    np.testing.assert_allclose(trace.force_N[at_force, 2], 0.03, rtol=2e-3)
+    assert np.ptp(trace.depth_mm[at_force]) > 1e-3  # skin relaxes, letters come and go
+    assert trace.time_s[trace.phase == "press"][-1] == 0
+    np.testing.assert_allclose(trace.time_s[trace.phase == "slide"][-1], 0.02 + 0.2 / 20)
+    np.testing.assert_allclose(trace.stimulator_mm[-1], [0, -0.2, -0.05], atol=1e-12)
+    assert abs(trace.force_N[-1, 2]) < 1e-4 and np.all(trace.imbalance_N < 1e-5)
+
+
+def test_a_held_force_and_observers_columns_survive_an_interruption(held, held_whole, tmp_path):
+    cut = tmp_path / "cut"
+
+    def stop(seen):
+        if seen.step.phase == "slide" and seen.step.displacement_mm > 0.1:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        scan(held, cut, observers=[middle_pressed, stop])
+    resumed = resume(cut, observers=[middle_pressed]).trace
+    whole, kept = held_whole.arrays(), Results.open(cut).trace
+    assert kept.keys() == whole.keys()
+    for name, array in resumed.arrays().items():
+        np.testing.assert_array_equal(kept[name], array, err_msg=name)
+        if name in ("phase", "population"):
+            np.testing.assert_array_equal(array, whole[name])
+        elif name not in ("wall_s", "imbalance_N", "newton_iterations", "linear_iterations"):
+            # Where the skin first touches, rounding grows to what Newton's method leaves.
+            most = 1e-6 * np.nanmax(np.abs(whole[name]))
+            np.testing.assert_allclose(array, whole[name], rtol=0, atol=most, err_msg=name)
+    # Of the first two rows it told nothing.
+    assert np.isnan(kept["mean_kPa"][:2]).all() and np.isnan(kept["pull_N"][:2]).all()
+    np.testing.assert_array_equal(kept["twice_kPa"][2:], 2 * kept["sed_kPa"][2:])
+    np.testing.assert_array_equal(kept["pull_N"][2:], kept["force_N"][2:, :2])
+
+
+@pytest.mark.parametrize(
+    ("column", "sentence"),
+    [
+        ({"force_N": 1.0}, "observers: the trace has a column force_N: choose another name."),
+        ({"x": "much"}, "observers: x must be numbers but is 'much'."),
+        ({"y": [1.0, 2.0]}, r"observers: y has the shape \(2,\), before it had \(3,\)\."),
+    ],
+)
+def test_a_column_that_cannot_be(column, sentence):
+    trace = Trace(np.zeros((2, 3)), np.array(["SA1", "SA1"]))
+    seen = SimpleNamespace(**{name: 0.0 for name in trace.arrays()}, indenting=True)
+    trace.add(seen, seen, {"y": np.zeros(3)})
+    with pytest.raises(StudyError, match=sentence):
+        trace.add(seen, seen, column)
+    assert len(trace) == 2 and np.isnan(trace.y[0]).all() and not trace.y[1].any()
+
+
+class Floor:
+    """The half-space below a height."""
+
+    def __init__(self, height_mm: float = 0.0) -> None:
+        self.height_mm = height_mm
+
+    def distance(self, points):
+        count = len(points)
+        up = np.tile([0.0, 0.0, 1.0], (count, 1))
+        return Distance(points[:, 2] - self.height_mm, up, np.zeros((count, 3, 3)))
+
+
+def test_parts_that_do_what_the_studys_do_give_the_same(study, tmp_path):
+    flat = {"stimulus": Plate(), "protocol": Protocol(depth_mm=0.2, distance_mm=0.1)}
+    of_study = scan(study.model_copy(update=flat)).trace
+    law = law_of(study.tissue.dermis)
+    path = Path((press(0.2, 20.0), slide((0.0, -0.1), 20.0, 0.1)))
+    parts = Parts(laws={"dermis": law}, body=Floor(), path=path)
+
+    def stop(seen):
+        if seen.step.index == 3:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        scan(study, tmp_path / "own", observers=[stop], parts=parts)
+    for other, sentence in [
+        (Parts(), r"with a law of dermis that was .*, now it is the study's"),
+        (
+            replace(parts, body=None),
+            r"with a body that was \S+Floor \w+, now it is the study's: give",
+        ),
+        (
+            replace(parts, body=Floor(-0.1)),
+            r"with a body that was \S+Floor \w+, now it is \S+Floor",
+        ),
+        (replace(parts, path=Path((press(0.2, 20.0),))), "with a path that was"),
+        (replace(parts, laws={**parts.laws, "epidermis": law}), "with a law of epidermis that was"),
+    ]:
+        with pytest.raises(StudyError, match=sentence) as caught:
+            resume(tmp_path / "own", parts=other)
+        assert "\n" not in str(caught.value)
+    own = resume(tmp_path / "own", parts=replace(parts, body=Floor())).trace
+    for name in ("force_N", "sed_kPa", "von_mises_kPa", "stored_mJ", "time_s", "stimulator_mm"):
+        expected = getattr(of_study, name)
+        largest = np.abs(expected).max()
+        np.testing.assert_allclose(getattr(own, name), expected, atol=1e-6 * largest, err_msg=name)
+    kept = Results.open(tmp_path / "own").stimulator  # for pictures
+    assert kept is not None
+    height = kept.origin_mm[2] + kept.step_mm * np.arange(len(kept.gap_mm))
+    np.testing.assert_allclose(kept.gap_mm[:, 3, 5], np.clip(height, -0.5, 0.5), atol=1e-6)
+
+
+def test_an_own_path_through_the_bone_is_the_parts_fault(study):
+    with pytest.raises(
+        StudyError, match=r"parts\.path \(piece 1\) goes 9 mm deep but must be less"
+    ):
+        scan(study, parts=Parts(path=Path((press(9.0, 20.0),))))

@@ -33,8 +33,9 @@ import numpy as np
 
 from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import replacing
-from tactile_fem.runtime.logs import progress, set_up
+from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import scan
+from tactile_fem.scan.progress import progress
 from tactile_fem.study import (
     Cylinder,
     Finger,

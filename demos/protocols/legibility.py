@@ -35,7 +35,7 @@ from firing_images import letters_figure, population_image, with_row_spacing
 from letter_recognition import Recognition, confusion_figure, outline_correlation, recognise
 
 from tactile_fem.cli.entry import run
-from tactile_fem.output.figures import rings
+from tactile_fem.output.abscissa import rings
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan.results import Results

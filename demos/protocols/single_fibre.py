@@ -29,7 +29,7 @@ from letter_recognition import outline_correlation
 from numpy.typing import ArrayLike
 
 from tactile_fem.cli.entry import run
-from tactile_fem.output.figures import rings
+from tactile_fem.output.abscissa import rings
 from tactile_fem.runtime.files import write_figure, write_records
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan.results import Results

@@ -26,6 +26,7 @@ from tactile_fem.runtime import doctor as diagnosis
 from tactile_fem.runtime import logs, ranks
 from tactile_fem.runtime.files import write_text
 from tactile_fem.runtime.signals import answering, stop_at_once
+from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Study
 from tactile_fem.study.file import load_study
@@ -119,7 +120,7 @@ def _run(start: Callable[..., object], folder: Path) -> None:
     rank = MPI.COMM_WORLD.rank
     console = logs.stderr_console()
     logs.set_up(rank, console=console)
-    with answering(stop_at_once), logs.progress(rank, console=console) as show:
+    with answering(stop_at_once), progress(rank, console=console) as show:
         start(observers=[show])
     if rank == 0:
         found = Results.open(folder)

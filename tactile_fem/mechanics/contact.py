@@ -27,21 +27,22 @@ _ROUND = 0.2
 def smooth_positive(x: Expr, width: Expr | float) -> Expr:
     """Return ``[x]_+`` with its kink rounded over the pressure `width`.
 
-    In the gap that is ``width/gamma_h``, less than a micrometre: too little for the result, but
-    it lets Newton's method settle where points of the skin open and close. Pulled down by a
-    thousandth of the width it is zero, not only small, where the skin is far from the body.
+    The rounding acts over a gap of ``width/gamma_h``, less than a micrometre. This does not change
+    the result, but Newton's method converges although points of the skin open and close. A
+    thousandth of the width is subtracted, so that the value is exactly zero far from the body.
     """
     rounded = (x + ufl.sqrt(x**2 + width**2 + _TINY_MPa**2)) / 2
     return ufl.max_value(rounded - width / 1000, 0.0)
 
 
 def smooth_coulomb(q: Expr, bound: Expr, softness: Expr | float) -> Expr:
-    """Return the trial traction `q` brought back to Coulomb's `bound`.
+    """Return the trial traction `q`, limited to Coulomb's `bound`.
 
-    It is the projection onto the disc of radius `bound` with its edge rounded by a parabola:
-    `q` itself up to 0.8 of the bound, so that what sticks does not creep from step to step, and
-    the bound from 1.2 of it on. A `softness` of 1 rounds more, ``bound q/sqrt(|q|^2 + bound^2)``;
-    values between mix the two. Newton then finds its way from sticking to sliding.
+    This is the projection onto a disc of radius `bound`, with its edge rounded by a parabola. Up
+    to 0.8 of the bound the result is `q` itself, so that sticking skin does not creep from step to
+    step; from 1.2 of the bound on it is the bound. A `softness` of 1 rounds more, to
+    ``bound q/sqrt(|q|^2 + bound^2)``; values between mix the two. With it Newton's method
+    converges where sticking changes to sliding.
     """
     size = ufl.sqrt(ufl.dot(q, q) + _TINY_MPa**2)
     rounded = bound - ((1 + _ROUND) * bound - size) ** 2 / (4 * _ROUND * (bound + _TINY_MPa))
@@ -93,7 +94,7 @@ class Contact:
         return s_n, s_t
 
     def unmatched(self, t: Expr, u: Expr, u_old: Expr) -> Expr:
-        """Return ``d = t_t - s_t`` in MPa; none where nothing presses."""
+        """Return ``d = t_t - s_t`` in MPa; zero without contact."""
         nu = self.obstacle.normal
         s_n, s_t = self.tractions(t, u, u_old)
         d = t - ufl.dot(t, nu) * nu - s_t

@@ -70,7 +70,7 @@ class Elasticity:
         self._normal = N if len(N) == 3 else ufl.as_vector([N[0], N[1], 0])
 
     def set_time_step(self, dt_s: float) -> None:
-        """Let `dt_s` pass between the two states."""
+        """Set the time between the two states."""
         self._rate.value = self._tissue.viscous_time_s / dt_s
 
     def constants(self, tissue: str) -> Polynomial | Elastic:

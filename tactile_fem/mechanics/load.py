@@ -1,4 +1,4 @@
-"""What the finger carries: forces, contact area, energies, and how exact the contact is."""
+"""Load on the finger: forces, contact area, energies, and the errors of the contact."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Load:
 
 
 class LoadCell:
-    """Reads what the finger carries.
+    """Evaluates the load on the finger.
 
     Parameters
     ----------
@@ -131,14 +131,14 @@ class LoadCell:
         ]
         whole = self._comm.allreduce(np.concatenate(here))
         force, moment, reaction = np.split(whole[:-8], self._splits)
-        heat, area, normal, off, traction, stored, volume, rest = whole[-8:].tolist()
+        heat, area, normal, distance, traction, stored, volume, rest = whole[-8:].tolist()
         pressed = normal if normal > 0 else 1.0
         return Load(
             force,
             moment,
             float(np.linalg.norm(force + reaction)),
             area,
-            off / pressed,
+            distance / pressed,
             (traction - normal) / pressed,
             float((force + state.force_old_N) @ advance / 2),
             heat,
@@ -185,8 +185,8 @@ def _integrals(elasticity: Elasticity, obstacle: Obstacle, skin: Sequence[SkinPa
     form = 0
     for part in skin:
         s_n, _ = part.contact.tractions(part.t, elasticity.u, elasticity.u_old)
-        off = s_n * abs(obstacle.gap)
-        values = touching * stretch, s_n, off, touching * ufl.dot(part.t, obstacle.normal)
+        distance = s_n * abs(obstacle.gap)
+        values = touching * stretch, s_n, distance, touching * ufl.dot(part.t, obstacle.normal)
         form += sum(value * w[i] for i, value in enumerate(values)) * part.ds
     return form + elasticity.stored(w[4]) + (J * w[5] + w[6]) * elasticity.measure()
 

@@ -1,7 +1,7 @@
-"""A rigid body of any shape, brought into UFL by its second-order expansion.
+"""A rigid body of any shape in UFL, by the second-order expansion of its signed distance.
 
-At each contact quadrature point the signed distance `g`, its gradient and its Hessian are held
-at the current iterate `u0`. The form uses ``g + n.(u-u0) + (u-u0).H.(u-u0)/2``, so UFL's
+The signed distance `g`, its gradient and its Hessian are evaluated at each contact quadrature
+point at the current iterate `u0`. The form uses ``g + n.(u-u0) + (u-u0).H.(u-u0)/2``, so UFL's
 derivative at ``u = u0`` is the exact tangent. The data are refreshed before each residual and
 each Jacobian.
 """

@@ -6,7 +6,7 @@ import atexit
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from types import MappingProxyType
 
@@ -25,6 +25,7 @@ from tactile_fem.mechanics.contact import Contact, SkinPart
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.load import Load, LoadCell
+from tactile_fem.mechanics.newton import SolveReport, next_step_converges, weakly
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import (
     clear_options,
@@ -42,8 +43,6 @@ _GENTLER = ((1.0, 0.3), (4.0, 0.3))
 
 # Share of the residual that ends Newton's method, at which any linear solve may end (Kelley 1995).
 _LAST_SOLVE = 0.3
-# By how much a step with an old Jacobian may be worse than expected.
-_CAUTION = 4.0
 
 # Problems on several ranks, until they are closed, in the order in which they were made.
 _OPEN: dict[FingerProblem, None] = {}
@@ -51,23 +50,6 @@ _OPEN: dict[FingerProblem, None] = {}
 _NO_LAWS: Mapping[str, Law] = MappingProxyType({})
 
 Constraints = Callable[[fem.FunctionSpace], Sequence[fem.DirichletBC]]
-
-
-@dataclass(frozen=True)
-class SolveReport:
-    """How one nonlinear solve ended.
-
-    Attributes
-    ----------
-    iterations, linear_iterations
-        Of Newton's method, and of the linear solver in all of them.
-    """
-
-    converged: bool
-    iterations: int
-    linear_iterations: int
-    residual_N: float
-    reason: str
 
 
 class FingerProblem:
@@ -134,44 +116,50 @@ class FingerProblem:
         self._jit = jit_options(solver.compiler_flags)
         stick.compile(self.skin, state.u_old, self.compile)
         state.histories.append(stick)
-        v = ufl.TestFunction(V)
-        residual = self.elasticity.residual(v)
-        for part in self.skin:
-            residual += part.contact.residual(part.t, state.u, state.u_old, v) * part.ds
         self.options = options_of(solver)
-        prefix = set_options(self.options, domain.comm)
-        self._clear_options = weakref.finalize(self, clear_options, prefix)
-        self._clear_options.atexit = False  # PETSc may be gone by then
+        self._bcs = [fem.dirichletbc(np.zeros(msh.geometry.dim), self.held, V), *constraints(V)]
         # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.
         has_inner = "npc_snes_type" in self.options
         uses_multigrid = self.options["pc_type"] == "mg" and not has_inner
-        self._bcs = [fem.dirichletbc(np.zeros(msh.geometry.dim), self.held, V), *constraints(V)]
-        self._problem = fem_petsc.NonlinearProblem(
-            residual,
-            state.u,
-            bcs=self._bcs,
-            petsc_options_prefix=prefix,
-            kind="baij" if uses_multigrid else None,
-            jit_options=self._jit,
-            entity_maps=self.obstacle.entity_maps,
-        )
-        self.snes.setFromOptions()
-        self.snes.setConvergenceHistory(reset=True)
-        if "ksp_atol" not in self.options:
-            self.snes.getKSP().setTolerances(atol=_LAST_SOLVE * self.snes.getTolerances()[1])
+        self._problem = self._nonlinear_problem("baij" if uses_multigrid else None)
         self._two_level: multigrid.TwoLevel | None = None
         if uses_multigrid:
             blocks = self.order.blocks()
             self._two_level = multigrid.TwoLevel(self.snes, V, self.held, blocks)
         # By weak references: Python's garbage collector cannot see what PETSc holds. A problem that
         # PETSc held would never be freed, and MPI allows only some 2,000 communicators.
-        residual_of = _weakly(self._assemble_residual)
-        jacobian_of = _weakly(self._assemble_jacobian)
+        residual_of = weakly(self._assemble_residual)
+        jacobian_of = weakly(self._assemble_jacobian)
         for snes in [self.snes, *([self.snes.getNPC()] if has_inner else [])]:
             snes.setFunction(residual_of, self._problem.b)
             snes.setJacobian(jacobian_of, self._problem.A)
         if domain.comm.size > 1:
             _OPEN[self] = None
+
+    def _nonlinear_problem(self, matrix: str | None) -> fem_petsc.NonlinearProblem:
+        """Return the virtual work of tissues and contact as a problem for SNES."""
+        state, v = self.state, ufl.TestFunction(self.u.function_space)
+        residual = self.elasticity.residual(v)
+        for part in self.skin:
+            residual += part.contact.residual(part.t, state.u, state.u_old, v) * part.ds
+        prefix = set_options(self.options, self.domain.comm)
+        self._clear_options = weakref.finalize(self, clear_options, prefix)
+        self._clear_options.atexit = False  # PETSc may be gone by then
+        problem = fem_petsc.NonlinearProblem(
+            residual,
+            state.u,
+            bcs=self._bcs,
+            petsc_options_prefix=prefix,
+            kind=matrix,
+            jit_options=self._jit,
+            entity_maps=self.obstacle.entity_maps,
+        )
+        snes = problem.solver
+        snes.setFromOptions()
+        snes.setConvergenceHistory(reset=True)
+        if "ksp_atol" not in self.options:
+            snes.getKSP().setTolerances(atol=_LAST_SOLVE * snes.getTolerances()[1])
+        return problem
 
     @classmethod
     def of(cls, study: Study, domain: Domain) -> FingerProblem:
@@ -202,7 +190,7 @@ class FingerProblem:
 
     @property
     def unknowns(self) -> int:
-        """Number of displacement components of the whole finger, held ones included."""
+        """Number of displacement components of the whole finger, including fixed ones."""
         dofmap = self.u.function_space.dofmap
         return dofmap.index_map_bs * dofmap.index_map.size_global
 
@@ -213,7 +201,7 @@ class FingerProblem:
 
     @cached_property
     def load_cell(self) -> LoadCell:
-        """Reads what the finger carries; compiled when first used."""
+        """Evaluates the load on the finger; compiled when first used."""
         return LoadCell(
             self.state,
             self.elasticity,
@@ -296,7 +284,7 @@ class FingerProblem:
 
     @contextmanager
     def _gentle_contact(self, width: float, softness: float) -> Iterator[None]:
-        """Round contact and friction more, for a while."""
+        """Smooth contact and friction more within the context."""
         own_width = float(self._width.value)
         self._width.value, self._softness.value = width * own_width, softness
         try:
@@ -307,20 +295,13 @@ class FingerProblem:
     def _newton(self) -> SolveReport:
         with common.Timer("tactile: solve"):
             self._problem.solve()
-        reason = self.snes.getConvergedReason()
-        return SolveReport(
-            reason > 0,
-            self.snes.getIterationNumber(),
-            self.snes.getLinearSolveIterations(),
-            float(self.snes.getFunctionNorm()),
-            _REASONS.get(reason, str(reason)),
-        )
+        return SolveReport.of(self.snes)
 
     def accept(self, load: Load | None = None) -> Load:
         """Make the present state the history of the next step; return its load.
 
-        The next step begins with this one's preconditioner, made where Newton's method has found
-        what touches: one made at the guess, where it has not, leads it astray.
+        The next step begins with this step's preconditioner, made at the converged contact. One
+        made at the guess, where the contact is not known yet, slows Newton's method down.
 
         Parameters
         ----------
@@ -336,7 +317,7 @@ class FingerProblem:
         return load
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
-        """Become what `state.gather` returned, the next step's preconditioner included."""
+        """Restore what `state.gather` returned, including the preconditioner of the next step."""
         self.state.restore(saved, self.order, self._prepare)
 
     def _prepare(self, translation: np.ndarray, dt_s: float) -> None:
@@ -367,7 +348,7 @@ class FingerProblem:
     def _assemble_jacobian(
         self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat
     ) -> None:
-        if _one_more_is_enough(snes):
+        if next_step_converges(snes):
             return  # with the Jacobian of the last iterate
         self._update(x)
         self.state.u_linear.x.array[:] = self.u.x.array
@@ -379,33 +360,6 @@ class FingerProblem:
 
 @atexit.register
 def _close_all() -> None:
-    """Close what is open at the end, in the same order on all ranks: they destroy it together."""
+    """Close open problems at exit, in the same order on all ranks: destruction is collective."""
     for problem in list(_OPEN):
         problem.close()
-
-
-def _one_more_is_enough(snes: PETSc.SNES) -> bool:
-    """Tell whether Newton's next step ends the solve even if the Jacobian stays as it is.
-
-    Near the solution a step with the Jacobian of the last iterate cuts the residual by as much as
-    the step before did, where a new one would square it.
-    """
-    norms, _ = snes.getConvergenceHistory()
-    at_work = snes.getConvergedReason() == PETSc.SNES.ConvergedReason.ITERATING
-    if not at_work or len(norms) < 2:
-        return False
-    expected = norms[-1] ** 2 / norms[-2]
-    return bool(_CAUTION * expected < snes.getTolerances()[1])
-
-
-def _weakly(method: Callable[..., None]) -> Callable[..., None]:
-    """Return a call of a bound method that does not keep its object alive."""
-    reference = weakref.WeakMethod(method)
-    return lambda *arguments: reference()(*arguments)
-
-
-_REASONS = {
-    value: name.lower().replace("_", " ")
-    for name, value in vars(PETSc.SNES.ConvergedReason).items()
-    if isinstance(value, int)
-}

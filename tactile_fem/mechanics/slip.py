@@ -1,14 +1,14 @@
-"""What sticking skin remembers, at each contact quadrature point.
+"""The history of sticking skin at each contact quadrature point.
 
-Nitsche's method holds sticking skin with ``t_t - gamma_h slip``. The tissue's traction `t_t` that
-it carries from step to step is exact only to the order of the mesh, so slip counted from the last
-step alone would let the skin creep by that error in every step. As in the return mapping of
-plasticity, slip counts from where the skin began to stick: what the contact did not take of the
-traction in the last accepted step,
+Nitsche's method holds sticking skin with ``t_t - gamma_h slip``. The tissue's traction `t_t` has a
+discretization error. If slip were measured from the last step only, the skin would creep by this
+error in every step. As in the return mapping of plasticity, slip is therefore measured from where
+the skin began to stick: the part of the traction that the contact did not transmit in the last
+accepted step,
 
     d = t_t - s_t        (gamma_h times the elastic slip),
 
-is left out in the present one. As a traction it stays right when `gamma_h` changes between steps.
+is subtracted in the present step. Since it is a traction, it remains valid if `gamma_h` changes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tactile_fem.mechanics.state import PointHistory
 
 
 class StickMemory(PointHistory):
-    """Tangential traction that the contact did not take in the last accepted step, in MPa.
+    """Tangential traction that the contact did not transmit in the last accepted step, in MPa.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class StickMemory(PointHistory):
         u_old: fem.Function,
         compile_: Callable[[ufl.Form], fem.Form],
     ) -> None:
-        """Prepare `present` for skin whose contact uses `old`."""
+        """Compile `present` for skin whose contact uses `old`."""
         u = self._obstacle.u
         # Tested with the quadrature element, a form is the value at each point times its weight.
         at_points = ufl.TestFunction(self.old.function_space)
@@ -62,6 +62,6 @@ class StickMemory(PointHistory):
         return self._obstacle.points_mm
 
     def present(self) -> np.ndarray:
-        """Return what the contact does not take of the traction at the present state."""
+        """Return the traction that the contact does not transmit at the present state."""
         self._obstacle.refresh()
         return fem.assemble_vector(self._form).array / self._weight

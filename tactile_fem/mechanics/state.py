@@ -1,8 +1,8 @@
-"""What an accepted step leaves for the next one.
+"""The state of finger and body that one accepted step passes to the next.
 
-Nothing else in the mechanics keeps a history. A quantity at quadrature points, of the contact or
-of the tissue, is a `PointHistory` that joins the state once; it is then accepted, saved and
-restored with everything else.
+Nothing else in the mechanics stores a history. A quantity at quadrature points, of the contact or
+of the tissue, is a `PointHistory` in the list of the state's histories; it is then accepted, saved
+and restored with everything else.
 """
 
 from __future__ import annotations
@@ -56,9 +56,8 @@ class PointHistory(ABC):
     def present(self) -> Array:
         """Return the values at the present state, as `old` holds them; all ranks call."""
 
-    def accept(self) -> None:
+    def accept(self, present: Array) -> None:
         """Make the present values the old ones."""
-        present = self.present()
         self.before[:] = self.old.x.array
         self.old.x.array[:] = present
 
@@ -69,8 +68,8 @@ class PointHistory(ABC):
         """
         points = self.points_mm()
         rows = values.reshape(len(points), -1) if len(points) else np.empty((0, 1))
-        some = np.any(rows != 0, axis=1)
-        parts = self._comm.allgather(np.hstack([points[some], rows[some]]))
+        nonzero = np.any(rows != 0, axis=1)
+        parts = self._comm.allgather(np.hstack([points[nonzero], rows[nonzero]]))
         return np.concatenate([part for part in parts if len(part)] or parts[:1])
 
     def scatter(self, saved: Array) -> None:
@@ -126,7 +125,8 @@ class Progress:
     def from_json(cls, text: str) -> Progress:
         """Return what `to_json` wrote."""
         values = json.loads(text)
-        return cls(**{**values, "control": StepControl(**values["control"])})
+        control, start = StepControl(**values.pop("control")), tuple(values.pop("start_mm"))
+        return cls(**values, start_mm=start, control=control)
 
 
 class State:
@@ -196,8 +196,9 @@ class State:
         iterations
             Newton's, to the present state.
         """
-        for history in self.histories:
-            history.accept()
+        present = [history.present() for history in self.histories]  # none of them has moved on
+        for history, values in zip(self.histories, present, strict=True):
+            history.accept(values)
         self.u_before.x.array[:] = self.u_old.x.array
         self.translation_before[:] = self.translation_old.value
         self.force_old_N = force_N
@@ -229,7 +230,7 @@ class State:
     def restore(
         self, saved: dict[str, Array], order: NodeOrder, prepare: Callable[[Array, float], None]
     ) -> None:
-        """Become what `gather` returned.
+        """Restore what `gather` returned.
 
         Parameters
         ----------

@@ -10,7 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactile_fem.errors import ConvergenceError
-from tactile_fem.mechanics.problem import FingerProblem, Load, SolveReport
+from tactile_fem.mechanics.load import Load
+from tactile_fem.mechanics.newton import SolveReport
+from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.state import Progress
 from tactile_fem.mechanics.step_control import StepControl, StepTooSmallError
 from tactile_fem.stimulus.path import Motion, Path
@@ -31,7 +33,7 @@ _BALANCE_N = 1e-5
 
 @dataclass(frozen=True)
 class Step(Load):
-    """One accepted step: where the body is, the load, and what finding it cost.
+    """One accepted step: place of the body, load, and cost.
 
     What `trace.npz` holds of a step has the same name here, but for its `time_s`, which counts
     from the end of the indentation and is known only then.
@@ -116,7 +118,7 @@ class Stepper:
         """
         started = time.perf_counter()
         while True:
-            if self._progress.control.finished:
+            while self._progress.control.finished:
                 self._check_force_reached()
                 if self._progress.piece == len(self._path.pieces) - 1:
                     return
@@ -143,7 +145,7 @@ class Stepper:
 
     def _begin_next(self) -> None:
         p = self._progress
-        self._tell_indented()
+        self._warn_without_contact()
         self._begin(
             p.piece + 1,
             start_s=p.start_s + p.control.time_s,
@@ -164,6 +166,7 @@ class Stepper:
         self._state.progress = Progress(
             piece, tuple(start.tolist()), start_s, slid_mm, indenting, index, control
         )
+        self._end_at_force()
 
     def _control(self, motion: Motion) -> StepControl:
         """Return the control of the steps of a motion.
@@ -183,7 +186,7 @@ class Stepper:
         return self._motion.slid_mm(self._progress.control.time_s)
 
     def _check_force_reached(self) -> None:
-        """Say which force a press has reached; raise ConvergenceError if it is too little."""
+        """Log the force that a press has reached; raise ConvergenceError if it is too small."""
         if self._motion.until_N is None:
             return
         if self._short_of(self._motion.until_N):
@@ -194,8 +197,8 @@ class Stepper:
             self._state.translation_old.value[2],
         )
 
-    def _tell_indented(self) -> None:
-        """Warn where the indentation has reached nothing."""
+    def _warn_without_contact(self) -> None:
+        """Warn if the indentation ends without contact."""
         if self._progress.indenting and not self._state.force_old_N[2]:
             logger.warning(
                 "the press ends at %.4g mm without contact: no raised part of the stimulator lies "
@@ -206,7 +209,7 @@ class Stepper:
     # --- one step ------------------------------------------------------------------------------
 
     def _try_step(self, started: float) -> Step | None:
-        """Solve for the next place; return the accepted step, or None if it was cut."""
+        """Solve for the next place; return the accepted step, or None if it was rejected."""
         s, control, motion = self._solver, self._progress.control, self._motion
         longest = motion.time_within(control.time_s, s.max_slide_step_mm, s.max_press_step_mm)
         target = control.target_s(longest)
@@ -228,8 +231,7 @@ class Stepper:
         self._note_stiffness(load)
         self.problem.accept(load)
         control.accept(target, report.iterations)
-        if motion.until_N is not None and not self._short_of(motion.until_N):
-            control.end_s = target
+        self._end_at_force()
         return self._step(load, report, dt, started)
 
     def _step(self, load: Load, report: SolveReport, dt_s: float, started: float) -> Step:
@@ -327,8 +329,14 @@ class Stepper:
         control.step_s = control.largest_s = max(share, 0.05) * (target_s - control.time_s)
         return False
 
+    def _end_at_force(self) -> None:
+        """End a press where its force is reached, which it may be from the start."""
+        until_N, control = self._motion.until_N, self._progress.control
+        if until_N is not None and not self._short_of(until_N):
+            control.end_s = control.time_s
+
     def _short_of(self, force_N: float) -> bool:
-        """Tell whether the last accepted step's normal force is less."""
+        """Return whether the normal force of the last accepted step is less."""
         return bool(self._state.force_old_N[2] < force_N * (1 - _FORCE_TOLERANCE))
 
     # --- reports -------------------------------------------------------------------------------
@@ -356,14 +364,14 @@ def stopped(
     """Return the error of a path that goes no further, at the last accepted place."""
     return ConvergenceError(
         f"the {phase} stopped at a depth of {stimulator_mm[2]:.4f} mm, {slid_mm:.4f} mm across "
-        f"({reason}); everything up to there is kept; try {advice}",
+        f"({reason}); everything up to there is saved; try {advice}",
         stimulator_mm,
         reason,
     )
 
 
 def _check_balance(load: Load) -> None:
-    """Warn if the contact force is not what the held parts carry."""
+    """Warn if contact force and reaction of the fixed parts differ."""
     if load.imbalance_N > _BALANCE_N:
         logger.warning(
             "contact force and held reaction differ by %.1e N: the step is not in equilibrium",

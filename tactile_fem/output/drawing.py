@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
+from tactile_fem.stimulus.distance_grid import DistanceGrid
 
 COLOURS = {
     "stratum_corneum": "#E7C6A5",
@@ -33,8 +34,6 @@ RELIEF_STYLE = {"scalars": "height_mm", "cmap": _RELIEF, "smooth_shading": True}
 RIM_STYLE = {"color": "black", "line_width": 1.5}
 _PIXELS = (1650, 1050)
 _FAR = 1e3
-_SURFACE_STEP_MM = 0.1
-_LOWEST_MM = -3.0
 
 
 # --- figures -----------------------------------------------------------------------------------
@@ -130,42 +129,29 @@ def colour_limits(grids: list[pv.UnstructuredGrid]) -> tuple[float, float]:
 def stimulator_surface(results: Results) -> pv.PolyData:
     """Return the part of the stimulator's surface that comes near the finger, in the body's frame.
 
-    For a body that the study states it is the zero level of the signed distance. Its normals are
-    the gradient of the distance, so it looks as smooth as the contact formulation sees it. For an
-    own body it is the surface that the scan has saved.
+    It is the zero level of the signed distance, which a scan saves for an own body.
     """
-    saved = results.stimulator
-    if saved is not None:
-        faces = np.column_stack([np.full(len(saved.cells), 4), saved.cells])
-        surface = pv.PolyData(saved.points, faces.ravel()).triangulate()
-        surface.point_data.active_normals = surface.point_normals
+    if results.stimulator is not None:
+        surface = zero_level(results.stimulator)
     else:
-        low, high = (ends(results.trace["stimulator_mm"], axis=0) for ends in (np.min, np.max))
-        surface = body_surface(make_body(results.study.stimulus), low, high)
+        surface = body_surface(make_body(results.study.stimulus), results.trace["stimulator_mm"])
     surface["height_mm"] = surface.points[:, 2]
     return surface
 
 
-def body_surface(
-    body: RigidBody, low_mm: NDArray[np.float64], high_mm: NDArray[np.float64]
-) -> pv.PolyData:
-    """Return a body's surface where it comes near the finger, its places being within a box."""
-    step = _SURFACE_STEP_MM
-    x = np.arange(-9.0 - high_mm[0], 9.0 - low_mm[0] + step, step)
-    y = np.arange(-15.0 - high_mm[1], 15.0 - low_mm[1] + step, step)
-    plane = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    layers: list[NDArray[np.float64]] = []
-    # Downwards until a whole layer is inside: early for a plate, never for a ball.
-    for z in np.arange(step / 2, _LOWEST_MM, -step):
-        layers.append(-body.distance(np.column_stack([plane, np.full(len(plane), z)])).gap)
-        if layers[-1].min() > 0:
-            break
-    image = pv.ImageData(dimensions=(len(x), len(y), len(layers)), spacing=(step, step, step))
-    image.origin = (x[0], y[0], z)
-    image["depth_mm"] = np.concatenate(layers[::-1])
-    surface = image.contour([0.0], scalars="depth_mm", method="flying_edges")
+def body_surface(body: RigidBody, places_mm: NDArray[np.float64]) -> pv.PolyData:
+    """Return that surface of a body that comes to places (n, 3), as smooth as the skin feels it."""
+    surface = zero_level(DistanceGrid.of(body, places_mm))
     surface.point_data.active_normals = body.distance(surface.points.astype(float)).normal
     return surface
+
+
+def zero_level(grid: DistanceGrid) -> pv.PolyData:
+    """Return the surface at which a distance vanishes; its normals are the distance's gradient."""
+    spacing = (grid.step_mm,) * 3
+    image = pv.ImageData(dimensions=grid.gap_mm.shape[::-1], spacing=spacing, origin=grid.origin_mm)
+    image["depth_mm"] = -grid.gap_mm.ravel()
+    return image.contour([0.0], scalars="depth_mm", method="flying_edges", compute_normals=True)
 
 
 # --- parts of figures --------------------------------------------------------------------------

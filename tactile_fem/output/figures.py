@@ -6,17 +6,17 @@ import logging
 from pathlib import Path
 
 import numpy as np
-import shapely
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, drive_of
+from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.extrema import central_receptor, middle_row
 from tactile_fem.output.pictures import draw_pictures
 from tactile_fem.output.plots import (
     DISPLACEMENT,
-    Outlines,
+    TIME,
     firing_figure,
     force_figure,
     raster_figure,
@@ -24,15 +24,14 @@ from tactile_fem.output.plots import (
 )
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.scan.results import Results
-from tactile_fem.stimulus import outlines
-from tactile_fem.study import Afferents, AnyStimulus
+from tactile_fem.study import Afferents
 
 logger = logging.getLogger(__name__)
 
 Indices = NDArray[np.intp]
 
 _MET = "Place on the stimulator that the receptor meets (mm)"
-_COLUMN_MM = 0.05
+_COLUMNS = 201
 # Standard deviation of the Gaussian that spreads a spike.
 _WINDOW_S = 0.01
 
@@ -52,104 +51,90 @@ def draw(results: Results | Path | str) -> list[Path]:
 
 def draw_plots(results: Results) -> list[Path]:
     """Draw the figures that need no graphics library."""
-    shapes = rings(results.study.stimulus)
-    figures = {"force": _force(results)}
-    if (results.trace["displacement_mm"] > 0).any():
+    over = Abscissa.of(results)
+    figures: dict[str, Figure | None] = {"force": _force(results, over)}
+    if len(over.values) > 1:
         for afferents in results.study.populations:
-            who = results.receptors_of(afferents.name)
+            own = results.receptors_of(afferents.name)
             end = f"_{afferents.name}" if results.study.afferents else ""
-            own = {
-                f"felt{end}" if end else "sed": _felt(results, afferents, who, shapes),
-                f"raster{end}": _raster(results, who, shapes),
-                f"firing{end}": _firing(results, who, shapes),
+            figures |= {
+                f"felt{end}" if end else "sed": _felt(results, afferents, own, over),
+                f"raster{end}": _raster(results, own, over),
+                f"firing{end}": _firing(results, own, over),
             }
-            figures |= {name: figure for name, figure in own.items() if figure}
     else:
-        logger.warning("There is no slide in %s: only forces are drawn.", results.folder)
+        logger.warning(
+            "The path in %s ends with its indentation: only forces are drawn.", results.folder
+        )
     results.figures.mkdir(exist_ok=True)
     paths = []
     for name, figure in figures.items():
-        path = results.figures / f"{name}.png"
-        write_figure(path, figure)
-        paths.append(path)
+        if figure is not None:
+            path = results.figures / f"{name}.png"
+            write_figure(path, figure)
+            paths.append(path)
     return paths
 
 
-def rings(stimulus: AnyStimulus) -> Outlines:
-    """Return the outlines of what is raised as closed curves, holes turning the other way."""
-    parts = shapely.get_parts([part for part in outlines(stimulus) if not part.is_empty])
-    polygons = [shapely.geometry.polygon.orient(part) for part in parts]
-    return [
-        np.asarray(ring.coords)
-        for polygon in polygons
-        for ring in (polygon.exterior, *polygon.interiors)
-    ]
-
-
-def _slide(results: Results) -> NDArray[np.bool_]:
-    """Return which steps belong to the slide, the end of the indentation included."""
-    return np.asarray(results.trace["time_s"] >= -1e-12)
-
-
-def _felt(results: Results, afferents: Afferents, who: Indices, shapes: Outlines) -> Figure | None:
+def _felt(results: Results, afferents: Afferents, own: Indices, over: Abscissa) -> Figure | None:
     """Draw what the central receptor of a population feels, if that can be told here."""
-    trace, slide = results.trace, _slide(results)
+    trace = results.trace
     try:
         drive = drive_of(afferents.feels)
         _, felt = drive.of(trace)
     except StudyError as error:
         logger.warning("What %s afferents feel is not drawn: %s", afferents.name, error)
         return None
-    central = who[central_receptor(trace["receptors_mm"][who])]
+    central = own[central_receptor(trace["receptors_mm"][own])]
     x, y, _ = trace["receptors_mm"][central]
     return sed_figure(
-        trace["displacement_mm"][slide],
-        felt[slide, central],
-        [outline - (0.0, y) for outline in shapes],
+        over.values,
+        felt[over.rows, central],
+        [outline - (0.0, y) for outline in over.outlines],
         x,
-        f"{drive.label} ({drive.unit})",
+        (over.label, f"{drive.label} ({drive.unit})"),
     )
 
 
-def _raster(results: Results, who: Indices, shapes: Outlines) -> Figure:
+def _raster(results: Results, own: Indices, over: Abscissa) -> Figure:
     places, spikes = results.trace["receptors_mm"], results.spikes
-    slide = (spikes.time_s >= 0) & np.isin(spikes.receptor, who)
-    receptor, own = spikes.receptor[slide], places[who]
-    on_a_line = bool(np.ptp(own[:, 1]) < 1e-9)
-    met = spikes.displacement_mm[slide] + places[receptor, 1]
-    end = results.trace["displacement_mm"][-1]
+    shown = (spikes.time_s >= 0) & np.isin(spikes.receptor, own)
+    receptor = spikes.receptor[shown]
+    x, y = places[own, :2].T
+    if over.label == TIME:
+        ends = float(over.values[0]), float(over.values[-1])
+        return raster_figure(spikes.time_s[shown], places[receptor, 0], x, ends, (), over.label)
+    on_the_origin = np.ptp(y) < 1e-9 and abs(y[0]) < 1e-9
     return raster_figure(
-        met,
+        spikes.displacement_mm[shown] + places[receptor, 1],
         places[receptor, 0],
-        own[:, 0],
-        (float(own[:, 1].min()), float(end + own[:, 1].max())),
-        shapes,
-        DISPLACEMENT if on_a_line and abs(own[0, 1]) < 1e-9 else _MET,
+        x,
+        (float(y.min()), float(over.values[-1] + y.max())),
+        over.outlines,
+        DISPLACEMENT if on_the_origin else _MET,
     )
 
 
-def _firing(results: Results, who: Indices, shapes: Outlines) -> Figure | None:
+def _firing(results: Results, own: Indices, over: Abscissa) -> Figure | None:
     """Draw the rates of the receptors on the line Y = 0, if they make an image."""
     places, spikes = results.trace["receptors_mm"], results.spikes
-    line = who[middle_row(places[who])]
+    line = own[middle_row(places[own])]
     rows = places[line, 0]
     if len(rows) < 3 or not np.allclose(np.diff(rows), np.diff(rows)[0]):
-        logger.info("firing.png wants an even line of receptors across the finger")
+        logger.info("firing.png needs an even line of receptors across the finger")
         return None
-    columns = np.arange(0.0, results.trace["displacement_mm"][-1] + 1e-9, _COLUMN_MM)
-    times = columns / results.study.protocol.speed_mm_s
+    columns = np.linspace(over.values[0], over.values[-1], _COLUMNS)
+    times = np.interp(columns, over.values, results.trace["time_s"][over.rows])
     response = Response([spikes.time_s[spikes.receptor == k] for k in line], 0.0, times[-1])
     rate = response.rate(times, _WINDOW_S).T
-    return firing_figure(columns, rows, rate, shapes)
+    return firing_figure(columns, rows, rate, over.outlines, over.label)
 
 
-def _force(results: Results) -> Figure:
+def _force(results: Results, over: Abscissa) -> Figure:
     trace = results.trace
-    pressing = trace["time_s"] <= 1e-12
+    indenting = trace["time_s"] <= 1e-12
     return force_figure(
-        trace["depth_mm"],
-        trace["displacement_mm"],
-        trace["force_N"],
-        pressing,
+        (trace["depth_mm"][indenting], "Indentation (mm)", trace["force_N"][indenting]),
+        (over.values, over.label, trace["force_N"][over.rows]),
         results.study.stimulus.friction,
     )

@@ -19,7 +19,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.extrema import central_receptor, extrema
+from tactile_fem.output.plots import TIME
 from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.scan.fields import read_series
@@ -108,12 +110,14 @@ def main(folder: str) -> int:
     grids = [pv.read(files[k]) for k in chosen]
     limits = drawing.colour_limits(grids)
     surface = drawing.stimulator_surface(results)
+    over_time = Abscissa.of(results).label == TIME
     for k, grid in zip(chosen, grids, strict=True):
-        displacement = float(at_time(trace, "displacement_mm", times[k]))
         stimulator = surface.translate(at_time(trace, "stimulator_mm", times[k]))
-        title = f"Displacement {displacement:.1f} mm"
+        slid_mm = float(at_time(trace, "displacement_mm", times[k]))
+        title = f"Time {times[k]:.3f} s" if over_time else f"Displacement {slid_mm:.1f} mm"
+        name = f"{times[k]:06.3f}_s" if over_time else f"{slid_mm:05.2f}"
         figure = drawing.deformation_figure(grid, stimulator, limits, title)
-        _save(figure, results.figures / f"deformation_{displacement:05.2f}.png")
+        _save(figure, results.figures / f"deformation_{name}.png")
     return 0
 
 

@@ -26,7 +26,7 @@ Outlines = Sequence[NDArray[np.float64]]
 
 # Okabe and Ito's colours, which colour-blind readers can distinguish.
 BLUE, VERMILION, GREEN, INK, PAPER = "#0072B2", "#D55E00", "#009E73", "#222222", "#E6E3DC"
-DISPLACEMENT = "Stimulator displacement (mm)"
+DISPLACEMENT, TIME = "Stimulator displacement (mm)", "Time (s)"
 ACROSS = "Receptor position across the finger, X (mm)"
 _STYLE: Any = {
     "font.size": 9,
@@ -62,7 +62,7 @@ def sed_figure(
     sed_kPa: ArrayLike,
     outlines: Outlines = (),
     receptor_x_mm: float = 0.0,
-    label: str = "Strain energy density (kPa)",
+    labels: tuple[str, str] = (DISPLACEMENT, "Strain energy density (kPa)"),
 ) -> Figure:
     """Draw the strain energy density of one receptor, or what else it feels, over the slide.
 
@@ -74,23 +74,23 @@ def sed_figure(
         Outlines of the stimulator; drawn below, with the receptor's path.
     receptor_x_mm
         The receptor's position across the finger.
-    label
-        Of the vertical axis.
+    labels
+        Of the horizontal and of the vertical axis.
     """
     d, sed = np.asarray(displacement_mm, dtype=float), np.asarray(sed_kPa, dtype=float)
     figure, top, below = _history_axes(_span(d), outlines, receptor_x_mm)
     if below is None:
-        top.set_xlabel(DISPLACEMENT)
+        top.set_xlabel(labels[0])
     else:
         draw_outlines(below, outlines)
         below.axhline(receptor_x_mm, color=BLUE, lw=1, ls=(0, (4, 3)))
-        below.set(xlabel=DISPLACEMENT, ylabel="X (mm)")
+        below.set(xlabel=labels[0], ylabel="X (mm)")
         top.tick_params(labelbottom=False)
     top.plot(d, sed, color=BLUE)
     highs, lows = extrema(sed)
     top.plot(d[highs], sed[highs], "o", color=VERMILION, ms=4.5, label="maxima")
     top.plot(d[lows], sed[lows], "o", mfc="white", mec=VERMILION, ms=4.5, label="minima")
-    top.set_ylabel(label)
+    top.set_ylabel(labels[1])
     top.set_ylim(1.08 * sed.min(initial=0.0), 1.08 * max(sed.max(initial=0.0), 1e-12))
     return figure
 
@@ -142,6 +142,7 @@ def firing_figure(
     rows_mm: ArrayLike,
     rate_Hz: ArrayLike,
     outlines: Outlines = (),
+    label: str = DISPLACEMENT,
 ) -> Figure:
     """Draw the firing rate of a line of receptors as an image.
 
@@ -155,9 +156,11 @@ def firing_figure(
         (rows, columns).
     outlines
         Drawn on top.
+    label
+        Of the horizontal axis.
     """
     d, x = np.asarray(displacement_mm, dtype=float), np.asarray(rows_mm, dtype=float)
-    figure, axes = _map_axes(x, (d[0], d[-1]), DISPLACEMENT)
+    figure, axes = _map_axes(x, (d[0], d[-1]), label)
     image = draw_rates(axes, d, x, np.asarray(rate_Hz), outlines)
     bar = figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02, label="Firing rate (spikes/s)")
     bar.outline.set_visible(False)
@@ -166,34 +169,30 @@ def firing_figure(
 
 @styled
 def force_figure(
-    depth_mm: ArrayLike,
-    displacement_mm: ArrayLike,
-    force_N: ArrayLike,
-    pressing: ArrayLike,
+    indentation: tuple[ArrayLike, str, ArrayLike],
+    rest: tuple[ArrayLike, str, ArrayLike],
     friction: float | None = None,
 ) -> Figure:
     """Draw normal and tangential force and their ratio over indentation and slide.
 
     Parameters
     ----------
-    depth_mm, displacement_mm
-        (steps,) of the whole protocol.
-    force_N
-        (steps, 3) on the finger.
-    pressing
-        (steps,) true for the indentation, including its last step.
+    indentation, rest
+        What they are drawn over, (steps,), its label, and the forces on the finger, (steps, 3).
     friction
         Coefficient of friction, drawn as a line. The ratio exceeds it if inclined faces, such
         as letters' flanks, push sideways; the legend then states this.
     """
-    depth, d = np.asarray(depth_mm, dtype=float), np.asarray(displacement_mm, dtype=float)
-    force, press = np.asarray(force_N, dtype=float), np.asarray(pressing, dtype=bool)
-    normal, tangential = force[:, 2], np.hypot(force[:, 0], force[:, 1])
-    touching = normal > 1e-3 * max(normal.max(initial=0.0), 1e-12)
-    ratio = np.divide(tangential, normal, out=np.full_like(normal, np.nan), where=touching)
-    slide = ~press
-    if press.any():
-        slide[np.flatnonzero(press)[-1]] = True
+    columns = [
+        (np.asarray(along, dtype=float), label, *_normal_and_tangential(force_N))
+        for along, label, force_N in (indentation, rest)
+    ]
+    touching = 1e-3 * max(normal.max(initial=1e-9) for _, _, normal, _ in columns)
+    ratios = [
+        np.divide(tangential, normal, out=np.full_like(normal, np.nan), where=normal > touching)
+        for _, _, normal, tangential in columns
+    ]
+    largest = np.nanmax(np.concatenate(ratios), initial=0.0)
     figure = Figure(figsize=(7.0, 4.4), layout="constrained")
     grid = figure.subplots(
         2,
@@ -203,29 +202,33 @@ def force_figure(
         gridspec_kw={"width_ratios": [1, 2], "height_ratios": [2, 1]},
     )
     bound = "friction coefficient"
-    if friction is not None and np.nanmax(ratio, initial=0.0) > friction + 0.01:
+    if friction is not None and largest > friction + 0.01:
         bound += ", exceeded where flanks press sideways"
-    columns = [(depth, press, "Indentation (mm)"), (d, slide, DISPLACEMENT)]
-    for column, (along, part, label) in enumerate(columns):
+    for column, (along, label, normal, tangential) in enumerate(columns):
         top, below = grid[0, column], grid[1, column]
-        top.plot(along[part], normal[part], color=BLUE, label="normal")
-        top.plot(along[part], tangential[part], color=VERMILION, label="tangential")
-        below.plot(along[part], ratio[part], color=INK, lw=1.2)
+        top.plot(along, normal, color=BLUE, label="normal")
+        top.plot(along, tangential, color=VERMILION, label="tangential")
+        below.plot(along, ratios[column], color=INK, lw=1.2)
         if friction is not None:
             below.axhline(friction, color=GREEN, lw=1, ls=(0, (4, 3)), label=bound)
         below.set_xlabel(label)
-        below.set_xlim(*_span(along[part]))
+        below.set_xlim(*_span(along))
     grid[0, 0].set_ylabel("Force on the finger (N)")
     grid[0, 0].set_ylim(bottom=0)
     grid[1, 0].set_ylabel("Tangential / normal")
-    grid[1, 0].set_ylim(0, 1.25 * max(friction or 0.0, np.nanmax(ratio, initial=0.0), 1e-3))
-    grid[0, 1].legend(loc="center right")
+    grid[1, 0].set_ylim(0, 1.25 * max(friction or 0.0, largest, 1e-3))
+    grid[0, 1].legend(loc="best")
     if friction is not None:
         grid[1, 1].legend(loc="lower right", fontsize=8)
     return figure
 
 
 # --- parts of figures --------------------------------------------------------------------------
+
+
+def _normal_and_tangential(force_N: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    force = np.asarray(force_N, dtype=float)
+    return force[:, 2], np.hypot(force[:, 0], force[:, 1])
 
 
 def _map_axes(rows_mm: ArrayLike, range_mm: tuple[float, float], label: str) -> tuple[Figure, Axes]:
@@ -236,7 +239,7 @@ def _map_axes(rows_mm: ArrayLike, range_mm: tuple[float, float], label: str) -> 
     axes.set_xlim(*_span(np.asarray(range_mm)))
     # X decreases upwards, so that letters that read along the scan are upright.
     axes.set_ylim(rows.max() + margin, rows.min() - margin)
-    axes.set(xlabel=label, ylabel=ACROSS, aspect="equal")
+    axes.set(xlabel=label, ylabel=ACROSS, aspect="equal" if label.endswith("(mm)") else "auto")
     return figure, axes
 
 

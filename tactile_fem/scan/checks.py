@@ -1,4 +1,4 @@
-"""Finds within a second what would stop a scan later."""
+"""Finds within a second the errors of a study that would stop its scan later."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ def check_study(study: Study) -> None:
         place_all(study, mesh)
 
 
-def check_depth(protocol: Protocol, path: Path, pad_thickness_mm: float) -> None:
-    """Refuse to press the skin onto the bone or through it.
+def check_depth(protocol: Protocol | None, path: Path, pad_thickness_mm: float) -> None:
+    """Refuse to press the skin onto the bone or through it; an own path is no protocol's.
 
     Raises
     ------
@@ -62,13 +62,15 @@ def check_depth(protocol: Protocol, path: Path, pad_thickness_mm: float) -> None
     for number, (_, motion) in enumerate(path.plan(), 1):
         depth_mm = motion.places_mm[:, 2].max()
         if depth_mm >= pad_thickness_mm and motion.until_N is None:
-            what = f"depth_mm is {depth_mm:g}"
-            if protocol.path is not None:
-                what = f"path (entry {number}) goes {depth_mm:g} mm deep"
+            if protocol is None:
+                what = f"parts.path (piece {number}) goes {depth_mm:g} mm deep"
+            elif protocol.path is None:
+                what = f"protocol.depth_mm is {depth_mm:g}"
+            else:
+                what = f"protocol.path (entry {number}) goes {depth_mm:g} mm deep"
             raise StudyError(
-                f"protocol.{what} but must be less than "
-                f"{pad_thickness_mm:.4g}, the finger's thickness from skin to bone over the "
-                "contact point"
+                f"{what} but must be less than {pad_thickness_mm:.4g}, the finger's thickness "
+                "from skin to bone over the contact point"
             )
 
 

@@ -1,4 +1,4 @@
-"""What a scan will need, said before it starts.
+"""Expected memory and time of a scan.
 
 The laws are fitted to whole scans of the default study at 37,000 to 332,000 unknowns on one and
 two cores (demos/benchmarks/README.md); another machine or stimulus may differ by a factor of two.
@@ -39,7 +39,7 @@ class Estimate:
 
 
 def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Estimate:
-    """Return what the scan will need, for displacement `unknowns` on `ranks` cores."""
+    """Return the expected cost for `unknowns` displacement components on `ranks` cores."""
     size = unknowns / _REFERENCE_UNKNOWNS
     memory = _RANK_MB * ranks + _UNKNOWN_MB * unknowns
     if study.solver.linear == "direct":
@@ -56,7 +56,7 @@ def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Estimate:
 
 
 def announce(study: Study, path: Path, unknowns: int, comm: MPI.Comm) -> None:
-    """Say what the scan will need; warn where this machine has not enough memory."""
+    """Log the expected cost; warn if this machine has too little memory."""
     needed = estimate(study, path, unknowns, comm.size)
     minutes = math.ceil(needed.wall_s / 60)
     logger.info("expect about %d min and %.1f GB for all ranks", minutes, needed.memory_MB / 1000)
@@ -74,7 +74,7 @@ def announce(study: Study, path: Path, unknowns: int, comm: MPI.Comm) -> None:
 
 
 def available_memory_MB() -> float | None:
-    """Return the memory that is free here, a container's limit heeded; None if not known."""
+    """Return the free memory, within the limit of a container; None if not known."""
     try:
         lines = FilePath("/proc/meminfo").read_text(encoding="ascii").splitlines()
         available = next(line.split()[1] for line in lines if line.startswith("MemAvailable"))

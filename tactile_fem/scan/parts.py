@@ -29,10 +29,10 @@ _POINTS = np.stack(
 
 @dataclass(frozen=True)
 class Parts:
-    """What a scan takes from the user; what is not given is made from the study.
+    """Own parts of a scan; what is not given is made from the study.
 
-    A checkpoint knows which parts were own ones and how they behave; the scan goes on only with
-    parts that do the same.
+    A checkpoint stores which parts were own ones and a hash of what they compute. The scan
+    continues only with parts that compute the same.
 
     Attributes
     ----------
@@ -56,14 +56,16 @@ class Parts:
     populations: tuple[Population, ...] = ()
 
     def identity(self) -> dict[str, str]:
-        """Return the type of each own part of the mechanics and a hash of what it does."""
+        """Return the type of each own part of the mechanics and a hash of what it computes."""
         parts: dict[str, tuple[object, Any]] = {}
         for tissue, law in self.laws.items():
             parts[f"law of {tissue}"] = law, [_energy(law, F) for F in _DEFORMATIONS]
         if self.body is not None:
             parts["body"] = self.body, self.body.distance(_POINTS).gap
         if self.path is not None:
-            parts["path"] = self.path, self.path.places_mm()
+            motions = [motion for _, motion in self.path.plan()]
+            when = [[m.duration_s, m.until_N or 0.0, m.held_N or 0.0] for m in motions]
+            parts["path"] = self.path, np.concatenate([when, *(m.places_mm for m in motions)])
         return {name: f"{_name(part)} {_hash(does)}" for name, (part, does) in parts.items()}
 
 

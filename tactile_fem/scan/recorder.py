@@ -1,4 +1,4 @@
-"""Keeps a running scan: trace and checkpoint after each step, fields now and then."""
+"""Saves a running scan: trace and checkpoint after each step, fields at intervals."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tactile_fem.scan.fields import FieldWriter
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.setup import Instruments, Setup
 from tactile_fem.scan.trace import Array, Trace
-from tactile_fem.stimulus.height_field import height_field
+from tactile_fem.stimulus.distance_grid import DistanceGrid
 
 # Counts up when what a checkpoint holds changes its names or meaning.
 _FORMAT = 5
@@ -38,8 +38,6 @@ _FREE: dict[str, Any] = {
     "output": True,
     "finger": {"mesh_file"},
 }
-# Of the surface of an own body.
-_SURFACE_GRID_MM = (0.1, 0.1)
 _TIMERS = (
     "solve",
     "jacobian",
@@ -85,10 +83,11 @@ class Recorder:
         )
 
     def begin(self, trace: Trace) -> None:
-        """Save the state of rest, so that a scan that fails at once leaves a whole folder."""
+        """Save the state at rest, so that a scan that fails at once leaves a complete folder."""
         on_root(self._comm, lambda: self._results.save_trace(**trace.arrays()))
         if self._setup.parts.body is not None:
-            on_root(self._comm, self._save_body)
+            grid = DistanceGrid.of(self._setup.body, self._setup.path.places_mm())
+            on_root(self._comm, lambda: self._results.save_stimulator(grid))
         self._save_run("running")
 
     def step(self, step: Step, trace: Trace) -> None:
@@ -118,7 +117,7 @@ class Recorder:
             on_root(self._comm, write)
 
     def _field_due(self, step: Step) -> bool:
-        """Tell whether a field is due: at the end of a piece of the path and at equal slides."""
+        """Return whether to write a field: at the end of a piece of the path and at intervals."""
         slid = step.displacement_mm >= self._next_field_mm - 1e-9
         if not step.output or not (slid or step.ends_piece):
             return False
@@ -174,20 +173,12 @@ class Recorder:
                 )
         return saved
 
-    def _save_body(self) -> None:
-        """Save the upper side of an own body where it comes near the finger, for pictures."""
-        setup = self._setup
-        assert setup.finger is not None
-        places = setup.path.places_mm()
-        surface = height_field(setup.body, places, setup.finger.nodes, _SURFACE_GRID_MM)
-        self._results.save_stimulator(surface)
-
     def spikes(self, response: Response) -> None:
-        """Keep the spikes."""
+        """Save the spikes."""
         on_root(self._comm, lambda: self._results.save_spikes(response.spikes))
 
     def finish(self, status: str) -> None:
-        """Say how it ended."""
+        """Save how the scan ended."""
         self._save_run(status)
 
     def _spent(self) -> dict[str, Any]:
@@ -205,7 +196,7 @@ class Recorder:
         }
 
     def _spend(self, earlier: dict[str, Any]) -> None:
-        """Count what the scan took before it was interrupted."""
+        """Add the cost of the scan before it was interrupted."""
         self._started -= earlier["wall_s"]
         self._memory_MB = earlier["peak_memory_MB"]
         for name, seconds in earlier["timers_s"].items():
@@ -231,7 +222,7 @@ class Recorder:
 
 
 def _measured(finger: FingerMesh) -> dict[str, Any]:
-    """Return what a mesh is, whoever made it."""
+    """Return the measures of a mesh."""
     return {
         "hash": finger.hash,
         "tetrahedra": len(finger.tets),

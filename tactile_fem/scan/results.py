@@ -6,7 +6,7 @@
 ``trace.npz``        histories: see `Results.save_trace`
 ``spikes.csv``       ``receptor,time_s,displacement_mm,population``
 ``checkpoint.npz``   the state to go on from
-``stimulator.npz``   surface of an own body, for pictures
+``stimulator.npz``   shape of an own body, for pictures
 ``fields/``          VTU files and ``deformation.pvd``, their index, for ParaView
 ``figures/``         pictures
 ``log.txt``          what was said on the way
@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.files import replacing, write_text
-from tactile_fem.stimulus.height_field import HeightField
+from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
 
@@ -116,7 +116,7 @@ class Results:
 
     @staticmethod
     def check(folder: Path | str, *, overwrite: bool = False) -> None:
-        """Raise what `create` would raise, as far as can be told without writing."""
+        """Raise what `create` would raise, as far as this is known without writing."""
         path = Path(folder)
         try:
             if path.is_dir():
@@ -155,7 +155,7 @@ class Results:
 
     @classmethod
     def unfinished(cls, folder: Path | str, study: Study) -> bool:
-        """Tell whether the folder holds a scan of this study that has not come to its end."""
+        """Return whether the folder holds an incomplete scan of this study."""
         results = cls(folder)
         try:
             return results.study == study and not results.complete
@@ -164,7 +164,7 @@ class Results:
 
     @property
     def complete(self) -> bool:
-        """Whether the scan has come to its end."""
+        """Whether the scan is complete."""
         return bool(self.run.get("status") == "complete")
 
     @property
@@ -220,9 +220,9 @@ class Results:
         """Write ``checkpoint.npz``."""
         self._save_npz("checkpoint.npz", {k: np.asarray(v) for k, v in arrays.items()})
 
-    def save_stimulator(self, surface: HeightField) -> None:
+    def save_stimulator(self, grid: DistanceGrid) -> None:
         """Write ``stimulator.npz``."""
-        self._save_npz("stimulator.npz", {"points": surface.points, "cells": surface.cells})
+        self._save_npz("stimulator.npz", {k: np.asarray(v) for k, v in vars(grid).items()})
 
     def save_spikes(self, spikes: Sequence[ArrayLike]) -> None:
         """Write ``spikes.csv``.
@@ -265,7 +265,7 @@ class Results:
 
     @cached_property
     def run(self) -> dict[str, Any]:
-        """Versions, mesh, options, ranks, timings, status; empty if the scan has not said."""
+        """Versions, mesh, options, ranks, timings, status; empty if not saved yet."""
         path = self.folder / "run.json"
         if not path.exists():
             return {}
@@ -291,7 +291,7 @@ class Results:
 
     @cached_property
     def spikes(self) -> Spikes:
-        """Spikes of all receptors; none if the scan has not come so far."""
+        """Spikes of all receptors; none if not saved yet."""
         path = self.folder / "spikes.csv"
         rows: list[list[str]] = []
         try:
@@ -314,19 +314,19 @@ class Results:
         StudyError
             It has none.
         """
-        who = np.flatnonzero(self.trace["population"] == population)
-        if not len(who):
+        indices = np.flatnonzero(self.trace["population"] == population)
+        if not len(indices):
             names = ", ".join(dict.fromkeys(self.trace["population"].tolist()))
             raise StudyError(f"{self.folder} has no afferents {population}, only {names}.")
-        return who
+        return indices
 
     @property
-    def stimulator(self) -> HeightField | None:
-        """The surface of an own body; None where the study states the body."""
+    def stimulator(self) -> DistanceGrid | None:
+        """The shape of an own body; None where the study states the body."""
         if not (self.folder / "stimulator.npz").exists():
             return None
         saved = self._load_npz("stimulator.npz")
-        return HeightField(saved["points"], saved["cells"])
+        return DistanceGrid(saved["origin_mm"], float(saved["step_mm"]), saved["gap_mm"])
 
     def load_checkpoint(self) -> dict[str, NDArray[Any]]:
         """Return the arrays of ``checkpoint.npz``."""
@@ -338,13 +338,13 @@ class Results:
             with np.load(path, allow_pickle=False) as arrays:
                 return dict(arrays)
         except FileNotFoundError:
-            raise StudyError(f"There is no {path}: the scan has not come so far.") from None
+            raise StudyError(f"There is no {path}: it has not been written yet.") from None
         except Exception as error:  # a damaged archive fails in many ways
             raise StudyError(f"{path} cannot be read: {error}.") from None
 
 
 def _has_files(folder: Path) -> bool:
-    """Tell whether there is more in a folder than other folders and hidden files."""
+    """Return whether a folder has files other than hidden ones, also in its subfolders."""
     return any(path.is_file() and not path.name.startswith(".") for path in folder.rglob("*"))
 
 

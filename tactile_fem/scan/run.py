@@ -1,4 +1,4 @@
-"""The scan: from a study to what every receptor felt and fired."""
+"""The scan: from a study to histories and spikes of all receptors."""
 
 from __future__ import annotations
 
@@ -44,16 +44,16 @@ _NO_PARTS = Parts()
 
 @dataclass(frozen=True)
 class Observation:
-    """What an observer sees after an accepted step.
+    """An accepted step as an observer sees it.
 
     Attributes
     ----------
     step
         Place of the body, forces, cost.
     receptors
-        What the receptors feel.
+        State of the receptors.
     state
-        Displacement (`state.u`) and all else that is carried on; to be read only.
+        Displacement (`state.u`) and all other history variables; read only.
     """
 
     step: Step
@@ -67,7 +67,7 @@ Observer = Callable[[Observation], Mapping[str, ArrayLike] | None]
 
 @dataclass(frozen=True)
 class ScanResult:
-    """What a scan gives.
+    """Result of a scan.
 
     Attributes
     ----------
@@ -93,15 +93,15 @@ def scan(
     observers: Iterable[Observer] = (),
     parts: Parts = _NO_PARTS,
 ) -> ScanResult:
-    """Go along the path, feel and fire, as the study says.
+    """Run a study: move the body along its path, evaluate the receptors, compute the spikes.
 
     Parameters
     ----------
     study
-        What to do; ``Study()`` is the paper's.
+        The input; ``Study()`` is the paper's.
     folder
         Results folder; None keeps the results in memory only. An unfinished scan of the same
-        study in it is gone on with.
+        study in it is continued.
     overwrite
         Replace an earlier scan in the folder.
     comm
@@ -117,7 +117,7 @@ def scan(
     StudyError
         Bad input, before any long work.
     ConvergenceError
-        The mechanics diverged; everything up to there is kept in the folder.
+        The mechanics diverged; everything up to there is saved in the folder.
     StoppedError
         SIGTERM or SIGINT came; likewise.
     OSError
@@ -151,9 +151,9 @@ def resume(
     observers: Iterable[Observer] = (),
     parts: Parts = _NO_PARTS,
 ) -> ScanResult:
-    """Go on with the scan in `folder` from its last accepted step, on any number of ranks.
+    """Continue the scan in `folder` from its last accepted step, on any number of ranks.
 
-    Own parts and observers have to be given again, see `scan`.
+    Own parts and observers must be given again, see `scan`.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def resume(
 
 
 def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None) -> Results:
-    """Return the study's finished scan in `folder`; run it or go on with it where needed.
+    """Return the study's finished scan in `folder`; run or continue it if needed.
 
     So a series of scans that was interrupted is started again, and does what is left.
 
@@ -227,7 +227,7 @@ def _run_steps(
     observers: Iterable[Observer],
     populations: Sequence[Population],
 ) -> Response:
-    """Go to the end of the path; keep what was computed if that fails."""
+    """Step to the end of the path; save what was computed if that fails."""
     problem = instruments.problem
     comm = problem.domain.comm
     observers = tuple(observers)
@@ -245,7 +245,7 @@ def _run_steps(
             with suppress(OSError, TactileError):  # writing may be what failed
                 _conclude(recorder, trace, populations, _status(error))
         raise
-    _tell_contact(trace)
+    _log_contact(trace)
     return _conclude(recorder, trace, populations, "complete")
 
 
@@ -253,14 +253,18 @@ def _observed(observers: Iterable[Observer], seen: Observation) -> dict[str, Arr
     """Return what the observers add to the trace."""
     columns: dict[str, ArrayLike] = {}
     for observer in observers:
-        columns.update(observer(seen) or {})
+        found = observer(seen) or {}
+        twice = sorted(columns.keys() & found.keys())
+        if twice:
+            raise StudyError(f"observers: two of them return {twice[0]}: choose another name.")
+        columns.update(found)
     return columns
 
 
 def _conclude(
     recorder: Recorder | None, trace: Trace, populations: Sequence[Population], status: str
 ) -> Response:
-    """Return the afferents' spikes up to here; keep them and say how it ended."""
+    """Return the afferents' spikes so far; save them and the status."""
     response = Response([np.empty(0)] * len(trace.receptors_mm), 0.0, 0.0)
     if len(trace) > 1:
         response = fire_all(populations, trace.arrays())
@@ -293,7 +297,7 @@ def _check_sound(step: Step, felt: ReceptorState, positions: Array) -> None:
 
 @contextmanager
 def _stopping(problem: FingerProblem, comm: MPI.Comm) -> Iterator[StopRequest]:
-    """Heed signals between steps and Newton iterations; explain what PETSc stumbles over."""
+    """Stop at signals between steps and Newton iterations; explain PETSc's errors."""
     stop = StopRequest(comm)
     problem.snes.setMonitor(stop.check)
     try:
@@ -303,14 +307,14 @@ def _stopping(problem: FingerProblem, comm: MPI.Comm) -> Iterator[StopRequest]:
         if error.__cause__:  # a monitor's or an assembly's own
             raise error.__cause__ from None
         raise TactileError(
-            f"PETSc failed ({last_line(error)}): everything up to the last step is kept."
+            f"PETSc failed ({last_line(error)}): everything up to the last step is saved."
         ) from error
     finally:
         problem.snes.cancelMonitor()
 
 
 def _has_checkpoint(results: Results) -> bool:
-    """Tell whether there is a state to go on from; False where no step was accepted yet.
+    """Return whether there is a state to continue from; False before the first accepted step.
 
     Raises
     ------
@@ -320,12 +324,12 @@ def _has_checkpoint(results: Results) -> bool:
     if results.checkpoint_file.is_file():
         return True
     if (results.folder / "trace.npz").is_file() and len(results.trace["time_s"]) > 1:
-        raise StudyError(f"{results.folder} has no checkpoint to go on from.")
+        raise StudyError(f"{results.folder} has no checkpoint to continue from.")
     return False
 
 
-def _tell_contact(trace: Trace) -> None:
-    """Say how exact the contact was at full depth; warn where it was not, or was none."""
+def _log_contact(trace: Trace) -> None:
+    """Log the contact error at full depth; warn if it is large or there was no contact."""
     if not trace.force_N.any():
         logger.warning(
             "the stimulator never touched the finger: press deeper (protocol.depth_mm), or let a "
@@ -334,9 +338,12 @@ def _tell_contact(trace: Trace) -> None:
         return
     depth = trace.depth_mm.max()
     gap = trace.gap_error_mm[trace.depth_mm == depth].max()
-    logger.info("contact at full depth: skin off the body's surface by %.4f mm on average", gap)
+    logger.info(
+        "contact at full depth: mean distance of the skin from the body's surface %.4f mm", gap
+    )
     if gap > _GAP_ERROR * depth:
         logger.warning(
-            "the skin is off the stimulator's surface by more than a hundredth of the depth: "
-            "forces may be several percent off; a finer mesh or a larger solver.nitsche_gamma helps"
+            "the skin's distance from the stimulator's surface is more than a hundredth of the "
+            "depth: forces may be wrong by several percent; use a finer mesh or a larger "
+            "solver.nitsche_gamma"
         )

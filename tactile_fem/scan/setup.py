@@ -31,12 +31,12 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Setup:
-    """What a scan is made of, bad input having been found.
+    """The parts of a scan, checked.
 
     Attributes
     ----------
     study, parts
-        What was asked for.
+        The input.
     finger
         The mesh, on the first rank; None on the others.
     body, path
@@ -57,7 +57,7 @@ class Setup:
 
     @classmethod
     def of(cls, study: Study, parts: Parts, comm: MPI.Comm) -> Setup:
-        """Set everything up that bad input could spoil; all ranks call."""
+        """Make all parts that can fail on bad input; all ranks call."""
         check_options(study.solver)
         check_parts(parts)
         populations = populations_of(study, parts.populations)
@@ -65,13 +65,13 @@ class Setup:
         thickness = on_root(comm, lambda: pad_thickness_mm(finger))
         body = parts.body or make_body(study.stimulus)
         path = parts.path or make_path(study.protocol, DEEPEST * thickness)
-        check_depth(study.protocol, path, thickness)
+        check_depth(None if parts.path else study.protocol, path, thickness)
         layout = on_root(comm, lambda: lay_out(study, finger))
         on_root(comm, lambda: check_apart(body, path, finger))
         return cls(study, parts, finger, body, path, layout, populations)
 
     def instruments(self, comm: MPI.Comm) -> Instruments:
-        """Compile and distribute what steps and feels."""
+        """Compile and distribute the mechanics and the probe."""
         study = self.study
         on_root(comm, lambda: clean_cache(jit.get_options()["cache_dir"]))
         with preparing():
@@ -99,7 +99,7 @@ class Setup:
 
 @dataclass(frozen=True)
 class Instruments:
-    """What steps and feels."""
+    """The mechanics and the probe."""
 
     problem: FingerProblem
     stepper: Stepper

@@ -14,7 +14,7 @@ Array = NDArray[Any]
 
 
 class Trace:
-    """What happened and what the receptors felt; the first row is the finger at rest.
+    """Motion, load and receptors of all steps; the first row is the finger at rest.
 
     Columns are attributes. An observer's own columns join them; a row without a value has NaN.
 
@@ -97,18 +97,34 @@ class Trace:
         return len(self._of_step["clock_s"])
 
     def add(self, step: Any, receptors: Any, own: Mapping[str, ArrayLike]) -> None:
-        """Append a row: a step, what the receptors feel at it, and observers' own columns."""
-        rows = len(self)
+        """Append a row: a step, the state of the receptors, and the observers' own columns."""
+        rows, values = len(self), self._checked(own)
         for source, columns in ((receptors, self._of_receptors), (step, self._of_step)):
             for name, column in columns.items():
                 column.append(getattr(source, name))
-        values = {name: np.asarray(value, dtype=float) for name, value in own.items()}
         for name, value in values.items():
             self._own.setdefault(name, [np.full_like(value, np.nan)] * rows).append(value)
         for name in set(self._own) - set(values):
             self._own[name].append(np.full_like(self._own[name][-1], np.nan))
         if step.indenting:
             self._indented_s = step.clock_s
+
+    def _checked(self, own: Mapping[str, ArrayLike]) -> dict[str, Array]:
+        """Return an observer's values as arrays; raise StudyError where they make no column."""
+        values = {}
+        for name, value in own.items():
+            if name in {*self._of_step, *self._of_receptors, *self._fixed, "time_s"}:
+                raise StudyError(f"observers: the trace has a column {name}: choose another name.")
+            try:
+                values[name] = np.asarray(value, dtype=float)
+            except (TypeError, ValueError):
+                raise StudyError(f"observers: {name} must be numbers but is {value!r}.") from None
+            shape, before = values[name].shape, np.shape(self._own.get(name, [value])[0])
+            if shape != before:
+                raise StudyError(
+                    f"observers: {name} has the shape {shape}, before it had {before}."
+                )
+        return values
 
     def arrays(self) -> dict[str, Array]:
         """Return the columns by name."""

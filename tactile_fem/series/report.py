@@ -13,7 +13,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from tactile_fem.errors import StudyError
-from tactile_fem.output.figures import draw_plots, rings
+from tactile_fem.output.abscissa import rings
+from tactile_fem.output.figures import draw_plots
 from tactile_fem.output.plots import firing_figure, raster_figure
 from tactile_fem.runtime.files import write_text
 from tactile_fem.scan.results import Results

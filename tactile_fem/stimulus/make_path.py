@@ -68,24 +68,28 @@ def read_places(file: FilePath) -> tuple[Array, Array]:
     """
     try:
         with file.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row]
+            reader = csv.reader(stream)
+            rows = [(reader.line_num, row) for row in reader if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or "it is no CSV file"
         raise StudyError(f"protocol.path: {file} cannot be read: {reason}.") from None
-    if not rows or [name.strip() for name in rows[0]] != _COLUMNS:
-        found = ",".join(rows[0]) if rows else "nothing"
+    heading = rows[0][1] if rows else ["empty"]
+    if [name.strip() for name in heading] != _COLUMNS:
         raise StudyError(
-            f"protocol.path: the first line of {file} is {found} but must be {','.join(_COLUMNS)}."
+            f"protocol.path: the first line of {file} is {_shown(heading)} but must be "
+            f"{','.join(_COLUMNS)}."
         )
-    values = np.array([_numbers(row, k, file) for k, row in enumerate(rows[1:], 2)])
+    values = np.array([_numbers(row, line, file) for line, row in rows[1:]])
     if len(values) < 2:
-        raise StudyError(f"protocol.path: {file} has {len(values)} rows but needs two or more.")
+        raise StudyError(
+            f"protocol.path: {file} must have at least two rows of numbers but has {len(values)}."
+        )
     late = np.flatnonzero(np.diff(values[:, 0]) <= 0)
     if late.size:
         before, after = values[late[0] : late[0] + 2, 0]
         raise StudyError(
             f"protocol.path: time_s in {file} must increase, but {after:g} follows {before:g} in "
-            f"line {late[0] + 3}."
+            f"line {rows[late[0] + 2][0]}."
         )
     return values[:, 0], values[:, 1:]
 
@@ -97,7 +101,13 @@ def _numbers(row: list[str], line: int, file: FilePath) -> list[float]:
         values = []
     if len(values) != len(_COLUMNS) or not np.isfinite(values).all():
         raise StudyError(
-            f"protocol.path: line {line} of {file} is {','.join(row)} but must be "
+            f"protocol.path: line {line} of {file} is {_shown(row)} but must be "
             f"{len(_COLUMNS)} finite numbers."
         )
     return values
+
+
+def _shown(row: list[str]) -> str:
+    """Return a line of the file, short enough for a sentence."""
+    text = " ".join(",".join(row).split())
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -170,11 +170,14 @@ class Path:
                     f"{name} takes {duration:g} s but must take a finite time above 0 s."
                 )
             _check_outputs(name, np.asarray(motion.outputs_s, dtype=float), duration)
-            off = float(np.abs(motion.places_mm[0] - start).max())
-            if not off <= _JOINT_MM:
+            knots = np.asarray([0.0, duration] if motion.knots_s is None else motion.knots_s)
+            if knots[0] != 0 or knots[-1] != duration or (np.diff(knots) <= 0).any():
+                raise StudyError(f"{name}: its knots_s must increase from 0 to {duration:g} s.")
+            distance = float(np.abs(motion.places_mm[0] - start).max())
+            if not distance <= _JOINT_MM:
                 x, y, z = start
                 raise StudyError(
-                    f"{name} begins {off:.3g} mm from where the body is then; its first place "
+                    f"{name} begins {distance:.3g} mm from where the body is then; its first place "
                     f"must be X {x:g}, Y {y:g}, Z {z:g} mm."
                 )
             lasts_s += duration

@@ -1,0 +1,91 @@
+"""Shows how far a scan is."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from tactile_fem.runtime.logs import stderr_console
+
+if TYPE_CHECKING:
+    from tactile_fem.mechanics.stepper import Step
+    from tactile_fem.scan.run import Observation
+
+logger = logging.getLogger(__name__)
+
+
+def describe_step(step: Step) -> str:
+    """Return one line that describes a step."""
+    normal = round(float(step.force_N[2]), 4) + 0.0  # no -0.0000
+    tangential = (step.force_N[0] ** 2 + step.force_N[1] ** 2) ** 0.5
+    return (
+        f"step {step.index:3d}  {step.phase:5s} {step.displacement_mm:6.3f} mm  "
+        f"depth {step.depth_mm:.3f} mm  normal {normal:.4f} N  "
+        f"tangential {tangential:.4f} N  {step.newton_iterations:2d} iterations"
+    )
+
+
+@contextmanager
+def progress(
+    rank: int = 0, *, console: Console | None = None, every_s: float = 15.0
+) -> Iterator[Callable[[Observation], None]]:
+    """Provide an observer that shows how far a scan is: a bar on a terminal, else some lines.
+
+    Parameters
+    ----------
+    rank
+        MPI rank; only rank 0 shows progress.
+    console
+        Default stderr.
+    every_s
+        Minimum time between two lines if there is no terminal.
+    """
+    console = console or stderr_console()
+    # Also without a terminal: it estimates the time left from the last minutes, because a
+    # resumed scan does not begin at 0 % and the press is faster than the slide.
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console,
+        speed_estimate_period=900.0,
+    )
+    task = bar.add_task("first touch", total=1.0)
+    last_line_s = bar.get_time()
+
+    def show(seen: Observation) -> None:
+        nonlocal last_line_s
+        if rank != 0:
+            return
+        step = seen.step
+        line, now, level = describe_step(step), bar.get_time(), logging.DEBUG
+        bar.update(task, completed=step.fraction, description=line)
+        due = now - last_line_s >= every_s or step.fraction >= 1.0 or step.index == 1
+        if due and not console.is_terminal:
+            last_line_s, level = now, logging.INFO
+            line += f"  {100 * step.fraction:3.0f} %{_time_left(bar)}"
+        logger.log(level, "%s", line)
+
+    with bar if console.is_terminal and rank == 0 else nullcontext():
+        yield show
+
+
+def _time_left(bar: Progress) -> str:
+    left = bar.tasks[0].time_remaining
+    if not left:
+        return ""
+    return f"  {left / 60:.1f} min left" if left >= 90 else f"  {left:.0f} s left"

@@ -1,0 +1,228 @@
+"""What an accepted step leaves: kept, saved and restored whole, on any number of ranks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import ufl
+
+from tactile_fem.runtime import backend  # noqa: F401  # isort: skip
+
+from mpi4py import MPI
+
+import basix
+import basix.ufl
+from blocks import LAYERS, block_mesh
+from dolfinx import fem
+
+from tactile_fem.mechanics.compile import expression
+from tactile_fem.mechanics.domain import NodeOrder, create_domain
+from tactile_fem.mechanics.state import PointHistory, Progress, State
+from tactile_fem.mechanics.step_control import StepControl
+
+DEGREE = 2
+LINE, DEPTHS = np.linspace(-3, 3, 4), np.array([0.0, 0.17, 0.82, 1.62, 3.0])
+PROGRESS = Progress(1, (0.1, 0.2, 0.3), 0.5, 2.0, False, 7, StepControl(3.0, 0.1, 1e-4), 0.4)
+
+
+class Squeezed(PointHistory):
+    """What is lost of the volume and how far Z went, at the points of the bulk; else zero."""
+
+    def __init__(self, u: fem.Function) -> None:
+        msh = u.function_space.mesh
+        element = basix.ufl.quadrature_element("tetrahedron", value_shape=(2,), degree=DEGREE)
+        V = fem.functionspace(msh, element)
+        super().__init__("squeezed", fem.Function(V), msh.comm)
+        points, _ = basix.make_quadrature(basix.CellType.tetrahedron, DEGREE)
+        J = ufl.det(ufl.Identity(3) + ufl.grad(u))
+        values = ufl.as_vector([ufl.max_value(1 - J, 0.0), ufl.max_value(u[2], 0.0)])
+        self._msh, self._dofs = msh, V.dofmap.list.ravel()
+        self._cells = np.arange(len(V.dofmap.list), dtype=np.int32)
+        self._place = expression(ufl.SpatialCoordinate(msh), points)
+        self._values = expression(values, points)
+
+    def _by_dof(self, of_cells):
+        by_dof = np.empty((len(self._dofs), of_cells.shape[-1]))
+        by_dof[self._dofs] = of_cells
+        return by_dof
+
+    def points_mm(self):
+        return self._by_dof(self._place.eval(self._msh, self._cells).reshape(-1, 3))
+
+    def present(self):
+        return self._by_dof(self._values.eval(self._msh, self._cells).reshape(-1, 2)).ravel()
+
+
+@dataclass
+class Made:
+    """A state with a history, on a block."""
+
+    state: State
+    order: NodeOrder
+    squeezed: Squeezed
+
+    @classmethod
+    def on(cls, comm: MPI.Comm) -> Made:
+        mesh = block_mesh(LINE, LINE, DEPTHS, LAYERS) if comm.rank == 0 else None
+        domain = create_domain(mesh, comm, ("cut",))
+        V = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
+        state = State(V)
+        squeezed = Squeezed(state.u)
+        state.histories.append(squeezed)
+        return cls(state, NodeOrder(domain, V), squeezed)
+
+    def go(self, k: int) -> None:
+        """Take a made-up step, in which only half of the block is squeezed."""
+        state = self.state
+        state.u_linear.interpolate(lambda x: 1e-3 * k * np.cos(x))
+        state.u.interpolate(lambda x: 1e-2 * k * np.array([x[1], x[0] ** 2, np.maximum(x[0], 0)]))
+        state.translation.value[:] = 0.0, -0.1 * k, 0.5
+        state.dt_s = 0.01 * k
+        owned = state.u.function_space.dofmap.index_map.size_local
+        friction = 2 * state.u.x.array.reshape(-1, 3)[:owned]
+        state.accept(np.array([0.0, 0.0, 0.3 * k]), friction, 3 * k)
+
+    def gathered(self) -> dict[str, np.ndarray]:
+        return self.state.gather(self.order)
+
+
+@pytest.fixture
+def gone() -> Made:
+    """Two steps on all ranks."""
+    made = Made.on(MPI.COMM_WORLD)
+    for k in (1, 2):
+        made.go(k)
+    made.state.progress = PROGRESS
+    return made
+
+
+def by_place(rows: np.ndarray) -> np.ndarray:
+    """Return points and values in the order of the points, ghosts' points once."""
+    _, first = np.unique(np.round(rows[:, :3], 6) + 0.0, axis=0, return_index=True)
+    return rows[first]
+
+
+def assert_close(values, expected, name="") -> None:
+    """Another rank may round otherwise."""
+    np.testing.assert_allclose(values, expected, rtol=0, atol=1e-14, err_msg=name)
+
+
+def assert_same(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
+    assert one.keys() == other.keys() and one["progress"] == other["progress"]
+    for name in one.keys() - {"progress"}:
+        of_points = name.startswith("squeezed")
+        pair = (by_place(s[name]) if of_points else s[name] for s in (one, other))
+        assert_close(*pair, name)
+
+
+@pytest.mark.ranks
+def test_a_step_accepted_is_the_history_of_the_next(gone):
+    state, squeezed = gone.state, gone.squeezed
+    u, old, before = state.u.x.array.copy(), squeezed.old.x.array.copy(), squeezed.before.copy()
+    np.testing.assert_array_equal(state.u_old.x.array, u)
+    np.testing.assert_allclose(state.u_before.x.array, u / 2, atol=1e-15)
+    owned = 3 * state.u.function_space.dofmap.index_map.size_local
+    np.testing.assert_array_equal(state.friction_old.x.array[:owned], 2 * u[:owned])
+    np.testing.assert_array_equal(old, squeezed.present())
+    z = old.reshape(-1, 2)[:, 1]
+    np.testing.assert_allclose(before.reshape(-1, 2)[:, 1], z / 2, atol=1e-15)
+    assert (state.dt_old_s, state.iterations) == (0.02, 6)
+    np.testing.assert_allclose(state.translation_old.value, [0, -0.2, 0.5])
+    np.testing.assert_allclose(state.translation_before, [0, -0.1, 0.5])
+
+
+@pytest.mark.ranks
+def test_a_step_that_fails_is_undone(gone):
+    state, accepted = gone.state, gone.gathered()
+    state.u.x.array[:] = 7.0
+    state.translation.value[:] = 7.0
+    state.reset()
+    assert_same(gone.gathered(), accepted)
+    np.testing.assert_array_equal(state.translation.value, state.translation_old.value)
+
+
+@pytest.mark.ranks
+def test_what_is_gathered_does_not_depend_on_the_ranks(gone):
+    alone = Made.on(MPI.COMM_SELF)
+    for k in (1, 2):
+        alone.go(k)
+    alone.state.progress = PROGRESS
+    saved = gone.gathered()
+    assert_same(saved, alone.gathered())
+    rows = by_place(saved["squeezed"])
+    assert rows.shape[1] == 5
+    assert 0 < len(rows) < len(by_place(alone.squeezed.points_mm()))  # zeros are left out
+
+
+@pytest.mark.ranks
+def test_what_is_restored_is_what_was_saved(gone):
+    saved, made, prepared = gone.gathered(), Made.on(MPI.COMM_WORLD), []
+    made.go(5)  # of which nothing may be left
+    state = made.state
+
+    def prepare(place, dt_s):
+        """Keep what the preconditioner is made of."""
+        prepared.append((place.tolist(), dt_s))
+        assert_close(made.order.gather(state.u), saved["u_linear"])
+        assert_close(made.order.gather(state.u_old), saved["u_before"])
+        assert_close(made.squeezed.old.x.array, gone.squeezed.before)
+        np.testing.assert_allclose(state.translation_old.value, saved["translation_before"])
+
+    state.restore(saved, made.order, prepare)
+    assert prepared == [(saved["translation"].tolist(), 0.02)]
+    state.u_linear.x.array[:] = gone.state.u_linear.x.array  # made with the preconditioner
+    assert_same(made.gathered(), saved)
+    assert_close(state.u_old.x.array, gone.state.u_old.x.array)
+    assert_close(made.squeezed.old.x.array, gone.squeezed.old.x.array)
+    assert state.progress == PROGRESS
+    for each in (gone, made):
+        each.go(3)
+    assert_same(made.gathered(), gone.gathered())
+
+
+@pytest.mark.ranks
+def test_what_one_rank_saved_is_restored_on_all(gone):
+    alone = Made.on(MPI.COMM_SELF)
+    for k in (1, 2):
+        alone.go(k)
+    made = Made.on(MPI.COMM_WORLD)
+    made.state.restore(alone.gathered(), made.order, lambda place, dt_s: None)
+    assert_close(made.squeezed.old.x.array, gone.squeezed.old.x.array)
+    assert_close(made.squeezed.before, gone.squeezed.before)
+    assert_close(made.state.u.x.array, gone.state.u.x.array)
+
+
+def test_a_state_at_rest_is_restored_without_a_preconditioner():
+    made, other = Made.on(MPI.COMM_SELF), Made.on(MPI.COMM_SELF)
+    saved = made.gathered()
+    assert saved["squeezed"].shape == (0, 5)
+    other.go(1)
+    other.state.restore(saved, other.order, lambda place, dt_s: pytest.fail("nothing to prepare"))
+    assert not other.state.u.x.array.any() and not other.squeezed.old.x.array.any()
+    assert other.state.progress is None
+
+
+def test_no_history_sees_another_one_moved_on():
+    made = Made.on(MPI.COMM_SELF)
+
+    class Behind(Squeezed):
+        """What the other one had."""
+
+        def present(self):
+            return made.squeezed.old.x.array.copy()
+
+    behind = Behind(made.state.u)
+    made.state.histories.append(behind)
+    made.go(1)
+    first = made.squeezed.old.x.array.copy()
+    made.go(2)
+    np.testing.assert_array_equal(behind.old.x.array, first)
+
+
+def test_progress_is_kept_as_text():
+    assert Progress.from_json(PROGRESS.to_json()) == PROGRESS
+    control = StepControl(1.0, 0.1, 0.01, (0.5,))
+    with_outputs = replace(PROGRESS, control=control)
+    assert Progress.from_json(with_outputs.to_json()).control.outputs_s == ()  # the path's to know

@@ -1,0 +1,193 @@
+"""Steps along a path, with a spring in place of the finger."""
+
+from __future__ import annotations
+
+import logging
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from tactile_fem.runtime import backend  # noqa: F401  # isort: skip
+
+from mpi4py import MPI
+
+from blocks import block_mesh
+from dolfinx import fem
+
+from tactile_fem.errors import ConvergenceError
+from tactile_fem.mechanics.domain import NodeOrder, create_domain
+from tactile_fem.mechanics.load import Load
+from tactile_fem.mechanics.newton import SolveReport
+from tactile_fem.mechanics.state import State
+from tactile_fem.mechanics.stepper import Step, Stepper
+from tactile_fem.stimulus import Motion, Path, make_path
+from tactile_fem.stimulus.path import hold, lift, press, slide
+from tactile_fem.study import Protocol, Solver
+
+SOLVER = Solver(first_step_mm=0.1, max_press_step_mm=0.2)
+CORNERS = np.array([0.0, 1.0])
+TO_FORCE = Path(
+    (
+        press(3.0, 10.0, until_N=0.4),
+        hold(0.1, 0.05, held_N=0.4),
+        slide((0.0, -1.0), 20.0, 0.25, held_N=0.4),
+        lift(-0.1, 20.0),
+    )
+)
+
+
+class Spring:
+    """A problem whose normal force is ``z^1.5``, and softer the further it slides."""
+
+    def __init__(self) -> None:
+        domain = create_domain(
+            block_mesh(CORNERS, CORNERS, CORNERS, ["dermis"]), MPI.COMM_SELF, ("cut",)
+        )
+        V = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
+        self.state, self.order, self.solves = State(V), NodeOrder(domain, V), []
+
+    def solve(self, place: np.ndarray, dt_s: float) -> SolveReport:
+        self.state.translation.value[:] = place
+        self.state.dt_s = dt_s
+        self.solves.append((place, dt_s))
+        return SolveReport(True, 3, 9, 0.0, "")
+
+    def load(self) -> Load:
+        x, y, z = self.state.translation.value
+        normal = max(z, 0.0) ** 1.5 / (1 + 0.2 * np.hypot(x, y))
+        force = np.array([0.0, -0.3 * normal, normal])
+        return Load(force, np.zeros(3), *8 * [0.0], np.zeros((0, 3)))
+
+    def accept(self, load: Load) -> None:
+        self.state.accept(load.force_N, load.friction_N, 3)
+
+    def restore(self, saved) -> None:
+        self.state.restore(saved, self.order, lambda place, dt_s: None)
+
+
+def steps_of(path: Path, solver: Solver = SOLVER) -> list[Step]:
+    return list(Stepper(Spring(), path, solver))
+
+
+def of(steps: list[Step], phase: str) -> list[Step]:
+    return [step for step in steps if step.phase == phase]
+
+
+def test_the_papers_path_is_pressed_and_slid():
+    path = make_path(Protocol(depth_mm=1.0, distance_mm=1.0, output_mm=0.25), 4.0)
+    steps = steps_of(path)
+    assert [step.index for step in steps] == list(range(1, len(steps) + 1))
+    assert sum(step.dt_s for step in steps) == pytest.approx(0.1)
+    assert steps[-1].clock_s == pytest.approx(0.1) and steps[-1].fraction == pytest.approx(1.0)
+    ends = [step.index for step in steps if step.ends_piece]
+    assert ends == [len(of(steps, "press")), len(steps)]
+    assert all(step.indenting == (step.phase == "press") for step in steps)
+    outputs = [step.displacement_mm for step in steps if step.output]
+    assert outputs == pytest.approx([0.0, 0.25, 0.5, 0.75, 1.0])
+    places = np.array([step.stimulator_mm for step in steps])
+    across, up = np.diff(places[:, 1]), np.diff(places[:, 2], prepend=0.0)
+    assert np.abs(across).max() <= 0.2 + 1e-12 and up.max() <= 0.2 + 1e-12
+    np.testing.assert_array_equal(places[-1], [0.0, -1.0, 1.0])
+
+
+def test_a_held_force_is_held():
+    steps = steps_of(TO_FORCE)
+    assert list(dict.fromkeys(step.phase for step in steps)) == ["press", "hold", "slide", "lift"]
+    reached = of(steps, "press")[-1]
+    assert reached.force_N[2] == pytest.approx(0.4, rel=1e-3)
+    assert reached.depth_mm == pytest.approx(0.4 ** (2 / 3), rel=1e-3)
+    for step in of(steps, "hold") + of(steps, "slide"):
+        assert step.force_N[2] == pytest.approx(0.4, rel=1e-3)
+    slid = of(steps, "slide")
+    assert slid[-1].depth_mm == pytest.approx(0.48 ** (2 / 3), rel=1e-3)
+    assert slid[-1].displacement_mm == pytest.approx(1.0)
+    np.testing.assert_allclose(steps[-1].stimulator_mm, [0.0, -1.0, -0.1], atol=1e-12)
+    assert not steps[-1].force_N.any()
+    # Where the secant has the spring's stiffness, most steps take one solve, few more than two.
+    assert np.mean([len(step.discarded) for step in slid]) < 1
+
+
+def test_what_is_interrupted_goes_on_the_same():
+    whole = steps_of(TO_FORCE)
+    for cut in (1, len(of(whole, "press")), len(of(whole, "press")) + 3, len(whole) - 1):
+        problem = Spring()
+        taken = list(islice(Stepper(problem, TO_FORCE, SOLVER), cut))
+        assert taken[-1].index == cut
+        saved = problem.state.gather(problem.order)
+        stepper = Stepper(Spring(), TO_FORCE, SOLVER)
+        stepper.restore(saved)
+        rest = list(stepper)
+        assert [step.index for step in rest] == list(range(cut + 1, len(whole) + 1))
+        for name in ("clock_s", "displacement_mm", "fraction", "output", "ends_piece", "phase"):
+            assert [getattr(s, name) for s in rest] == [getattr(s, name) for s in whole[cut:]]
+        places = [[s.stimulator_mm for s in each] for each in (rest, whole[cut:])]
+        np.testing.assert_array_equal(*places)
+
+
+def test_a_force_that_is_there_already_ends_the_press(monkeypatch, caplog):
+    monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)
+    path = Path((press(0.8, 10.0), press(3.0, 10.0, until_N=0.4), lift(0.0, 20.0)))
+    with caplog.at_level(logging.INFO, "tactile_fem"):
+        steps = steps_of(path)
+    deepest = max(step.depth_mm for step in steps)
+    assert deepest == 0.8 and steps[-1].depth_mm == 0.0
+    assert len(of(steps, "press")) == [step.ends_piece for step in steps].index(True) + 1
+    assert f"{0.8**1.5:.4f} N are reached at a depth of 0.8000 mm" in caplog.text
+
+
+def test_a_force_that_is_not_reached_stops_where_the_press_ends():
+    where = r"the press stopped at a depth of 0\.5000 mm"
+    with pytest.raises(ConvergenceError, match=where) as error:
+        steps_of(Path((press(0.5, 10.0, until_N=0.4),)))
+    assert "the wanted force is not reached" in str(error.value)
+    assert error.value.stimulator_mm == (0.0, 0.0, 0.5)
+
+
+def test_a_force_that_cannot_be_held_stops_the_slide(monkeypatch):
+    """The spring gives way: past 0.5 mm there is nothing."""
+    load = Spring.load
+
+    def gone(problem):
+        found = load(problem)
+        if problem.state.translation.value[1] < -0.5:
+            found.force_N[:] = 0.0
+        return found
+
+    monkeypatch.setattr(Spring, "load", gone)
+    with pytest.raises(ConvergenceError, match=r"the slide stopped .* force is not met") as error:
+        steps_of(TO_FORCE)
+    assert -0.5 <= error.value.stimulator_mm[1] < -0.49
+
+
+def test_a_path_of_ones_own_is_stepped_within_its_bounds():
+    def place(t):
+        return np.array([np.sin(t), 1 - np.cos(t), 0.0])
+
+    circle = Path((lambda start: Motion("circle", 2 * np.pi, place, (1.0, 4.0)),))
+    steps = steps_of(circle)
+    assert all(step.indenting is False for step in steps)
+    assert [step.clock_s for step in steps if step.output] == pytest.approx([1, 4, 2 * np.pi])
+    assert max(step.dt_s for step in steps) <= 0.2 * (1 + 1e-5)  # at 1 mm/s
+    assert steps[-1].displacement_mm == pytest.approx(2 * np.pi, rel=1e-5)
+
+
+def test_a_hold_begins_with_steps_as_brief_as_the_last():
+    """What relaxes does so as fast as the press went."""
+    steps = steps_of(Path((press(0.5, 10.0), hold(1.0, 1.0))))
+    pressed, held = (of(steps, phase) for phase in ("press", "hold"))
+    assert held[0].dt_s <= pressed[-1].dt_s * (1 + 1e-9)
+    assert held[-1].dt_s > 10 * held[0].dt_s
+    assert len({step.displacement_mm for step in steps}) == 1
+
+
+@pytest.mark.parametrize(("speed", "briefest"), [(200.0, 0.01), (20.0, 0.01), (2.0, 0.001)])
+def test_a_slow_motion_may_step_as_briefly_as_a_fast_one(speed, briefest, monkeypatch):
+    """Viscosity, which holds what snaps, acts over a time."""
+    problem = Spring()
+    failed = SolveReport(False, 1, 1, 1.0, "always")
+    monkeypatch.setattr(Spring, "solve", lambda p, place, dt: p.solves.append(dt) or failed)
+    path = make_path(Protocol(press_speed_mm_s=speed), 1.0)
+    with pytest.raises(ConvergenceError):
+        list(Stepper(problem, path, Solver(min_step_mm=0.01)))
+    assert briefest <= speed * min(problem.solves) < 2 * briefest
