@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from tactile_fem.study.base import Either, File, Finite, NonNegative, Positive, Section
 
 Speed = Annotated[Positive, Field(description="speed of the body")]
-_HELD = "normal force that the body holds by its height; not set: it stays at its depth"
+_HELD = "normal force that is held by moving the body in Z; not set: it stays at its depth"
 
 
 class Press(Section):
