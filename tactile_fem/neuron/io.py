@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ import numpy as np
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.response import Response
-from tactile_fem.runtime.files import replacing
+from tactile_fem.runtime.files import replacing, write_text
 
 if TYPE_CHECKING:
     import neo
@@ -37,10 +36,8 @@ def save(response: Response, path: Path | str) -> None:
                 arrays = {"receptor": receptor, "time_s": time, "covered_s": covered}
                 np.savez_compressed(stream, receptors=count, **arrays)
         case ".csv":
-            with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
-                writer = csv.writer(stream, lineterminator="\n")
-                writer.writerow(["receptor", "time_s"])
-                writer.writerows(zip(receptor.tolist(), time.tolist(), strict=True))
+            rows = zip(receptor.tolist(), time.tolist(), strict=True)
+            write_text(path, "\n".join(["receptor,time_s", *(f"{k},{t}" for k, t in rows), ""]))
         case other:
             raise StudyError(f'A response is kept as .npz or .csv, not "{other}".')
 

@@ -192,11 +192,8 @@ def framed(image: NDArray[np.uint8]) -> Figure:
 def linear(grid: pv.UnstructuredGrid, points: NDArray[np.floating]) -> pv.UnstructuredGrid:
     """Return linear tetrahedra, without the mid-nodes: VTK cuts these cleanly."""
     corners = grid.cells.reshape(-1, 11)[:, 1:5]
-    cells = np.hstack([np.full((len(corners), 1), 4), corners])
-    kinds = np.full(len(corners), pv.CellType.TETRA)
-    linear = pv.UnstructuredGrid(cells.ravel(), kinds, np.asarray(points, dtype=float))
-    for name in grid.cell_data:
-        linear.cell_data[name] = grid.cell_data[name]
+    linear = pv.UnstructuredGrid({pv.CellType.TETRA: corners}, np.asarray(points, dtype=float))
+    linear.cell_data.update(grid.cell_data)
     return linear
 
 

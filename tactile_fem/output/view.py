@@ -191,18 +191,16 @@ def save_mp4(film: Film, path: Path) -> None:
     """Write an animation, 20 frames a second."""
     import imageio_ffmpeg
 
-    images = frames(film)
-    first = next(images)
     with replacing(path) as part:
         stream = imageio_ffmpeg.write_frames(
             str(part),
-            first.size,
+            _IN_FILM,
             fps=_PER_SECOND,
             macro_block_size=2,
             output_params=["-f", "mp4"],
         )
         stream.send(None)
-        for image in chain([first], images):
+        for image in frames(film):
             stream.send(image.tobytes())
         stream.close()
 

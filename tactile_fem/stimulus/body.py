@@ -17,12 +17,12 @@ _ABOVE_MM = 0.5
 
 @dataclass(frozen=True)
 class Distance:
-    """Signed distance at points, positive outside.
+    """Signed distance at points of space (d = 3) or of a plane (d = 2), negative inside.
 
     Attributes
     ----------
     gap, normal, hessian
-        Value (n,) in mm, gradient (n, 3) and second derivative (n, 3, 3) in 1/mm.
+        Value (n,) in mm, gradient (n, d) and second derivative (n, d, d) in 1/mm.
     """
 
     gap: Array
@@ -37,25 +37,10 @@ class RigidBody(Protocol):
         """Return the signed distance at `points` (n, 3) in the body's frame."""
 
 
-@dataclass(frozen=True)
-class Planar:
-    """Signed distance of a flat outline, negative inside, with derivatives in its plane.
-
-    Attributes
-    ----------
-    value, gradient, hessian
-        (n,) in mm, (n, 2), (n, 2, 2) in 1/mm.
-    """
-
-    value: Array
-    gradient: Array
-    hessian: Array
-
-
 class Outline(Protocol):
     """A flat shape that can be raised from a plate."""
 
-    def distance(self, xy: Array) -> Planar:
+    def distance(self, xy: Array) -> Distance:
         """Return the signed distance in the plane at `xy` (n, 2)."""
 
 
@@ -171,16 +156,16 @@ class Embossed:
     def _extrusion(self, points: Array) -> Distance:
         """Distance of ``{d <= 0, z <= 0}`` shrunk and swollen by the fillet radius."""
         planar = self.outline.distance(points[:, :2])
-        a, b = planar.value + self.fillet, points[:, 2] + self.fillet
+        a, b = planar.gap + self.fillet, points[:, 2] + self.fillet
         r, n, H = norm_of(np.column_stack([a, b]))
         corner = (a > 0) & (b > 0)
         wall = (a > b) & ~corner
         da = np.where(corner, n[:, 0], np.where(wall, 1.0, 0.0))
         db = np.where(corner, n[:, 1], np.where(wall, 0.0, 1.0))
         gap = np.where(corner, r, np.maximum(a, b)) - self.fillet
-        normal = np.column_stack([da[:, None] * planar.gradient, db])
+        normal = np.column_stack([da[:, None] * planar.normal, db])
         hessian = np.zeros((len(points), 3, 3))
-        g = planar.gradient
+        g = planar.normal
         bend = np.where(corner[:, None, None], H, 0.0)
         hessian[:, :2, :2] = (
             bend[:, 0, 0, None, None] * g[:, :, None] * g[:, None, :]

@@ -14,7 +14,7 @@ from scipy.interpolate import RectBivariateSpline
 from shapely import affinity
 
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus.body import Array, Planar
+from tactile_fem.stimulus.body import Array, Distance
 from tactile_fem.study import Text
 
 _GRID_MM = 0.05
@@ -70,9 +70,9 @@ class Letters:
         """Return the outlines in the body's frame."""
         return [affinity.translate(letter.polygon, 0, y) for y, letter in self._letters]
 
-    def distance(self, xy: Array) -> Planar:
+    def distance(self, xy: Array) -> Distance:
         """Return the signed distance at `xy` (n, 2); constant far from all letters."""
-        result = Planar(
+        result = Distance(
             np.full(len(xy), _FAR_MM), np.zeros((len(xy), 2)), np.zeros((len(xy), 2, 2))
         )
         for y, letter in self._letters:
@@ -80,10 +80,10 @@ class Letters:
             low, high = letter.bounds[:2], letter.bounds[2:]
             near = np.flatnonzero(np.all((here > low) & (here < high), axis=1))
             d = evaluate(*here[near].T)
-            least = d < result.value[near]
+            least = d < result.gap[near]
             near, p = near[least], here[near[least]].T
-            result.value[near] = d[least]
-            result.gradient[near] = np.column_stack([evaluate(*p, dx=1), evaluate(*p, dy=1)])
+            result.gap[near] = d[least]
+            result.normal[near] = np.column_stack([evaluate(*p, dx=1), evaluate(*p, dy=1)])
             result.hessian[near, 0, 0] = evaluate(*p, dx=2)
             result.hessian[near, 1, 1] = evaluate(*p, dy=2)
             mixed = evaluate(*p, dx=1, dy=1)

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import shapely
 
-from tactile_fem.stimulus.body import Array, Planar, norm_of
+from tactile_fem.stimulus.body import Array, Distance, norm_of
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class Ridges:
     row: Row
     across: int
 
-    def distance(self, xy: Array) -> Planar:
+    def distance(self, xy: Array) -> Distance:
         """Return the signed distance in the plane at `xy` (n, 2)."""
         offset = xy[:, self.across] - self.row.nearest(xy[:, self.across])
         gradient = np.zeros_like(xy)
         gradient[:, self.across] = np.where(offset < 0, -1.0, 1.0)
-        return Planar(np.abs(offset) - self.width / 2, gradient, np.zeros((len(xy), 2, 2)))
+        return Distance(np.abs(offset) - self.width / 2, gradient, np.zeros((len(xy), 2, 2)))
 
     def polygons(self) -> list[shapely.Polygon]:
         """Return the ridges, cut to 20 mm, as polygons."""
@@ -67,11 +67,11 @@ class Discs:
     x: Row
     y: Row
 
-    def distance(self, xy: Array) -> Planar:
+    def distance(self, xy: Array) -> Distance:
         """Return the signed distance in the plane at `xy` (n, 2)."""
         centre = np.column_stack([self.x.nearest(xy[:, 0]), self.y.nearest(xy[:, 1])])
         r, n, H = norm_of(xy - centre)
-        return Planar(r - self.radius, n, H)
+        return Distance(r - self.radius, n, H)
 
     def polygons(self) -> list[shapely.Polygon]:
         """Return the discs as polygons."""

@@ -17,13 +17,17 @@ class Receptors(Section):
 
     placement: Literal["line", "grid", "random", "afferents"] = Field(
         "line",
-        description="paper: a line across the finger; or a grid, at random, or by density on the "
-        "interface with distance kept, as afferents lie",
+        description="paper: a line across the finger; or a grid, at random, or like afferents: by "
+        "density on the interface, none close to another",
     )
     half_width_mm: NonNegative = Field(5.0, description="extent across the finger (X)")
-    half_length_mm: NonNegative = Field(4.0, description="extent along (Y), not of the line")
+    half_length_mm: NonNegative = Field(
+        4.0, description="extent along the finger (Y); a line has none"
+    )
     spacing_mm: Positive = Field(0.2, description="of line and grid; paper's shift per pass")
-    density_per_cm2: Positive = Field(70.0, description="of random and afferents: SA1 afferents")
+    density_per_cm2: Positive = Field(
+        70.0, description="of random and afferents; default that of SA1"
+    )
     seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of random and afferents")
     extra_mm: tuple[tuple[Finite, Finite], ...] = Field(
         (), description="further receptors: pairs X, Y"

@@ -67,8 +67,8 @@ class Solver(Section):
 
     nitsche_gamma: Positive = Field(
         1.2,
-        description="gamma_h = gamma (K + 4 G/3)/h of the skin as it is: too little is "
-        "inexact, much slow",
+        description="gamma_h = gamma (K + 4 G/3)/h of the deformed skin: a small one is inexact, "
+        "a large one slow",
     )
     nitsche_theta: Literal[-1, 0, 1] = Field(
         0, description="0 incomplete; 1 symmetric and -1 skew need a gamma of 40"
@@ -97,8 +97,8 @@ class Solver(Section):
     max_slide_step_mm: Positive = Field(0.2, description="longest step across the finger")
     min_step_mm: Positive = Field(
         0.0005,
-        description="a step that fails at this length ends it; less in proportion where the motion "
-        "is slower than 20 mm/s",
+        description="a step that fails at this length ends the scan; shorter in proportion where "
+        "the motion is slower than 20 mm/s",
     )
     compiler_flags: tuple[str, ...] = Field(
         ("-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"),

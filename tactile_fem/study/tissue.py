@@ -52,34 +52,29 @@ def _neo_hookean(E_MPa: float, nu: float = 0.48) -> dict[str, float]:
     }
 
 
-_DERMIS = {"C10_MPa": 0.01351, "C20_MPa": 0.010, "D1_per_MPa": 3.0}
 # The paper's outer layers are neo-Hookean. C30 matters at strains of tens of percent, as caused
 # by a friction of 1 or the free end of a stroke. Otherwise it changes the maxima of SED by 1.5 %
 # (rms), less than the mesh does.
-_CORNEUM = {"C10_MPa": 0.0845, "C30_MPa": 0.845, "D1_per_MPa": 0.48}
-_EPIDERMIS = {"C10_MPa": 0.02297, "C30_MPa": 0.02297, "D1_per_MPa": 1.765}
-_BONE = {"E_MPa": 17_000.0, "nu": 0.3}
-_NAIL = {"E_MPa": 170.0, "nu": 0.3}
+_SKIN = {
+    "stratum_corneum": {"C10_MPa": 0.0845, "C30_MPa": 0.845, "D1_per_MPa": 0.48},
+    "epidermis": {"C10_MPa": 0.02297, "C30_MPa": 0.02297, "D1_per_MPa": 1.765},
+    "dermis": {"C10_MPa": 0.01351, "C20_MPa": 0.010, "D1_per_MPa": 3.0},
+}
+_HARD = {"bone": {"E_MPa": 17_000.0, "nu": 0.3}, "nail": {"E_MPa": 170.0, "nu": 0.3}}
 
 TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
     # C10 and C20 of the subcutaneous tissue: fitted by demos/validation/fit_tissue.py to measured
-    # forces of finger pads on a flat plate; D1 from 5 kPa and nu 0.48; the rest as below.
+    # forces of finger pads on a flat plate; D1 from 5 kPa and nu 0.48; the rest as above.
     "fitted": {
-        "stratum_corneum": _CORNEUM,
-        "epidermis": _EPIDERMIS,
-        "dermis": _DERMIS,
+        **_SKIN,
         "subcutaneous": {"C10_MPa": 1.1e-4, "C20_MPa": 8.95e-4, "D1_per_MPa": 48.0},
-        "bone": _BONE,
-        "nail": _NAIL,
+        **_HARD,
     },
     # Proposed: adjusted by hand to the same forces.
     "proposed": {
-        "stratum_corneum": _CORNEUM,
-        "epidermis": _EPIDERMIS,
-        "dermis": _DERMIS,
+        **_SKIN,
         "subcutaneous": {"C10_MPa": 4.22e-4, "C20_MPa": 3.0e-4, "D1_per_MPa": 96.0},
-        "bone": _BONE,
-        "nail": _NAIL,
+        **_HARD,
     },
     # Maeno et al. 1998; stratum corneum as above.
     "maeno1998": {
@@ -87,8 +82,7 @@ TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
         "epidermis": _neo_hookean(0.136),
         "dermis": _neo_hookean(0.080),
         "subcutaneous": _neo_hookean(0.034),
-        "bone": _BONE,
-        "nail": _NAIL,
+        **_HARD,
     },
     # Gerling et al. 2014: shear moduli; its epidermis includes the stratum corneum.
     "gerling2014": {
@@ -96,8 +90,7 @@ TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
         "epidermis": _neo_hookean(1.212 * 2 * 1.48),
         "dermis": _neo_hookean(0.0507 * 2 * 1.48),
         "subcutaneous": _neo_hookean(0.00237 * 2 * 1.48),
-        "bone": _BONE,
-        "nail": _NAIL,
+        **_HARD,
     },
 }
 
