@@ -29,13 +29,13 @@ def view(
     ] = None,
     at_mm: Annotated[
         float | None,
-        Parameter(help="Displacement shown on the page; default that of the largest SED."),
+        Parameter(help="Displacement of a slide shown on the page; default at the largest SED."),
     ] = None,
 ) -> None:
     """Show the finger cut open, the strain energy density and the firing receptors.
 
-    Opens a window with a slider for the displacement, or writes a file with --save, which needs
-    no display.
+    Opens a window with a slider for the displacement or the time, or writes a file with --save,
+    which needs no display.
     """
     found = Results.open(results)
     _check(save, at_mm)
@@ -46,9 +46,12 @@ def view(
 
     from tactile_fem.output import view as viewing
     from tactile_fem.output.film import Film
+    from tactile_fem.output.plots import DISPLACEMENT
 
     pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
     film = Film(found)
+    if at_mm is not None and film.label != DISPLACEMENT:
+        raise StudyError(f"--at-mm is {at_mm:g} but the path in {results} is no straight slide.")
     if save is None:
         viewing.window(film)
         return

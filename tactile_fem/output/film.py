@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import TISSUES, facets_of
 from tactile_fem.output import drawing
+from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.pictures import at_time
+from tactile_fem.output.plots import TIME
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
 
@@ -72,7 +74,9 @@ class Film:
     Attributes
     ----------
     displacement_mm
-        (frames,) of the slide.
+        (frames,).
+    label, along
+        What the frames are sorted by, displacement or time, and its values, (frames,).
     cut_mm
         Y of the cut in the undeformed finger.
     rim_mm
@@ -98,6 +102,8 @@ class Film:
         step = self._times_s[1] - self._times_s[0] if len(frames) > 1 else np.inf
         self._since_s = np.concatenate([self._times_s[:1] - step, self._times_s[:-1]])
         self.displacement_mm = at_time(self._trace, "displacement_mm", self._times_s)
+        self.label = Abscissa.of(results).label
+        self.along = self._times_s if self.label == TIME else self.displacement_mm
         self.cut_mm = float(places[:, 1].min()) - _BEHIND_MM
         highest = float(places[:, 2].max()) + _MARGIN_MM
         self.rim_mm = max(self._interface.bounds.z_min + _BOWL_MM, highest)
@@ -108,9 +114,9 @@ class Film:
     def __len__(self) -> int:
         return len(self._times_s)
 
-    def nearest(self, displacement_mm: float) -> int:
-        """Return the number of the frame nearest to a displacement."""
-        return int(np.argmin(np.abs(self.displacement_mm - displacement_mm)))
+    def nearest(self, value: float) -> int:
+        """Return the number of the frame nearest to a value of `along`."""
+        return int(np.argmin(np.abs(self.along - value)))
 
     def __getitem__(self, k: int) -> State:
         time = self._times_s[k]

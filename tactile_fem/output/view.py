@@ -131,7 +131,7 @@ def _pieces(state: State, film: Film) -> Iterator[tuple[str, pv.DataSet, dict[st
 
 
 def window(film: Film) -> None:
-    """Open a window with a slider over the slide, and wait until it is closed."""
+    """Open a window with a slider over the scan, and wait until it is closed."""
     _window_plotter(film, off_screen=False).show()
 
 
@@ -140,12 +140,12 @@ def _window_plotter(film: Film, *, off_screen: bool) -> pv.Plotter:
     scene.add_legend()
     if len(film) > 1:
         scene.plotter.add_slider_widget(
-            lambda displacement_mm: scene.show(film.nearest(displacement_mm)),
-            (film.displacement_mm[0], film.displacement_mm[-1]),
-            title="Displacement (mm)",
-            value=film.displacement_mm[0],
+            lambda value: scene.show(film.nearest(value)),
+            (film.along[0], film.along[-1]),
+            title=film.label,
+            value=film.along[0],
             color="black",
-            fmt="%.1f",
+            fmt="%.2f",
             pointa=(0.03, 0.91),
             pointb=(0.33, 0.91),
         )

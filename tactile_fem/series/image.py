@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population, Response
 from tactile_fem.neuron.population import fire
+from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.extrema import central_receptor
+from tactile_fem.output.plots import DISPLACEMENT
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Neuron
 
@@ -103,7 +105,7 @@ def fibre_image(
     """
     if not passes:
         raise StudyError("There is no complete pass.")
-    speeds = {results.study.protocol.speed_mm_s for results in passes}
+    speeds = {_speed_mm_s(results) for results in passes}
     if len(speeds) > 1:
         raise StudyError(f"The passes have different speeds: {sorted(speeds)} mm/s.")
     passes = sorted(passes, key=lambda results: -results.study.stimulus.shift_mm[0])
@@ -121,6 +123,14 @@ def fibre_image(
         felt[:, row] = np.interp(time, times, values[:, central])
     neuron = (neuron or afferents.neuron).model_copy(update={"gain_spread": 0.0})
     return rate_image(across, time, felt, speeds.pop(), replace(afferents, neuron=neuron))
+
+
+def _speed_mm_s(results: Results) -> float:
+    """Return the speed of a slide; raise StudyError if the path is no straight slide."""
+    over = Abscissa.of(results)
+    if over.label != DISPLACEMENT:
+        raise StudyError(f"An image needs a straight slide, which {results.folder} is not.")
+    return round(float(over.values[-1] / results.trace["time_s"][-1]), 9)
 
 
 def _with_gaps(across: Array) -> tuple[Array, NDArray[np.intp]]:

@@ -10,6 +10,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_fem.errors import StudyError
@@ -111,7 +112,8 @@ def _event_plot(passes: Sequence[Results], population: str) -> list[str]:
     unshifted = stimulus.model_copy(update={"shift_mm": (0.0, stimulus.shift_mm[1])})
     shapes, along = rings(unshifted), image.along_mm
     row, time_s = image.response.events()
-    places = time_s * passes[0].study.protocol.speed_mm_s, image.across_mm[row]
+    trace = passes[0].trace
+    places = np.interp(time_s, trace["time_s"], trace["displacement_mm"]), image.across_mm[row]
     raster = raster_figure(*places, image.across_mm, (along[0], along[-1]), shapes)
     firing = firing_figure(along, image.across_mm, image.rate_Hz, shapes)
     captions = f"{population}: spikes in passes over one receptor.", "Firing rate in these passes."
