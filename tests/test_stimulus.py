@@ -3,7 +3,8 @@ import pytest
 import shapely
 
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus import height_map, make_body, outlines
+from tactile_fem.stimulus import make_body, outlines
+from tactile_fem.stimulus.height_field import height_map
 from tactile_fem.study import Cylinder, Dots, Edge, Grating, Plate, Sphere, Text
 
 BODIES = {

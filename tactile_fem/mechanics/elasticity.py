@@ -15,9 +15,9 @@ from tactile_fem.tissue.energies import (
     Law,
     law_of,
     shear_modulus,
-    small_strain_shear_modulus,
     stiffness,
     stress,
+    tangent_shear_modulus,
 )
 
 
@@ -145,7 +145,7 @@ class Elasticity:
 
     def _shear_modulus(self, tissue: str) -> Expr:
         if tissue in self._laws:
-            return small_strain_shear_modulus(self._laws[tissue], self._wrap(0.0))
+            return tangent_shear_modulus(self._laws[tissue], self._wrap(0.0))
         return self._wrap(shear_modulus(self.constants(tissue)))
 
     def _wrap(self, value: float) -> fem.Constant:

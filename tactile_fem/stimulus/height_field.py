@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.stimulus.body import Array, RigidBody
-from tactile_fem.stimulus.make import height_map
 
 # Skin and body that stay this far apart, by undeformed shapes, are taken not to touch.
 _MARGIN_MM = 0.5
@@ -62,3 +61,20 @@ def height_field(
     cells = cells[np.all(xyz[cells, 2] > lowest, axis=1)]
     used, cells = np.unique(cells, return_inverse=True)
     return HeightField(xyz[used], cells.reshape(-1, 4))
+
+
+def height_map(body: RigidBody, x: Array, y: Array, lowest_mm: float = -3.0) -> Array:
+    """Return the height z (len(x), len(y)) of the body's surface seen from above.
+
+    Rays come down from z = 0.1 mm by the distance to the body; below `lowest_mm` they end.
+    """
+    xy = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
+    z = np.full(len(xy), 0.1)
+    falling = np.arange(len(xy))
+    for _ in range(100):
+        gap = body.distance(np.column_stack([xy[falling], z[falling]])).gap
+        z[falling] = np.maximum(z[falling] - gap, lowest_mm)
+        falling = falling[(np.abs(gap) > 1e-4) & (z[falling] > lowest_mm)]
+        if not len(falling):
+            break
+    return z.reshape(len(x), len(y))

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
-import numpy as np
 import shapely
 from shapely import affinity
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import (
-    Array,
     Ball,
     Embossed,
     HalfSpace,
@@ -103,20 +101,3 @@ def outlines(stimulus: AnyStimulus) -> list[shapely.Geometry]:
         return []
     shift = stimulus.shift_mm
     return [affinity.translate(shape, *shift) for shape in _outline(stimulus).polygons()]
-
-
-def height_map(body: RigidBody, x: Array, y: Array, lowest_mm: float = -3.0) -> Array:
-    """Return the height z (len(x), len(y)) of the body's surface seen from above.
-
-    Rays come down from z = 0.1 mm by the distance to the body; below `lowest_mm` they end.
-    """
-    xy = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
-    z = np.full(len(xy), 0.1)
-    falling = np.arange(len(xy))
-    for _ in range(100):
-        gap = body.distance(np.column_stack([xy[falling], z[falling]])).gap
-        z[falling] = np.maximum(z[falling] - gap, lowest_mm)
-        falling = falling[(np.abs(gap) > 1e-4) & (z[falling] > lowest_mm)]
-        if not len(falling):
-            break
-    return z.reshape(len(x), len(y))

@@ -98,16 +98,11 @@ def stiffness(law: Law, F: Expr) -> Expr:
     volume, distortion, _ = _invariants(F)
     J = ufl.variable(volume)
     K = ufl.diff(ufl.diff(law.energy(J ** (1 / 3) * ufl.Identity(3)), J), J)
-    return K + 4 * _tangent_shear(law, ufl.sqrt(ufl.max_value(distortion, 0.0))) / 3
+    return K + 4 * tangent_shear_modulus(law, ufl.sqrt(ufl.max_value(distortion, 0.0))) / 3
 
 
-def small_strain_shear_modulus(law: Law, zero: Expr) -> Expr:
-    """Return the small-strain shear modulus of any law, in MPa; `zero` is a constant 0 of UFL."""
-    return _tangent_shear(law, zero)
-
-
-def _tangent_shear(law: Law, shear: Expr) -> Expr:
-    """Return the slope of the shear stress in simple `shear`."""
+def tangent_shear_modulus(law: Law, shear: Expr) -> Expr:
+    """Return the slope of the shear stress in simple `shear`, in MPa."""
     gamma = ufl.variable(shear)
     across = ufl.as_matrix([[0, 1, 0], [0, 0, 0], [0, 0, 0]])
     return ufl.diff(ufl.diff(law.energy(ufl.Identity(3) + gamma * across), gamma), gamma)
