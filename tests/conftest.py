@@ -44,7 +44,7 @@ if RANK is not None:
 
     from mpi4py import MPI  # isort: skip
 
-    from tactile_fem.runtime.parallel import ending_together
+    from tactile_fem.runtime.parallel import abort_if_one_fails
 
     @pytest.hookimpl(trylast=True)
     def pytest_configure(config):
@@ -57,7 +57,7 @@ if RANK is not None:
         """Let no rank wait for one that failed: it ends all, as does a test that hangs."""
         faulthandler.dump_traceback_later(LONGEST_S, exit=True)
         try:
-            with ending_together(MPI.COMM_WORLD):
+            with abort_if_one_fails(MPI.COMM_WORLD):
                 return (yield)
         finally:
             faulthandler.cancel_dump_traceback_later()

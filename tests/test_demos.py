@@ -96,6 +96,17 @@ def numbers(text: str) -> list[float]:
 
 
 @pytest.mark.slow
+def test_held_force():
+    told = run("benchmarks/held_force.py", "--force", "0.03", "--distance", "0.1", *SMALL)
+    assert number(r"depth .* (0\.\d+)-0\.\d+\s*$", told.splitlines()[1]) > 0.1
+    held = re.search(r"^force .* (0\.\d+)-(0\.\d+)  0\.\d+-0\.\d+$", told, re.MULTILINE)
+    assert held and all(abs(float(force) - 0.03) < 1e-4 for force in held.groups())
+
+
+SMALL = ("--pad-size", "3", "--far-size", "6")
+
+
+@pytest.mark.slow
 def test_flat_plate(tmp_path):
     output = run("validation/flat_plate.py", str(tmp_path), "--depth", "0.5", "--step", "0.25")
     deviation = number(r"0\.5 +[\d.]+ +0\.037 \(0\.010\) +([+-][\d.]+)", output)

@@ -151,8 +151,8 @@ def of_no_study(folder: Path) -> None:
 
 
 FAULTS = [
-    (of_an_older_version, "an older version, this is tactile_fem"),
-    (of_a_newer_version, r"checkpoint\.npz is from 7\.0, this is tactile_fem .* another folder"),
+    (of_an_older_version, r"an older version\. This is tactile_fem"),
+    (of_a_newer_version, r"checkpoint\.npz is from 7\.0\. This is tactile_fem .* another folder"),
     (foreign, "an older version"),
     (half_written, r"checkpoint\.npz cannot be read"),
     (pickled, r"checkpoint\.npz cannot be read"),
@@ -408,11 +408,11 @@ def test_at_a_friction_of_five_the_skin_sticks(study, tmp_path):
 ONE_RANK_FAILS = """
 import logging, sys
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.parallel import ending_together
+from tactile_fem.runtime.parallel import abort_if_one_fails
 from mpi4py import MPI
 logging.basicConfig(format="%(message)s")
 comm = MPI.COMM_WORLD
-with ending_together(comm):
+with abort_if_one_fails(comm):
     if comm.rank == 1 or "all" in sys.argv:
         raise StudyError("the sentence")
     comm.Barrier()
@@ -431,7 +431,7 @@ class Comm:  # of two, the other of which never comes
         print(code, "unread" if any(unread) else "read", flush=True)
 parallel._PATIENCE_S = float(sys.argv[1])
 logging.basicConfig(format="%(message)s")
-with parallel.ending_together(Comm()):
+with parallel.abort_if_one_fails(Comm()):
     raise OSError("the sentence")
 """
 

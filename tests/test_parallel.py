@@ -17,7 +17,7 @@ from blocks import LAYERS, block_mesh
 from tactile_fem.errors import MeshError, TactileError
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.runtime.parallel import on_root, raising_together
+from tactile_fem.runtime.parallel import on_root, shared_errors
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Tissue
 
@@ -46,7 +46,7 @@ class OwnError(Exception):
 
 @pytest.mark.parametrize("failing", range(COMM.size))
 def test_all_ranks_raise_what_one_raises(failing):
-    with pytest.raises(MeshError, match="of one rank"), raising_together(COMM):
+    with pytest.raises(MeshError, match="of one rank"), shared_errors(COMM):
         if COMM.rank == failing:
             raise MeshError("of one rank")
 
@@ -61,7 +61,7 @@ def test_an_error_that_cannot_be_sent_is_told():
 
 
 def test_without_an_error_nothing_is_raised():
-    with raising_together(COMM):
+    with shared_errors(COMM):
         pass
 
 

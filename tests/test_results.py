@@ -10,7 +10,7 @@ from synthetic import make_fields, make_results
 
 from tactile_fem.errors import StudyError
 from tactile_fem.output.figures import draw_plots
-from tactile_fem.runtime.files import replacing
+from tactile_fem.runtime.files import atomic_write
 from tactile_fem.scan import results as results_module
 from tactile_fem.scan.fields import FieldWriter, read_series
 from tactile_fem.scan.results import Results
@@ -212,7 +212,7 @@ def test_open_wants_a_scan(tmp_path):
 def test_a_write_that_fails_leaves_the_old_file(tmp_path):
     path = tmp_path / "run.json"
     path.write_text("old")
-    with pytest.raises(RuntimeError), replacing(path) as part:
+    with pytest.raises(RuntimeError), atomic_write(path) as part:
         part.write_text("half")
         raise RuntimeError
     assert path.read_text() == "old"

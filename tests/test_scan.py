@@ -426,3 +426,35 @@ def test_an_own_path_through_the_bone_is_the_parts_fault(study):
         StudyError, match=r"parts\.path \(piece 1\) goes 9 mm deep but must be less"
     ):
         scan(study, parts=Parts(path=Path((press(9.0, 20.0),))))
+
+
+class Bent:
+    """A body whose normal is no vector."""
+
+    def distance(self, points):
+        found = Floor().distance(points)
+        return replace(found, normal=found.normal[:, :2])
+
+
+@pytest.mark.parametrize(
+    ("parts", "sentence"),
+    [
+        (Parts(laws={"fat": None}), '"fat" is no tissue; allowed: stratum_corneum, epidermis'),
+        (Parts(body=Bent()), r"parts.body: .* must give .* but gives .*4900, 2"),
+        (Parts(body=Floor(np.nan)), "parts.body: its distance, .* is not finite"),
+        (Parts(body=Floor(0.5)), "starts 0.5 mm inside the finger"),
+        (Parts(path=Path(())), "parts.path: it has no pieces but needs one or more"),
+        (
+            Parts(populations=(Population(feels=Drive("Sum", "kPa", lambda h: h["sed"])),)),
+            "Sum: the histories have no sed",
+        ),
+        (
+            Parts(populations=(Population(feels=Drive("Log", "1", lambda h: h["time_s"])),)),
+            "Log has shape",
+        ),
+    ],
+)
+def test_bad_parts_are_found_before_any_long_work(study, parts, sentence, monkeypatch):
+    monkeypatch.setattr("tactile_fem.scan.setup.create_domain", None)
+    with pytest.raises(StudyError, match=sentence):
+        scan(study, parts=parts)

@@ -140,7 +140,7 @@ def test_a_force_that_is_not_reached_stops_where_the_press_ends():
     where = r"the press stopped at a depth of 0\.5000 mm"
     with pytest.raises(ConvergenceError, match=where) as error:
         steps_of(Path((press(0.5, 10.0, until_N=0.4),)))
-    assert "the wanted force is not reached" in str(error.value)
+    assert "the force is not reached" in str(error.value)
     assert error.value.stimulator_mm == (0.0, 0.0, 0.5)
 
 

@@ -32,7 +32,7 @@ from typing import Literal
 import numpy as np
 
 from tactile_fem.cli.entry import run
-from tactile_fem.runtime.files import replacing
+from tactile_fem.runtime.files import atomic_write
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import scan
 from tactile_fem.scan.progress import progress
@@ -106,7 +106,7 @@ def press(stimulus: Grating | Cylinder, preset: str, depth: float, speed: float,
 def keep(path: Path, time_s: np.ndarray, y_mm: np.ndarray, sed_kPa: np.ndarray) -> None:
     """Write a row per step and a column per receptor, from proximal to distal."""
     order = np.argsort(y_mm)
-    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+    with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(["time_s", *(f"{y:g}" for y in y_mm[order])])
         for time, row in zip(time_s, sed_kPa[:, order], strict=True):

@@ -25,7 +25,7 @@ from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime import doctor as diagnosis
 from tactile_fem.runtime import logs, ranks
 from tactile_fem.runtime.files import write_text
-from tactile_fem.runtime.signals import answering, stop_at_once
+from tactile_fem.runtime.signals import raise_stopped, signal_handler
 from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Study
@@ -120,7 +120,7 @@ def _run(start: Callable[..., object], folder: Path) -> None:
     rank = MPI.COMM_WORLD.rank
     console = logs.stderr_console()
     logs.set_up(rank, console=console)
-    with answering(stop_at_once), progress(rank, console=console) as show:
+    with signal_handler(raise_stopped), progress(rank, console=console) as show:
         start(observers=[show])
     if rank == 0:
         found = Results.open(folder)

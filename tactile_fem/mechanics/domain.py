@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMesh, held_parts
-from tactile_fem.runtime.parallel import on_root, raising_together
+from tactile_fem.runtime.parallel import on_root, shared_errors
 
 logger = logging.getLogger(__name__)
 
@@ -205,7 +205,7 @@ class NodeOrder:
     def __init__(self, domain: Domain, space: fem.FunctionSpace) -> None:
         points = space.tabulate_dof_coordinates()[:, : domain.nodes.shape[1]]
         distance, self._file = cKDTree(domain.nodes).query(points)
-        with raising_together(domain.comm):
+        with shared_errors(domain.comm):
             if len(distance) and distance.max() > 1e-6:
                 raise MeshError("mesh: a P2 node is not a node of the file; quadratic cells needed")
         self._owned = space.dofmap.index_map.size_local

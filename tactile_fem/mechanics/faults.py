@@ -16,7 +16,7 @@ from tactile_fem.errors import TactileError
 
 
 @contextmanager
-def preparing() -> Iterator[None]:
+def compilation_errors() -> Iterator[None]:
     """Turn errors in the compilation of forms into a TactileError.
 
     Raises
@@ -27,16 +27,16 @@ def preparing() -> Iterator[None]:
     try:
         yield
     except (OSError, ImportError, VerificationError) as error:
-        _drop_half_made(error)
+        _free_incomplete(error)
         raise TactileError(_of_compilation(error)) from error
     except RuntimeError as error:  # raised by DOLFINx on several ranks
         if "JIT" not in str(error):
             raise
-        _drop_half_made(error)
+        _free_incomplete(error)
         raise TactileError(_of_compilation(error)) from error
 
 
-def _drop_half_made(error: Exception) -> None:
+def _free_incomplete(error: Exception) -> None:
     """Free incomplete solvers silently: DOLFINx raises errors when they are destroyed."""
     hook, sys.unraisablehook = sys.unraisablehook, lambda unraisable: None
     traceback.clear_frames(error.__traceback__)

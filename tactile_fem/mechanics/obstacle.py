@@ -22,7 +22,7 @@ from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.state import State
-from tactile_fem.runtime.parallel import raising_together
+from tactile_fem.runtime.parallel import shared_errors
 from tactile_fem.stimulus.body import RigidBody
 
 
@@ -103,7 +103,7 @@ class Obstacle:
 
     def refresh(self) -> None:
         """Expand the signed distance anew at the current displacement; all ranks must call."""
-        with raising_together(self.comm):  # a user's own body may fail on one of them
+        with shared_errors(self.comm):  # a user's own body may fail on one of them
             self._refresh()
 
     def _refresh(self) -> None:

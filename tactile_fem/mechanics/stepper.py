@@ -114,7 +114,7 @@ class Stepper:
         Raises
         ------
         ConvergenceError
-            If a step fails at the smallest size, or a wanted force is not reached.
+            If a step fails at the smallest size, or a force is not reached.
         """
         started = time.perf_counter()
         while True:
@@ -171,8 +171,8 @@ class Stepper:
     def _control(self, motion: Motion) -> StepControl:
         """Return the control of the steps of a motion.
 
-        Where skin snaps, viscosity holds it within brief steps: a slow motion may step as briefly
-        as a fast one.
+        Where skin snaps, only viscosity over a short time step holds it. The smallest step of a
+        slow motion is therefore as short in time as that of a fast one.
         """
         s = self._solver
         first = motion.time_within(0.0, s.first_slide_step_mm, s.first_step_mm)
@@ -182,7 +182,7 @@ class Stepper:
         return StepControl(motion.duration_s, first, smallest, tuple(motion.outputs_s))
 
     def _slid_mm(self) -> float:
-        """Return how far across the finger the piece has come."""
+        """Return the length of the piece across the finger so far."""
         return self._motion.slid_mm(self._progress.control.time_s)
 
     def _check_force_reached(self) -> None:
@@ -190,7 +190,7 @@ class Stepper:
         if self._motion.until_N is None:
             return
         if self._short_of(self._motion.until_N):
-            raise self._failure("the wanted force is not reached at the deepest press")
+            raise self._failure("the force is not reached at the deepest position")
         logger.info(
             "%.4f N are reached at a depth of %.4f mm",
             self._state.force_old_N[2],

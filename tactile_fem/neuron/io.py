@@ -10,7 +10,7 @@ import numpy as np
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.response import Response
-from tactile_fem.runtime.files import replacing, write_text
+from tactile_fem.runtime.files import atomic_write, write_text
 
 if TYPE_CHECKING:
     import neo
@@ -31,7 +31,7 @@ def save(response: Response, path: Path | str) -> None:
     match path.suffix:
         case ".npz":
             covered = np.array([response.start_s, response.end_s])
-            with replacing(path) as part, part.open("wb") as stream:
+            with atomic_write(path) as part, part.open("wb") as stream:
                 count = len(response.spikes)
                 arrays = {"receptor": receptor, "time_s": time, "covered_s": covered}
                 np.savez_compressed(stream, receptors=count, **arrays)

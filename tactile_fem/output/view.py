@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 
 from tactile_fem.output import drawing
 from tactile_fem.output.film import Film, State, deformed
-from tactile_fem.runtime.files import replacing, write_text
+from tactile_fem.runtime.files import atomic_write, write_text
 
 logger = logging.getLogger(__name__)
 
@@ -176,7 +176,7 @@ def save_gif(film: Film, path: Path) -> None:
     first = next(images)
     palette = _palette(first)
     few = [_indexed(image, palette) for image in chain([first], images)]
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         few[0].save(
             part,
             format="GIF",
@@ -191,7 +191,7 @@ def save_mp4(film: Film, path: Path) -> None:
     """Write an animation, 20 frames a second."""
     import imageio_ffmpeg
 
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         stream = imageio_ffmpeg.write_frames(
             str(part),
             _IN_FILM,

@@ -23,7 +23,7 @@ PART_SUFFIX = ".part"
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """Provide a temporary path, which replaces `path` when the block ends without an error.
 
     Readers see either the old file or the new one, even if the writer is killed.
@@ -49,13 +49,13 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file atomically."""
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")
 
 
 def write_figure(path: Path, figure: Figure, dpi: float | None = None) -> None:
     """Write a figure as a PNG, with matplotlib's dots per inch if none are given."""
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         figure.savefig(part, format="png", dpi=dpi)
 
 
@@ -66,7 +66,7 @@ def write_table(path: Path, rows: Sequence[Any]) -> None:
 
 def write_records(path: Path, records: Sequence[Mapping[str, Any]]) -> None:
     """Write dictionaries with the same keys, at least one, as a CSV file with a heading."""
-    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+    with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, records[0])
         writer.writeheader()
         writer.writerows(records)

@@ -49,7 +49,7 @@ def on_root[T](comm: MPI.Comm, action: Callable[[], T], *, share: bool = True) -
 
 
 @contextmanager
-def raising_together(comm: MPI.Comm) -> Iterator[None]:
+def shared_errors(comm: MPI.Comm) -> Iterator[None]:
     """Raise an error of any rank on all ranks, which must all enter; they must not communicate."""
     error: Exception | None = None
     try:
@@ -69,7 +69,7 @@ def _sendable(error: Exception | None) -> Exception | None:
 
 
 @contextmanager
-def ending_together(comm: MPI.Comm) -> Iterator[None]:
+def abort_if_one_fails(comm: MPI.Comm) -> Iterator[None]:
     """Raise an error if all ranks have one; end all ranks if only some of them do.
 
     Otherwise the other ranks would wait for ever. The ranks synchronize on a communicator of

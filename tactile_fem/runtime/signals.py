@@ -17,7 +17,7 @@ _SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 @contextmanager
-def answering(answer: Callable[[int], None]) -> Iterator[None]:
+def signal_handler(answer: Callable[[int], None]) -> Iterator[None]:
     """Call `answer` with the number of a received SIGTERM or SIGINT; main thread only."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -32,8 +32,8 @@ def answering(answer: Callable[[int], None]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def stop_at_once(number: int) -> None:
-    """Raise StoppedError; for `answering` while there is nothing to save."""
+def raise_stopped(number: int) -> None:
+    """Raise StoppedError; for `signal_handler` while there is nothing to save."""
     raise StoppedError(number)
 
 
@@ -44,8 +44,8 @@ class StopRequest:
         self._comm = comm
         self._number = 0
 
-    def note(self, number: int) -> None:
-        """Store a signal; for `answering`."""
+    def request(self, number: int) -> None:
+        """Store a signal; for `signal_handler`."""
         self._number = number
 
     def check(self, *args: Any) -> None:

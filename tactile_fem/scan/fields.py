@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import VTK_ORDER
-from tactile_fem.runtime.files import replacing, write_text
+from tactile_fem.runtime.files import atomic_write, write_text
 
 SERIES = "deformation.pvd"
 
@@ -61,7 +61,7 @@ class FieldWriter:
             },
         )
         self.folder.mkdir(exist_ok=True)
-        with replacing(path) as part:
+        with atomic_write(path) as part:
             meshio.write(part, mesh, file_format="vtu")
         self._series.append((float(time_s), path.name))
         self._write_series()
@@ -72,7 +72,7 @@ class FieldWriter:
         """Number of states in the series."""
         return len(self._series)
 
-    def go_on(self, count: int) -> None:
+    def continue_from(self, count: int) -> None:
         """Continue the series in the folder after its first `count` states."""
         times, files = read_series(self.folder)
         pairs = zip(times[:count], files[:count], strict=True)

@@ -22,6 +22,14 @@ _DEFORMATIONS = (
     np.array([[1.02, 0.05, 0.0], [0.0, 0.97, 0.01], [0.0, 0.0, 1.01]]),
     np.array([[0.95, 0.0, 0.02], [0.03, 1.04, 0.0], [0.0, -0.04, 1.02]]),
 )
+# What a receptor may feel in a tenth of a second.
+_HISTORIES = {
+    "time_s": np.array([0.0, 0.05, 0.1]),
+    "sed_kPa": np.array([[0.0], [1.0], [0.5]]),
+    "von_mises_kPa": np.array([[0.0], [10.0], [5.0]]),
+    "stretches": np.array([[[1.0, 1.0, 1.0]], [[0.9, 1.0, 1.1]], [[0.95, 1.0, 1.05]]]),
+    "stresses_kPa": np.array([[[0.0, 0.0, 0.0]], [[-10.0, -5.0, 1.0]], [[-5.0, -2.0, 0.0]]]),
+}
 _POINTS = np.stack(
     np.meshgrid(np.linspace(-6, 6, 25), np.linspace(-12, 12, 49), np.linspace(-0.5, 2.5, 4)), -1
 ).reshape(-1, 3)
@@ -70,7 +78,7 @@ class Parts:
 
 
 def check_parts(parts: Parts) -> None:
-    """Raise StudyError where an own part is no such part."""
+    """Try own parts before any long work; raise StudyError where one does not do its part."""
     for tissue, law in parts.laws.items():
         if tissue not in TISSUES:
             raise StudyError(f'parts.laws: "{tissue}" is no tissue; allowed: {", ".join(TISSUES)}.')
@@ -92,6 +100,8 @@ def check_parts(parts: Parts) -> None:
         if not parts.path.pieces:
             raise StudyError("parts.path: it has no pieces but needs one or more.")
         parts.path.check()
+    for population in parts.populations:
+        population.fire(_HISTORIES)
 
 
 def _energy(law: Law, F: np.ndarray) -> float:

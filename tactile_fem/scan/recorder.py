@@ -139,7 +139,7 @@ class Recorder:
         self._next_field_mm = float(saved["next_field_mm"])
         self._spend(json.loads(str(saved["spent"])))
         if self._fields is not None:
-            self._fields.go_on(int(saved["fields"]))
+            self._fields.continue_from(int(saved["fields"]))
         self._save_run("running")
         return trace
 
@@ -148,8 +148,8 @@ class Recorder:
         saved, file = self._results.load_checkpoint(), self._results.checkpoint_file
         if int(saved.get("format", 0)) != _FORMAT:
             raise StudyError(
-                f"{file} is from {saved.get('version', 'an older version')}, this is tactile_fem "
-                f"{__version__}, which cannot go on from it: run the study again in another folder."
+                f"{file} is from {saved.get('version', 'an older version')}. This is tactile_fem "
+                f"{__version__} and cannot continue it: run the study again in another folder."
             )
         then, now = json.loads(str(saved["study"])), json.loads(self._fixed)
         changed = [name for name in {**then, **now} if now.get(name) != then.get(name)]

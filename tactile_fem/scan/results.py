@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.files import replacing, write_text
+from tactile_fem.runtime.files import atomic_write, write_text
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
@@ -235,7 +235,7 @@ class Results:
         time, displacement = self.trace["time_s"], self.trace["displacement_mm"]
         population = self.trace["population"].tolist()
         with (
-            replacing(self.folder / "spikes.csv") as part,
+            atomic_write(self.folder / "spikes.csv") as part,
             part.open("w", newline="", encoding="utf-8") as stream,
         ):
             writer = csv.writer(stream, lineterminator="\n")
@@ -250,7 +250,7 @@ class Results:
     def _save_npz(self, name: str, arrays: dict[str, NDArray[Any]]) -> None:
         if any(array.dtype.hasobject for array in arrays.values()):
             raise ValueError(f"{name} takes arrays of numbers and text only")
-        with replacing(self.folder / name) as part, part.open("wb") as stream:
+        with atomic_write(self.folder / name) as part, part.open("wb") as stream:
             np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
 
     # --- reading --------------------------------------------------------------------------

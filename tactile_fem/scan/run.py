@@ -25,8 +25,8 @@ from tactile_fem.neuron import Population, Response, fire_all
 from tactile_fem.receptors.probe import ReceptorState
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import log_to
-from tactile_fem.runtime.parallel import ending_together, on_root
-from tactile_fem.runtime.signals import StopRequest, answering
+from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
+from tactile_fem.runtime.signals import StopRequest, signal_handler
 from tactile_fem.scan.estimate import announce
 from tactile_fem.scan.parts import Parts
 from tactile_fem.scan.recorder import Recorder
@@ -124,7 +124,7 @@ def scan(
         A file cannot be written; likewise.
     """
     comm = comm or MPI.COMM_WORLD
-    with ending_together(comm), ExitStack() as held:
+    with abort_if_one_fails(comm), ExitStack() as held:
         setup = Setup.of(study, parts, comm)
         if folder is None:
             return _run(setup, None, comm, observers, proceed=False)
@@ -135,7 +135,7 @@ def scan(
                 Results.check(place, overwrite=overwrite)
             held.enter_context(locked(place))
             if not overwrite and Results.unfinished(place, study):
-                logger.info("going on with the scan in %s", place)
+                logger.info("continuing the scan in %s", place)
                 return True
             Results.create(place, overwrite=overwrite).save_study(study)
             return False
@@ -161,7 +161,7 @@ def resume(
         There is no scan, another run is at it, or what it left does not belong together.
     """
     comm = comm or MPI.COMM_WORLD
-    with ending_together(comm), ExitStack() as held:
+    with abort_if_one_fails(comm), ExitStack() as held:
         results = on_root(comm, lambda: Results.open(folder))
         study = on_root(comm, lambda: results.study)
         setup = Setup.of(study, parts, comm)
@@ -232,7 +232,7 @@ def _run_steps(
     comm = problem.domain.comm
     observers = tuple(observers)
     try:
-        with ending_together(comm), _stopping(problem, comm) as stop:
+        with abort_if_one_fails(comm), _stopping(problem, comm) as stop:
             for step in instruments.stepper:
                 seen = Observation(step, instruments.probe.read(), problem.state)
                 _check_sound(step, seen.receptors, trace.receptors_mm)
@@ -301,7 +301,7 @@ def _stopping(problem: FingerProblem, comm: MPI.Comm) -> Iterator[StopRequest]:
     stop = StopRequest(comm)
     problem.snes.setMonitor(stop.check)
     try:
-        with answering(stop.note):
+        with signal_handler(stop.request):
             yield stop
     except PETSc.Error as error:
         if error.__cause__:  # a monitor's or an assembly's own

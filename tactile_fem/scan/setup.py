@@ -13,7 +13,7 @@ from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.finger.report import check_mesh, pad_thickness_mm
 from tactile_fem.mechanics.compile import clean_cache
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.faults import preparing
+from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.mechanics.petsc_options import check_options
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Stepper
@@ -74,7 +74,7 @@ class Setup:
         """Compile and distribute the mechanics and the probe."""
         study = self.study
         on_root(comm, lambda: clean_cache(jit.get_options()["cache_dir"]))
-        with preparing():
+        with compilation_errors():
             domain = create_domain(self.finger, comm, study.solver.held)
             problem = FingerProblem(
                 domain,

@@ -18,7 +18,7 @@ import numpy as np
 from tactile_fem.errors import StoppedError, StudyError
 from tactile_fem.output.extrema import central_receptor
 from tactile_fem.runtime.files import write_records, write_text
-from tactile_fem.runtime.signals import answering
+from tactile_fem.runtime.signals import signal_handler
 from tactile_fem.scan.checks import check_study
 from tactile_fem.scan.results import Results
 from tactile_fem.series.members import Member
@@ -106,7 +106,7 @@ def run_series(
     begun, done = time.perf_counter(), 0
     waiting, signals = list(left), list[int]()
     running: list[_Scan] = []
-    with answering(signals.append):
+    with signal_handler(signals.append):
         try:
             while waiting or running:
                 while waiting and len(running) < jobs:

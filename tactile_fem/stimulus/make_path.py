@@ -30,7 +30,7 @@ def make_path(protocol: Protocol, deepest_mm: float) -> Path:
     Raises
     ------
     StudyError
-        A file cannot be read, or nobody can go along the path.
+        A file cannot be read, or the path is not valid.
     """
     pieces = tuple(_piece(piece, deepest_mm) for piece in protocol.pieces)
     first = protocol.pieces[0]

@@ -1,7 +1,7 @@
-"""How the body moves: where it is at each time, in pieces with a name.
+"""The path of the body: its position at each time, in named pieces.
 
-A piece is a function of the place where it begins, because a press to a force ends where the
-force is reached. One of your own is as short as ``lambda start_mm: Motion(...)``.
+A piece is a function of the position at which it begins, because a press to a force ends where the
+force is reached. An own piece is as short as ``lambda start_mm: Motion(...)``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array
 
-# A motion whose course is not known otherwise is measured at so many moments.
+# Number of times at which a motion without knots is sampled.
 _SAMPLES = 2001
 _MOST_OUTPUTS = 100_000
 _JOINT_MM = 1e-6
@@ -26,7 +26,7 @@ _LONGEST_S = 100_000.0
 
 @dataclass(frozen=True)
 class Motion:
-    """Where the body is during one piece of a path.
+    """The position of the body during one piece of a path.
 
     Parameters
     ----------
@@ -35,16 +35,16 @@ class Motion:
     duration_s
         How long it takes.
     place
-        Place of the body in mm, (3,), at a time in s since the piece began. Places count from
-        where the body touches the undeformed pad's apex; Z goes into the finger.
+        Position of the body in mm, (3,), at a time in s since the piece began. At the origin the
+        body touches the apex of the undeformed pad; Z points into the finger.
     outputs_s
-        Increasing times at which output is wanted, since the piece began; its end is one as well.
+        Increasing output times since the piece began; its end is always one.
     knots_s
-        Times between which the body moves at constant velocity; default: 2001 even ones.
+        Times between which the velocity is constant; default: 2001 evenly spaced ones.
     until_N
         Normal force that ends the piece.
     held_N
-        Normal force that the body holds, moving in Z as that needs; Z of `place` has no effect.
+        Normal force that is held by moving the body in Z; Z of `place` has no effect.
     """
 
     phase: str
@@ -63,7 +63,7 @@ class Motion:
 
     @cached_property
     def places_mm(self) -> Array:
-        """Places between which the body moves straight, (knots, 3)."""
+        """Positions at the knots, between which the body moves straight, (knots, 3)."""
         places = np.array([self.place(float(t)) for t in self._times_s])
         if places.shape != (len(self._times_s), 3) or not np.isfinite(places).all():
             raise StudyError(
@@ -122,7 +122,7 @@ class Motion:
         return self.held_N is None and self.slid_mm(self.duration_s) == 0 and bool(goes_in)
 
 
-# Where it begins (3,), in mm, to what it does from there.
+# From the position (3,), in mm, at which a piece begins to its motion.
 Piece = Callable[[Array], Motion]
 
 
@@ -130,8 +130,8 @@ Piece = Callable[[Array], Motion]
 class Path:
     """Pieces of motion in order.
 
-    Time 0 is the end of the indentation, the pieces at the beginning that press the body straight
-    in; without them it is the start.
+    The first pieces that press the body straight in are the indentation. Time 0 is its end, or the
+    start of a path without one.
 
     Parameters
     ----------
@@ -145,9 +145,9 @@ class Path:
     start_mm: Array = field(default_factory=lambda: np.zeros(3))
 
     def plan(self) -> Iterator[tuple[Array, Motion]]:
-        """Yield where each piece begins and its motion, as far as is known before the scan.
+        """Yield the start of each piece and its motion, as far as they are known before the scan.
 
-        A press to a force is taken to go as deep as it may.
+        A press to a force is assumed to reach its deepest position.
         """
         place = np.asarray(self.start_mm, dtype=float)
         for piece in self.pieces:
@@ -156,11 +156,11 @@ class Path:
             place = motion.place(motion.duration_s)
 
     def places_mm(self) -> Array:
-        """Return places all along the plan, (n, 3)."""
+        """Return positions along the whole plan, (n, 3)."""
         return np.concatenate([motion.places_mm for _, motion in self.plan()])
 
     def check(self) -> None:
-        """Raise StudyError unless the path can be gone along."""
+        """Raise StudyError if the path is not valid."""
         lasts_s = 0.0
         for number, (start, motion) in enumerate(self.plan(), 1):
             name = f"protocol: piece {number} of its path ({motion.phase})"
