@@ -27,7 +27,7 @@ _NEWTON_S = 0.26  # one iteration at the reference on one core
 _DIRECT_NEWTON_S = 1.6
 _NEWTON_PER_STEP = 6.9
 _FIRST_STEPS = 3  # shorter ones, of each piece of the path
-_SOLVES_AT_FORCE = 1.6  # cost of a step at a held force, relative to one at a held depth
+_SOLVES_AT_FORCE = 1.8  # cost of a step at a held force, relative to one at a held depth
 
 
 @dataclass(frozen=True)
