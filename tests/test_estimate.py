@@ -68,7 +68,7 @@ def test_half_the_slide_spares_its_steps():
 def test_a_held_force_takes_more_solves():
     to_force, held = (Study(protocol=Protocol(force_N=0.5, hold=h)) for h in ("depth", "force"))
     ratio = of(held, COARSE, 1).wall_s / of(to_force, COARSE, 1).wall_s
-    assert 1.2 < ratio < 1.5
+    assert 1.4 < ratio < 1.8
 
 
 def test_direct_factors_cost_memory_and_time_as_measured():
