@@ -14,7 +14,6 @@ from petsc4py import PETSc
 from dolfinx import common
 
 from tactile_fem import __version__
-from tactile_fem.errors import StudyError
 from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.report import measured_layers_mm, pad_thickness_mm
 from tactile_fem.mechanics.compile import compiled_by
@@ -23,21 +22,13 @@ from tactile_fem.neuron import Response
 from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.parallel import on_root
+from tactile_fem.scan.checkpoint import Origin
 from tactile_fem.scan.fields import FieldWriter
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.setup import Instruments, Setup
 from tactile_fem.scan.trace import Array, Trace
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 
-# Counts up when what a checkpoint holds changes its names or meaning.
-_FORMAT = 5
-# What of a study may change between two runs: it acts after the mechanics, or is seen by the hash.
-_FREE: dict[str, Any] = {
-    "neuron": True,
-    "afferents": {"__all__": {"neuron", "feels"}},
-    "output": True,
-    "finger": {"mesh_file"},
-}
 _TIMERS = (
     "solve",
     "jacobian",
@@ -68,8 +59,7 @@ class Recorder:
         finger = setup.finger
         self._comm = problem.domain.comm
         self._energy = CellEnergy(problem)
-        self._fixed = self._study.model_dump_json(exclude=_FREE)
-        self._own_parts = on_root(self._comm, setup.parts.identity)
+        self._origin = on_root(self._comm, lambda: Origin.of(setup))
         self._started = time.perf_counter()
         self._timers_before = _timers()
         self._memory_MB = 0.0
@@ -101,11 +91,7 @@ class Recorder:
                 self._fields.write(float(trace.time_s[-1]), state["u"], sed)
             self._results.save_trace(**trace.arrays())
             self._results.save_checkpoint(
-                format=_FORMAT,
-                version=__version__,
-                study=self._fixed,
-                mesh=self._mesh["hash"],
-                own_parts=json.dumps(self._own_parts),
+                **self._origin.stamp(),
                 rows=len(trace),
                 fields=self._fields.count if self._fields else 0,
                 next_field_mm=self._next_field_mm,
@@ -124,15 +110,14 @@ class Recorder:
         self._next_field_mm = step.displacement_mm + self._study.output.fields_mm
         return True
 
-    def restore(self) -> Trace:
-        """Set the state to the checkpoint; return the trace up to it.
+    def restore(self, saved: dict[str, Array]) -> Trace:
+        """Set the state to a checkpoint; return the trace up to it.
 
         Raises
         ------
         StudyError
-            The checkpoint belongs to another version, study, mesh or own parts.
+            The trace is shorter than the checkpoint says.
         """
-        saved = on_root(self._comm, self._load)
         arrays = on_root(self._comm, lambda: self._results.trace)
         trace = Trace.from_arrays(arrays, int(saved["rows"]))
         self._stepper.restore(saved)
@@ -142,36 +127,6 @@ class Recorder:
             self._fields.continue_from(int(saved["fields"]))
         self._save_run("running")
         return trace
-
-    def _load(self) -> dict[str, Array]:
-        """Return the checkpoint if it is this version's, this study's and this mesh's."""
-        saved, file = self._results.load_checkpoint(), self._results.checkpoint_file
-        if int(saved.get("format", 0)) != _FORMAT:
-            raise StudyError(
-                f"{file} is from {saved.get('version', 'an older version')}. This is tactile_fem "
-                f"{__version__} and cannot continue it: run the study again in another folder."
-            )
-        then, now = json.loads(str(saved["study"])), json.loads(self._fixed)
-        changed = [name for name in {**then, **now} if now.get(name) != then.get(name)]
-        if changed:
-            raise StudyError(
-                f"study.toml has changed since {file} was written ({', '.join(changed)}): only "
-                "neuron, afferents' feels and output may; run the changed study in another folder."
-            )
-        if str(saved["mesh"]) != self._mesh["hash"]:
-            raise StudyError(
-                f"{file} belongs to another mesh than the study's: bring that mesh back, or run "
-                "the study again in another folder."
-            )
-        own = json.loads(str(saved["own_parts"]))
-        for name in dict.fromkeys([*own, *self._own_parts]):
-            then, now = (parts.get(name, "the study's") for parts in (own, self._own_parts))
-            if then != now:
-                raise StudyError(
-                    f"{file} was written with a {name} that was {then}, now it is {now}: give the "
-                    "same parts to resume, or run the scan again in another folder."
-                )
-        return saved
 
     def spikes(self, response: Response) -> None:
         """Save the spikes."""
@@ -215,7 +170,7 @@ class Recorder:
             "ranks": self._comm.size,
             "compiler": {"flags": self._study.solver.compiler_flags, **self._compiled_by},
             "petsc_options": self._problem.options,
-            "own_parts": self._own_parts,
+            "own_parts": self._origin.own_parts,
             **self._spent(),
         }
         on_root(self._comm, lambda: self._results.save_run(run))

@@ -27,6 +27,7 @@ from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import log_to
 from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
 from tactile_fem.runtime.signals import StopRequest, signal_handler
+from tactile_fem.scan.checkpoint import Origin
 from tactile_fem.scan.estimate import announce
 from tactile_fem.scan.parts import Parts
 from tactile_fem.scan.recorder import Recorder
@@ -198,14 +199,15 @@ def _run(
     *,
     proceed: bool,
 ) -> ScanResult:
-    if results and proceed:
-        proceed = on_root(comm, lambda: _has_checkpoint(results))
+    saved = None
+    if results and proceed and on_root(comm, lambda: _has_checkpoint(results)):
+        saved = on_root(comm, lambda: Origin.of(setup).read(results))
     with log_to(results.log_file, comm.rank) if results else nullcontext():
         instruments = setup.instruments(comm)
         with closing(instruments.problem):
             recorder = Recorder(results, setup, instruments) if results else None
-            if recorder and proceed:
-                trace = recorder.restore()
+            if recorder and saved:
+                trace = recorder.restore(saved)
             else:
                 trace = _begin(setup, instruments.problem, recorder)
             response = _run_steps(instruments, trace, recorder, observers, setup.populations)
