@@ -53,9 +53,9 @@ def sides(V):
     return [roller(V, 0, lambda x: np.isclose(x[0], 0) | np.isclose(x[0], WIDTH))]
 
 
-@pytest.fixture(scope="module")
-def problem():
-    solver = Solver(held=("cut",), linear="direct")
+@pytest.fixture(scope="module", params=["direct", "multigrid"])
+def problem(request):
+    solver = Solver(held=("cut",), linear=request.param, petsc={"snes_atol": 1e-11})
     return FingerProblem(section(), ELASTIC, Floor(), 0.3, solver, sides)
 
 

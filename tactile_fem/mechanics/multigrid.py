@@ -8,6 +8,8 @@ below it.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -67,7 +69,7 @@ class TwoLevel:
         pc.setMGLevels(2)
         pc.setMGInterpolation(1, interpolation)
         self._interpolation = interpolation
-        self._smoother = LineJacobi(lines, interpolation.createVecLeft())
+        self._smoother = LineJacobi(lines, interpolation.createVecLeft(), size)
         smoother = pc.getMGSmoother(1).getPC()
         smoother.setType("python")
         smoother.setPythonContext(self._smoother)
@@ -108,17 +110,19 @@ class LineJacobi:
         This rank's lines: global block indices, one array (lines, length) for each length.
     like
         A vector with the layout of the matrix's rows.
+    size
+        Rows of a block.
     """
 
-    def __init__(self, lines: list[np.ndarray], like: PETSc.Vec) -> None:
+    def __init__(self, lines: list[np.ndarray], like: PETSc.Vec, size: int) -> None:
         blocks = np.concatenate([nodes.ravel() for nodes in lines]).astype(np.int32)
-        self._rows = PETSc.IS().createBlock(3, blocks, comm=like.comm)
-        self._values = PETSc.Vec().createSeq(3 * len(blocks))
+        self._rows = PETSc.IS().createBlock(size, blocks, comm=like.comm)
+        self._values = PETSc.Vec().createSeq(size * len(blocks))
         self._result = self._values.duplicate()
         self._scatter = PETSc.Scatter().create(like, self._rows, self._values, None)
-        ends = np.cumsum([3 * nodes.size for nodes in lines])
-        self._spans = [(end - 3 * nodes.size, end) for end, nodes in zip(ends, lines, strict=True)]
-        self._sizes = [3 * nodes.shape[1] for nodes in lines]
+        ends = np.cumsum([0, *(size * nodes.size for nodes in lines)]).tolist()
+        self._spans = list(pairwise(ends))
+        self._sizes = [size * nodes.shape[1] for nodes in lines]
         self._parts: list[PETSc.Mat] | None = None
         self._positions: list[np.ndarray] = []
         self._inverses: list[np.ndarray] = []
