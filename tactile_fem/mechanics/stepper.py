@@ -217,13 +217,12 @@ class Stepper:
         self._predict(dt)
         place = motion.place(target)
         if motion.held_N is None:
-            report = self.problem.solve(place, dt)
+            report, load = self._solve(place, dt)
         else:
-            report = self._solve_at_force(place, dt, motion.held_N)
-        if not report.converged:
+            report, load = self._solve_at_force(place, dt, motion.held_N)
+        if load is None:
             self._cut(target, report)
             return None
-        load = self.problem.load()
         _check_balance(load)
         if motion.until_N is not None and not self._fits_force(target, load, motion.until_N):
             self._discarded.append(report)
@@ -233,6 +232,11 @@ class Stepper:
         control.accept(target, report.iterations)
         self._end_at_force()
         return self._step(load, report, dt, started)
+
+    def _solve(self, place: np.ndarray, dt_s: float) -> tuple[SolveReport, Load | None]:
+        """Find the equilibrium; return how that ended and the load, None if there is none."""
+        report = self.problem.solve(place, dt_s)
+        return report, self.problem.load() if report.converged else None
 
     def _step(self, load: Load, report: SolveReport, dt_s: float, started: float) -> Step:
         """Return the step that was accepted."""
@@ -284,7 +288,9 @@ class Stepper:
 
     # --- forces --------------------------------------------------------------------------------
 
-    def _solve_at_force(self, place: np.ndarray, dt_s: float, force_N: float) -> SolveReport:
+    def _solve_at_force(
+        self, place: np.ndarray, dt_s: float, force_N: float
+    ) -> tuple[SolveReport, Load | None]:
         """Find the equilibrium at a normal force, with the body's X and Y as in `place`.
 
         Its height follows by the secant method. The first guess goes on as in the last step.
@@ -296,20 +302,20 @@ class Stepper:
         stiffness = self._progress.stiffness_N_mm or _FIRST_STIFFNESS_N_MM
         tried: list[tuple[float, float]] = []
         for _ in range(_MOST_FORCE_SOLVES):
-            report = self.problem.solve(np.array([place[0], place[1], z]), dt_s)
-            if not report.converged:
-                return report
-            force = float(self.problem.load().force_N[2])
+            report, load = self._solve(np.array([place[0], place[1], z]), dt_s)
+            if load is None:
+                return report, None
+            force = float(load.force_N[2])
             if tried and (force - tried[-1][1]) * (z - tried[-1][0]) > 0:
                 stiffness = (force - tried[-1][1]) / (z - tried[-1][0])
             if abs(force - force_N) <= _FORCE_TOLERANCE * force_N:
                 self._progress.stiffness_N_mm = stiffness
-                return report
+                return report, load
             tried.append((z, force))
             self._discarded.append(report)
             z += float(np.clip((force_N - force) / stiffness, -most, most))
         self._discarded.pop()
-        return replace(report, converged=False, reason="the held force is not met")
+        return replace(report, converged=False, reason="the held force is not met"), None
 
     def _note_stiffness(self, load: Load) -> None:
         """Note how the normal force grew with the depth in a step towards the finger."""
