@@ -48,18 +48,20 @@ class Recorder:
     ----------
     results
         Where to write.
-    setup, instruments
-        What is run, and the state to save.
+    setup, origin, instruments
+        What is run, what its checkpoints are made from, and the state to save.
     """
 
-    def __init__(self, results: Results, setup: Setup, instruments: Instruments) -> None:
+    def __init__(
+        self, results: Results, setup: Setup, origin: Origin, instruments: Instruments
+    ) -> None:
         self._results, self._setup, self._study = results, setup, setup.study
         self._stepper = instruments.stepper
         self._problem = problem = instruments.problem
         finger = setup.finger
         self._comm = problem.domain.comm
         self._energy = CellEnergy(problem)
-        self._origin = on_root(self._comm, lambda: Origin.of(setup))
+        self._origin = origin
         self._started = time.perf_counter()
         self._timers_before = _timers()
         self._memory_MB = 0.0

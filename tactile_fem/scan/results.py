@@ -223,6 +223,7 @@ class Results:
     def save_stimulator(self, grid: DistanceGrid) -> None:
         """Write ``stimulator.npz``."""
         self._save_npz("stimulator.npz", {k: np.asarray(v) for k, v in vars(grid).items()})
+        self.__dict__.pop("stimulator", None)
 
     def save_spikes(self, spikes: Sequence[ArrayLike]) -> None:
         """Write ``spikes.csv``.
@@ -320,7 +321,7 @@ class Results:
             raise StudyError(f"{self.folder} has no afferents {population}, only {names}.")
         return indices
 
-    @property
+    @cached_property
     def stimulator(self) -> DistanceGrid | None:
         """The shape of an own body; None where the study states the body."""
         if not (self.folder / "stimulator.npz").exists():

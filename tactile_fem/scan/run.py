@@ -199,13 +199,13 @@ def _run(
     *,
     proceed: bool,
 ) -> ScanResult:
-    saved = None
+    origin, saved = on_root(comm, lambda: Origin.of(setup)), None
     if results and proceed and on_root(comm, lambda: _has_checkpoint(results)):
-        saved = on_root(comm, lambda: Origin.of(setup).read(results))
+        saved = on_root(comm, lambda: origin.read(results))
     with log_to(results.log_file, comm.rank) if results else nullcontext():
         instruments = setup.instruments(comm)
         with closing(instruments.problem):
-            recorder = Recorder(results, setup, instruments) if results else None
+            recorder = Recorder(results, setup, origin, instruments) if results else None
             if recorder and saved:
                 trace = recorder.restore(saved)
             else:

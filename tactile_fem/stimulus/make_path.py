@@ -32,15 +32,18 @@ def make_path(protocol: Protocol, deepest_mm: float) -> Path:
     StudyError
         A file cannot be read, or the path is not valid.
     """
-    pieces = tuple(_piece(piece, deepest_mm) for piece in protocol.pieces)
+    places = {p.file: read_places(p.file) for p in protocol.pieces if isinstance(p, Follow)}
+    pieces = tuple(_piece(piece, deepest_mm, places) for piece in protocol.pieces)
     first = protocol.pieces[0]
-    start = read_places(first.file)[1][0] if isinstance(first, Follow) else np.zeros(3)
+    start = places[first.file][1][0] if isinstance(first, Follow) else np.zeros(3)
     path = Path(pieces, start)
     path.check()
     return path
 
 
-def _piece(piece: AnyPiece, deepest_mm: float) -> Piece:
+def _piece(
+    piece: AnyPiece, deepest_mm: float, places_of: dict[FilePath, tuple[Array, Array]]
+) -> Piece:
     match piece:
         case Press():
             depth = deepest_mm if piece.depth_mm is None else piece.depth_mm
@@ -53,7 +56,7 @@ def _piece(piece: AnyPiece, deepest_mm: float) -> Piece:
         case Lift():
             return lift(piece.depth_mm, piece.speed_mm_s)
         case Follow():
-            times, places = read_places(piece.file)
+            times, places = places_of[piece.file]
             return follow(times, places, piece.output_s or _FOLLOW_OUTPUT * np.ptp(times))
 
 
