@@ -20,6 +20,8 @@ from tactile_fem.tissue.energies import (
     tangent_shear_modulus,
 )
 
+NO_LAWS: Mapping[str, Law] = MappingProxyType({})
+
 
 def deformation_gradient(u: Expr) -> Expr:
     """Return ``F = I + grad u``, (3, 3); a section is in plane strain."""
@@ -57,7 +59,7 @@ class Elasticity:
         u: fem.Function,
         u_old: fem.Function,
         degree: int,
-        laws: Mapping[str, Law] = MappingProxyType({}),
+        laws: Mapping[str, Law] = NO_LAWS,
     ) -> None:
         self.domain, self.u, self.u_old = domain, u, u_old
         self._tissue, self._laws = tissue, laws

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
-from types import MappingProxyType
 
 from petsc4py import PETSc
 
@@ -23,7 +22,7 @@ from tactile_fem.mechanics import multigrid
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.contact import Contact, SkinPart
 from tactile_fem.mechanics.domain import Domain, NodeOrder
-from tactile_fem.mechanics.elasticity import Elasticity
+from tactile_fem.mechanics.elasticity import NO_LAWS, Elasticity
 from tactile_fem.mechanics.load import Load, LoadCell
 from tactile_fem.mechanics.newton import SolveReport, next_step_converges, weakly
 from tactile_fem.mechanics.obstacle import Obstacle
@@ -46,8 +45,6 @@ _LAST_SOLVE = 0.3
 
 # Problems on several ranks, until they are closed, in the order in which they were made.
 _OPEN: dict[FingerProblem, None] = {}
-
-_NO_LAWS: Mapping[str, Law] = MappingProxyType({})
 
 Constraints = Callable[[fem.FunctionSpace], Sequence[fem.DirichletBC]]
 
@@ -96,7 +93,7 @@ class FingerProblem:
         friction: float,
         solver: Solver,
         constraints: Constraints = lambda V: [],
-        laws: Mapping[str, Law] = _NO_LAWS,
+        laws: Mapping[str, Law] = NO_LAWS,
     ) -> None:
         msh = domain.mesh
         self.domain = domain
