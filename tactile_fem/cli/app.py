@@ -17,6 +17,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the c
 from cyclopts import App, Parameter, validators
 
 from tactile_fem import __version__
+from tactile_fem.cli import fit as cli_fit
 from tactile_fem.cli import series as cli_series
 from tactile_fem.cli import view as cli_view
 from tactile_fem.cli.entry import exit_code_of
@@ -46,6 +47,7 @@ app = App(name="tactile-fem", help=HELP, version=__version__, help_format="plain
 app.command(cli_series.sweep)
 app.command(cli_series.fibre)
 app.command(cli_view.view)
+app.command(cli_fit.fit)
 
 _positive = validators.Number(gt=0)
 

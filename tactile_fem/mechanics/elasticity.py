@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 
 import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from tactile_fem.finger import TISSUES
 from tactile_fem.mechanics.domain import Domain
 from tactile_fem.study import Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import (
@@ -50,6 +51,11 @@ class Elasticity:
         Of the quadrature.
     laws
         Own laws by the name of the tissue, in place of those of its constants.
+
+    Attributes
+    ----------
+    values
+        By the name of the tissue: the constants in the forms, a `fem.Constant` by each name.
     """
 
     def __init__(
@@ -62,11 +68,12 @@ class Elasticity:
         laws: Mapping[str, Law] = NO_LAWS,
     ) -> None:
         self.domain, self.u, self.u_old = domain, u, u_old
+        self._mesh = u.function_space.mesh
         self._tissue, self._laws = tissue, laws
         self._degree = degree
+        self.values = {name: self._in_forms(self.constants(name)) for name in TISSUES}
         self._F = deformation_gradient(u)
         self._F_old = deformation_gradient(u_old)
-        self._mesh = u.function_space.mesh
         self._rate = fem.Constant(self._mesh, 0.0)  # viscous time over time step
         N = ufl.FacetNormal(self._mesh)
         self._normal = N if len(N) == 3 else ufl.as_vector([N[0], N[1], 0])
@@ -143,12 +150,16 @@ class Elasticity:
         return {name: dx(tag) for name, tag in self.domain.tissues_of(self.domain.tissue).items()}
 
     def _law(self, tissue: str) -> Law:
-        return self._laws.get(tissue) or law_of(self.constants(tissue), self._wrap)
+        return self._laws.get(tissue) or law_of(self.constants(tissue), self.values[tissue])
 
     def _shear_modulus(self, tissue: str) -> Expr:
         if tissue in self._laws:
-            return tangent_shear_modulus(self._laws[tissue], self._wrap(0.0))
-        return self._wrap(shear_modulus(self.constants(tissue)))
+            at_rest = fem.Constant(self._mesh, 0.0)
+            return tangent_shear_modulus(self._laws[tissue], at_rest)
+        return shear_modulus(self.constants(tissue), self.values[tissue])
 
-    def _wrap(self, value: float) -> fem.Constant:
-        return fem.Constant(self._mesh, float(value))
+    def _in_forms(self, constants: Polynomial | Elastic) -> SimpleNamespace:
+        given = {name: value for name, value in constants if value is not None}
+        return SimpleNamespace(
+            **{name: fem.Constant(self._mesh, value) for name, value in given.items()}
+        )

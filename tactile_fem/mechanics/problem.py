@@ -17,7 +17,7 @@ from dolfinx import common, fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 from ufl.classes import FacetJacobianDeterminant
 
-from tactile_fem.errors import MeshError
+from tactile_fem.errors import MeshError, TactileError
 from tactile_fem.mechanics import multigrid
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.contact import Contact, SkinPart
@@ -42,6 +42,9 @@ _GENTLER = ((1.0, 0.3), (4.0, 0.3))
 
 # Share of the residual that ends Newton's method, at which any linear solve may end (Kelley 1995).
 _LAST_SOLVE = 0.3
+
+# Of the linear equations of sensitivities.
+_LINEARIZED_RTOL, _LINEARIZED_MOST_IT = 1e-6, 400
 
 # Problems on several ranks, until they are closed, in the order in which they were made.
 _OPEN: dict[FingerProblem, None] = {}
@@ -83,6 +86,8 @@ class FingerProblem:
         The parts of the skin that may touch, with their contact laws.
     options
         PETSc's options without the prefix.
+    before_accept
+        Called with each converged state before it becomes the old one.
     """
 
     def __init__(
@@ -104,6 +109,7 @@ class FingerProblem:
         self.held = self.order.held_dofs()
         if not domain.comm.allreduce(len(self.held)):
             raise MeshError(f"solver.held = {list(solver.held)}: nothing of the mesh is held")
+        self.before_accept: list[Callable[[], None]] = []
         self._width = fem.Constant(msh, solver.contact_width_MPa)
         self._softness = fem.Constant(msh, 0.0)
         facets = domain.skin_by_tissue()
@@ -294,6 +300,48 @@ class FingerProblem:
             self._problem.solve()
         return SolveReport.of(self.snes)
 
+    def residual(self) -> np.ndarray:
+        """Return this rank's residual at the present displacement, in N; zero where held."""
+        own = self._problem
+        fem_petsc.assign(self.u, own.x)
+        self._assemble_residual(self.snes, own.x, own.b)
+        return own.b.array.copy()
+
+    def linearize(self) -> Callable[[np.ndarray], np.ndarray]:
+        """Return the solver of linear equations with the Jacobian at the present displacement.
+
+        It takes this rank's right-hand side and returns the solution as `state.u` holds it. It is
+        valid until the next `solve`.
+
+        Raises
+        ------
+        TactileError
+            By the solver: it does not converge.
+        """
+        own = self._problem
+        fem_petsc.assign(self.u, own.x)
+        self._assemble_at(own.x, own.A)
+        ksp = PETSc.KSP().create(self.domain.comm)
+        ksp.setType("fgmres")
+        pc = self.snes.getKSP().getPC()
+        pc.setReusePreconditioner(True)
+        ksp.setPC(pc)
+        ksp.setOperators(own.A)
+        ksp.setTolerances(rtol=_LINEARIZED_RTOL, atol=0.0, max_it=_LINEARIZED_MOST_IT)
+        solution, field = own.x.duplicate(), fem.Function(self.u.function_space)
+
+        def solve(right: np.ndarray) -> np.ndarray:
+            own.b.array[:] = right
+            with common.Timer("tactile: solve"):
+                ksp.solve(own.b, solution)
+            if ksp.getConvergedReason() < 0:
+                raise TactileError("the equations of the sensitivities could not be solved")
+            solution.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+            fem_petsc.assign(solution, field)
+            return field.x.array.copy()
+
+        return solve
+
     def accept(self, load: Load | None = None) -> Load:
         """Make the present state the history of the next step; return its load.
 
@@ -310,6 +358,8 @@ class FingerProblem:
         if self._two_level and iterations:
             with common.Timer("tactile: solve"):
                 self._two_level.set_up(self._problem.A)
+        for follow in self.before_accept:
+            follow()
         self.state.accept(load.force_N, load.friction_N, iterations)
         return load
 
@@ -347,12 +397,16 @@ class FingerProblem:
     ) -> None:
         if next_step_converges(snes):
             return  # with the Jacobian of the last iterate
-        self._update(x)
+        self._assemble_at(x, P)
         self.state.u_linear.x.array[:] = self.u.x.array
-        with common.Timer("tactile: jacobian"):
-            fem_petsc.assemble_jacobian(snes, x, J, P, self.u, self._problem.J, None, self._bcs)
         if self._two_level:
             self._two_level.follow(P)
+
+    def _assemble_at(self, x: PETSc.Vec, A: PETSc.Mat) -> None:
+        self._update(x)
+        own = self._problem
+        with common.Timer("tactile: jacobian"):
+            fem_petsc.assemble_jacobian(self.snes, x, A, A, self.u, own.J, None, self._bcs)
 
 
 @atexit.register

@@ -76,7 +76,9 @@ class Solver(Section):
     contact_width_MPa: NonNegative = Field(
         0.005, description="pressure over which contact sets in smoothly; 0 is a kink"
     )
-    bulk_degree: Annotated[Whole, Field(ge=1, le=12)] = Field(3, description="quadrature degree")
+    bulk_degree: Annotated[Whole, Field(ge=1, le=12)] = Field(
+        4, description="quadrature degree; with 3 large elements fold where they are bent sharply"
+    )
     contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
         10, description="quadrature degree"
     )

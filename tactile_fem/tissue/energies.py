@@ -6,7 +6,6 @@ derives the first Piola stress, and the tangent is UFL's derivative of the resid
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import singledispatch
 from typing import Any, Protocol
@@ -15,9 +14,6 @@ import ufl
 from ufl.core.expr import Expr
 
 from tactile_fem.study import Elastic, Polynomial
-
-# Wraps a number so that changing it does not recompile the forms (`dolfinx.fem.Constant`).
-Wrap = Callable[[float], Expr | float]
 
 
 class Law(Protocol):
@@ -33,25 +29,33 @@ class PolynomialEnergy:
 
     ``W = sum_{1<=i+j<=2} C_ij (I1bar-3)^i (I2bar-3)^j + C_30 (I1bar-3)^3 + sum_i (J-1)^(2i)/D_i``
     with the invariants of ``Cbar = J^(-2/3) C``. With C10 alone it is neo-Hookean.
+
+    Parameters
+    ----------
+    constants
+        Which terms there are.
+    values
+        What stands for the constants in the energy, by the same names: UFL constants, whose change
+        does not recompile the forms. Default: their numbers.
     """
 
     constants: Polynomial
-    wrap: Wrap = float
+    values: Any = None
 
     def energy(self, F: Expr) -> Expr:
         """Return the strain energy density of `F`, in MPa."""
-        c, (J, a, b) = self.constants, _invariants(F)
-        W = self.wrap(c.C10_MPa) * a
-        if c.C20_MPa:
-            W += self.wrap(c.C20_MPa) * a**2
-        if c.C30_MPa:
-            W += self.wrap(c.C30_MPa) * a**3
-        if c.C01_MPa or c.C11_MPa or c.C02_MPa:
-            W += self.wrap(c.C01_MPa) * b
-            W += self.wrap(c.C11_MPa) * a * b + self.wrap(c.C02_MPa) * b**2
-        W += self.wrap(1 / c.D1_per_MPa) * (J - 1) ** 2
-        if c.D2_per_MPa is not None:
-            W += self.wrap(1 / c.D2_per_MPa) * (J - 1) ** 4
+        terms, (J, a, b) = self.constants, _invariants(F)
+        c = self.values or terms
+        W = c.C10_MPa * a
+        if terms.C20_MPa:
+            W += c.C20_MPa * a**2
+        if terms.C30_MPa:
+            W += c.C30_MPa * a**3
+        if terms.C01_MPa or terms.C11_MPa or terms.C02_MPa:
+            W += c.C01_MPa * b + c.C11_MPa * a * b + c.C02_MPa * b**2
+        W += (J - 1) ** 2 / c.D1_per_MPa
+        if terms.D2_per_MPa is not None:
+            W += (J - 1) ** 4 / c.D2_per_MPa
         return W
 
 
@@ -64,13 +68,13 @@ class StVenantKirchhoff:
     """
 
     constants: Elastic
-    wrap: Wrap = float
+    values: Any = None
 
     def energy(self, F: Expr) -> Expr:
         """Return the strain energy density of `F`, in MPa."""
-        E_MPa, nu = self.constants.E_MPa, self.constants.nu
-        lame = self.wrap(E_MPa * nu / ((1 + nu) * (1 - 2 * nu)))
-        shear = self.wrap(E_MPa / (2 * (1 + nu)))
+        c = self.values or self.constants
+        lame = c.E_MPa * c.nu / ((1 + c.nu) * (1 - 2 * c.nu))
+        shear = shear_modulus(self.constants, c)
         E = (F.T * F - ufl.Identity(3)) / 2
         return lame / 2 * ufl.tr(E) ** 2 + shear * ufl.inner(E, E)
 
@@ -108,11 +112,12 @@ def tangent_shear_modulus(law: Law, shear: Expr) -> Expr:
     return ufl.diff(ufl.diff(law.energy(ufl.Identity(3) + gamma * across), gamma), gamma)
 
 
-def shear_modulus(constants: Polynomial | Elastic) -> float:
-    """Return the small-strain shear modulus, in MPa."""
+def shear_modulus(constants: Polynomial | Elastic, values: Any = None) -> Any:
+    """Return the small-strain shear modulus, in MPa; `values` as in `PolynomialEnergy`."""
+    c = values or constants
     if isinstance(constants, Elastic):
-        return constants.E_MPa / (2 * (1 + constants.nu))
-    return 2 * (constants.C10_MPa + constants.C01_MPa)
+        return c.E_MPa / (2 * (1 + c.nu))
+    return 2 * (c.C10_MPa + c.C01_MPa)
 
 
 def bulk_modulus(constants: Polynomial | Elastic) -> float:
@@ -128,9 +133,9 @@ def compression_modulus(constants: Polynomial | Elastic) -> float:
 
 
 @singledispatch
-def law_of(constants: Any, wrap: Wrap = float) -> Law:
+def law_of(constants: Any, values: Any = None) -> Law:
     """Return the law for a tissue's constants; ``law_of.register`` adds one."""
-    del wrap
+    del values
     raise TypeError(f"no law goes with {type(constants).__name__}")
 
 

@@ -1,4 +1,4 @@
-"""Points on the skin of the pad, undeformed and deformed; used by `skin_profile.py`."""
+"""Points on the skin of the pad, undeformed and deformed."""
 
 from __future__ import annotations
 

@@ -1,0 +1,185 @@
+"""The model as a function of the parameters of a fit: presses, their derivatives, their files."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import math
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_fem.calibration.measurements import Experiment
+from tactile_fem.calibration.parameters import Parameter, with_values
+from tactile_fem.calibration.press import Prediction, press, study_of
+from tactile_fem.errors import StudyError
+from tactile_fem.mechanics.sensitivity import Change
+from tactile_fem.runtime.files import atomic_write, write_text
+from tactile_fem.runtime.parallel import on_root
+from tactile_fem.study import Study
+from tactile_fem.study.file import dump_study
+
+logger = logging.getLogger(__name__)
+
+Array = NDArray[np.float64]
+
+# Change of a length's logarithm for its derivative: far above what another mesh changes.
+_LENGTH_STEP = 0.05
+
+
+def deviations(experiments: Sequence[Experiment], values: Sequence[Array]) -> Array:
+    """Return model less measurement, in standard deviations, of all experiments' numbers."""
+    return np.concatenate([(v - e.mean) / e.sd for v, e in zip(values, experiments, strict=True)])
+
+
+@dataclass(frozen=True)
+class Task:
+    """A press that is wanted."""
+
+    study: Study
+    experiment: Experiment
+    changes: tuple[Change, ...]
+
+    @property
+    def name(self) -> str:
+        """A name for its file that says what it was made from."""
+        pressed = dump_study(study_of(self.study, self.experiment))
+        wanted = [self.experiment.depth_mm, self.experiment.place_mm]
+        changes = [sorted(change.items()) for change in self.changes]
+        text = pressed + repr([array.tolist() for array in wanted]) + repr(changes)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _press(task: Task, file: Path) -> None:
+    save(file, task, press(task.study, task.experiment, task.changes, MPI.COMM_SELF))
+
+
+def save(file: Path, task: Task, prediction: Prediction) -> None:
+    """Write a prediction, and beside it the study that it belongs to."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_text(file.with_suffix(".toml"), dump_study(study_of(task.study, task.experiment)))
+    with atomic_write(file) as beside, beside.open("wb") as stream:
+        np.savez(stream, values=prediction.values, derivatives=prediction.derivatives)
+
+
+def load(file: Path) -> Prediction:
+    """Return a prediction that `save` wrote."""
+    with np.load(file, allow_pickle=False) as saved:
+        return Prediction(saved["values"], saved["derivatives"])
+
+
+class Model:
+    """The model as a function of the parameters, which presses nothing twice."""
+
+    def __init__(
+        self,
+        study: Study,
+        experiments: Sequence[Experiment],
+        parameters: Sequence[Parameter],
+        folder: Path,
+        jobs: int,
+        comm: MPI.Comm,
+        most: int,
+    ) -> None:
+        self._study, self._experiments, self._parameters = study, experiments, parameters
+        self._folder, self._jobs, self._comm = folder / "presses", jobs, comm
+        self._most, self._tried = most, 0
+        self._changes = tuple(p.change for p in parameters if p.of_tissue)
+        self._known = np.array([math.log(p.factor) for p in parameters])
+
+    def residuals(self, x: Array) -> Array:
+        """Return deviations of the numbers, then of the parameters, in standard deviations."""
+        begun = time.perf_counter()
+        try:
+            values = [p.values for p in self.predictions(x)]
+        except StudyError as error:  # a length that no finger has
+            logger.info("no finger there: %s", error)
+            values = [np.full_like(e.mean, np.nan) for e in self._experiments]
+        numbers = deviations(self._experiments, values)
+        self._tell(x, numbers, time.perf_counter() - begun)
+        return np.concatenate([numbers, x / self._known])
+
+    def predictions(self, x: Array) -> list[Prediction]:
+        """Return what the model gives for each experiment."""
+        study = with_values(self._study, self._parameters, x)
+        return self._pressed([Task(study, e, self._changes) for e in self._experiments])
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives of `residuals`, (numbers + parameters, parameters)."""
+        here = self.predictions(x)
+        lengths = [i for i, p in enumerate(self._parameters) if not p.of_tissue]
+        beside = self._beside(x, lengths)
+        columns, of_tissue = [], 0
+        for i, parameter in enumerate(self._parameters):
+            if parameter.of_tissue:
+                columns.append([p.derivatives[:, of_tissue] for p in here])
+                of_tissue += 1
+            else:
+                columns.append(
+                    [
+                        (b.values - p.values) / _LENGTH_STEP
+                        for b, p in zip(beside[i], here, strict=True)
+                    ]
+                )
+        sd = np.concatenate([e.sd for e in self._experiments])
+        numbers = np.array([np.concatenate(column) for column in columns]).T / sd[:, None]
+        return np.vstack([numbers, np.diag(1 / self._known)])
+
+    def _beside(self, x: Array, lengths: Sequence[int]) -> dict[int, list[Prediction]]:
+        """Return the predictions with each of the lengths a little larger."""
+        tasks = []
+        for i in lengths:
+            moved = x.copy()
+            moved[i] += _LENGTH_STEP
+            study = with_values(self._study, self._parameters, moved)
+            tasks += [Task(study, e, ()) for e in self._experiments]
+        found = self._pressed(tasks)
+        count = len(self._experiments)
+        return {i: found[k * count : (k + 1) * count] for k, i in enumerate(lengths)}
+
+    def _pressed(self, tasks: Sequence[Task]) -> list[Prediction]:
+        """Return the predictions of presses, those that are not saved pressed now."""
+        files = [self._folder / f"{task.name}.npz" for task in tasks]
+        left = on_root(self._comm, lambda: [k for k, file in enumerate(files) if not file.exists()])
+        if self._jobs > 1:
+            self._press_in_parallel({files[k]: tasks[k] for k in left})
+        else:
+            for k in left:
+                task = tasks[k]
+                found = press(task.study, task.experiment, task.changes, self._comm)
+                on_root(self._comm, partial(save, files[k], task, found))
+        return on_root(self._comm, lambda: [load(file) for file in files])
+
+    def _press_in_parallel(self, tasks: Mapping[Path, Task]) -> None:
+        """Press each in a process that starts anew: MPI does not survive a fork."""
+        with ProcessPoolExecutor(self._jobs, get_context("spawn")) as pool:
+            waiting = [pool.submit(_press, task, file) for file, task in tasks.items()]
+            try:
+                for done in as_completed(waiting):
+                    done.result()
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+
+    def _tell(self, x: Array, numbers: Array, wall_s: float) -> None:
+        self._tried += 1
+        factors = ", ".join(
+            f"{p.name} x {math.exp(at):.3g}" for p, at in zip(self._parameters, x, strict=True)
+        )
+        logger.info(
+            "%d of at most %d, %.0f s: sum of squares %.3f; %s",
+            self._tried,
+            self._most,
+            wall_s,
+            float(numbers @ numbers + np.sum((x / self._known) ** 2)),
+            factors,
+        )

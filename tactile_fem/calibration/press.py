@@ -1,0 +1,162 @@
+"""What the model predicts for an experiment, and how that changes with the tissues' constants."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+
+from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_fem.calibration.measurements import Experiment
+from tactile_fem.errors import TactileError
+from tactile_fem.finger.surface import SkinSurface
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.mechanics.sensitivity import Change, Sensitivities
+from tactile_fem.runtime.parallel import on_root
+from tactile_fem.scan.parts import Parts
+from tactile_fem.scan.setup import Setup
+from tactile_fem.stimulus.path import Motion, Path, straight
+from tactile_fem.study import Protocol, Study
+
+logger = logging.getLogger(__name__)
+
+Array = NDArray[np.float64]
+
+_PROFILE_MM, _PROFILE_POINTS = 8.0, 321  # half the length of the line of skin that is read
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the model gives for an experiment.
+
+    Attributes
+    ----------
+    values
+        In place of the measured numbers, (n,); NaN beyond where the press ended.
+    derivatives
+        Along each change of the constants, (n, changes).
+    """
+
+    values: Array
+    derivatives: Array
+
+
+def study_of(study: Study, experiment: Experiment) -> Study:
+    """Return the study of an experiment's press: its indenter, its depth, its speed."""
+    depth = float(experiment.depth_mm.max())
+    protocol = Protocol(depth_mm=depth, press_speed_mm_s=experiment.speed_mm_s, distance_mm=0.0)
+    return study.model_copy(update={"stimulus": experiment.indenter, "protocol": protocol})
+
+
+def press(
+    study: Study,
+    experiment: Experiment,
+    changes: Sequence[Change] = (),
+    comm: MPI.Comm | None = None,
+) -> Prediction:
+    """Press the indenter to the measured depths.
+
+    A press that ends before, because the mechanics diverges, is logged.
+
+    Parameters
+    ----------
+    study
+        Finger, tissues and solver.
+    experiment
+        Indenter, speed, and what is wanted.
+    changes
+        Of the constants, along which derivatives are wanted.
+    comm
+        Communicator; all its ranks must call. Default: all ranks.
+    """
+    comm = comm or MPI.COMM_WORLD
+    depths = np.unique(experiment.depth_mm)
+    parts = Parts(path=Path((lambda start: _press(start, depths, experiment.speed_mm_s),)))
+    setup = Setup.of(study_of(study, experiment), parts, comm)
+    skin = on_root(comm, lambda: _line_of_skin(setup, experiment))
+    found = Prediction(
+        np.full(len(experiment.mean), np.nan), np.full((len(experiment.mean), len(changes)), np.nan)
+    )
+    instruments = setup.instruments(comm)
+    problem = instruments.problem
+    with closing(problem):
+        sensitivities = Sensitivities(problem, changes) if changes else None
+
+        def record() -> None:
+            here = np.isclose(experiment.depth_mm, problem.state.translation.value[2])
+            if here.any():
+                read = _reading(problem, experiment, here, skin)
+                found.values[here] = read()
+                if sensitivities:
+                    found.derivatives[here] = sensitivities.derivative(read).T
+
+        problem.before_accept.append(record)
+        try:
+            for _ in instruments.stepper:
+                pass
+        except TactileError as error:  # also: no sensitivities where the skin is about to snap
+            logger.warning("%s: %s", experiment.name, error)
+    return found
+
+
+def _press(start_mm: Array, depths_mm: Array, speed_mm_s: float) -> Motion:
+    """Press to the last of the depths, with a step that ends at each."""
+    end = np.array([start_mm[0], start_mm[1], depths_mm[-1]])
+    return straight("press", start_mm, end, speed_mm_s, depths_mm / speed_mm_s)
+
+
+def _axis(experiment: Experiment) -> int:
+    """Return the axis along which the profile lies: across a bar, else along the finger."""
+    return 0 if getattr(experiment.indenter, "along", "x") == "y" else 1
+
+
+def _line_of_skin(setup: Setup, experiment: Experiment) -> SkinSurface | None:
+    """Return the points of the profile; None if only forces were measured."""
+    if experiment.is_force.all():
+        return None
+    xy = np.zeros((_PROFILE_POINTS, 2))
+    xy[:, _axis(experiment)] = np.linspace(-_PROFILE_MM, _PROFILE_MM, _PROFILE_POINTS)
+    return SkinSurface(setup.finger, xy)
+
+
+def _reading(
+    problem: FingerProblem, experiment: Experiment, here: Array, skin: SkinSurface | None
+) -> Callable[[], Array]:
+    """Return a function that gives the chosen numbers of the present state."""
+    is_force, places = experiment.is_force[here], experiment.place_mm[here]
+    axis = _axis(experiment)
+
+    def read() -> Array:
+        values = np.empty(len(places))
+        if is_force.any():
+            values[is_force] = problem.load().force_N[2]
+        if skin is not None and not is_force.all():
+            moved = skin.deformed_mm(problem.order.gather(problem.u))
+            values[~is_force] = deflection(moved, skin.rest_mm, places[~is_force], axis)
+        return values
+
+    return read
+
+
+def deflection(moved_mm: Array, rest_mm: Array, places_mm: Array, axis: int) -> Array:
+    """Return the skin's deflection at distances from the indenter, the mean of both sides.
+
+    Parameters
+    ----------
+    moved_mm, rest_mm
+        Deformed and undeformed points of a line across the indenter, (points, 3).
+    places_mm
+        The distances, (k,).
+    axis
+        Along which they are measured.
+    """
+    along, up = moved_mm[:, axis], moved_mm[:, 2] - rest_mm[:, 2]
+    sides = [np.interp(sign * places_mm, along, up) for sign in (-1, 1)]
+    return np.mean(sides, axis=0)
