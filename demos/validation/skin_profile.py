@@ -3,7 +3,7 @@
 #
 # This demo emphasizes
 # - the skin's deflection next to an indenter, compared with published measurements,
-# - how the deformed skin is read from a results folder (`skin_surface.py`),
+# - how the deformed skin is read from a results folder (`SkinSurface`),
 # - whether the mesh resolves the indenter.
 #
 # A bar lies across the finger and is pressed $d = 1$ mm into the pad: a cylinder of 3.17 mm
@@ -32,11 +32,11 @@ import numpy as np
 from flat_plate import BLUE, ORANGE
 from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
-from skin_surface import SkinSurface
 
 from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.finger.mesh_data import SURFACES
+from tactile_fem.finger.surface import SkinSurface
 from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
 from tactile_fem.scan.results import Results

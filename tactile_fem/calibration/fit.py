@@ -162,17 +162,17 @@ def fit(
     model = Model(study, experiments, parameters, Path(folder), jobs, comm, evaluations)
     with ExitStack() as held:
         on_root(comm, lambda: held.enter_context(locked(Path(folder))), share=False)
-        known = np.array([math.log(p.factor) for p in parameters])
-        if not np.isfinite(model.residuals(np.zeros(len(parameters)))).all():
+        start = np.zeros(len(parameters))
+        if not np.isfinite(model.residuals(start)).all():
             raise TactileError(
                 "A press of the study that the fit starts from does not reach the measured depths: "
                 "start from other tissues, or leave the deepest measurements out."
             )
         solution = least_squares(
             model.residuals,
-            np.zeros(len(parameters)),
+            start,
             jac=model.jacobian,
-            x_scale=known,
+            x_scale=[math.log(p.factor) for p in parameters],
             xtol=_TOLERANCE,
             ftol=_TOLERANCE,
             max_nfev=evaluations,

@@ -307,11 +307,11 @@ class FingerProblem:
         self._assemble_residual(self.snes, own.x, own.b)
         return own.b.array.copy()
 
-    def linearize(self) -> Callable[[np.ndarray], np.ndarray]:
-        """Return the solver of linear equations with the Jacobian at the present displacement.
+    @contextmanager
+    def linearized(self) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
+        """Provide the solver of linear equations with the Jacobian at the present displacement.
 
-        It takes this rank's right-hand side and returns the solution as `state.u` holds it. It is
-        valid until the next `solve`.
+        It takes this rank's right-hand side and returns the solution as `state.u` holds it.
 
         Raises
         ------
@@ -321,10 +321,10 @@ class FingerProblem:
         own = self._problem
         fem_petsc.assign(self.u, own.x)
         self._assemble_at(own.x, own.A)
-        ksp = PETSc.KSP().create(self.domain.comm)
-        ksp.setType("fgmres")
         pc = self.snes.getKSP().getPC()
         pc.setReusePreconditioner(True)
+        ksp = PETSc.KSP().create(self.domain.comm)
+        ksp.setType("fgmres")
         ksp.setPC(pc)
         ksp.setOperators(own.A)
         ksp.setTolerances(rtol=_LINEARIZED_RTOL, atol=0.0, max_it=_LINEARIZED_MOST_IT)
@@ -340,7 +340,11 @@ class FingerProblem:
             fem_petsc.assign(solution, field)
             return field.x.array.copy()
 
-        return solve
+        try:
+            yield solve
+        finally:
+            ksp.destroy()
+            solution.destroy()
 
     def accept(self, load: Load | None = None) -> Load:
         """Make the present state the history of the next step; return its load.

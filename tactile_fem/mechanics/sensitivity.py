@@ -87,15 +87,15 @@ class Sensitivities:
 
     def _follow(self) -> None:
         """Differentiate the present state, which is converged."""
-        solve = self._problem.linearize()
-        for change, along in zip(self._changes, self._along, strict=True):
-            along.u_old, along.histories_old = along.u, along.histories
-            along.u = self._zero()  # at a held displacement
-            along.u = solve(-self._difference(change, along, self._problem.residual))
-            along.histories = [
-                self._difference(change, along, history.present)
-                for history in self._state.histories
-            ]
+        with self._problem.linearized() as solve:
+            for change, along in zip(self._changes, self._along, strict=True):
+                along.u_old, along.histories_old = along.u, along.histories
+                along.u = self._zero()  # at a held displacement
+                along.u = solve(-self._difference(change, along, self._problem.residual))
+                along.histories = [
+                    self._difference(change, along, history.present)
+                    for history in self._state.histories
+                ]
 
     def _difference(self, change: Change, along: _Derivatives, of: Callable[[], Array]) -> Array:
         """Return the derivative of what `of` returns along a change."""

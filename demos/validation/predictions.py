@@ -1,0 +1,225 @@
+# %% [markdown]
+# # What the fitted finger predicts
+#
+# This demo emphasizes
+# - every measurement that the tissues were *not* fitted to, beside the model, in one table,
+# - a scan whose observer reads more than the receptors feel.
+#
+# The tissues and the pad's shape were fitted to the force on a plate and on a probe and to the
+# skin's profile under a cylinder (`tactile-fem fit`). This demo presses
+#
+# - the letters F G H 1.97 mm deep at two speeds: 0.6 N (Hamasaki et al. 2020), ± 15 %,
+# - a plate up to 3.5 N: contact area at 0.25, 0.5 and 1 N (wide ranges, because fingers differ),
+#   volume lost (at most 5 %), and the largest compressive strain in the layers of the skin
+#   (Corniani et al. 2025, eLife 93554: in the stratum corneum below 10 %, in the epidermis above
+#   20 % at 3.5 N, most of it reached at 0.5 N),
+#
+# and drags a plate across the pad (`slip.py`): tangential stiffness over the normal force (Pataky
+# et al. 2005: linear), slip from the rim, and how far the skin is dragged before all of it slips
+# (3.4 mm, 0.9 to 6.3, with less than 0.5 N; eLife 93554).
+#
+#     python demos/validation/predictions.py results/predictions
+#     python demos/validation/predictions.py results/medium --preset medium
+
+# %%
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from flat_plate import AREA_GATES, LARGEST_LOSS
+from layers import principal_strains, under_contact
+from letters_force import DEPTH_MM, FORCE_N, GATE
+from slip import Drag, drag, full_slip, tangential_stiffness
+
+from tactile_fem.cli.entry import run
+from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem.runtime.files import write_table
+from tactile_fem.scan import scan
+from tactile_fem.scan.results import Results
+from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Study, Text
+
+from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
+
+PLATE_N = (0.5, 3.5)
+CENTRE_MM = 2.0  # half of the square in which strains are averaged
+STIFFNESS_N = (0.25, 0.5, 1.0, 2.0)
+DRAG_N, DRAG_FRICTION, DRAG_MM = 0.4, 0.8, 6.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """A prediction beside its measurement."""
+
+    quantity: str
+    measured: str
+    model: str
+    met: str
+
+
+# %%
+def main(
+    folder: Path,
+    *,
+    preset: Literal["coarse", "medium", "paper"] = "coarse",
+    pad_size: float | None = None,
+    far_size: float | None = None,
+    depth: float = DEPTH_MM,
+    forces: tuple[float, float] = PLATE_N,
+    distance: float = DRAG_MM,
+) -> None:
+    """Print the table; lengths in mm, forces in N. Complete scans in the folder are kept."""
+    finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
+    rows = [*letters(finger, depth), *plate(finger, folder, forces)]
+    rows += sliding(finger, distance)
+    if MPI.COMM_WORLD.rank:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    write_table(folder / "predictions.csv", rows)
+    for row in rows:
+        print(f"| {row.quantity} | {row.measured} | {row.model} | {row.met} |")
+
+
+def said(met: Any) -> str:
+    """Return how a table says whether a target is met."""
+    return "yes" if met else "**missed**"
+
+
+# %%
+def letters(finger: Finger, depth: float) -> list[Row]:
+    """Press the letters at both speeds."""
+    rows = []
+    for speed in (20.0, 0.2):
+        study = Study(
+            finger=finger,
+            stimulus=Text(),
+            protocol=Protocol(depth_mm=depth, distance_mm=0.0, press_speed_mm_s=speed),
+            receptors=Receptors(spacing_mm=5.0),
+        )
+        force = float(scan(study).trace.force_N[-1, 2])
+        off = force / FORCE_N - 1
+        rows.append(
+            Row(
+                f"letters at {depth:g} mm, {speed:g} mm/s",
+                f"{FORCE_N} N ± {GATE:.0%}",
+                f"{force:.3f} N, {off:+.1%}",
+                said(abs(off) <= GATE),
+            )
+        )
+    return rows
+
+
+# %% [markdown]
+# The plate's press is one scan to each force, so that the strains are read at exactly that force.
+
+
+# %%
+def plate(finger: Finger, folder: Path, forces: tuple[float, float]) -> list[Row]:
+    """Press a plate: areas, volume, strains of the layers."""
+    mesh = load_finger(finger)
+    strains, trace = {}, None
+    for force in forces:
+        study = Study(
+            finger=finger,
+            stimulus=Plate(),
+            protocol=Protocol(force_N=force, distance_mm=0.0, press_speed_mm_s=0.2),
+            receptors=Receptors(spacing_mm=5.0),
+            solver=Solver(max_press_step_mm=0.125),
+        )
+        place = folder / f"plate_{force:g}N"
+        trace = scan(study, place, overwrite=True).trace
+        if MPI.COMM_WORLD.rank == 0:
+            strains[force] = layer_strains(mesh, Results.open(place).load_checkpoint()["u"])
+    if MPI.COMM_WORLD.rank:
+        return []
+    normal = trace.force_N[:, 2]
+    rows = []
+    for at, (least, largest) in AREA_GATES.items():
+        if at <= normal[-1]:
+            area = float(np.interp(at, normal, trace.contact_area_mm2))
+            gate = f"{least:.0f} to {largest:.0f} mm²"
+            met = least <= area <= largest
+            rows.append(Row(f"contact area at {at:g} N", gate, f"{area:.1f} mm²", said(met)))
+    loss = float(-trace.volume_change.min())
+    rows.append(
+        Row(
+            f"volume lost, plate at {normal[-1]:.1f} N",
+            f"at most {LARGEST_LOSS:.0%}",
+            f"{loss:.1%}",
+            said(loss <= LARGEST_LOSS),
+        )
+    )
+    return rows + strain_rows(strains, forces)
+
+
+def layer_strains(mesh: FingerMesh, displacement: np.ndarray) -> dict[str, float]:
+    """Return the mean of the largest compressive strain of each layer at the contact's centre."""
+    found = {}
+    for tissue in ("stratum_corneum", "epidermis"):
+        inside = under_contact(mesh, tissue, CENTRE_MM)
+        found[tissue] = float(-principal_strains(mesh, displacement, tissue)[inside, 0].mean())
+    return found
+
+
+def strain_rows(
+    strains: Mapping[float, dict[str, float]], forces: tuple[float, float]
+) -> list[Row]:
+    """Return the rows of the layers' strains."""
+    low, high = (strains[force] for force in forces)
+    share = low["epidermis"] / high["epidermis"]
+    corneum, epidermis = high["stratum_corneum"], high["epidermis"]
+    at = f"{forces[1]:g} N"
+    return [
+        Row(
+            f"compression of stratum corneum, {at}", "< 10 %", f"{corneum:.1%}", said(corneum < 0.1)
+        ),
+        Row(f"compression of epidermis, {at}", "> 20 %", f"{epidermis:.1%}", said(epidermis > 0.2)),
+        Row(f"share of it at {forces[0]:g} N", "> 50 %", f"{share:.0%}", said(share > 0.5)),
+    ]
+
+
+# %%
+def sliding(finger: Finger, distance: float) -> list[Row]:
+    """Drag a plate: stiffness, slip from the rim, way to full slip."""
+    stiffness = [tangential_stiffness(finger, normal, DRAG_FRICTION) for normal in STIFFNESS_N]
+    steps = list(drag(finger, DRAG_N, DRAG_FRICTION, distance))
+    slope, offset = np.polyfit(STIFFNESS_N, stiffness, 1)
+    off = np.array(stiffness) - offset - slope * np.array(STIFFNESS_N)
+    r2 = 1 - float(np.sum(off**2) / np.sum((stiffness - np.mean(stiffness)) ** 2))
+    return [
+        Row(
+            "tangential stiffness, 0.25 to 2 N",
+            "grows linearly",
+            ", ".join(f"{value:.2f}" for value in stiffness) + f" N/mm, R2 {r2:.3f}",
+            said(slope > 0 and r2 > 0.95),
+        ),
+        *slip_rows(steps),
+    ]
+
+
+def slip_rows(steps: list[Drag]) -> list[Row]:
+    """Return the rows of how slip spreads and when all skin slips."""
+    partly = [step for step in steps if 0.1 < step.stuck < 0.9]
+    inner = float(np.mean([step.stuck_radius for step in partly])) if partly else float("nan")
+    end = full_slip(steps)
+    way = "not within the slide" if end is None else f"{end.skin_mm:.2f} mm"
+    return [
+        Row(
+            "sticking skin while part of it slips",
+            "centre",
+            f"{inner:.2f} of the mean radius",
+            said(inner < 0.9),
+        ),
+        Row(
+            f"drag before all slips, {DRAG_N:g} N, friction {DRAG_FRICTION:g}",
+            "3.4 mm (0.9 to 6.3)",
+            way,
+            said(end is not None and 0.9 <= end.skin_mm <= 6.3),
+        ),
+    ]
+
+
+# %%
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,193 @@
+"""Measurements, parameters and the fit, on the small finger."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_fem.calibration.measurements import read_measurements
+from tactile_fem.calibration.parameters import parse_parameter, with_values
+from tactile_fem.cli.app import main
+from tactile_fem.errors import StudyError
+from tactile_fem.study import Cylinder, Dots, Plate, Study
+
+FORCE = "indenter,speed_mm_s,depth_mm,force_N,sd_N\n"
+PROFILE = "indenter,speed_mm_s,depth_mm,place_mm,deflection_mm,sd_mm\n"
+MEASURED = Path(__file__).resolve().parents[1] / "demos" / "validation" / "measured"
+
+
+def written(folder: Path, text: str, name: str = "data.csv") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+# --- measurements --------------------------------------------------------------------------------
+
+
+def test_the_shipped_measurements():
+    plate, probe, cylinder = read_measurements(
+        [MEASURED / f"{name}.csv" for name in ("plate", "probe", "cylinder")]
+    )
+    assert isinstance(plate.indenter, Plate) and plate.is_force.all()
+    assert isinstance(probe.indenter, Dots) and probe.indenter.radius_mm == 3.175
+    assert isinstance(cylinder.indenter, Cylinder) and not cylinder.is_force.any()
+    np.testing.assert_allclose(plate.mean, [0.037, 0.159, 0.395, 0.769])
+    assert cylinder.depth_mm.tolist() == [1.0] * 11
+
+
+def test_one_press_for_each_indenter_and_speed(tmp_path):
+    forces = written(tmp_path, FORCE + "plate,0.2,1,0.2,0.1\nplate,5,1,0.3,0.1\n", "a.csv")
+    profile = written(tmp_path, PROFILE + " plate , 0.2, 1, -2, 0.5, 0.1\n", "b.csv")
+    slow, fast = read_measurements([forces, profile])
+    assert (slow.speed_mm_s, fast.speed_mm_s) == (0.2, 5.0)
+    np.testing.assert_array_equal(slow.is_force, [True, False])
+    assert slow.place_mm[1] == 2.0  # both sides are averaged
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("a,b\n1,2\n", "its columns are a, b but must be indenter,"),
+        (FORCE + "plate,0.2,1,x,0.1\n", 'line 2: force_N is "x" but must be a number above 0.'),
+        (FORCE + "plate,0.2,1,0.2,0\n", 'line 2: sd_N is "0" but must be a number above 0.'),
+        (FORCE + "plate,0.2,1,0.2\n", 'line 2: sd_N is "" but must be a number above 0.'),
+        (FORCE + "plate,0.2,1,0.2,0.1,7\n", "line 2: it has more cells than there are columns."),
+        (FORCE + "flat,0.2,1,0.2,0.1\n", 'line 2: stimulus.kind is "flat", which is no kind'),
+        (FORCE + "plate r,0.2,1,0.2,0.1\n", 'line 2: "r" is no key=value of an indenter.'),
+        (FORCE + "sphere radius_mm=-1,0.2,1,0.2,0.1\n", "radius_mm is -1 but must be greater"),
+        (FORCE + ",0.2,1,0.2,0.1\n", "line 2: indenter is empty but must be"),
+        (FORCE, "There are no measurements"),
+        (None, "cannot be read: No such file or directory."),
+    ],
+)
+def test_bad_measurements_get_one_sentence(text, sentence, tmp_path, capsys):
+    path = tmp_path / "none.csv" if text is None else written(tmp_path, text)
+    assert main(["fit", str(path), "--results", str(tmp_path / "fit")]) == 2
+    message = capsys.readouterr().err
+    assert sentence in message and message.count("\n") == 1
+    assert not (tmp_path / "fit").exists()
+
+
+# --- parameters ----------------------------------------------------------------------------------
+
+
+def test_a_tissue_scales_with_all_its_moduli():
+    study = Study()
+    skin = parse_parameter("skin:2", study)
+    assert skin.of_tissue and skin.factor == 2.0
+    doubled = with_values(study, [skin], [np.log(2.0)]).tissue
+    for name in ("stratum_corneum", "epidermis", "dermis"):
+        before, after = getattr(study.tissue, name), getattr(doubled, name)
+        assert after.C10_MPa == pytest.approx(2 * before.C10_MPa, rel=1e-12)
+        assert after.D1_per_MPa == pytest.approx(before.D1_per_MPa / 2, rel=1e-12)
+    assert doubled.subcutaneous == study.tissue.subcutaneous
+
+
+def test_a_length_and_a_constant():
+    study = Study()
+    length = parse_parameter("finger.pad_radius_mm", study)
+    constant = parse_parameter("subcutaneous.D1_per_MPa:1.5", study)
+    assert not length.of_tissue and constant.change == {("subcutaneous", "D1_per_MPa"): 1.0}
+    other = with_values(study, [length, constant], [0.1, -0.2])
+    assert other.finger.pad_radius_mm == pytest.approx(study.finger.pad_radius_mm * np.exp(0.1))
+    assert constant.value(other) == pytest.approx(constant.value(study) * np.exp(-0.2))
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("subcutaneous.C20", "did you mean subcutaneous.C20_MPa?"),
+        ("fat", "there is no such value"),
+        ("epidermis.C20_MPa", "it is 0.0 but must be a number above 0."),
+        ("skin:0.5", 'the factor is "0.5" but must be a number above 1.'),
+        ("skin:x", 'the factor is "x" but must be a number above 1.'),
+        ("finger.preset", "it is coarse but must be a number above 0."),
+    ],
+)
+def test_bad_parameters_get_one_sentence(text, sentence):
+    with pytest.raises(StudyError, match="--fit") as error:
+        parse_parameter(text, Study())
+    assert sentence in str(error.value)
+
+
+def test_a_constant_cannot_be_fitted_twice(tmp_path, capsys):
+    data = written(tmp_path, FORCE + "plate,0.2,1,0.2,0.1\n")
+    command = ["fit", str(data), "--fit", "skin", "--fit", "dermis", "--results", str(tmp_path)]
+    assert main(command) == 2
+    assert "change the same constant: name it once." in capsys.readouterr().err
+
+
+# --- the fit -------------------------------------------------------------------------------------
+
+SMALL = ["finger.pad_size_mm=3", "finger.far_size_mm=6", "solver.max_press_step_mm=0.5"]
+TRUE = {"subcutaneous.C20_MPa": 1.6, "dermis": 0.7, "finger.pad_radius_mm": 1.08}
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """A fit of known constants to what the model itself gives."""
+    from tactile_fem.calibration.press import press
+    from tactile_fem.study.file import load_study
+
+    folder = tmp_path_factory.mktemp("fit")
+    study = load_study(None, SMALL)
+    parameters = [parse_parameter(name, study) for name in TRUE]
+    truth = with_values(study, parameters, np.log(list(TRUE.values())))
+    wanted = written(
+        folder,
+        FORCE
+        + "".join(f"plate,0.2,{depth},1,1\n" for depth in (0.5, 1.0, 1.5))
+        + "".join(f"sphere radius_mm=3,0.2,{depth},1,1\n" for depth in (0.5, 1.0, 1.5)),
+    )
+    rows = []
+    for experiment in read_measurements([wanted]):
+        kind = experiment.name.split(" at")[0]
+        for depth, force in zip(experiment.depth_mm, press(truth, experiment).values, strict=True):
+            rows.append(f"{kind},0.2,{depth:g},{force!r},{0.02 * force!r}\n")
+    data = written(folder, FORCE + "".join(rows))
+    command = ["fit", str(data), "--results", str(folder / "fit"), "--jobs", "2"]
+    command += [word for setting in SMALL for word in ("--set", setting)]
+    command += [word for name in TRUE for word in ("--fit", f"{name}:2")]
+    assert main(command) == 0
+    return folder / "fit", command
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
+def test_known_constants_lie_in_their_intervals(fitted):
+    folder, _ = fitted
+    rows = table(folder / "parameters.csv")
+    assert [row["parameter"] for row in rows] == list(TRUE)
+    for row in rows:
+        true = TRUE[row["parameter"]] * float(row["start"])
+        assert float(row["least"]) < true < float(row["largest"]), row
+        assert row["identified"] == "yes"
+        assert float(row["largest"]) < 2.5 * float(row["least"])  # it does say something
+    for row in table(folder / "predicted.csv"):
+        assert abs(float(row["deviation_sd"])) < 0.5, row
+    assert (folder / "fit.png").stat().st_size > 10_000
+
+
+def test_its_study_goes_on(fitted):
+    folder, _ = fitted
+    study = Study.model_validate(tomllib.loads((folder / "study.toml").read_text()))
+    [row] = [r for r in table(folder / "parameters.csv") if r["parameter"].endswith("C20_MPa")]
+    assert study.tissue.subcutaneous.C20_MPa == pytest.approx(float(row["value"]), rel=1e-4)
+    assert study.finger.pad_size_mm == 3.0
+
+
+def test_again_it_presses_nothing(fitted, capsys):
+    folder, command = fitted
+    before = {path: path.stat().st_mtime_ns for path in (folder / "presses").glob("*.npz")}
+    result = (folder / "parameters.csv").read_text()
+    assert main(command) == 0
+    assert (folder / "parameters.csv").read_text() == result
+    after = {path: path.stat().st_mtime_ns for path in (folder / "presses").glob("*.npz")}
+    assert after == before

@@ -1,0 +1,70 @@
+"""Derivatives from the tangent, against scans with changed constants."""
+
+from contextlib import closing
+from math import exp
+
+import numpy as np
+import pytest
+
+from tactile_fem.mechanics.sensitivity import Sensitivities
+from tactile_fem.scan.parts import Parts
+from tactile_fem.scan.setup import Setup
+from tactile_fem.study import Finger, Protocol, Receptors, Solver, Sphere, Study
+
+from mpi4py import MPI  # isort: skip
+
+# Modulus and inverse of a bulk modulus; a law's own terms and viscosity's modulus change with them.
+CHANGES = (
+    {("subcutaneous", "C20_MPa"): 1.0, ("subcutaneous", "D1_per_MPa"): -1.0},
+    {("dermis", "C10_MPa"): 1.0},
+)
+STEP = 1e-3
+
+
+def pressed_and_slid() -> Study:
+    return Study(
+        finger=Finger(pad_size_mm=3.0, far_size_mm=6.0),
+        stimulus=Sphere(radius_mm=4.0),
+        protocol=Protocol(depth_mm=0.5, distance_mm=0.1),
+        receptors=Receptors(half_width_mm=0.0),
+        solver=Solver(first_step_mm=0.25, max_press_step_mm=0.25, first_slide_step_mm=0.05),
+    )
+
+
+def changed(study: Study, change: dict[tuple[str, str], float], x: float) -> Study:
+    data = study.model_dump(exclude_none=True)
+    for (tissue, name), power in change.items():
+        data["tissue"][tissue][name] *= exp(power * x)
+    return Study.model_validate(data)
+
+
+def run(study: Study, changes=()) -> tuple[np.ndarray, np.ndarray]:
+    """Return force and SED after each step, and their derivatives."""
+    instruments = Setup.of(study, Parts(), MPI.COMM_WORLD).instruments(MPI.COMM_WORLD)
+    problem, values, derivatives = instruments.problem, [], []
+
+    def read():
+        return np.append(problem.load().force_N, instruments.probe.read().sed_kPa)
+
+    with closing(problem):
+        if changes:
+            sensitivities = Sensitivities(problem, changes)
+            problem.before_accept.append(lambda: derivatives.append(sensitivities.derivative(read)))
+        problem.before_accept.append(lambda: values.append(read()))
+        for _ in instruments.stepper:
+            pass
+    return np.array(values), np.array(derivatives)
+
+
+@pytest.mark.ranks
+def test_press_and_slide_with_friction():
+    """Friction's memory of where the skin stuck passes the derivatives from step to step."""
+    study = pressed_and_slid()
+    values, found = run(study, CHANGES)
+    np.testing.assert_allclose(run(study)[0], values, rtol=1e-6, atol=1e-8)
+    for i, change in enumerate(CHANGES):
+        more, less = (run(changed(study, change, x))[0] for x in (STEP, -STEP))
+        wanted = (more - less) / (2 * STEP)
+        scale = np.abs(wanted).max(axis=0)
+        np.testing.assert_allclose(found[:, i] / scale, wanted / scale, atol=2e-3)
+        assert scale[2] > 1e-3 and scale[1] > 1e-4  # both forces do depend on them
