@@ -3,47 +3,46 @@
 #
 # This demo emphasizes
 # - which constants determine the force and the receptors' strain energy, and which hardly matter,
-# - a series of runs that can be interrupted and continued.
+# - derivatives that come with one scan, from the tangent of each step (`Sensitivities`).
 #
-# Each constant of the tissue set "fitted", and the friction, is multiplied by 0.9 and by 1.1 while
-# the others are fixed. $D_1$ is varied on its own: 10 % more of it is about 10 % less bulk modulus.
-# The outputs are the flat plate's force at 2.0 mm, the letters' force at 1.97 mm, and the largest
-# strain energy density (SED) of any receptor of the line across the finger during the letters'
-# press and slide.
+# A flat plate is pressed 2.0 mm deep; the letters are pressed 1.97 mm deep and slide. Each constant
+# of the soft tissues is changed on its own; 10 % more of $D_1$ is about 10 % less bulk modulus. The
+# outputs are the plate's force, the letters' force at the end of the press and the largest strain
+# energy density (SED) that a receptor of the line across the finger feels in the slide. The table
+# shows ten times the logarithmic derivative: the change in percent for 10 % more of a constant.
 #
 #     python demos/validation/sensitivity.py results/sensitivity
 #     python demos/validation/sensitivity.py results/sensitivity --distance 2
 
 # %%
-import csv
-from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from flat_plate import plate_study
 
 from tactile_fem.cli.entry import run
+from tactile_fem.mechanics.sensitivity import Change, Sensitivities
 from tactile_fem.runtime.files import write_table
-from tactile_fem.scan import scan
-from tactile_fem.study import Polynomial, Protocol, Receptors, Study, Text, Tissue
+from tactile_fem.scan.parts import Parts
+from tactile_fem.scan.setup import Setup
+from tactile_fem.study import Finger, Polynomial, Protocol, Study, Tissue
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
-FACTORS = (1.1, 0.9)
-OUTCOMES = ("plate_N", "letters_N", "sed_kPa")
+Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Run:
-    """Results for one set of constants."""
+class Row:
+    """Changes in percent for 10 % more of a constant."""
 
     constant: str
-    factor: float
-    plate_N: float
-    letters_N: float
-    sed_kPa: float
+    plate_force: float
+    letters_force: float
+    slide_sed: float
 
 
 # %%
@@ -52,99 +51,113 @@ def main(
     *,
     tissue: str = "fitted",
     preset: Literal["coarse", "medium", "paper"] = "coarse",
+    pad_size: float | None = None,
+    far_size: float | None = None,
     plate_depth: float = 2.0,
     depth: float = 1.97,
-    distance: float = 0.0,
-    constants: list[str] | None = None,
+    distance: float = 0.2,
 ) -> None:
-    """Vary every constant by 10 %, or only the named `constants`; lengths in mm.
+    """Print and save the change of the outputs for 10 % more of each constant; lengths in mm."""
+    finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
+    plate = plate_study(plate_depth, 0.25, {"set": tissue}, preset).model_copy(
+        update={"finger": finger}
+    )
+    letters = Study(
+        finger=finger,
+        tissue=plate.tissue,
+        protocol=Protocol(depth_mm=depth, distance_mm=distance),
+    )
+    constants = constants_of(plate.tissue)
+    changes = [{name: 1.0} for name in constants]
+    on_plate, on_letters = (followed(study, changes) for study in (plate, letters))
+    columns = [
+        on_plate.change(len(on_plate.force) - 1, on_plate.force, on_plate.force_slope),
+        on_letters.change(on_letters.pressed, on_letters.force, on_letters.force_slope),
+        on_letters.largest_sed_change(),
+    ]
+    if MPI.COMM_WORLD.rank:
+        return
+    rows = [
+        Row(f"{layer}.{key}", *(round(float(column[i]), 2) for column in columns))
+        for i, (layer, key) in enumerate(constants)
+    ]
+    folder.mkdir(parents=True, exist_ok=True)
+    write_table(folder / "sensitivity.csv", rows)
+    pressed = on_letters.force[on_letters.pressed]
+    largest = on_letters.sed[on_letters.pressed :].max()
+    print(f"plate {on_plate.force[-1]:.4f} N, letters {pressed:.4f} N, SED {largest:.4f} kPa")
+    print("change in % for 10 % more   plate  letters      SED")
+    for row in rows:
+        print(
+            f"{row.constant:26} {row.plate_force:+7.2f}  {row.letters_force:+7.2f}  "
+            f"{row.slide_sed:+7.2f}"
+        )
 
-    The runs are saved in the folder; a second start with the same options repeats none.
+
+def constants_of(tissue: Tissue) -> list[tuple[str, str]]:
+    """Return tissue and name of the soft tissues' constants that are not zero."""
+    return [
+        (layer, key)
+        for layer in Tissue.model_fields
+        if isinstance(getattr(tissue, layer), Polynomial)
+        for key, value in getattr(tissue, layer)
+        if value
+    ]
+
+
+# %%
+@dataclass(frozen=True)
+class Followed:
+    """A scan with its derivatives.
+
+    Attributes
+    ----------
+    force, sed
+        Normal force (steps,), N, and SED of the receptors (steps, receptors), kPa.
+    force_slope, sed_slope
+        Their derivatives along the constants' logarithms, (steps, constants[, receptors]).
+    pressed
+        Index of the last step of the press.
     """
-    path = folder / "sensitivity.csv"
-    runs = load(path)
-    plate = plate_study(plate_depth, 0.5, {"set": tissue}, preset)
-    letters = plate.model_copy(
-        update={
-            "stimulus": Text(),
-            "protocol": Protocol(depth_mm=depth, distance_mm=distance),
-            "receptors": Receptors(),
-            "solver": Study().solver,
-        }
-    )
-    chosen = constants or [*constants_of(plate.tissue), "friction"]
-    for name, factor in [("none", 1.0), *((name, f) for f in FACTORS for name in chosen)]:
-        if (name, factor) not in runs:
-            runs[name, factor] = measure(plate, letters, name, factor)
-            if MPI.COMM_WORLD.rank == 0:
-                folder.mkdir(parents=True, exist_ok=True)
-                write_table(path, list(runs.values()))
-                print(runs[name, factor], flush=True)
-    if MPI.COMM_WORLD.rank == 0:
-        print_results(runs)
+
+    force: Array
+    sed: Array
+    force_slope: Array
+    sed_slope: Array
+    pressed: int
+
+    def change(self, step: int, values: Array, slopes: Array) -> Array:
+        """Return the changes in percent for 10 % more of each constant."""
+        return 10 * slopes[step] / values[step]
+
+    def largest_sed_change(self) -> Array:
+        """Return those of the largest SED in the slide."""
+        slide = self.sed[self.pressed :]
+        step, receptor = np.unravel_index(np.argmax(slide), slide.shape)
+        slopes = self.sed_slope[self.pressed + step, :, receptor]
+        return 10 * slopes / slide[step, receptor]
 
 
-def load(path: Path) -> dict[tuple[str, float], Run]:
-    """Return the runs that are complete."""
-    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    rows = list(csv.DictReader(lines))
-    runs = [Run(row["constant"], *(float(row[n]) for n in ("factor", *OUTCOMES))) for row in rows]
-    return {(known.constant, known.factor): known for known in runs}
+def followed(study: Study, changes: list[Change]) -> Followed:
+    """Run a study and follow its derivatives."""
+    instruments = Setup.of(study, Parts(), MPI.COMM_WORLD).instruments(MPI.COMM_WORLD)
+    problem, values, slopes, phases = instruments.problem, [], [], []
 
+    def read() -> Array:
+        return np.append(problem.load().force_N[2], instruments.probe.read().sed_kPa)
 
-# %%
-def constants_of(tissue: Tissue) -> Iterator[str]:
-    """Yield the soft tissues' constants that are not zero, such as "dermis.C10_MPa"."""
-    for layer in Tissue.model_fields:
-        values = getattr(tissue, layer)
-        if isinstance(values, Polynomial):
-            yield from (f"{layer}.{key}" for key, value in values.model_dump().items() if value)
+    with closing(problem):
+        sensitivities = Sensitivities(problem, changes)
 
+        def record() -> None:
+            values.append(read())
+            slopes.append(sensitivities.derivative(read))
 
-def measure(plate: Study, letters: Study, constant: str, factor: float) -> Run:
-    """Press plate and letters with one constant multiplied by `factor`."""
-    on_plate, on_letters = (scan(varied(s, constant, factor)).trace for s in (plate, letters))
-    pressed = on_letters.displacement_mm == 0
-    return Run(
-        constant,
-        factor,
-        float(on_plate.force_N[-1, 2]),
-        float(on_letters.force_N[pressed][-1, 2]),
-        float(np.max(on_letters.sed_kPa)),
-    )
-
-
-def varied(study: Study, constant: str, factor: float) -> Study:
-    """Return the study with one constant multiplied by `factor`."""
-    if constant == "none":
-        return study
-    values: dict[str, Any] = study.model_dump()
-    section = "stimulus" if constant == "friction" else "tissue"
-    *above, key = section, *constant.split(".")
-    table = values
-    for name in above:
-        table = table[name]
-    table[key] *= factor
-    return Study.model_validate(values)
-
-
-# %%
-def print_results(runs: dict[tuple[str, float], Run]) -> None:
-    """Print the changes in percent, for 10 % less and 10 % more of each constant."""
-    base = runs["none", 1.0]
-    print(f"plate {base.plate_N:.4f} N, letters {base.letters_N:.4f} N, SED {base.sed_kPa:.4f} kPa")
-    print(f"{'change in % at -10 %, +10 %':28}" + "".join(f"{name:>18}" for name in OUTCOMES))
-    for name in dict.fromkeys(constant for constant, _ in runs if constant != "none"):
-        cells = []
-        for outcome in OUTCOMES:
-            changes = [
-                f"{100 * (getattr(runs[name, f], outcome) / getattr(base, outcome) - 1):+8.2f}"
-                if (name, f) in runs
-                else f"{'-':>8}"
-                for f in sorted(FACTORS)
-            ]
-            cells.append(" ".join(changes))
-        print(f"{name:28}" + "".join(f"{cell:>18}" for cell in cells))
+        problem.before_accept.append(record)
+        phases += [step.phase for step in instruments.stepper]
+    value, slope = np.array(values), np.array(slopes)
+    pressed = max(k for k, phase in enumerate(phases) if phase == "press")
+    return Followed(value[:, 0], value[:, 1:], slope[:, :, 0], slope[:, :, 1:], pressed)
 
 
 # %%

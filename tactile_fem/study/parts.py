@@ -20,13 +20,15 @@ class Finger(Either):
         description="a .msh file with the package's tags, instead of all other keys of this table",
     )
     half_width_mm: Positive = Field(8.0, description="proposed: half the finger's width (X)")
-    palmar_height_mm: Positive = Field(8.0, description="proposed: axis to pad")
+    palmar_height_mm: Positive = Field(
+        7.2, description="fitted: axis to pad; the radius across is half_width_mm^2 over it"
+    )
     dorsal_height_mm: Positive = Field(5.5, description="proposed: axis to nail side")
     tip_length_mm: Positive = Field(11.0, description="proposed: length of the rounded tip (Y)")
-    straight_length_mm: Positive = Field(14.0, description="proposed: proximal of the rounded tip")
+    straight_length_mm: Positive = Field(16.0, description="proposed: proximal of the rounded tip")
     contact_from_tip_mm: Positive = Field(12.0, description="proposed: tip to contact point")
     pad_radius_mm: Positive = Field(
-        18.0, description="proposed: radius of the pad's contour along the finger"
+        29.0, description="fitted: radius of the pad's contour along the finger"
     )
     stratum_corneum_mm: Positive = Field(0.17, description="paper: layer thickness")
     epidermis_mm: Positive = Field(0.65, description="paper: layer thickness")

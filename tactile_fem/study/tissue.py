@@ -52,9 +52,10 @@ def _neo_hookean(E_MPa: float, nu: float = 0.48) -> dict[str, float]:
     }
 
 
-# The paper's outer layers are neo-Hookean. C30 matters at strains of tens of percent, as caused
-# by a friction of 1 or the free end of a stroke. Otherwise it changes the maxima of SED by 1.5 %
-# (rms), less than the mesh does.
+# Moduli of the outer layers before the fit, from the literature: stratum corneum E 0.5 MPa, half of
+# the least of Geerligs 2011; epidermis and dermis Maeno 1998, dermis' C20 from a plate's force.
+# The paper's are neo-Hookean. C30 matters at strains of tens of percent, as caused by a friction
+# of 1 or the free end of a stroke.
 _SKIN = {
     "stratum_corneum": {"C10_MPa": 0.0845, "C30_MPa": 0.845, "D1_per_MPa": 0.48},
     "epidermis": {"C10_MPa": 0.02297, "C30_MPa": 0.02297, "D1_per_MPa": 1.765},
@@ -62,10 +63,28 @@ _SKIN = {
 }
 _HARD = {"bone": {"E_MPa": 17_000.0, "nu": 0.3}, "nail": {"E_MPa": 170.0, "nu": 0.3}}
 
+
+def _scaled(factor: float) -> dict[str, dict[str, float]]:
+    """Return the outer layers with all moduli times a factor."""
+    return {
+        layer: {
+            name: float(f"{value / factor if name == 'D1_per_MPa' else value * factor:.4g}")
+            for name, value in constants.items()
+        }
+        for layer, constants in _SKIN.items()
+    }
+
+
 TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
-    # C10 and C20 of the subcutaneous tissue: fitted by demos/validation/fit_tissue.py to measured
-    # forces of finger pads on a flat plate; D1 from 5 kPa and nu 0.48; the rest as above.
+    # Fitted by `tactile-fem fit`, together with the shape of the pad, to forces on a plate and a
+    # probe and to the skin's profile under a cylinder: demos/validation/README.md.
     "fitted": {
+        **_scaled(0.36),
+        "subcutaneous": {"C10_MPa": 2.7e-4, "C20_MPa": 2.75e-4, "D1_per_MPa": 21.0},
+        **_HARD,
+    },
+    # Fitted to the plate alone, on a more pointed pad; too stiff for the probe.
+    "plate": {
         **_SKIN,
         "subcutaneous": {"C10_MPa": 1.1e-4, "C20_MPa": 8.95e-4, "D1_per_MPa": 48.0},
         **_HARD,
@@ -76,7 +95,7 @@ TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
         "subcutaneous": {"C10_MPa": 4.22e-4, "C20_MPa": 3.0e-4, "D1_per_MPa": 96.0},
         **_HARD,
     },
-    # Maeno et al. 1998; stratum corneum as above.
+    # Maeno et al. 1998; stratum corneum E 1 MPa (Geerligs 2011: 1 to 2).
     "maeno1998": {
         "stratum_corneum": _neo_hookean(1.0),
         "epidermis": _neo_hookean(0.136),
@@ -98,7 +117,7 @@ TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
 class Tissue(Section):
     """Constants of the tissues; tables and keys that are left out come from the named set."""
 
-    set: Literal["fitted", "proposed", "maeno1998", "gerling2014"] = Field(
+    set: Literal["fitted", "plate", "proposed", "maeno1998", "gerling2014"] = Field(
         "fitted", description="constants of the tissues that are not given below"
     )
     viscous_time_s: NonNegative = Field(

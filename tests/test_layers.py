@@ -1,0 +1,20 @@
+"""Strain of the layers against a block whose deformation is known."""
+
+import numpy as np
+from blocks import block_mesh
+from layers import principal_strains, under_contact
+
+
+def test_a_quadratic_displacement_is_exact_at_the_centres():
+    grid = np.linspace(-1, 1, 3)
+    block = block_mesh(grid, grid, np.array([0.0, 0.5, 1.0]), ["epidermis", "dermis"])
+    x, y, z = block.nodes.T
+    moved = np.column_stack([0.1 * x**2, 0 * y, -0.2 * z])
+    centre = block.nodes[block.tets[block.tissue == 2, :4]].mean(axis=1)
+    found = principal_strains(block, moved, "epidermis")
+    wanted = np.sort(
+        np.column_stack([0.2 * centre[:, 0], 0 * x[: len(centre)], -0.2 + 0 * centre[:, 0]])
+    )
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+    near = under_contact(block, "epidermis", 0.5)
+    assert 0 < near.sum() < len(near) and np.abs(centre[near, :2]).max() < 0.5
