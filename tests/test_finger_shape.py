@@ -42,7 +42,7 @@ def test_pad_curvature_at_the_contact_point_and_lift_off():
     x = np.array([0.0, 0.1])
     across, _ = skin.place(np.column_stack([x, 0 * x, -np.sqrt(1 - x**2)]))
     lateral = across[1, 0] ** 2 / (2 * across[1, 2])
-    assert lateral == pytest.approx(8.0, rel=0.01)
+    assert lateral == pytest.approx(FINGER.half_width_mm**2 / FINGER.palmar_height_mm, rel=0.01)
     assert contour(skin, np.array([skin.cut_y]))[0] > 3.5
 
 

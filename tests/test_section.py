@@ -20,7 +20,7 @@ from tactile_fem.study import Solver, Tissue
 from tactile_fem.tissue.energies import law_of
 
 WIDTH, HEIGHT = 2.0, 1.0
-ELASTIC = Tissue.model_validate({"viscous_time_s": 0.0})
+ELASTIC = Tissue.model_validate({"set": "proposed", "viscous_time_s": 0.0})
 
 
 class Floor:

@@ -143,7 +143,8 @@ def _agreement(experiment: Experiment, values: np.ndarray) -> list[str]:
         error = (values - experiment.mean)[~force]
         r2 = r_squared(values[~force], experiment.mean[~force])
         rms = float(np.sqrt(np.mean(error**2)))
-        lines.append(f"   profile: R2 {r2:.4f}, rms {rms:.4f} mm, worst {error.max():+.3f} mm")
+        worst = error[np.argmax(np.abs(error))]
+        lines.append(f"   profile: R2 {r2:.4f}, rms {rms:.4f} mm, worst {worst:+.3f} mm")
     return lines
 
 
