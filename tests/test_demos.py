@@ -166,7 +166,7 @@ def test_slip(tmp_path):
 @pytest.mark.slow
 def test_predictions(tmp_path):
     way = ["--depth", "0.3", "--forces", "0.02", "--forces", "0.05", "--distance", "0.2", *SMALL]
-    output = run("validation/predictions.py", str(tmp_path), *way)
+    output = run("validation/predictions.py", str(tmp_path), *way, "--deepest", "0.5")
     assert len(output.splitlines()) == len((tmp_path / "predictions.csv").read_text().split()) - 1
     assert 0 < number(r"compression of epidermis, 0\.05 N \| > 20 % \| ([\d.]+)%", output) < 20
     assert 0 < number(r"volume lost, plate at 0\.1 N \| at most 5% \| ([\d.]+)%", output) < 5

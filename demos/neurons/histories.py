@@ -9,9 +9,9 @@
 # Phillips and Johnson (1981) pressed a bar 3 mm wide 1 mm deep into the finger pads of monkeys,
 # repeatedly at different distances $y$ from an afferent. Here the bar is pressed once, and
 # receptors lie on the epidermis-dermis interface at all these distances. The bar lies across the
-# finger, because the pad is flatter along the finger (radius 18 mm, compared with 8 mm across). It
-# is still curved: the skin at $y$ lies $y^2/36$ mm higher than the apex, so the bar's edge, at
-# 1.5 mm, is only 0.94 mm deep. Also, the thickness of the pad differs between receptors, unlike in
+# finger, because the pad is flatter along the finger (radius 29 mm, compared with 9 mm across). It
+# is still curved: the skin at $y$ lies $y^2/58$ mm higher than the apex, so the bar's edge, at
+# 1.5 mm, is only 0.96 mm deep. Also, the thickness of the pad differs between receptors, unlike in
 # the experiment, in which the bar was moved. The cylinders have curvatures of 16, 8, 4, 2 per inch.
 #
 # The press takes 50 ms (20 mm/s, assumed). Strain energy density is saved at each step until the
@@ -21,8 +21,7 @@
 #     python demos/neurons/histories.py results/histories --preset coarse --stimuli bar
 #
 # It writes `bar.csv`, `cylinder_1.59.csv` ...: a row per step, a column per receptor with its $y$
-# in mm as heading. Those in `histories/`, beside this script, come from the first command; their
-# hold has fewer steps and was a slide of 2 µm.
+# in mm as heading. Those in `histories/`, beside this script, come from the first command.
 
 # %%
 import csv

@@ -2,11 +2,11 @@
 # # What the fitted finger predicts
 #
 # This demo emphasizes
-# - every measurement that the tissues were *not* fitted to, beside the model, in one table,
-# - a scan whose observer reads more than the receptors feel.
+# - every measurement beside the model in one table: first those that tissues and pad were fitted
+#   to, then all the others.
 #
 # The tissues and the pad's shape were fitted to the force on a plate and on a probe and to the
-# skin's profile under a cylinder (`tactile-fem fit`). This demo presses
+# skin's profile under a cylinder (`tactile-fem fit`). For the predictions this demo presses
 #
 # - the letters F G H 1.97 mm deep at two speeds: 0.6 N (Hamasaki et al. 2020), ± 15 %,
 # - a plate up to 3.5 N: contact area at 0.25, 0.5 and 1 N (wide ranges, because fingers differ),
@@ -31,8 +31,12 @@ import numpy as np
 from flat_plate import AREA_GATES, LARGEST_LOSS
 from layers import principal_strains, under_contact
 from letters_force import DEPTH_MM, FORCE_N, GATE
+from onset import MEASURED, up_to
 from slip import Drag, drag, full_slip, tangential_stiffness
 
+from tactile_fem.calibration.measurements import read_measurements
+from tactile_fem.calibration.press import press
+from tactile_fem.calibration.report import r_squared
 from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.runtime.files import write_table
@@ -42,6 +46,7 @@ from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Study,
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
+LEAST_R2 = 0.97
 PLATE_N = (0.5, 3.5)
 CENTRE_MM = 2.0  # half of the square in which strains are averaged
 STIFFNESS_N = (0.25, 0.5, 1.0, 2.0)
@@ -68,10 +73,23 @@ def main(
     depth: float = DEPTH_MM,
     forces: tuple[float, float] = PLATE_N,
     distance: float = DRAG_MM,
+    deepest: float = 3.0,
 ) -> None:
-    """Print the table; lengths in mm, forces in N. Complete scans in the folder are kept."""
+    """Print the table; lengths in mm, forces in N.
+
+    Parameters
+    ----------
+    folder
+        For the table and the plate's presses.
+    preset, pad_size, far_size
+        The mesh.
+    depth, forces, distance
+        Of the letters, of the plate and of its slide.
+    deepest
+        Largest depth of the measurements that were fitted.
+    """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
-    rows = [*letters(finger, depth), *plate(finger, folder, forces)]
+    rows = [*fitted(finger, deepest), *letters(finger, depth), *plate(finger, folder, forces)]
     rows += sliding(finger, distance)
     if MPI.COMM_WORLD.rank:
         return
@@ -84,6 +102,52 @@ def main(
 def said(met: Any) -> str:
     """Return how a table says whether a target is met."""
     return "yes" if met else "**missed**"
+
+
+# %%
+def fitted(finger: Finger, deepest: float) -> list[Row]:
+    """Press the indenters to which the tissues were fitted, up to a depth."""
+    study = Study(finger=finger, solver=Solver(max_press_step_mm=0.25))
+    rows = []
+    for experiment in read_measurements(sorted(MEASURED.glob("*.csv"))):
+        inside = up_to(experiment, deepest)
+        if not len(inside.mean):
+            continue
+        values, kind = press(study, inside).values, inside.indenter.kind
+        force = inside.is_force
+        rows += [
+            force_row(kind, *numbers)
+            for numbers in zip(
+                inside.depth_mm[force],
+                values[force],
+                inside.mean[force],
+                inside.sd[force],
+                strict=True,
+            )
+        ]
+        if not force.all():
+            rows.append(profile_row(kind, values[~force], inside.mean[~force]))
+    return rows
+
+
+def force_row(kind: str, depth: float, model: float, mean: float, sd: float) -> Row:
+    """Return the row of a force."""
+    off = (model - mean) / sd
+    return Row(
+        f"{kind}, {depth:.1f} mm",
+        f"{mean:.3f} ± {sd:.3f} N",
+        f"{model:.4f} N, {off:+.2f} sd",
+        said(abs(off) <= 1),
+    )
+
+
+def profile_row(kind: str, model: np.ndarray, mean: np.ndarray) -> Row:
+    """Return the row of a profile."""
+    r2, rms = r_squared(model, mean), float(np.sqrt(np.mean((model - mean) ** 2)))
+    measured = f"R² at least {LEAST_R2}"
+    return Row(
+        f"profile under the {kind}", measured, f"{r2:.4f}, rms {rms:.3f} mm", said(r2 >= LEAST_R2)
+    )
 
 
 # %%

@@ -55,10 +55,10 @@ class Neuron(Section):
     # alpha and beta: demos/neurons/fit_bar.py, on rates that Phillips and Johnson (1981) measured
     # under a bar; kappa and tau_a stayed as here in that fit.
     static_gain_pA_per_kPa: NonNegative = Field(
-        113.0, description="alpha; fitted to rates under a bar (Phillips and Johnson 1981)"
+        174.0, description="alpha; fitted to rates under a bar (Phillips and Johnson 1981)"
     )
     dynamic_gain_pA_s_per_kPa: NonNegative = Field(
-        17.2, description="beta; fitted to rates under a bar (Phillips and Johnson 1981)"
+        26.2, description="beta; fitted to rates under a bar (Phillips and Johnson 1981)"
     )
     adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(0.45, description="kappa; proposed")
     adaptation_time_s: Positive = Field(0.5, description="tau_a; proposed")
