@@ -195,7 +195,7 @@ def test_export_writes_a_deck(capsys):
     lengths = ["--press-step-mm", "0.1", "--slide-step-mm", "2.5", "--grid-mm", "4"]
     assert cli.main(["export", "--deck", "finger.inp", *settings, *lengths]) == 0
     out = capsys.readouterr().out
-    assert "8576 tetrahedra" in out and "finger.inp" in out
+    assert "8580 tetrahedra" in out and "finger.inp" in out
     deck = Path("finger.inp").read_text()
     starts = [float(share) for share in re.findall(r"\*STATIC\n([\d.]+),", deck)]
     assert starts == pytest.approx([1 / 3, 1 / 4])
