@@ -82,8 +82,13 @@ class TwoLevel:
     def follow(self, jacobian: PETSc.Mat) -> None:
         """Set up with a new Jacobian if the previous set-up has become inefficient."""
         newton, linear = self._snes.getIterationNumber(), self._snes.getKSP().getIterationNumber()
-        if self._coarse is None or (newton > 0 and linear > _FEW_ITERATIONS):
+        if not self.is_set_up or (newton > 0 and linear > _FEW_ITERATIONS):
             self.set_up(jacobian)
+
+    @property
+    def is_set_up(self) -> bool:
+        """Whether it was ever set up."""
+        return self._coarse is not None
 
     def set_up(self, jacobian: PETSc.Mat) -> None:
         """Compute coarse operator and factors, the lines' inverses and the spectral bounds."""

@@ -321,6 +321,8 @@ class FingerProblem:
         own = self._problem
         fem_petsc.assign(self.u, own.x)
         self._assemble_at(own.x, own.A)
+        if self._two_level and not self._two_level.is_set_up:  # no step took an iteration yet
+            self._two_level.set_up(own.A)
         pc = self.snes.getKSP().getPC()
         pc.setReusePreconditioner(True)
         ksp = PETSc.KSP().create(self.domain.comm)
