@@ -73,7 +73,7 @@ def test_parts_of_ones_own_make_a_scan(small_finger, tmp_path, monkeypatch):
     code = shortened(code, "Finger()", f"Finger(mesh_file={str(small_finger)!r})")
     names = run(code, page)
     trace = names["result"].trace
-    assert trace.force_N[-1, 2] > 0.005
+    assert trace.force_N[-1, 2] > 0.004
     assert trace.phase.tolist().count("zigzag") >= 10
     np.testing.assert_allclose(trace.stimulator_mm[-1], [0.0, -0.2, 0.2], atol=1e-9)
     np.testing.assert_allclose(trace.work_mJ[1:], trace.power_mW[1:] * np.diff(trace.clock_s))

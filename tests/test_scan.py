@@ -176,10 +176,12 @@ def test_two_populations_share_a_scan_that_is_cut_off(finished, study, tmp_path)
     for name in ("sed_kPa", "von_mises_kPa", "stretches"):
         whole = getattr(one.trace, name)
         own = getattr(trace, name)[:, :5]
-        np.testing.assert_allclose(own, whole, rtol=1e-9, atol=1e-13, err_msg=name)
-    # Beside one another, but in softer tissue.
-    beside = trace.sed_kPa[-1, 6] / trace.sed_kPa[-1, 2]
-    assert beside > 0 and beside != pytest.approx(1, abs=0.05)
+        # Not to a share of each: Newton's method ends at a force, where hardly any is felt too.
+        noise = 1e-8 * np.abs(whole).max()
+        np.testing.assert_allclose(own, whole, rtol=0, atol=noise, err_msg=name)
+    # Beside one another, but in other tissue.
+    beside = trace.sed_kPa[-1, 5:] / trace.sed_kPa[-1, [0, 2, 4]]
+    assert (beside > 0).all() and not np.allclose(beside, 1, atol=0.05)
     assert np.all(np.diff(trace.stresses_kPa, axis=-1) >= 0)
     assert trace.stresses_kPa[-1, 6, 0] < 0  # pressed
     results = Results.open(tmp_path / "two")
