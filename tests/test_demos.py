@@ -165,11 +165,30 @@ def test_slip(tmp_path):
 
 @pytest.mark.slow
 def test_predictions(tmp_path):
-    way = ["--depth", "0.3", "--forces", "0.02", "0.05", "--distance", "0.2", *SMALL]
-    output = run("validation/predictions.py", str(tmp_path), *way, "--deepest", "0.5")
-    assert len(output.splitlines()) == len((tmp_path / "predictions.csv").read_text().split()) - 1
+    way = ["--depth", "0.3", "--forces", "0.02", "0.05", "--distance", "0.2", "--deepest", "0.5"]
+    way += ["--drag", "0.05", "--stiffness-forces", "0.02", "--stiffness-forces", "0.05", *SMALL]
+    output = run("validation/predictions.py", str(tmp_path), *way)
+    table = (tmp_path / "predictions.csv").read_text().splitlines()
+    assert len(output.splitlines()) == len(table) - 1 == 11
     assert 0 < number(r"compression of epidermis, 0\.05 N \| > 20 % \| ([\d.]+)%", output) < 20
     assert 0 < number(r"volume lost, plate at 0\.1 N \| at most 5% \| ([\d.]+)%", output) < 5
+
+
+@pytest.mark.slow
+def test_onset(tmp_path):
+    output = run("validation/onset.py", str(tmp_path), "--deepest", "0.5", *SMALL)
+    shift = number(r"chosen for plate indenter plate shift_mm (0\.0[1-9]\d*) deviations", output)
+    assert 0 < shift <= 0.1  # the plate's force at 0.5 mm is too low, so contact begins earlier
+    assert "probe's edge of 0.4 instead of 0.2 mm: " in output
+
+
+@pytest.mark.slow
+def test_locking(tmp_path):
+    way = ["--presets", "coarse", "--depth", "0.3", *SMALL]
+    output = run("verification/locking.py", str(tmp_path), *way)
+    rows = re.findall(r"^coarse +\d+ +([\d.]+) +([\d.]+) +\+0\.00%$", output, re.M)
+    (ratio, force), (softer, less) = [(float(a), float(b)) for a, b in rows]
+    assert ratio == pytest.approx(10 * softer, rel=0.02) and force > less > 0
 
 
 @pytest.mark.slow
@@ -315,12 +334,12 @@ def test_sharp_block(tmp_path):
 def test_histories(tmp_path):
     way = ["--preset", "coarse", "--stimuli", "bar", "--depth", "0.1", "--step", "0.05"]
     output = run("neurons/histories.py", str(tmp_path), *way)
-    assert number(r"bar: ([\d.]+) N", output) == pytest.approx(0.006, rel=0.1)
+    assert number(r"bar: ([\d.]+) N", output) == pytest.approx(0.0032, rel=0.1)
     with (tmp_path / "bar.csv").open() as table:
         heading, *rows = csv.reader(table)
     assert [float(y) for y in heading[1:]] == pytest.approx([0.1 * k - 4 for k in range(81)])
     assert float(rows[-1][0]) == pytest.approx(0.055)
-    assert max(map(float, rows[-1][1:])) == pytest.approx(0.025, rel=0.1)
+    assert max(map(float, rows[-1][1:])) == pytest.approx(0.00936, rel=0.1)
 
 
 def test_fit_bar(tmp_path):
@@ -332,10 +351,10 @@ def test_fit_bar(tmp_path):
     assert n.static_gain_pA_per_kPa == pytest.approx(gains[0], rel=0.005)
     assert n.dynamic_gain_pA_s_per_kPa == pytest.approx(gains[1], rel=0.005)
     predicted = re.search(r"y < 0" + r" +([\d.]+)" * 6, output)
-    assert predicted and float(predicted[6]) == pytest.approx(0.764, abs=0.002)
+    assert predicted and float(predicted[6]) == pytest.approx(0.853, abs=0.002)
     assert "adaptation is not determined" in output
     assert "all rates fall with the radius: yes" in output
-    assert number(r"1\.59 +0\.830 +([\d.]+)", output) == pytest.approx(278, abs=2)
+    assert number(r"1\.59 +0\.464 +([\d.]+)", output) == pytest.approx(254, abs=2)
     for name in ("bar.csv", "bar.png", "cylinders.csv", "cylinders.png"):
         assert (tmp_path / name).is_file()
 
@@ -400,7 +419,7 @@ def test_partition():
     script = str(DEMOS / "benchmarks/partition.py")
     output = run_command(ranks.launcher(), "-n", "3", sys.executable, script)
     cells = re.search(r"cells +(\d+) +([\d.]+) +(\d+)", output)
-    assert cells and float(cells[2]) * 3 == pytest.approx(8576, abs=1)
+    assert cells and float(cells[2]) * 3 == pytest.approx(8580, abs=1)
     assert number(r"lines cut +(\d+)", output) >= 0
 
 

@@ -360,7 +360,7 @@ def test_fat_that_resists_no_shear_leaves_the_load_to_the_skin(study):
     assert soft.displacement_mm[-1] == 0.1
     assert np.all(soft.imbalance_N < 1e-7)
     pressed = np.flatnonzero(soft.displacement_mm == 0)[-1]
-    assert 0.8 < soft.force_N[pressed, 2] / usual.force_N[pressed, 2] < 0.97
+    assert 0.6 < soft.force_N[pressed, 2] / usual.force_N[pressed, 2] < 0.9
 
 
 def test_fat_of_an_absurd_stiffness_stops_the_scan_where_it_is_touched(study, tmp_path):

@@ -59,7 +59,7 @@ def shipped():
         ({"pad_radius_mm": 5.0}, "pad_radius_mm"),
         ({"straight_length_mm": 1.0}, "straight_length_mm"),
         ({"nail_width_mm": 17.0}, "nail"),
-        ({"nail_length_mm": 23.0}, "nail"),
+        ({"nail_length_mm": 26.0}, "nail"),
         ({"nail_thickness_mm": 2.0}, "nail_thickness_mm"),
         ({"pad_size_mm": 2.0, "far_size_mm": 1.0}, "far_size_mm"),
     ],
@@ -83,7 +83,7 @@ def test_jacobians_and_quality(mesh):
     check_mesh(mesh)
     assert volumes(mesh.nodes, mesh.tets).min() > 0
     thick = np.isin(mesh.tissue, [TISSUES[name] for name in ("dermis", "subcutaneous", "bone")])
-    assert gammas(mesh.nodes, mesh.tets)[thick].min() > 0.1
+    assert gammas(mesh.nodes, mesh.tets)[thick].min() > 0.08
 
 
 def test_gamma_of_known_tetrahedra():
@@ -98,7 +98,8 @@ def test_layers_are_as_thick_as_wanted_over_the_pad(mesh):
     for name, found in layer_thickness(mesh).items():
         expected = getattr(FINGER, f"{name}_mm")
         assert len(found) > 200
-        assert np.abs(found / expected - 1).max() < 0.05, name
+        off = np.abs(found / expected - 1)
+        assert off.mean() < 0.005 and off.max() < 0.1, name  # chords where the tip closes
 
 
 def test_layers_and_pad_are_measured_whoever_made_the_mesh(shipped):
@@ -171,7 +172,9 @@ def test_surfaces_lie_where_their_names_say(mesh):
     assert sides["interface"] == {23}
     assert sides["bone_surface"] == {45}
     assert sides["cut"] == {1, 2, 3, 4, 5}
-    assert np.all(mesh.nodes[mesh.triangles[mesh.surface == SURFACES["cut"]], 1] == -13.0)
+    assert np.all(
+        mesh.nodes[mesh.triangles[mesh.surface == SURFACES["cut"]], 1] == skin_shape(FINGER).cut_y
+    )
     centre = mesh.nodes[mesh.triangles[:, :3]].mean(axis=1)
     interface = centre[mesh.surface == SURFACES["interface"]]
     depth = depth_below(skin_shape(FINGER), interface[interface[:, 1] > -9.0])

@@ -34,7 +34,7 @@ def study(small_finger) -> Study:
         stimulus=Text(text="FG"),
         protocol=Protocol(depth_mm=0.4, distance_mm=0.6, output_mm=0.05),
         receptors=Receptors(spacing_mm=2.5),
-        neuron=Neuron(static_gain_pA_per_kPa=1e4),  # so that so small a press is felt
+        neuron=Neuron(static_gain_pA_per_kPa=3e4),  # so that so small a press is felt
         solver=Solver(first_slide_step_mm=0.05),
         output=Output(pictures=False, fields_mm=0.2),
     )
@@ -52,7 +52,10 @@ def whole(study, tmp_path_factory) -> Results:
 
 
 def assert_equal(results: Results, whole: Results, tolerance: float) -> None:
-    """Hold histories, spikes and fields against those of the scan without interruption."""
+    """Hold histories, spikes and fields against those of the scan without interruption.
+
+    Newton's method ends at 1e-8 N, where the forces are about 0.01 N.
+    """
     assert results.run["status"] == "complete"
     for name, expected in whole.trace.items():
         if name in ("phase", "population"):
@@ -143,7 +146,7 @@ def kill_often(study: Study, folder: Path, moments: int, count: int = 1) -> None
 
 def test_killed_at_ten_moments_it_ends_the_same(study, whole, tmp_path):
     kill_often(study, tmp_path / "r", 10)
-    assert_equal(Results(tmp_path / "r"), whole, 1e-10)
+    assert_equal(Results(tmp_path / "r"), whole, 1e-9)
 
 
 @pytest.mark.slow
@@ -152,7 +155,7 @@ def test_two_ranks_killed_at_ten_moments_end_the_same(study, tmp_path):
     """One rank is killed, or all of them and the launcher."""
     assert Run(study, tmp_path / "whole", 2).process.wait(PATIENCE_S) == 0
     kill_often(study, tmp_path / "r", 10, count=2)
-    assert_equal(Results(tmp_path / "r"), Results(tmp_path / "whole"), 1e-10)
+    assert_equal(Results(tmp_path / "r"), Results(tmp_path / "whole"), 1e-9)
 
 
 @pytest.mark.mpi
@@ -222,7 +225,7 @@ def test_cut_off_at_a_write_it_ends_the_same(study, whole, tmp_path, monkeypatch
         scan(study, tmp_path / "r")
     monkeypatch.undo()
     scan(study, tmp_path / "r")
-    assert_equal(Results(tmp_path / "r"), whole, 1e-10)
+    assert_equal(Results(tmp_path / "r"), whole, 1e-9)
 
 
 def test_cut_off_between_field_and_checkpoint_the_field_is_not_listed_twice(
@@ -241,4 +244,4 @@ def test_cut_off_between_field_and_checkpoint_the_field_is_not_listed_twice(
     monkeypatch.undo()
     assert len(read_series(tmp_path / "r" / "fields")[0]) == 2
     resume(tmp_path / "r")
-    assert_equal(Results(tmp_path / "r"), whole, 1e-10)
+    assert_equal(Results(tmp_path / "r"), whole, 1e-9)

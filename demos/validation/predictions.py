@@ -32,7 +32,8 @@ from flat_plate import AREA_GATES, LARGEST_LOSS
 from layers import principal_strains, under_contact
 from letters_force import DEPTH_MM, FORCE_N, GATE
 from onset import MEASURED, up_to
-from slip import Drag, drag, full_slip, tangential_stiffness
+from slip import Drag, full_slip, tangential_stiffness
+from slip import drag as drag_plate
 
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.press import press
@@ -73,6 +74,8 @@ def main(
     depth: float = DEPTH_MM,
     forces: tuple[float, float] = PLATE_N,
     distance: float = DRAG_MM,
+    drag: float = DRAG_N,
+    stiffness_forces: tuple[float, ...] = STIFFNESS_N,
     deepest: float = 3.0,
 ) -> None:
     """Print the table; lengths in mm, forces in N.
@@ -83,14 +86,16 @@ def main(
         For the table and the plate's presses.
     preset, pad_size, far_size
         The mesh.
-    depth, forces, distance
-        Of the letters, of the plate and of its slide.
+    depth, forces
+        Of the letters, and of the plate's presses.
+    drag, distance, stiffness_forces
+        Normal force and length of the plate's slide, and normal forces of the stiffness.
     deepest
         Largest depth of the measurements that were fitted.
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     rows = [*fitted(finger, deepest), *letters(finger, depth), *plate(finger, folder, forces)]
-    rows += sliding(finger, distance)
+    rows += sliding(finger, drag, distance, stiffness_forces)
     if MPI.COMM_WORLD.rank:
         return
     folder.mkdir(parents=True, exist_ok=True)
@@ -244,25 +249,24 @@ def strain_rows(
 
 
 # %%
-def sliding(finger: Finger, distance: float) -> list[Row]:
+def sliding(finger: Finger, normal: float, distance: float, forces: tuple[float, ...]) -> list[Row]:
     """Drag a plate: stiffness, slip from the rim, way to full slip."""
-    stiffness = [tangential_stiffness(finger, normal, DRAG_FRICTION) for normal in STIFFNESS_N]
-    steps = list(drag(finger, DRAG_N, DRAG_FRICTION, distance))
-    slope, offset = np.polyfit(STIFFNESS_N, stiffness, 1)
-    off = np.array(stiffness) - offset - slope * np.array(STIFFNESS_N)
-    r2 = 1 - float(np.sum(off**2) / np.sum((stiffness - np.mean(stiffness)) ** 2))
+    stiffness = [tangential_stiffness(finger, force, DRAG_FRICTION) for force in forces]
+    steps = list(drag_plate(finger, normal, DRAG_FRICTION, distance))
+    slope, offset = np.polyfit(forces, stiffness, 1)
+    r2 = r_squared(offset + slope * np.array(forces), np.array(stiffness))
     return [
         Row(
-            "tangential stiffness, 0.25 to 2 N",
+            f"tangential stiffness, {forces[0]:g} to {forces[-1]:g} N",
             "grows linearly",
             ", ".join(f"{value:.2f}" for value in stiffness) + f" N/mm, R2 {r2:.3f}",
             said(slope > 0 and r2 > 0.95),
         ),
-        *slip_rows(steps),
+        *slip_rows(steps, normal),
     ]
 
 
-def slip_rows(steps: list[Drag]) -> list[Row]:
+def slip_rows(steps: list[Drag], normal: float) -> list[Row]:
     """Return the rows of how slip spreads and when all skin slips."""
     partly = [step for step in steps if 0.1 < step.stuck < 0.9]
     inner = float(np.mean([step.stuck_radius for step in partly])) if partly else float("nan")
@@ -276,7 +280,7 @@ def slip_rows(steps: list[Drag]) -> list[Row]:
             said(inner < 0.9),
         ),
         Row(
-            f"drag before all slips, {DRAG_N:g} N, friction {DRAG_FRICTION:g}",
+            f"drag before all slips, {normal:g} N, friction {DRAG_FRICTION:g}",
             "3.4 mm (0.9 to 6.3)",
             way,
             said(end is not None and 0.9 <= end.skin_mm <= 6.3),
