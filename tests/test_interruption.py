@@ -35,7 +35,8 @@ def study(small_finger) -> Study:
         protocol=Protocol(depth_mm=0.4, distance_mm=0.6, output_mm=0.05),
         receptors=Receptors(spacing_mm=2.5),
         neuron=Neuron(static_gain_pA_per_kPa=3e4),  # so that so small a press is felt
-        solver=Solver(first_slide_step_mm=0.05),
+        # Scans are compared, and what Newton's method leaves magnifies rounding a millionfold.
+        solver=Solver(first_slide_step_mm=0.05, petsc={"snes_atol": 1e-11}),
         output=Output(pictures=False, fields_mm=0.2),
     )
 
@@ -52,17 +53,14 @@ def whole(study, tmp_path_factory) -> Results:
 
 
 def assert_equal(results: Results, whole: Results, tolerance: float) -> None:
-    """Hold histories, spikes and fields against those of the scan without interruption.
-
-    Newton's method ends at 1e-8 N, where the forces are about 0.01 N.
-    """
+    """Hold histories, spikes and fields against those of the scan without interruption."""
     assert results.run["status"] == "complete"
     for name, expected in whole.trace.items():
         if name in ("phase", "population"):
             np.testing.assert_array_equal(results.trace[name], expected)
         elif name not in ("wall_s", "imbalance_N", "newton_iterations", "linear_iterations"):
             error = np.abs(results.trace[name] - expected).max()
-            assert error <= tolerance * max(np.abs(expected).max(), 1e-3), name
+            assert error <= tolerance * np.abs(expected).max(), name
     assert len(whole.spikes.time_s) > 10
     np.testing.assert_array_equal(results.spikes.receptor, whole.spikes.receptor)
     np.testing.assert_allclose(results.spikes.time_s, whole.spikes.time_s, atol=1e-6)
@@ -146,7 +144,7 @@ def kill_often(study: Study, folder: Path, moments: int, count: int = 1) -> None
 
 def test_killed_at_ten_moments_it_ends_the_same(study, whole, tmp_path):
     kill_often(study, tmp_path / "r", 10)
-    assert_equal(Results(tmp_path / "r"), whole, 1e-9)
+    assert_equal(Results(tmp_path / "r"), whole, 1e-10)
 
 
 @pytest.mark.slow
@@ -155,7 +153,7 @@ def test_two_ranks_killed_at_ten_moments_end_the_same(study, tmp_path):
     """One rank is killed, or all of them and the launcher."""
     assert Run(study, tmp_path / "whole", 2).process.wait(PATIENCE_S) == 0
     kill_often(study, tmp_path / "r", 10, count=2)
-    assert_equal(Results(tmp_path / "r"), Results(tmp_path / "whole"), 1e-9)
+    assert_equal(Results(tmp_path / "r"), Results(tmp_path / "whole"), 1e-10)
 
 
 @pytest.mark.mpi
@@ -177,7 +175,7 @@ def test_two_ranks_stop_on_a_signal_and_one_goes_on(study, whole, tmp_path):
         assert len(sentences) == 1 and "stopped by SIGTERM" in sentences[0]
         assert Results(run.folder).run["status"] == "stopped"
     resume(run.folder)
-    assert_equal(Results(run.folder), whole, 1e-6)
+    assert_equal(Results(run.folder), whole, 1e-8)
 
 
 def test_a_signal_is_heeded_within_a_step(study, tmp_path):
@@ -225,7 +223,7 @@ def test_cut_off_at_a_write_it_ends_the_same(study, whole, tmp_path, monkeypatch
         scan(study, tmp_path / "r")
     monkeypatch.undo()
     scan(study, tmp_path / "r")
-    assert_equal(Results(tmp_path / "r"), whole, 1e-9)
+    assert_equal(Results(tmp_path / "r"), whole, 1e-10)
 
 
 def test_cut_off_between_field_and_checkpoint_the_field_is_not_listed_twice(
@@ -244,4 +242,4 @@ def test_cut_off_between_field_and_checkpoint_the_field_is_not_listed_twice(
     monkeypatch.undo()
     assert len(read_series(tmp_path / "r" / "fields")[0]) == 2
     resume(tmp_path / "r")
-    assert_equal(Results(tmp_path / "r"), whole, 1e-9)
+    assert_equal(Results(tmp_path / "r"), whole, 1e-10)

@@ -53,7 +53,8 @@ def study(small_finger) -> Study:
         stimulus=Text(text="FG"),
         protocol=Protocol(depth_mm=0.5, distance_mm=0.4, output_mm=0.2),
         receptors=Receptors(spacing_mm=2.5),
-        solver=Solver(first_slide_step_mm=0.05),
+        # Scans are compared, and what Newton's method leaves magnifies rounding a millionfold.
+        solver=Solver(first_slide_step_mm=0.05, petsc={"snes_atol": 1e-11}),
         output=Output(pictures=False, fields_mm=0.2),
     )
 
@@ -137,8 +138,11 @@ def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
     for name, array in resumed.trace.arrays().items():
         if name in ("phase", "population"):
             np.testing.assert_array_equal(array, whole[name])
-        elif name != "wall_s":
-            np.testing.assert_allclose(array, whole[name], rtol=1e-9, atol=1e-13, err_msg=name)
+        elif name.endswith("_iterations"):
+            assert np.abs(array - whole[name]).sum() <= 2, name
+        elif name not in ("wall_s", "imbalance_N"):
+            noise = 1e-10 * np.abs(whole[name]).max()
+            np.testing.assert_allclose(array, whole[name], rtol=0, atol=noise, err_msg=name)
     run = Results.open(tmp_path / "cut").run
     assert run["status"] == "complete"
     assert len(read_series(tmp_path / "cut" / "fields")[0]) == 3
@@ -176,8 +180,7 @@ def test_two_populations_share_a_scan_that_is_cut_off(finished, study, tmp_path)
     for name in ("sed_kPa", "von_mises_kPa", "stretches"):
         whole = getattr(one.trace, name)
         own = getattr(trace, name)[:, :5]
-        # Not to a share of each: Newton's method ends at a force, where hardly any is felt too.
-        noise = 1e-8 * np.abs(whole).max()
+        noise = 1e-10 * np.abs(whole).max()
         np.testing.assert_allclose(own, whole, rtol=0, atol=noise, err_msg=name)
     # Beside one another, but in other tissue.
     beside = trace.sed_kPa[-1, 5:] / trace.sed_kPa[-1, [0, 2, 4]]

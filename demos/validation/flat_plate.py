@@ -27,6 +27,7 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.figure import Figure
 
+from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
@@ -35,9 +36,7 @@ from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
-DEPTH_MM = np.array([0.5, 1.0, 1.5, 2.0])
-MEAN_N = np.array([0.037, 0.159, 0.395, 0.769])
-DEVIATION_N = np.array([0.010, 0.051, 0.144, 0.229])
+(MEASURED,) = read_measurements([Path(__file__).parent / "measured" / "plate.csv"])
 # Force N: least and largest contact area, mm².
 AREA_GATES = {0.25: (40.0, 70.0), 0.5: (60.0, 90.0), 1.0: (90.0, 130.0)}
 LARGEST_LOSS = 0.05
@@ -94,7 +93,7 @@ def print_results(trace: Trace) -> None:
     """Print force, area and volume next to the measurements, up to the depth reached."""
     depth, force = trace.depth_mm, trace.force_N[:, 2]
     print("depth mm  model N  measured N (sd)  error/sd")
-    for at, mean, deviation in zip(DEPTH_MM, MEAN_N, DEVIATION_N, strict=True):
+    for at, mean, deviation in zip(MEASURED.depth_mm, MEASURED.mean, MEASURED.sd, strict=True):
         if at <= depth[-1] + 1e-9:
             model = np.interp(at, depth, force)
             error = (model - mean) / deviation
@@ -116,7 +115,7 @@ def draw(trace: Trace, picture: Path) -> None:
     depth, force = trace.depth_mm, trace.force_N[:, 2]
     left.plot(depth, force, color=BLUE, label="model")
     measured = {"fmt": "o", "capsize": 3, "color": ORANGE, "label": "four subjects, mean ± sd"}
-    left.errorbar(DEPTH_MM, MEAN_N, DEVIATION_N, **measured)
+    left.errorbar(MEASURED.depth_mm, MEASURED.mean, MEASURED.sd, **measured)
     left.set(xlabel="Indentation (mm)", ylabel="Normal force (N)")
     middle.plot(force, trace.contact_area_mm2, color=BLUE, label="model")
     at, gates = np.array(list(AREA_GATES)), np.array(list(AREA_GATES.values()))

@@ -13,6 +13,7 @@
 #     python demos/validation/onset.py results/onset
 
 # %%
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -51,12 +52,8 @@ def main(
     ]
     curves = [curve(study, experiment) for experiment in measured]
     probe = measured[1]
-    rounder = Experiment(
-        **{
-            **vars(probe),
-            "indenter": probe.indenter.model_copy(update={"fillet_radius_mm": EDGE_MM}),
-        }
-    )
+    edge_mm = {"fillet_radius_mm": EDGE_MM}
+    rounder = replace(probe, indenter=probe.indenter.model_copy(update=edge_mm))
     edge = press(study, rounder).values / press(study, probe).values - 1
     if MPI.COMM_WORLD.rank:
         return
@@ -79,9 +76,7 @@ def up_to(experiment: Experiment, deepest_mm: float) -> Experiment:
     """Return the part of an experiment up to a depth."""
     keep = experiment.depth_mm <= deepest_mm
     names = ("depth_mm", "place_mm", "mean", "sd")
-    return Experiment(
-        **{**vars(experiment), **{name: getattr(experiment, name)[keep] for name in names}}
-    )
+    return replace(experiment, **{name: getattr(experiment, name)[keep] for name in names})
 
 
 def curve(study: Study, experiment: Experiment) -> PchipInterpolator:
@@ -89,8 +84,8 @@ def curve(study: Study, experiment: Experiment) -> PchipInterpolator:
     beside = np.concatenate([experiment.depth_mm + shift for shift in (-SHIFT_MM, 0, SHIFT_MM)])
     depth = np.unique(np.round(beside, 6))
     nothing = np.full(len(depth), np.nan)
-    wanted = {"depth_mm": depth, "place_mm": nothing, "mean": nothing, "sd": nothing}
-    forces = press(study, Experiment(**{**vars(experiment), **wanted})).values
+    wanted = replace(experiment, depth_mm=depth, place_mm=nothing, mean=nothing, sd=nothing)
+    forces = press(study, wanted).values
     return PchipInterpolator(np.append(0.0, depth), np.append(0.0, forces))
 
 

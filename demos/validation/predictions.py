@@ -94,14 +94,25 @@ def main(
         Largest depth of the measurements that were fitted.
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
-    rows = [*fitted(finger, deepest), *letters(finger, depth), *plate(finger, folder, forces)]
-    rows += sliding(finger, drag, distance, stiffness_forces)
-    if MPI.COMM_WORLD.rank:
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    write_table(folder / "predictions.csv", rows)
+    rows: list[Row] = []
+    for part in (
+        lambda: fitted(finger, deepest),
+        lambda: letters(finger, depth),
+        lambda: plate(finger, folder, forces),
+        lambda: sliding(finger, drag, distance, stiffness_forces),
+    ):
+        found = part()
+        rows += found
+        if MPI.COMM_WORLD.rank == 0:
+            print_rows(found)
+            folder.mkdir(parents=True, exist_ok=True)
+            write_table(folder / "predictions.csv", rows)
+
+
+def print_rows(rows: list[Row]) -> None:
+    """Print rows of the table as soon as they are known."""
     for row in rows:
-        print(f"| {row.quantity} | {row.measured} | {row.model} | {row.met} |")
+        print(f"| {row.quantity} | {row.measured} | {row.model} | {row.met} |", flush=True)
 
 
 def said(met: Any) -> str:

@@ -33,6 +33,8 @@ from flat_plate import BLUE, ORANGE
 from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
 
+from tactile_fem.calibration.measurements import read_measurements
+from tactile_fem.calibration.report import r_squared
 from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.finger.mesh_data import SURFACES
@@ -40,13 +42,13 @@ from tactile_fem.finger.surface import SkinSurface
 from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
 from tactile_fem.scan.results import Results
-from tactile_fem.study import Cylinder, Edge, Finger, Output, Protocol, Receptors, Study
+from tactile_fem.study import Edge, Finger, Output, Protocol, Receptors, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
-LATERAL_MM = np.array([0, 0.5, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7])
-DEFLECTION_MM = np.array([1.00, 0.92, 0.78, 0.62, 0.49, 0.39, 0.28, 0.20, 0.09, 0.04, 0])
-STIMULI = {"cylinder": Cylinder(radius_mm=1.585), "edge": Edge(radius_mm=0.025)}
+(MEASURED,) = read_measurements([Path(__file__).parent / "measured" / "cylinder.csv"])
+LATERAL_MM, DEFLECTION_MM = MEASURED.place_mm, MEASURED.mean
+STIMULI = {"cylinder": MEASURED.indenter, "edge": Edge(radius_mm=0.025)}
 HALF_LENGTH_MM = 8.0
 
 
@@ -122,7 +124,7 @@ def agreement(place: np.ndarray, deflection: np.ndarray) -> None:
     ):
         print(f"{at:10.1f}  {one:11.3f}  {other:9.3f}  {mean:7.3f}  {measured:11.2f}")
     error = model - DEFLECTION_MM
-    r2 = 1 - np.sum(error**2) / np.sum((DEFLECTION_MM - DEFLECTION_MM.mean()) ** 2)
+    r2 = r_squared(model, DEFLECTION_MM)
     print(f"R2 {r2:.4f}, rms {np.sqrt(np.mean(error**2)):.4f} mm")
 
 

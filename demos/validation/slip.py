@@ -30,6 +30,7 @@ from typing import Literal
 import numpy as np
 from matplotlib.figure import Figure
 
+from tactile_fem.calibration.report import r_squared
 from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.finger.mesh_data import SURFACES
@@ -169,9 +170,7 @@ def print_results(steps: list[Drag], stiffness: list[tuple[float, float]]) -> No
     normal, value = np.array(stiffness).T
     if len(normal) > 1:
         slope, offset = np.polyfit(normal, value, 1)
-        line = 1 - np.sum((value - slope * normal - offset) ** 2) / np.sum(
-            (value - value.mean()) ** 2
-        )
+        line = r_squared(offset + slope * normal, value)
         print(f"stiffness = {offset:.3f} + {slope:.3f} N/mm per N, R2 {line:.4f}")
     print("plate mm  skin mm  tangential N  stuck  its radius")
     for step in steps:

@@ -13,7 +13,6 @@ lengths from a press of a finger with another length.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -87,8 +86,8 @@ class Fit:
 
         It takes the deviations as independent of each other, which those of one finger are not.
         """
-        known = np.array([1 / math.log(p.factor) for p in self.parameters])
-        return np.linalg.inv(self.jacobian.T @ self.jacobian + np.diag(known**2))
+        known = np.diag([1 / p.sd**2 for p in self.parameters])
+        return np.linalg.inv(self.jacobian.T @ self.jacobian + known)
 
     @property
     def sd(self) -> Array:
@@ -103,8 +102,7 @@ class Fit:
     @property
     def learnt(self) -> Array:
         """How much of the variance before is gone: 0 nothing was learnt, 1 all is known."""
-        before = np.array([math.log(p.factor) for p in self.parameters])
-        return 1 - (self.sd / before) ** 2
+        return 1 - (self.sd / [p.sd for p in self.parameters]) ** 2
 
     @property
     def correlation(self) -> Array:
@@ -172,7 +170,7 @@ def fit(
             model.residuals,
             start,
             jac=model.jacobian,
-            x_scale=[math.log(p.factor) for p in parameters],
+            x_scale=[p.sd for p in parameters],
             xtol=_TOLERANCE,
             ftol=_TOLERANCE,
             max_nfev=evaluations,

@@ -95,7 +95,7 @@ class Model:
         self._most, self._seen = most, set[bytes]()
         self._begun = time.perf_counter()
         self._changes = tuple(p.change for p in parameters if p.of_tissue)
-        self._known = np.array([math.log(p.factor) for p in parameters])
+        self._known = np.array([p.sd for p in parameters])
 
     def residuals(self, x: Array) -> Array:
         """Return deviations of the numbers, then of the parameters, in standard deviations."""
@@ -124,18 +124,18 @@ class Model:
         TactileError
             A finger with another length cannot be pressed as deep.
         """
-        tissue = np.concatenate([p.derivatives for p in self.predictions(x)])
-        of_tissue = iter(tissue.T)
+        predictions = self.predictions(x)
+        here = np.concatenate([p.values for p in predictions])
+        of_tissue = iter(np.concatenate([p.derivatives for p in predictions]).T)
         columns = [
-            next(of_tissue) if parameter.of_tissue else self._along_length(x, i)
+            next(of_tissue) if parameter.of_tissue else self._along_length(x, i, here)
             for i, parameter in enumerate(self._parameters)
         ]
         sd = np.concatenate([e.sd for e in self._experiments])
         return np.vstack([np.array(columns).T / sd[:, None], np.diag(1 / self._known)])
 
-    def _along_length(self, x: Array, i: int) -> Array:
-        """Return the derivatives of the numbers along a length, from a longer or shorter one."""
-        here = np.concatenate([p.values for p in self.predictions(x)])
+    def _along_length(self, x: Array, i: int, here: Array) -> Array:
+        """Return the derivatives of the numbers, `here` at x, from a longer or shorter length."""
         for step in (_LENGTH_STEP, -_LENGTH_STEP):
             moved = x + step * np.eye(len(x))[i]
             study = with_values(self._study, self._parameters, moved)

@@ -47,6 +47,11 @@ class Parameter:
         return all(keys[0] == "tissue" for keys in self.powers)
 
     @property
+    def sd(self) -> float:
+        """Standard deviation of x before any measurement."""
+        return math.log(self.factor)
+
+    @property
     def change(self) -> dict[tuple[str, str], float]:
         """Tissue and name of the constants, and the powers; for `Sensitivities`."""
         return {(keys[1], keys[2]): power for keys, power in self.powers.items()}

@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Literal
@@ -21,8 +20,9 @@ from tactile_fem.cli import fit as cli_fit
 from tactile_fem.cli import series as cli_series
 from tactile_fem.cli import view as cli_view
 from tactile_fem.cli.entry import exit_code_of
+from tactile_fem.cli.mechanics import with_mechanics
 from tactile_fem.cli.options import Ranks, Settings, StudyFile
-from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.errors import StudyError
 from tactile_fem.runtime import doctor as diagnosis
 from tactile_fem.runtime import logs, ranks
 from tactile_fem.runtime.files import write_text
@@ -104,15 +104,7 @@ def _prepared(study: Study, ranks_: int, arguments: list[str]) -> ModuleType:
     from tactile_fem.scan.checks import check_study
 
     check_study(study)
-    finding = diagnosis.compiler_finding()
-    if finding is not None:
-        raise TactileError(str(finding))
-    if ranks_ > 1:
-        ranks.restart(ranks_, arguments)
-    try:
-        return import_module("tactile_fem.scan.run")
-    except ImportError as error:
-        raise TactileError(str(error)) from error
+    return with_mechanics("tactile_fem.scan.run", ranks_, arguments)
 
 
 def _run(start: Callable[..., object], folder: Path) -> None:

@@ -10,9 +10,9 @@ from cyclopts import Parameter, validators
 
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.parameters import parse_parameter
+from tactile_fem.cli.mechanics import with_mechanics
 from tactile_fem.cli.options import Ranks, Settings
-from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.runtime import doctor as diagnosis
+from tactile_fem.errors import StudyError
 from tactile_fem.runtime import logs, ranks
 from tactile_fem.runtime.signals import raise_stopped, signal_handler
 from tactile_fem.study.file import load_study
@@ -25,7 +25,7 @@ def fit(
         Path, Parameter(help="CSV files with forces over depth or profiles of the skin.")
     ],
     study: Annotated[
-        Path | None, Parameter(help="Study file to start from; default the paper's.")
+        Path | None, Parameter(help="Study file to start from; default values without one.")
     ] = None,
     settings: Settings = None,
     parameters: Annotated[
@@ -60,16 +60,9 @@ def fit(
     chosen = [parse_parameter(text, start) for text in parameters or _DEFAULT]
     if jobs > 1 and ranks_ > 1:
         raise StudyError(f"--jobs is {jobs} and --ranks {ranks_}, but one of them must be 1.")
-    finding = diagnosis.compiler_finding()
-    if finding is not None:
-        raise TactileError(str(finding))
-    if ranks_ > 1:
-        words = _arguments(measured, study, settings, parameters, results)
-        ranks.restart(ranks_, [*words, "--evaluations", str(evaluations)])
-    try:
-        module = import_module("tactile_fem.calibration.fit")
-    except ImportError as error:
-        raise TactileError(str(error)) from error
+    words = _arguments(measured, study, settings, parameters, results)
+    words += ["--evaluations", str(evaluations)]
+    module = with_mechanics("tactile_fem.calibration.fit", ranks_, words)
     rank = ranks.launched_rank() or 0
     logs.set_up(rank)
     with signal_handler(raise_stopped):
