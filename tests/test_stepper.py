@@ -23,7 +23,7 @@ from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.stepper import Step, Stepper
 from tactile_fem.stimulus import Motion, Path, make_path
 from tactile_fem.stimulus.path import hold, lift, press, slide
-from tactile_fem.study import Protocol, Solver
+from tactile_fem.study import Press, Protocol, Solver
 
 SOLVER = Solver(first_step_mm=0.1, max_press_step_mm=0.2)
 CORNERS = np.array([0.0, 1.0])
@@ -89,6 +89,16 @@ def test_the_papers_path_is_pressed_and_slid():
     across, up = np.diff(places[:, 1]), np.diff(places[:, 2], prepend=0.0)
     assert np.abs(across).max() <= 0.2 + 1e-12 and up.max() <= 0.2 + 1e-12
     np.testing.assert_array_equal(places[-1], [0.0, -1.0, 1.0])
+
+
+def test_presses_go_on_from_force_to_force():
+    forces = 0.1, 0.2, 0.4
+    pieces = tuple(Press(force_N=force) for force in forces)
+    steps = steps_of(make_path(Protocol(path=pieces), 3.0))
+    ends = [step for step in steps if step.ends_piece]
+    assert [step.force_N[2] for step in ends] == pytest.approx(forces, rel=1e-3)
+    assert [step.depth_mm for step in ends] == pytest.approx(np.power(forces, 2 / 3), rel=1e-3)
+    assert all(step.indenting for step in steps)
 
 
 def test_a_held_force_is_held():

@@ -22,6 +22,8 @@ _SAMPLES = 2001
 _MOST_OUTPUTS = 100_000
 _JOINT_MM = 1e-6
 _LONGEST_S = 100_000.0
+# Share of its way on which a press is assumed to reach its force: another one goes on from there.
+_FORCE_REACHED = 0.9
 
 
 @dataclass(frozen=True)
@@ -147,13 +149,14 @@ class Path:
     def plan(self) -> Iterator[tuple[Array, Motion]]:
         """Yield the start of each piece and its motion, as far as they are known before the scan.
 
-        A press to a force is assumed to reach its deepest position.
+        A press to a force is assumed to end shortly before its deepest position.
         """
         place = np.asarray(self.start_mm, dtype=float)
         for piece in self.pieces:
             motion = piece(place)
             yield place, motion
-            place = motion.place(motion.duration_s)
+            reached = 1.0 if motion.until_N is None else _FORCE_REACHED
+            place = motion.place(reached * motion.duration_s)
 
     def places_mm(self) -> Array:
         """Return positions along the whole plan, (n, 3)."""
