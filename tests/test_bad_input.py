@@ -209,7 +209,7 @@ SETTINGS = [
     ("neuron.adaptation=1.5", "neuron.adaptation is 1.5 but must be at most 1."),
     (
         "neuron.model=poisson",
-        'neuron.model is "poisson" but must be "hamasaki2020" or "gerling2018".',
+        'neuron.model is "poisson" but must be "hamasaki2020", "logarithmic" or "gerling2018".',
     ),
     (
         "neuron.generator_times_s=[1, 2]",

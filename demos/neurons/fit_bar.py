@@ -32,7 +32,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import isotonic_regression
 
 from tactile_fem.cli.entry import run
-from tactile_fem.neuron import Fit, FitWarning, Window, fit, respond
+from tactile_fem.neuron import Fit, FitWarning, Recording, Window, fit, respond
 from tactile_fem.neuron.fit import mean_rates
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.ranks import launched_rank
@@ -107,7 +107,7 @@ def main(
     time, places, felt = load(histories / "bar.csv")
     sed = felt[:, [int(np.abs(places - at).argmin()) for at in y]]
     halves(time, sed, rates, y)
-    fitted = fit(time, sed, windows(rates), START, GAINS)
+    fitted = fit([Recording(time, sed, windows(rates))], START, GAINS)
     print_results(fitted)
     undetermined(time, sed, rates)
     bound(sed[-1], rates)
@@ -145,7 +145,8 @@ def halves(time: np.ndarray, sed: np.ndarray, rates: np.ndarray, y: np.ndarray) 
     ways = {"y < 0": y < 0, "y > 0": y > 0, "every second": np.arange(len(y)) % 2 == 0}
     print(f"{'R2':16s}{'fitted: dynamic, static, both':32s}{'predicted':32s}alpha    beta")
     for name, part in ways.items():
-        found = fit(time, sed[:, part], windows(rates[:, part]), START, GAINS)
+        half = Recording(time, sed[:, part], windows(rates[:, part]))
+        found = fit([half], START, GAINS)
         rest = windows(rates[:, ~part])
         predicted = agreement(mean_rates(time, sed[:, ~part], rest, found.neuron), rates[:, ~part])
         values = [f"{e.value:7.1f}" for e in found.estimates.values()]
@@ -169,7 +170,7 @@ def print_results(found: Fit) -> None:
     for name, e in found.estimates.items():
         print(f"  {name:27s} {e.value:7.2f}  (95 %: {e.low:.2f} to {e.high:.2f}) {e.doubt}")
     print(f"  R2 dynamic, static, both {row(found.r2)}")
-    rms = np.sqrt((found.residuals_Hz**2).mean(axis=1))
+    rms = [np.sqrt(np.mean(off**2)) for off in found.residuals_Hz]
     print(
         f"  rms {rms[0]:.1f} and {rms[1]:.1f} spikes/s; correlation {found.correlation[0, 1]:.2f}"
     )
@@ -180,7 +181,7 @@ def undetermined(time: np.ndarray, sed: np.ndarray, rates: np.ndarray) -> None:
     for more in (("adaptation",), ("adaptation", "adaptation_time_s"), ("intercept_pA",)):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", FitWarning)
-            found = fit(time, sed, windows(rates), START, (*GAINS, *more))
+            found = fit([Recording(time, sed, windows(rates))], START, (*GAINS, *more))
         print(f"with {', '.join(more)} free: R2 of both {found.r2[-1]:.3f}")
         for warning in caught:
             print(f"  {warning.message}")

@@ -2,7 +2,7 @@
 
 from tactile_fem.neuron.drives import DRIVES, Drive, drive_of
 from tactile_fem.neuron.field import pool
-from tactile_fem.neuron.fit import Fit, FitWarning, Window, fit
+from tactile_fem.neuron.fit import Fit, FitWarning, Recording, Window, fit
 from tactile_fem.neuron.io import load, save, to_neo
 from tactile_fem.neuron.population import Population, fire_all, populations_of, respond
 from tactile_fem.neuron.response import Response
@@ -13,6 +13,7 @@ __all__ = [
     "Fit",
     "FitWarning",
     "Population",
+    "Recording",
     "Response",
     "Window",
     "drive_of",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,25 +13,27 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron.drives import checked_sed
+from tactile_fem.neuron.drives import checked
 from tactile_fem.neuron.transduction import intercept_pA, transduction_of
 from tactile_fem.study import Neuron
 
 Array = NDArray[Any]
-Constant = Literal[
-    "static_gain_pA_per_kPa",
-    "dynamic_gain_pA_s_per_kPa",
-    "adaptation",
-    "adaptation_time_s",
-    "intercept_pA",
-]
+_SHARE, _TIME, _ANY = (0.0, 1.0), (1e-3, 1e3), (-np.inf, np.inf)
+_GAIN = (0.0, np.inf)
+# What may be free, and its bounds.
 _BOUNDS: dict[str, tuple[float, float]] = {
-    "static_gain_pA_per_kPa": (0.0, np.inf),
-    "dynamic_gain_pA_s_per_kPa": (0.0, np.inf),
-    "adaptation": (0.0, 1.0),
-    "adaptation_time_s": (1e-3, 1e3),
-    "intercept_pA": (-np.inf, np.inf),
+    "static_gain_pA_per_kPa": _GAIN,
+    "dynamic_gain_pA_s_per_kPa": _GAIN,
+    "adaptation": _SHARE,
+    "adaptation_time_s": _TIME,
+    "fast_adaptation": _SHARE,
+    "fast_adaptation_time_s": _TIME,
+    "compression_kPa": (1e-6, np.inf),
+    "intercept_pA": _ANY,
+    **{f"generator_gains_pA_per_kPa[{k}]": _GAIN for k in range(4)},
+    **{f"generator_times_s[{k}]": _TIME for k in range(3)},
 }
+_FACTORS = np.logspace(-2, 2, 17)  # of the gains, tried before the fit
 _MOMENTS = 200  # per window, at which the current is taken
 _CONFIDENCE = 0.95
 # Relative step of derivatives: with a small one, a receptor that comes to its rheobase, where the
@@ -54,11 +56,30 @@ class Window(NamedTuple):
         Begin and end, s.
     rate_Hz
         Spikes/s, (receptors,).
+    sd_Hz
+        What a deviation is measured by, a number or (receptors,).
     """
 
     start_s: float
     end_s: float
     rate_Hz: ArrayLike
+    sd_Hz: ArrayLike = 1.0
+
+
+class Recording(NamedTuple):
+    """What receptors felt in an experiment, and how their afferents fired.
+
+    Attributes
+    ----------
+    time_s, drive
+        History, s (t,) and, for example, kPa (t, receptors).
+    windows
+        Measured rates.
+    """
+
+    time_s: ArrayLike
+    drive: ArrayLike
+    windows: Sequence[Window]
 
 
 @dataclass(frozen=True)
@@ -85,7 +106,7 @@ class Fit:
     estimates
         By name.
     residuals_Hz
-        Model less measurement, (windows, receptors).
+        Model less measurement, (receptors,) for each window of each recording.
     r2
         Share of the variance of the rates that the model explains, per window and of all.
     correlation
@@ -94,35 +115,29 @@ class Fit:
 
     neuron: Neuron
     estimates: dict[str, Estimate]
-    residuals_Hz: Array
+    residuals_Hz: list[Array]
     r2: tuple[float, ...]
     correlation: Array
 
 
 def fit(
-    time_s: ArrayLike,
-    sed_kPa: ArrayLike,
-    windows: Sequence[Window],
+    recordings: Sequence[Recording],
     neuron: Neuron,
-    free: Sequence[Constant] = ("static_gain_pA_per_kPa", "dynamic_gain_pA_s_per_kPa"),
+    free: Sequence[str] = ("static_gain_pA_per_kPa", "dynamic_gain_pA_s_per_kPa"),
 ) -> Fit:
-    """Fit constants of "hamasaki2020" to mean rates.
+    """Fit constants of a transduction to mean rates.
 
-    After Hamasaki et al. (2020): the rates of the last window are turned into currents by
-    inverting the membrane's rate, and these, less the intercept, are regressed on the strain
-    energy density: that is where the static gain starts from. Then all free constants follow
-    from least squares on the rates of all windows.
+    All gains are first brought to their size by one factor for them all, the best of some; then
+    all free constants follow from least squares on the deviations in all windows.
 
     Parameters
     ----------
-    time_s, sed_kPa
-        History, s (t,) and kPa (t, receptors), as `tactile_fem.neuron.respond` takes it.
-    windows
-        Measured rates; the last window should lie in a hold.
+    recordings
+        Histories and rates.
     neuron
-        Membrane, the constants that stay, and where the free ones start.
+        Model, membrane, the constants that stay, and where the free ones start.
     free
-        Names of the constants to fit.
+        Names of the constants to fit; of a tuple, ``name[0]``.
 
     Raises
     ------
@@ -135,20 +150,27 @@ def fit(
         A constant is not determined: it does nothing, stands at its limit, can be made up for
         by others, or its interval is wider than its value.
     """
-    time, sed = checked_sed(time_s, sed_kPa)
-    _check(windows, time, sed, neuron, free)
-    measured = np.array([window.rate_Hz for window in windows], dtype=float)
+    recordings = [_checked(k, recording, neuron) for k, recording in enumerate(recordings)]
+    _check_names(free, recordings)
+    windows = [window for recording in recordings for window in recording.windows]
+    measured = [np.asarray(window.rate_Hz, dtype=float) for window in windows]
+    by = [
+        np.broadcast_to(window.sd_Hz, m.shape) for window, m in zip(windows, measured, strict=True)
+    ]
     known = neuron.model_copy(update={"intercept_pA": intercept_pA(neuron)})
-    start = {name: getattr(known, name) for name in free}
-    if "static_gain_pA_per_kPa" in start:
-        start["static_gain_pA_per_kPa"] = _regression(time, sed, windows[-1], neuron)
-    scale = np.array([abs(value) or 1.0 for value in start.values()])
+    start = np.array([_get(known, name) for name in free], dtype=float)
+    scale = np.where(start == 0, 1.0, np.abs(start))
+    bounds = np.array([_BOUNDS[name] for name in free]).T / scale
+
+    def deviations(x: Array) -> list[Array]:
+        model = _with(neuron, free, scale * x)
+        rates = [
+            rate for r in recordings for rate in mean_rates(r.time_s, r.drive, r.windows, model)
+        ]
+        return [rate - m for rate, m in zip(rates, measured, strict=True)]
 
     def residuals(x: Array) -> Array:
-        model = neuron.model_copy(update=dict(zip(free, (scale * x).tolist(), strict=True)))
-        return (mean_rates(time, sed, windows, model) - measured).ravel()
-
-    bounds = np.array([_BOUNDS[name] for name in free]).T / scale
+        return np.concatenate([off / sd for off, sd in zip(deviations(x), by, strict=True)])
 
     def jacobian(x: Array) -> Array:
         step = np.diag(_STEP * np.maximum(np.abs(x), 0.1))
@@ -156,20 +178,23 @@ def fit(
         ends = zip(low, high, (high - low).sum(axis=1), strict=True)
         return np.column_stack([(residuals(b) - residuals(a)) / width for a, b, width in ends])
 
-    x = np.clip(np.array(list(start.values())) / scale, bounds[0], bounds[1])
+    x = np.clip(start / scale, bounds[0], bounds[1])
+    gains = np.array(["gain" in name for name in free])
+    tries = [np.where(gains, factor * x, x) for factor in _FACTORS]
+    x = min(tries, key=lambda x: float(np.sum(residuals(x) ** 2)))
     found = least_squares(residuals, x, jacobian, bounds=bounds, x_scale="jac", xtol=1e-10)
     found.x = np.where(found.active_mask, np.where(found.active_mask < 0, *bounds), found.x)
     estimates, correlation = _estimates(free, found, scale)
     for name, estimate in estimates.items():
         if estimate.doubt:
             warnings.warn(f"{name} is not determined: {estimate.doubt}", FitWarning, stacklevel=2)
-    values = {name: estimate.value for name, estimate in estimates.items()}
-    off = found.fun.reshape(measured.shape)
-    r2 = tuple(_r2(o, m) for o, m in [*zip(off, measured, strict=True), (off, measured)])
-    return Fit(neuron.model_copy(update=values), estimates, off, r2, correlation)
+    off = deviations(found.x)
+    pairs = [*zip(off, measured, strict=True), (np.concatenate(off), np.concatenate(measured))]
+    fitted = _with(neuron, free, [estimate.value for estimate in estimates.values()])
+    return Fit(fitted, estimates, off, tuple(_r2(o, m) for o, m in pairs), correlation)
 
 
-def mean_rates(time_s: Array, sed_kPa: Array, windows: Sequence[Window], neuron: Neuron) -> Array:
+def mean_rates(time_s: Array, drive: Array, windows: Sequence[Window], neuron: Neuron) -> Array:
     """Return the model's mean rates, spikes/s, (windows, receptors).
 
     The membrane's steady rate at the present current, averaged over the window: what many
@@ -178,8 +203,8 @@ def mean_rates(time_s: Array, sed_kPa: Array, windows: Sequence[Window], neuron:
     share = (np.arange(_MOMENTS) + 0.5) / _MOMENTS
     at = np.concatenate([w.start_s + share * (w.end_s - w.start_s) for w in windows])
     order = np.argsort(at, kind="stable")
-    rates = np.empty((len(at), sed_kPa.shape[1]))
-    rates[order] = rate_of(current_at(at[order], time_s, sed_kPa, neuron), neuron)
+    rates = np.empty((len(at), drive.shape[1]))
+    rates[order] = rate_of(current_at(at[order], time_s, drive, neuron), neuron)
     return rates.reshape(len(windows), _MOMENTS, -1).mean(axis=1)
 
 
@@ -188,33 +213,22 @@ def rate_of(current_pA: ArrayLike, neuron: Neuron) -> Array:
 
     f = 1 / (t_ref - tau ln(1 - V_th/(R I))) above the rheobase V_th/R, otherwise 0.
     """
-    drive = np.asarray(current_pA, dtype=float) * neuron.resistance_GOhm
+    tends_to = np.asarray(current_pA, dtype=float) * neuron.resistance_GOhm
     with np.errstate(divide="ignore", invalid="ignore"):
         interval = neuron.refractory_s - neuron.time_constant_s * np.log1p(
-            -neuron.threshold_mV / drive
+            -neuron.threshold_mV / tends_to
         )
-        return np.where(drive > neuron.threshold_mV, 1 / interval, 0.0)
+        return np.where(tends_to > neuron.threshold_mV, 1 / interval, 0.0)
 
 
-def current_of(rate_Hz: ArrayLike, neuron: Neuron) -> Array:
-    """Return the constant current, pA, that fires at a rate, spikes/s; the rheobase for 0.
-
-    I = (V_th/R) / (1 - exp(-(1/f - t_ref)/tau)); infinite from 1/t_ref on.
-    """
-    with np.errstate(divide="ignore"):
-        wait = np.maximum(1 / np.asarray(rate_Hz, dtype=float) - neuron.refractory_s, 0.0)
-        charged = -np.expm1(-wait / neuron.time_constant_s)
-        return neuron.threshold_mV / neuron.resistance_GOhm / charged
-
-
-def current_at(at_s: Array, time_s: Array, sed_kPa: Array, neuron: Neuron) -> Array:
+def current_at(at_s: Array, time_s: Array, drive: Array, neuron: Neuron) -> Array:
     """Return the transduction current, pA, (times, receptors), at times within a history.
 
     At a jump the later value counts. The history is as in `tactile_fem.neuron.respond`.
     """
-    result = np.zeros((len(at_s), sed_kPa.shape[1]))
-    columns = np.arange(sed_kPa.shape[1])
-    for start, length, current, who in transduction_of(neuron).segments(time_s, sed_kPa):
+    result = np.zeros((len(at_s), drive.shape[1]))
+    columns = np.arange(drive.shape[1])
+    for start, length, current, who in transduction_of(neuron).segments(time_s, drive):
         begin, end = np.broadcast_arrays(start, start + length)
         rows = np.flatnonzero((at_s >= np.min(begin)) & (at_s <= np.max(end)))
         if rows.size:
@@ -225,18 +239,27 @@ def current_at(at_s: Array, time_s: Array, sed_kPa: Array, neuron: Neuron) -> Ar
     return result
 
 
-def _regression(time: Array, sed: Array, hold: Window, neuron: Neuron) -> float:
-    """Return the slope of current less intercept on strain energy density, through zero."""
-    excess = current_of(hold.rate_Hz, neuron) - intercept_pA(neuron)
-    at = np.linspace(hold.start_s, hold.end_s, _MOMENTS)
-    felt = np.mean([np.interp(at, time, column) for column in sed.T], axis=1)
-    slope = felt @ excess / (felt @ felt)
-    return float(slope) if np.isfinite(slope) and slope > 0 else neuron.static_gain_pA_per_kPa
+def _get(neuron: Neuron, name: str) -> float:
+    key, _, place = name.partition("[")
+    value = getattr(neuron, key)
+    return value[int(place[:-1])] if place else value
 
 
-def _estimates(
-    free: Sequence[Constant], found: Any, scale: Array
-) -> tuple[dict[str, Estimate], Array]:
+def _with(neuron: Neuron, names: Sequence[str], values: Iterable[float]) -> Neuron:
+    """Return the neuron with other values of some constants."""
+    changed: dict[str, Any] = {}
+    for name, value in zip(names, values, strict=True):
+        key, _, place = name.partition("[")
+        if place:
+            parts = list(changed.get(key, getattr(neuron, key)))
+            parts[int(place[:-1])] = float(value)
+            changed[key] = tuple(parts)
+        else:
+            changed[key] = float(value)
+    return neuron.model_copy(update=changed)
+
+
+def _estimates(free: Sequence[str], found: Any, scale: Array) -> tuple[dict[str, Estimate], Array]:
     """Return values with intervals from the linearized model, and their correlations.
 
     The residuals' variances may differ (MacKinnon and White's HC3): ramp and hold do.
@@ -282,27 +305,32 @@ def _r2(off: Array, measured: Array) -> float:
     return float(1 - np.sum(off**2) / spread) if spread else float("nan")
 
 
-def _check(
-    windows: Sequence[Window], time: Array, sed: Array, neuron: Neuron, free: Sequence[Constant]
-) -> None:
-    if neuron.model != "hamasaki2020":
-        raise StudyError(f"fit takes a neuron of the model hamasaki2020, not {neuron.model}.")
+def _check_names(free: Sequence[str], recordings: Sequence[Recording]) -> None:
     unknown = [name for name in free if name not in _BOUNDS]
     if unknown or not free:
         raise StudyError(f"fit can free {', '.join(_BOUNDS)}, not {', '.join(unknown) or 'none'}.")
-    if not windows:
+    if not any(recording.windows for recording in recordings):
         raise StudyError("fit needs a window with rates.")
-    for k, window in enumerate(windows):
-        rate = np.asarray(window.rate_Hz, dtype=float)
+
+
+def _checked(number: int, recording: Recording, neuron: Neuron) -> Recording:
+    """Return a recording as arrays; raise StudyError if it is not valid."""
+    time, drive = checked(recording.time_s, recording.drive, f"recording {number}: its drive")
+    for k, window in enumerate(recording.windows):
+        name = f"recording {number}, window {k}"
+        rate, sd = (np.asarray(values, dtype=float) for values in window[2:])
         if not time[0] <= window.start_s < window.end_s <= time[-1]:
             raise StudyError(
-                f"window {k}, {window.start_s:g} to {window.end_s:g} s, is not within the history, "
+                f"{name}, {window.start_s:g} to {window.end_s:g} s, is not within the history, "
                 f"{time[0]:g} to {time[-1]:g} s."
             )
-        if rate.shape != (sed.shape[1],) or not np.isfinite(rate).all() or (rate < 0).any():
-            raise StudyError(f"window {k} needs {sed.shape[1]} finite rates from 0 on.")
+        if rate.shape != (drive.shape[1],) or not np.isfinite(rate).all() or (rate < 0).any():
+            raise StudyError(f"{name} needs {drive.shape[1]} finite rates from 0 on.")
+        if sd.shape not in ((), rate.shape) or not np.isfinite(sd).all() or (sd <= 0).any():
+            raise StudyError(f"{name} needs one sd_Hz above 0, or one for each receptor.")
         if neuron.refractory_s and rate.max() >= 1 / neuron.refractory_s:
             raise StudyError(
-                f"window {k} has {rate.max():g} spikes/s, which neuron.refractory_s = "
+                f"{name} has {rate.max():g} spikes/s, which neuron.refractory_s = "
                 f"{neuron.refractory_s:g} s does not allow."
             )
+    return Recording(time, drive, recording.windows)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
@@ -13,6 +13,7 @@ from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.study import Neuron
 
 Array = NDArray[Any]
+_CHORD = 0.002  # how far a logarithm may be from straight lines, as a share of its scale
 
 
 class Segment(NamedTuple):
@@ -47,7 +48,13 @@ class Transduction(Protocol):
 
 def transduction_of(neuron: Neuron) -> Transduction:
     """Return the model that the study names."""
-    return GeneratorFunction(neuron) if neuron.model == "gerling2018" else StaticDynamic(neuron)
+    match neuron.model:
+        case "hamasaki2020":
+            return StaticDynamic(neuron)
+        case "gerling2018":
+            return GeneratorFunction(neuron)
+        case "logarithmic":
+            return Logarithmic(neuron)
 
 
 class StaticDynamic:
@@ -71,29 +78,94 @@ class StaticDynamic:
     ----------
     neuron
         The constants.
+    further
+        Shares kappa_j and times tau_j, s, of further adaptations, which add - alpha kappa_j a_j.
+    """
+
+    def __init__(self, neuron: Neuron, further: Sequence[tuple[float, float]] = ()) -> None:
+        self._neuron = neuron
+        adapting = [(neuron.adaptation, neuron.adaptation_time_s), *further]
+        shares, times = np.array([pair for pair in adapting if pair[0]]).reshape(-1, 2).T
+        self._gains, self._times = neuron.static_gain_pA_per_kPa * shares[:, None], times
+
+    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
+        """Yield the current of each stretch in which S is linear."""
+        n, gains, times = self._neuron, self._gains, self._times[:, None]
+        dynamic = n.dynamic_gain_pA_s_per_kPa
+        lasting = n.static_gain_pA_per_kPa - gains.sum()
+        rest = intercept_pA(n)
+        lag = np.tile(-self._felt(drive[0]), (len(times), 1))  # a - S
+        for who, start, h, felt, end in self._stretches(time_s, drive):
+            slope = (end - felt) / h
+            behind = times * slope
+            away = lag[:, who] + behind  # of a from where it follows S
+            constant = lasting * felt + (gains * behind).sum(axis=0)
+            constant += dynamic * np.maximum(slope, 0.0) + rest * (felt + end > 0)
+            current = ExponentialSum(constant, lasting * slope, -gains * away, self._times)
+            yield Segment(start, h, current, who)
+            lag[:, who] = away * np.exp(-h / times) - behind
+
+    def _felt(self, drive: Array) -> Array:
+        """Return S of a drive."""
+        return drive
+
+    def _stretches(
+        self, time_s: Array, drive: Array
+    ) -> Iterator[tuple[Any, Any, Any, Array, Array]]:
+        """Yield who feels it, begin, length, S at begin and end of stretches where S is linear."""
+        felt = self._felt(drive)
+        for k, h in enumerate(np.diff(time_s)):
+            yield slice(None), time_s[k], h, felt[k], felt[k + 1]
+
+
+class Logarithmic(StaticDynamic):
+    """The same of a logarithm of the drive, with a second, fast adaptation.
+
+    Proposed: currents grow with the logarithm of strain energy density, as the compressive stage
+    of Loomis's tactile letters (1990) and the rates under spheres (Goodwin et al. 1995) ask for::
+
+        S = S_0 ln(1 + D/S_0)
+
+    of the drive D, and -S(-D) where D is negative. S is D where D is much less than S_0.
+
+    D is linear between the samples, S is not: a stretch is divided, for each receptor on its own,
+    until S, linear in each part, is off by at most 0.002 S_0.
+
+    Parameters
+    ----------
+    neuron
+        The constants.
     """
 
     def __init__(self, neuron: Neuron) -> None:
-        self._neuron = neuron
+        super().__init__(neuron, [(neuron.fast_adaptation, neuron.fast_adaptation_time_s)])
+        self._scale = neuron.compression_kPa
 
-    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
-        """Yield the current of each stretch between two samples."""
-        n = self._neuron
-        static, dynamic = n.static_gain_pA_per_kPa, n.dynamic_gain_pA_s_per_kPa
-        tau, adapting = n.adaptation_time_s, static * n.adaptation
-        lasting, times = static - adapting, np.array([tau])
-        rest = intercept_pA(n)
-        lag = -drive[0]  # a - S
-        for k, h in enumerate(np.diff(time_s)):
-            felt, end = drive[k], drive[k + 1]
-            slope = (end - felt) / h
-            behind = tau * slope
-            away = lag + behind  # of a from where it follows S
-            constant = lasting * felt + adapting * behind + dynamic * np.maximum(slope, 0.0)
-            constant += rest * (felt + end > 0)
-            current = ExponentialSum(constant, lasting * slope, -adapting * away[None], times)
-            yield Segment(time_s[k], h, current)
-            lag = away * np.exp(-h / tau) - behind
+    def _felt(self, drive: Array) -> Array:
+        return np.sign(drive) * self._scale * np.log1p(np.abs(drive) / self._scale)
+
+    def _drive(self, felt: Array) -> Array:
+        return np.sign(felt) * self._scale * np.expm1(np.abs(felt) / self._scale)
+
+    def _stretches(
+        self, time_s: Array, drive: Array
+    ) -> Iterator[tuple[Any, Any, Any, Array, Array]]:
+        """Cut stretches where S rises by equal parts; a chord over x S_0 is off by x^2/8 S_0."""
+        longest = np.sqrt(8 * _CHORD) * self._scale
+        for who, start, h, felt, end in super()._stretches(time_s, drive):
+            rises = np.maximum(np.abs(end - felt) / longest, 1.0)
+            parts = 2 ** np.ceil(np.log2(rises)).astype(int)
+            for count in np.unique(parts):
+                if count == 1 and (parts == 1).all():
+                    yield who, start, h, felt, end
+                    continue
+                mine = np.flatnonzero(parts == count)
+                share = np.arange(count + 1)[:, None] / count
+                levels = felt[mine] + share * (end - felt)[mine]
+                way = self._drive(levels) - self._drive(felt[mine])
+                at = h * (way / way[-1] if count > 1 else share)
+                for j in range(count):
+                    yield mine, start + at[j], at[j + 1] - at[j], levels[j], levels[j + 1]
 
 
 class GeneratorFunction:
@@ -150,7 +222,7 @@ class GeneratorFunction:
 
 
 def intercept_pA(neuron: Neuron) -> float:
-    """Return I_0: as set; else the rheobase V_th/R, mV/GOhm = pA, or 0 of "gerling2018"."""
+    """Return I_0: as set; else the rheobase V_th/R, mV/GOhm = pA, of "hamasaki2020", or 0."""
     if neuron.intercept_pA is not None:
         return neuron.intercept_pA
-    return 0.0 if neuron.model == "gerling2018" else neuron.threshold_mV / neuron.resistance_GOhm
+    return neuron.threshold_mV / neuron.resistance_GOhm if neuron.model == "hamasaki2020" else 0.0

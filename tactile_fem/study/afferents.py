@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole
 
 # What the one population of a study without [[afferents]] is called.
 DEFAULT_NAME = "SA1"
+
+
+# Constants that the models share, where they are not those of "hamasaki2020": first values, from
+# rates under a bar and under spheres on the coarse finger.
+_LOGARITHMIC = {
+    "static_gain_pA_per_kPa": 9700.0,
+    "dynamic_gain_pA_s_per_kPa": 0.0,
+    "adaptation": 0.0,
+}
 
 
 class Receptors(Section):
@@ -49,8 +58,10 @@ class Receptors(Section):
 class Neuron(Section):
     """Transduction current and membrane; gains are per kPa, or per unit of what else is felt."""
 
-    model: Literal["hamasaki2020", "gerling2018"] = Field(
-        "hamasaki2020", description="transduction: alpha, kappa, beta; or the generator function"
+    model: Literal["hamasaki2020", "logarithmic", "gerling2018"] = Field(
+        "hamasaki2020",
+        description="transduction: alpha, kappa, beta; the same of a logarithm, with constants of "
+        "its own; or the generator function",
     )
     # alpha and beta: demos/neurons/fit_bar.py, on rates that Phillips and Johnson (1981) measured
     # under a bar; kappa and tau_a stayed as here in that fit.
@@ -62,9 +73,18 @@ class Neuron(Section):
     )
     adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(0.45, description="kappa; proposed")
     adaptation_time_s: Positive = Field(0.5, description="tau_a; proposed")
+    compression_kPa: Positive = Field(
+        0.0445, description="logarithmic: S_0, above which current grows with the logarithm"
+    )
+    fast_adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(
+        0.953, description="logarithmic: kappa of a second, fast adaptation"
+    )
+    fast_adaptation_time_s: Positive = Field(
+        0.01, description="logarithmic: tau_a of the fast adaptation; proposed"
+    )
     intercept_pA: Finite | None = Field(
         None,
-        description="I_0 while S > 0; default is the rheobase V_th/R, 0 for gerling2018",
+        description="I_0 while S > 0; default is the rheobase V_th/R of hamasaki2020, otherwise 0",
     )
     generator_gains_pA_per_kPa: tuple[NonNegative, NonNegative, NonNegative, NonNegative] = Field(
         (100.0, 50.0, 25.0, 50.0),
@@ -85,6 +105,14 @@ class Neuron(Section):
         description="sd of the logarithm of the distance from reset to V_th, from spike to spike",
     )
     seed: Annotated[Whole, Field(ge=0, lt=2**63)] = Field(1, description="of spread and noise")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_constants_of_its_model(cls, values: Any) -> Any:
+        """Give constants that are not set the values that were fitted with the model."""
+        if isinstance(values, dict) and values.get("model") == "logarithmic":
+            return {**_LOGARITHMIC, **values}
+        return values
 
     @property
     def time_constant_s(self) -> float:
