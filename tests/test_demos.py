@@ -186,9 +186,13 @@ def test_onset(tmp_path):
 def test_locking(tmp_path):
     way = ["--presets", "coarse", "--depth", "0.3", *SMALL]
     output = run("verification/locking.py", str(tmp_path), *way)
-    rows = re.findall(r"^coarse +\d+ +([\d.]+) +([\d.]+) +\+0\.00%$", output, re.M)
-    (ratio, force), (softer, less) = [(float(a), float(b)) for a, b in rows]
-    assert ratio == pytest.approx(10 * softer, rel=0.02) and force > less > 0
+    line = r"^coarse +\d+ +([\d.]+)  (none|above 25) +([\d.]+) +\+0\.00%$"
+    rows = re.findall(line, output, re.M)
+    assert [way for _, way, _ in rows] == ["none", "above 25", "none"]
+    ratio, same, softer = (float(ratio) for ratio, _, _ in rows)
+    assert ratio == same == pytest.approx(10 * softer, rel=0.02)
+    force, unlocked, less = (float(force) for _, _, force in rows)
+    assert force > unlocked > less > 0
 
 
 @pytest.mark.slow

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from types import MappingProxyType, SimpleNamespace
+from typing import Any
 
 import ufl
 from dolfinx import fem
@@ -14,6 +16,8 @@ from tactile_fem.mechanics.domain import Domain
 from tactile_fem.study import Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import (
     Law,
+    VolumeChange,
+    bulk_modulus,
     law_of,
     shear_modulus,
     stiffness,
@@ -36,6 +40,10 @@ def _embedded(A: Expr) -> Expr:
     return ufl.as_tensor([[A[0, 0], A[0, 1], 0], [A[1, 0], A[1, 1], 0], [0, 0, 0]])
 
 
+def _bulk_over_shear(constants: Polynomial | Elastic, values: Any = None) -> Any:
+    return bulk_modulus(constants, values) / shear_modulus(constants, values)
+
+
 class Elasticity:
     """The tissues between two states.
 
@@ -49,6 +57,10 @@ class Elasticity:
         Displacement (mm) now and at the last accepted step.
     degree
         Of the quadrature.
+    locking_ratio
+        K/G up to which volume change is integrated with that degree. What is stiffer is integrated
+        at the elements' centres: quadratic tetrahedra that resist a change of volume at every
+        point lock. Not set: all tissues, at all points.
     laws
         Own laws by the name of the tissue, in place of those of its constants.
 
@@ -65,12 +77,13 @@ class Elasticity:
         u: fem.Function,
         u_old: fem.Function,
         degree: int,
+        locking_ratio: float | None = None,
         laws: Mapping[str, Law] = NO_LAWS,
     ) -> None:
         self.domain, self.u, self.u_old = domain, u, u_old
         self._mesh = u.function_space.mesh
         self._tissue, self._laws = tissue, laws
-        self._degree = degree
+        self._degree, self._locking_ratio = degree, locking_ratio or math.inf
         self.values = {name: self._in_forms(self.constants(name)) for name in TISSUES}
         self._F = deformation_gradient(u)
         self._F_old = deformation_gradient(u_old)
@@ -130,14 +143,30 @@ class Elasticity:
 
     def residual(self, v: Expr) -> ufl.Form:
         """Return the virtual work of the stresses in `v`."""
-        return sum(
-            ufl.inner(self.stress(name), _embedded(ufl.grad(v))) * dx
-            for name, dx in self._measures().items()
-        )
+        gradient = _embedded(ufl.grad(v))
+        measures = self._measures().items()
+        form = sum(ufl.inner(self.stress(name), gradient) * dx for name, dx in measures)
+        return form + self._unlocked(lambda law: ufl.inner(stress(law, self._F), gradient))
 
     def stored(self, w: Expr) -> ufl.Form:
         """Return the strain energy of all tissues, weighted with `w`."""
-        return sum(self.energy(name) * w * dx for name, dx in self._measures().items())
+        form = sum(self.energy(name) * w * dx for name, dx in self._measures().items())
+        return form + self._unlocked(lambda law: law.energy(self._F) * w)
+
+    def _unlocked(self, of: Callable[[Law], Expr]) -> ufl.Form:
+        """Return what changes in the integral `of` the laws if no tissue locks.
+
+        The share of the resistance to a change of volume that goes beyond the locking ratio moves
+        from all points to the elements' centres, so each element resists that of its own volume.
+        """
+        form = ufl.Form([])
+        for name, dx in self._measures().items():
+            constants, values = self.constants(name), self.values[name]
+            if name not in self._laws and _bulk_over_shear(constants) > self._locking_ratio:
+                share = 1 - self._locking_ratio / _bulk_over_shear(constants, values)
+                moved = share * of(VolumeChange(self._law(name)))
+                form += moved * dx(degree=1) - moved * dx
+        return form
 
     def measure(self) -> ufl.Measure:
         """Return the volume measure of all tissues."""

@@ -104,7 +104,15 @@ class FingerProblem:
         self.domain = domain
         V = fem.functionspace(msh, ("Lagrange", 2, (msh.geometry.dim,)))
         self.state = state = State(V)
-        self.elasticity = Elasticity(domain, tissue, state.u, state.u_old, solver.bulk_degree, laws)
+        self.elasticity = Elasticity(
+            domain,
+            tissue,
+            state.u,
+            state.u_old,
+            solver.bulk_degree,
+            solver.locking_ratio,
+            laws,
+        )
         self.order = NodeOrder(domain, V)
         self.held = self.order.held_dofs()
         if not domain.comm.allreduce(len(self.held)):

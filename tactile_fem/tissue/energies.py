@@ -79,6 +79,17 @@ class StVenantKirchhoff:
         return lame / 2 * ufl.tr(E) ** 2 + shear * ufl.inner(E, E)
 
 
+@dataclass(frozen=True)
+class VolumeChange:
+    """The part of a law's energy that a change of volume alone would store."""
+
+    law: Law
+
+    def energy(self, F: Expr) -> Expr:
+        """Return ``W(J^(1/3) I)``, in MPa."""
+        return self.law.energy(ufl.det(F) ** (1 / 3) * ufl.Identity(3))
+
+
 def _invariants(F: Expr) -> tuple[Expr, Expr, Expr]:
     """Return ``J``, ``I1bar - 3`` and ``I2bar - 3``."""
     J, C = ufl.det(F), F.T * F
@@ -120,11 +131,12 @@ def shear_modulus(constants: Polynomial | Elastic, values: Any = None) -> Any:
     return 2 * (c.C10_MPa + c.C01_MPa)
 
 
-def bulk_modulus(constants: Polynomial | Elastic) -> float:
-    """Return the small-strain bulk modulus, in MPa."""
+def bulk_modulus(constants: Polynomial | Elastic, values: Any = None) -> Any:
+    """Return the small-strain bulk modulus, in MPa; `values` as in `PolynomialEnergy`."""
+    c = values or constants
     if isinstance(constants, Elastic):
-        return constants.E_MPa / (3 * (1 - 2 * constants.nu))
-    return 2 / constants.D1_per_MPa
+        return c.E_MPa / (3 * (1 - 2 * c.nu))
+    return 2 / c.D1_per_MPa
 
 
 def compression_modulus(constants: Polynomial | Elastic) -> float:
