@@ -309,13 +309,15 @@ def _check_names(free: Sequence[str], recordings: Sequence[Recording]) -> None:
     unknown = [name for name in free if name not in _BOUNDS]
     if unknown or not free:
         raise StudyError(f"fit can free {', '.join(_BOUNDS)}, not {', '.join(unknown) or 'none'}.")
-    if not any(recording.windows for recording in recordings):
-        raise StudyError("fit needs a window with rates.")
+    if not recordings:
+        raise StudyError("fit needs a recording.")
 
 
 def _checked(number: int, recording: Recording, neuron: Neuron) -> Recording:
     """Return a recording as arrays; raise StudyError if it is not valid."""
     time, drive = checked(recording.time_s, recording.drive, f"recording {number}: its drive")
+    if not recording.windows:
+        raise StudyError(f"recording {number} needs a window with rates.")
     for k, window in enumerate(recording.windows):
         name = f"recording {number}, window {k}"
         rate, sd = (np.asarray(values, dtype=float) for values in window[2:])
