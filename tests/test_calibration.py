@@ -200,6 +200,8 @@ def test_again_it_presses_nothing(fitted, capsys):
     before = {path: path.stat().st_mtime_ns for path in (folder / "presses").glob("*.npz")}
     result = (folder / "parameters.csv").read_text()
     assert main(command) == 0
+    told = capsys.readouterr().err
+    assert "of at most 3, pressed before: sum of squares" in told and "left" not in told
     assert (folder / "parameters.csv").read_text() == result
     after = {path: path.stat().st_mtime_ns for path in (folder / "presses").glob("*.npz")}
     assert after == before

@@ -93,7 +93,7 @@ class Model:
         self._study, self._experiments, self._parameters = study, experiments, parameters
         self._folder, self._jobs, self._comm = folder / "presses", jobs, comm
         self._most, self._seen = most, set[bytes]()
-        self._begun = time.perf_counter()
+        self._count, self._spent_s = 0, 0.0  # presses so far that were not saved before
         self._changes = tuple(p.change for p in parameters if p.of_tissue)
         self._known = np.array([p.sd for p in parameters])
 
@@ -152,6 +152,7 @@ class Model:
         """Return the predictions of presses, those that are not saved pressed now."""
         files = [self._folder / f"{task.name}.npz" for task in tasks]
         left = on_root(self._comm, lambda: [k for k, file in enumerate(files) if not file.exists()])
+        begun = time.perf_counter()
         if self._jobs > 1:
             self._press_in_parallel({files[k]: tasks[k] for k in left})
         else:
@@ -159,6 +160,8 @@ class Model:
                 task = tasks[k]
                 found = press(task.study, task.experiment, task.changes, self._comm)
                 on_root(self._comm, partial(save, files[k], task, found))
+        self._count += len(left)
+        self._spent_s += time.perf_counter() - begun
         return on_root(self._comm, lambda: [load(file) for file in files])
 
     def _press_in_parallel(self, tasks: Mapping[Path, Task]) -> None:
@@ -176,14 +179,20 @@ class Model:
         factors = ", ".join(
             f"{p.name} x {math.exp(at):.3g}" for p, at in zip(self._parameters, x, strict=True)
         )
-        left = (
-            (self._most - len(self._seen)) * (time.perf_counter() - self._begun) / len(self._seen)
-        )
         logger.info(
-            "point %d of at most %d, at most %.0f min left: sum of squares %.3f; %s",
+            "point %d of at most %d, %s: sum of squares %.3f; %s",
             len(self._seen),
             self._most,
-            left / 60,
+            self._time_left(),
             float(numbers @ numbers + np.sum((x / self._known) ** 2)),
             factors,
         )
+
+    def _time_left(self) -> str:
+        """Return how long the rest takes, if all presses that it may need are still to be made."""
+        if not self._count:
+            return "pressed before"
+        lengths = sum(not parameter.of_tissue for parameter in self._parameters)
+        further = (self._most - len(self._seen)) * (1 + lengths) + lengths
+        left_s = further * len(self._experiments) * self._spent_s / self._count
+        return f"at most {left_s / 60:.0f} min left"
