@@ -28,7 +28,7 @@ from tactile_fem.cli.entry import run
 from tactile_fem.finger import load_finger
 from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Finger, Plate, Solver, Study
-from tactile_fem.tissue.energies import bulk_modulus, shear_modulus
+from tactile_fem.tissue.energies import bulk_over_shear
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -86,7 +86,7 @@ def pressed(name: str, study: Study, depth: float) -> Row:
     return Row(
         name,
         len(load_finger(study.finger).tets),
-        round(bulk_modulus(fat) / shear_modulus(fat), 1),
+        round(bulk_over_shear(fat), 1),
         study.solver.locking_ratio,
         float(press(study, plate).values[0]),
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType, SimpleNamespace
-from typing import Any
 
 import ufl
 from dolfinx import fem
@@ -17,7 +16,7 @@ from tactile_fem.study import Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import (
     Law,
     VolumeChange,
-    bulk_modulus,
+    bulk_over_shear,
     law_of,
     shear_modulus,
     stiffness,
@@ -40,10 +39,6 @@ def _embedded(A: Expr) -> Expr:
     return ufl.as_tensor([[A[0, 0], A[0, 1], 0], [A[1, 0], A[1, 1], 0], [0, 0, 0]])
 
 
-def _bulk_over_shear(constants: Polynomial | Elastic, values: Any = None) -> Any:
-    return bulk_modulus(constants, values) / shear_modulus(constants, values)
-
-
 class Elasticity:
     """The tissues between two states.
 
@@ -60,7 +55,7 @@ class Elasticity:
     locking_ratio
         K/G up to which volume change is integrated with that degree. What is stiffer is integrated
         at the elements' centres: quadratic tetrahedra that resist a change of volume at every
-        point lock. Not set: all tissues, at all points.
+        point lock. Not set: all tissues, at all points; so are own laws always.
     laws
         Own laws by the name of the tissue, in place of those of its constants.
 
@@ -162,8 +157,8 @@ class Elasticity:
         form = ufl.Form([])
         for name, dx in self._measures().items():
             constants, values = self.constants(name), self.values[name]
-            if name not in self._laws and _bulk_over_shear(constants) > self._locking_ratio:
-                share = 1 - self._locking_ratio / _bulk_over_shear(constants, values)
+            if name not in self._laws and bulk_over_shear(constants) > self._locking_ratio:
+                share = 1 - self._locking_ratio / bulk_over_shear(constants, values)
                 moved = share * of(VolumeChange(self._law(name)))
                 form += moved * dx(degree=1) - moved * dx
         return form

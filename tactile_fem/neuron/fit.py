@@ -180,7 +180,7 @@ def fit(
 
     x = np.clip(start / scale, bounds[0], bounds[1])
     gains = np.array(["gain" in name for name in free])
-    tries = [np.where(gains, factor * x, x) for factor in _FACTORS]
+    tries = [np.where(gains, factor * x, x) for factor in (_FACTORS if gains.any() else (1.0,))]
     x = min(tries, key=lambda x: float(np.sum(residuals(x) ** 2)))
     found = least_squares(residuals, x, jacobian, bounds=bounds, x_scale="jac", xtol=1e-10)
     found.x = np.where(found.active_mask, np.where(found.active_mask < 0, *bounds), found.x)

@@ -70,7 +70,7 @@ def fire(
     variability = Variability(neuron, _numbered(units, drive.shape[1]))
     membrane = Membrane(neuron, variability)
     if neuron.gain_spread:
-        drive = drive * variability.gains()  # its sensitivity
+        drive = drive * variability.gains()  # how sensitive each is
     for segment in (transduction or transduction_of(neuron)).segments(time, drive):
         membrane.advance(segment)
     return Response(membrane.spikes(), float(time[0]), float(time[-1]))

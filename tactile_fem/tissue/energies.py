@@ -139,6 +139,11 @@ def bulk_modulus(constants: Polynomial | Elastic, values: Any = None) -> Any:
     return 2 / c.D1_per_MPa
 
 
+def bulk_over_shear(constants: Polynomial | Elastic, values: Any = None) -> Any:
+    """Return the small-strain ratio ``K/G``; `values` as in `PolynomialEnergy`."""
+    return bulk_modulus(constants, values) / shear_modulus(constants, values)
+
+
 def compression_modulus(constants: Polynomial | Elastic) -> float:
     """Return the small-strain uniaxial-strain modulus ``K + 4 G/3``, in MPa."""
     return bulk_modulus(constants) + 4 * shear_modulus(constants) / 3
