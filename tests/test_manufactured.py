@@ -49,7 +49,7 @@ def exact_stress(constants: Polynomial | Elastic, F):
     return 2 * slope * shape + 2 / constants.D1_per_MPa * (J - 1) * J * inverse
 
 
-def errors(rows: int, locking_ratio: float | None) -> tuple[float, float]:
+def errors(rows: int, locking_ratio: float) -> tuple[float, float]:
     """Return the errors in L2 and in the H1 seminorm with that many rows in each layer."""
     line = np.linspace(0.0, 1.0, 2 * rows + 1)
     heights = np.interp(np.arange(5 * rows + 1) / rows, np.arange(6), LIMITS)
@@ -90,7 +90,7 @@ def errors(rows: int, locking_ratio: float | None) -> tuple[float, float]:
 
 
 @pytest.mark.ranks
-@pytest.mark.parametrize("locking_ratio", [None, 25.0])
+@pytest.mark.parametrize("locking_ratio", [1e9, 25.0])
 def test_p2_converges_with_order_three_in_L2_and_two_in_H1(locking_ratio):
     rows = [1, 2, 3]
     found = np.array([errors(n, locking_ratio) for n in rows])

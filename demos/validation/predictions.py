@@ -224,7 +224,7 @@ def plate(finger: Finger, folder: Path, forces: tuple[float, float]) -> list[Row
     loss = float(-trace.volume_change.min())
     rows.append(
         Row(
-            f"volume lost, plate at {normal[-1]:.1f} N",
+            f"volume lost, plate at {forces[-1]:g} N",
             f"at most {LARGEST_LOSS:.0%}",
             f"{loss:.1%}",
             said(loss <= LARGEST_LOSS),

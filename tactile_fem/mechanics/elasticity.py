@@ -55,7 +55,7 @@ class Elasticity:
     locking_ratio
         K/G up to which volume change is integrated with that degree. What is stiffer is integrated
         at the elements' centres: quadratic tetrahedra that resist a change of volume at every
-        point lock. Not set: all tissues, at all points; so are own laws always.
+        point lock. Own laws are integrated with that degree always.
     laws
         Own laws by the name of the tissue, in place of those of its constants.
 
@@ -72,13 +72,13 @@ class Elasticity:
         u: fem.Function,
         u_old: fem.Function,
         degree: int,
-        locking_ratio: float | None = None,
+        locking_ratio: float = math.inf,
         laws: Mapping[str, Law] = NO_LAWS,
     ) -> None:
         self.domain, self.u, self.u_old = domain, u, u_old
         self._mesh = u.function_space.mesh
         self._tissue, self._laws = tissue, laws
-        self._degree, self._locking_ratio = degree, locking_ratio or math.inf
+        self._degree, self._locking_ratio = degree, locking_ratio
         self.values = {name: self._in_forms(self.constants(name)) for name in TISSUES}
         self._F = deformation_gradient(u)
         self._F_old = deformation_gradient(u_old)

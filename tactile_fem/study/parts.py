@@ -81,10 +81,10 @@ class Solver(Section):
     bulk_degree: Annotated[Whole, Field(ge=1, le=12)] = Field(
         4, description="quadrature degree; with 3 large elements fold where they are bent sharply"
     )
-    locking_ratio: Positive | None = Field(
-        None,
+    locking_ratio: Positive = Field(
+        25.0,
         description="K/G of a tissue up to which its volume change is integrated so; what is "
-        "stiffer, at the elements' centres. Not set: all; 25 keeps large elements from locking",
+        "stiffer, at the elements' centres, lest large elements lock. 1e9: all at every point",
     )
     contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
         10, description="quadrature degree"

@@ -79,8 +79,8 @@ TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
     # Fitted by `tactile-fem fit`, together with the shape of the pad, to forces on a plate and a
     # probe and to the skin's profile under a cylinder: demos/validation/README.md.
     "fitted": {
-        **_scaled(0.36),
-        "subcutaneous": {"C10_MPa": 2.7e-4, "C20_MPa": 2.75e-4, "D1_per_MPa": 21.0},
+        **_scaled(0.355),
+        "subcutaneous": {"C10_MPa": 3.25e-4, "C20_MPa": 3.2e-4, "D1_per_MPa": 21.0},
         **_HARD,
     },
     # Fitted to the plate alone, on a more pointed pad; too stiff for the probe.
