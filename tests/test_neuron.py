@@ -348,6 +348,22 @@ def test_latency_intervals_and_events():
     assert receptor.tolist() == [0, 0, 0] and time.tolist() == [0.0, 0.05, 0.15]
 
 
+def test_bundles_end_where_spikes_are_rare():
+    spikes = np.array([0.1, 0.3, 0.5, 2.0, 4.0, 4.2, 4.3, 4.6])
+    found, none = Response([spikes, np.empty(0)], 0.0, 5.0).bundles(gap_s=0.6, least=3)
+    assert [(b.start_s, b.end_s, b.spikes) for b in found] == [(0.1, 0.5, 3), (4.0, 4.6, 4)]
+    assert found[0].rate_Hz == pytest.approx(2 / 0.4)
+    assert none == []
+
+
+def test_the_peak_rate_is_that_of_the_shortest_successive_intervals():
+    spikes = np.array([0.0, 0.1, 0.2, 0.21, 0.25, 0.6])
+    few = spikes[:3]
+    response = Response([spikes, few], 0.0, 1.0)
+    np.testing.assert_allclose(response.peak_rate(2), [2 / 0.05, 2 / 0.2])
+    np.testing.assert_allclose(response.peak_rate(), [3 / 0.15, 0.0])
+
+
 def test_responses_are_kept(tmp_path):
     response = Response([np.empty(0), np.array([0.1, 1 / 3]), np.empty(0)], -0.1, 0.5)
     save(response, tmp_path / "spikes.npz")

@@ -1,4 +1,4 @@
-"""Images of firing in both protocols, spike bundles, and the recognition of letters."""
+"""Images of firing in both protocols, and the recognition of letters."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 import shapely
 from firing_images import letters_figure, population_image, side_by_side, with_row_spacing
-from letter_recognition import confusion_figure, correlation, edge_image, recognise
-from single_fibre import bundles
+from letter_recognition import (
+    confusion_figure,
+    correlations,
+    edge_image,
+    noise_of_reader,
+    recognise,
+)
 from synthetic import SPEED, make_results, make_trace
 
 from tactile_fem.errors import StudyError
@@ -28,22 +33,16 @@ def letter(text: str) -> Text:
     return Text(text=text, start_mm=-5.0)
 
 
-def test_bundles_end_where_spikes_are_rare():
-    places = [0.1, 0.3, 0.5, 2.0, 4.0, 4.2, 4.3, 4.6]
-    found = bundles(places, SPEED, gap_mm=0.6, least=3)
-    assert [(b.start_mm, b.end_mm, b.spikes) for b in found] == [(0.1, 0.5, 3), (4.0, 4.6, 4)]
-    assert found[0].rate_Hz == pytest.approx(2 / (0.4 / SPEED))
-    assert bundles([], SPEED) == []
-
-
 def test_correlation_finds_a_shifted_template():
     template = np.zeros((12, 20))
     template[4:8, 6:12] = np.arange(24).reshape(4, 6)
     moved = np.roll(template, (2, -3), axis=(0, 1))
-    assert correlation(moved, template, (2, 3)) == pytest.approx(1.0)
-    assert correlation(moved, template, (1, 3)) < 0.99
-    assert correlation(2 * moved + 5, template, (2, 3)) == pytest.approx(1.0)
-    assert correlation(np.ones((12, 20)), template, (2, 3)) == 0.0
+    images = np.array([moved, 2 * moved + 5, np.ones((12, 20))])
+    found = correlations(images, np.array([template, template.T.reshape(12, 20)]), (2, 3))
+    assert found.shape == (3, 2)
+    np.testing.assert_allclose(found[:, 0], [1.0, 1.0, 0.0], atol=1e-12)
+    assert found[0, 1] < 0.99
+    assert correlations(images, template[None], (1, 3))[0, 0] < 0.99
 
 
 def test_edge_image_lies_on_the_outline():
@@ -81,6 +80,17 @@ def test_recognition_tells_letters_apart_and_guesses_in_noise():
         recognise({"C": images(0.0)["C"][:1]})
     with pytest.raises(StudyError, match="as many of each"):
         recognise({"C": images(0.0)["C"], "D": images(0.0)["D"][:3]})
+
+
+def test_the_readers_noise_is_that_which_gives_the_accuracy():
+    edges = {name: 100 * edge_image(letter(name), ACROSS, ALONG) for name in "CDFGHO"}
+    images = {name: [image_of(np.roll(e, k, 0)) for k in range(5)] for name, e in edges.items()}
+    noise = noise_of_reader(images, 0.5)
+    assert recognise(images, noise_Hz=noise).accuracy == pytest.approx(0.5, abs=1.5 / 30)
+    assert recognise(images, noise_Hz=noise / 10).accuracy > 0.9
+    same = {name: [image_of(edges["C"])] * 5 for name in edges}
+    with pytest.raises(StudyError, match="are recognised without noise, but 50% asked for"):
+        noise_of_reader(same, 0.5)
 
 
 def test_noise_that_letters_share_does_not_tell_them_apart():

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from scipy.optimize import bisect
 
 from tactile_fem.errors import StudyError
 from tactile_fem.output.plots import styled
@@ -21,6 +22,8 @@ from tactile_fem.study import AnyStimulus
 SHIFT_MM = 1.0
 # Width of a blurred outline, of the order of the spread of a receptor's field.
 _BLUR_MM = 0.3
+_NOISES_HZ = (0.1, 1e5)  # between which a reader's is sought
+_SEED = 1  # of the reader's noise
 _FINE = 4  # sub-pixels of a pixel in each direction
 
 
@@ -49,36 +52,43 @@ def edge_image(stimulus: AnyStimulus, across_mm: Array, along_mm: Array) -> Arra
     return np.asarray(cells.mean(axis=(1, 3)))
 
 
-def correlation(image: Array, template: Array, max_shift: tuple[int, int]) -> float:
-    """Return the largest correlation of an image with a template over all shifts.
+def correlations(images: Array, templates: Array, max_shift: tuple[int, int]) -> Array:
+    """Return the largest correlation of each image with each template over all shifts.
 
     Parameters
     ----------
-    image, template
-        Of the same shape; the shifted template is zero beyond its border.
+    images, templates
+        (images, rows, columns), (templates, rows, columns); a shifted template is zero beyond
+        its border.
     max_shift
         Largest shift in rows and columns.
 
     Returns
     -------
     r
-        Pearson's correlation over the whole image; 0 for a uniform image.
+        Pearson's correlation over the whole image, (images, templates); 0 for a uniform image.
     """
-    rows, columns = image.shape
-    padded = np.pad(template, [(max_shift[0], max_shift[0]), (max_shift[1], max_shift[1])])
-    shifted = sliding_window_view(padded, (rows, columns)).reshape(-1, rows * columns)
-    centred = shifted - shifted.mean(axis=1, keepdims=True)
-    own = image.ravel() - image.mean()
-    norms = np.linalg.norm(centred, axis=1) * np.linalg.norm(own)
-    products = centred @ own
-    r = np.divide(products, norms, out=np.zeros_like(products), where=norms > 0)
-    return float(r.max())
+    own = _normed(images.reshape(len(images), -1)).T
+    border = [(shift, shift) for shift in max_shift]
+    largest = []
+    for template in templates:
+        windows = sliding_window_view(np.pad(template, border), images.shape[1:])
+        largest.append((_normed(windows.reshape(-1, len(own))) @ own).max(axis=0))
+    return np.array(largest).T
+
+
+def _normed(rows: Array) -> Array:
+    """Return rows with mean 0 and length 1; uniform rows become 0."""
+    centred = rows - rows.mean(axis=1, keepdims=True)
+    length = np.linalg.norm(centred, axis=1, keepdims=True)
+    return np.divide(centred, length, out=np.zeros_like(centred), where=length > 0)
 
 
 def outline_correlation(image: RateImage, stimulus: AnyStimulus) -> float:
     """Return the correlation of firing with the stimulator's outline at the best shift."""
     template = edge_image(stimulus, image.across_mm, image.along_mm)
-    return correlation(image.rate_Hz, template, _max_shift(image))
+    found = correlations(image.rate_Hz[None], template[None], _max_shift(image))
+    return float(found[0, 0])
 
 
 @dataclass(frozen=True)
@@ -103,7 +113,9 @@ class Recognition:
         return float(np.trace(self.confusion) / self.confusion.sum())
 
 
-def recognise(images: Mapping[str, Sequence[RateImage]], blur_mm: float = 0.0) -> Recognition:
+def recognise(
+    images: Mapping[str, Sequence[RateImage]], blur_mm: float = 0.0, noise_Hz: float = 0.0
+) -> Recognition:
     """Recognise every image by the templates of all letters, with its own realization left out.
 
     The k-th images of all letters come from the same population, with the same gains and noise.
@@ -117,6 +129,9 @@ def recognise(images: Mapping[str, Sequence[RateImage]], blur_mm: float = 0.0) -
         At least two realizations of each letter, equally many of each, all of one shape.
     blur_mm
         Standard deviation of an additional blur of all images.
+    noise_Hz
+        The reader's inner noise: standard deviation of what is added to each pixel of an image,
+        but not of a template, before the blur.
 
     Raises
     ------
@@ -130,16 +145,38 @@ def recognise(images: Mapping[str, Sequence[RateImage]], blur_mm: float = 0.0) -
     shapes = {image.rate_Hz.shape for several in images.values() for image in several}
     if len(shapes) > 1:
         raise StudyError(f"The images have different shapes: {sorted(shapes)}.")
-    max_shift = _max_shift(images[letters[0]][0])
+    one = images[letters[0]][0]
     # (letters, realizations, rows, columns)
-    stack = np.array([[_blurred(image, blur_mm) for image in images[name]] for name in letters])
+    rates = np.array([[image.rate_Hz for image in images[name]] for name in letters])
+    noise = noise_Hz * np.random.default_rng(_SEED).normal(size=rates.shape)
+    known, seen = (_blurred(stack, one, blur_mm) for stack in (rates, rates + noise))
     confusion = np.zeros((len(letters), len(letters)), dtype=np.int64)
-    for k in range(stack.shape[1]):
-        templates = np.delete(stack, k, axis=1).mean(axis=1)
-        for row, image in enumerate(stack[:, k]):
-            scores = [correlation(image, template, max_shift) for template in templates]
-            confusion[row, int(np.argmax(scores))] += 1
+    for k in range(known.shape[1]):
+        templates = np.delete(known, k, axis=1).mean(axis=1)
+        best = correlations(seen[:, k], templates, _max_shift(one)).argmax(axis=1)
+        confusion[np.arange(len(letters)), best] += 1
     return Recognition(letters, confusion)
+
+
+def noise_of_reader(
+    images: Mapping[str, Sequence[RateImage]], accuracy: float, blur_mm: float = 0.0
+) -> float:
+    """Return the inner noise, spikes/s, with which that share of the images is recognised.
+
+    Raises
+    ------
+    StudyError
+        Without noise fewer are recognised.
+    """
+
+    def surplus(logarithm: float) -> float:
+        return recognise(images, blur_mm, float(np.exp(logarithm))).accuracy - accuracy
+
+    low, high = np.log(_NOISES_HZ)
+    if surplus(low) < 0:
+        share = surplus(low) + accuracy
+        raise StudyError(f"{share:.0%} are recognised without noise, but {accuracy:.0%} asked for.")
+    return float(np.exp(bisect(surplus, low, high, xtol=0.02)))
 
 
 @styled
@@ -175,9 +212,10 @@ def confusion_figure(recognitions: Mapping[str, Mapping[float, Recognition]]) ->
     return figure
 
 
-def _blurred(image: RateImage, width_mm: float) -> Array:
+def _blurred(rates: Array, image: RateImage, width_mm: float) -> Array:
+    """Return a stack of images (..., rows, columns), each blurred."""
     pixels = [width_mm / (axis[1] - axis[0]) for axis in (image.across_mm, image.along_mm)]
-    return np.asarray(gaussian_filter(image.rate_Hz, pixels, mode="constant"))
+    return np.asarray(gaussian_filter(rates, pixels, mode="constant", axes=(-2, -1)))
 
 
 def _max_shift(image: RateImage) -> tuple[int, int]:

@@ -20,13 +20,10 @@
 #         --distance 0.4
 
 # %%
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from firing_images import population_image, side_by_side
 from letter_recognition import outline_correlation
-from numpy.typing import ArrayLike
 
 from tactile_fem.cli.entry import run
 from tactile_fem.output.abscissa import rings
@@ -45,34 +42,8 @@ from tactile_fem.series import (
 from tactile_fem.series.run import folder_of
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
 
-
-@dataclass(frozen=True)
-class Bundle:
-    """A run of spikes that follow one another closely along the scan: ends, number, mean rate."""
-
-    start_mm: float
-    end_mm: float
-    spikes: int
-    rate_Hz: float
-
-
-def bundles(
-    displacement_mm: ArrayLike, speed_mm_s: float, *, gap_mm: float = 0.6, least: int = 3
-) -> list[Bundle]:
-    """Return the bundles in one receptor's spikes.
-
-    Spikes more than `gap_mm` apart belong to different bundles: 0.6 mm corresponds to 33 spikes/s
-    at 20 mm/s. Fewer than `least` spikes do not make a bundle.
-    """
-    places = np.sort(np.asarray(displacement_mm, dtype=float))
-    runs = np.split(places, np.flatnonzero(np.diff(places) > gap_mm) + 1)
-    return [_bundle(run, speed_mm_s) for run in runs if len(run) >= max(least, 2)]
-
-
-def _bundle(run: np.ndarray, speed_mm_s: float) -> Bundle:
-    length = run[-1] - run[0]
-    rate = (len(run) - 1) * speed_mm_s / length if length > 0 else np.inf
-    return Bundle(float(run[0]), float(run[-1]), len(run), float(rate))
+# Spikes further apart belong to different bundles: 33 spikes/s at 20 mm/s.
+GAP_MM = 0.6
 
 
 # %% [markdown]
@@ -130,12 +101,12 @@ def print_results(images: dict[str, RateImage], study: Study, folder: Path) -> N
         r = outline_correlation(image, study.stimulus)
         count = image.response.counts().sum()
         print(f"{name:12s} {len(image.across_mm):3d} rows {count:6d} spikes, outline r = {r:.3f}")
-        middle = image.response.spikes[len(image.across_mm) // 2]
         speed = study.protocol.speed_mm_s
-        for bundle in bundles(middle * speed, speed):
-            rows.append({"protocol": name, **vars(bundle)})
+        for bundle in image.response.bundles(GAP_MM / speed)[len(image.across_mm) // 2]:
+            start, end = speed * bundle.start_s, speed * bundle.end_s
+            rows.append({"protocol": name, "start_mm": start, "end_mm": end, **vars(bundle)})
             print(
-                f"    {bundle.start_mm:5.2f} to {bundle.end_mm:5.2f} mm: {bundle.spikes:3d} "
+                f"    {start:5.2f} to {end:5.2f} mm: {bundle.spikes:3d} "
                 f"spikes, {bundle.rate_Hz:4.0f} /s"
             )
     if rows:

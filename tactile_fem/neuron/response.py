@@ -14,6 +14,32 @@ Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
+class Bundle:
+    """Spikes that follow one another closely.
+
+    Attributes
+    ----------
+    start_s, end_s
+        The first spike and the last.
+    spikes
+        Their number.
+    rate_Hz
+        Intervals over the time that they take.
+    """
+
+    start_s: float
+    end_s: float
+    spikes: int
+    rate_Hz: float
+
+    @classmethod
+    def of(cls, times: Array) -> Bundle:
+        """Return two or more spikes as a bundle."""
+        start, end = float(times[0]), float(times[-1])
+        return cls(start, end, len(times), (len(times) - 1) / (end - start))
+
+
+@dataclass(frozen=True)
 class Response:
     """Spikes per receptor.
 
@@ -51,6 +77,22 @@ class Response:
     def intervals(self) -> list[Array]:
         """Return the intervals between spikes, s, an array per receptor."""
         return [np.diff(times) for times in self.spikes]
+
+    def bundles(self, gap_s: float, least: int = 3) -> list[list[Bundle]]:
+        """Return the bundles of each receptor: at least so many spikes, no longer gap in them."""
+        least = max(least, 2)
+        found = []
+        for times in self.spikes:
+            runs = np.split(times, np.flatnonzero(np.diff(times) > gap_s) + 1)
+            found.append([Bundle.of(run) for run in runs if len(run) >= least])
+        return found
+
+    def peak_rate(self, intervals: int = 3) -> Array:
+        """Return the largest rate over so many successive intervals, spikes/s, (receptors,)."""
+        shortest = [
+            np.min(times[intervals:] - times[:-intervals], initial=np.inf) for times in self.spikes
+        ]
+        return intervals / np.array(shortest)
 
     def mean_rate(self, start_s: float, end_s: float) -> Array:
         """Return the number of spikes in [start, end) over its length, spikes/s, (receptors,)."""
