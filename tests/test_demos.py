@@ -396,7 +396,7 @@ def test_single_fibre(tmp_path):
 @pytest.mark.slow
 def test_legibility(tmp_path):
     way = ["--letters", "CO", "--depth", "0.5", "--distance", "0.2", "--realizations", "2"]
-    way += ["--passes", "5", "--blur", "0", "2", "--jobs", "2"]
+    way += ["--passes", "5", "--blur", "0", "2", "--noise", "5", "--jobs", "2"]
     output = run("protocols/legibility.py", str(tmp_path), *way)
     for protocol in ("population", "single fibre"):
         for width in (0, 2):

@@ -7,6 +7,7 @@ import pytest
 import shapely
 from firing_images import letters_figure, population_image, side_by_side, with_row_spacing
 from letter_recognition import (
+    Recognition,
     confusion_figure,
     correlations,
     edge_image,
@@ -80,6 +81,22 @@ def test_recognition_tells_letters_apart_and_guesses_in_noise():
         recognise({"C": images(0.0)["C"][:1]})
     with pytest.raises(StudyError, match="as many of each"):
         recognise({"C": images(0.0)["C"], "D": images(0.0)["D"][:3]})
+
+
+def test_a_confusion_matrix_names_hard_letters_and_mistaken_pairs():
+    confusion = np.array([[8, 2, 0], [4, 5, 1], [0, 0, 10]])
+    found = Recognition(("C", "O", "H"), confusion)
+    assert found.hardest() == [("O", 0.5), ("C", 0.8), ("H", 1.0)]
+    assert found.mistaken() == [("CO", 0.3), ("OH", 0.05), ("CH", 0.0)]
+
+
+def test_an_alphabet_is_drawn_in_several_lines():
+    image = image_of(np.ones((len(ACROSS), len(ALONG))))
+    names = "ABCDEFGHIJK"
+    figure = letters_figure({"population": dict.fromkeys(names, image)}, dict.fromkeys(names, ()))
+    panels = [axes for axes in figure.axes if axes.get_title()]
+    assert [axes.get_title() for axes in panels] == list(names)
+    assert len({round(axes.get_position().y0, 6) for axes in panels}) == 2
 
 
 def test_the_readers_noise_is_that_which_gives_the_accuracy():

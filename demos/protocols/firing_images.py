@@ -25,6 +25,8 @@ from tactile_fem.scan.results import Results
 from tactile_fem.series import RateImage, rate_image
 from tactile_fem.study import Neuron
 
+_COLUMNS = 9  # of letters
+
 
 def population_image(results: Results, neuron: Neuron | None = None) -> RateImage:
     """Return the image of one scan's receptors on Y = 0, with the study's neuron or another.
@@ -124,26 +126,27 @@ def letters_figure(
     outlines
         By letter, as for `tactile_fem.output.plots.raster_figure`.
     """
-    rows, columns = len(images), len(outlines)
-    figure = Figure(figsize=(1.7 * columns + 1.2, 1.8 * rows + 0.5), layout="compressed")
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for (protocol, of_letter), panels in zip(images.items(), grid, strict=True):
+    columns = min(len(outlines), _COLUMNS)
+    lines = -(-len(outlines) // columns)
+    size = (1.7 * columns + 1.2, 1.8 * lines * len(images) + 0.5)
+    figure = Figure(figsize=size, layout="compressed")
+    shape = (lines * len(images), columns)
+    grid = figure.subplots(*shape, sharex=True, sharey=True, squeeze=False)
+    blocks = grid.reshape(len(images), lines * columns)
+    for (protocol, of_letter), panels in zip(images.items(), blocks, strict=True):
         brightest = max(image.rate_Hz.max(initial=1e-9) for image in of_letter.values())
-        for axes, (letter, image) in zip(panels, of_letter.items(), strict=True):
+        for axes, (letter, image) in zip(panels, of_letter.items(), strict=False):
             drawn = draw_rates(
-                axes,
-                image.along_mm,
-                image.across_mm,
-                image.rate_Hz,
-                outlines[letter],
-                brightest,
+                axes, image.along_mm, image.across_mm, image.rate_Hz, outlines[letter], brightest
             )
+            axes.set_title(letter, fontsize=9)
             _frame(axes, image)
-        panels[0].set_ylabel(f"{protocol}\nX (mm)", fontsize=8)
+        for axes in panels[len(of_letter) :]:
+            axes.set_visible(False)
+        for axes in panels[::columns]:
+            axes.set_ylabel(f"{protocol}\nX (mm)", fontsize=8)
         bar = figure.colorbar(drawn, ax=panels, shrink=0.8, label="spikes/s")
         bar.outline.set_visible(False)
-    for axes, letter in zip(grid[0], outlines, strict=True):
-        axes.set_title(letter, fontsize=9)
     for axes in grid[-1]:
         axes.set_xlabel("Displacement (mm)", fontsize=8)
     return figure

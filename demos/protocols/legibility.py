@@ -16,10 +16,12 @@
 #
 # The templates $\bar r_L$ contain no image of the population that produced $r$, with its gains and
 # its noise. This is an ideal observer, unlike people: naive readers recognise 49 to 51 % of
-# embossed letters (Vega-Bermudez et al. 1991). Blurring the images, to model a reader's limited
-# resolution, lowers the accuracy.
+# embossed letters (Vega-Bermudez et al. 1991). `--accuracy 0.5` gives the reader as much noise of
+# its own, added to each pixel, as brings the population's accuracy down to that; `--noise` sets it.
+# Blurring the images models a reader's limited resolution.
 #
-#     python demos/protocols/legibility.py results/legibility --jobs 2
+#     python demos/protocols/legibility.py results/alphabet --jobs 2 --accuracy 0.5 \
+#         --letters ABCDEFGHIJKLMNOPQRSTUVWXYZ
 #     python demos/protocols/legibility.py results/legibility --jobs 2 --passes 1.0 --blur 0 1.5
 #     python demos/protocols/legibility.py results/quick --letters CO --depth 0.6 --distance 0.6
 
@@ -32,7 +34,13 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 from firing_images import letters_figure, population_image, with_row_spacing
-from letter_recognition import Recognition, confusion_figure, outline_correlation, recognise
+from letter_recognition import (
+    Recognition,
+    confusion_figure,
+    noise_of_reader,
+    outline_correlation,
+    recognise,
+)
 
 from tactile_fem.cli.entry import run
 from tactile_fem.output.abscissa import rings
@@ -49,6 +57,8 @@ from tactile_fem.series import (
     write_summary,
 )
 from tactile_fem.study import Neuron
+
+_TOLD = 8  # how many letters and pairs are printed
 
 
 @dataclass(frozen=True)
@@ -74,6 +84,7 @@ def main(
     *,
     letters: str = "CDFGHOQ",
     depth: float = 1.97,
+    force: float | None = None,
     distance: float = 10.0,
     output: float = 0.1,
     preset: str = "coarse",
@@ -81,6 +92,8 @@ def main(
     gain_spread: float = 0.3,
     threshold_noise: float = 0.1,
     blur: Annotated[tuple[float, ...], Parameter(consume_multiple=True)] = (0.0,),
+    noise: float = 0.0,
+    accuracy: float | None = None,
     passes: float | None = None,
     jobs: int = 1,
 ) -> None:
@@ -88,8 +101,14 @@ def main(
 
     Parameters
     ----------
+    force
+        Normal force that is held in the slide, N, in place of a depth.
     blur
         Standard deviations of a Gaussian over the images, mm: a reader's resolution.
+    noise
+        The reader's inner noise, spikes/s.
+    accuracy
+        Share of the population's images, with the first blur, that is recognised; sets the noise.
     passes
         Shift between two passes over one fibre, mm; without it only the population is used. The
         population's images then have the same row spacing.
@@ -101,7 +120,7 @@ def main(
     set_up()
     overrides = [
         f"finger.preset={preset}",
-        f"protocol.depth_mm={depth}",
+        f"protocol.depth_mm={depth}" if force is None else f"protocol.force_N={force}",
         f"protocol.distance_mm={distance}",
         f"protocol.output_mm={output}",
     ]
@@ -109,7 +128,7 @@ def main(
     run_series(members, folder, jobs=jobs)
     print(write_summary(members, folder))
     scans = {scan.study.stimulus.text: scan for scan in complete_scans(members, folder)}
-    noise = {"gain_spread": gain_spread, "threshold_noise": threshold_noise}
+    variety = {"gain_spread": gain_spread, "threshold_noise": threshold_noise}
     of_population = population_image if passes is None else partial(rows_of_population, passes)
     makers = {
         "population": {letter: partial(of_population, scan) for letter, scan in scans.items()}
@@ -122,10 +141,13 @@ def main(
     results, plain = {}, {}
     for protocol, of_letter in makers.items():
         images = {
-            letter: [make(noisy(scans[letter], noise, k)) for k in range(1, realizations + 1)]
+            letter: [make(varied(scans[letter], variety, k)) for k in range(1, realizations + 1)]
             for letter, make in of_letter.items()
         }
-        results[protocol] = {width: recognise(images, width) for width in blur}
+        if protocol == "population" and accuracy is not None:
+            noise = noise_of_reader(images, accuracy, blur[0])
+            print(f"the reader's noise: {noise:.0f} spikes/s")
+        results[protocol] = {width: recognise(images, width, noise) for width in blur}
         plain[protocol] = {letter: make() for letter, make in of_letter.items()}
         print_results(protocol, plain[protocol], scans, results[protocol], folder)
     outlines = {letter: rings(scan.study.stimulus) for letter, scan in scans.items()}
@@ -144,9 +166,9 @@ def rows_of_population(spacing: float, scan: Results, neuron: Neuron | None = No
     return with_row_spacing(population_image(scan, neuron), spacing)
 
 
-def noisy(scan: Results, noise: dict[str, float], seed: int) -> Neuron:
+def varied(scan: Results, variety: dict[str, float], seed: int) -> Neuron:
     """Return the scan's neuron with variability."""
-    return scan.study.neuron.model_copy(update={**noise, "seed": seed})
+    return scan.study.neuron.model_copy(update={**variety, "seed": seed})
 
 
 def passes_of(scan: Results, spacing: float, folder: Path, jobs: int) -> list[Results]:
@@ -183,6 +205,12 @@ def print_results(
     for width, recognition in recognitions.items():
         share = f"{100 * recognition.accuracy:.1f} % correct of {recognition.confusion.sum()}"
         print(f"{protocol}, blur {width:g} mm: {share}")
+        for what, found in (
+            ("hardest", recognition.hardest()),
+            ("most mistaken", recognition.mistaken()),
+        ):
+            told = ", ".join(f"{name} {100 * value:.0f} %" for name, value in found[:_TOLD])
+            print(f"    {what}: {told}")
     write_table(folder / f"{protocol.replace(' ', '_')}.csv", rows)
 
 

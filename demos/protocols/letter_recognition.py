@@ -112,6 +112,21 @@ class Recognition:
         """Share of images that were recognised correctly."""
         return float(np.trace(self.confusion) / self.confusion.sum())
 
+    def hardest(self) -> list[tuple[str, float]]:
+        """Return the letters and the shares that are recognised, the least first."""
+        shares = np.diag(self.confusion) / self.confusion.sum(axis=1)
+        return sorted(zip(self.letters, shares.tolist(), strict=True), key=lambda pair: pair[1])
+
+    def mistaken(self) -> list[tuple[str, float]]:
+        """Return pairs of letters and the share of their images taken for the other, most first."""
+        seen = self.confusion.sum(axis=1)
+        pairs = []
+        for one, other in zip(*np.triu_indices(len(self.letters), 1), strict=True):
+            wrong = self.confusion[one, other] + self.confusion[other, one]
+            share = float(wrong / (seen[one] + seen[other]))
+            pairs.append((self.letters[one] + self.letters[other], share))
+        return sorted(pairs, key=lambda pair: -pair[1])
+
 
 def recognise(
     images: Mapping[str, Sequence[RateImage]], blur_mm: float = 0.0, noise_Hz: float = 0.0
@@ -189,7 +204,9 @@ def confusion_figure(recognitions: Mapping[str, Mapping[float, Recognition]]) ->
         By protocol (rows) and blur of the images in mm (columns).
     """
     rows, columns = len(recognitions), len(next(iter(recognitions.values())))
-    figure = Figure(figsize=(3.6 * columns, 3.6 * rows), layout="constrained")
+    alphabet = len(next(iter(next(iter(recognitions.values())).values())).letters)
+    side = max(3.6, 0.3 * alphabet)
+    figure = Figure(figsize=(side * columns, side * rows), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).flat
     titled = [
         (f"{protocol}, blur {width:g} mm", recognition)
