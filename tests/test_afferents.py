@@ -30,9 +30,15 @@ from tactile_fem.series.run import numbers_of
 from tactile_fem.study import Afferents, Neuron, Receptors, Study
 from tactile_fem.study.file import dump_study, load_study
 
-NOISY = Neuron(gain_spread=0.3, threshold_noise=0.2, static_gain_pA_per_kPa=150.0)
+NOISY = Neuron(
+    model="hamasaki2020", gain_spread=0.3, threshold_noise=0.2, static_gain_pA_per_kPa=150.0
+)
 LIVELY = Neuron(
-    gain_spread=0.2, threshold_noise=0.1, static_gain_pA_per_kPa=300.0, intercept_pA=0.0
+    model="hamasaki2020",
+    gain_spread=0.2,
+    threshold_noise=0.1,
+    static_gain_pA_per_kPa=300.0,
+    intercept_pA=0.0,
 )
 TWO = """
 [receptors]
@@ -150,8 +156,8 @@ def test_a_population_fires_in_company_as_it_does_alone(model):
 @pytest.mark.parametrize(
     ("neuron", "last_s"),
     [
-        (Neuron(adaptation=0.0, dynamic_gain_pA_s_per_kPa=20.0), 1.1),
-        (Neuron(), 2.0),  # what adapted to the negative drive rebounds
+        (Neuron(model="hamasaki2020", adaptation=0.0, dynamic_gain_pA_s_per_kPa=20.0), 1.1),
+        (Neuron(model="hamasaki2020"), 2.0),  # what adapted to the negative drive rebounds
         (Neuron(model="gerling2018"), 2.0),
     ],
 )

@@ -121,7 +121,7 @@ SETTINGS = [
     ),
     (
         "tissue.dermis.C01_MPa=-1",
-        "tissue.dermis: C10_MPa + C01_MPa is -0.995136 but must be greater than 0, being half "
+        "tissue.dermis: C10_MPa + C01_MPa is -0.995204 but must be greater than 0, being half "
         "the shear modulus.",
     ),
     (
@@ -209,7 +209,7 @@ SETTINGS = [
     ("neuron.adaptation=1.5", "neuron.adaptation is 1.5 but must be at most 1."),
     (
         "neuron.model=poisson",
-        'neuron.model is "poisson" but must be "hamasaki2020", "logarithmic" or "gerling2018".',
+        'neuron.model is "poisson" but must be "logarithmic", "hamasaki2020" or "gerling2018".',
     ),
     (
         "neuron.generator_times_s=[1, 2]",

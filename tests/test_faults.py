@@ -194,7 +194,7 @@ def test_another_mesh_file_of_the_same_name_is_told(study, cut, small_finger, tm
 def test_what_comes_after_the_mechanics_may_change(cut):
     path = cut / "study.toml"
     changed = path.read_text().replace(
-        "static_gain_pA_per_kPa = 174.0", "static_gain_pA_per_kPa = 1e7"
+        "static_gain_pA_per_kPa = 9740.0", "static_gain_pA_per_kPa = 1e7"
     )
     path.write_text(changed)
     assert resume(cut).response.counts().sum() > 0

@@ -15,6 +15,7 @@ STATIC, DYNAMIC = "static_gain_pA_per_kPa", "dynamic_gain_pA_s_per_kPa"
 KAPPA, TAU = "adaptation", "adaptation_time_s"
 ALL = (STATIC, DYNAMIC, KAPPA, TAU)
 TRUTH = Neuron(
+    model="hamasaki2020",
     static_gain_pA_per_kPa=80.0,
     dynamic_gain_pA_s_per_kPa=12.0,
     adaptation=0.5,

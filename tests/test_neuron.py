@@ -14,8 +14,10 @@ from tactile_fem.neuron.variability import Variability
 from tactile_fem.study import Neuron
 
 MODELS = ["hamasaki2020", "logarithmic", "gerling2018"]
-GAINS = {"static_gain_pA_per_kPa": 10.0, "dynamic_gain_pA_s_per_kPa": 1.0}
-PLAIN = Neuron(static_gain_pA_per_kPa=10.0, adaptation=0, dynamic_gain_pA_s_per_kPa=0)
+GAINS = {"model": "hamasaki2020", "static_gain_pA_per_kPa": 10.0, "dynamic_gain_pA_s_per_kPa": 1.0}
+PLAIN = Neuron(
+    model="hamasaki2020", static_gain_pA_per_kPa=10.0, adaptation=0, dynamic_gain_pA_s_per_kPa=0
+)
 USUAL = Neuron(**GAINS, adaptation=0.45, adaptation_time_s=0.5, intercept_pA=18.0)
 GENERATOR = Neuron(model="gerling2018", generator_gains_pA_per_kPa=(40.0, 20.0, 10.0, 8.0))
 LOGARITHMIC = Neuron(
@@ -68,7 +70,7 @@ def test_many_spikes_fit_between_two_samples():
 
 
 def test_a_finger_at_rest_is_silent():
-    n = Neuron(intercept_pA=1000.0)
+    n = Neuron(model="hamasaki2020", intercept_pA=1000.0)
     time = np.array([-1.0, -0.5, 0.0, 0.5])
     sed = np.array([[0, 0], [0, -1e-12], [0, 1e-6], [0, 0]])
     silent, touched = respond(time, sed, n).spikes
@@ -180,6 +182,7 @@ def test_a_logarithm_is_as_exact_as_its_chords(monkeypatch):
 def test_a_logarithm_leaves_a_weak_drive_as_it_is_and_answers_to_ratios_of_a_strong_one():
     n = LOGARITHMIC.model_copy(update={"adaptation": 0.0, "static_gain_pA_per_kPa": 1e6})
     linear = Neuron(
+        model="hamasaki2020",
         static_gain_pA_per_kPa=1e6 * (1 - n.fast_adaptation),
         adaptation=0.0,
         dynamic_gain_pA_s_per_kPa=0.0,

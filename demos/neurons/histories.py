@@ -1,30 +1,45 @@
 # %% [markdown]
-# # Strain energy density under a bar and under four cylinders, pressed and held
+# # What receptors feel under bar, spheres, cylinders, grating, probe and letters
 #
 # This demo emphasizes
 # - how a row of receptors stands in for one receptor and a stimulus that is moved,
-# - how a path is put together from a press and a hold,
-# - how histories are kept in a small file for work on neurons alone.
+# - how a path is put together from presses and holds, to depths or to forces,
+# - how an irregular grating becomes a body of one's own,
+# - how histories are kept in small files for work on neurons alone.
 #
-# Phillips and Johnson (1981) pressed a bar 3 mm wide 1 mm deep into the finger pads of monkeys,
-# repeatedly at different distances $y$ from an afferent. Here the bar is pressed once, and
-# receptors lie on the epidermis-dermis interface at all these distances. The bar lies across the
-# finger, because the pad is flatter along the finger (radius 29 mm, compared with 9 mm across). It
-# is still curved: the skin at $y$ lies $y^2/58$ mm higher than the apex, so the bar's edge, at
-# 1.5 mm, is only 0.96 mm deep. Also, the thickness of the pad differs between receptors, unlike in
-# the experiment, in which the bar was moved. The cylinders have curvatures of 16, 8, 4, 2 per inch.
+# Experiments with monkeys' finger pads are repeated:
 #
-# The press takes 50 ms (20 mm/s, assumed). Strain energy density is saved at each step until the
-# viscous stress (4 ms) has decayed in the hold; from there on it is constant.
+# - a bar 3 mm wide, pressed 1 mm deep at different distances $y$ from an afferent, and an
+#   aperiodic grating, at different places (Phillips and Johnson 1981),
+# - spheres and a plate, pressed with 98, 147 and 196 mN onto the afferent (Goodwin, Browning and
+#   Wheat 1995),
+# - cylinders of 16, 8, 4, 2 per inch, 1 mm deep,
+# - a probe of 0.5 mm diameter, 50 to 500 µm deep, at different distances from an afferent,
+# - the letters of the default scan.
+#
+# The bar is pressed once, and receptors lie on the epidermis-dermis interface at all these
+# distances. The bar lies across the finger, because the pad is flatter along the finger (radius
+# 29 mm, compared with 9 mm across). It is still curved: the skin at $y$ lies $y^2/58$ mm higher
+# than the apex, so the bar's edge, at 1.5 mm, is only 0.96 mm deep. Also, the thickness of the pad
+# differs between receptors, unlike in the experiment, in which the bar was moved. The grating is
+# 24 mm long and therefore moved, so that its places of interest come within 0.5 mm of the apex.
+#
+# Presses to one depth take 50 ms (20 mm/s, assumed) and are held until the viscous stress (4 ms)
+# has decayed; from there on the skin stays as it is. Presses to several forces or depths are slow,
+# without viscous stress: how fast spheres and probe came is not known, and spikes were counted
+# while they rested.
 #
 #     python demos/neurons/histories.py results/histories
 #     python demos/neurons/histories.py results/histories --preset coarse --stimuli bar
 #
-# It writes `bar.csv`, `cylinder_1.59.csv` ...: a row per step, a column per receptor with its $y$
-# in mm as heading. Those in `histories/`, beside this script, come from the first command.
+# It writes `bar.npz`, `sphere_521.npz` ...: `time_s`, `depth_mm`, `displacement_mm`, `force_N`, the
+# receptors' places `x_mm`, `y_mm` and what they feel, as in `trace.npz`. Those in `histories/`,
+# beside this script, come from the first command.
 
 # %%
-import csv
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -33,83 +48,189 @@ import numpy as np
 from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import atomic_write
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan import scan
+from tactile_fem.scan import Parts, scan
 from tactile_fem.scan.progress import progress
+from tactile_fem.scan.trace import Trace
+from tactile_fem.stimulus.body import Distance, Embossed
 from tactile_fem.study import (
     Cylinder,
+    Dots,
     Finger,
     Grating,
     Hold,
     Output,
+    Plate,
     Press,
     Protocol,
     Receptors,
     Solver,
+    Sphere,
     Study,
 )
+from tactile_fem.study.stimulus import AnyStimulus
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
 RADII_MM = (1.59, 3.18, 6.35, 12.7)
-STIMULI = {
-    "bar": Grating(ridge_mm=3.0, count=1, relief_mm=3.0, fillet_radius_mm=0.2, along="x"),
-    **{f"cylinder_{radius:g}": Cylinder(radius_mm=radius, along="x") for radius in RADII_MM},
-}
-HALF_LENGTH_MM, SPACING_MM = 4.0, 0.1
-HOLD_S = 0.05
+CURVATURES_PER_M = (0, 81, 172, 256, 340, 521, 694)
+FORCES_N = (0.098, 0.147, 0.196)
+PROBE_MM = (0.05, 0.1, 0.2, 0.35, 0.5)
+EDGES_MM = (
+    (1.77, 4.76),
+    (5.27, 5.76),
+    (6.25, 6.74),
+    (7.45, 7.99),
+    (8.97, 9.46),
+    (10.95, 11.44),
+    (13.40, 13.91),
+    (16.85, 17.37),
+    (22.33, 25.33),
+)
+CENTRES_MM = (1.77, 3.3, 7.875, 9.75, 11.75, 13.5, 15.0, 17.0, 19.5)
+RELIEF_MM, FILLET_MM = 3.0, 0.2
+HOLD_S, FAST_MM_S, SLOW_MM_S = 0.05, 20.0, 0.5
+SPACING_MM = 0.1
+NO_PARTS = Parts()
+FELT = ("sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa")
+
+
+# %% [markdown]
+# A body that the study does not know is an outline with a signed distance, raised from a plate.
+
+
+# %%
+@dataclass(frozen=True)
+class Bars:
+    """Parallel bars between given places along the finger, mm; the one at `centre` is at Y = 0."""
+
+    edges: tuple[tuple[float, float], ...]
+    centre: float
+
+    def distance(self, xy: np.ndarray) -> Distance:
+        """Return the signed distance in the plane at `xy` (n, 2)."""
+        low, high = np.array(self.edges).T
+        offset = xy[:, 1:] + self.centre - (low + high) / 2
+        gaps = np.abs(offset) - (high - low) / 2
+        rows, nearest = np.arange(len(xy)), gaps.argmin(axis=1)
+        gradient = np.zeros_like(xy)
+        gradient[:, 1] = np.where(offset[rows, nearest] < 0, -1.0, 1.0)
+        return Distance(gaps[rows, nearest], gradient, np.zeros((len(xy), 2, 2)))
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What a scan is made from."""
+
+    study: Study
+    parts: Parts = NO_PARTS
+
+
+def experiments(preset: str, depth: float, step: float) -> dict[str, Experiment]:
+    """Return all experiments by name; bar, cylinders and gratings come to a depth, mm."""
+    bar = Grating(ridge_mm=3.0, count=1, relief_mm=RELIEF_MM, fillet_radius_mm=FILLET_MM)
+    probe = Dots(radius_mm=0.25, rows=1, columns=1, relief_mm=2.0, fillet_radius_mm=0.1)
+    fast = Press(depth_mm=depth, speed_mm_s=FAST_MM_S), Hold(time_s=HOLD_S)
+    to_forces = tuple(Press(force_N=force, speed_mm_s=SLOW_MM_S) for force in FORCES_N)
+    to_depths = tuple(Press(depth_mm=one, speed_mm_s=SLOW_MM_S) for one in PROBE_MM)
+    pressed = partial(study_of_press, preset, step)
+    found = {
+        "letters": Experiment(study_of_letters(preset)),
+        "bar": Experiment(pressed(bar, fast, along(4.0))),
+        "probe": Experiment(pressed(probe, to_depths, cross(4.0))),
+    }
+    for radius in RADII_MM:
+        found[f"cylinder_{radius:g}"] = Experiment(pressed(Cylinder(radius_mm=radius), fast, ()))
+    for curvature in CURVATURES_PER_M:
+        ball = Sphere(radius_mm=1e3 / curvature) if curvature else Plate()
+        found[f"sphere_{curvature}"] = Experiment(pressed(ball, to_forces, cross(0.1)))
+    for centre in CENTRES_MM:
+        body = Embossed(Bars(EDGES_MM, centre), RELIEF_MM, FILLET_MM)
+        found[f"grating_{centre:g}"] = Experiment(pressed(bar, fast, along(0.6)), Parts(body=body))
+    return found
+
+
+def study_of_press(
+    preset: str,
+    step: float,
+    stimulus: AnyStimulus,
+    path: tuple[Press | Hold, ...],
+    places: Iterable[tuple[float, float]],
+) -> Study:
+    """Return the study of a press with receptors at the apex and at other places."""
+    return Study(
+        finger=Finger(preset=preset),
+        stimulus=stimulus,
+        protocol=Protocol(path=path),
+        receptors=Receptors(half_width_mm=0.0, extra_mm=tuple(places)),
+        solver=Solver(first_step_mm=step, max_press_step_mm=step),
+        output=Output(pictures=False),
+    )
+
+
+def study_of_letters(preset: str) -> Study:
+    """Return the default scan with fewer receptors, 1 mm apart."""
+    return Study(
+        finger=Finger(preset=preset),
+        receptors=Receptors(spacing_mm=1.0),
+        output=Output(pictures=False),
+    )
+
+
+def along(reach: float) -> Iterable[tuple[float, float]]:
+    """Yield places along the finger, mm, but for the apex."""
+    for k in range(1, round(reach / SPACING_MM) + 1):
+        away = round(k * SPACING_MM, 6)
+        yield from ((0.0, -away), (0.0, away))
+
+
+def cross(reach: float) -> Iterable[tuple[float, float]]:
+    """Yield places along and across the finger, mm, but for the apex."""
+    for x, y in along(reach):
+        yield from ((x, y), (y, x))
 
 
 # %%
 def main(
     folder: Path,
     *,
-    stimuli: tuple[str, ...] = tuple(STIMULI),
+    stimuli: tuple[str, ...] = (),
     preset: Literal["coarse", "medium", "paper"] = "medium",
     depth: float = 1.0,
-    speed: float = 20.0,
     step: float = 0.05,
 ) -> None:
-    """Press each stimulus and save the receptors' SED; lengths in mm, speed in mm/s."""
+    """Press each stimulus, all unless named, and save what the receptors feel; lengths in mm."""
     rank = MPI.COMM_WORLD.rank
     set_up(rank)
     folder.mkdir(parents=True, exist_ok=True)
-    for name in stimuli:
+    known = experiments(preset, depth, step)
+    for name in stimuli or known:
+        one = known[name]
         with progress(rank) as show:
-            study = press(STIMULI[name], preset, depth, speed, step)
-            trace = scan(study, observers=[show]).trace
+            trace = scan(one.study, observers=[show], parts=one.parts).trace
         if rank == 0:
-            time = trace.time_s - trace.time_s[0]
-            keep(folder / f"{name}.csv", time, trace.receptors_mm[:, 1], trace.sed_kPa)
-            pressed = trace.sed_kPa[trace.phase == "press"][-1]
-            settling = trace.sed_kPa[-1].max() / pressed.max() - 1
+            keep(folder / f"{name}.npz", trace)
             print(
-                f"{name}: {trace.force_N[-1, 2]:.4f} N, SED at most {trace.sed_kPa[-1].max():.4f} "
-                f"kPa, {100 * settling:+.1f} % in the hold"
+                f"{name}: {trace.force_N[-1, 2]:.4f} N at {trace.depth_mm[-1]:.3f} mm, "
+                f"SED at most {trace.sed_kPa[-1].max():.4f} kPa",
+                flush=True,
             )
 
 
-def press(stimulus: Grating | Cylinder, preset: str, depth: float, speed: float, step: float):
-    """Return a press and a hold over a row of receptors along the finger."""
-    places = np.arange(1, round(HALF_LENGTH_MM / SPACING_MM) + 1) * SPACING_MM
-    row = tuple((0.0, float(y)) for y in np.round(np.concatenate([-places, places]), 6))
-    return Study(
-        finger=Finger(preset=preset),
-        stimulus=stimulus,
-        protocol=Protocol(path=(Press(depth_mm=depth, speed_mm_s=speed), Hold(time_s=HOLD_S))),
-        receptors=Receptors(half_width_mm=0.0, extra_mm=row),
-        solver=Solver(first_step_mm=step, max_press_step_mm=step),
-        output=Output(pictures=False),
-    )
-
-
-def keep(path: Path, time_s: np.ndarray, y_mm: np.ndarray, sed_kPa: np.ndarray) -> None:
-    """Write a row per step and a column per receptor, from proximal to distal."""
-    order = np.argsort(y_mm)
-    with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["time_s", *(f"{y:g}" for y in y_mm[order])])
-        for time, row in zip(time_s, sed_kPa[:, order], strict=True):
-            writer.writerow([f"{time:.7g}", *(f"{value:.5g}" for value in row)])
+def keep(path: Path, trace: Trace) -> None:
+    """Write the histories, in single precision."""
+    x, y = trace.receptors_mm[:, :2].T
+    arrays = {name: getattr(trace, name).astype(np.float32) for name in FELT}
+    with atomic_write(path) as part, part.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            time_s=trace.time_s - trace.time_s[0],
+            depth_mm=trace.depth_mm,
+            displacement_mm=trace.displacement_mm,
+            force_N=trace.force_N[:, 2],
+            x_mm=x.round(6),
+            y_mm=y.round(6),
+            **arrays,
+        )
 
 
 # %%

@@ -153,12 +153,12 @@ class Logarithmic(StaticDynamic):
         """Cut stretches where S rises by equal parts; a chord over x S_0 is off by x^2/8 S_0."""
         longest = np.sqrt(8 * _CHORD) * self._scale
         for who, start, h, felt, end in super()._stretches(time_s, drive):
-            rises = np.maximum(np.abs(end - felt) / longest, 1.0)
-            parts = 2 ** np.ceil(np.log2(rises)).astype(int)
+            rises = np.abs(end - felt) / longest
+            if rises.max(initial=0.0) <= 1.0:
+                yield who, start, h, felt, end
+                continue
+            parts = 2 ** np.ceil(np.log2(np.maximum(rises, 1.0))).astype(int)
             for count in np.unique(parts):
-                if count == 1 and (parts == 1).all():
-                    yield who, start, h, felt, end
-                    continue
                 mine = np.flatnonzero(parts == count)
                 share = np.arange(count + 1)[:, None] / count
                 levels = felt[mine] + share * (end - felt)[mine]

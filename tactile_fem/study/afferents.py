@@ -12,12 +12,14 @@ from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole
 DEFAULT_NAME = "SA1"
 
 
-# Constants that the models share, where they are not those of "hamasaki2020": first values, from
-# rates under a bar and under spheres on the coarse finger.
-_LOGARITHMIC = {
-    "static_gain_pA_per_kPa": 9700.0,
-    "dynamic_gain_pA_s_per_kPa": 0.0,
-    "adaptation": 0.0,
+# Constants of the models that are not those of the default one. Gains of "hamasaki2020" are fitted
+# to rates under a bar alone (Phillips and Johnson 1981): demos/neurons/calibrate.py.
+_CONSTANTS: dict[Any, dict[str, float]] = {
+    "hamasaki2020": {
+        "static_gain_pA_per_kPa": 170.0,
+        "dynamic_gain_pA_s_per_kPa": 25.5,
+        "adaptation": 0.45,
+    }
 }
 
 
@@ -58,26 +60,28 @@ class Receptors(Section):
 class Neuron(Section):
     """Transduction current and membrane; gains are per kPa, or per unit of what else is felt."""
 
-    model: Literal["hamasaki2020", "logarithmic", "gerling2018"] = Field(
-        "hamasaki2020",
-        description="transduction: alpha, kappa, beta; the same of a logarithm, with constants of "
-        "its own; or the generator function",
+    model: Literal["logarithmic", "hamasaki2020", "gerling2018"] = Field(
+        "logarithmic",
+        description="transduction: of a logarithm; or alpha, kappa, beta, with constants of their "
+        "own; or the generator function",
     )
-    # alpha and beta: demos/neurons/fit_bar.py, on rates that Phillips and Johnson (1981) measured
-    # under a bar; kappa and tau_a stayed as here in that fit.
+    # alpha, S_0 and the fast kappa: demos/neurons/calibrate.py.
     static_gain_pA_per_kPa: NonNegative = Field(
-        174.0, description="alpha; fitted to rates under a bar (Phillips and Johnson 1981)"
+        9740.0, description="alpha; fitted to rates under a bar and spheres"
     )
     dynamic_gain_pA_s_per_kPa: NonNegative = Field(
-        26.2, description="beta; fitted to rates under a bar (Phillips and Johnson 1981)"
+        0.0, description="beta; hamasaki2020 has one, fitted to rates under a bar"
     )
-    adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(0.45, description="kappa; proposed")
+    adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(
+        0.0, description="kappa; proposed where it is not 0"
+    )
     adaptation_time_s: Positive = Field(0.5, description="tau_a; proposed")
     compression_kPa: Positive = Field(
-        0.0445, description="logarithmic: S_0, above which current grows with the logarithm"
+        0.0451,
+        description="logarithmic: S_0, above which current grows with the logarithm; fitted",
     )
     fast_adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(
-        0.953, description="logarithmic: kappa of a second, fast adaptation"
+        0.953, description="logarithmic: kappa of a second, fast adaptation; fitted"
     )
     fast_adaptation_time_s: Positive = Field(
         0.01, description="logarithmic: tau_a of the fast adaptation; proposed"
@@ -109,10 +113,11 @@ class Neuron(Section):
     @model_validator(mode="before")
     @classmethod
     def _with_constants_of_its_model(cls, values: Any) -> Any:
-        """Give constants that are not set the values that were fitted with the model."""
-        if isinstance(values, dict) and values.get("model") == "logarithmic":
-            return {**_LOGARITHMIC, **values}
-        return values
+        """Give constants that are not set the values that belong to the model."""
+        if not isinstance(values, dict):
+            return values
+        model = values.get("model")
+        return {**_CONSTANTS.get(model if isinstance(model, str) else None, {}), **values}
 
     @property
     def time_constant_s(self) -> float:

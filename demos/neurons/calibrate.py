@@ -1,0 +1,255 @@
+# %% [markdown]
+# # The neuron calibrated on a bar and spheres, and everything else predicted
+#
+# This demo emphasizes
+# - a fit of few constants to several experiments at once (`tactile_fem.neuron.fit`),
+# - how well each half of the data predicts the other,
+# - predictions beside what is known, in one table.
+#
+# What is felt, the drive $D$, is compressed and adapts fast; currents below the membrane's rheobase
+# evoke no spikes:
+#
+# $$I = \alpha\,(S - \kappa_f a_f), \quad S = S_0 \ln(1 + D/S_0), \quad
+# \tau_f \dot a_f = S - a_f.$$
+#
+# $\alpha$, $S_0$ and $\kappa_f$ are fitted to 17 rates in the ramp and 17 in the hold of a bar and
+# to 21 under spheres; $\tau_f$ stays 10 ms. Ramp, hold and spheres count by the share of their
+# variance. The model's rate is the membrane's steady rate at the present current: what many trials
+# with irregular spikes tend to.
+#
+#     python demos/neurons/calibrate.py results/neurons
+#     python demos/neurons/calibrate.py results/linear --law hamasaki2020 --no-spheres
+
+# %%
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import recordings
+from laws import LAWS, Law, calibrating, modelled, r2, rates_of
+from letter_firing import LetterFiring
+from rates_figure import rates_figure
+from recordings import HOLD_S, RAMP, RAMP_S, Array, measured
+
+from tactile_fem.cli.entry import run
+from tactile_fem.neuron import Drive, Fit, FitWarning, Recording, Window, drive_of
+from tactile_fem.neuron.fit import mean_rates
+from tactile_fem.runtime.files import write_figure, write_table
+from tactile_fem.runtime.ranks import launched_rank
+from tactile_fem.study import Neuron
+
+RAMP_HZ, HELD_HZ = (100.0, 200.0), (10.0, 50.0)  # expected under cylinders
+LARGEST_HZ, SILENT_HZ = 200.0, 10.0  # expected under letters
+AWAY_MM = (1.5, 1.0)
+VARIED = {"threshold_noise": 0.1, "gain_spread": 0.3}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A quantity, measured or expected, beside the model's."""
+
+    quantity: str
+    measured: str
+    model: str
+    met: str = ""
+
+
+# %%
+def main(
+    folder: Path,
+    *,
+    law: Literal["logarithmic", "hamasaki2020", "gerling2018"] = "logarithmic",
+    feels: str = "sed",
+    spheres: bool = True,
+) -> None:
+    """Fit, predict, print and draw.
+
+    Parameters
+    ----------
+    folder
+        For table and figure.
+    law
+        The transduction.
+    feels
+        The drive.
+    spheres
+        Whether the spheres are fitted, too, or predicted from the bar.
+    """
+    if launched_rank():
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    drive, chosen = drive_of(feels), LAWS[law]
+    known = calibrating(drive, spheres=spheres)
+    fitted = chosen.fitted(known)
+    print_constants(fitted)
+    halves(drive, chosen)
+    undetermined(known, chosen)
+    rows = list(table(fitted.neuron, drive))
+    print("\n| quantity | measured | model | met |\n| --- | --- | --- | --- |")
+    for row in rows:
+        print(f"| {row.quantity} | {row.measured} | {row.model} | {row.met} |")
+    write_table(folder / "rates.csv", rows)
+    write_figure(folder / "rates.png", rates_figure(fitted.neuron, drive))
+    print(folder / "rates.png")
+
+
+# %% [markdown]
+# What the data do not determine is told by fits with one more free constant.
+
+
+# %%
+def print_constants(found: Fit) -> None:
+    """Print the constants, their intervals and correlations."""
+    for name, e in found.estimates.items():
+        print(f"{name:27s} {e.value:9.4g}  (95 %: {e.low:.4g} to {e.high:.4g}) {e.doubt}")
+    pairs = zip(*np.triu_indices(len(found.estimates), 1), strict=True)
+    print("correlations: " + ", ".join(f"{found.correlation[pair]:+.2f}" for pair in pairs))
+
+
+def undetermined(known: list[Recording], law: Law) -> None:
+    """Print fits in which a further constant is free as well."""
+    for more in ("fast_adaptation_time_s", "adaptation", "intercept_pA"):
+        if more.startswith("fast") and law.neuron.model != "logarithmic":
+            continue
+        found, told = quietly(law.with_free(more), known)
+        e = found.estimates[more]
+        print(
+            f"with {more} free: {e.value:.3g} ({e.low:.3g} to {e.high:.3g}), "
+            f"R2 of all {found.r2[-1]:.3f}; {told} constants not determined"
+        )
+
+
+def quietly(law: Law, some: list[Recording]) -> tuple[Fit, int]:
+    """Return a fit and the number of its warnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", FitWarning)
+        return law.fitted(some), len(caught)
+
+
+def halves(drive: Drive, law: Law) -> None:
+    """Print R2 of what is predicted from a part of the data."""
+    y, spheres = measured("bar")["y_mm"], recordings.spheres(drive)
+    whole = [recordings.bar(drive)]
+    low, high = ([recordings.bar(drive, part)] for part in (y < 0, y >= 0))
+    for name, known, rest in (
+        ("bar at y < 0, every second sphere", low + spheres[0::2], high + spheres[1::2]),
+        ("bar at y >= 0, the other spheres", high + spheres[1::2], low + spheres[0::2]),
+        ("bar alone", whole, spheres),
+        ("spheres alone", spheres, whole),
+    ):
+        neuron = quietly(law, known)[0].neuron
+        own, other = (r2(modelled(some, neuron), rates_of(some)) for some in (known, rest))
+        print(f"{name}: R2 {own:.3f}, of the rest {other:.3f}")
+
+
+# %%
+def table(neuron: Neuron, drive: Drive) -> Iterator[Row]:
+    """Yield all rows: what is fitted first, then what is predicted."""
+    rates = modelled([recordings.bar(drive)], neuron).reshape(2, -1)
+    bar = measured("bar")
+    yield agreement("bar, ramp (17)", rates[0], bar["ramp_Hz"])
+    yield agreement("bar, hold (17)", rates[1], bar["hold_Hz"])
+    yield explained("spheres (21)", recordings.spheres(drive), neuron)
+    yield explained("bar, hold, second reading (25)", [recordings.bar_again(drive)], neuron)
+    yield from grating_rows(drive, neuron)
+    yield probe_row(drive, neuron)
+    yield from cylinder_rows(drive, neuron)
+    yield from letter_rows("", drive, neuron)
+    varied = neuron.model_copy(update=VARIED)
+    yield from letter_rows(", noise 0.1, spread 0.3", drive, varied)
+
+
+def explained(name: str, some: list[Recording], neuron: Neuron) -> Row:
+    """Return how well the model predicts recordings."""
+    return agreement(name, modelled(some, neuron), rates_of(some))
+
+
+def agreement(name: str, model: Array, rates: Array) -> Row:
+    """Return a row of the variance explained, and of the correlation: afferents differ in gain."""
+    rms = np.sqrt(np.mean((model - rates) ** 2))
+    r = np.corrcoef(model, rates)[0, 1]
+    ends = f"{rates.min():.0f} to {rates.max():.0f} spikes/s"
+    return Row(name, ends, f"R² {r2(model, rates):.3f}, r {r:.3f}, rms {rms:.0f}")
+
+
+def said(met: bool) -> str:
+    """Return how a table says whether an expectation is met."""
+    return "yes" if met else "**missed**"
+
+
+def grating_rows(drive: Drive, neuron: Neuron) -> Iterator[Row]:
+    """Yield the aperiodic grating's rates."""
+    some = recordings.grating(drive)
+    yield explained("aperiodic grating (12)", some, neuron)
+    places, rates = measured("grating").values()
+    for place, rate, model in zip(places, rates, modelled(some, neuron), strict=True):
+        yield Row(f"grating at {place:g} mm", f"{rate:.0f} spikes/s", f"{model:.0f}")
+
+
+def probe_row(drive: Drive, neuron: Neuron) -> Row:
+    """Return the areas in which a probe makes an afferent fire."""
+    depths, areas = measured("probe").values()
+    return Row(
+        f"field of a probe {', '.join(f'{depth:g}' for depth in depths)} mm deep",
+        ", ".join(f"{area:.1f}" for area in areas) + " mm²",
+        ", ".join(f"{field_mm2(drive, depth, neuron):.1f}" for depth in depths) + " mm²",
+    )
+
+
+def field_mm2(drive: Drive, depth_mm: float, neuron: Neuron) -> float:
+    """Return the area of the ellipse in which an afferent fires in ramp or hold."""
+    felt, time, values = recordings.probe(drive, depth_mm)
+    whole = Window(0.0, RAMP_S + HOLD_S, np.zeros(values.shape[1]))
+    fires = mean_rates(time, values, [whole], neuron)[0] > 0
+    x = felt.x_mm[fires & (np.abs(felt.y_mm) < 1e-6)]
+    y = felt.y_mm[fires & (np.abs(felt.x_mm) < 1e-6)]
+    return float(np.pi / 4 * np.ptp(x) * np.ptp(y)) if len(x) and len(y) else 0.0
+
+
+def cylinder_rows(drive: Drive, neuron: Neuron) -> Iterator[Row]:
+    """Yield the rates under the axes of cylinders."""
+    rates = []
+    for radius, (time, values) in recordings.cylinders(drive).items():
+        end = Window(time[-1] - 1e-3, time[-1], [0.0])
+        ramp, after = mean_rates(time, values, [Window(*RAMP, [0.0]), end], neuron)[:, 0]
+        rates.append((ramp, after))
+        met = RAMP_HZ[0] <= ramp <= RAMP_HZ[1] and HELD_HZ[0] <= after <= HELD_HZ[1]
+        yield Row(
+            f"cylinder of {radius:g} mm: ramp, after 1 s",
+            "100 to 200, 10 to 50 spikes/s",
+            f"{ramp:.0f}, {after:.0f}",
+            said(met),
+        )
+    falling = bool((np.diff(rates, axis=0) < 0).all())
+    yield Row("rates fall with the radius", "yes", "yes" if falling else "no", said(falling))
+
+
+def letter_rows(how: str, drive: Drive, neuron: Neuron) -> Iterator[Row]:
+    """Yield what is known of afferents under letters."""
+    fired = LetterFiring.of(neuron, drive)
+    peak = float(fired.response.peak_rate()[fired.middle])
+    yield Row(
+        f"letters{how}: peak of the middle afferent",
+        f"at most about {LARGEST_HZ:.0f} spikes/s",
+        f"{peak:.0f}",
+        said(peak <= 1.05 * LARGEST_HZ),
+    )
+    for away_mm in AWAY_MM:
+        away = fired.rate_away(away_mm)
+        yield Row(
+            f"letters{how}: farther than {away_mm:g} mm from strokes",
+            f"under {SILENT_HZ:.0f} spikes/s",
+            f"{away:.1f}",
+            said(away < SILENT_HZ),
+        )
+    yield Row(f"letters{how}: bursts", "one for each stroke", fired.bursts())
+    counts = ", ".join(str(count) for count in fired.response.counts())
+    yield Row(f"letters{how}: spikes of afferents 1 mm apart", "fewer outside", counts)
+
+
+# %%
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,113 @@
+# %% [markdown]
+# # Which law, and which drive, predicts rates best
+#
+# This demo emphasizes
+# - laws of transduction and drives compared on the same data: fitted to bar and spheres as in
+#   `calibrate.py`, predicting a grating (by correlation, because other afferents have other gains),
+# - a drive of one's own: compression, where the study has signed stresses and stretches,
+# - how much of the disagreement could lie in the finger instead of the neuron.
+#
+# The recordings are from monkeys, whose finger pads are smaller than the model's. If theirs were
+# $k$ times as stiff, the bar, pressed to a depth, would cause $k$ times the stress, and the
+# spheres, pressed with a force $F$, would deform the pad as $F/k$ deforms the model's. All tissues
+# scale alike, so no press has to be repeated.
+#
+#     python demos/neurons/compare_laws.py
+#     python demos/neurons/compare_laws.py --stiffness 1 --stiffness 3
+
+# %%
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import recordings
+from laws import LAWS, Law, modelled, r2, rates_of
+from recordings import Recording
+
+from tactile_fem.cli.entry import run
+from tactile_fem.neuron import DRIVES, Drive, FitWarning
+from tactile_fem.runtime.ranks import launched_rank
+
+STRESSES, STRETCHES = "stresses_kPa", "stretches"
+
+
+def positive(label: str, unit: str, of, order: int) -> tuple[Drive, int]:
+    """Return a drive of what is positive, and the power of the stiffness that it grows with."""
+    return Drive(label, unit, lambda h: np.maximum(of(h), 0.0).astype(float)), order
+
+
+# By name: the drive, and whether it is a stress (1) or a strain (0).
+COMPARED = {
+    "SED": (DRIVES["sed"], 1),
+    "von Mises stress": (DRIVES["von_mises"], 1),
+    "largest tension": positive("Tension", "kPa", lambda h: h[STRESSES][..., -1], 1),
+    "largest compression": positive("Compression", "kPa", lambda h: -h[STRESSES][..., 0], 1),
+    "largest stretch": positive("Stretch", "1", lambda h: h[STRETCHES][..., -1] - 1, 0),
+    "largest shortening": positive("Shortening", "1", lambda h: 1 - h[STRETCHES][..., 0], 0),
+}
+
+
+# %%
+def main(*, stiffness: tuple[float, ...] = (1.0, 2.0, 4.0)) -> None:
+    """Fit every law and drive; print what each explains and predicts.
+
+    Parameters
+    ----------
+    stiffness
+        Of the monkeys' pads over the model's.
+    """
+    if launched_rank():
+        return
+    print(f"{'law':14s}{'drive':22s}stiffness  R2: ramp   hold spheres   all  grating: r")
+    for name in LAWS:
+        show(name, "SED", 1.0)
+    for drive in COMPARED:
+        for factor in stiffness:
+            if (drive, factor) != ("SED", 1.0):
+                show("logarithmic", drive, factor)
+
+
+def show(law: str, drive: str, factor: float) -> None:
+    """Fit, and print a row."""
+    bar, spheres = scaled(*COMPARED[drive], factor)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)
+        found = started(LAWS[law], spheres).fitted([bar, *spheres])
+    of_spheres = r2(modelled(spheres, found.neuron), rates_of(spheres))
+    grating = [times(one, factor ** COMPARED[drive][1]) for one in grating_of(drive)]
+    model = modelled(grating, found.neuron)
+    predicted = np.corrcoef(model, rates_of(grating))[0, 1] if np.ptp(model) else 0.0
+    told = (*found.r2[:2], of_spheres, found.r2[-1], predicted)
+    print(f"{law:14s}{drive:22s}{factor:9g}   " + " ".join(f"{value:7.3f}" for value in told))
+
+
+def grating_of(drive: str) -> list[Recording]:
+    """Return the grating's recordings."""
+    return recordings.grating(COMPARED[drive][0])
+
+
+def scaled(drive: Drive, order: int, factor: float) -> tuple[Recording, list[Recording]]:
+    """Return bar and spheres as a pad feels them that is `factor` times as stiff."""
+    size = factor**order
+    return times(recordings.bar(drive), size), [
+        times(one, size) for one in recordings.spheres(drive, factor)
+    ]
+
+
+def times(one: Recording, factor: float) -> Recording:
+    """Return a recording whose drive is larger by a factor."""
+    return one._replace(drive=factor * np.asarray(one.drive))
+
+
+def started(law: Law, spheres: list[Recording]) -> Law:
+    """Return a law whose compression starts at the same share of the spheres' drive for all."""
+    if law.neuron.model != "logarithmic":
+        return law
+    scale = 0.02 * float(np.mean([np.max(one.drive) for one in spheres]))
+    gains = {"compression_kPa": scale, "static_gain_pA_per_kPa": 430.0 / scale}
+    return replace(law, neuron=law.neuron.model_copy(update=gains))
+
+
+# %%
+if __name__ == "__main__":
+    run(main)

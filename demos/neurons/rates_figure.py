@@ -1,0 +1,64 @@
+"""Draws measured and modelled rates under bar, spheres and grating."""
+
+from __future__ import annotations
+
+import numpy as np
+import recordings
+from laws import modelled
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from recordings import HOLD, RAMP, measured
+
+from tactile_fem.neuron import Drive, Window
+from tactile_fem.neuron.fit import mean_rates
+from tactile_fem.study import Neuron
+
+BLUE, ORANGE, GREEN, INK = "#0072B2", "#D55E00", "#009E73", "#222222"
+
+
+def rates_figure(neuron: Neuron, drive: Drive) -> Figure:
+    """Draw the three experiments side by side."""
+    figure = Figure(figsize=(10, 3.4), layout="constrained")
+    panels = figure.subplots(1, 3)
+    for axes, draw in zip(panels, (_draw_bar, _draw_spheres, _draw_grating), strict=True):
+        draw(axes, neuron, drive)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.set_ylim(0, None)
+    panels[0].set_ylabel("Firing rate (spikes/s)")
+    return figure
+
+
+def _draw_bar(axes: Axes, neuron: Neuron, drive: Drive) -> None:
+    table = measured("bar")
+    y = np.round(np.arange(-30, 31) * 0.1, 6)
+    felt = recordings.Felt.of("bar", drive)
+    windows = [Window(*when, 0 * y) for when in (RAMP, HOLD)]
+    model = mean_rates(*felt.held(felt.along(y)), windows, neuron)
+    axes.axvspan(-1.5, 1.5, color="#E6E3DC", lw=0, zorder=0)
+    for rates, (key, color) in zip(model, (("ramp_Hz", ORANGE), ("hold_Hz", BLUE)), strict=True):
+        axes.plot(y, rates, color=color, label=f"{key[:4]}, model")
+        axes.plot(table["y_mm"], table[key], "o", color=color, mfc="white", label="measured")
+    axes.set(xlabel="From the bar's centre (mm)", title="Bar, fitted")
+    axes.set_ylim(0, 1.35 * table["ramp_Hz"].max())
+    axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper center")
+
+
+def _draw_spheres(axes: Axes, neuron: Neuron, drive: Drive) -> None:
+    table = measured("spheres")
+    model = modelled(recordings.spheres(drive), neuron)
+    for force, color in zip(np.unique(table["force_N"]), (BLUE, GREEN, ORANGE), strict=True):
+        mine = table["force_N"] == force
+        curvature = table["curvature_per_m"][mine]
+        axes.plot(curvature, model[mine], color=color, label=f"{force:g} N, model")
+        axes.plot(curvature, table["first_second_Hz"][mine], "o", color=color, mfc="white")
+    axes.set(xlabel="Curvature of the sphere (1/m)", title="Spheres, first second, fitted")
+    axes.legend(frameon=False, fontsize=7)
+
+
+def _draw_grating(axes: Axes, neuron: Neuron, drive: Drive) -> None:
+    table = measured("grating")
+    model = modelled(recordings.grating(drive), neuron)
+    axes.plot(table["y_mm"], model, "s", color=BLUE, label="hold, model")
+    axes.plot(table["y_mm"], table["hold_Hz"], "o", color=INK, mfc="white", label="measured")
+    axes.set(xlabel="Place on the grating (mm)", title="Grating, predicted")
+    axes.legend(frameon=False, fontsize=7)

@@ -1,0 +1,160 @@
+"""Measured firing rates, and what the receptors felt in the same experiments on the model finger.
+
+All rates are of slowly adapting afferents of monkeys, read from published figures by third parties:
+
+- `bar.csv`, `bar_again.csv`, `grating.csv`: a bar 3 mm wide and an aperiodic grating, 1 mm deep
+  (Phillips and Johnson 1981); the bar's rates in the hold were read twice,
+- `spheres.csv`: spikes in the first second (Goodwin, Browning and Wheat 1995),
+- `probe.csv`: area in which a probe of 0.5 mm diameter makes an afferent fire.
+
+The histories of what was felt come from `histories.py`.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_fem.neuron import Drive, Recording, Window
+
+Array = NDArray[Any]
+
+MEASURED, HISTORIES = (Path(__file__).with_name(name) for name in ("measured", "histories"))
+# Assumed: the ramp of all presses, the hold; static rates are those of its second half.
+RAMP_S, HOLD_S = 0.05, 1.0
+RAMP, HOLD = (0.0, RAMP_S), (RAMP_S + HOLD_S / 2, RAMP_S + HOLD_S)
+FIRST_SECOND = (0.0, 1.0)
+
+
+def measured(name: str) -> dict[str, Array]:
+    """Return the columns of a table of measurements."""
+    with (MEASURED / f"{name}.csv").open(newline="", encoding="utf-8") as stream:
+        heading, *rows = csv.reader(stream)
+    return dict(zip(heading, np.array(rows, dtype=float).T, strict=True))
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What receptors felt while a stimulus was pressed.
+
+    Attributes
+    ----------
+    time_s, depth_mm, force_N
+        (t,), from first touch.
+    x_mm, y_mm
+        Places of the receptors, (receptors,).
+    drive
+        What they answer to, (t, receptors).
+    """
+
+    time_s: Array
+    depth_mm: Array
+    force_N: Array
+    x_mm: Array
+    y_mm: Array
+    drive: Array
+
+    @classmethod
+    def of(cls, name: str, drive: Drive) -> Felt:
+        """Read one of `histories.py`'s files."""
+        with np.load(HISTORIES / f"{name}.npz") as stored:
+            arrays = {key: stored[key] for key in stored.files}
+        time_s, felt = drive.of(arrays)
+        places = (arrays[key] for key in ("depth_mm", "force_N", "x_mm", "y_mm"))
+        return cls(time_s, *places, felt)
+
+    def along(self, y_mm: Array) -> Array:
+        """Return the receptors at places along the finger."""
+        middle = np.abs(self.x_mm) < 1e-6
+        away = np.abs(self.y_mm[:, None] - y_mm) + np.where(middle, 0.0, np.inf)[:, None]
+        return away.argmin(axis=0)
+
+    def held(self, receptors: Array) -> tuple[Array, Array]:
+        """Return a fast press, with the hold extended to its whole length."""
+        felt = self.drive[:, receptors]
+        return np.append(self.time_s, RAMP_S + HOLD_S), np.vstack([felt, felt[-1:]])
+
+    def held_at(self, when_s: float, receptors: Array) -> tuple[Array, Array]:
+        """Return a slow press up to a time, as if it had taken the ramp's time, and a hold."""
+        felt, before = self.drive[:, receptors], self.time_s < when_s - 1e-9
+        last = np.array([np.interp(when_s, self.time_s, one) for one in felt.T])
+        time = np.append(self.time_s[before], when_s) * RAMP_S / when_s
+        return np.append(time, RAMP_S + HOLD_S), np.vstack([felt[before], last, last])
+
+    def when_force(self, force_N: float) -> float:
+        """Return the time, s, at which a press comes to a force."""
+        return float(np.interp(force_N, np.maximum.accumulate(self.force_N), self.time_s))
+
+
+def bar(drive: Drive, part: slice | Array = slice(None)) -> Recording:
+    """Return the bar's ramp and hold, at all positions or some.
+
+    A deviation is measured by the standard deviation of the rates between positions, so that ramp,
+    hold and spheres count by the share of their variance that is explained.
+    """
+    table = measured("bar")
+    felt = Felt.of("bar", drive)
+    time, values = felt.held(felt.along(table["y_mm"][part]))
+    windows = [
+        Window(*when, table[key][part], table[key].std())
+        for when, key in ((RAMP, "ramp_Hz"), (HOLD, "hold_Hz"))
+    ]
+    return Recording(time, values, windows)
+
+
+def bar_again(drive: Drive) -> Recording:
+    """Return the second reading of the bar's hold."""
+    table = measured("bar_again")
+    felt = Felt.of("bar", drive)
+    time, values = felt.held(felt.along(table["y_mm"]))
+    return Recording(time, values, [Window(*HOLD, table["hold_Hz"])])
+
+
+def spheres(drive: Drive, stiffness: float = 1.0) -> list[Recording]:
+    """Return a recording for each sphere and force over the stiffness."""
+    table = measured("spheres")
+    rates = table["first_second_Hz"]
+    found = []
+    for curvature, force, rate in zip(*table.values(), strict=True):
+        felt = Felt.of(f"sphere_{curvature:g}", drive)
+        near = np.flatnonzero(np.hypot(felt.x_mm, felt.y_mm) < 0.15)
+        time, values = felt.held_at(felt.when_force(force / stiffness), near)
+        mean = values.mean(axis=1, keepdims=True)
+        found.append(Recording(time, mean, [Window(*FIRST_SECOND, [rate], rates.std())]))
+    return found
+
+
+def grating(drive: Drive) -> list[Recording]:
+    """Return a recording for each place on the aperiodic grating."""
+    table = measured("grating")
+    centres = {
+        float(path.stem.split("_")[1]): path.stem for path in HISTORIES.glob("grating_*.npz")
+    }
+    found = []
+    for place, rate in zip(*table.values(), strict=True):
+        centre = min(centres, key=lambda centre: abs(centre - place))
+        felt = Felt.of(centres[centre], drive)
+        time, values = felt.held(felt.along(np.array([place - centre])))
+        found.append(Recording(time, values, [Window(*HOLD, [rate])]))
+    return found
+
+
+def cylinders(drive: Drive) -> dict[float, tuple[Array, Array]]:
+    """Return the histories under the axes of cylinders, by radius in mm."""
+    found = {}
+    for path in HISTORIES.glob("cylinder_*.npz"):
+        felt = Felt.of(path.stem, drive)
+        found[float(path.stem.split("_")[1])] = felt.held(felt.along(np.zeros(1)))
+    return dict(sorted(found.items()))
+
+
+def probe(drive: Drive, depth_mm: float) -> tuple[Felt, Array, Array]:
+    """Return what was felt, and the histories of all receptors around a probe at a depth."""
+    felt = Felt.of("probe", drive)
+    when = float(np.interp(depth_mm, felt.depth_mm, felt.time_s))
+    return felt, *felt.held_at(when, np.arange(len(felt.x_mm)))
