@@ -361,7 +361,7 @@ def test_calibrate(tmp_path):
     assert number(r"spheres \(21\) \| .* \| R² ([\d.]+)", output) > 0.7
     assert "rates fall with the radius | yes | yes" in output
     quantities = list(csv.DictReader((tmp_path / "rates.csv").read_text().splitlines()))
-    assert len(quantities) == output.count("\n| ") - 1  # but for the heading
+    assert len(quantities) == output.count("\n| ") - 2  # but for the heading
     assert (tmp_path / "rates.png").is_file()
 
 
