@@ -58,6 +58,15 @@ threshold_mV = 20.0
 """
 
 
+def test_a_population_of_another_model_has_its_constants():
+    shared = {"gain_spread": 0.1, "static_gain_pA_per_kPa": 5.0}
+    entries = [{"name": "one"}, {"name": "two", "neuron": {"model": "hamasaki2020"}}]
+    study = Study.model_validate({"neuron": shared, "afferents": entries})
+    one, two = (population.neuron for population in study.populations)
+    assert one == Neuron(**shared)
+    assert two == Neuron(model="hamasaki2020", gain_spread=0.1)
+
+
 def histories(receptors=3, population=None):
     """Return a made-up trace in which every receptor feels something else."""
     time = np.sort(np.random.default_rng(0).uniform(0, 1, 40))

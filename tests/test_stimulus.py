@@ -4,8 +4,9 @@ import shapely
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus import make_body, outlines
+from tactile_fem.stimulus.braille import cells, dots
 from tactile_fem.stimulus.height_field import height_map
-from tactile_fem.study import Cylinder, Dots, Edge, Grating, Plate, Sphere, Text
+from tactile_fem.study import Braille, Cylinder, Dots, Edge, Grating, Plate, Sphere, Text
 
 BODIES = {
     "text": Text(),
@@ -20,8 +21,13 @@ BODIES = {
     "dots": Dots(),
     "grating from its start": Grating(count=3, start_mm=-0.3),
     "dots from their start": Dots(columns=2, rows=3, start_mm=1.2),
+    "braille": Braille(text="ab", shift_mm=(0.0, 0.05)),
 }
-EMBOSSED = [name for name, stimulus in BODIES.items() if hasattr(stimulus, "relief_mm")]
+HEIGHTS = {
+    name: stimulus.dot_height_mm if name == "braille" else stimulus.relief_mm
+    for name, stimulus in BODIES.items()
+    if isinstance(stimulus, Text | Grating | Dots | Braille)
+}
 
 
 def gap(stimulus, points):
@@ -56,12 +62,11 @@ def test_derivatives_are_those_of_the_gap(name):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_the_gap_is_a_distance(name):
-    stimulus = BODIES[name]
-    body = make_body(stimulus)
+    body = make_body(BODIES[name])
     points = skin_points(body)
-    if name in EMBOSSED:
+    if name in HEIGHTS:
         # At the foot plate and wall are blended over 0.2 mm: the gradient is shorter there.
-        points = points[points[:, 2] + stimulus.relief_mm > body.distance(points).gap + 0.2]
+        points = points[points[:, 2] + HEIGHTS[name] > body.distance(points).gap + 0.2]
     # Beyond the radius of a letter's concave corners (0.3 mm) the nearest wall changes: a kink.
     points = points[body.distance(points).gap < 0.25]
     at = body.distance(points)
@@ -70,7 +75,7 @@ def test_the_gap_is_a_distance(name):
     assert np.abs(body.distance(foot).gap).max() < 5e-3
 
 
-@pytest.mark.parametrize("name", EMBOSSED)
+@pytest.mark.parametrize("name", HEIGHTS)
 def test_the_gradient_shortens_only_at_the_foot(name):
     body = make_body(BODIES[name])
     length = np.linalg.norm(body.distance(skin_points(body)).normal, axis=1)
@@ -84,14 +89,14 @@ def test_the_highest_plane_is_zero(name):
     assert heights.max() <= 1e-9
 
 
-@pytest.mark.parametrize("name", EMBOSSED)
+@pytest.mark.parametrize("name", HEIGHTS)
 def test_relief_and_plate(name):
     stimulus = BODIES[name]
     heights = height_map(make_body(stimulus), np.linspace(-4, 4, 81), np.linspace(-6, 6, 121))
-    assert heights.min() == pytest.approx(-stimulus.relief_mm, abs=1e-9)
+    assert heights.min() == pytest.approx(-HEIGHTS[name], abs=1e-9)
     # Far away from the relief there is nothing but the plate.
     far = [[30, 60, 0.7], [-30, 60, -0.1]] if name != "grating along" else [[60, 9, 0.7]]
-    expected = np.array(far)[:, 2] + stimulus.relief_mm
+    expected = np.array(far)[:, 2] + HEIGHTS[name]
     assert gap(stimulus, far)[-1] == pytest.approx(expected[-1])
     assert np.all(gap(stimulus, far) > 0)
 
@@ -245,3 +250,45 @@ def test_curves_are_smooth():
     at = make_body(stimulus).distance(np.column_stack([wall, np.full(len(wall), -0.32)]))
     curvature = np.trace(at.hessian, axis1=1, axis2=2)
     assert curvature.min() > 0 and curvature.max() < 0.7
+
+
+def test_braille_spells_letters_numbers_and_patterns():
+    assert cells("Tea 42") == "⠞⠑⠁⠀⠼⠙⠃"
+    assert cells("a1b") == "⠁⠼⠁⠰⠃"  # after a digit, b needs a letter sign
+    assert cells("1z⡇") == "⠼⠁⠵⡇"
+    with pytest.raises(StudyError, match='"é" is neither letter, digit, space nor Braille'):
+        cells("é")
+
+
+def test_braille_reads_along_the_finger_with_its_top_towards_minus_x():
+    places = dots(Braille(text="l b", start_mm=1.0))
+    # l is dots 1, 2, 3: a column; b, two cells on, is dots 1 and 2.
+    expected = [(-2.5, -2.25), (0.0, -2.25), (2.5, -2.25), (-2.5, 10.15), (0.0, 10.15)]
+    np.testing.assert_allclose(places, expected, atol=1e-12)
+    middle = dots(Braille(text="⠿⠿"))
+    np.testing.assert_allclose(middle.mean(axis=0), 0.0, atol=1e-12)
+    assert len(outlines(Braille(text="l b"))) == 5
+
+
+def test_a_braille_dot_is_a_part_of_a_ball_on_a_plate():
+    dot = Braille(text="⠂", shift_mm=(0.0, 1.25))  # dot 2 alone, at the middle
+    R = (0.8**2 + 0.5**2) / (2 * 0.5)
+    x = np.array([0.0, 0.3, 0.5])
+    cap = np.sqrt(R**2 - x**2) - R
+    np.testing.assert_allclose(gap(dot, np.column_stack([x, 0 * x, cap])), 0.0, atol=1e-12)
+    assert gap(dot, [3.0, 0.0, -0.5]) == pytest.approx(0.0, abs=1e-12)
+    foot = make_body(dot).distance(np.array([[0.8, 0.0, -0.5]])).gap[0]
+    assert -0.08 < foot < 0  # the foot is filled
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        ({"text": "  "}, "stimulus.text holds no dot"),
+        ({"dot_height_mm": 0.9}, r"0.9 must not exceed half of dot_diameter_mm \(0.8\)"),
+        ({"dot_diameter_mm": 2.6}, r"2.6 must not exceed dot_spacing_mm \(2.5\)"),
+    ],
+)
+def test_bad_braille_is_told(keys, sentence):
+    with pytest.raises(StudyError, match=sentence):
+        make_body(Braille(**keys))

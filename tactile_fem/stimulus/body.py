@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 Array = NDArray[np.float64]
 _ABOVE_MM = 0.5
@@ -174,6 +175,31 @@ class Embossed:
         hessian[:, :2, 2] = hessian[:, 2, :2] = bend[:, 0, 1, None] * g
         hessian[:, 2, 2] = bend[:, 1, 1]
         return Distance(gap, normal, hessian)
+
+
+@dataclass(frozen=True)
+class Domes:
+    """Caps of balls of one size on a plate, which they join as in `Embossed`.
+
+    Attributes
+    ----------
+    centres
+        Their middles, (n, 2).
+    base, height
+        Radius of the base and height of a cap, mm.
+    """
+
+    centres: Array
+    base: float
+    height: float
+    blend: float = 0.2
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        _, nearest = KDTree(self.centres).query(points[:, :2])
+        offset = points - np.column_stack([self.centres[nearest], np.zeros(len(points))])
+        cap = Ball((self.base**2 + self.height**2) / (2 * self.height)).distance(offset)
+        return smooth_minimum(cap, HalfSpace(self.height).distance(points), self.blend)
 
 
 def smooth_minimum(first: Distance, second: Distance, width: float) -> Distance:

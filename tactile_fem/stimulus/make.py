@@ -11,6 +11,7 @@ from shapely import affinity
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import (
     Ball,
+    Domes,
     Embossed,
     HalfSpace,
     Moved,
@@ -18,10 +19,12 @@ from tactile_fem.stimulus.body import (
     RigidBody,
     Wedge,
 )
+from tactile_fem.stimulus.braille import dots
 from tactile_fem.stimulus.letters import Letters
 from tactile_fem.stimulus.patterns import Discs, Ridges, Row
 from tactile_fem.study import (
     AnyStimulus,
+    Braille,
     Cylinder,
     Dots,
     Edge,
@@ -54,6 +57,9 @@ def make_body(stimulus: AnyStimulus) -> RigidBody:
         case Edge():
             angle = math.radians(stimulus.angle_deg)
             body = Wedge(stimulus.radius_mm, angle, _ACROSS[stimulus.along])
+        case Braille():
+            _check_dots(stimulus)
+            body = Domes(dots(stimulus), stimulus.dot_diameter_mm / 2, stimulus.dot_height_mm)
         case _:
             _check_fillet(stimulus)
             body = Embossed(_outline(stimulus), stimulus.relief_mm, stimulus.fillet_radius_mm)
@@ -92,12 +98,28 @@ def _check_fillet(stimulus: Text | Grating | Dots) -> None:
             )
 
 
+def _check_dots(stimulus: Braille) -> None:
+    """Raise StudyError if dots are more than half balls, or touch."""
+    diameter, spacing = stimulus.dot_diameter_mm, stimulus.dot_spacing_mm
+    for name, value, what, limit in (
+        ("dot_height_mm", stimulus.dot_height_mm, "half of dot_diameter_mm", diameter / 2),
+        ("dot_diameter_mm", diameter, "dot_spacing_mm", spacing),
+    ):
+        if value > limit:
+            raise StudyError(f"stimulus.{name} = {value:g} must not exceed {what} ({limit:g})")
+
+
 def outlines(stimulus: AnyStimulus) -> list[shapely.Geometry]:
     """Return the outlines of what is raised, at displacement 0; none for smooth bodies.
 
     Coordinates are X and Y in mm over the contact point.
     """
-    if not isinstance(stimulus, Text | Grating | Dots):
-        return []
-    shift = stimulus.shift_mm
-    return [affinity.translate(shape, *shift) for shape in _outline(stimulus).polygons()]
+    match stimulus:
+        case Text() | Grating() | Dots():
+            shapes = _outline(stimulus).polygons()
+        case Braille():
+            base = stimulus.dot_diameter_mm / 2
+            shapes = [shapely.Point(centre).buffer(base) for centre in dots(stimulus)]
+        case _:
+            shapes = []
+    return [affinity.translate(shape, *stimulus.shift_mm) for shape in shapes]

@@ -27,6 +27,7 @@ from tactile_fem.study.parts import (
 from tactile_fem.study.protocol import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
 from tactile_fem.study.stimulus import (
     AnyStimulus,
+    Braille,
     Cylinder,
     Dots,
     Edge,
@@ -44,6 +45,7 @@ __all__ = [
     "Afferents",
     "AnyPiece",
     "AnyStimulus",
+    "Braille",
     "Cylinder",
     "Dots",
     "Edge",
@@ -97,11 +99,7 @@ class Study(Section):
         """Give each population the keys of the study's receptors and neuron that it lacks."""
         if not isinstance(entries, list | tuple):
             return entries
-        shared = {
-            section: info.data[section].model_dump()
-            for section in ("receptors", "neuron")
-            if section in info.data
-        }
+        shared = {name: info.data[name] for name in ("receptors", "neuron") if name in info.data}
         return [_filled(entry, shared) for entry in entries]
 
     @field_validator("afferents")
@@ -127,14 +125,18 @@ class Study(Section):
         return self.afferents or (one,)
 
 
-def _filled(entry: Any, shared: dict[str, dict[str, Any]]) -> Any:
+def _filled(entry: Any, shared: dict[str, Receptors | Neuron]) -> Any:
     """Return a population with the shared keys that it does not give; a file knows no None."""
     given = entry.model_dump(exclude_unset=True) if isinstance(entry, Afferents) else entry
     if not isinstance(given, dict):
         return given
     own = {section: given.get(section, {}) for section in shared}
     return given | {
-        section: shared[section] | {k: v for k, v in values.items() if v is not None}
+        section: shared[section].shared_with(values) | _set(values)
         for section, values in own.items()
         if isinstance(values, dict)
     }
+
+
+def _set(values: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}

@@ -56,6 +56,10 @@ class Receptors(Section):
         1.0, description="proposed: of the circle on which the other end organs lie"
     )
 
+    def shared_with(self, own: dict[str, Any]) -> dict[str, Any]:
+        """Return what a population takes over that has some keys of its own: all."""
+        return self.model_dump()
+
 
 class Neuron(Section):
     """Transduction current and membrane; gains are per kPa, or per unit of what else is felt."""
@@ -118,6 +122,14 @@ class Neuron(Section):
             return values
         model = values.get("model")
         return {**_CONSTANTS.get(model if isinstance(model, str) else None, {}), **values}
+
+    def shared_with(self, own: dict[str, Any]) -> dict[str, Any]:
+        """Return what a population takes over: of another model, but the constants of the model."""
+        values = self.model_dump()
+        if own.get("model") in (None, self.model):
+            return values
+        of_models = {"model"}.union(*_CONSTANTS.values())
+        return {key: value for key, value in values.items() if key not in of_models}
 
     @property
     def time_constant_s(self) -> float:

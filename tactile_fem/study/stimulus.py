@@ -114,6 +114,30 @@ class Dots(Stimulus):
     )
 
 
+class Braille(Stimulus):
+    """A line of Braille on a plate; its dots are parts of balls."""
+
+    kind: Literal["braille"] = "braille"
+    text: Annotated[str, Field(min_length=1, max_length=40)] = Field(
+        "tactile", description="letters and digits, without contractions, or Braille patterns"
+    )
+    dot_diameter_mm: Positive = Field(1.6, description="of a dot's base; ADA 2010: 1.5 to 1.6")
+    dot_height_mm: Positive = Field(
+        0.5, description="of a dot; on paper 0.48 (Library of Congress, Specification 800)"
+    )
+    dot_spacing_mm: Positive = Field(
+        2.5, description="between dots of a cell, both ways; ADA 2010: 2.3 to 2.5"
+    )
+    cell_spacing_mm: Positive = Field(
+        6.2, description="between cells; Specification 800, ADA 2010: 6.1 to 7.6"
+    )
+    start_mm: Finite | None = Field(
+        None,
+        description="place of the line over the contact point at displacement 0, from the first "
+        "cell's centre; default its middle",
+    )
+
+
 AnyStimulus = Annotated[
-    Text | Plate | Cylinder | Sphere | Edge | Grating | Dots, Field(discriminator="kind")
+    Text | Plate | Cylinder | Sphere | Edge | Grating | Dots | Braille, Field(discriminator="kind")
 ]
