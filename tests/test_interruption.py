@@ -34,7 +34,8 @@ def study(small_finger) -> Study:
         stimulus=Text(text="FG"),
         protocol=Protocol(depth_mm=0.4, distance_mm=0.6, output_mm=0.05),
         receptors=Receptors(spacing_mm=2.5),
-        neuron=Neuron(static_gain_pA_per_kPa=3e4),  # so that so small a press is felt
+        # So that so small a press is felt.
+        neuron=Neuron(model="hamasaki2020", static_gain_pA_per_kPa=3e4),
         # Scans are compared, and what Newton's method leaves magnifies rounding a millionfold.
         solver=Solver(first_slide_step_mm=0.05, petsc={"snes_atol": 1e-11}),
         output=Output(pictures=False, fields_mm=0.2),

@@ -27,7 +27,12 @@ def pressed_and_slid() -> Study:
         stimulus=Sphere(radius_mm=4.0),
         protocol=Protocol(depth_mm=0.5, distance_mm=0.1),
         receptors=Receptors(half_width_mm=0.0),
-        solver=Solver(first_step_mm=0.25, max_press_step_mm=0.25, first_slide_step_mm=0.05),
+        solver=Solver(
+            first_step_mm=0.25,
+            max_press_step_mm=0.25,
+            first_slide_step_mm=0.05,
+            petsc={"snes_atol": 1e-11},  # differences of scans are taken
+        ),
     )
 
 
@@ -67,4 +72,4 @@ def test_press_and_slide_with_friction():
         wanted = (more - less) / (2 * STEP)
         scale = np.abs(wanted).max(axis=0)
         np.testing.assert_allclose(found[:, i] / scale, wanted / scale, atol=2e-3)
-        assert scale[2] > 1e-3 and scale[1] > 1e-4  # both forces do depend on them
+        assert scale[2] > 2e-4 and scale[1] > 5e-5  # both forces do depend on them

@@ -25,6 +25,8 @@ from tactile_fem.tissue.energies import (
 )
 
 NO_LAWS: Mapping[str, Law] = MappingProxyType({})
+# Share of the resistance to a change of volume that is integrated at all points at least.
+_LEAST_KEPT = 0.02
 
 
 def deformation_gradient(u: Expr) -> Expr:
@@ -158,10 +160,15 @@ class Elasticity:
         for name, dx in self._measures().items():
             constants, values = self.constants(name), self.values[name]
             if name not in self._laws and bulk_over_shear(constants) > self._locking_ratio:
-                share = 1 - self._locking_ratio / bulk_over_shear(constants, values)
-                moved = share * of(VolumeChange(self._law(name)))
+                moved = (1 - self._kept(constants, values)) * of(VolumeChange(self._law(name)))
                 form += moved * dx(degree=1) - moved * dx
         return form
+
+    def _kept(self, constants: Polynomial | Elastic, values: SimpleNamespace) -> Expr | float:
+        """Return the share that stays at all points: elements without shear need a little."""
+        if self._locking_ratio < _LEAST_KEPT * bulk_over_shear(constants):
+            return _LEAST_KEPT
+        return self._locking_ratio / bulk_over_shear(constants, values)
 
     def measure(self) -> ufl.Measure:
         """Return the volume measure of all tissues."""
