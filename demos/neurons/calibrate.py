@@ -21,7 +21,6 @@
 #     python demos/neurons/calibrate.py results/linear --law hamasaki2020 --no-spheres
 
 # %%
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,14 +28,14 @@ from typing import Literal
 
 import numpy as np
 import recordings
-from laws import LAWS, Law, calibrating, modelled, r2, rates_of
+from laws import LAWS, Law, calibrating, explained, modelled, rates_of
 from letter_firing import LetterFiring
 from rates_figure import rates_figure
 from recordings import HOLD_S, RAMP, RAMP_S, Array, measured
 
 from tactile_fem.cli.entry import run
-from tactile_fem.neuron import Drive, Fit, FitWarning, Recording, Window, drive_of
-from tactile_fem.neuron.fit import mean_rates
+from tactile_fem.neuron import Drive, Fit, Recording, Window, drive_of
+from tactile_fem.neuron.fit import mean_rates, r_squared
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.ranks import launched_rank
 from tactile_fem.study import Neuron
@@ -114,19 +113,12 @@ def undetermined(known: list[Recording], law: Law) -> None:
     for more in ("fast_adaptation_time_s", "adaptation", "intercept_pA"):
         if more.startswith("fast") and law.neuron.model != "logarithmic":
             continue
-        found, told = quietly(law.with_free(more), known)
+        found, told = law.with_free(more).fitted_quietly(known)
         e = found.estimates[more]
         print(
             f"with {more} free: {e.value:.3g} ({e.low:.3g} to {e.high:.3g}), "
             f"R2 of all {found.r2[-1]:.3f}; {told} constants not determined"
         )
-
-
-def quietly(law: Law, some: list[Recording]) -> tuple[Fit, int]:
-    """Return a fit and the number of its warnings."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", FitWarning)
-        return law.fitted(some), len(caught)
 
 
 def halves(drive: Drive, law: Law) -> None:
@@ -140,8 +132,8 @@ def halves(drive: Drive, law: Law) -> None:
         ("bar alone", whole, spheres),
         ("spheres alone", spheres, whole),
     ):
-        neuron = quietly(law, known)[0].neuron
-        own, other = (r2(modelled(some, neuron), rates_of(some)) for some in (known, rest))
+        neuron = law.fitted_quietly(known)[0].neuron
+        own, other = (explained(some, neuron) for some in (known, rest))
         print(f"{name}: R2 {own:.3f}, of the rest {other:.3f}")
 
 
@@ -152,8 +144,8 @@ def table(neuron: Neuron, drive: Drive) -> Iterator[Row]:
     bar = measured("bar")
     yield agreement("bar, ramp (17)", rates[0], bar["ramp_Hz"])
     yield agreement("bar, hold (17)", rates[1], bar["hold_Hz"])
-    yield explained("spheres (21)", recordings.spheres(drive), neuron)
-    yield explained("bar, hold, second reading (25)", [recordings.bar_again(drive)], neuron)
+    yield predicted("spheres (21)", recordings.spheres(drive), neuron)
+    yield predicted("bar, hold, second reading (25)", [recordings.bar_again(drive)], neuron)
     yield from grating_rows(drive, neuron)
     yield probe_row(drive, neuron)
     yield from cylinder_rows(drive, neuron)
@@ -162,7 +154,7 @@ def table(neuron: Neuron, drive: Drive) -> Iterator[Row]:
     yield from letter_rows(", noise 0.1, spread 0.3", drive, varied)
 
 
-def explained(name: str, some: list[Recording], neuron: Neuron) -> Row:
+def predicted(name: str, some: list[Recording], neuron: Neuron) -> Row:
     """Return how well the model predicts recordings."""
     return agreement(name, modelled(some, neuron), rates_of(some))
 
@@ -172,7 +164,7 @@ def agreement(name: str, model: Array, rates: Array) -> Row:
     rms = np.sqrt(np.mean((model - rates) ** 2))
     r = np.corrcoef(model, rates)[0, 1]
     ends = f"{rates.min():.0f} to {rates.max():.0f} spikes/s"
-    return Row(name, ends, f"R² {r2(model, rates):.3f}, r {r:.3f}, rms {rms:.0f}")
+    return Row(name, ends, f"R² {r_squared(model - rates, rates):.3f}, r {r:.3f}, rms {rms:.0f}")
 
 
 def said(met: bool) -> str:
@@ -183,7 +175,7 @@ def said(met: bool) -> str:
 def grating_rows(drive: Drive, neuron: Neuron) -> Iterator[Row]:
     """Yield the aperiodic grating's rates."""
     some = recordings.grating(drive)
-    yield explained("aperiodic grating (12)", some, neuron)
+    yield predicted("aperiodic grating (12)", some, neuron)
     places, rates = measured("grating").values()
     for place, rate, model in zip(places, rates, modelled(some, neuron), strict=True):
         yield Row(f"grating at {place:g} mm", f"{rate:.0f} spikes/s", f"{model:.0f}")

@@ -16,16 +16,15 @@
 #     python demos/neurons/compare_laws.py --stiffness 1 --stiffness 3
 
 # %%
-import warnings
 from dataclasses import replace
 
 import numpy as np
 import recordings
-from laws import LAWS, Law, modelled, r2, rates_of
+from laws import LAWS, Law, explained, modelled, rates_of
 from recordings import Recording
 
 from tactile_fem.cli.entry import run
-from tactile_fem.neuron import DRIVES, Drive, FitWarning
+from tactile_fem.neuron import DRIVES, Drive
 from tactile_fem.runtime.ranks import launched_rank
 
 STRESSES, STRETCHES = "stresses_kPa", "stretches"
@@ -70,20 +69,14 @@ def main(*, stiffness: tuple[float, ...] = (1.0, 2.0, 4.0)) -> None:
 def show(law: str, drive: str, factor: float) -> None:
     """Fit, and print a row."""
     bar, spheres = scaled(*COMPARED[drive], factor)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)
-        found = started(LAWS[law], spheres).fitted([bar, *spheres])
-    of_spheres = r2(modelled(spheres, found.neuron), rates_of(spheres))
-    grating = [times(one, factor ** COMPARED[drive][1]) for one in grating_of(drive)]
+    found, _ = started(LAWS[law], spheres).fitted_quietly([bar, *spheres])
+    of_spheres = explained(spheres, found.neuron)
+    felt, order = COMPARED[drive]
+    grating = [times(one, factor**order) for one in recordings.grating(felt)]
     model = modelled(grating, found.neuron)
     predicted = np.corrcoef(model, rates_of(grating))[0, 1] if np.ptp(model) else 0.0
     told = (*found.r2[:2], of_spheres, found.r2[-1], predicted)
     print(f"{law:14s}{drive:22s}{factor:9g}   " + " ".join(f"{value:7.3f}" for value in told))
-
-
-def grating_of(drive: str) -> list[Recording]:
-    """Return the grating's recordings."""
-    return recordings.grating(COMPARED[drive][0])
 
 
 def scaled(drive: Drive, order: int, factor: float) -> tuple[Recording, list[Recording]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,8 +10,8 @@ import numpy as np
 import recordings
 from recordings import Array
 
-from tactile_fem.neuron import Drive, Fit, Recording, fit
-from tactile_fem.neuron.fit import mean_rates
+from tactile_fem.neuron import Drive, Fit, FitWarning, Recording, fit
+from tactile_fem.neuron.fit import mean_rates, r_squared
 from tactile_fem.study import Neuron
 
 
@@ -24,6 +25,12 @@ class Law:
     def fitted(self, some: Sequence[Recording]) -> Fit:
         """Fit the free constants."""
         return fit(some, self.neuron, self.free)
+
+    def fitted_quietly(self, some: Sequence[Recording]) -> tuple[Fit, int]:
+        """Return a fit, and how many constants it warns of."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", FitWarning)
+            return self.fitted(some), len(caught)
 
     def with_free(self, name: str) -> Law:
         """Return the law with one more free constant."""
@@ -60,6 +67,7 @@ def rates_of(some: Sequence[Recording]) -> Array:
     return np.concatenate([window.rate_Hz for r in some for window in r.windows])
 
 
-def r2(model: Array, rates: Array) -> float:
-    """Return the share of the variance of measured rates that the model explains."""
-    return float(1 - np.sum((model - rates) ** 2) / np.sum((rates - rates.mean()) ** 2))
+def explained(some: Sequence[Recording], neuron: Neuron) -> float:
+    """Return the share of the variance of the measured rates that the model explains."""
+    rates = rates_of(some)
+    return r_squared(modelled(some, neuron) - rates, rates)

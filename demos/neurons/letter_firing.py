@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import shapely
@@ -81,8 +82,13 @@ class LetterFiring:
         return spikes / seconds
 
 
+@cache
+def strokes() -> shapely.Geometry:
+    """Return all strokes of the default letters."""
+    return shapely.unary_union([s for s in outlines(STUDY.stimulus) if not s.is_empty])
+
+
 def to_strokes(x_mm: float, displacement_mm: Array) -> Array:
     """Return the distance of the undeformed skin at x from the nearest stroke, mm."""
-    strokes = shapely.unary_union([s for s in outlines(STUDY.stimulus) if not s.is_empty])
     x = np.full_like(displacement_mm, x_mm)
-    return shapely.distance(strokes, shapely.points(x, displacement_mm))
+    return shapely.distance(strokes(), shapely.points(x, displacement_mm))

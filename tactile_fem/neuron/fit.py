@@ -191,7 +191,7 @@ def fit(
     off = deviations(found.x)
     pairs = [*zip(off, measured, strict=True), (np.concatenate(off), np.concatenate(measured))]
     fitted = _with(neuron, free, [estimate.value for estimate in estimates.values()])
-    return Fit(fitted, estimates, off, tuple(_r2(o, m) for o, m in pairs), correlation)
+    return Fit(fitted, estimates, off, tuple(r_squared(o, m) for o, m in pairs), correlation)
 
 
 def mean_rates(time_s: Array, drive: Array, windows: Sequence[Window], neuron: Neuron) -> Array:
@@ -300,7 +300,8 @@ def _doubt(acts: bool, at_limit: int, value: float, half: float) -> str:
     return ""
 
 
-def _r2(off: Array, measured: Array) -> float:
+def r_squared(off: Array, measured: Array) -> float:
+    """Return the share of the variance of what was measured that deviations leave explained."""
     spread = np.sum((measured - measured.mean()) ** 2)
     return float(1 - np.sum(off**2) / spread) if spread else float("nan")
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array
+from tactile_fem.stimulus.patterns import Row
 from tactile_fem.study import Braille
 
 # Unicode's Braille patterns: the bits of a cell are its dots 1 to 8.
@@ -33,9 +34,8 @@ def cells(text: str) -> str:
         if character in _DIGITS:
             found += ("" if counting else _NUMBER_SIGN) + _DIGITS[character]
         elif character in _LETTERS:
-            found += (_LETTER_SIGN if counting and character in "abcdefghij" else "") + _LETTERS[
-                character
-            ]
+            sign = _LETTER_SIGN if counting and character in "abcdefghij" else ""
+            found += sign + _LETTERS[character]
         elif character.isspace():
             found += chr(_BLANK)
         elif _BLANK <= ord(character) < _BLANK + 256:
@@ -59,13 +59,11 @@ def dots(stimulus: Braille) -> Array:
         There is no dot.
     """
     line = cells(stimulus.text)
-    start = stimulus.start_mm
-    if start is None:
-        start = (len(line) - 1) * stimulus.cell_spacing_mm / 2
+    along = Row.of(stimulus.cell_spacing_mm, len(line), stimulus.start_mm).places()
     spacing = stimulus.dot_spacing_mm
     centres = [
-        ((row - 1) * spacing, k * stimulus.cell_spacing_mm - start + (column - 0.5) * spacing)
-        for k, cell in enumerate(line)
+        ((row - 1) * spacing, middle + (column - 0.5) * spacing)
+        for cell, middle in zip(line, along, strict=True)
         for bit, (row, column) in enumerate(_PLACES)
         if (ord(cell) - _BLANK) >> bit & 1
     ]

@@ -91,22 +91,19 @@ def _check_fillet(stimulus: Text | Grating | Dots) -> None:
         case _:
             limits["corner_radius_mm"] = stimulus.corner_radius_mm
     for name, limit in limits.items():
-        if stimulus.fillet_radius_mm > limit + 1e-12:
-            raise StudyError(
-                f"stimulus.fillet_radius_mm = {stimulus.fillet_radius_mm:g} must not exceed "
-                f"{name} ({limit:g})"
-            )
+        _at_most("fillet_radius_mm", stimulus.fillet_radius_mm, name, limit)
 
 
 def _check_dots(stimulus: Braille) -> None:
     """Raise StudyError if dots are more than half balls, or touch."""
-    diameter, spacing = stimulus.dot_diameter_mm, stimulus.dot_spacing_mm
-    for name, value, what, limit in (
-        ("dot_height_mm", stimulus.dot_height_mm, "half of dot_diameter_mm", diameter / 2),
-        ("dot_diameter_mm", diameter, "dot_spacing_mm", spacing),
-    ):
-        if value > limit:
-            raise StudyError(f"stimulus.{name} = {value:g} must not exceed {what} ({limit:g})")
+    height, diameter = stimulus.dot_height_mm, stimulus.dot_diameter_mm
+    _at_most("dot_height_mm", height, "half of dot_diameter_mm", diameter / 2)
+    _at_most("dot_diameter_mm", diameter, "dot_spacing_mm", stimulus.dot_spacing_mm)
+
+
+def _at_most(name: str, value: float, what: str, limit: float) -> None:
+    if value > limit + 1e-12:
+        raise StudyError(f"stimulus.{name} = {value:g} must not exceed {what} ({limit:g})")
 
 
 def outlines(stimulus: AnyStimulus) -> list[shapely.Geometry]:
