@@ -29,6 +29,7 @@ from tactile_fem.study import (
     Dots,
     Edge,
     Grating,
+    Mesh,
     Plate,
     Sphere,
     Text,
@@ -45,7 +46,7 @@ def make_body(stimulus: AnyStimulus) -> RigidBody:
     Raises
     ------
     StudyError
-        A font or glyph is missing, or a radius does not fit.
+        A font, glyph or part is missing or wrong, or a radius does not fit.
     """
     match stimulus:
         case Plate():
@@ -57,6 +58,10 @@ def make_body(stimulus: AnyStimulus) -> RigidBody:
         case Edge():
             angle = math.radians(stimulus.angle_deg)
             body = Wedge(stimulus.radius_mm, angle, _ACROSS[stimulus.along])
+        case Mesh():
+            from tactile_fem.stimulus.part import make_part  # what it needs is not always installed
+
+            body = make_part(stimulus)
         case Braille():
             _check_dots(stimulus)
             body = Domes(dots(stimulus), stimulus.dot_diameter_mm / 2, stimulus.dot_height_mm)

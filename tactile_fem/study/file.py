@@ -138,6 +138,8 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
         finger["mesh_file"] = str(absolute(finger["mesh_file"], folder))
     if isinstance(stimulus, dict) and isinstance(stimulus.get("font"), str):
         stimulus["font"] = font_file(stimulus["font"], folder)
+    if isinstance(stimulus, dict) and isinstance(stimulus.get("file"), str):
+        stimulus["file"] = str(absolute(stimulus["file"], folder))
     protocol = data.get("protocol")
     pieces = protocol.get("path") if isinstance(protocol, dict) else None
     for piece in pieces if isinstance(pieces, list) else []:

@@ -7,7 +7,15 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole, absolute
+from tactile_fem.study.base import (
+    File,
+    Finite,
+    NonNegative,
+    Positive,
+    Section,
+    Whole,
+    absolute,
+)
 
 
 def font_file(font: str, folder: Path | str = "") -> str:
@@ -138,6 +146,41 @@ class Braille(Stimulus):
     )
 
 
+class Mesh(Stimulus):
+    """A rigid part from a file of triangles, such as a key or a button, its edges rounded."""
+
+    kind: Literal["mesh"] = "mesh"
+    file: File = Field(description="the part: a closed surface in a .stl, .obj or .ply file")
+    unit_mm: Positive = Field(1.0, description="length of the file's unit in mm")
+    up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = Field(
+        "+z",
+        description="axis of the file that points up into the finger; its next axis (x, y, z, x) "
+        "lies across the finger",
+    )
+    tilt_deg: tuple[Finite, Finite] = Field(
+        (0.0, 0.0), description="then the part is tilted about X, then about Y"
+    )
+    turn_deg: Finite = Field(
+        0.0, description="then turned about Z, counter-clockwise seen from above"
+    )
+    edge_radius_mm: Positive = Field(
+        0.3, description="proposed: least radius of convex and concave edges"
+    )
+    depth_mm: Positive = Field(
+        3.0, description="what lies deeper below the part's highest point is not modelled"
+    )
+    window_mm: tuple[Positive, Positive] | None = Field(
+        None,
+        description="width (X) and length (Y) of the piece about the contact point at displacement "
+        "0 that is modelled; default the whole part",
+    )
+    grid_mm: Positive | None = Field(
+        None,
+        description="grid of the distance, half of edge_radius_mm at most; default a third of it",
+    )
+
+
 AnyStimulus = Annotated[
-    Text | Plate | Cylinder | Sphere | Edge | Grating | Dots | Braille, Field(discriminator="kind")
+    Text | Plate | Cylinder | Sphere | Edge | Grating | Dots | Braille | Mesh,
+    Field(discriminator="kind"),
 ]

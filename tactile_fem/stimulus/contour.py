@@ -1,0 +1,145 @@
+"""Level sets of a distance on a lattice as triangles that keep sharp edges.
+
+Dual contouring with Hermite data (Ju et al. 2002, DOI 10.1145/566654.566586): each cell that the
+level set crosses has one vertex, where the tangent planes known at its corners meet best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tactile_fem.runtime.triangles import Triangles
+from tactile_fem.stimulus.body import Array
+
+_CORNERS = np.array(list(product((0, 1), repeat=3)))
+# Pairs of corners one step apart.
+_EDGES = np.array([(i, i + 4 // 2**a) for a in range(3) for i in range(8) if not _CORNERS[i, a]])
+# Planes of a cell that turn by less than some 20 degrees are a curved surface, not an edge: the
+# vertex then keeps to their middle. In terms of the eigenvalues of the sum of n n over 8 corners.
+_EDGE = 0.3
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A regular grid of points in space.
+
+    Attributes
+    ----------
+    origin
+        First point, (3,) mm.
+    step
+        Between points, mm.
+    shape
+        Points along each axis.
+    """
+
+    origin: Array
+    step: float
+    shape: tuple[int, int, int]
+
+    @property
+    def end(self) -> Array:
+        """Return the last point, (3,) mm."""
+        return self.origin + self.step * (np.array(self.shape) - 1)
+
+    def points(self, flat: NDArray[np.int64]) -> Array:
+        """Return the points (n, 3) of flat indices (n,)."""
+        return self.origin + self.step * np.column_stack(np.unravel_index(flat, self.shape))
+
+    def spread(self, places: Array) -> Array:
+        """Return how far each point is from places (n, 3), mm; wrong by a step at most."""
+        index = np.round((places - self.origin) / self.step).astype(np.int64)
+        index = index[np.all((index >= 0) & (index < self.shape), axis=1)]
+        free = np.ones(self.shape, dtype=bool)
+        free[tuple(index.T)] = False
+        return ndimage.distance_transform_edt(free, sampling=self.step)
+
+
+def level_set(
+    lattice: Lattice,
+    value: Array,
+    gradient: Array,
+    row: NDArray[np.int64],
+    level: float,
+) -> Triangles:
+    """Return the surface on which a distance has a value.
+
+    Parameters
+    ----------
+    lattice
+        Where the distance is known.
+    value
+        The distance, lattice.shape; where `row` is negative only its side of the level counts.
+    gradient
+        (n, 3) unit vectors.
+    row
+        Row of `gradient` of each point, -1 where it is not known; flat.
+    """
+    offset = value.ravel() - level
+    below = (offset < 0).reshape(lattice.shape)
+    corners = [_shifted(below, corner) for corner in _CORNERS]
+    mixed = np.any(corners, axis=0) & ~np.all(corners, axis=0)
+    cell = np.flatnonzero(_padded(mixed))
+    strides = np.array([lattice.shape[1] * lattice.shape[2], lattice.shape[2], 1])
+    node = cell[:, None] + _CORNERS @ strides
+    complete = np.all(row[node] >= 0, axis=1)
+    cell, node = cell[complete], node[complete]
+    vertex_of = np.full(offset.size, -1)
+    vertex_of[cell] = np.arange(len(cell))
+    points = _vertices(lattice, cell, node, offset, gradient[row[node]])
+    return Triangles(points, _faces(below, vertex_of.reshape(lattice.shape)))
+
+
+def _shifted(field: NDArray[np.bool_], corner: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return a corner's values for all cells."""
+    return field[tuple(slice(c, n - 1 + c) for c, n in zip(corner, field.shape, strict=True))]
+
+
+def _padded(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return values of cells where their first corners are."""
+    return np.pad(cells, [(0, 1)] * 3)
+
+
+def _vertices(
+    lattice: Lattice, cell: NDArray[np.int64], node: NDArray[np.int64], offset: Array, normal: Array
+) -> Array:
+    """Return where the planes of a cell's corners meet best, near the cell's crossings, (n, 3)."""
+    corner = lattice.step * _CORNERS
+    ends = offset[node][:, _EDGES]
+    crossed = (ends[..., 0] < 0) != (ends[..., 1] < 0)
+    share = np.where(crossed, ends[..., 0] / np.where(crossed, ends[..., 0] - ends[..., 1], 1), 0)
+    crossing = corner[_EDGES[:, 0]] + share[..., None] * (
+        corner[_EDGES[:, 1]] - corner[_EDGES[:, 0]]
+    )
+    mean = np.einsum("ne,nei->ni", crossed, crossing) / crossed.sum(axis=1)[:, None]
+    feet = corner - offset[node][:, :, None] * normal
+    behind = np.einsum("nki,nki->nk", normal, feet - mean[:, None])
+    # A plane counts the less the farther away it touches, in favour of curved surfaces.
+    aside = np.linalg.norm(feet - mean[:, None], axis=2) / lattice.step
+    weight = 1 / (0.01 + aside**4)
+    weight *= 8 / weight.sum(axis=1, keepdims=True)
+    size, axes = np.linalg.eigh(np.einsum("nk,nki,nkj->nij", weight, normal, normal))
+    pull = np.einsum("nk,nk,nki,nij->nj", weight, behind, normal, axes)
+    shift = np.einsum("nij,nj->ni", axes, pull * size / (size**2 + _EDGE**2))
+    return lattice.points(cell) + mean + np.clip(shift, -lattice.step, lattice.step)
+
+
+def _faces(below: NDArray[np.bool_], vertex_of: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return two triangles for each edge of the lattice that crosses the level."""
+    triangles = []
+    for axis in range(3):
+        ends = [np.moveaxis(below, axis, 0)[part] for part in (slice(0, -1), slice(1, None))]
+        # The four cells around an edge, which needs neighbours on all sides.
+        cells = np.moveaxis(vertex_of, axis, 0)[:-1]
+        crossed = (ends[0] != ends[1])[:, 1:, 1:]
+        around = (slice(None, -1), slice(None, -1)), (slice(1, None), slice(None, -1))
+        around += (slice(1, None), slice(1, None)), (slice(None, -1), slice(1, None))
+        quad = np.column_stack([cells[:, a, b][crossed] for a, b in around])
+        quad = quad[np.all(quad >= 0, axis=1)]
+        triangles += [quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]]
+    return np.concatenate(triangles).astype(np.int64)

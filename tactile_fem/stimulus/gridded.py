@@ -1,0 +1,63 @@
+"""A body whose signed distance is known on a grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactile_fem.stimulus.body import Array, Distance
+from tactile_fem.stimulus.spline import GridSpline
+
+# Farther from the surface the distance itself does not matter.
+NEAR_MM = 0.5
+# Points at each end of the grid that serve the spline only: it is mirrored beyond them.
+RIM = 4
+
+
+@dataclass(frozen=True)
+class Gridded:
+    """A cubic spline of a body's signed distance, twice continuously differentiable.
+
+    Attributes
+    ----------
+    values
+        Signed distance on the grid, mm, (X, Y, Z).
+    spline
+        Through these values.
+    """
+
+    values: Array
+    spline: GridSpline
+
+    @classmethod
+    def of(cls, values: Array, origin: Array, step: float) -> Gridded:
+        """Return the body of a signed distance on a grid from `origin` in steps of `step` mm."""
+        return cls(values, GridSpline.through(values, origin, (step,) * 3))
+
+    def raised(self, by: float) -> Gridded:
+        """Return the body moved up by some mm."""
+        origin = self.spline.origin + np.array([0.0, 0.0, by])
+        return replace(self, spline=replace(self.spline, origin=origin))
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3).
+
+        It is rough, and the gradient points up, more than 0.5 mm above the surface. Beyond the
+        grid it goes on in a straight line.
+        """
+        origin, step = self.spline.origin, self.spline.spacing
+        first, last = np.full(3, RIM), np.array(self.values.shape) - 1 - RIM
+        index = np.clip(np.round((points - origin) / step).astype(np.int64), first, last)
+        gap = self.values[tuple(index.T)]
+        normal, hessian = np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros((len(points), 3, 3))
+        near = np.flatnonzero(gap < NEAR_MM)
+        inside = np.clip(points[near], origin + step * first, origin + step * last)
+        value, slope, bend = self.spline.derivatives(inside, 2)
+        beyond = points[near] - inside
+        for axis in range(3):
+            bend[beyond[:, axis] != 0, axis] = 0.0
+            bend[beyond[:, axis] != 0, :, axis] = 0.0
+        gap[near] = value + np.einsum("ni,ni->n", slope, beyond)
+        normal[near], hessian[near] = slope, bend
+        return Distance(gap, normal, hessian)

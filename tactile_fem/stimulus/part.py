@@ -1,0 +1,222 @@
+"""A rigid part from a file of triangles: put in place, its edges rounded, as a body."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.runtime.triangles import Triangles, read_triangles
+from tactile_fem.stimulus.body import Array
+from tactile_fem.stimulus.contour import Lattice
+from tactile_fem.stimulus.gridded import NEAR_MM, RIM, Gridded
+from tactile_fem.study import Mesh
+
+try:
+    from tactile_fem.stimulus import rounding
+except ModuleNotFoundError as error:
+    if error.name != "igl":
+        raise
+    raise TactileError(
+        'A stimulus of kind "mesh" needs libigl: pip install "tactile-fem[cad]".'
+    ) from None
+
+logger = logging.getLogger(__name__)
+
+# Third, the axis of the file that points up; the two after it in the order x, y, z, x go first.
+_CYCLIC = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
+_SIZES_MM = 1.0, 1000.0
+# Some 200 bytes a point while the distance is computed.
+_MOST_POINTS = 5_000_000
+# The rounded surface next to a point of a part's own surface is turned less: an edge of 23 degrees.
+_TURNED = 0.2
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What of a part is modelled.
+
+    Attributes
+    ----------
+    solid
+        The whole part in place: its middle over the origin, its highest point at z = 0.
+    lattice
+        Where the distance is computed.
+    low, high
+        Corners (3,) of the box in which it is kept.
+    """
+
+    solid: Triangles
+    lattice: Lattice
+    low: Array
+    high: Array
+
+
+def make_part(stimulus: Mesh) -> Gridded:
+    """Return the body of a part, its highest point at z = 0.
+
+    Raises
+    ------
+    StudyError
+        The file is no closed surface, its size or the radius do not fit, or the grid is too large.
+    """
+    surface = _outwards(_read(stimulus), stimulus)
+    _check_closed(surface, stimulus)
+    piece = _piece(_placed(surface, stimulus), stimulus)
+    body, top_mm = _rounded(piece, stimulus)
+    _check_nothing_lost(piece, body, stimulus)
+    return body.raised(-top_mm)
+
+
+def _read(stimulus: Mesh) -> Triangles:
+    """Return the file's triangles if they have the size of a part."""
+    surface = read_triangles(stimulus.file, "stimulus.file", stimulus.unit_mm)
+    extent = np.ptp(surface.points, axis=0)
+    least, most = _SIZES_MM
+    if not least <= extent.max() <= most:
+        raise StudyError(
+            f"stimulus.unit_mm = {stimulus.unit_mm:g} makes the part in {stimulus.file} "
+            f"{' x '.join(f'{length:.3g}' for length in extent)} mm large, but its longest side "
+            f"must have {least:g} to {most:g} mm"
+        )
+    return surface
+
+
+def _outwards(surface: Triangles, stimulus: Mesh) -> Triangles:
+    """Return a surface that faces outwards on the whole."""
+    a, b, c = np.moveaxis(surface.points[surface.triangles] - surface.points[0], 1, 0)
+    if np.einsum("ni,ni->", a, np.cross(b, c)) > 0:
+        return surface
+    logger.warning("stimulus.file = %s is inside out: its triangles are turned.", stimulus.file)
+    return Triangles(surface.points, surface.triangles[:, ::-1].copy())
+
+
+def _check_closed(surface: Triangles, stimulus: Mesh) -> None:
+    """Raise StudyError if an edge lacks a neighbour, or neighbours face opposite ways."""
+    edges = np.stack([surface.triangles, np.roll(surface.triangles, -1, axis=1)], -1).reshape(-1, 2)
+    pairs, number = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
+    number = number.ravel()
+    unpaired = np.bincount(number) % 2 == 1
+    balance = np.bincount(number, weights=np.where(edges[:, 0] < edges[:, 1], 1, -1))
+    for wrong, what in ((unpaired, "it is open"), (balance != 0, "neighbours face opposite ways")):
+        if wrong.any():
+            x, y, z = surface.points[pairs[np.argmax(wrong)]].mean(axis=0)
+            raise StudyError(
+                f"stimulus.file = {stimulus.file} is no closed surface that faces outwards: {what} "
+                f"at {np.count_nonzero(wrong)} edges, the first at {x:.3g}, {y:.3g}, {z:.3g} mm "
+                "in the file; repair it"
+            )
+
+
+def _placed(surface: Triangles, stimulus: Mesh) -> Triangles:
+    """Return the part turned, its middle over the origin and its highest point at z = 0."""
+    points = surface.points[:, _CYCLIC[stimulus.up[1]]]
+    if stimulus.up[0] == "-":
+        points = points * [1, -1, -1]
+    turns = Rotation.from_euler("xyz", [*stimulus.tilt_deg, stimulus.turn_deg], degrees=True)
+    points = turns.apply(points)
+    low, high = points.min(axis=0), points.max(axis=0)
+    origin = [*(low + high)[:2] / 2, high[2]]
+    return Triangles(points - origin, surface.triangles)
+
+
+def _piece(solid: Triangles, stimulus: Mesh) -> Piece:
+    """Return where the distance of a part is needed.
+
+    Raises
+    ------
+    StudyError
+        The grid does not suit the radius or takes too many points, or no piece is in the window.
+    """
+    radius = stimulus.edge_radius_mm
+    h = radius / 3 if stimulus.grid_mm is None else stimulus.grid_mm
+    if h > radius / 2:
+        raise StudyError(
+            f"stimulus.grid_mm = {h:g} must not exceed half of edge_radius_mm ({radius / 2:g})"
+        )
+    low, high = solid.points.min(axis=0), solid.points.max(axis=0)
+    window_low, window_high = np.array([-np.inf, -np.inf, -stimulus.depth_mm]), np.full(3, np.inf)
+    if stimulus.window_mm is not None:
+        half = np.array(stimulus.window_mm) / 2
+        window_low[:2] = -half - stimulus.shift_mm
+        window_high[:2] = half - stimulus.shift_mm
+    if np.any(window_low > high) or np.any(window_high < low):
+        raise StudyError(
+            f"stimulus.window_mm = {list(stimulus.window_mm)} holds no piece of the part, which "
+            f"lies {_range(low, high, 0)} across and {_range(low, high, 1)} along the finger "
+            "before shift_mm"
+        )
+    margin = max(NEAR_MM + 4 * h, radius + 3 * h) + RIM * h
+    low, high = low - margin, high + margin
+    keep = np.maximum(low, window_low - RIM * h), np.minimum(high, window_high + RIM * h)
+    beyond = 4 * radius + (RIM + 4) * h
+    low, high = np.maximum(low, window_low - beyond), np.minimum(high, window_high + beyond)
+    shape = np.ceil((high - low) / h).astype(int) + 1
+    if np.prod(shape, dtype=float) > _MOST_POINTS:
+        raise StudyError(
+            f"stimulus.grid_mm = {h:.3g} takes {' x '.join(map(str, shape))} points for the part, "
+            f"but at most {_MOST_POINTS / 1e6:g} million are allowed: raise it or edge_radius_mm, "
+            "or give a smaller window_mm or depth_mm"
+        )
+    return Piece(solid, Lattice(low, h, tuple(shape.tolist())), *keep)
+
+
+def _range(low: Array, high: Array, axis: int) -> str:
+    return f"from {low[axis]:.3g} to {high[axis]:.3g} mm"
+
+
+def _rounded(piece: Piece, stimulus: Mesh) -> tuple[Gridded, float]:
+    """Return the rounded part and the height of its highest point, mm."""
+    lattice, radius = piece.lattice, stimulus.edge_radius_mm
+    try:
+        values, top_mm = rounding.rounded_distance(
+            piece.solid, lattice, radius, NEAR_MM + 4 * lattice.step
+        )
+    except rounding.Overlap as error:
+        what = "is inside out" if error.winding < 0 else "overlaps another"
+        raise StudyError(
+            f"stimulus.file = {stimulus.file}: a part of the surface {what} around "
+            f"{_placed_at(error.place)}; unite its solids"
+        ) from None
+    except rounding.Nothing:
+        raise StudyError(
+            f"stimulus.edge_radius_mm = {radius:g} leaves nothing of the part: it must be less "
+            "than half of its thickness"
+        ) from None
+    first = np.round((piece.low - lattice.origin) / lattice.step).astype(int)
+    last = np.round((piece.high - lattice.origin) / lattice.step).astype(int)
+    kept = values[tuple(slice(i, j + 1) for i, j in zip(first, last, strict=True))]
+    return Gridded.of(kept, lattice.origin + first * lattice.step, lattice.step), top_mm
+
+
+def _check_nothing_lost(piece: Piece, body: Gridded, stimulus: Mesh) -> None:
+    """Raise StudyError if walls or gaps are too thin for the radius.
+
+    The surface of the rounded part next to a wall or gap that vanished lies across it.
+    """
+    radius = stimulus.edge_radius_mm
+    inner = RIM * piece.lattice.step
+    fine = rounding.fine(piece.solid, piece.low + inner, piece.high - inner, 2 * piece.lattice.step)
+    a, b, c = np.moveaxis(fine.points[fine.triangles], 1, 0)
+    across = np.cross(b - a, c - a)
+    found = body.distance((a + b + c) / 3)
+    along = np.einsum("ni,ni->n", across, found.normal)
+    turned = along < _TURNED * np.linalg.norm(across, axis=1)
+    loss = np.where(turned, np.abs(found.gap), 0.0)
+    worst = int(np.argmax(loss))
+    if loss[worst] > 0.1 * radius:
+        what = "a wall" if found.gap[worst] > 0 else "a gap"
+        raise StudyError(
+            f"stimulus.edge_radius_mm = {radius:g} removes {what} of the part at "
+            f"{_placed_at((a + b + c)[worst] / 3)}, which is thinner than twice that: it must be "
+            "smaller"
+        )
+
+
+def _placed_at(place: Array) -> str:
+    """Return a place of the part, before its shift, for messages."""
+    x, y, z = place
+    return f"X {x:.2f}, Y {y:.2f}, Z {z:.2f} mm of the part in place"

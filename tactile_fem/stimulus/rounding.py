@@ -1,0 +1,209 @@
+"""The signed distance of a solid of triangles whose edges are rounded, on a lattice.
+
+Opening by the radius r rounds convex edges, closing rounds concave ones: the points deeper than r
+are a first set, what is within 2 r of it a second set, and the rounded solid is what is deeper
+than r in the second. Each set is a level set of the distance to the one before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import igl
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tactile_fem.runtime.triangles import Triangles
+from tactile_fem.stimulus.body import Array
+from tactile_fem.stimulus.contour import Lattice, level_set
+
+# A cell's corners are at most so many steps from a surface that crosses it.
+_CELL = 1.75
+# Errors of `Lattice.spread`, in steps: of a place's rounding and of the places' distances.
+_SPREAD = 2.0
+# Ways that end so many steps from a level lead past an edge.
+_EDGE = 0.25
+# Stands for a distance that is not known.
+_LARGE_MM = 1e3
+# Errors of a rounded distance, in steps, where nothing is to be rounded.
+_NOISE = 0.03
+
+
+@dataclass(frozen=True)
+class Near:
+    """Distances near a surface.
+
+    Attributes
+    ----------
+    value
+        On the whole lattice, mm; meaningful on its side of the surface only where it is not known.
+    gradient
+        (n, 3).
+    row
+        Row of `gradient` of each point, -1 where the distance is not known; flat.
+    """
+
+    value: Array
+    gradient: Array
+    row: NDArray[np.int64]
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Where the distance is known, on the lattice."""
+        return (self.row >= 0).reshape(self.value.shape)
+
+
+class Nothing(ValueError):
+    """No part of a solid is as thick as twice the radius."""
+
+
+class Overlap(ValueError):
+    """Surfaces of a solid overlap or are inside out at a `place` (3,); `winding` tells which."""
+
+    def __init__(self, place: Array, winding: int) -> None:
+        super().__init__(f"the winding number is {winding} at {place}")
+        self.place, self.winding = place, winding
+
+
+def rounded_distance(
+    solid: Triangles, lattice: Lattice, radius: float, reach: float
+) -> tuple[Array, float]:
+    """Return the signed distance of the rounded solid on a lattice, mm, and its highest Z.
+
+    It is exact up to the lattice's resolution of edges from `radius` below the surface to `reach`
+    above it, and continued roughly beyond. Where the solid goes on beyond the lattice, what is
+    less than four radii from its end is not rounded properly.
+
+    Parameters
+    ----------
+    solid
+        A closed surface, facing outwards.
+    lattice
+        Its points; a step is half the radius at most.
+    radius, reach
+        In mm.
+
+    Raises
+    ------
+    Overlap
+        Parts of the surface overlap, or face inwards.
+    Nothing
+        No part is as thick as twice the radius.
+    """
+    h = lattice.step
+    spread = lattice.spread(fine(solid, lattice.origin, lattice.end, h).points)
+    clear = spread > _SPREAD * h
+    inside = _inside(solid, lattice, clear)
+    value = np.where(inside & (spread > radius), -np.inf, np.inf)
+    farthest = np.where(inside, radius, max(reach, radius)) + (_CELL + _SPREAD) * h
+    sharp = _signed(solid, lattice, value, spread < farthest)
+    core = level_set(lattice, sharp.value, sharp.gradient, sharp.row, -radius)
+    if not len(core.triangles):
+        raise Nothing(f"no part is as thick as twice {radius:g} mm")
+    in_core = sharp.value < -radius
+    grown = _raised(sharp, radius)
+    grown = _replaced(grown, core, lattice, _astray(grown, lattice, 0.0) & ~in_core, 1.0)
+
+    shell = level_set(lattice, grown.value, grown.gradient, grown.row, 2 * radius)
+    in_shell = grown.value < 2 * radius
+    shrunk = _raised(grown, -2 * radius)
+    filled = _astray(shrunk, lattice, 0.0) & in_shell & ~in_core
+    shrunk = _replaced(shrunk, shell, lattice, filled, -1.0)
+    distance = np.where(sharp.known, _exact_off_edges(shrunk.value + radius, sharp.value, h), 0.0)
+    return _continued(distance, sharp.known, inside, h), float(core.points[:, 2].max()) + radius
+
+
+def fine(solid: Triangles, low: Array, high: Array, longest: float) -> Triangles:
+    """Return what of a surface lies in a box, in triangles with edges of at most `longest` mm."""
+    mesh = trimesh.Trimesh(solid.points, solid.triangles, process=False)
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    cut = mesh.slice_plane(np.vstack([[low] * 3, [high] * 3]), normals)
+    points, triangles = trimesh.remesh.subdivide_to_size(
+        cut.vertices, cut.faces, longest, max_iter=30
+    )
+    return Triangles(points, triangles)
+
+
+def _inside(solid: Triangles, lattice: Lattice, clear: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which points clear of the surface are inside, by one winding number per region."""
+    region, count = ndimage.label(clear)
+    flat = region.ravel()
+    first = np.unique(flat, return_index=True)[1][-count:] if count else np.empty(0, np.int64)
+    places = lattice.points(first)
+    exact = igl.fast_winding_number(solid.points, solid.triangles, places)
+    winding = np.round(exact).astype(np.int64)
+    for place, number in zip(places, winding, strict=True):
+        if number not in (0, 1):
+            raise Overlap(place, int(number))
+    return np.append(False, winding == 1)[region]
+
+
+def _signed(surface: Triangles, lattice: Lattice, value: Array, near: NDArray[np.bool_]) -> Near:
+    """Return the signed distance to a closed surface near it; the rest of `value` stays."""
+    flat = np.flatnonzero(near)
+    points = lattice.points(flat)
+    kind = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
+    found, _, feet, _ = igl.signed_distance(points, surface.points, surface.triangles, kind)
+    value.ravel()[flat] = found
+    row = np.full(value.size, -1)
+    row[flat] = np.arange(len(flat))
+    return Near(value, _unit(points - feet, found), row)
+
+
+def _raised(near: Near, by: float) -> Near:
+    """Return distances larger by some mm: those to another level, while no edge is near."""
+    return replace(near, value=near.value + by)
+
+
+def _astray(near: Near, lattice: Lattice, level: float) -> NDArray[np.bool_]:
+    """Return the points from which the way along the gradient does not end on a level.
+
+    There an edge of the level is nearest, not a face.
+    """
+    flat = np.flatnonzero(near.row >= 0)
+    value, gradient = near.value.ravel()[flat], near.gradient[near.row[flat]]
+    places = lattice.points(flat) + (level - value)[:, None] * gradient
+    known = np.where(near.known, near.value, np.copysign(_LARGE_MM, near.value))
+    index = (places - lattice.origin) / lattice.step
+    reached = ndimage.map_coordinates(known, index.T, order=1, mode="nearest")
+    astray = np.zeros(near.value.shape, dtype=bool)
+    astray.ravel()[flat] = np.abs(reached - level) > _EDGE * lattice.step
+    return ndimage.binary_dilation(astray) & near.known
+
+
+def _replaced(
+    near: Near, surface: Triangles, lattice: Lattice, where: NDArray[np.bool_], sign: float
+) -> Near:
+    """Return distances of which some are replaced by those to a surface, with a sign."""
+    flat = np.flatnonzero(where)
+    if not len(flat):
+        return near
+    points = lattice.points(flat)
+    squared, _, feet = igl.point_mesh_squared_distance(points, surface.points, surface.triangles)
+    found = sign * np.sqrt(squared)
+    value, gradient = near.value.copy(), near.gradient.copy()
+    value.ravel()[flat] = found
+    gradient[near.row[flat]] = _unit(points - feet, found)
+    return Near(value, gradient, near.row)
+
+
+def _unit(offset: Array, length: Array) -> Array:
+    """Return directions (n, 3) of offsets with signed lengths; zero where there is no length."""
+    return offset / np.copysign(np.maximum(np.abs(length), 1e-12), length)[:, None]
+
+
+def _exact_off_edges(rounded: Array, sharp: Array, h: float) -> Array:
+    """Return the distance before rounding where rounding changed no more than its own errors."""
+    with np.errstate(invalid="ignore"):
+        share = np.clip((np.abs(rounded - sharp) / h - _NOISE) / _NOISE, 0.0, 1.0)
+        return np.where(share == 1, rounded, sharp + share * (rounded - sharp))
+
+
+def _continued(
+    distance: Array, known: NDArray[np.bool_], inside: NDArray[np.bool_], h: float
+) -> Array:
+    """Return a distance that grows away from where it is known."""
+    away, nearest = ndimage.distance_transform_edt(~known, sampling=h, return_indices=True)
+    return distance[tuple(nearest)] + np.where(inside, -away, away)
