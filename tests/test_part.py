@@ -1,6 +1,7 @@
 """Parts from files of triangles beside bodies whose distance is known."""
 
 import logging
+from itertools import product
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def prism(polygon, half):
 
 def rounded_box(points, radius):
     """Return the distance to a box whose top is z = 0 and whose edges are rounded."""
-    q = np.abs(points + [0, 0, HALF[2]]) - HALF + radius
+    q = np.abs(points + np.array([0, 0, HALF[2]])) - HALF + radius
     return np.linalg.norm(np.maximum(q, 0), axis=1) + np.minimum(q.max(axis=1), 0) - radius
 
 
@@ -61,7 +62,7 @@ def around(exact, box, low=-0.03, high=0.3, count=4000):
 BOX = ([-2.4, -1.9, -2.0], [2.4, 1.9, 0.4])
 
 
-@pytest.mark.parametrize(("grid", "bound"), [(0.1, 0.006), (0.06, 0.003)])
+@pytest.mark.parametrize(("grid", "bound"), [(0.1, 0.004), (0.05, 0.002)])
 def test_edges_and_corners_of_a_box_have_the_radius(grid, bound, tmp_path):
     box = trimesh.creation.box(2 * HALF)
     body = body_of(box, tmp_path, edge_radius_mm=0.3, grid_mm=grid)
@@ -70,10 +71,10 @@ def test_edges_and_corners_of_a_box_have_the_radius(grid, bound, tmp_path):
     assert np.abs(at.gap - rounded_box(points, 0.3)).max() < bound
     assert np.abs(np.linalg.norm(at.normal, axis=1) - 1).max() < 0.03
     # Off the edges it is the box itself.
-    flat = points[np.all(np.abs(points[:, :2]) < HALF[:2] - 0.5, axis=1)]
-    at = body.distance(flat)
-    assert np.abs(at.gap - flat[:, 2]).max() < 1e-5
-    assert np.abs(at.hessian).max() < 2e-3
+    off = np.all(np.abs(points[:, :2]) < HALF[:2] - 0.6, axis=1) & (points[:, 2] > -1)
+    at = body.distance(points[off])
+    assert np.abs(at.gap - points[off, 2]).max() < 1e-4
+    assert np.abs(at.hessian).max() < 0.05
 
 
 def test_a_step_is_rounded_inside_and_outside(tmp_path):
@@ -102,7 +103,7 @@ def test_a_ball_converges_to_the_ball(tmp_path):
     errors = []
     for fineness in (4, 6):
         sphere = trimesh.creation.icosphere(fineness, 2.0)
-        at = body_of(sphere, tmp_path, grid_mm=0.1, depth_mm=1.5).distance(points)
+        at = body_of(sphere, tmp_path, grid_mm=0.1, reach_mm=1.5).distance(points)
         errors.append(
             [np.abs(a - b).max() for a, b in ((at.gap, exact.gap), (at.normal, exact.normal))]
             + [np.sqrt(np.mean((at.hessian - exact.hessian) ** 2))]
@@ -114,12 +115,12 @@ def test_a_ball_converges_to_the_ball(tmp_path):
 
 def test_a_bar_that_lies_along_the_files_z_axis(tmp_path):
     bar = trimesh.creation.cylinder(radius=1.5, height=5.0, sections=360)
-    body = body_of(bar, tmp_path, up="+x", grid_mm=0.1, depth_mm=1.4)  # z of the file is Y then
+    body = body_of(bar, tmp_path, up="+x", grid_mm=0.1, reach_mm=1.4)  # z of the file is Y then
     exact = Ball(1.5, axes=(0, 2))
     box = ([-1.4, -1.5, -1.2], [1.4, 1.5, 0.3])
     points = around(lambda p: exact.distance(p).gap, box)
     at, expected = body.distance(points), exact.distance(points)
-    assert np.abs(at.gap - expected.gap).max() < 3e-4
+    assert np.abs(at.gap - expected.gap).max() < 1e-3
     assert np.abs(at.normal - expected.normal).max() < 0.02
     assert np.sqrt(np.mean((at.hessian - expected.hessian) ** 2)) < 0.1
 
@@ -132,18 +133,15 @@ def tilted(tmp_path_factory):
 
 def test_a_part_is_turned_and_its_highest_point_is_zero(tilted):
     turn = Rotation.from_euler("xyz", [10, -5, 30], degrees=True)
-    corners = turn.apply(
-        np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * HALF
-    )
-    core = turn.apply(np.sign(turn.inv().apply(corners)) * (HALF - 0.3))
-    top = core[:, 2].max() + 0.3
+    signs = np.array(list(product((-1, 1), repeat=3)))
+    top = turn.apply(signs * (HALF - 0.3))[:, 2].max() + 0.3
 
     def exact(points):
         middle = np.array([0.4, -0.3, -top])
         return rounded_box(turn.inv().apply(points - middle) - [0, 0, HALF[2]], 0.3)
 
     points = around(exact, ([-3, -3, -2.0], [3, 3, 0.3]))
-    assert np.abs(tilted.distance(points).gap - exact(points)).max() < 0.008
+    assert np.abs(tilted.distance(points).gap - exact(points)).max() < 0.005
 
 
 def test_derivatives_are_those_of_the_gap(tilted):
@@ -161,7 +159,7 @@ def test_derivatives_are_those_of_the_gap(tilted):
 
 
 def test_beyond_its_grid_a_part_goes_on_and_far_away_it_points_up(tmp_path):
-    body = body_of(trimesh.creation.box([6, 6, 8]), tmp_path, window_mm=(4, 4), depth_mm=2.0)
+    body = body_of(trimesh.creation.box([6, 6, 8]), tmp_path, window_mm=(4, 4), reach_mm=2.0)
     at = body.distance(np.array([[0, 0, -3.0], [2.9, 0, 0.1], [9, 9, 0.1], [0, 0, 9.0]]))
     assert at.gap[:3] == pytest.approx([-3.0, 0.1, 0.1], abs=0.3)
     assert at.gap[3] > 0.5
@@ -171,8 +169,8 @@ def test_beyond_its_grid_a_part_goes_on_and_far_away_it_points_up(tmp_path):
 def test_a_window_does_not_change_what_is_in_it(tmp_path):
     box = trimesh.creation.box([8, 8, 8])
     keys = {"shift_mm": (0.5, -3.0), "grid_mm": 0.1}
-    whole = body_of(box, tmp_path, **keys, depth_mm=2.0)
-    piece = body_of(box, tmp_path, **keys, depth_mm=1.5, window_mm=(3.0, 3.0))
+    whole = body_of(box, tmp_path, **keys, reach_mm=2.0)
+    piece = body_of(box, tmp_path, **keys, reach_mm=1.5, window_mm=(3.0, 3.0))
     points = np.random.default_rng(5).uniform([-1.5, -1.5, -1.4], [1.5, 1.5, 0.4], (5000, 3))
     gap = whole.distance(points).gap
     near = (gap > -0.1) & (gap < 0.4)
@@ -182,7 +180,7 @@ def test_a_window_does_not_change_what_is_in_it(tmp_path):
 
 def test_the_unit_scales_a_part(tmp_path):
     ball = trimesh.creation.icosphere(5, 0.002)
-    body = body_of(ball, tmp_path, unit_mm=1000.0, depth_mm=1.0)
+    body = body_of(ball, tmp_path, unit_mm=1000.0, reach_mm=1.0)
     assert body.distance(np.array([[0.5, 0.0, 0.2]])).gap == pytest.approx(
         np.hypot(0.5, 2.2) - 2.0, abs=2e-3
     )
@@ -194,7 +192,7 @@ def test_a_part_that_is_inside_out_is_turned_with_a_note(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, logger="tactile_fem"):
         body = body_of(box, tmp_path, grid_mm=0.15)
     assert "is inside out: its triangles are turned" in caplog.text
-    assert body.distance(np.array([[0.0, 0.0, 0.1]])).gap == pytest.approx(0.1, abs=1e-6)
+    assert body.distance(np.array([[0.0, 0.0, 0.1]])).gap == pytest.approx(0.1, abs=1e-5)
 
 
 def without_a_triangle():
@@ -217,13 +215,6 @@ def two_boxes(size, shift, *, inverted=False):
     return trimesh.util.concatenate([trimesh.creation.box([6, 6, 3]), other])
 
 
-def grooved(width):
-    """Return a block with a groove along X."""
-    return trimesh.util.concatenate(
-        [trimesh.creation.box([6, 6, 3]), trimesh.creation.box([4, width, 1.0])]
-    )
-
-
 @pytest.mark.parametrize(
     ("mesh", "keys", "sentence"),
     [
@@ -242,12 +233,12 @@ def grooved(width):
         (
             two_boxes([0.4, 4, 3], [6, 0, 0]),
             {},
-            "= 0.3 removes a wall of the part at X 3.* thinner",
+            "= 0.3 removes a wall of the part at X 4.* thinner",
         ),
         (
             two_boxes([4.0, 0.4, 1], [0, 0, -1], inverted=True),
             {"up": "-z"},
-            None,
+            "= 0.3 removes a gap of the part at X",
         ),
         (trimesh.creation.box([4, 4, 0.5]), {}, "edge_radius_mm = 0.3 leaves nothing of the part"),
         (trimesh.creation.box([4, 4, 2]), {"unit_mm": 1e3}, r"4e\+03 x 4e\+03 x 2e\+03 mm large"),
@@ -262,8 +253,5 @@ def grooved(width):
     ],
 )
 def test_a_part_that_cannot_be_used_is_told(mesh, keys, sentence, tmp_path):
-    if sentence is None:  # a cavity is none of the finger's business
-        body_of(mesh, tmp_path, **keys)
-        return
     with pytest.raises(StudyError, match=sentence):
         body_of(mesh, tmp_path, **keys)

@@ -46,6 +46,7 @@ Without a study file the paper's scan is run: F G H, 1.97 mm deep, 10 mm long.
 app = App(name="tactile-fem", help=HELP, version=__version__, help_format="plaintext")
 app.command(cli_series.sweep)
 app.command(cli_series.fibre)
+app.command(cli_view.preview)
 app.command(cli_view.view)
 app.command(cli_fit.fit)
 

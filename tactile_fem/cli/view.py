@@ -1,4 +1,4 @@
-"""The command that shows a scan in three dimensions, over `tactile_fem.output.view`."""
+"""The commands that show finger and stimulator in three dimensions, before and after a scan."""
 
 from __future__ import annotations
 
@@ -11,10 +11,17 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from tactile_fem.cli.options import Settings, StudyFile
 from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.finger import load_finger
+from tactile_fem.finger.report import pad_thickness_mm
 from tactile_fem.output import pictures
 from tactile_fem.runtime import logs
+from tactile_fem.runtime.files import write_figure
+from tactile_fem.scan.checks import DEEPEST
 from tactile_fem.scan.results import Results
+from tactile_fem.stimulus import make_body, make_path
+from tactile_fem.study.file import load_study
 
 _ENDINGS = (".gif", ".mp4", ".html")
 
@@ -65,6 +72,40 @@ def view(
     print(f"Written to {save}")
 
 
+def preview(
+    study: StudyFile = None,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="Write this .png file.")],
+    settings: Settings = None,
+) -> None:
+    """Draw finger and stimulator before a scan, and where the contact point goes."""
+    the_study = load_study(study, settings or ())
+    if output.suffix != ".png":
+        raise StudyError(f'--output is "{output}" but must end in .png.')
+    if not output.absolute().parent.is_dir():
+        raise StudyError(f'--output is "{output}" but there is no folder {output.parent}.')
+    _check_drawing()
+    logs.set_up()
+    body, finger = make_body(the_study.stimulus), load_finger(the_study.finger)
+    path = make_path(the_study.protocol, DEEPEST * pad_thickness_mm(finger))
+    os.environ.pop("DISPLAY", None)  # it might be unreachable
+    import pyvista
+
+    from tactile_fem.output.preview import preview_figure
+
+    pyvista.vtk_verbosity("off")  # as in `view`
+    write_figure(output, preview_figure(finger, body, path))
+    print(f"Written to {output}")
+
+
+def _check_drawing() -> None:
+    """Raise TactileError if a graphics library is missing, before one is loaded."""
+    reason = pictures.can_draw()
+    if reason is not None:
+        raise TactileError(reason)
+
+
 def _check(save: Path | None, at_mm: float | None) -> None:
     """Raise errors that can be detected before a graphics library is loaded."""
     if save is not None and save.suffix not in _ENDINGS:
@@ -73,9 +114,7 @@ def _check(save: Path | None, at_mm: float | None) -> None:
         raise StudyError(f'--save is "{save}" but there is no folder {save.parent}.')
     if at_mm is not None and (save is None or save.suffix != ".html"):
         raise StudyError("--at-mm goes with --save to an .html file.")
-    reason = pictures.can_draw()
-    if reason is not None:
-        raise TactileError(reason)
+    _check_drawing()
     if save is None and not has_display():
         raise TactileError(
             "There is no display for a window: write a file instead, --save scan.gif or scan.html."

@@ -57,7 +57,7 @@ def finger_figure(grid: pv.UnstructuredGrid) -> Figure:
     x, y, z = solid.center
     size = solid.length
     middle = (x + 0.02 * size, y, z - 0.07 * size)
-    image = _picture(plotter, (26.0, 34.0, -12.0), middle, half_height=0.27 * size)
+    image = picture(plotter, (26.0, 34.0, -12.0), middle, half_height=0.27 * size)
     figure = framed(image)
     handles = [Patch(color=COLOURS[name], label=name.replace("_", " ")) for name in names]
     figure.legend(handles=handles, loc="lower right", frameon=False, fontsize=9)
@@ -102,7 +102,7 @@ def deformation_figure(
             )
         plotter.add_mesh(rim(face, (0.03, 0, 0)), **RIM_STYLE)
     plotter.add_mesh(stimulator, show_scalar_bar=False, **RELIEF_STYLE)
-    image = _picture(plotter, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), half_height=8.4)
+    image = picture(plotter, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), half_height=8.4)
     figure = framed(image)
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 3}
     figure.text(0.02, 0.97, title, fontsize=10, va="top", bbox=box)
@@ -165,12 +165,17 @@ def off_screen(pixels: tuple[int, int] = _PIXELS) -> pv.Plotter:
     return plotter
 
 
-def _picture(
+def picture(
     plotter: pv.Plotter, eye: tuple[float, ...], at: tuple[float, ...], half_height: float
 ) -> NDArray[np.uint8]:
-    """Return the image of a parallel camera in direction `eye` from the point `at`."""
+    """Return the image of a parallel camera in direction `eye` from the point `at`, Z upwards."""
     position = tuple(a + e for a, e in zip(at, eye, strict=True))
     plotter.camera_position = [position, at, (0.0, 0.0, 1.0)]
+    return shot(plotter, half_height)
+
+
+def shot(plotter: pv.Plotter, half_height: float) -> NDArray[np.uint8]:
+    """Return a parallel camera's image, half of it so many mm high, and close the plotter."""
     plotter.enable_parallel_projection()
     plotter.parallel_scale = half_height
     plotter.reset_camera_clipping_range()

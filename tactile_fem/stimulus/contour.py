@@ -19,9 +19,9 @@ from tactile_fem.stimulus.body import Array
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
 # Pairs of corners one step apart.
 _EDGES = np.array([(i, i + 4 // 2**a) for a in range(3) for i in range(8) if not _CORNERS[i, a]])
-# Planes of a cell that turn by less than some 20 degrees are a curved surface, not an edge: the
+# Planes of a cell that turn by less than some 10 degrees are a curved surface, not an edge: the
 # vertex then keeps to their middle. In terms of the eigenvalues of the sum of n n over 8 corners.
-_EDGE = 0.3
+_EDGE = 0.05
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,7 @@ def _piece(solid: Triangles, stimulus: Mesh) -> Piece:
             f"stimulus.grid_mm = {h:g} must not exceed half of edge_radius_mm ({radius / 2:g})"
         )
     low, high = solid.points.min(axis=0), solid.points.max(axis=0)
-    window_low, window_high = np.array([-np.inf, -np.inf, -stimulus.depth_mm]), np.full(3, np.inf)
+    window_low, window_high = np.array([-np.inf, -np.inf, -stimulus.reach_mm]), np.full(3, np.inf)
     if stimulus.window_mm is not None:
         half = np.array(stimulus.window_mm) / 2
         window_low[:2] = -half - stimulus.shift_mm
@@ -159,7 +159,7 @@ def _piece(solid: Triangles, stimulus: Mesh) -> Piece:
         raise StudyError(
             f"stimulus.grid_mm = {h:.3g} takes {' x '.join(map(str, shape))} points for the part, "
             f"but at most {_MOST_POINTS / 1e6:g} million are allowed: raise it or edge_radius_mm, "
-            "or give a smaller window_mm or depth_mm"
+            "or give a smaller window_mm or reach_mm"
         )
     return Piece(solid, Lattice(low, h, tuple(shape.tolist())), *keep)
 

@@ -166,8 +166,10 @@ class Mesh(Stimulus):
     edge_radius_mm: Positive = Field(
         0.3, description="proposed: least radius of convex and concave edges"
     )
-    depth_mm: Positive = Field(
-        3.0, description="what lies deeper below the part's highest point is not modelled"
+    reach_mm: Positive = Field(
+        3.0,
+        description="how far below its highest point the part is modelled; it goes straight on "
+        "below",
     )
     window_mm: tuple[Positive, Positive] | None = Field(
         None,
