@@ -1,5 +1,6 @@
 """Parts from files of triangles beside bodies whose distance is known."""
 
+import gzip
 import logging
 from itertools import product
 
@@ -9,10 +10,13 @@ import shapely
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
+from tactile_fem.finger import read_msh
 from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.body import Ball
-from tactile_fem.study import Mesh
+from tactile_fem.study import Mesh, Sphere, Study
+from tactile_fem.study.file import load_study
 
 HALF = np.array([2.0, 1.5, 1.0])
 # A step down in the direction of Y, 3 mm below its top.
@@ -255,3 +259,73 @@ def two_boxes(size, shift, *, inverted=False):
 def test_a_part_that_cannot_be_used_is_told(mesh, keys, sentence, tmp_path):
     with pytest.raises(StudyError, match=sentence):
         body_of(mesh, tmp_path, **keys)
+
+
+def forces(stimulus, mesh):
+    """Return the forces (3,) of a ball pressed obliquely, to two depths."""
+    pytest.importorskip("tactile_fem.runtime.backend")
+    from mpi4py import MPI
+
+    from tactile_fem.mechanics.domain import create_domain
+    from tactile_fem.mechanics.problem import FingerProblem
+
+    study = Study(stimulus=stimulus)
+    problem = FingerProblem.of(study, create_domain(mesh, MPI.COMM_WORLD, study.solver.held))
+    for depth in (0.4, 0.8):
+        assert problem.solve(np.array([0.0, -0.2 * depth, depth]), 0.05).converged
+        load = problem.accept()
+    return load.force_N
+
+
+@pytest.mark.slow
+def test_a_ball_from_a_file_presses_like_the_ball(small_finger, tmp_path):
+    file = tmp_path / "ball.stl"
+    trimesh.creation.icosphere(5, 4.0).export(file)
+    mesh = read_msh(small_finger)
+    exact = forces(Sphere(radius_mm=4.0), mesh)
+    assert exact[2] > 0.02
+    error = np.linalg.norm(forces(Mesh(file=file, reach_mm=1.5), mesh) - exact)
+    assert error < 0.005 * np.linalg.norm(exact)
+
+
+@pytest.fixture
+def files(tmp_path):
+    good = trimesh.creation.box([4, 4, 2]).export(file_type="stl")
+    (tmp_path / "empty.stl").touch()
+    (tmp_path / "text.stl").write_text("no part\n")
+    (tmp_path / "cut.stl").write_bytes(good[:300])
+    (tmp_path / "many.stl").write_bytes(bytes(80) + (10**9).to_bytes(4, "little") + bytes(500))
+    (tmp_path / "nan.stl").write_bytes(good[:96] + np.float32(np.nan).tobytes() + good[100:])
+    with gzip.open(tmp_path / "bomb.stl.gz", "wb") as stream:
+        stream.write(bytes(1_000_000))
+    (tmp_path / "bomb.stl").write_bytes((tmp_path / "bomb.stl.gz").read_bytes())
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("none.stl", "does not exist"),
+        ("empty.stl", "is empty"),
+        ("text.stl", "no .stl file, or cut off"),
+        ("cut.stl", "cut off"),
+        ("many.stl", "its header announces"),
+        ("nan.stl", "no finite numbers"),
+        ("bomb.stl", "no .stl file, or cut off"),
+        ("bomb.stl.gz", "must be a surface of triangles"),
+    ],
+)
+def test_a_wrong_file_is_told_in_a_sentence(file, words, files, capsys):
+    options = ["--set", "stimulus.kind=mesh", "--set", f"stimulus.file={files / file}"]
+    assert cli.main(["scan", *options, "--results", str(files / "out")]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith(f"tactile-fem: stimulus.file = {files / file} ")
+    assert words in message and message.count("\n") == 1
+    assert not (files / "out").exists()
+
+
+def test_a_file_lies_beside_its_study(tmp_path):
+    trimesh.creation.box([4, 4, 2]).export(tmp_path / "key.stl")
+    study = tmp_path / "study.toml"
+    study.write_text('[stimulus]\nkind = "mesh"\nfile = "key.stl"\n')
+    assert load_study(study).stimulus == Mesh(file=tmp_path / "key.stl")

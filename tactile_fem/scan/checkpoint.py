@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
 from typing import Any
@@ -11,16 +12,18 @@ from tactile_fem.errors import StudyError
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.setup import Setup
 from tactile_fem.scan.trace import Array
+from tactile_fem.study import Mesh
 
 # Counts up when the names or the meaning of a checkpoint's arrays change.
 _FORMAT = 5
-# Parts of a study that may change between two runs: they act after the mechanics, or the mesh's
+# Parts of a study that may change between two runs: they act after the mechanics, or a
 # hash shows the change.
 _FREE: dict[str, Any] = {
     "neuron": True,
     "afferents": {"__all__": {"neuron", "feels"}},
     "output": True,
     "finger": {"mesh_file"},
+    "stimulus": {"file"},
 }
 
 
@@ -35,7 +38,7 @@ class Origin:
     mesh
         Hash of the finger's mesh.
     own_parts
-        See `Parts.identity`.
+        See `Parts.identity`; and the file of a rigid part.
     """
 
     study: str
@@ -47,7 +50,7 @@ class Origin:
         """Return what the checkpoints of a scan are made from; on the first rank only."""
         assert setup.finger is not None
         study = setup.study.model_dump_json(exclude=_FREE)
-        return cls(study, setup.finger.hash, setup.parts.identity())
+        return cls(study, setup.finger.hash, {**setup.parts.identity(), **_files(setup)})
 
     def stamp(self) -> dict[str, Any]:
         """Return it as arrays of a checkpoint."""
@@ -92,3 +95,12 @@ class Origin:
                     f"{file} was written with a {name} that was {then}, now it is {now}: give the "
                     "same parts to resume, or run the scan again in another folder."
                 )
+
+
+def _files(setup: Setup) -> dict[str, str]:
+    """Return name and hash of the file from which the stimulator was made, if it was."""
+    stimulus = setup.study.stimulus
+    if setup.parts.body is not None or not isinstance(stimulus, Mesh):
+        return {}
+    content = hashlib.sha256(stimulus.file.read_bytes()).hexdigest()[:16]
+    return {"stimulus.file": f"{stimulus.file.name} {content}"}

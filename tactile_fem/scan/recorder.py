@@ -28,6 +28,7 @@ from tactile_fem.scan.results import Results
 from tactile_fem.scan.setup import Instruments, Setup
 from tactile_fem.scan.trace import Array, Trace
 from tactile_fem.stimulus.distance_grid import DistanceGrid
+from tactile_fem.study import Mesh
 
 _TIMERS = (
     "solve",
@@ -77,7 +78,8 @@ class Recorder:
     def begin(self, trace: Trace) -> None:
         """Save the state at rest, so that a scan that fails at once leaves a complete folder."""
         on_root(self._comm, lambda: self._results.save_trace(**trace.arrays()))
-        if self._setup.parts.body is not None:
+        from_file = isinstance(self._setup.study.stimulus, Mesh)  # it may be gone later
+        if self._setup.parts.body is not None or from_file:
             grid = DistanceGrid.of(self._setup.body, self._setup.path.places_mm())
             on_root(self._comm, lambda: self._results.save_stimulator(grid))
         self._save_run("running")

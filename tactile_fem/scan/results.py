@@ -6,7 +6,7 @@
 ``trace.npz``        histories: see `Results.save_trace`
 ``spikes.csv``       ``receptor,time_s,displacement_mm,population``
 ``checkpoint.npz``   the state to go on from
-``stimulator.npz``   shape of an own body, for pictures
+``stimulator.npz``   shape of an own body or a part, for pictures
 ``fields/``          VTU files and ``deformation.pvd``, their index, for ParaView
 ``figures/``         pictures
 ``log.txt``          what was said on the way
