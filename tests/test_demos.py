@@ -65,6 +65,15 @@ def test_letters(tmp_path):
 
 
 @pytest.mark.slow
+@needs_gmsh
+def test_button(tmp_path):
+    pytest.importorskip("igl")
+    output = run("button.py", str(tmp_path / "out"), "--depth", "0.2", "--distance", "0.1")
+    assert number(r"normal force +([\d.]+) to", output) == pytest.approx(0.008, rel=0.3)
+    assert (tmp_path / "out" / "scan" / "figures" / "raster.png").is_file()
+
+
+@pytest.mark.slow
 def test_own_parts_are_killed_and_resumed_on_two_ranks(tmp_path):
     options = ["--depth", "0.4", "--radius", "0.1"]
     command = [str(DEMOS / "own_parts.py"), str(tmp_path / "killed"), *options]

@@ -18,6 +18,8 @@ from tactile_fem.stimulus.body import Ball
 from tactile_fem.study import Mesh, Sphere, Study
 from tactile_fem.study.file import load_study
 
+pytest.importorskip("igl", reason='pip install "tactile-fem[cad]"')
+
 HALF = np.array([2.0, 1.5, 1.0])
 # A step down in the direction of Y, 3 mm below its top.
 STEP = shapely.Polygon([(-2, -3), (2, -3), (2, -1), (0, -1), (0, 0), (-2, 0)])

@@ -188,6 +188,7 @@ def test_the_commands_exist(capsys):
             "scan",
             "resume",
             "plot",
+            "preview",
             "view",
             "report",
             "sweep",
