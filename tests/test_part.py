@@ -184,6 +184,13 @@ def test_a_window_does_not_change_what_is_in_it(tmp_path):
     assert piece.distance(points[near]).gap == pytest.approx(gap[near], abs=2e-3)
 
 
+def test_the_highest_point_of_a_piece_is_zero(tmp_path):
+    stairs = prism(STEP, 2.0)  # 1 mm lower at Y > 0
+    body = body_of(stairs, tmp_path, window_mm=(2.0, 0.8), shift_mm=(0.0, -1.2), reach_mm=0.5)
+    at = body.distance(np.array([[0.0, 0.0, 0.1], [0.0, 0.3, -0.02]]))
+    assert at.gap == pytest.approx([0.1, -0.02], abs=1e-4)
+
+
 def test_the_unit_scales_a_part(tmp_path):
     ball = trimesh.creation.icosphere(5, 0.002)
     body = body_of(ball, tmp_path, unit_mm=1000.0, reach_mm=1.0)
@@ -221,6 +228,13 @@ def two_boxes(size, shift, *, inverted=False):
     return trimesh.util.concatenate([trimesh.creation.box([6, 6, 3]), other])
 
 
+def glued():
+    """Return two boxes that share a face, which is there twice."""
+    return trimesh.util.concatenate(
+        [trimesh.creation.box([4, 4, 2]).apply_translation([x, 0, 0]) for x in (0, 4)]
+    )
+
+
 @pytest.mark.parametrize(
     ("mesh", "keys", "sentence"),
     [
@@ -251,6 +265,12 @@ def two_boxes(size, shift, *, inverted=False):
         (trimesh.creation.box([4, 4, 2]), {"unit_mm": 1e-3}, r"must have 1 to 1000 mm"),
         (trimesh.creation.box([4, 4, 2]), {"grid_mm": 0.2}, r"half of edge_radius_mm \(0.15\)"),
         (trimesh.creation.box([200, 200, 2]), {}, "takes 20.* points .* at most 5 million"),
+        (glued(), {}, "solids touch at 4 edges, the first at 2, .*repair it"),
+        (
+            trimesh.creation.box([4, 4, 2]),
+            {"grid_mm": 1e-300},
+            r"takes 5e\+300 x 5e\+300 x 3e\+300 points",
+        ),
         (
             trimesh.creation.box([4, 4, 2]),
             {"window_mm": (2.0, 2.0), "shift_mm": (9.0, 0.0)},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,7 @@ _CYCLIC = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
 _SIZES_MM = 1.0, 1000.0
 # Some 200 bytes a point while the distance is computed.
 _MOST_POINTS = 5_000_000
+_FAR_MM = 1e6
 # The rounded surface next to a point of a part's own surface is turned less: an edge of 23 degrees.
 _TURNED = 0.2
 
@@ -95,13 +97,17 @@ def _outwards(surface: Triangles, stimulus: Mesh) -> Triangles:
 
 
 def _check_closed(surface: Triangles, stimulus: Mesh) -> None:
-    """Raise StudyError if an edge lacks a neighbour, or neighbours face opposite ways."""
+    """Raise StudyError if edges have no neighbour, one that faces the other way, or several."""
     edges = np.stack([surface.triangles, np.roll(surface.triangles, -1, axis=1)], -1).reshape(-1, 2)
     pairs, number = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     number = number.ravel()
     unpaired = np.bincount(number) % 2 == 1
     balance = np.bincount(number, weights=np.where(edges[:, 0] < edges[:, 1], 1, -1))
-    for wrong, what in ((unpaired, "it is open"), (balance != 0, "neighbours face opposite ways")):
+    for wrong, what in (
+        (unpaired, "it is open"),
+        (balance != 0, "neighbours face opposite ways"),
+        (np.bincount(number) > 2, "solids touch"),
+    ):
         if wrong.any():
             x, y, z = surface.points[pairs[np.argmax(wrong)]].mean(axis=0)
             raise StudyError(
@@ -112,7 +118,7 @@ def _check_closed(surface: Triangles, stimulus: Mesh) -> None:
 
 
 def _placed(surface: Triangles, stimulus: Mesh) -> Triangles:
-    """Return the part turned, its middle over the origin and its highest point at z = 0."""
+    """Return the part turned, its middle over the origin; its highest point is put to z = 0."""
     points = surface.points[:, _CYCLIC[stimulus.up[1]]]
     if stimulus.up[0] == "-":
         points = points * [1, -1, -1]
@@ -137,44 +143,58 @@ def _piece(solid: Triangles, stimulus: Mesh) -> Piece:
         raise StudyError(
             f"stimulus.grid_mm = {h:g} must not exceed half of edge_radius_mm ({radius / 2:g})"
         )
+    solid, window_low, window_high = _in_window(solid, stimulus)
     low, high = solid.points.min(axis=0), solid.points.max(axis=0)
-    window_low, window_high = np.array([-np.inf, -np.inf, -stimulus.reach_mm]), np.full(3, np.inf)
-    if stimulus.window_mm is not None:
-        half = np.array(stimulus.window_mm) / 2
-        window_low[:2] = -half - stimulus.shift_mm
-        window_high[:2] = half - stimulus.shift_mm
-    if np.any(window_low > high) or np.any(window_high < low):
-        raise StudyError(
-            f"stimulus.window_mm = {list(stimulus.window_mm)} holds no piece of the part, which "
-            f"lies {_range(low, high, 0)} across and {_range(low, high, 1)} along the finger "
-            "before shift_mm"
-        )
     margin = max(NEAR_MM + 4 * h, radius + 3 * h) + RIM * h
     low, high = low - margin, high + margin
     keep = np.maximum(low, window_low - RIM * h), np.minimum(high, window_high + RIM * h)
     beyond = 4 * radius + (RIM + 4) * h
     low, high = np.maximum(low, window_low - beyond), np.minimum(high, window_high + beyond)
-    shape = np.ceil((high - low) / h).astype(int) + 1
-    if np.prod(shape, dtype=float) > _MOST_POINTS:
+    shape = np.ceil((high - low) / h) + 1
+    if math.prod(shape.tolist()) > _MOST_POINTS:
         raise StudyError(
-            f"stimulus.grid_mm = {h:.3g} takes {' x '.join(map(str, shape))} points for the part, "
-            f"but at most {_MOST_POINTS / 1e6:g} million are allowed: raise it or edge_radius_mm, "
-            "or give a smaller window_mm or reach_mm"
+            f"stimulus.grid_mm = {h:.3g} takes {' x '.join(f'{n:.4g}' for n in shape)} points for "
+            f"the part, but at most {_MOST_POINTS / 1e6:g} million are allowed: raise it or "
+            "edge_radius_mm, or give a smaller window_mm or reach_mm"
         )
-    return Piece(solid, Lattice(low, h, tuple(shape.tolist())), *keep)
+    return Piece(solid, Lattice(low, h, tuple(shape.astype(int).tolist())), *keep)
 
 
-def _range(low: Array, high: Array, axis: int) -> str:
-    return f"from {low[axis]:.3g} to {high[axis]:.3g} mm"
+def _in_window(solid: Triangles, stimulus: Mesh) -> tuple[Triangles, Array, Array]:
+    """Return a part with the highest point of the piece at z = 0, and the corners of its window.
+
+    Raises
+    ------
+    StudyError
+        No piece lies in the window.
+    """
+    low, high = np.array([-np.inf, -np.inf, -stimulus.reach_mm]), np.full(3, np.inf)
+    if stimulus.window_mm is None:
+        return solid, low, high
+    half = np.array(stimulus.window_mm) / 2
+    low[:2], high[:2] = -half - stimulus.shift_mm, half - stimulus.shift_mm
+    below, above = np.array([*low[:2], -_FAR_MM]), np.array([*high[:2], _FAR_MM])
+    piece = rounding.fine(solid, below, above, np.inf).points
+    if not len(piece):
+        ends = np.column_stack([solid.points.min(axis=0), solid.points.max(axis=0)])
+        across, along = (f"from {first:.3g} to {last:.3g} mm" for first, last in ends[:2])
+        raise StudyError(
+            f"stimulus.window_mm = {list(stimulus.window_mm)} holds no piece of the part, which "
+            f"lies {across} across and {along} along the finger before shift_mm"
+        )
+    return Triangles(solid.points - [0, 0, piece[:, 2].max()], solid.triangles), low, high
 
 
 def _rounded(piece: Piece, stimulus: Mesh) -> tuple[Gridded, float]:
     """Return the rounded part and the height of its highest point, mm."""
     lattice, radius = piece.lattice, stimulus.edge_radius_mm
     try:
-        values, top_mm = rounding.rounded_distance(
+        values, core = rounding.rounded_distance(
             piece.solid, lattice, radius, NEAR_MM + 4 * lattice.step
         )
+        core = core[np.all((core > piece.low) & (core < piece.high), axis=1)]
+        if not len(core):
+            raise rounding.Nothing
     except rounding.Overlap as error:
         what = "is inside out" if error.winding < 0 else "overlaps another"
         raise StudyError(
@@ -189,7 +209,8 @@ def _rounded(piece: Piece, stimulus: Mesh) -> tuple[Gridded, float]:
     first = np.round((piece.low - lattice.origin) / lattice.step).astype(int)
     last = np.round((piece.high - lattice.origin) / lattice.step).astype(int)
     kept = values[tuple(slice(i, j + 1) for i, j in zip(first, last, strict=True))]
-    return Gridded.of(kept, lattice.origin + first * lattice.step, lattice.step), top_mm
+    body = Gridded.of(kept, lattice.origin + first * lattice.step, lattice.step)
+    return body, float(core[:, 2].max()) + radius
 
 
 def _check_nothing_lost(piece: Piece, body: Gridded, stimulus: Mesh) -> None:

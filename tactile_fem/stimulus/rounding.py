@@ -69,12 +69,15 @@ class Overlap(ValueError):
 
 def rounded_distance(
     solid: Triangles, lattice: Lattice, radius: float, reach: float
-) -> tuple[Array, float]:
-    """Return the signed distance of the rounded solid on a lattice, mm, and its highest Z.
+) -> tuple[Array, Array]:
+    """Return the signed distance of the rounded solid on a lattice, mm, and points (n, 3) of it.
+
+    The points lie `radius` below the surface; wherever a ball of this radius fits, one is near.
 
     It is exact up to the lattice's resolution of edges from `radius` below the surface to `reach`
-    above it, and continued roughly beyond. Where the solid goes on beyond the lattice, what is
-    less than four radii from its end is not rounded properly.
+    above it, and continued roughly beyond. Edges that turn by less than some 20 degrees, such as
+    those of a curved surface's triangles, are left to the lattice. Where the solid goes on beyond
+    the lattice, what is less than four radii from its end is not rounded properly.
 
     Parameters
     ----------
@@ -112,7 +115,7 @@ def rounded_distance(
     filled = _astray(shrunk, lattice, 0.0) & in_shell & ~in_core
     shrunk = _replaced(shrunk, shell, lattice, filled, -1.0)
     distance = np.where(sharp.known, _exact_off_edges(shrunk.value + radius, sharp.value, h), 0.0)
-    return _continued(distance, sharp.known, inside, h), float(core.points[:, 2].max()) + radius
+    return _continued(distance, sharp.known, inside, h), core.points
 
 
 def fine(solid: Triangles, low: Array, high: Array, longest: float) -> Triangles:
