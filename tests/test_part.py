@@ -101,6 +101,16 @@ def test_a_step_is_rounded_inside_and_outside(tmp_path):
     assert np.trace(at.hessian[0]) == pytest.approx(-1 / 0.4, rel=0.25)
 
 
+def test_a_large_radius_on_a_coarse_grid(tmp_path):
+    keys = {"edge_radius_mm": 2.0, "reach_mm": 6.0}  # a grid of 0.67 mm
+    body = body_of(trimesh.creation.box([16, 16, 8]), tmp_path, **keys)
+    lean = np.array([0.0, np.sqrt(0.5), np.sqrt(0.5)])
+    for gap in (0.0, 0.2, 0.45):
+        at = body.distance(np.array([[0.0, 6.0, -2.0] + (2 + gap) * lean]))
+        assert at.gap == pytest.approx(gap, abs=0.03)
+        assert at.normal[0] == pytest.approx(lean, abs=0.03)
+
+
 def test_a_ball_converges_to_the_ball(tmp_path):
     ball = Ball(2.0)
     box = ([-1.6, -1.6, -1.5], [1.6, 1.6, 0.3])

@@ -51,7 +51,7 @@ class Gridded:
         index = np.clip(np.round((points - origin) / step).astype(np.int64), first, last)
         gap = self.values[tuple(index.T)]
         normal, hessian = np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros((len(points), 3, 3))
-        near = np.flatnonzero(gap < NEAR_MM)
+        near = np.flatnonzero(gap < NEAR_MM + step[0])  # a point of the grid is as far at most
         inside = np.clip(points[near], origin + step * first, origin + step * last)
         value, slope, bend = self.spline.derivatives(inside, 2)
         beyond = points[near] - inside

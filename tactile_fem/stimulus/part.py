@@ -145,7 +145,7 @@ def _piece(solid: Triangles, stimulus: Mesh) -> Piece:
         )
     solid, window_low, window_high = _in_window(solid, stimulus)
     low, high = solid.points.min(axis=0), solid.points.max(axis=0)
-    margin = max(NEAR_MM + 4 * h, radius + 3 * h) + RIM * h
+    margin = max(NEAR_MM + 5 * h, radius + 3 * h) + RIM * h
     low, high = low - margin, high + margin
     keep = np.maximum(low, window_low - RIM * h), np.minimum(high, window_high + RIM * h)
     beyond = 4 * radius + (RIM + 4) * h
@@ -190,7 +190,7 @@ def _rounded(piece: Piece, stimulus: Mesh) -> tuple[Gridded, float]:
     lattice, radius = piece.lattice, stimulus.edge_radius_mm
     try:
         values, core = rounding.rounded_distance(
-            piece.solid, lattice, radius, NEAR_MM + 4 * lattice.step
+            piece.solid, lattice, radius, NEAR_MM + 5 * lattice.step
         )
         core = core[np.all((core > piece.low) & (core < piece.high), axis=1)]
         if not len(core):
@@ -223,13 +223,13 @@ def _check_nothing_lost(piece: Piece, body: Gridded, stimulus: Mesh) -> None:
     fine = rounding.fine(piece.solid, piece.low + inner, piece.high - inner, 2 * piece.lattice.step)
     a, b, c = np.moveaxis(fine.points[fine.triangles], 1, 0)
     across = np.cross(b - a, c - a)
-    found = body.distance((a + b + c) / 3)
-    along = np.einsum("ni,ni->n", across, found.normal)
-    turned = along < _TURNED * np.linalg.norm(across, axis=1)
-    loss = np.where(turned, np.abs(found.gap), 0.0)
+    gap, normal = body.spline.derivatives((a + b + c) / 3, 1)
+    along = np.einsum("ni,ni->n", across, normal)
+    turned = along < _TURNED * np.linalg.norm(across, axis=1) * np.linalg.norm(normal, axis=1)
+    loss = np.where(turned, np.abs(gap), 0.0)
     worst = int(np.argmax(loss))
     if loss[worst] > 0.1 * radius:
-        what = "a wall" if found.gap[worst] > 0 else "a gap"
+        what = "a wall" if gap[worst] > 0 else "a gap"
         raise StudyError(
             f"stimulus.edge_radius_mm = {radius:g} removes {what} of the part at "
             f"{_placed_at((a + b + c)[worst] / 3)}, which is thinner than twice that: it must be "
