@@ -77,7 +77,8 @@ def rounded_distance(
     It is exact up to the lattice's resolution of edges from `radius` below the surface to `reach`
     above it, and continued roughly beyond. Edges that turn by less than some 20 degrees, such as
     those of a curved surface's triangles, are left to the lattice. Where the solid goes on beyond
-    the lattice, what is less than four radii from its end is not rounded properly.
+    the lattice, what is less than four radii from its end is not rounded properly; nor are walls
+    and gaps less than two steps wider than twice the radius.
 
     Parameters
     ----------
