@@ -35,6 +35,7 @@ from tactile_fem.study.stimulus import (
     Plate,
     Sphere,
     Stimulus,
+    Surface,
     Text,
 )
 from tactile_fem.study.tissue import TISSUE_SETS, Elastic, Polynomial, Tissue
@@ -68,6 +69,7 @@ __all__ = [
     "Sphere",
     "Stimulus",
     "Study",
+    "Surface",
     "Text",
     "Tissue",
 ]

@@ -44,7 +44,10 @@ def commented_template() -> str:
             for kind, model in KINDS.items():
                 if kind != study.stimulus.kind:
                     lines += _comment(f'or kind = "{kind}": {_summary(model)}')
-                    lines += [*_keys(model(), "#     ", {"kind", *Stimulus.model_fields}), ""]
+                    lines += [
+                        *_keys(model.model_construct(), "#     ", {"kind", *Stimulus.model_fields}),
+                        "",
+                    ]
         if name == "protocol":
             for kind, model in PIECES.items():
                 lines += _described(f'[[protocol.path]] with kind = "{kind}"', model)
@@ -87,7 +90,7 @@ def _keys(values: BaseModel, mark: str, without: set[str]) -> Iterator[str]:
     for key, field in sorted(type(values).model_fields.items(), key=lambda item: item[0] != "kind"):
         if key in without:
             continue
-        value, note = getattr(values, key), field.description or ""
+        value, note = getattr(values, key, None), field.description or ""
         allowed = _allowed({"enum": list(KINDS)} if key == "kind" else schema[key])
         note += f" [{allowed}]" if allowed else ""
         if value is None:
