@@ -57,6 +57,19 @@ def number(pattern: str, text: str) -> float:
 
 
 @pytest.mark.slow
+@needs_gmsh
+def test_textures(tmp_path):
+    options = ["--pad-size", "3", "--far-size", "6", "--force", "0.02", "--distance", "0.2"]
+    output = run("surfaces/textures.py", str(tmp_path), *options)
+    sandpaper, cloth = output.splitlines()[:2]
+    assert number(r"sandpaper: ([\d.]+) mm rms", sandpaper) == pytest.approx(0.0585, abs=1e-4)
+    assert number(r"longer than ([\d.]+) mm", cloth) == pytest.approx(2.37, abs=0.01)
+    assert number(r"; ([\d.]+) N,", cloth) == pytest.approx(0.02, rel=0.05)
+    assert (tmp_path / "textures.png").is_file()
+    assert "carry 0 % of its variance" in (tmp_path / "cloth" / "log.txt").read_text()
+
+
+@pytest.mark.slow
 def test_letters(tmp_path):
     output = run("letters.py", str(tmp_path / "out"), "--depth", "0.3", "--distance", "0.2")
     assert number(r"normal force at 0.30 mm +([\d.]+) N", output) == pytest.approx(0.0120, rel=0.1)

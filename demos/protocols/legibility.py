@@ -121,6 +121,7 @@ def main(
     overrides = [
         f"finger.preset={preset}",
         f"protocol.depth_mm={depth}" if force is None else f"protocol.force_N={force}",
+        *([] if force is None else ["protocol.hold=force"]),
         f"protocol.distance_mm={distance}",
         f"protocol.output_mm={output}",
     ]
