@@ -136,7 +136,7 @@ def main(
             f"{100 * r.its_variation:.0f} %; {r.spikes} spikes"
         )
     write_table(folder / "textures.csv", rows)
-    write_figure(folder / "textures.png", draw(folder, scans), dpi=130)
+    write_figure(folder / "textures.png", draw(folder, scans), dpi=105)
     print(folder / "textures.png")
 
 
