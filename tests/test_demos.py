@@ -57,6 +57,19 @@ def number(pattern: str, text: str) -> float:
 
 
 @pytest.mark.slow
+@needs_gmsh
+def test_textures(tmp_path):
+    options = ["--pad-size", "3", "--far-size", "6", "--force", "0.02", "--distance", "0.2"]
+    output = run("surfaces/textures.py", str(tmp_path), *options)
+    sandpaper, cloth = output.splitlines()[:2]
+    assert number(r"sandpaper: ([\d.]+) mm rms", sandpaper) == pytest.approx(0.0585, abs=1e-4)
+    assert number(r"longer than ([\d.]+) mm", cloth) == pytest.approx(2.37, abs=0.01)
+    assert number(r"; ([\d.]+) N,", cloth) == pytest.approx(0.02, rel=0.05)
+    assert (tmp_path / "textures.png").is_file()
+    assert "carry 0 % of its variance" in (tmp_path / "cloth" / "log.txt").read_text()
+
+
+@pytest.mark.slow
 def test_letters(tmp_path):
     output = run("letters.py", str(tmp_path / "out"), "--depth", "0.3", "--distance", "0.2")
     assert number(r"normal force at 0.30 mm +([\d.]+) N", output) == pytest.approx(0.0120, rel=0.1)
@@ -445,6 +458,15 @@ def test_friction(tmp_path):
     assert 0 < flank < 0.2 * number(r"friction 0.00: ([\d.]+) N", output)
     assert number(r"friction 0.50: .* ([\d.]+) N across", output) > 2 * flank
     assert (tmp_path / "friction.png").is_file()
+
+
+@pytest.mark.slow
+def test_braille(tmp_path):
+    options = ["--letters", "al", "--forces", "0.02", "--distance", "0.4", "--realizations", "3"]
+    output = run("protocols/braille.py", str(tmp_path), *options)
+    assert number(r"0.02 N, blur 0 mm: ([\d.]+) % correct of 6", output) > 10
+    assert number(r"0.02 N: (\d+) spikes a letter", output) > 0
+    assert (tmp_path / "letters.png").is_file() and (tmp_path / "confusion.png").is_file()
 
 
 @pytest.mark.mpi

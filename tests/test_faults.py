@@ -133,6 +133,10 @@ def of_another_mesh(folder: Path) -> None:
     change_checkpoint(folder, mesh="0123")
 
 
+def with_another_surface(folder: Path) -> None:
+    change_checkpoint(folder, files='{"stimulus.file": "0123"}')
+
+
 def with_another_trace(folder: Path) -> None:
     results = Results(folder)
     results.save_trace(**{name: a for name, a in results.trace.items() if name != "work_mJ"})
@@ -160,6 +164,7 @@ FAULTS = [
     (removed, "has no checkpoint to continue from"),
     (of_another_study, r"study\.toml has changed since .* was written \(protocol\)"),
     (of_another_mesh, "belongs to another mesh"),
+    (with_another_surface, r"stimulus\.file names a file that has changed since"),
     (with_another_trace, "lacks columns work_mJ"),
     (with_a_shorter_trace, "lacks rows: 3 are needed"),
     (of_no_study, r"there is no study\.toml"),

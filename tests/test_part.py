@@ -3,7 +3,6 @@
 import gzip
 import logging
 from itertools import product
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -362,20 +361,3 @@ def test_a_file_lies_beside_its_study(tmp_path):
     study = tmp_path / "study.toml"
     study.write_text('[stimulus]\nkind = "mesh"\nfile = "key.stl"\n')
     assert load_study(study).stimulus == Mesh(file=tmp_path / "key.stl")
-
-
-def test_a_checkpoint_knows_the_file_by_its_content(tmp_path):
-    pytest.importorskip("tactile_fem.runtime.backend")
-    from tactile_fem.scan.checkpoint import Origin
-    from tactile_fem.scan.parts import Parts
-
-    def origin(file):
-        finger, study = SimpleNamespace(hash="0"), Study(stimulus=Mesh(file=file))
-        return Origin.of(SimpleNamespace(finger=finger, study=study, parts=Parts()))
-
-    (tmp_path / "elsewhere").mkdir()
-    first, moved, other = (tmp_path / name for name in ("key.stl", "elsewhere/key.stl", "b.stl"))
-    trimesh.creation.box([4, 4, 2]).export(first)
-    moved.write_bytes(first.read_bytes())
-    trimesh.creation.box([4, 4, 3]).export(other)
-    assert origin(moved) == origin(first) != origin(other)

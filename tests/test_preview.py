@@ -24,6 +24,10 @@ def test_every_kind_of_stimulus_is_drawn(kind, tmp_path, capsys):
         pytest.importorskip("igl")
         trimesh.creation.box([6, 6, 3]).export(tmp_path / "box.ply")
         settings += ["--set", f"stimulus.file={tmp_path / 'box.ply'}"]
+    if kind == "surface":
+        np.save(tmp_path / "heights.npy", np.random.default_rng(0).normal(size=(50, 50)))
+        keys = {"file": tmp_path / "heights.npy", "spacing_mm": 0.1, "unit_mm": 0.1}
+        settings += [w for key, value in keys.items() for w in ("--set", f"stimulus.{key}={value}")]
     file = tmp_path / "preview.png"
     assert cli.main(["preview", *settings, "--output", str(file)]) == 0
     assert capsys.readouterr().out == f"Written to {file}\n"

@@ -121,6 +121,7 @@ def main(
     overrides = [
         f"finger.preset={preset}",
         f"protocol.depth_mm={depth}" if force is None else f"protocol.force_N={force}",
+        *([] if force is None else ["protocol.hold=force"]),
         f"protocol.distance_mm={distance}",
         f"protocol.output_mm={output}",
     ]
@@ -203,15 +204,20 @@ def print_results(
                 f"    blur {width:g} mm: {100 * correct:3.0f} % correct, mostly taken for {mostly}"
             )
     for width, recognition in recognitions.items():
-        share = f"{100 * recognition.accuracy:.1f} % correct of {recognition.confusion.sum()}"
-        print(f"{protocol}, blur {width:g} mm: {share}")
-        for what, found in (
-            ("hardest", recognition.hardest()),
-            ("most mistaken", recognition.mistaken()),
-        ):
-            told = ", ".join(f"{name} {100 * value:.0f} %" for name, value in found[:_TOLD])
-            print(f"    {what}: {told}")
+        print_found(protocol, width, recognition)
     write_table(folder / f"{protocol.replace(' ', '_')}.csv", rows)
+
+
+def print_found(protocol: str, width: float, recognition: Recognition) -> None:
+    """Print how many images were recognised, the hardest letters and the most mistaken pairs."""
+    share = f"{100 * recognition.accuracy:.1f} % correct of {recognition.confusion.sum()}"
+    print(f"{protocol}, blur {width:g} mm: {share}")
+    for what, found in (
+        ("hardest", recognition.hardest()),
+        ("most mistaken", recognition.mistaken()),
+    ):
+        told = ", ".join(f"{name} {100 * value:.0f} %" for name, value in found[:_TOLD])
+        print(f"    {what}: {told}")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from tactile_fem.study import Finger
 
 LAYERS = ("stratum_corneum", "epidermis", "dermis")
 _SMALLEST_MM, _LARGEST_MM = 1.0, 1000.0
+CONTACT_MM = 3.0  # half the width of the patch in which facets are measured
 PAD_MM = (6.0, 9.0)  # half width and half length in which the layers are measured
 
 
@@ -105,6 +106,17 @@ def pad_thickness_mm(mesh: FingerMesh) -> float:
         facet, weights = found
         heights.append(float(weights @ facets[facet, :, 2]))
     return heights[1] - heights[0]
+
+
+def facet_size_mm(mesh: FingerMesh) -> float:
+    """Return the mean length in mm of the edges of the skin's facets under the contact patch."""
+    facets = mesh.nodes[mesh.triangles[mesh.surface == SURFACES["skin"], :3]]
+    middle = facets.mean(axis=1)
+    near = np.all(np.abs(middle[:, :2]) < CONTACT_MM, axis=1) & (middle[:, 2] < CONTACT_MM)
+    if not near.any():
+        near[np.argmin(np.linalg.norm(middle, axis=1))] = True
+    edges = facets[near] - np.roll(facets[near], 1, axis=1)
+    return float(np.linalg.norm(edges, axis=2).mean())
 
 
 def measured_layers_mm(mesh: FingerMesh) -> dict[str, float]:

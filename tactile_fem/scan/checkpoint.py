@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from tactile_fem import __version__
@@ -12,18 +13,17 @@ from tactile_fem.errors import StudyError
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.setup import Setup
 from tactile_fem.scan.trace import Array
-from tactile_fem.study import Mesh
+from tactile_fem.study import Follow, Study
 
 # Counts up when the names or the meaning of a checkpoint's arrays change.
-_FORMAT = 5
-# Parts of a study that may change between two runs: they act after the mechanics, or a
+_FORMAT = 6
+# Parts of a study that may change between two runs: they act after the mechanics, or the mesh's
 # hash shows the change.
 _FREE: dict[str, Any] = {
     "neuron": True,
     "afferents": {"__all__": {"neuron", "feels"}},
     "output": True,
     "finger": {"mesh_file"},
-    "stimulus": {"file"},
 }
 
 
@@ -37,12 +37,15 @@ class Origin:
         JSON of those parts of the study that must not change.
     mesh
         Hash of the finger's mesh.
+    files
+        SHA-256 of each file that stimulus and path are read from, by its key.
     own_parts
-        See `Parts.identity`; and the file of a rigid part.
+        See `Parts.identity`.
     """
 
     study: str
     mesh: str
+    files: dict[str, str]
     own_parts: dict[str, str]
 
     @classmethod
@@ -50,12 +53,13 @@ class Origin:
         """Return what the checkpoints of a scan are made from; on the first rank only."""
         assert setup.finger is not None
         study = setup.study.model_dump_json(exclude=_FREE)
-        return cls(study, setup.finger.hash, {**setup.parts.identity(), **_files(setup)})
+        files = {key: _hash(file) for key, file in _files(setup.study).items()}
+        return cls(study, setup.finger.hash, files, setup.parts.identity())
 
     def stamp(self) -> dict[str, Any]:
         """Return it as arrays of a checkpoint."""
-        own_parts = json.dumps(self.own_parts)
-        return {"format": _FORMAT, "version": __version__, **vars(self), "own_parts": own_parts}
+        texts = {"files": json.dumps(self.files), "own_parts": json.dumps(self.own_parts)}
+        return {"format": _FORMAT, "version": __version__, **vars(self), **texts}
 
     def read(self, results: Results) -> dict[str, Array]:
         """Return the checkpoint of a results folder.
@@ -63,7 +67,7 @@ class Origin:
         Raises
         ------
         StudyError
-            It belongs to another version, study, mesh or other own parts.
+            It belongs to another version, study, mesh, or to other files or own parts.
         """
         saved, file = results.load_checkpoint(), results.checkpoint_file
         if int(saved.get("format", 0)) != _FORMAT:
@@ -83,6 +87,12 @@ class Origin:
                 f"{file} belongs to another mesh than the study's: bring that mesh back, or run "
                 "the study again in another folder."
             )
+        for key, then in json.loads(str(saved["files"])).items():
+            if self.files.get(key) != then:
+                raise StudyError(
+                    f"{key} names a file that has changed since {file} was written: bring it back, "
+                    "or run the study again in another folder."
+                )
         self._check_own_parts(json.loads(str(saved["own_parts"])), file)
         return saved
 
@@ -97,10 +107,17 @@ class Origin:
                 )
 
 
-def _files(setup: Setup) -> dict[str, str]:
-    """Return name and hash of the file from which the stimulator was made, if it was."""
-    stimulus = setup.study.stimulus
-    if setup.parts.body is not None or not isinstance(stimulus, Mesh):
-        return {}
-    content = hashlib.sha256(stimulus.file.read_bytes()).hexdigest()[:16]
-    return {"stimulus.file": f"{stimulus.file.name} {content}"}
+def _files(study: Study) -> dict[str, Path]:
+    """Return the files of stimulus and path by their keys; the mesh has a hash of its own."""
+    named = {f"stimulus.{key}": value for key, value in study.stimulus if isinstance(value, Path)}
+    pieces = enumerate(study.protocol.pieces, 1)
+    return named | {
+        f"protocol.path (entry {number}).file": piece.file
+        for number, piece in pieces
+        if isinstance(piece, Follow)
+    }
+
+
+def _hash(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

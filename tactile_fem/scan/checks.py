@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from functools import lru_cache
 
 import numpy as np
@@ -10,17 +11,24 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger.build import layering
 from tactile_fem.finger.load import load_finger, shipped_file
 from tactile_fem.finger.mesh_data import FingerMesh
-from tactile_fem.finger.report import pad_thickness_mm
+from tactile_fem.finger.report import facet_size_mm, pad_thickness_mm
 from tactile_fem.finger.shape import bone_shape, skin_shape
-from tactile_fem.finger.skin import nail_outline, sizes_of
+from tactile_fem.finger.skin import PRESETS, nail_outline, sizes_of
 from tactile_fem.neuron import populations_of
 from tactile_fem.receptors import place_all
 from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
-from tactile_fem.study import Finger, Protocol, Study
+from tactile_fem.stimulus.relief import make_relief
+from tactile_fem.stimulus.roughness import Roughness
+from tactile_fem.study import Finger, Protocol, Study, Surface
+
+logger = logging.getLogger(__name__)
 
 # A press to a force is given up when this share of the pad is squeezed.
 DEEPEST = 0.8
 _TOUCH_TOLERANCE_MM = 1e-3
+# A quadratic edge can take the shape of half a wave, within 6 % of its height.
+_EDGES_PER_WAVE = 2
+_WELL_FOLLOWED = 0.9
 
 
 def check_study(study: Study) -> None:
@@ -84,6 +92,23 @@ def check_apart(body: RigidBody, path: Path, finger: FingerMesh) -> None:
             f"stimulus: it starts {-gap[worst]:.3g} mm inside the finger, at X {x:.1f}, Y {y:.1f}, "
             f"Z {z:.1f} mm; the finger must lie above its highest plane, Z = {path.start_mm[2]:g}"
         )
+
+
+def tell_resolution(surface: Surface, finger: FingerMesh) -> None:
+    """Log which part of a surface's roughness the skin's facets can follow, and which would."""
+    waves, edge_mm = Roughness.of(make_relief(surface).heights), facet_size_mm(finger)
+    finer = {name: waves.share(_EDGES_PER_WAVE * size.pad) for name, size in PRESETS.items()}
+    logger.info(
+        "surface of %.3g mm rms: waves of %.2g mm and more, twice the skin's facets, carry %.0f %% "
+        "of its variance, the skin cannot follow the others; preset %s; pad_size_mm = %.2g would "
+        "follow %.0f %%",
+        waves.rms_mm,
+        _EDGES_PER_WAVE * edge_mm,
+        100 * waves.share(_EDGES_PER_WAVE * edge_mm),
+        ", ".join(f"{name} {100 * share:.0f} %" for name, share in finer.items()),
+        waves.wavelength_of(_WELL_FOLLOWED) / _EDGES_PER_WAVE,
+        100 * _WELL_FOLLOWED,
+    )
 
 
 @lru_cache(maxsize=1)

@@ -174,6 +174,7 @@ class Recorder:
             "ranks": self._comm.size,
             "compiler": {"flags": self._study.solver.compiler_flags, **self._compiled_by},
             "petsc_options": self._problem.options,
+            "files": self._origin.files,
             "own_parts": self._origin.own_parts,
             **self._spent(),
         }

@@ -21,10 +21,10 @@ from tactile_fem.neuron import Population, populations_of
 from tactile_fem.receptors import Layout, lay_out
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.scan.checks import DEEPEST, check_apart, check_depth
+from tactile_fem.scan.checks import DEEPEST, check_apart, check_depth, tell_resolution
 from tactile_fem.scan.parts import Parts, check_parts
 from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
-from tactile_fem.study import Study
+from tactile_fem.study import Study, Surface
 
 logger = logging.getLogger(__name__)
 
@@ -68,6 +68,9 @@ class Setup:
         check_depth(None if parts.path else study.protocol, path, thickness)
         layout = on_root(comm, lambda: lay_out(study, finger))
         on_root(comm, lambda: check_apart(body, path, finger))
+        surface = study.stimulus
+        if isinstance(surface, Surface) and not parts.body:
+            on_root(comm, lambda: tell_resolution(surface, finger))
         return cls(study, parts, finger, body, path, layout, populations)
 
     def instruments(self, comm: MPI.Comm) -> Instruments:

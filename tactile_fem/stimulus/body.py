@@ -234,3 +234,18 @@ class Moved:
     def distance(self, points: Array) -> Distance:
         """Return the signed distance at `points` (n, 3)."""
         return self.body.distance(points - np.array([*self.shift, 0.0]))
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A body turned about Z by `angle` (rad), from X towards Y."""
+
+    body: RigidBody
+    angle: float
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        c, s = np.cos(self.angle), np.sin(self.angle)
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        own = self.body.distance(points @ R)
+        return Distance(own.gap, own.normal @ R.T, R @ own.hessian @ R.T)

@@ -17,11 +17,13 @@ from tactile_fem.stimulus.body import (
     Moved,
     Outline,
     RigidBody,
+    Turned,
     Wedge,
 )
 from tactile_fem.stimulus.braille import dots
 from tactile_fem.stimulus.letters import Letters
 from tactile_fem.stimulus.patterns import Discs, Ridges, Row
+from tactile_fem.stimulus.relief import make_relief
 from tactile_fem.study import (
     AnyStimulus,
     Braille,
@@ -32,6 +34,7 @@ from tactile_fem.study import (
     Mesh,
     Plate,
     Sphere,
+    Surface,
     Text,
 )
 
@@ -39,14 +42,14 @@ from tactile_fem.study import (
 _ACROSS = {"x": 1, "y": 0}
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4)
 def make_body(stimulus: AnyStimulus) -> RigidBody:
     """Return the rigid body of a stimulus.
 
     Raises
     ------
     StudyError
-        A font, glyph or part is missing or wrong, or a radius does not fit.
+        A font or glyph is missing, a file cannot be used, or a radius does not fit.
     """
     match stimulus:
         case Plate():
@@ -65,6 +68,8 @@ def make_body(stimulus: AnyStimulus) -> RigidBody:
         case Braille():
             _check_dots(stimulus)
             body = Domes(dots(stimulus), stimulus.dot_diameter_mm / 2, stimulus.dot_height_mm)
+        case Surface():
+            body = Turned(make_relief(stimulus), math.radians(stimulus.turn_deg))
         case _:
             _check_fillet(stimulus)
             body = Embossed(_outline(stimulus), stimulus.relief_mm, stimulus.fillet_radius_mm)

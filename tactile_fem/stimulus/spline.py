@@ -12,7 +12,9 @@ from scipy import ndimage
 
 from tactile_fem.stimulus.body import Array
 
-# Powers of a coordinate within its interval (rows) in the four cubic B-splines there (columns).
+# Values of the B-splines that act at a point of the grid; and by
+# powers of a coordinate within its interval (rows) in the four cubic B-splines there (columns).
+_AT_POINTS = np.array([1, 4, 1]) / 6
 _PIECES = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
 
 
@@ -47,6 +49,14 @@ class GridSpline:
         """Return the spline through values on a grid."""
         coefficients = ndimage.spline_filter(values, order=3, mode=beyond)
         return cls(coefficients, np.asarray(origin, float), np.asarray(spacing, float), beyond)
+
+    def values(self) -> Array:
+        """Return the values at the grid's points, d axes."""
+        values = self.coefficients
+        for axis in range(values.ndim):
+            mode = "mirror" if self.beyond == "mirror" else "wrap"
+            values = ndimage.convolve1d(values, _AT_POINTS, axis=axis, mode=mode)
+        return values
 
     def derivatives(self, points: Array, highest: int) -> list[Array]:
         """Return value (n,), gradient (n, d), Hessian (n, d, d) ... up to the order `highest` <= 3.

@@ -36,6 +36,7 @@ from tactile_fem.study.stimulus import (
     Plate,
     Sphere,
     Stimulus,
+    Surface,
     Text,
 )
 from tactile_fem.study.tissue import TISSUE_SETS, Elastic, Polynomial, Tissue
@@ -70,6 +71,7 @@ __all__ = [
     "Sphere",
     "Stimulus",
     "Study",
+    "Surface",
     "Text",
     "Tissue",
 ]

@@ -29,6 +29,13 @@ def absolute(path: Path | str, folder: Path | str = "") -> Path:
     return Path(os.path.abspath(Path(folder, os.path.expanduser(path))))
 
 
+def nonzero(value: float) -> float:
+    """Return a number that is not 0."""
+    if value == 0:
+        raise ValueError("must not be 0")
+    return value
+
+
 # Absolute, so that it refers to the same file in the study saved in a results folder.
 File = Annotated[Path, AfterValidator(absolute)]
 

@@ -16,6 +16,9 @@ from tactile_fem.study.base import absolute
 from tactile_fem.study.explain import explain, path_in_file
 from tactile_fem.study.stimulus import font_file
 
+# Keys of files, whose relative paths start from the study's folder.
+_FILES = {"mesh_file", "file"}
+
 # --- reading -----------------------------------------------------------------------------------
 
 
@@ -133,18 +136,15 @@ def _use_plain_text(
 
 def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
     """Make the paths of files absolute."""
-    finger, stimulus = data.get("finger"), data.get("stimulus")
-    if isinstance(finger, dict) and isinstance(finger.get("mesh_file"), str):
-        finger["mesh_file"] = str(absolute(finger["mesh_file"], folder))
+    stimulus, protocol = data.get("stimulus"), data.get("protocol")
     if isinstance(stimulus, dict) and isinstance(stimulus.get("font"), str):
         stimulus["font"] = font_file(stimulus["font"], folder)
-    if isinstance(stimulus, dict) and isinstance(stimulus.get("file"), str):
-        stimulus["file"] = str(absolute(stimulus["file"], folder))
-    protocol = data.get("protocol")
     pieces = protocol.get("path") if isinstance(protocol, dict) else None
-    for piece in pieces if isinstance(pieces, list) else []:
-        if isinstance(piece, dict) and isinstance(piece.get("file"), str):
-            piece["file"] = str(absolute(piece["file"], folder))
+    tables = [data.get("finger"), stimulus, *(pieces if isinstance(pieces, list) else [])]
+    for table in tables:
+        for key in _FILES & table.keys() if isinstance(table, dict) else ():
+            if isinstance(table[key], str):
+                table[key] = str(absolute(table[key], folder))
 
 
 # --- writing -----------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from tactile_fem.study.base import (
     Section,
     Whole,
     absolute,
+    nonzero,
 )
 
 
@@ -182,7 +183,41 @@ class Mesh(Stimulus):
     )
 
 
+class Surface(Stimulus):
+    """A measured surface: heights over a plane, repeated without end."""
+
+    kind: Literal["surface"] = "surface"
+    file: File = Field(
+        description="heights: .npy, .csv, .txt or .asc, a gray .png or .tif, or an instrument's "
+        "file; rows follow each other along X, columns along Y"
+    )
+    spacing_mm: Positive | None = Field(
+        None, description="between two values; default as an instrument's file states"
+    )
+    unit_mm: Annotated[Finite, AfterValidator(nonzero)] | None = Field(
+        None,
+        description="height of one unit of the values, such as 0.001 for micrometres; negative if "
+        "small values are high; default as an instrument's file states",
+    )
+    crop_mm: tuple[NonNegative, NonNegative, Positive, Positive] | None = Field(
+        None,
+        description="the part that is used, from its least X and Y to its largest, counted from "
+        "the first value; default all",
+    )
+    level: Literal["mean", "plane", "quadratic"] = Field(
+        "plane", description="what is subtracted: the mean, the plane or the paraboloid that fits"
+    )
+    low_pass_mm: NonNegative = Field(
+        0.1,
+        description="wavelength that a Gaussian filter (ISO 16610-61) halves; shorter waves vanish",
+    )
+    repeat: Literal["mirrored", "periodic"] = Field(
+        "mirrored", description="what follows beyond the file's edges: its mirror image, or itself"
+    )
+    turn_deg: Finite = Field(0.0, description="turn about Z through the middle, from X towards Y")
+
+
 AnyStimulus = Annotated[
-    Text | Plate | Cylinder | Sphere | Edge | Grating | Dots | Braille | Mesh,
+    Text | Plate | Cylinder | Sphere | Edge | Grating | Dots | Braille | Surface | Mesh,
     Field(discriminator="kind"),
 ]

@@ -1,0 +1,100 @@
+# %% [markdown]
+# # Which Braille letters does a population tell apart?
+#
+# This demo emphasizes
+# - how well the letters of Braille can be told from the firing of a population, at two forces,
+# - a sweep over two values of the study, letters and forces.
+#
+# A finger reads a cell of Braille: it presses until it bears the force and holds it while the cell
+# passes at 20 mm/s. As in `legibility.py` afferents differ in gain and thresholds vary, each image
+# of firing is recognised by templates from other populations, and a reader may have noise of its
+# own: `--noise` takes the standard deviation that `legibility.py --accuracy 0.5` found for embossed
+# letters, so that both alphabets are read by the same reader.
+#
+#     python demos/protocols/braille.py results/braille --jobs 2
+#     python demos/protocols/braille.py results/quick --letters ab --forces 0.05 --distance 0.6
+
+# %%
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from firing_images import letters_figure, population_image
+from legibility import print_found, varied
+from letter_recognition import confusion_figure, recognise
+
+from tactile_fem.cli.entry import run
+from tactile_fem.output.abscissa import rings
+from tactile_fem.runtime.files import write_figure
+from tactile_fem.runtime.logs import set_up
+from tactile_fem.series import complete_scans, run_series, sweep, write_summary
+
+
+# %%
+def main(
+    folder: Path,
+    *,
+    letters: str = "abcdefghijklmnopqrstuvwxyz",
+    forces: Annotated[tuple[float, ...], Parameter(consume_multiple=True)] = (0.2, 0.5),
+    distance: float = 7.0,
+    output: float = 0.2,
+    preset: str = "coarse",
+    realizations: int = 10,
+    gain_spread: float = 0.3,
+    threshold_noise: float = 0.1,
+    noise: float = 0.0,
+    jobs: int = 1,
+) -> None:
+    """Scan each letter with each force, N, over a distance in mm, and recognise the images.
+
+    Parameters
+    ----------
+    output
+        Spacing of the output positions in the slide, mm; steps are at most this long.
+    noise
+        The reader's inner noise, spikes/s.
+    jobs
+        Parallel scans.
+    """
+    set_up()
+    overrides = [
+        "stimulus.kind=braille",
+        f"stimulus.start_mm={-distance / 2}",
+        f"finger.preset={preset}",
+        "protocol.hold=force",
+        f"protocol.distance_mm={distance}",
+        f"protocol.output_mm={output}",
+    ]
+    axes = [f"stimulus.text={','.join(letters)}", f"protocol.force_N={','.join(map(str, forces))}"]
+    members = sweep(axes, overrides=overrides)
+    run_series(members, folder, jobs=jobs)
+    print(write_summary(members, folder))
+    scans = complete_scans(members, folder)
+    variety = {"gain_spread": gain_spread, "threshold_noise": threshold_noise}
+    recognitions, images = {}, {}
+    for force in forces:
+        own = {s.study.stimulus.text: s for s in scans if s.study.protocol.force_N == force}
+        varied_images = {
+            letter: [
+                population_image(scan, varied(scan, variety, k)) for k in range(1, realizations + 1)
+            ]
+            for letter, scan in own.items()
+        }
+        recognition = recognise(varied_images, noise_Hz=noise)
+        name = f"{force:g} N"
+        recognitions[name] = {0.0: recognition}
+        images[name] = {letter: population_image(scan) for letter, scan in own.items()}
+        spikes = sum(int(image.response.counts().sum()) for image in images[name].values())
+        print(f"{name}: {spikes / len(own):.0f} spikes a letter")
+        print_found(name, 0.0, recognition)
+    outlines = {scan.study.stimulus.text: rings(scan.study.stimulus) for scan in scans}
+    for name, figure in {
+        "letters": letters_figure(images, outlines),
+        "confusion": confusion_figure(recognitions),
+    }.items():
+        write_figure(folder / f"{name}.png", figure)
+        print(folder / f"{name}.png")
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,135 @@
+"""A measured surface as a rigid body."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy import ndimage
+
+from tactile_fem.stimulus.body import Array, Distance, HalfSpace
+from tactile_fem.stimulus.spline import GridSpline
+from tactile_fem.stimulus.topography import Topography, read_topography
+from tactile_fem.study import Surface
+
+logger = logging.getLogger(__name__)
+
+# Points this far above all heights cannot touch them.
+_ABOVE_MM = 0.5
+# Standard deviation of a Gaussian that halves a wave, to its length (ISO 16610-61).
+_GAUSSIAN = np.sqrt(np.log(2) / 2) / np.pi
+_BEYOND = {"mirrored": "mirror", "periodic": "grid-wrap"}
+# Distance from the surface at which its error is told, and the share of it that is too much.
+_NEAR_MM, _WRONG = 0.02, 0.1
+
+
+@dataclass(frozen=True)
+class Relief:
+    """Everything below heights over a plane, ``z = h(x, y)``, whose highest point is z = 0.
+
+    Attributes
+    ----------
+    heights
+        h in mm, over X and Y.
+    """
+
+    heights: GridSpline
+
+    def distance(self, points: Array) -> Distance:
+        """Return the distance to first order in what is left of it, at `points` (n, 3).
+
+        ``(z - h)/sqrt(1 + |grad h|^2)``: on the surface the value, its gradient and the surface's
+        curvature are exact. The derivatives are exact everywhere. Points more than `_ABOVE_MM`
+        above all heights get their height.
+        """
+        whole = HalfSpace().distance(points)
+        low = np.flatnonzero(points[:, 2] < _ABOVE_MM)
+        h, g, H, T = self.heights.derivatives(points[low, :2], 3)
+        v = points[low, 2] - h
+        # w is the cosine of the slope, a half of the gradient of |grad h|^2.
+        w = 1 / np.sqrt(1 + np.sum(g**2, axis=1))
+        a = np.einsum("nij,nj->ni", H, g)
+        bend = np.einsum("nik,nkj->nij", H, H) + np.einsum("nijk,nk->nij", T, g)
+        w3, w5 = w[:, None, None] ** 3, w[:, None, None] ** 5
+        dw = -w3[:, 0] * a
+        ddw = 3 * w5 * a[:, :, None] * a[:, None, :] - w3 * bend
+        both = g[:, :, None] * dw[:, None, :]
+        hessian = np.zeros((len(low), 3, 3))
+        hessian[:, :2, :2] = (
+            -w[:, None, None] * H - both - both.transpose(0, 2, 1) + v[:, None, None] * ddw
+        )
+        hessian[:, :2, 2] = hessian[:, 2, :2] = dw
+        whole.gap[low] = v * w
+        whole.normal[low] = np.column_stack([v[:, None] * dw - w[:, None] * g, w])
+        whole.hessian[low] = hessian
+        return whole
+
+
+@lru_cache(maxsize=4)
+def make_relief(surface: Surface) -> Relief:
+    """Return the body of a measured surface; warn if it is too steep for its distance.
+
+    Raises
+    ------
+    StudyError
+        The file cannot be used.
+    """
+    relief = relief_of(read_topography(surface), surface)
+    error = distance_error(relief, _NEAR_MM)
+    if error > _WRONG:
+        logger.warning(
+            "stimulus: %g mm from the surface its distance is wrong by up to %.0f %%, because it "
+            "is steep and sharply curved: raise stimulus.low_pass_mm (%g)",
+            _NEAR_MM,
+            100 * error,
+            surface.low_pass_mm,
+        )
+    return relief
+
+
+def relief_of(topography: Topography, surface: Surface) -> Relief:
+    """Return the body of heights that are levelled and filtered as a study states."""
+    heights = levelled(topography.heights_mm, ["mean", "plane", "quadratic"].index(surface.level))
+    beyond = _BEYOND[surface.repeat]
+    spacing = np.array(topography.spacing_mm)
+    if surface.low_pass_mm:
+        sigma = _GAUSSIAN * surface.low_pass_mm / spacing
+        mode = "mirror" if surface.repeat == "mirrored" else "wrap"
+        heights = ndimage.gaussian_filter(heights, sigma, mode=mode)
+    middle = spacing * (np.array(heights.shape) - 1) / 2
+    top = _highest(GridSpline.through(heights, -middle, spacing, beyond), heights)
+    return Relief(GridSpline.through(heights - top, -middle, spacing, beyond))
+
+
+def levelled(heights: Array, degree: int) -> Array:
+    """Return heights (nx, ny) without the polynomial of this degree that fits them best."""
+    # Orthonormal polynomials along each axis; their products are orthonormal over the grid.
+    x, y = (
+        np.linalg.qr(np.vander(np.linspace(-1, 1, n), degree + 1, increasing=True))[0]
+        for n in heights.shape
+    )
+    shares = x.T @ heights @ y
+    i, j = np.indices(shares.shape)
+    return heights - x @ np.where(i + j <= degree, shares, 0) @ y.T
+
+
+def _highest(spline: GridSpline, heights: Array) -> float:
+    """Return the largest height of a spline, sought around the highest values."""
+    most = min(heights.size, 200)
+    top = np.argpartition(heights, heights.size - most, axis=None)[-most:]
+    around = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 9)] * 2), -1).reshape(-1, 2)
+    index = np.stack(np.unravel_index(top, heights.shape), -1)
+    places = spline.origin + spline.spacing * (index[:, None] + around).reshape(-1, 2)
+    return float(spline.derivatives(places, 0)[0].max())
+
+
+def distance_error(relief: Relief, distance_mm: float) -> float:
+    """Return the relative error of the distance that 1 in 100 points of the surface exceed."""
+    heights = relief.heights
+    extent = heights.spacing * np.array(heights.coefficients.shape)
+    xy = heights.origin + extent * np.random.default_rng(0).random((10_000, 2))
+    on = np.column_stack([xy, heights.derivatives(xy, 0)[0]])
+    above = on + distance_mm * relief.distance(on).normal
+    return float(np.quantile(np.abs(relief.distance(above).gap / distance_mm - 1), 0.99))
