@@ -81,7 +81,7 @@ def test_letters(tmp_path):
 @needs_gmsh
 def test_button(tmp_path):
     pytest.importorskip("igl")
-    output = run("button.py", str(tmp_path / "out"), "--depth", "0.2", "--distance", "0.1")
+    output = run("surfaces/button.py", str(tmp_path / "out"), "--depth", "0.2", "--distance", "0.1")
     assert number(r"normal force +([\d.]+) to", output) == pytest.approx(0.008, rel=0.3)
     assert (tmp_path / "out" / "scan" / "figures" / "raster.png").is_file()
 

@@ -9,9 +9,9 @@
 # The button is 12 mm wide. Its arrow is engraved 0.6 mm deep and points along the finger. The
 # finger is pressed down beside the arrow's tail and slides along it to its tip.
 #
-#     python demos/button.py results/button
-#     mpirun -n 2 python demos/button.py results/button
-#     python demos/button.py results/short --distance 0.4
+#     python demos/surfaces/button.py results/button
+#     mpirun -n 2 python demos/surfaces/button.py results/button
+#     python demos/surfaces/button.py results/short --distance 0.4
 
 # %%
 from pathlib import Path
