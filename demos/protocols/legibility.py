@@ -95,6 +95,7 @@ def main(
     noise: float = 0.0,
     accuracy: float | None = None,
     passes: float | None = None,
+    set_: Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=True)] = (),
     jobs: int = 1,
 ) -> None:
     """Scan each letter, compute images of firing and recognise them.
@@ -114,6 +115,8 @@ def main(
         population's images then have the same row spacing.
     output
         Spacing of the output positions in the slide, mm; steps are at most this long.
+    set_
+        Further values of the study, ``section.key=value``.
     jobs
         Parallel scans.
     """
@@ -124,6 +127,7 @@ def main(
         *([] if force is None else ["protocol.hold=force"]),
         f"protocol.distance_mm={distance}",
         f"protocol.output_mm={output}",
+        *set_,
     ]
     members = sweep([f"stimulus.text={','.join(letters)}"], overrides=overrides)
     run_series(members, folder, jobs=jobs)

@@ -21,7 +21,9 @@
 
 # %%
 from pathlib import Path
+from typing import Annotated
 
+from cyclopts import Parameter
 from firing_images import population_image, side_by_side
 from letter_recognition import outline_correlation
 
@@ -40,7 +42,8 @@ from tactile_fem.series import (
     write_summary,
 )
 from tactile_fem.series.run import folder_of
-from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
+from tactile_fem.study import Study
+from tactile_fem.study.file import load_study
 
 # Spikes further apart belong to different bundles: 33 spikes/s at 20 mm/s.
 GAP_MM = 0.6
@@ -62,6 +65,7 @@ def main(
     distance: float = 10.0,
     output: float = 0.1,
     preset: str = "coarse",
+    set_: Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=True)] = (),
     jobs: int = 1,
 ) -> None:
     """Scan in both protocols and compare their images.
@@ -72,16 +76,24 @@ def main(
         Of receptors and shifts, mm.
     output
         Spacing of the output positions in the slide, mm; steps are at most this long.
+    set_
+        Further values of the study, ``section.key=value``.
     jobs
         Parallel scans.
     """
     set_up()
-    study = Study(
-        finger=Finger(preset=preset),
-        stimulus=Text(text=text),
-        protocol=Protocol(depth_mm=depth, distance_mm=distance, output_mm=output),
-        receptors=Receptors(half_width_mm=half_width, spacing_mm=spacing),
-        output=Output(pictures=False),
+    study = load_study(
+        overrides=[
+            f"finger.preset={preset}",
+            f"stimulus.text={text}",
+            f"protocol.depth_mm={depth}",
+            f"protocol.distance_mm={distance}",
+            f"protocol.output_mm={output}",
+            f"receptors.half_width_mm={half_width}",
+            f"receptors.spacing_mm={spacing}",
+            "output.pictures=false",
+            *set_,
+        ]
     )
     unshifted = Member("population", study, {"shift_mm": 0.0})
     shifted = single_fibre(study, spacing_mm=spacing, half_width_mm=half_width)

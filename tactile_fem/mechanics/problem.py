@@ -33,6 +33,7 @@ from tactile_fem.mechanics.petsc_options import (
 )
 from tactile_fem.mechanics.slip import StickMemory
 from tactile_fem.mechanics.state import State
+from tactile_fem.mechanics.tangent import Tangent
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.study import Solver, Study, Tissue
 from tactile_fem.tissue.energies import Law
@@ -132,7 +133,7 @@ class FingerProblem:
         # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.
         has_inner = "npc_snes_type" in self.options
         uses_multigrid = self.options["pc_type"] == "mg" and not has_inner
-        self._problem = self._nonlinear_problem("baij" if uses_multigrid else None)
+        self._problem = self._nonlinear_problem("baij" if uses_multigrid else None, solver)
         self._two_level: multigrid.TwoLevel | None = None
         if uses_multigrid:
             blocks = self.order.blocks()
@@ -147,18 +148,21 @@ class FingerProblem:
         if domain.comm.size > 1:
             _OPEN[self] = None
 
-    def _nonlinear_problem(self, matrix: str | None) -> fem_petsc.NonlinearProblem:
+    def _nonlinear_problem(
+        self, matrix: str | None, solver: Solver
+    ) -> fem_petsc.NonlinearProblem:
         """Return the virtual work of tissues and contact as a problem for SNES."""
         state, v = self.state, ufl.TestFunction(self.u.function_space)
-        residual = self.elasticity.residual(v)
+        tissues, contact = self.elasticity.residual(v), ufl.Form([])
         for part in self.skin:
-            residual += part.contact.residual(part.t, state.u, state.u_old, v) * part.ds
+            contact += part.contact.residual(part.t, state.u, state.u_old, v) * part.ds
         prefix = set_options(self.options, self.domain.comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
         self._clear_options.atexit = False  # PETSc may be gone by then
         problem = fem_petsc.NonlinearProblem(
-            residual,
+            tissues + contact,
             state.u,
+            J=ufl.derivative(tissues, state.u),
             bcs=self._bcs,
             petsc_options_prefix=prefix,
             kind=matrix,
@@ -170,6 +174,12 @@ class FingerProblem:
         snes.setConvergenceHistory(reset=True)
         if "ksp_atol" not in self.options:
             snes.getKSP().setTolerances(atol=_LAST_SOLVE * snes.getTolerances()[1])
+        self._tangent = Tangent(
+            problem.J,
+            self.compile(ufl.derivative(contact, state.u)),
+            self._bcs,
+            solver.tangent_iterations,
+        )
         return problem
 
     @classmethod
@@ -194,6 +204,7 @@ class FingerProblem:
         own = self._problem
         for part in (own.solver, own.A, own.b, own.x):
             part.destroy()
+        self._tangent.destroy()
         self._two_level = None
         self._clear_options()
         PETSc.garbage_cleanup(self.domain.comm)
@@ -277,6 +288,7 @@ class FingerProblem:
             if tries[-1].converged:
                 break
             self.u.x.array[:] = guess
+            self._tangent.expire()
             with self._gentle_contact(width, softness):
                 tries.append(self._newton())
             if tries[-1].converged:
@@ -328,7 +340,7 @@ class FingerProblem:
         """
         own = self._problem
         fem_petsc.assign(self.u, own.x)
-        self._assemble_at(own.x, own.A)
+        self._assemble_at(own.x, own.A, exact=True)
         if self._two_level and not self._two_level.is_set_up:  # no step took an iteration yet
             self._two_level.set_up(own.A)
         pc = self.snes.getKSP().getPC()
@@ -359,8 +371,8 @@ class FingerProblem:
     def accept(self, load: Load | None = None) -> Load:
         """Make the present state the history of the next step; return its load.
 
-        The next step begins with this step's preconditioner, made at the converged contact. One
-        made at the guess, where the contact is not known yet, slows Newton's method down.
+        The next step begins with tangent and preconditioner of the converged state. Made at the
+        guess, where the contact is not known yet, they slow Newton's method down.
 
         Parameters
         ----------
@@ -369,25 +381,33 @@ class FingerProblem:
         """
         load = load or self.load()
         iterations = self.snes.getIterationNumber()
-        if self._two_level and iterations:
+        if iterations:
             with common.Timer("tactile: solve"):
-                self._two_level.set_up(self._problem.A)
+                self._linearize()
         for follow in self.before_accept:
             follow()
         self.state.accept(load.force_N, load.friction_N, iterations)
         return load
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
-        """Restore what `state.gather` returned, including the preconditioner of the next step."""
+        """Restore what `state.gather` returned, and the next step's preconditioner."""
         self.state.restore(saved, self.order, self._prepare)
 
-    def _prepare(self, translation: np.ndarray, dt_s: float) -> None:
-        """Make the preconditioner that `accept` made, as the first of a new problem."""
+    def _linearize(self) -> None:
+        """Make tangent and preconditioner at the present displacement."""
+        own = self._problem
+        fem_petsc.assign(self.u, own.x)
+        self._assemble_at(own.x, own.A, exact=True)
         if self._two_level:
-            self._go_to(translation, dt_s)
-            fem_petsc.assign(self.u, self._problem.x)
-            # Through SNES, which lets its preconditioner be set up with its first Jacobian alone.
-            self.snes.computeJacobian(self._problem.x, self._problem.A)
+            self._two_level.set_up(own.A)
+
+    def _prepare(self, translation: np.ndarray, dt_s: float) -> None:
+        """Make the tangent and the preconditioner that `accept` made."""
+        self._go_to(translation, dt_s)
+        fem_petsc.assign(self.u, self._problem.x)
+        self._tangent.expire()
+        # Through SNES, which lets its preconditioner be set up with its first Jacobian alone.
+        self.snes.computeJacobian(self._problem.x, self._problem.A)
 
     def _update(self, x: PETSc.Vec) -> None:
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
@@ -412,15 +432,13 @@ class FingerProblem:
         if next_step_converges(snes):
             return  # with the Jacobian of the last iterate
         self._assemble_at(x, P)
-        self.state.u_linear.x.array[:] = self.u.x.array
         if self._two_level:
             self._two_level.follow(P)
 
-    def _assemble_at(self, x: PETSc.Vec, A: PETSc.Mat) -> None:
+    def _assemble_at(self, x: PETSc.Vec, A: PETSc.Mat, *, exact: bool = False) -> None:
         self._update(x)
-        own = self._problem
         with common.Timer("tactile: jacobian"):
-            fem_petsc.assemble_jacobian(self.snes, x, A, A, self.u, own.J, None, self._bcs)
+            self._tangent.assemble(A, self.state.dt_s, exact=exact)
 
 
 @atexit.register

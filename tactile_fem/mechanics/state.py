@@ -141,8 +141,6 @@ class State:
     ----------
     u, u_old, u_before
         Displacement (mm): now, at the last accepted step and at the one before.
-    u_linear
-        Where the Jacobian was last made.
     translation, translation_old, translation_before
         Place of the body (3,), mm, likewise.
     dt_s, dt_old_s
@@ -160,9 +158,7 @@ class State:
     def __init__(self, V: fem.FunctionSpace) -> None:
         msh = V.mesh
         self.u = fem.Function(V, name="displacement")
-        self.u_old, self.u_before, self.u_linear, self.friction_old = (
-            fem.Function(V) for _ in range(4)
-        )
+        self.u_old, self.u_before, self.friction_old = (fem.Function(V) for _ in range(3))
         origin = np.zeros(msh.geometry.dim)
         self.translation = fem.Constant(msh, origin)
         self.translation_old = fem.Constant(msh, origin)
@@ -237,8 +233,8 @@ class State:
         saved, order
             What it returned, and the node order.
         prepare
-            Called with the body's place and the last step's duration, `u` being where the
-            Jacobian was made and all else as before that step; not if it took no iteration.
+            Called with the body's place and the last step's duration, all but `u` being as
+            before that step; not if it took no iteration.
         """
         place = saved["translation"]
         order.scatter(saved["u_before"], self.u)
@@ -249,10 +245,9 @@ class State:
             history.scatter(saved[f"{history.name}_before"])
             history.before[:] = history.old.x.array
         self.dt_old_s, self.iterations = float(saved["dt_old_s"]), int(saved["iterations"])
-        if self.iterations:
-            order.scatter(saved["u_linear"], self.u)
-            prepare(place, self.dt_old_s)
         order.scatter(saved["u"], self.u)
+        if self.iterations:
+            prepare(place, self.dt_old_s)
         self.place(place)
         for history in self.histories:
             history.scatter(saved[history.name])
@@ -265,6 +260,5 @@ class State:
         return {
             "u": self.u,
             "u_before": self.u_before,
-            "u_linear": self.u_linear,
             "friction": self.friction_old,
         }

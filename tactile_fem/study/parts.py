@@ -109,6 +109,11 @@ class Solver(Section):
         description="a step that fails at this length ends the scan; shorter in proportion where "
         "the motion is slower than 20 mm/s",
     )
+    tangent_iterations: Annotated[Whole, Field(ge=1)] = Field(
+        5,
+        description="Newton iterations that use the tissues' part of the Jacobian before it is "
+        "assembled anew; the contact's part always is",
+    )
     compiler_flags: tuple[str, ...] = Field(
         ("-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"),
         description="C flags for the compiled forms; none leaves DOLFINx's own",
