@@ -148,9 +148,7 @@ class FingerProblem:
         if domain.comm.size > 1:
             _OPEN[self] = None
 
-    def _nonlinear_problem(
-        self, matrix: str | None, solver: Solver
-    ) -> fem_petsc.NonlinearProblem:
+    def _nonlinear_problem(self, matrix: str | None, solver: Solver) -> fem_petsc.NonlinearProblem:
         """Return the virtual work of tissues and contact as a problem for SNES."""
         state, v = self.state, ufl.TestFunction(self.u.function_space)
         tissues, contact = self.elasticity.residual(v), ufl.Form([])

@@ -68,9 +68,6 @@ class Setup:
         check_depth(None if parts.path else study.protocol, path, thickness)
         layout = on_root(comm, lambda: lay_out(study, finger))
         on_root(comm, lambda: check_apart(body, path, finger))
-        surface = study.stimulus
-        if isinstance(surface, Surface) and not parts.body:
-            on_root(comm, lambda: tell_resolution(surface, finger))
         return cls(study, parts, finger, body, path, layout, populations)
 
     def instruments(self, comm: MPI.Comm) -> Instruments:
@@ -97,6 +94,8 @@ class Setup:
             len(self.layout.positions_mm),
             comm.size,
         )
+        if isinstance(study.stimulus, Surface) and not self.parts.body:
+            on_root(comm, lambda: tell_resolution(study.stimulus, self.finger))
         return Instruments(problem, stepper, probe)
 
 
