@@ -22,6 +22,28 @@ class MeshError(StudyError):
     """A finger that cannot be meshed, or a mesh that cannot be used."""
 
 
+class PlaceError(MeshError):
+    """What is wrong with a finger at one place.
+
+    Parameters
+    ----------
+    message
+        One sentence, with ``{place}`` where the place is told.
+    place_mm
+        (3,) in the finger's axes.
+    """
+
+    def __init__(self, message: str, place_mm: Sequence[float]) -> None:
+        self.message, self.place_mm = message, tuple(float(x) for x in place_mm)
+        x, y, z = self.place_mm
+        place = f"at X {x:.1f}, Y {y:.1f}, Z {z:.1f} mm in the finger's axes"
+        super().__init__(message.format(place=place))
+
+    def __reduce__(self) -> tuple[type[PlaceError], tuple[str, tuple[float, ...]]]:
+        """Allow the error to be sent to other ranks."""
+        return type(self), (self.message, self.place_mm)
+
+
 class ConvergenceError(TactileError):
     """The mechanics diverged at the smallest allowed step.
 

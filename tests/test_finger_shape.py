@@ -11,7 +11,7 @@ from tactile_fem.study import Finger
 FINGER = Finger()
 
 
-@pytest.mark.parametrize("shape", [skin_shape(FINGER), bone_shape(FINGER)])
+@pytest.mark.parametrize("shape", [skin_shape(FINGER), bone_shape(FINGER, skin_shape(FINGER))])
 def test_normals_are_the_gradient_of_the_level(shape):
     rng = np.random.default_rng(1)
     turn = rng.uniform(0, 2 * np.pi, 300)
@@ -53,14 +53,15 @@ def test_other_pad_radius_keeps_its_curvature():
 
 
 def test_bone_stands_off_by_the_pad_thickness():
-    skin, bone = skin_shape(FINGER), bone_shape(FINGER)
+    skin, bone = skin_shape(FINGER), bone_shape(FINGER, skin_shape(FINGER))
     under = bone.place(np.array([[0.0, 0.0, -1.0]]))[0]
     assert under[0] == pytest.approx([0.0, 0.0, 5.3], abs=1e-12)
     assert depth_below(skin, under)[0] == pytest.approx(FINGER.pad_thickness_mm, abs=0.02)
 
 
 def test_thin_subcutaneous_tissue_brings_the_bone_nearer():
-    bone = bone_shape(Finger(subcutaneous_mm=0.7))
+    finger = Finger(subcutaneous_mm=0.7)
+    bone = bone_shape(finger, skin_shape(finger))
     assert bone.place(np.array([[0.0, 0.0, -1.0]]))[0][0, 2] == pytest.approx(2.32)
 
 

@@ -12,9 +12,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tactile_fem.cli.options import Settings, StudyFile
-from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.errors import PlaceError, StudyError, TactileError
 from tactile_fem.finger import load_finger
 from tactile_fem.finger.report import pad_thickness_mm
+from tactile_fem.finger.scanned import Scans
 from tactile_fem.output import pictures
 from tactile_fem.runtime import logs
 from tactile_fem.runtime.files import write_figure
@@ -87,14 +88,21 @@ def preview(
         raise StudyError(f'--output is "{output}" but there is no folder {output.parent}.')
     _check_drawing()
     logs.set_up()
-    body, finger = make_body(the_study.stimulus), load_finger(the_study.finger)
-    path = make_path(the_study.protocol, DEEPEST * pad_thickness_mm(finger))
     os.environ.pop("DISPLAY", None)  # it might be unreachable
     import pyvista
 
-    from tactile_fem.output.preview import preview_figure
+    from tactile_fem.output.preview import preview_figure, scans_figure
 
     pyvista.vtk_verbosity("off")  # as in `view`
+    body = make_body(the_study.stimulus)
+    try:
+        finger = load_finger(the_study.finger)
+    except PlaceError as error:
+        if the_study.finger.is_scanned:
+            write_figure(output, scans_figure(Scans.of(the_study.finger), error.place_mm))
+            print(f"The scans and the place are drawn in {output}")
+        raise
+    path = make_path(the_study.protocol, DEEPEST * pad_thickness_mm(finger))
     write_figure(output, preview_figure(finger, body, path))
     print(f"Written to {output}")
 

@@ -6,6 +6,7 @@ The skin is triangulated and extruded inwards to prisms of three tetrahedra; gms
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Literal
@@ -13,18 +14,29 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_fem.errors import MeshError
+from tactile_fem.errors import MeshError, PlaceError
+from tactile_fem.finger.anatomy import Anatomy
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
 from tactile_fem.finger.report import check_mesh
+from tactile_fem.finger.scanned import ScannedBone, ScannedSkin
 from tactile_fem.finger.session import gmsh_model, simplices
-from tactile_fem.finger.shape import Array, bone_shape, skin_shape
-from tactile_fem.finger.skin import bone_size, nail_outline, pad_size, sizes_of, triangulate
+from tactile_fem.finger.shape import Array, Capsule
+from tactile_fem.finger.skin import (
+    Sizes,
+    bone_size,
+    pad_size,
+    sizes_of,
+    triangulate,
+    triangulate_bone,
+)
 from tactile_fem.study import Finger
 
 logger = logging.getLogger(__name__)
 
 Triangles = NDArray[np.int64]
 CUT_BLEND_MM = 4.0  # over this length the extrusion turns into the plane of the cut
+_LEAST_LIFT_MM = 2.5  # of the skin at the cut
+_LEAST_SHARE = 0.7  # of the layers' depth that their inner limit is at least below the skin
 
 
 def build_finger(finger: Finger) -> FingerMesh:
@@ -37,26 +49,17 @@ def build_finger(finger: Finger) -> FingerMesh:
     """
     sizes = sizes_of(finger)
     rows = layering(finger, sizes.epidermis_rows)
-    skin, bone, nail = skin_shape(finger), bone_shape(finger), nail_outline(finger)
-    lift, _ = skin.rise(skin.cut_y)
-    if lift < 2.5:
-        logger.warning("the skin rises only %.1f mm from the contact point to the cut", lift)
-
-    points, normals, outer, under_nail = triangulate(skin, pad_size(sizes, skin), nail)
-    directions = extrusion_directions(points, normals, skin.cut_y)
+    anatomy = Anatomy.of(finger)
+    skin, cut_y = anatomy.skin, anatomy.skin.capsule.cut_y
+    outer_size = pad_size(sizes, skin.capsule)
+    points, normals, outer, under_nail = triangulate(skin, outer_size, anatomy.nail)
+    points[points[:, 1] < cut_y + 1e-6, 1] = cut_y
+    _warn_of_low_cut(points, cut_y)
+    directions = extrusion_directions(points, normals, cut_y)
     nodes, tets, tissue = extrude(points, directions, outer, under_nail, rows)
     inner = outer + len(nodes) - len(points)
-
-    bone_points, _, bone_triangles, _ = triangulate(bone, bone_size(sizes, finger))
-    bone_triangles = bone_triangles + len(nodes)
-    nodes = np.vstack([nodes, bone_points])
-
-    inner_loop, bone_loop = _rim(inner), _rim(bone_triangles)
-    nodes, annulus = _fill_plane(nodes, [inner_loop, bone_loop], sizes.far)
-    nodes, disc = _fill_plane(nodes, [bone_loop], sizes.far)
-    nodes, fat = _fill_volume(nodes, [inner, bone_triangles, annulus], improve=True)
-    nodes, marrow = _fill_volume(nodes, [bone_triangles, disc])
-
+    _check_room(skin, nodes[-len(points) :], rows.depths[-1], cut_y)
+    nodes, fat, marrow = _fill(nodes, inner, anatomy.bone, sizes, finger)
     tets = np.concatenate([tets, fat, marrow])
     tissue = np.concatenate(
         [
@@ -65,12 +68,57 @@ def build_finger(finger: Finger) -> FingerMesh:
             np.full(len(marrow), TISSUES["bone"]),
         ]
     )
-    triangles, surface = tag_surfaces(nodes, tets, tissue, skin.cut_y)
+    triangles, surface = tag_surfaces(nodes, tets, tissue, cut_y)
     nodes, tets, triangles = quadratic(nodes, tets, triangles)
     mesh = FingerMesh(nodes, tets, tissue, triangles, surface)
     check_mesh(mesh)
     logger.info("finger of %d tetrahedra and %d nodes", len(tets), len(nodes))
     return mesh
+
+
+def _warn_of_low_cut(skin_points: Array, cut_y: float) -> None:
+    """Warn if the skin at the cut is so low that a flat stimulator might touch it."""
+    lift = skin_points[skin_points[:, 1] < cut_y + 1e-6, 2].min()
+    if lift < _LEAST_LIFT_MM:
+        logger.warning("the skin rises only %.1f mm from the contact point to the cut", lift)
+
+
+def _check_room(skin: Capsule | ScannedSkin, inner: Array, depth: float, cut_y: float) -> None:
+    """Raise MeshError if the layers, extruded from several sides, meet inside a scanned finger."""
+    if isinstance(skin, Capsule):
+        return  # `layering` and `bone_shape` have seen to it
+    clear = inner[:, 1] > cut_y + CUT_BLEND_MM
+    room = np.where(clear, -skin.level(inner), depth)
+    worst = int(np.argmin(room))
+    if room[worst] < _LEAST_SHARE * depth:
+        raise PlaceError(
+            f"the finger is too thin or too sharply bent for layers of {depth:.2f} mm {{place}}: "
+            "use thinner layers or a larger smooth_mm",
+            inner[worst],
+        )
+
+
+def _fill(
+    nodes: Array, inner: Triangles, bone: Capsule | ScannedBone, sizes: Sizes, finger: Finger
+) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Fill the inside of the skin; return the nodes and the tetrahedra of fat and bone."""
+    if isinstance(bone, Capsule):
+        bone_points, _, bone_triangles, _ = triangulate(bone, bone_size(sizes, finger))
+    else:
+        bone_points, bone_triangles = triangulate_bone(bone, sizes.bone)
+    bone_triangles = bone_triangles + len(nodes)
+    nodes = np.vstack([nodes, bone_points])
+    inner_loop, bone_loops, discs = _rim(inner), [], []
+    if isinstance(bone, Capsule):
+        bone_loops = [_rim(bone_triangles)]
+        nodes, disc = _fill_plane(nodes, bone_loops, sizes.far)
+        discs = [disc]
+    nodes, annulus = _fill_plane(nodes, [inner_loop, *bone_loops], sizes.far)
+    holes = [] if bone_loops else [bone_triangles]
+    shell = [inner, annulus] if holes else [inner, bone_triangles, annulus]
+    nodes, fat = _fill_volume(nodes, shell, holes, improve=True)
+    nodes, marrow = _fill_volume(nodes, [bone_triangles, *discs])
+    return nodes, fat, marrow
 
 
 def tag_surfaces(
@@ -139,17 +187,26 @@ def _fill_plane(
 
 
 def _fill_volume(
-    nodes: Array, surfaces: list[Triangles], improve: bool = False
+    nodes: Array,
+    shell: list[Triangles],
+    holes: Sequence[Triangles] = (),
+    *,
+    improve: bool = False,
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Fill a closed surface with tetrahedra; `improve` removes slivers and adds a few cells."""
+    """Fill a closed shell around closed holes with tetrahedra.
+
+    `improve` removes slivers and adds a few cells.
+    """
     with gmsh_model() as gmsh:
         mesh = gmsh.model.mesh
+        surfaces = [*shell, *holes]
         known = np.unique(np.concatenate(surfaces))
         faces = [gmsh.model.addDiscreteEntity(2) for _ in surfaces]
         mesh.addNodes(2, faces[0], known + 1, nodes[known].ravel())
         for face, triangles in zip(faces, surfaces, strict=True):
             mesh.addElementsByType(face, 2, [], (triangles + 1).ravel())
-        gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop(faces)])
+        loops = [faces[: len(shell)], *([face] for face in faces[len(shell) :])]
+        gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop(loop) for loop in loops])
         gmsh.model.geo.synchronize()
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
         mesh.generate(3)

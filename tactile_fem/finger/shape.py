@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from tactile_fem.errors import MeshError
+from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.study import Finger
 
 Array = NDArray[np.float64]
@@ -52,6 +53,11 @@ class Capsule:
     cut_y: float
     pad_radius: float
     fullness: float | None = None
+
+    @property
+    def capsule(self) -> Capsule:
+        """The body itself, as a scanned skin has one."""
+        return self
 
     @property
     def shoulder_y(self) -> float:
@@ -138,15 +144,18 @@ class Capsule:
 
     def sample(self, step_mm: float) -> tuple[Array, Array]:
         """Return points about `step_mm` apart and their normals."""
+        return self.place(self.reference(step_mm))
+
+    def reference(self, step_mm: float) -> Array:
+        """Return points (n, 3) of the reference capsule that lie about `step_mm` apart."""
         shaft = np.arange(self.cut_y, self.shoulder_y, step_mm)
         angle = np.linspace(0.0, np.pi / 2, int(np.ceil(2 * self.tip_length / step_mm)))
         y = np.concatenate([shaft, self.shoulder_y + self.tip_length * np.sin(angle)])
         turn = np.arange(0.0, 2 * np.pi, step_mm / max(self.half_width, self.below, self.above))
         grid_y, grid_turn = np.meshgrid(y, turn, indexing="ij")
-        reference = np.column_stack(
+        return np.column_stack(
             [np.cos(grid_turn).ravel(), grid_y.ravel(), np.sin(grid_turn).ravel()]
         )
-        return self.place(reference)
 
 
 def skin_shape(finger: Finger) -> Capsule:
@@ -188,7 +197,24 @@ def skin_shape(finger: Finger) -> Capsule:
     )
 
 
-def bone_shape(finger: Finger) -> Capsule:
+class Skin(Protocol):
+    """The outer skin: a capsule, or one that was moved onto a scan."""
+
+    @property
+    def capsule(self) -> Capsule:
+        """The capsule that is triangulated."""
+
+    def place(self, reference: Array) -> tuple[Array, Array]:
+        """Move points of the reference capsule onto the skin; see `Capsule.place`."""
+
+    def level(self, points: Array) -> Array:
+        """Return a function of points (n, 3) that is negative inside and zero on the skin."""
+
+    def sample(self, step_mm: float) -> tuple[Array, Array]:
+        """Return points about `step_mm` apart and their normals."""
+
+
+def bone_shape(finger: Finger, skin: Skin) -> Capsule:
     """Return the bone, pad_thickness_mm above the contact point; it follows the skin's rise.
 
     Raises
@@ -196,12 +222,11 @@ def bone_shape(finger: Finger) -> Capsule:
     MeshError
         The bone is closer to the skin than the layers allow.
     """
-    skin = skin_shape(finger)
-    tip = finger.contact_from_tip_mm - finger.bone_tip_gap_mm
+    tip = skin.capsule.tip_y - finger.bone_tip_gap_mm
     if tip < 1.0:
         raise MeshError(
             f"finger.bone_tip_gap_mm = {finger.bone_tip_gap_mm:g} leaves no bone over the contact "
-            f"point: it must be at most {finger.contact_from_tip_mm - 1.0:g}"
+            f"point: it must be at most {skin.capsule.tip_y - 1.0:.3g}"
         )
     bone = Capsule(
         half_width=finger.bone_half_width_mm,
@@ -210,22 +235,29 @@ def bone_shape(finger: Finger) -> Capsule:
         axis_z=finger.pad_thickness_mm + finger.bone_half_height_mm,
         tip_y=tip,
         tip_length=min(finger.bone_half_width_mm, tip),
-        cut_y=skin.cut_y,
-        pad_radius=skin.pad_radius,
+        cut_y=skin.capsule.cut_y,
+        pad_radius=skin.capsule.pad_radius,
     )
-    depth = depth_below(skin, bone.sample(0.4)[0])
-    layers = finger.stratum_corneum_mm + finger.epidermis_mm + finger.dermis_mm
-    need = layers + LEAST_GAP_MM
-    if depth.min() < need:
-        where = "outside the skin" if depth.min() <= 0 else f"{depth.min():.2f} mm below the skin"
-        raise MeshError(
-            f"the bone comes to lie {where}, but the layers need {need:.2f} mm: use thinner "
-            "layers, a smaller bone or a thicker finger (finger.palmar_height_mm and others)"
-        )
+    check_depth_of_bone(skin, bone.sample(0.4)[0], finger)
     return bone
 
 
-def depth_below(skin: Capsule, points: Array) -> Array:
+def check_depth_of_bone(skin: Skin, bone_points: Array, finger: Finger) -> None:
+    """Raise MeshError if points (n, 3) of a bone are closer to the skin than the layers allow."""
+    depth = depth_below(skin, bone_points)
+    layers = finger.stratum_corneum_mm + finger.epidermis_mm + finger.dermis_mm
+    need = layers + LEAST_GAP_MM
+    worst = int(np.argmin(depth))
+    if depth[worst] < need:
+        where = "outside the skin" if depth[worst] <= 0 else f"{depth[worst]:.2f} mm below the skin"
+        raise PlaceError(
+            f"the bone comes to lie {where} {{place}}, but the layers need {need:.2f} mm: use "
+            "thinner layers, a smaller bone or a thicker finger",
+            bone_points[worst],
+        )
+
+
+def depth_below(skin: Skin, points: Array) -> Array:
     """Return the depth of points (n, 3) below the skin in mm, negative outside (error < 0.02)."""
     surface, _ = skin.sample(0.25)
     distance, _ = cKDTree(surface).query(points)

@@ -11,9 +11,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from tactile_fem.errors import MeshError
+from tactile_fem.errors import MeshError, PlaceError
+from tactile_fem.finger.scanned import ScannedBone
 from tactile_fem.finger.session import gmsh_model, simplices
-from tactile_fem.finger.shape import Array, Capsule
+from tactile_fem.finger.shape import Array, Capsule, Skin
 from tactile_fem.study import Finger
 
 PATCH_MM = (4.5, 6.0)  # half width (X) and half length (Y) of the finely meshed patch
@@ -84,33 +85,34 @@ class NailOutline:
         return shapely.box(*self.centres).buffer(self.corner, quad_segs=16)
 
 
-def nail_outline(finger: Finger) -> NailOutline:
+def nail_outline(
+    finger: Finger, skin: Capsule, box: tuple[float, float, float] | None = None
+) -> NailOutline:
     """Return the nail's outline.
+
+    Parameters
+    ----------
+    finger, skin
+        Lengths of the nail, shape of the skin.
+    box
+        Half width and ends in Y of a scanned nail, in place of the lengths.
 
     Raises
     ------
     MeshError
         The nail is wider or longer than the back of the finger.
     """
-    tip = finger.contact_from_tip_mm
-    outline = NailOutline(
-        half_width=0.5 * finger.nail_width_mm,
-        start_y=tip - NAIL_FROM_TIP_MM - finger.nail_length_mm,
-        end_y=tip - NAIL_FROM_TIP_MM,
-    )
+    end = skin.tip_y - NAIL_FROM_TIP_MM
+    half_width, start, end = box or (0.5 * finger.nail_width_mm, end - finger.nail_length_mm, end)
+    outline = NailOutline(half_width, start, end)
+    size = f"the nail ({2 * half_width:.3g} mm wide, {end - start:.3g} mm long)"
     x, y = np.array(outline.polygon.exterior.coords).T
-    t = np.clip((y - (tip - finger.tip_length_mm)) / finger.tip_length_mm, 0.0, 1.0)
-    room = finger.half_width_mm * np.sqrt(1.0 - t**2)
+    t = np.clip((y - skin.shoulder_y) / skin.tip_length, 0.0, 1.0)
+    room = skin.half_width * np.sqrt(1.0 - t**2)
     if np.any(np.abs(x) > 0.97 * room):
-        raise MeshError(
-            f"the nail ({finger.nail_width_mm:g} mm wide, {finger.nail_length_mm:g} mm long) does "
-            "not fit on the back of the finger"
-        )
-    cut = tip - finger.tip_length_mm - finger.straight_length_mm
-    if outline.start_y < cut + 2.0:
-        raise MeshError(
-            f"the nail ({finger.nail_length_mm:g} mm long) comes too near to the proximal cut"
-        )
+        raise MeshError(f"{size} does not fit on the back of the finger")
+    if outline.start_y < skin.cut_y + 2.0:
+        raise MeshError(f"{size} comes too near to the proximal cut")
     return outline
 
 
@@ -134,13 +136,13 @@ def bone_size(sizes: Sizes, finger: Finger) -> Size:
 
 
 def triangulate(
-    capsule: Capsule, size: Size, outline: NailOutline | None = None
+    skin: Skin, size: Size, outline: NailOutline | None = None
 ) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.bool_]]:
-    """Triangulate a capsule.
+    """Triangulate a capsule, or one that was moved onto a scan.
 
     Parameters
     ----------
-    capsule
+    skin
         The body.
     size
         Edge length in mm at x, y and the height above the axis, without the rise.
@@ -153,6 +155,7 @@ def triangulate(
         (n, 3) in mm, (n, 3) outward unit normals, (m, 3) corners oriented outwards, (m,) whether
         a triangle lies inside the outline.
     """
+    capsule = skin.capsule
     with gmsh_model() as gmsh:
         _add_capsule(gmsh, capsule, outline)
         gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, lc: size(x, y, z))
@@ -160,7 +163,7 @@ def triangulate(
         gmsh.model.mesh.optimize("Relocate2D", niter=5)  # improves the pole of the tip
         gmsh.model.mesh.removeSizeCallback()
         raw, triangles, _ = simplices(gmsh, 2)
-    points, normals = capsule.place(raw / [capsule.half_width, 1.0, capsule.below])
+    points, normals = skin.place(raw / [capsule.half_width, 1.0, capsule.below])
     corner = points[triangles]
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     inward = np.einsum("ij,ij->i", area, normals[triangles].sum(axis=1)) < 0
@@ -171,6 +174,56 @@ def triangulate(
         inside = shapely.contains_xy(outline.polygon, middle[:, :2])
         under_nail = inside & (middle[:, 2] > 0)
     return points, normals, triangles, under_nail
+
+
+# Of a scanned bone's triangulation: evening out and moving back onto the surface.
+_EVENINGS = 5
+# Largest triangles over half the bone's least extent.
+_BONE_SIZE = 0.5
+
+
+def triangulate_bone(bone: ScannedBone, size_mm: float) -> tuple[Array, NDArray[np.int64]]:
+    """Triangulate a closed bone: an ellipsoid as large as it, moved onto its surface.
+
+    Returns
+    -------
+    points, triangles
+        (n, 3) in mm, (m, 3) corners oriented outwards.
+
+    Raises
+    ------
+    MeshError
+        Triangles fold: the bone is too ragged for their size.
+    """
+    middle, half = (bone.low + bone.high) / 2, (bone.high - bone.low) / 2
+    size_mm = min(size_mm, _BONE_SIZE * float(half.min()))
+    with gmsh_model() as gmsh:
+        occ = gmsh.model.occ
+        ball = (3, occ.addSphere(0, 0, 0, 1))
+        occ.dilate([ball], 0, 0, 0, *half)
+        occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size_mm)
+        gmsh.model.mesh.generate(2)
+        points, triangles, _ = simplices(gmsh, 2)
+    points = bone.surface.project(points + middle)
+    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    for _ in range(_EVENINGS):
+        around = np.zeros_like(points)
+        np.add.at(around, edges[:, 0], points[edges[:, 1]])
+        points = bone.surface.project(around / np.bincount(edges[:, 0])[:, None])
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    area = np.cross(b - a, c - a)
+    outwards = np.einsum("ij,ij->i", area, bone.surface.normals((a + b + c) / 3))
+    if outwards.sum() < 0:
+        triangles, outwards = triangles[:, [0, 2, 1]], -outwards
+    folded = outwards < 0.2 * np.linalg.norm(area, axis=1)
+    if folded.any():
+        raise PlaceError(
+            f"finger.bone_file: the bone is too ragged for triangles of {size_mm:.2g} mm "
+            "{place}: raise smooth_mm, or lower far_size_mm",
+            a[np.argmax(folded)],
+        )
+    return points, triangles
 
 
 def _add_capsule(gmsh: Any, capsule: Capsule, outline: NailOutline | None) -> None:

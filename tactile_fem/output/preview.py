@@ -5,6 +5,8 @@ Import it only if `tactile_fem.output.pictures.can_draw` allows it: VTK may cras
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pyvista as pv
 from matplotlib.figure import Figure
@@ -13,12 +15,17 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tactile_fem.finger.mesh_data import FingerMesh
+from tactile_fem.finger.scanned import Scans
 from tactile_fem.output import drawing
 from tactile_fem.stimulus import Path, RigidBody
 
 # Shown around the way of the contact point, from above.
 _MARGIN_MM = 11.0
 _WIDE, _SQUARE = (1200, 1050), (1050, 1050)
+# Scans from two sides, and the ball that marks a place of them.
+_VIEWS = {"From the side": (40.0, -10.0, 12.0), "From the pad": (10.0, -6.0, -40.0)}
+_COLOUR_OF = {"skin": "stratum_corneum"}
+_MARK_MM = 0.6
 
 
 def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:
@@ -43,6 +50,34 @@ def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:
         for name, colour in drawing.COLOURS.items()
     ]
     figure.legend(handles=handles, loc="lower left", ncols=6, frameon=False, fontsize=8)
+    return figure
+
+
+def scans_figure(scans: Scans, place_mm: Sequence[float]) -> Figure:
+    """Draw the scanned surfaces of a finger in its axes, and a place at which they do not fit.
+
+    Parameters
+    ----------
+    scans
+        Skin, bone and nail.
+    place_mm
+        (3,), marked by a red ball.
+    """
+    figure = Figure(figsize=(11.5, 5.2), dpi=150)
+    for k, (name, from_where) in enumerate(_VIEWS.items()):
+        plotter = drawing.off_screen(_SQUARE)
+        for part, opacity in (("skin", 0.35), ("bone", 1.0), ("nail", 0.7)):
+            surface = getattr(scans, part)
+            if surface is not None:
+                colour = drawing.COLOURS[_COLOUR_OF.get(part, part)]
+                shape = pv.PolyData.from_regular_faces(surface.points, surface.triangles)
+                plotter.add_mesh(shape, color=colour, opacity=opacity)
+        plotter.add_mesh(pv.Sphere(_MARK_MM, place_mm), color="red", lighting=False)
+        image = drawing.picture(plotter, from_where, (0.0, -2.0, 6.0), half_height=16.0)
+        axes = figure.add_axes((0.5 * k, 0.02, 0.5, 0.9))
+        axes.imshow(image, interpolation="lanczos")
+        axes.set_axis_off()
+        axes.set_title(name, fontsize=10)
     return figure
 
 

@@ -8,12 +8,12 @@ from functools import lru_cache
 import numpy as np
 
 from tactile_fem.errors import StudyError
+from tactile_fem.finger.anatomy import Anatomy
 from tactile_fem.finger.build import layering
 from tactile_fem.finger.load import load_finger, shipped_file
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.report import facet_size_mm, pad_thickness_mm
-from tactile_fem.finger.shape import bone_shape, skin_shape
-from tactile_fem.finger.skin import PRESETS, nail_outline, sizes_of
+from tactile_fem.finger.skin import PRESETS, sizes_of
 from tactile_fem.neuron import populations_of
 from tactile_fem.receptors import place_all
 from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
@@ -44,12 +44,11 @@ def check_study(study: Study) -> None:
     populations_of(study)
     finger = study.finger
     if finger.mesh_file is None:
-        skin_shape(finger)
-        bone_shape(finger)
-        nail_outline(finger)
+        Anatomy.of(finger)
         layering(finger, sizes_of(finger).epidermis_rows)
-        thickness = finger.pad_thickness_mm
-        check_depth(study.protocol, make_path(study.protocol, DEEPEST * thickness), thickness)
+        if not finger.is_scanned:
+            thickness = finger.pad_thickness_mm
+            check_depth(study.protocol, make_path(study.protocol, DEEPEST * thickness), thickness)
     if finger.mesh_file is not None or shipped_file(finger) is not None:
         mesh = _loaded(finger)
         thickness = pad_thickness_mm(mesh)

@@ -52,8 +52,7 @@ class Either(Section):
     The others are refused beside them, and left out of what is dumped.
     """
 
-    @classmethod
-    def _alternatives(cls) -> dict[str, list[str]]:
+    def _alternatives(self) -> dict[str, list[str]]:
         """Return the keys, the most important first, and what each takes the place of."""
         raise NotImplementedError
 

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
 from tactile_fem.study.base import Either, File, Finite, NonNegative, Positive, Section, Whole
+
+
+def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(vector):
+        raise ValueError("must not be the zero vector")
+    return vector
+
+
+Direction = Annotated[tuple[Finite, Finite, Finite], AfterValidator(_not_zero)]
 
 
 class Finger(Either):
@@ -18,6 +27,34 @@ class Finger(Either):
     mesh_file: File | None = Field(
         None,
         description="a .msh file with the package's tags, instead of all other keys of this table",
+    )
+    skin_file: File | None = Field(
+        None, description="a scan of the skin (.stl, .obj, .ply), instead of widths and heights"
+    )
+    bone_file: File | None = Field(
+        None,
+        description="likewise of the bone; beside a skin_file in the same coordinates, else placed "
+        "by bone_tip_gap_mm and subcutaneous_mm",
+    )
+    nail_file: File | None = Field(
+        None, description="likewise of the nail, beside a skin_file: tells where it lies"
+    )
+    file_unit_mm: Positive = Field(1.0, description="length of the unit of these files")
+    smooth_mm: NonNegative = Field(
+        0.3, description="standard deviation of the Gaussian that smooths the files' surfaces"
+    )
+    tip_direction: Direction | None = Field(
+        None, description="in the files' coordinates; default: the longest axis, to the thin end"
+    )
+    nail_direction: Direction | None = Field(
+        None,
+        description="likewise, the upright of a stimulator below; default: towards bone or nail, "
+        "and the pad is level where it is touched",
+    )
+    contact_mm: tuple[Finite, Finite, Finite] | None = Field(
+        None,
+        description="the point of the skin over the stimulator, in the file's coordinates times "
+        "file_unit_mm; default: contact_from_tip_mm, or the lowest point below nail_direction",
     )
     half_width_mm: Positive = Field(8.0, description="proposed: half the finger's width (X)")
     palmar_height_mm: Positive = Field(
@@ -54,9 +91,31 @@ class Finger(Either):
         None, description="rows of elements through the epidermis; default by preset"
     )
 
-    @classmethod
-    def _alternatives(cls) -> dict[str, list[str]]:
-        return {"mesh_file": [name for name in cls.model_fields if name != "mesh_file"]}
+    def _alternatives(self) -> dict[str, list[str]]:
+        together = ["bone_tip_gap_mm", "subcutaneous_mm"] if self.skin_file else []
+        return {
+            "mesh_file": [name for name in type(self).model_fields if name != "mesh_file"],
+            "skin_file": ["half_width_mm", "palmar_height_mm", "dorsal_height_mm", "pad_radius_mm"],
+            "bone_file": ["bone_half_width_mm", "bone_half_height_mm", *together],
+            "nail_file": ["nail_width_mm", "nail_length_mm"],
+        }
+
+    @model_validator(mode="after")
+    def _files_belong_together(self) -> Self:
+        if self.skin_file is None:
+            for name in ("nail_file", "contact_mm"):
+                if getattr(self, name) is not None:
+                    raise ValueError(f"{name} needs a skin_file")
+        if self.bone_file and not self.skin_file and not self.nail_direction:
+            raise ValueError("bone_file without a skin_file needs nail_direction")
+        if not self.is_scanned and (self.tip_direction or self.nail_direction):
+            raise ValueError("tip_direction and nail_direction need a skin_file or a bone_file")
+        return self
+
+    @property
+    def is_scanned(self) -> bool:
+        """Whether skin or bone come from files of triangles."""
+        return self.skin_file is not None or self.bone_file is not None
 
     @property
     def pad_thickness_mm(self) -> float:

@@ -110,9 +110,8 @@ class Protocol(Either):
         "with kind = press, hold, slide, lift or follow",
     )
 
-    @classmethod
-    def _alternatives(cls) -> dict[str, list[str]]:
-        others = [name for name in cls.model_fields if name != "path"]
+    def _alternatives(self) -> dict[str, list[str]]:
+        others = [name for name in type(self).model_fields if name != "path"]
         return {"path": others, "force_N": ["depth_mm"]}
 
     @property

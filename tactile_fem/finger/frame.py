@@ -1,0 +1,174 @@
+"""The finger's axes in the coordinates of a scanner or a segmentation.
+
+X goes across the finger, Y towards the tip, Z from the pad to the nail; the origin is where the
+pad is touched. What the study does not give is found from the surfaces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_fem.errors import MeshError
+from tactile_fem.finger.shape import Array
+from tactile_fem.runtime.triangles import Triangles
+from tactile_fem.study import Finger
+
+# Share of a body's length, at its ends, in which its thickness is compared.
+_END = 0.1
+# Bone or nail must be so far above the middle of the skin to tell where the nail is.
+_LEAST_OFFSET_MM = 0.3
+# The pad's height is fitted within this distance of a point, by a paraboloid.
+_FITTED_MM = 3.0
+_LEVELLINGS = 5
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Axes and origin of the finger.
+
+    Parameters
+    ----------
+    axes
+        Unit vectors X, Y, Z as rows, (3, 3).
+    origin
+        (3,) in mm of the file's coordinates.
+    """
+
+    axes: Array
+    origin: Array
+
+    def to_finger(self, points: Array) -> Array:
+        """Return points (n, 3) of the file in the finger's axes."""
+        return (points - self.origin) @ self.axes.T
+
+    def moved(self, by: Array) -> Frame:
+        """Return the frame whose origin is moved by (3,) mm along its own axes."""
+        return Frame(self.axes, self.origin + by @ self.axes)
+
+
+def frame_of(
+    finger: Finger, skin: Triangles | None, bone: Triangles | None, nail: Triangles | None
+) -> Frame:
+    """Return the finger's frame; that of a bone alone has its origin at the bone's distal end.
+
+    Raises
+    ------
+    MeshError
+        Directions are parallel, or where the nail lies cannot be found.
+    """
+    body = skin or bone
+    tip = np.array(finger.tip_direction or _towards_tip(body))
+    tip /= np.linalg.norm(tip)
+    up = np.array(finger.nail_direction or _towards_nail(skin, nail or bone, tip))
+    up = up / np.linalg.norm(up)
+    up -= (up @ tip) * tip
+    if np.linalg.norm(up) < 1e-3:
+        raise MeshError("finger.nail_direction must not be parallel to finger.tip_direction")
+    frame = Frame(_axes(tip, up), body.points[np.argmax(body.points @ tip)])
+    if skin is None:
+        return frame
+    if finger.contact_mm is not None:
+        origin = np.array(finger.contact_mm)
+    elif finger.nail_direction is not None:
+        origin = _lowest(frame, skin)
+    else:
+        frame, origin = _level(frame, skin, finger.contact_from_tip_mm)
+    return Frame(frame.axes, origin)
+
+
+def _axes(tip: Array, up: Array) -> Array:
+    """Return unit vectors X, Y, Z: Y along `tip`, Z close to `up`."""
+    x = np.cross(tip, up)
+    x /= np.linalg.norm(x)
+    return np.array([x, tip, np.cross(x, tip)])
+
+
+def _towards_tip(body: Triangles) -> Array:
+    """Return the longest axis of a body, towards its thinner end."""
+    centred = body.points - body.points.mean(axis=0)
+    axis: Array = np.linalg.eigh(centred.T @ centred)[1][:, -1]
+    along = centred @ axis
+    low, high = along.min(), along.max()
+    reach = _END * (high - low)
+    aside = np.linalg.norm(centred - along[:, None] * axis, axis=1)
+    thick = [np.max(aside[end]) for end in (along < low + reach, along > high - reach)]
+    return axis if thick[0] > thick[1] else -axis
+
+
+def _towards_nail(skin: Triangles | None, inner: Triangles | None, tip: Array) -> list[float]:
+    """Return the direction from the middle of the skin to the middle of nail or bone.
+
+    Raises
+    ------
+    MeshError
+        It cannot be found.
+    """
+    if skin is not None and inner is not None:
+        centre, area = _centres(skin)
+        place, size = _centres(inner)
+        along, ends = centre @ tip, place @ tip
+        around = (along > ends.min()) & (along < ends.max())
+        if around.any():
+            middle = np.average(centre[around], axis=0, weights=area[around])
+            offset = np.average(place, axis=0, weights=size) - middle
+            if np.linalg.norm(offset - (offset @ tip) * tip) > _LEAST_OFFSET_MM:
+                return offset.tolist()
+    raise MeshError(
+        "finger.nail_direction must be given: where the nail is cannot be found without a skin "
+        "and a bone or nail that lies off its middle"
+    )
+
+
+def _centres(surface: Triangles) -> tuple[Array, Array]:
+    """Return the centres (m, 3) and areas (m,) of triangles."""
+    a, b, c = np.moveaxis(surface.points[surface.triangles], 1, 0)
+    return (a + b + c) / 3, np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+
+def _lowest(frame: Frame, skin: Triangles) -> Array:
+    """Return the pad's lowest point, of a smooth surface through its neighbours."""
+    points = frame.to_finger(skin.points)
+    guess = points[np.argmin(points[:, 2])]
+    height = _paraboloid(points, guess[:2])
+    slope, bend = height[1:3], np.array([[2 * height[3], height[4]], [height[4], 2 * height[5]]])
+    aside = np.zeros(2)
+    if np.all(np.linalg.eigvalsh(bend) > 1e-6):
+        aside = np.clip(-np.linalg.solve(bend, slope), -_FITTED_MM, _FITTED_MM)
+    return frame.moved(np.array([*(guess[:2] + aside), guess[2]])).origin
+
+
+def _level(frame: Frame, skin: Triangles, from_tip_mm: float) -> tuple[Frame, Array]:
+    """Turn the frame until the pad is level at a distance from the tip; return its origin, too."""
+    for _ in range(_LEVELLINGS):
+        points = frame.to_finger(skin.points)
+        y = points[:, 1].max() - from_tip_mm
+        ring = points[np.abs(points[:, 1] - y) < _FITTED_MM]
+        if not len(ring):
+            raise MeshError(
+                f"finger.contact_from_tip_mm = {from_tip_mm:g} lies beyond the scanned skin"
+            )
+        x = (ring[:, 0].min() + ring[:, 0].max()) / 2
+        z, across, along = _paraboloid(points, np.array([x, y]))[:3]
+        normal = np.array([-across, -along, 1.0])
+        origin = frame.moved(np.array([x, y, z])).origin
+        up = normal @ frame.axes
+        tip = frame.axes[1] - (frame.axes[1] @ up) * up / (up @ up)
+        frame = Frame(_axes(tip / np.linalg.norm(tip), up), frame.origin)
+    return frame, origin
+
+
+def _paraboloid(points: Array, xy: Array) -> Array:
+    """Return the coefficients of 1, x, y, x^2, xy, y^2 of the pad's height around a place."""
+    aside = points[:, :2] - xy
+    near = np.linalg.norm(aside, axis=1) < _FITTED_MM
+    near &= points[:, 2] < points[near, 2].min(initial=np.inf) + _FITTED_MM
+    if np.count_nonzero(near) < 6:
+        raise MeshError(
+            "the scanned skin has fewer than six points within 3 mm of the contact point: it is "
+            "too coarse, or finger.nail_direction points to the pad"
+        )
+    x, y = aside[near].T
+    terms = np.column_stack([np.ones_like(x), x, y, x**2, x * y, y**2])
+    return np.linalg.lstsq(terms, points[near, 2], rcond=None)[0]

@@ -1,0 +1,251 @@
+"""Skin, bone and nail from files of triangles.
+
+A scanned skin is described as a capsule that is moved along its normals onto the smoothed scan.
+So it is triangulated as the analytic finger is, with triangles of the wanted size, whatever those
+of the file are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from tactile_fem.errors import MeshError, PlaceError
+from tactile_fem.finger.frame import Frame, frame_of
+from tactile_fem.finger.shape import STEEPEST, Array, Capsule
+from tactile_fem.finger.smooth import SmoothSurface
+from tactile_fem.runtime.triangles import Triangles, read_triangles
+from tactile_fem.study import Finger
+
+# The scan must reach so far beyond the cut, where it may be open.
+_BEYOND_CUT_MM = 1.0
+# The farthest that the capsule is moved.
+_REACH_MM = 3.0
+# Of the samples of a fit, and of those that find the lowest point.
+_FIT_STEP_MM, _FINE_STEP_MM = 1.5, 0.25
+# Bone that ends here stays clear of the cut, so that it can be closed.
+_BONE_FROM_CUT_MM = 1.5
+
+
+@dataclass(frozen=True)
+class Scans:
+    """The surfaces of a finger in its own axes, None where the study has no file.
+
+    Attributes
+    ----------
+    frame
+        The finger's axes in the files' coordinates.
+    """
+
+    skin: Triangles | None
+    bone: Triangles | None
+    nail: Triangles | None
+    frame: Frame
+
+    @classmethod
+    def of(cls, finger: Finger) -> Scans:
+        """Read a finger's files and find its axes.
+
+        Raises
+        ------
+        StudyError, MeshError
+            A file cannot be read, or the axes are not found.
+        """
+        found = {}
+        for name in ("skin", "bone", "nail"):
+            file = getattr(finger, f"{name}_file")
+            field = f"finger.{name}_file"
+            found[name] = file and _outwards(read_triangles(file, field, finger.file_unit_mm))
+        frame = frame_of(finger, **found)
+        return cls(
+            **{name: _placed(surface, frame) for name, surface in found.items()}, frame=frame
+        )
+
+
+@dataclass(frozen=True)
+class ScannedSkin:
+    """A capsule that is moved along its normals onto a smoothed scan."""
+
+    capsule: Capsule
+    surface: SmoothSurface
+
+    @classmethod
+    def of(cls, skin: Triangles, finger: Finger) -> ScannedSkin:
+        """Fit the capsule to a scan.
+
+        Raises
+        ------
+        MeshError
+            The scan is too short, has a hole, intersects itself, or is no finger.
+        """
+        tip = float(skin.points[:, 1].max())
+        cut = tip - finger.tip_length_mm - finger.straight_length_mm
+        _check_length(skin, cut)
+        _check_holes(skin, cut)
+        surface = SmoothSurface.of(skin, finger.smooth_mm, "finger.skin_file")
+        return cls(_fitted(_guess(skin, finger, tip, cut), surface), surface)
+
+    def place(self, reference: Array) -> tuple[Array, Array]:
+        """Move points of the reference capsule onto the scan; see `Capsule.place`.
+
+        Raises
+        ------
+        MeshError
+            The scan is too far from the capsule.
+        """
+        points, directions = self.capsule.place(reference)
+        in_cut = points[:, 1] < self.capsule.cut_y + 1e-9  # stays in the plane
+        directions[in_cut, 1] = 0.0
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        t = self.surface.along(points, directions, _REACH_MM)
+        if np.isnan(t).any():
+            raise PlaceError(
+                f"finger.skin_file: the skin is more than {_REACH_MM:g} mm from the shape of a "
+                "finger {place}: check tip_direction, nail_direction and contact_mm",
+                points[np.argmax(np.isnan(t))],
+            )
+        points = points + t[:, None] * directions
+        return points, self.surface.normals(points)
+
+    def level(self, points: Array) -> Array:
+        """Return a function of points (n, 3) that is negative inside and zero on the skin."""
+        return self.surface.level(points)
+
+    def sample(self, step_mm: float) -> tuple[Array, Array]:
+        """Return points about `step_mm` apart and their normals."""
+        return self.place(self.capsule.reference(step_mm))
+
+    def on_the_plane(self) -> tuple[ScannedSkin, Array]:
+        """Return the skin with its lowest point at z = 0, and by how much it moved, (3,)."""
+        points, _ = self.sample(_FINE_STEP_MM)
+        by = np.array([0.0, 0.0, -points[:, 2].min()])
+        capsule = replace(self.capsule, axis_z=self.capsule.axis_z + by[2])
+        return ScannedSkin(capsule, self.surface.moved(by)), by
+
+
+@dataclass(frozen=True)
+class ScannedBone:
+    """A bone that ends before the cut.
+
+    Attributes
+    ----------
+    surface
+        Its smoothed surface.
+    low, high
+        Corners (3,) of its box.
+    """
+
+    surface: SmoothSurface
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, bone: Triangles, finger: Finger, cut_y: float) -> ScannedBone:
+        """Smooth a bone and end it before the cut.
+
+        Raises
+        ------
+        MeshError
+            It lies behind the cut, or intersects itself.
+        """
+        end = cut_y + _BONE_FROM_CUT_MM
+        low, high = bone.points.min(axis=0), bone.points.max(axis=0)
+        if high[1] < end + 2.0:
+            raise MeshError(
+                f"finger.bone_file: the bone ends at Y {high[1]:.1f} mm in the finger's axes, but "
+                f"the finger is cut at {cut_y:.1f} mm"
+            )
+        low = np.maximum(low, [-np.inf, end, -np.inf])
+        surface = SmoothSurface.of(bone, finger.smooth_mm, "finger.bone_file", least_y=end)
+        return cls(surface, low, high)
+
+    def sample(self, step_mm: float) -> Array:
+        """Return points (n, 3) of the surface about `step_mm` apart."""
+        half = (self.high - self.low) / 2
+        polar = np.linspace(-np.pi / 2, np.pi / 2, int(np.ceil(np.pi * half.max() / step_mm)))
+        turn = np.arange(0.0, 2 * np.pi, step_mm / max(half[0], half[2]))
+        polar, turn = (grid.ravel() for grid in np.meshgrid(polar, turn))
+        unit = np.column_stack(
+            [np.cos(polar) * np.cos(turn), np.sin(polar), np.cos(polar) * np.sin(turn)]
+        )
+        return self.surface.project((self.low + self.high) / 2 + half * unit)
+
+
+def nail_box(nail: Triangles) -> tuple[float, float, float]:
+    """Return a nail's half width and its ends in Y, mm."""
+    low, high = nail.points.min(axis=0), nail.points.max(axis=0)
+    return float(max(-low[0], high[0])), float(low[1]), float(high[1])
+
+
+def _placed(surface: Triangles | None, frame: Frame) -> Triangles | None:
+    return surface and Triangles(frame.to_finger(surface.points), surface.triangles)
+
+
+def _outwards(surface: Triangles) -> Triangles:
+    """Return a surface that faces outwards on the whole."""
+    a, b, c = np.moveaxis(surface.points[surface.triangles] - surface.points.mean(axis=0), 1, 0)
+    if np.einsum("ni,ni->", a, np.cross(b, c)) > 0:
+        return surface
+    return Triangles(surface.points, surface.triangles[:, ::-1].copy())
+
+
+def _check_length(skin: Triangles, cut: float) -> None:
+    first = float(skin.points[:, 1].min())
+    if first > cut - _BEYOND_CUT_MM:
+        last = float(skin.points[:, 1].max())
+        raise MeshError(
+            f"finger.skin_file is {last - first:.1f} mm long, but tip_length_mm and "
+            f"straight_length_mm ask for {last - cut:.1f} mm and {_BEYOND_CUT_MM:g} mm more: "
+            "shorten straight_length_mm"
+        )
+
+
+def _check_holes(skin: Triangles, cut: float) -> None:
+    edges = np.stack([skin.triangles, np.roll(skin.triangles, -1, axis=1)], -1).reshape(-1, 2)
+    pairs, count = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    middle = skin.points[pairs[count == 1]].mean(axis=1)
+    inside = middle[middle[:, 1] > cut - _BEYOND_CUT_MM]
+    if len(inside):
+        raise PlaceError(
+            "finger.skin_file has a hole {place}: close it (only its proximal end may be open)",
+            inside[0],
+        )
+
+
+def _guess(skin: Triangles, finger: Finger, tip: float, cut: float) -> Capsule:
+    """Return a capsule as wide and high as a scan."""
+    shaft = skin.points[(skin.points[:, 1] > cut) & (skin.points[:, 1] < 0.5 * tip)]
+    low, high = shaft.min(axis=0), shaft.max(axis=0)
+    height = high[2] - low[2]
+    return Capsule(
+        half_width=(high[0] - low[0]) / 2,
+        below=0.55 * height,
+        above=0.45 * height,
+        axis_z=low[2] + 0.55 * height,
+        tip_y=tip,
+        tip_length=min(finger.tip_length_mm, tip),
+        cut_y=cut,
+        pad_radius=100.0,
+        fullness=1.0,
+    )
+
+
+_FITTED = ("half_width", "below", "above", "axis_z", "tip_length", "pad_radius", "fullness")
+
+
+def _fitted(guess: Capsule, surface: SmoothSurface) -> Capsule:
+    """Return the capsule whose samples are nearest to a surface."""
+    start = np.array([getattr(guess, name) for name in _FITTED])
+    steepest = -guess.cut_y / np.sin(STEEPEST)  # an arc that ends at the cut at the latest
+    least = [*(0.5 * start[:3]), start[3] - 3, 0.3 * start[4], min(0.5 * steepest, 15.0), 0.3]
+    most = [*(1.5 * start[:3]), start[3] + 3, guess.tip_y, 300.0, 1.85]
+    start = np.clip(start, np.array(least) + 1e-6, np.array(most) - 1e-6)
+
+    def misfit(values: Array) -> Array:
+        capsule = replace(guess, **dict(zip(_FITTED, values.tolist(), strict=True)))
+        return surface.level(capsule.place(guess.reference(_FIT_STEP_MM))[0])
+
+    found = least_squares(misfit, start, bounds=(least, most), x_scale=start)
+    return replace(guess, **dict(zip(_FITTED, found.x.tolist(), strict=True)))
