@@ -38,13 +38,14 @@ SETTINGS = [
     ),
     (
         "finger.dermis_mm=6",
-        "the bone comes to lie outside the skin, but the layers need 6.97 mm: use thinner "
-        "layers, a smaller bone or a thicker finger (finger.palmar_height_mm and others).",
+        "the bone comes to lie outside the skin at X -0.1, Y 2.3, Z 15.1 mm in the finger's axes, "
+        "but the layers need 6.97 mm: use thinner layers, a smaller bone or a thicker finger.",
     ),
     (
         "finger.dermis_mm=1.6",
-        "the bone comes to lie 1.74 mm below the skin, but the layers need 2.57 mm: use thinner "
-        "layers, a smaller bone or a thicker finger (finger.palmar_height_mm and others).",
+        "the bone comes to lie 1.74 mm below the skin at X -0.1, Y -15.0, Z 14.9 mm in the "
+        "finger's axes, but the layers need 2.57 mm: use thinner layers, a smaller bone or a "
+        "thicker finger.",
     ),
     (
         "finger.pad_radius_mm=1",

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger.anatomy import Anatomy
+from tactile_fem.finger.bone import ScannedBone, triangulate_bone
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
 from tactile_fem.finger.report import check_mesh
-from tactile_fem.finger.scanned import ScannedBone, ScannedSkin
+from tactile_fem.finger.scanned import ScannedSkin
 from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.finger.shape import Array, Capsule
 from tactile_fem.finger.skin import (
@@ -27,7 +28,6 @@ from tactile_fem.finger.skin import (
     pad_size,
     sizes_of,
     triangulate,
-    triangulate_bone,
 )
 from tactile_fem.study import Finger
 

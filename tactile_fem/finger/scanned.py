@@ -8,6 +8,7 @@ of the file are.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -19,14 +20,14 @@ from tactile_fem.finger.smooth import SmoothSurface
 from tactile_fem.runtime.triangles import Triangles, read_triangles
 from tactile_fem.study import Finger
 
+# Of skin, bone and nail.
+_SIZES_MM = 4.0, 300.0
 # The scan must reach so far beyond the cut, where it may be open.
 _BEYOND_CUT_MM = 1.0
 # The farthest that the capsule is moved.
 _REACH_MM = 3.0
 # Of the samples of a fit, and of those that find the lowest point.
 _FIT_STEP_MM, _FINE_STEP_MM = 1.5, 0.25
-# Bone that ends here stays clear of the cut, so that it can be closed.
-_BONE_FROM_CUT_MM = 1.5
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class Scans:
             file = getattr(finger, f"{name}_file")
             field = f"finger.{name}_file"
             found[name] = file and _outwards(read_triangles(file, field, finger.file_unit_mm))
+            _check_size(found[name], file, finger.file_unit_mm)
         frame = frame_of(finger, **found)
         return cls(
             **{name: _placed(surface, frame) for name, surface in found.items()}, frame=frame
@@ -125,58 +127,21 @@ class ScannedSkin:
         return ScannedSkin(capsule, self.surface.moved(by)), by
 
 
-@dataclass(frozen=True)
-class ScannedBone:
-    """A bone that ends before the cut.
-
-    Attributes
-    ----------
-    surface
-        Its smoothed surface.
-    low, high
-        Corners (3,) of its box.
-    """
-
-    surface: SmoothSurface
-    low: Array
-    high: Array
-
-    @classmethod
-    def of(cls, bone: Triangles, finger: Finger, cut_y: float) -> ScannedBone:
-        """Smooth a bone and end it before the cut.
-
-        Raises
-        ------
-        MeshError
-            It lies behind the cut, or intersects itself.
-        """
-        end = cut_y + _BONE_FROM_CUT_MM
-        low, high = bone.points.min(axis=0), bone.points.max(axis=0)
-        if high[1] < end + 2.0:
-            raise MeshError(
-                f"finger.bone_file: the bone ends at Y {high[1]:.1f} mm in the finger's axes, but "
-                f"the finger is cut at {cut_y:.1f} mm"
-            )
-        low = np.maximum(low, [-np.inf, end, -np.inf])
-        surface = SmoothSurface.of(bone, finger.smooth_mm, "finger.bone_file", least_y=end)
-        return cls(surface, low, high)
-
-    def sample(self, step_mm: float) -> Array:
-        """Return points (n, 3) of the surface about `step_mm` apart."""
-        half = (self.high - self.low) / 2
-        polar = np.linspace(-np.pi / 2, np.pi / 2, int(np.ceil(np.pi * half.max() / step_mm)))
-        turn = np.arange(0.0, 2 * np.pi, step_mm / max(half[0], half[2]))
-        polar, turn = (grid.ravel() for grid in np.meshgrid(polar, turn))
-        unit = np.column_stack(
-            [np.cos(polar) * np.cos(turn), np.sin(polar), np.cos(polar) * np.sin(turn)]
-        )
-        return self.surface.project((self.low + self.high) / 2 + half * unit)
-
-
 def nail_box(nail: Triangles) -> tuple[float, float, float]:
     """Return a nail's half width and its ends in Y, mm."""
     low, high = nail.points.min(axis=0), nail.points.max(axis=0)
     return float(max(-low[0], high[0])), float(low[1]), float(high[1])
+
+
+def _check_size(surface: Triangles | None, file: Path | None, unit_mm: float) -> None:
+    """Raise MeshError if a surface cannot be that of a finger."""
+    size = np.inf if surface is None else float(np.ptp(surface.points, axis=0).max())
+    least, most = _SIZES_MM
+    if surface is not None and not least < size < most:
+        raise MeshError(
+            f"finger.file_unit_mm = {unit_mm:g} makes the surface in {file} {size:.3g} mm long, "
+            f"but it must be {least:g} to {most:g} mm"
+        )
 
 
 def _placed(surface: Triangles | None, frame: Frame) -> Triangles | None:

@@ -11,8 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from tactile_fem.errors import MeshError, PlaceError
-from tactile_fem.finger.scanned import ScannedBone
+from tactile_fem.errors import MeshError
 from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.finger.shape import Array, Capsule, Skin
 from tactile_fem.study import Finger
@@ -174,56 +173,6 @@ def triangulate(
         inside = shapely.contains_xy(outline.polygon, middle[:, :2])
         under_nail = inside & (middle[:, 2] > 0)
     return points, normals, triangles, under_nail
-
-
-# Of a scanned bone's triangulation: evening out and moving back onto the surface.
-_EVENINGS = 5
-# Largest triangles over half the bone's least extent.
-_BONE_SIZE = 0.5
-
-
-def triangulate_bone(bone: ScannedBone, size_mm: float) -> tuple[Array, NDArray[np.int64]]:
-    """Triangulate a closed bone: an ellipsoid as large as it, moved onto its surface.
-
-    Returns
-    -------
-    points, triangles
-        (n, 3) in mm, (m, 3) corners oriented outwards.
-
-    Raises
-    ------
-    MeshError
-        Triangles fold: the bone is too ragged for their size.
-    """
-    middle, half = (bone.low + bone.high) / 2, (bone.high - bone.low) / 2
-    size_mm = min(size_mm, _BONE_SIZE * float(half.min()))
-    with gmsh_model() as gmsh:
-        occ = gmsh.model.occ
-        ball = (3, occ.addSphere(0, 0, 0, 1))
-        occ.dilate([ball], 0, 0, 0, *half)
-        occ.synchronize()
-        gmsh.option.setNumber("Mesh.MeshSizeMax", size_mm)
-        gmsh.model.mesh.generate(2)
-        points, triangles, _ = simplices(gmsh, 2)
-    points = bone.surface.project(points + middle)
-    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    for _ in range(_EVENINGS):
-        around = np.zeros_like(points)
-        np.add.at(around, edges[:, 0], points[edges[:, 1]])
-        points = bone.surface.project(around / np.bincount(edges[:, 0])[:, None])
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    area = np.cross(b - a, c - a)
-    outwards = np.einsum("ij,ij->i", area, bone.surface.normals((a + b + c) / 3))
-    if outwards.sum() < 0:
-        triangles, outwards = triangles[:, [0, 2, 1]], -outwards
-    folded = outwards < 0.2 * np.linalg.norm(area, axis=1)
-    if folded.any():
-        raise PlaceError(
-            f"finger.bone_file: the bone is too ragged for triangles of {size_mm:.2g} mm "
-            "{place}: raise smooth_mm, or lower far_size_mm",
-            a[np.argmax(folded)],
-        )
-    return points, triangles
 
 
 def _add_capsule(gmsh: Any, capsule: Capsule, outline: NailOutline | None) -> None:
