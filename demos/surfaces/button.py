@@ -4,6 +4,7 @@
 # This demo emphasizes
 # - how a rigid part comes from a CAD program: as triangles in an STL file, in any unit,
 # - how the study places it and rounds its edges,
+# - an anatomical bone in the finger (`finger.bone_file`),
 # - how `tactile-fem preview` shows finger and part before the scan.
 #
 # The button is 12 mm wide. Its arrow is engraved 0.6 mm deep and points along the finger. The
@@ -24,7 +25,7 @@ from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import scan
 from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
-from tactile_fem.study import Mesh, Protocol, Receptors, Study
+from tactile_fem.study import Finger, Mesh, Protocol, Receptors, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -36,6 +37,7 @@ from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 # the surface, in metres.
 
 # %%
+PHALANX = Path(__file__).parents[2] / "meshes" / "distal_phalanx.stl"
 ARROW_MM = [(-0.6, -3.5), (0.6, -3.5), (0.6, 0), (2, 0), (0, 3.5), (-2, 0), (-0.6, 0)]
 
 
@@ -63,7 +65,9 @@ def write_button(file: Path) -> None:
 # %% [markdown]
 # ## The study
 #
-# `unit_mm` is the length of the file's unit. The part's middle lies over the contact point, so
+# The bone is a distal phalanx from MyoHub's models (`meshes/README.md`), in metres and ten percent
+# larger; its file's Z points to the nail. `unit_mm` is the length of the part's unit. The part's
+# middle lies over the contact point, so
 # `shift_mm` puts the arrow's tail there. Edges are rounded to 0.2 mm, as injection moulding does,
 # which needs walls and gaps of more than twice that.
 
@@ -72,6 +76,7 @@ def write_button(file: Path) -> None:
 def study_of(file: Path, depth: float, distance: float) -> Study:
     """Return the study of a slide over the button."""
     return Study(
+        finger=Finger(bone_file=PHALANX, file_unit_mm=1100.0, nail_direction=(0.0, 0.0, 1.0)),
         stimulus=Mesh(
             file=file, unit_mm=1000.0, edge_radius_mm=0.2, shift_mm=(0.0, 4.5), friction=0.4
         ),
