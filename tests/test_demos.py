@@ -87,6 +87,31 @@ def test_button(tmp_path):
 
 
 @pytest.mark.slow
+@needs_gmsh
+def test_braille_word(tmp_path):
+    coarse = ["--pad-size", "3", "--far-size", "6"]
+    options = ["--word", "t", "--distance", "0.4", "--force", "0.02", *coarse]
+    output = run("surfaces/braille_word.py", str(tmp_path / "out"), *options)
+    assert number(r"normal force ([\d.]+) to", output) == pytest.approx(0.02, rel=0.02)
+    assert number(r"t: +(\d+) spikes", output) >= 0
+    assert (tmp_path / "out" / "figures" / "raster.png").is_file()
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_scanned_fingers(tmp_path):
+    pytest.importorskip("igl")
+    coarse = ["--pad-size", "3", "--far-size", "6", "--only", "analytic", "--only", "scanned"]
+    options = [*coarse, "--depth", "0.4", "--distance", "0.1"]
+    output = run("surfaces/scanned_fingers.py", str(tmp_path), *options)
+    # Letters under facets of 3 mm: where the facets lie decides.
+    scanned = output.splitlines()[1]
+    assert abs(number(r"normal_N [\d.e-]+ \(([-+.\d]+) %", scanned)) < 15
+    assert number(r"mm, normal_N ([\d.]+)", scanned) > 0
+    assert (tmp_path / "fingers.png").is_file()
+
+
+@pytest.mark.slow
 def test_own_parts_are_killed_and_resumed_on_two_ranks(tmp_path):
     options = ["--depth", "0.4", "--radius", "0.1"]
     command = [str(DEMOS / "own_parts.py"), str(tmp_path / "killed"), *options]

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from needs import needs_gmsh
+from needs import needs_gmsh, needs_graphics
+from PIL import Image
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
@@ -219,3 +220,19 @@ def test_a_damaged_file_is_one_sentence(tmp_path, capsys):
     settings = ["--set", f"finger.skin_file={tmp_path / 'skin.stl'}"]
     assert cli.main(["mesh", *settings]) == 2
     assert capsys.readouterr().err.startswith(f"tactile-fem: finger.skin_file = {tmp_path}")
+
+
+@needs_graphics
+def test_preview_draws_where_a_scan_does_not_fit(tmp_path, capsys):
+    points, triangles = surface("skin", Finger(straight_length_mm=18.0))
+    file = write(tmp_path / "skin.ply", points, without(points, triangles, [8.0, 0.0, 7.2]))
+    picture = tmp_path / "preview.png"
+    keys = {"skin_file": file, "nail_direction": list(UP), "tip_direction": list(TIP)}
+    settings = [word for key, value in keys.items() for word in ("--set", f"finger.{key}={value}")]
+    assert cli.main(["preview", *settings, "-o", str(picture)]) == 2
+    told = capsys.readouterr()
+    assert told.out == f"The scans and the place are drawn in {picture}\n"
+    assert "has a hole at X " in told.err
+    with Image.open(picture) as image:
+        pixels = np.asarray(image.convert("RGB")).reshape(-1, 3)
+    assert np.sum(np.all(pixels == (255, 0, 0), axis=1)) > 100

@@ -72,7 +72,7 @@ def scans_figure(scans: Scans, place_mm: Sequence[float]) -> Figure:
                 colour = drawing.COLOURS[_COLOUR_OF.get(part, part)]
                 shape = pv.PolyData.from_regular_faces(surface.points, surface.triangles)
                 plotter.add_mesh(shape, color=colour, opacity=opacity)
-        plotter.add_mesh(pv.Sphere(_MARK_MM, place_mm), color="red", lighting=False)
+        plotter.add_mesh(pv.Sphere(radius=_MARK_MM, center=place_mm), color="red", lighting=False)
         image = drawing.picture(plotter, from_where, (0.0, -2.0, 6.0), half_height=16.0)
         axes = figure.add_axes((0.5 * k, 0.02, 0.5, 0.9))
         axes.imshow(image, interpolation="lanczos")
