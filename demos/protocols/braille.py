@@ -12,11 +12,12 @@
 # letters, so that both alphabets are read by the same reader.
 #
 #     python demos/protocols/braille.py results/braille --jobs 2
+#     python demos/protocols/braille.py results/decade --jobs 2 --letters abcdefghij --hold depth
 #     python demos/protocols/braille.py results/quick --letters ab --forces 0.05 --distance 0.6
 
 # %%
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 from firing_images import letters_figure, population_image
@@ -43,6 +44,8 @@ def main(
     gain_spread: float = 0.3,
     threshold_noise: float = 0.1,
     noise: float = 0.0,
+    hold: Literal["force", "depth"] = "force",
+    set_: Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=True)] = (),
     jobs: int = 1,
 ) -> None:
     """Scan each letter with each force, N, over a distance in mm, and recognise the images.
@@ -53,6 +56,11 @@ def main(
         Spacing of the output positions in the slide, mm; steps are at most this long.
     noise
         The reader's inner noise, spikes/s.
+    hold
+        What the slide holds: the force, or the depth at which the press reached it, which takes
+        less than half of the time.
+    set_
+        Further values of the study, ``section.key=value``.
     jobs
         Parallel scans.
     """
@@ -61,9 +69,10 @@ def main(
         "stimulus.kind=braille",
         f"stimulus.start_mm={-distance / 2}",
         f"finger.preset={preset}",
-        "protocol.hold=force",
+        f"protocol.hold={hold}",
         f"protocol.distance_mm={distance}",
         f"protocol.output_mm={output}",
+        *set_,
     ]
     axes = [f"stimulus.text={','.join(letters)}", f"protocol.force_N={','.join(map(str, forces))}"]
     members = sweep(axes, overrides=overrides)

@@ -1,0 +1,90 @@
+"""The tissues' part of the Jacobian is kept for some iterations; the result does not change."""
+
+from __future__ import annotations
+
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from tactile_fem.runtime import backend, ranks  # noqa: F401
+
+from dolfinx import fem  # isort: skip  # noqa: F401
+from mpi4py import MPI  # isort: skip
+
+from blocks import LAYERS, block_mesh
+
+from tactile_fem.mechanics import tangent
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Solver, Sphere, Tissue
+
+DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0])
+PLACES = [(0, 0, 0.15), (0, 0, 0.3), (0, -0.05, 0.3), (0, -0.1, 0.3)]
+
+
+def problem(**solver) -> FingerProblem:
+    line = np.linspace(-3, 3, 4)
+    mesh = block_mesh(line, line, DEPTHS, LAYERS) if MPI.COMM_WORLD.rank == 0 else None
+    domain = create_domain(mesh, MPI.COMM_WORLD, ("cut",))
+    settings = Solver(held=("cut",), petsc={"snes_atol": 1e-11}, **solver)
+    tissue = Tissue.model_validate({"set": "proposed"})
+    return FingerProblem(domain, tissue, make_body(Sphere(radius_mm=3.0)), 0.3, settings)
+
+
+def go(made: FingerProblem, dt_s: float = 0.01) -> np.ndarray:
+    """Press and slide; return the displacements in the file's order."""
+    for place in PLACES:
+        made.state.reset()
+        assert made.solve(np.array(place, dtype=float), dt_s).converged
+        made.accept()
+    return made.order.gather(made.u)
+
+
+@pytest.fixture
+def assembled(monkeypatch) -> Mock:
+    """Count how often the tissues' part is assembled."""
+    counter = Mock(side_effect=tangent.Tangent._assemble_tissues, autospec=True)
+    monkeypatch.setattr(
+        tangent.Tangent, "_assemble_tissues", lambda self, matrix: counter(self, matrix)
+    )
+    return counter
+
+
+@pytest.mark.ranks
+def test_keeping_the_tissues_part_changes_cost_and_no_result(assembled):
+    found, calls = [], []
+    for iterations in (1, 4):
+        made = problem(tangent_iterations=iterations)
+        assembled.reset_mock()
+        found.append(go(made))
+        calls.append(assembled.call_count)
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-8)
+    assert calls[1] < 0.6 * calls[0]
+
+
+@pytest.mark.ranks
+def test_a_kept_jacobian_is_that_of_a_new_problem_where_it_is_exact():
+    made = problem(tangent_iterations=5)
+    go(made)
+    A = made.snes.getJacobian()[0]
+    with made.linearized():
+        exact = A.copy()
+    other = problem(tangent_iterations=1)
+    go(other)
+    with other.linearized():
+        exact.axpy(-1.0, other.snes.getJacobian()[0])
+    assert exact.norm() < 1e-6 * A.norm()
+
+
+@pytest.mark.ranks
+def test_another_time_step_renews_the_tissues_part(assembled):
+    """Viscosity is part of it: over a tenth of the time it is ten times as stiff."""
+    made = problem(tangent_iterations=5)
+    go(made)
+    A = made.snes.getJacobian()[0]
+    for dt_s, renewed in ((0.01, 0), (0.0100001, 0), (0.001, 1), (0.001, 0)):
+        assembled.reset_mock()
+        made._tangent.assemble(A, dt_s)
+        assert assembled.call_count == renewed, dt_s
