@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from petsc4py import PETSc
 
+from tactile_fem.errors import TactileError
+
+LinearSolve = Callable[[PETSc.Vec, PETSc.Vec], None]
+
 # By how much a step with an old Jacobian may be worse than expected.
 _CAUTION = 4.0
+# Of linear equations at a converged state, such as those of sensitivities.
+_LINEAR_RTOL, _LINEAR_MOST_IT = 1e-6, 400
 _REASONS = {
     value: name.lower().replace("_", " ")
     for name, value in vars(PETSc.SNES.ConvergedReason).items()
@@ -58,6 +65,36 @@ def next_step_converges(snes: PETSc.SNES) -> bool:
         return False
     expected = norms[-1] ** 2 / norms[-2]
     return bool(_CAUTION * expected < snes.getTolerances()[1])
+
+
+@contextmanager
+def linear_solver(snes: PETSc.SNES, A: PETSc.Mat) -> Iterator[LinearSolve]:
+    """Provide the solver of linear equations with `A` and the preconditioner of `snes` as it is.
+
+    It takes the right-hand side and the vector of the solution.
+
+    Raises
+    ------
+    TactileError
+        By the solver: it does not converge.
+    """
+    pc = snes.getKSP().getPC()
+    pc.setReusePreconditioner(True)
+    ksp = PETSc.KSP().create(snes.comm)
+    ksp.setType("fgmres")
+    ksp.setPC(pc)
+    ksp.setOperators(A)
+    ksp.setTolerances(rtol=_LINEAR_RTOL, atol=0.0, max_it=_LINEAR_MOST_IT)
+
+    def solve(right: PETSc.Vec, solution: PETSc.Vec) -> None:
+        ksp.solve(right, solution)
+        if ksp.getConvergedReason() < 0:
+            raise TactileError("the linear equations at a converged state could not be solved")
+
+    try:
+        yield solve
+    finally:
+        ksp.destroy()
 
 
 def weakly(method: Callable[..., None]) -> Callable[..., None]:

@@ -17,14 +17,19 @@ from dolfinx import common, fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 from ufl.classes import FacetJacobianDeterminant
 
-from tactile_fem.errors import MeshError, TactileError
+from tactile_fem.errors import MeshError
 from tactile_fem.mechanics import multigrid
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.contact import Contact, SkinPart
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.elasticity import NO_LAWS, Elasticity
 from tactile_fem.mechanics.load import Load, LoadCell
-from tactile_fem.mechanics.newton import SolveReport, next_step_converges, weakly
+from tactile_fem.mechanics.newton import (
+    SolveReport,
+    linear_solver,
+    next_step_converges,
+    weakly,
+)
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import (
     clear_options,
@@ -43,9 +48,6 @@ _GENTLER = ((1.0, 0.3), (4.0, 0.3))
 
 # Share of the residual that ends Newton's method, at which any linear solve may end (Kelley 1995).
 _LAST_SOLVE = 0.3
-
-# Of the linear equations of sensitivities.
-_LINEARIZED_RTOL, _LINEARIZED_MOST_IT = 1e-6, 400
 
 # Problems on several ranks, until they are closed, in the order in which they were made.
 _OPEN: dict[FingerProblem, None] = {}
@@ -341,30 +343,19 @@ class FingerProblem:
         self._assemble_at(own.x, own.A, exact=True)
         if self._two_level and not self._two_level.is_set_up:  # no step took an iteration yet
             self._two_level.set_up(own.A)
-        pc = self.snes.getKSP().getPC()
-        pc.setReusePreconditioner(True)
-        ksp = PETSc.KSP().create(self.domain.comm)
-        ksp.setType("fgmres")
-        ksp.setPC(pc)
-        ksp.setOperators(own.A)
-        ksp.setTolerances(rtol=_LINEARIZED_RTOL, atol=0.0, max_it=_LINEARIZED_MOST_IT)
         solution, field = own.x.duplicate(), fem.Function(self.u.function_space)
+        with linear_solver(self.snes, own.A) as solve_with:
 
-        def solve(right: np.ndarray) -> np.ndarray:
-            own.b.array[:] = right
-            with common.Timer("tactile: solve"):
-                ksp.solve(own.b, solution)
-            if ksp.getConvergedReason() < 0:
-                raise TactileError("the equations of the sensitivities could not be solved")
-            solution.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
-            fem_petsc.assign(solution, field)
-            return field.x.array.copy()
+            def solve(right: np.ndarray) -> np.ndarray:
+                own.b.array[:] = right
+                with common.Timer("tactile: solve"):
+                    solve_with(own.b, solution)
+                solution.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+                fem_petsc.assign(solution, field)
+                return field.x.array.copy()
 
-        try:
             yield solve
-        finally:
-            ksp.destroy()
-            solution.destroy()
+        solution.destroy()
 
     def accept(self, load: Load | None = None) -> Load:
         """Make the present state the history of the next step; return its load.
