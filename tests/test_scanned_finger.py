@@ -20,6 +20,7 @@ from tactile_fem.finger.scanned import Scans
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.skin import triangulate
 from tactile_fem.study import Finger
+from tactile_fem.study.file import load_study
 
 pytest.importorskip("igl")
 pytestmark = [needs_gmsh]
@@ -213,6 +214,13 @@ def test_keys_that_do_not_go_together_are_refused(keys, message):
 def test_a_scanned_finger_survives_its_study_file(scans, tmp_path):
     finger = Finger(**scans)
     assert Finger.model_validate(finger.model_dump(exclude_none=True)) == finger
+
+
+def test_paths_in_a_study_file_start_from_its_folder(scans, tmp_path):
+    study = scans["skin_file"].parent / "study.toml"
+    study.write_text('[finger]\nskin_file = "skin.stl"\nbone_file = "bone.stl"\n')
+    finger = load_study(study).finger
+    assert {"skin_file": finger.skin_file, "bone_file": finger.bone_file} == scans
 
 
 def test_a_damaged_file_is_one_sentence(tmp_path, capsys):

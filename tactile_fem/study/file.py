@@ -17,7 +17,7 @@ from tactile_fem.study.explain import explain, path_in_file
 from tactile_fem.study.stimulus import font_file
 
 # Keys of files, whose relative paths start from the study's folder.
-_FILES = {"mesh_file", "file"}
+_FILES = {"mesh_file", "skin_file", "bone_file", "nail_file", "file"}
 
 # --- reading -----------------------------------------------------------------------------------
 
