@@ -27,6 +27,7 @@ Outlines = Sequence[NDArray[np.float64]]
 # Okabe and Ito's colours, which colour-blind readers can distinguish.
 BLUE, VERMILION, GREEN, INK, PAPER = "#0072B2", "#D55E00", "#009E73", "#222222", "#E6E3DC"
 DISPLACEMENT, TIME = "Stimulator displacement (mm)", "Time (s)"
+_LONG = 2.0  # maps that are longer than wide by this factor get flat figures
 ACROSS = "Receptor position across the finger, X (mm)"
 _STYLE: Any = {
     "font.size": 9,
@@ -233,13 +234,17 @@ def _normal_and_tangential(force_N: ArrayLike) -> tuple[NDArray[np.float64], NDA
 
 def _map_axes(rows_mm: ArrayLike, range_mm: tuple[float, float], label: str) -> tuple[Figure, Axes]:
     rows = np.asarray(rows_mm, dtype=float)
-    figure = Figure(figsize=(5.6, 5.2), layout="constrained")
-    axes = figure.subplots()
     margin = 0.3
+    to_scale = label.endswith("(mm)")
+    longer = np.ptp(range_mm) / (np.ptp(rows) + 2 * margin) if to_scale else 1.0
+    size = (5.6, 5.2) if longer < _LONG else (9.5, 1.0 + 8.0 / longer)
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots()
     axes.set_xlim(*_span(np.asarray(range_mm)))
     # X decreases upwards, so that letters that read along the scan are upright.
     axes.set_ylim(rows.max() + margin, rows.min() - margin)
-    axes.set(xlabel=label, ylabel=ACROSS, aspect="equal" if label.endswith("(mm)") else "auto")
+    across = ACROSS if longer < _LONG else "X (mm)"
+    axes.set(xlabel=label, ylabel=across, aspect="equal" if to_scale else "auto")
     return figure, axes
 
 
