@@ -58,7 +58,7 @@ class Scans:
         for name in ("skin", "bone", "nail"):
             file = getattr(finger, f"{name}_file")
             field = f"finger.{name}_file"
-            found[name] = file and _outwards(read_triangles(file, field, finger.file_unit_mm))
+            found[name] = file and read_triangles(file, field, finger.file_unit_mm).outwards()
             _check_size(found[name], file, finger.file_unit_mm)
         frame = frame_of(finger, **found)
         return cls(
@@ -146,14 +146,6 @@ def _check_size(surface: Triangles | None, file: Path | None, unit_mm: float) ->
 
 def _placed(surface: Triangles | None, frame: Frame) -> Triangles | None:
     return surface and Triangles(frame.to_finger(surface.points), surface.triangles)
-
-
-def _outwards(surface: Triangles) -> Triangles:
-    """Return a surface that faces outwards on the whole."""
-    a, b, c = np.moveaxis(surface.points[surface.triangles] - surface.points.mean(axis=0), 1, 0)
-    if np.einsum("ni,ni->", a, np.cross(b, c)) > 0:
-        return surface
-    return Triangles(surface.points, surface.triangles[:, ::-1].copy())
 
 
 def _check_length(skin: Triangles, cut: float) -> None:

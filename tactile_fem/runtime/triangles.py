@@ -35,6 +35,13 @@ class Triangles:
     points: NDArray[np.float64]
     triangles: NDArray[np.int64]
 
+    def outwards(self) -> Triangles:
+        """Return the surface facing outwards on the whole; itself if it does."""
+        a, b, c = np.moveaxis(self.points[self.triangles] - self.points.mean(axis=0), 1, 0)
+        if np.einsum("ni,ni->", a, np.cross(b, c)) > 0:
+            return self
+        return Triangles(self.points, self.triangles[:, ::-1].copy())
+
 
 def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
     """Read an STL, OBJ or PLY file; materials, colours and normals are ignored.

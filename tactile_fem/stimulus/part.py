@@ -89,11 +89,10 @@ def _read(stimulus: Mesh) -> Triangles:
 
 def _outwards(surface: Triangles, stimulus: Mesh) -> Triangles:
     """Return a surface that faces outwards on the whole."""
-    a, b, c = np.moveaxis(surface.points[surface.triangles] - surface.points[0], 1, 0)
-    if np.einsum("ni,ni->", a, np.cross(b, c)) > 0:
-        return surface
-    logger.warning("stimulus.file = %s is inside out: its triangles are turned.", stimulus.file)
-    return Triangles(surface.points, surface.triangles[:, ::-1].copy())
+    outwards = surface.outwards()
+    if outwards is not surface:
+        logger.warning("stimulus.file = %s is inside out: its triangles are turned.", stimulus.file)
+    return outwards
 
 
 def _check_closed(surface: Triangles, stimulus: Mesh) -> None:
