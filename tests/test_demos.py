@@ -93,7 +93,6 @@ def test_braille_word(tmp_path):
     options = ["--word", "t", "--distance", "0.4", "--force", "0.02", *coarse]
     output = run("surfaces/braille_word.py", str(tmp_path / "out"), *options)
     assert number(r"normal force ([\d.]+) to", output) == pytest.approx(0.02, rel=0.02)
-    assert number(r"t: +(\d+) spikes", output) >= 0
     assert (tmp_path / "out" / "figures" / "raster.png").is_file()
 
 
@@ -501,6 +500,16 @@ def test_partition():
     cells = re.search(r"cells +(\d+) +([\d.]+) +(\d+)", output)
     assert cells and float(cells[2]) * 3 == pytest.approx(8580, abs=1)
     assert number(r"lines cut +(\d+)", output) >= 0
+
+
+@pytest.mark.slow
+def test_kept_tangent():
+    output = run(
+        "benchmarks/tangent.py", "--iterations", "1", "5", "--depth", "0.15", "--distance", "0.02"
+    )
+    rows = np.array([line.split() for line in output.splitlines()[-2:]], dtype=float)
+    np.testing.assert_array_equal(rows[:, 0], [1, 5])
+    assert rows[1, 5] < 1e-7  # N, difference of the force
 
 
 def test_every_demo_is_tested():

@@ -65,6 +65,16 @@ def test_keeping_the_tissues_part_changes_cost_and_no_result(assembled):
 
 
 @pytest.mark.ranks
+def test_newton_goes_on_with_a_new_tangent_where_the_kept_one_leads_astray(assembled):
+    made = problem(tangent_iterations=100)
+    made.state.reset()
+    report = made.solve(np.array(PLACES[0], dtype=float), 0.01)
+    assert report.converged
+    assert report.residual_N < 1e-11
+    assert assembled.call_count > 2  # the first, and those of the second try
+
+
+@pytest.mark.ranks
 def test_a_kept_jacobian_is_that_of_a_new_problem_where_it_is_exact():
     made = problem(tangent_iterations=5)
     go(made)

@@ -278,26 +278,35 @@ class FingerProblem:
         """Find the equilibrium with the body at `translation` (3,), `dt_s` after the last one.
 
         `u` is the initial guess and the result; on failure the caller resets the state. Where
-        Newton's method fails, contact sets in more gently and friction is softer at first; the
+        Newton's method fails with a tangent that is kept, it is made anew in every iteration;
+        where it fails then, contact sets in more gently and friction is softer at first, and the
         law as it should be follows from there.
         """
         self._go_to(translation, dt_s)
         guess = self.u.x.array.copy()
         tries = [self._newton()]
-        for width, softness in _GENTLER:
-            if tries[-1].converged:
-                break
-            self.u.x.array[:] = guess
-            self._tangent.expire()
-            with self._gentle_contact(width, softness):
-                tries.append(self._newton())
-            if tries[-1].converged:
-                tries.append(self._newton())
+        if not tries[-1].converged:
+            with self._tangent.renewed():
+                tries += self._retries(guess)
         return replace(
             tries[-1],
             iterations=sum(report.iterations for report in tries),
             linear_iterations=sum(report.linear_iterations for report in tries),
         )
+
+    def _retries(self, guess: np.ndarray) -> list[SolveReport]:
+        """Return how Newton's method ends from the guess, at last with gentler laws first."""
+        self.u.x.array[:] = guess
+        tries = [self._newton()]
+        for width, softness in _GENTLER:
+            if tries[-1].converged:
+                break
+            self.u.x.array[:] = guess
+            with self._gentle_contact(width, softness):
+                tries.append(self._newton())
+            if tries[-1].converged:
+                tries.append(self._newton())
+        return tries
 
     def _go_to(self, translation: np.ndarray, dt_s: float) -> None:
         """Move the body to `translation`, `dt_s` after the last step."""

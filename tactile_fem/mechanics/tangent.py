@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from petsc4py import PETSc
 
@@ -66,6 +67,15 @@ class Tangent:
         self._kept.copy(matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         fem_petsc.assemble_matrix(matrix, self._contact, self._bcs)
         matrix.assemble()
+
+    @contextmanager
+    def renewed(self) -> Iterator[None]:
+        """Assemble the tissues' part for every Jacobian within the context."""
+        own, self._iterations = self._iterations, 1
+        try:
+            yield
+        finally:
+            self._iterations = own
 
     def expire(self) -> None:
         """Let the next Jacobian be exact."""
