@@ -136,6 +136,20 @@ def test_a_bone_inside_an_analytic_skin_is_closed():
     assert tip == pytest.approx(12.0 - finger.bone_tip_gap_mm, abs=0.3)
 
 
+def test_a_nail_file_tells_where_the_nail_lies(scans, tmp_path):
+    nail = trimesh.creation.box([9.0, 9.0, 2.0])
+    placed = nail.vertices + np.array([0, 4.0, 12.0])
+    file = write(tmp_path / "nail.stl", placed, nail.faces)
+    finger = Finger(skin_file=scans["skin_file"], nail_file=file, **COARSE)  # the nail is above
+    anatomy = Anatomy.of(finger)
+    assert anatomy.nail.half_width == pytest.approx(4.5, abs=0.15)
+    assert (anatomy.nail.start_y, anatomy.nail.end_y) == pytest.approx((-0.5, 8.5), abs=0.2)
+    mesh = build_finger(finger)
+    tets = mesh.tets[mesh.tissue == TISSUES["nail"], :4]
+    across, along = (np.ptp(mesh.nodes[tets][..., axis]) for axis in (0, 1))
+    assert (across, along) == pytest.approx((9.0, 9.0), abs=0.6)
+
+
 @pytest.mark.parametrize("scale", [0.75, 1.25])
 def test_the_unit_makes_a_child_and_a_large_man(scale, scans):
     lengths = ("tip_length_mm", "contact_from_tip_mm", "nail_width_mm", "nail_length_mm")
