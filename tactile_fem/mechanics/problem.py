@@ -285,28 +285,23 @@ class FingerProblem:
         self._go_to(translation, dt_s)
         guess = self.u.x.array.copy()
         tries = [self._newton()]
-        if not tries[-1].converged:
-            with self._tangent.renewed():
-                tries += self._retries(guess)
+        with self._tangent.renewed():
+            if not tries[-1].converged and self._tangent.is_kept:
+                self.u.x.array[:] = guess
+                tries.append(self._newton())
+            for width, softness in _GENTLER:
+                if tries[-1].converged:
+                    break
+                self.u.x.array[:] = guess
+                with self._gentle_contact(width, softness):
+                    tries.append(self._newton())
+                if tries[-1].converged:
+                    tries.append(self._newton())
         return replace(
             tries[-1],
             iterations=sum(report.iterations for report in tries),
             linear_iterations=sum(report.linear_iterations for report in tries),
         )
-
-    def _retries(self, guess: np.ndarray) -> list[SolveReport]:
-        """Return how Newton's method ends from the guess, at last with gentler laws first."""
-        self.u.x.array[:] = guess
-        tries = [self._newton()]
-        for width, softness in _GENTLER:
-            if tries[-1].converged:
-                break
-            self.u.x.array[:] = guess
-            with self._gentle_contact(width, softness):
-                tries.append(self._newton())
-            if tries[-1].converged:
-                tries.append(self._newton())
-        return tries
 
     def _go_to(self, translation: np.ndarray, dt_s: float) -> None:
         """Move the body to `translation`, `dt_s` after the last step."""

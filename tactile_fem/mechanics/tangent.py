@@ -28,6 +28,11 @@ class Tangent:
         Dirichlet conditions.
     iterations
         How often the tissues' part is used before it is assembled anew.
+
+    Attributes
+    ----------
+    is_kept
+        Whether it is used more than once.
     """
 
     def __init__(
@@ -39,6 +44,7 @@ class Tangent:
     ) -> None:
         self._tissues, self._contact, self._bcs = tissues, contact, bcs
         self._iterations, self._uses = iterations, 0
+        self.is_kept = iterations > 1
         self._kept: PETSc.Mat | None = None
         self._dt_s = 0.0
 
