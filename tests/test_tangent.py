@@ -60,7 +60,7 @@ def go(made: FingerProblem, dt_s: float = 0.01) -> np.ndarray:
 @pytest.fixture
 def assembled(monkeypatch) -> Mock:
     """Count how often the tissues' part is assembled."""
-    counter = Mock(side_effect=tangent.Tangent._assemble_tissues, autospec=True)
+    counter = Mock(side_effect=tangent.Tangent._assemble_tissues)
     monkeypatch.setattr(
         tangent.Tangent, "_assemble_tissues", lambda self, matrix: counter(self, matrix)
     )

@@ -28,7 +28,7 @@ from tactile_fem.study import Braille, Finger, Protocol, Receptors, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
-CELL_MM = 6.2
+CELL_MM = Braille().cell_spacing_mm
 AHEAD_MM = 4.0  # of the contact point, where the first cell begins
 
 

@@ -67,9 +67,8 @@ def write_button(file: Path) -> None:
 #
 # The bone is a distal phalanx from MyoHub's models (`meshes/README.md`), in metres and ten percent
 # larger; its file's Z points to the nail. `unit_mm` is the length of the part's unit. The part's
-# middle lies over the contact point, so
-# `shift_mm` puts the arrow's tail there. Edges are rounded to 0.2 mm, as injection moulding does,
-# which needs walls and gaps of more than twice that.
+# middle lies over the contact point, so `shift_mm` puts the arrow's tail there. Edges are rounded
+# to 0.2 mm, as injection moulding does, which needs walls and gaps of more than twice that.
 
 
 # %%

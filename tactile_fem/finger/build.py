@@ -53,7 +53,6 @@ def build_finger(finger: Finger) -> FingerMesh:
     skin, cut_y = anatomy.skin, anatomy.skin.capsule.cut_y
     outer_size = pad_size(sizes, skin.capsule)
     points, normals, outer, under_nail = triangulate(skin, outer_size, anatomy.nail)
-    points[points[:, 1] < cut_y + 1e-6, 1] = cut_y
     _warn_of_low_cut(points, cut_y)
     directions = extrusion_directions(points, normals, cut_y)
     nodes, tets, tissue = extrude(points, directions, outer, under_nail, rows)
@@ -102,22 +101,24 @@ def _fill(
     nodes: Array, inner: Triangles, bone: Capsule | ScannedBone, sizes: Sizes, finger: Finger
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
     """Fill the inside of the skin; return the nodes and the tetrahedra of fat and bone."""
-    if isinstance(bone, Capsule):
+    reaches_the_cut = isinstance(bone, Capsule)
+    if reaches_the_cut:
         bone_points, _, bone_triangles, _ = triangulate(bone, bone_size(sizes, finger))
     else:
         bone_points, bone_triangles = triangulate_bone(bone, sizes.bone)
     bone_triangles = bone_triangles + len(nodes)
     nodes = np.vstack([nodes, bone_points])
-    inner_loop, bone_loops, discs = _rim(inner), [], []
-    if isinstance(bone, Capsule):
-        bone_loops = [_rim(bone_triangles)]
-        nodes, disc = _fill_plane(nodes, bone_loops, sizes.far)
-        discs = [disc]
-    nodes, annulus = _fill_plane(nodes, [inner_loop, *bone_loops], sizes.far)
-    holes = [] if bone_loops else [bone_triangles]
-    shell = [inner, annulus] if holes else [inner, bone_triangles, annulus]
-    nodes, fat = _fill_volume(nodes, shell, holes, improve=True)
-    nodes, marrow = _fill_volume(nodes, [bone_triangles, *discs])
+    inner_loop = _rim(inner)
+    if reaches_the_cut:
+        bone_loop = _rim(bone_triangles)
+        nodes, annulus = _fill_plane(nodes, [inner_loop, bone_loop], sizes.far)
+        nodes, disc = _fill_plane(nodes, [bone_loop], sizes.far)
+        nodes, fat = _fill_volume(nodes, [inner, bone_triangles, annulus], improve=True)
+        nodes, marrow = _fill_volume(nodes, [bone_triangles, disc])
+    else:
+        nodes, lid = _fill_plane(nodes, [inner_loop], sizes.far)
+        nodes, fat = _fill_volume(nodes, [inner, lid], [bone_triangles], improve=True)
+        nodes, marrow = _fill_volume(nodes, [bone_triangles])
     return nodes, fat, marrow
 
 

@@ -160,7 +160,7 @@ def _check_length(skin: Triangles, cut: float) -> None:
 
 
 def _check_holes(skin: Triangles, cut: float) -> None:
-    edges = np.stack([skin.triangles, np.roll(skin.triangles, -1, axis=1)], -1).reshape(-1, 2)
+    edges = skin.edges()
     pairs, count = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
     middle = skin.points[pairs[count == 1]].mean(axis=1)
     inside = middle[middle[:, 1] > cut - _BEYOND_CUT_MM]

@@ -343,8 +343,7 @@ class FingerProblem:
             By the solver: it does not converge.
         """
         own = self._problem
-        fem_petsc.assign(self.u, own.x)
-        self._assemble_at(own.x, own.A, exact=True)
+        self._assemble_exactly()
         if self._two_level and not self._two_level.is_set_up:  # no step took an iteration yet
             self._two_level.set_up(own.A)
         solution, field = own.x.duplicate(), fem.Function(self.u.function_space)
@@ -358,8 +357,10 @@ class FingerProblem:
                 fem_petsc.assign(solution, field)
                 return field.x.array.copy()
 
-            yield solve
-        solution.destroy()
+            try:
+                yield solve
+            finally:
+                solution.destroy()
 
     def accept(self, load: Load | None = None) -> Load:
         """Make the present state the history of the next step; return its load.
@@ -388,11 +389,9 @@ class FingerProblem:
 
     def _linearize(self) -> None:
         """Make tangent and preconditioner at the present displacement."""
-        own = self._problem
-        fem_petsc.assign(self.u, own.x)
-        self._assemble_at(own.x, own.A, exact=True)
+        self._assemble_exactly()
         if self._two_level:
-            self._two_level.set_up(own.A)
+            self._two_level.set_up(self._problem.A)
 
     def _prepare(self, translation: np.ndarray, dt_s: float) -> None:
         """Make the tangent and the preconditioner that `accept` made."""
@@ -427,6 +426,12 @@ class FingerProblem:
         self._assemble_at(x, P)
         if self._two_level:
             self._two_level.follow(P)
+
+    def _assemble_exactly(self) -> None:
+        """Assemble the Jacobian at the present displacement, with no part kept."""
+        own = self._problem
+        fem_petsc.assign(self.u, own.x)
+        self._assemble_at(own.x, own.A, exact=True)
 
     def _assemble_at(self, x: PETSc.Vec, A: PETSc.Mat, *, exact: bool = False) -> None:
         self._update(x)

@@ -35,6 +35,11 @@ class Triangles:
     points: NDArray[np.float64]
     triangles: NDArray[np.int64]
 
+    def edges(self) -> NDArray[np.int64]:
+        """Return the directed edges (3 m, 2) of all triangles."""
+        following = np.roll(self.triangles, -1, axis=1)
+        return np.stack([self.triangles, following], axis=-1).reshape(-1, 2)
+
     def outwards(self) -> Triangles:
         """Return the surface facing outwards on the whole; itself if it does."""
         a, b, c = np.moveaxis(self.points[self.triangles] - self.points.mean(axis=0), 1, 0)

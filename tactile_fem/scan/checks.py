@@ -44,7 +44,7 @@ def check_study(study: Study) -> None:
     populations_of(study)
     finger = study.finger
     if finger.mesh_file is None:
-        Anatomy.of(finger)
+        _anatomy(finger)
         layering(finger, sizes_of(finger).epidermis_rows)
         if not finger.is_scanned:
             thickness = finger.pad_thickness_mm
@@ -108,6 +108,12 @@ def tell_resolution(surface: Surface, finger: FingerMesh) -> None:
         waves.wavelength_of(_WELL_FOLLOWED) / _EDGES_PER_WAVE,
         100 * _WELL_FOLLOWED,
     )
+
+
+@lru_cache(maxsize=1)
+def _anatomy(finger: Finger) -> Anatomy:
+    """Return a finger's surfaces; a series' scans often share them."""
+    return Anatomy.of(finger)
 
 
 @lru_cache(maxsize=1)

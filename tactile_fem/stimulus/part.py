@@ -97,7 +97,7 @@ def _outwards(surface: Triangles, stimulus: Mesh) -> Triangles:
 
 def _check_closed(surface: Triangles, stimulus: Mesh) -> None:
     """Raise StudyError if edges have no neighbour, one that faces the other way, or several."""
-    edges = np.stack([surface.triangles, np.roll(surface.triangles, -1, axis=1)], -1).reshape(-1, 2)
+    edges = surface.edges()
     pairs, number = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     number = number.ravel()
     unpaired = np.bincount(number) % 2 == 1
