@@ -12,6 +12,7 @@ from ufl.core.expr import Expr
 
 from tactile_fem.finger import TISSUES
 from tactile_fem.mechanics.domain import Domain
+from tactile_fem.mechanics.relaxation import Relaxation
 from tactile_fem.study import Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import (
     Law,
@@ -23,6 +24,7 @@ from tactile_fem.tissue.energies import (
     stress,
     tangent_shear_modulus,
 )
+from tactile_fem.tissue.relaxation import Network, Prony
 
 NO_LAWS: Mapping[str, Law] = MappingProxyType({})
 # Share of the resistance to a change of volume that is integrated at all points at least.
@@ -65,6 +67,8 @@ class Elasticity:
     ----------
     values
         By the name of the tissue: the constants in the forms, a `fem.Constant` by each name.
+    relaxation
+        History of the tissues that relax; None if none does.
     """
 
     def __init__(
@@ -84,6 +88,9 @@ class Elasticity:
         self.values = {name: self._in_forms(self.constants(name)) for name in TISSUES}
         self._F = deformation_gradient(u)
         self._F_old = deformation_gradient(u_old)
+        series = {name: self._series(name) for name in domain.tissues_of(domain.tissue)}
+        relaxing = {name: prony for name, prony in series.items() if prony.g}
+        self.relaxation = Relaxation(domain, relaxing, self._F) if relaxing else None
         self._rate = fem.Constant(self._mesh, 0.0)  # viscous time over time step
         N = ufl.FacetNormal(self._mesh)
         self._normal = N if len(N) == 3 else ufl.as_vector([N[0], N[1], 0])
@@ -91,22 +98,29 @@ class Elasticity:
     def set_time_step(self, dt_s: float) -> None:
         """Set the time between the two states."""
         self._rate.value = self._tissue.viscous_time_s / dt_s
+        if self.relaxation:
+            self.relaxation.set_time_step(dt_s)
 
     def constants(self, tissue: str) -> Polynomial | Elastic:
         """Return the constants of a tissue."""
         return getattr(self._tissue, tissue)
 
     def energy(self, tissue: str) -> Expr:
-        """Return the strain energy density of a tissue, in MPa."""
-        return self._law(tissue).energy(self._F)
+        """Return the strain energy density that a tissue stores, in MPa."""
+        W = self._law(tissue).energy(self._F)
+        return sum((network.energy(self._F) for network in self._networks(tissue)), W)
 
-    def elastic_stress(self, tissue: str) -> Expr:
-        """Return the first Piola stress of a tissue without viscosity, in MPa."""
-        return stress(self._law(tissue), self._F)
+    def stored_stress(self, tissue: str) -> Expr:
+        """Return the first Piola stress of what a tissue stores, in MPa.
+
+        That of the elastic law and of the networks that relax, without Kelvin-Voigt's viscosity.
+        """
+        P = stress(self._law(tissue), self._F)
+        return sum((network.stress(self._F) for network in self._networks(tissue)), P)
 
     def traction(self, tissue: str) -> Expr:
         """Return that stress times the normal of the undeformed surface, in MPa."""
-        t = self.elastic_stress(tissue) * self._normal
+        t = self.stored_stress(tissue) * self._normal
         return ufl.as_vector([t[i] for i in range(len(self.u))])
 
     def area_stretch(self) -> Expr:
@@ -115,7 +129,7 @@ class Elasticity:
         return ufl.det(self._F) * ufl.sqrt(ufl.dot(across, across))
 
     def stress(self, tissue: str, u_old: fem.Function | None = None) -> Expr:
-        """Return the first Piola stress of a tissue, elastic and viscous, in MPa.
+        """Return the first Piola stress of a tissue, stored and viscous, in MPa.
 
         The viscous part is Kelvin-Voigt's: ``S = 2 G tau (E - E_old)/dt`` with the tissue's
         small-strain shear modulus `G`.
@@ -128,15 +142,19 @@ class Elasticity:
             Displacement a time step ago, if not that of the last accepted step.
         """
         F, F_old = self._F, self._F_old if u_old is None else deformation_gradient(u_old)
-        P = self.elastic_stress(tissue)
+        P = self.stored_stress(tissue)
         if self._tissue.viscous_time_s:
             G = self._shear_modulus(tissue)
             P += F * (G * self._rate * (F.T * F - F_old.T * F_old))
         return P
 
     def stiffness(self, tissue: str) -> Expr:
-        """Return how stiff a tissue is at the last accepted state, ``K + 4 G/3``, in MPa."""
-        return stiffness(self._law(tissue), self._F_old)
+        """Return how stiff a tissue is at the last accepted state, ``K + 4 G/3``, in MPa.
+
+        `G` is that over the present step, if it relaxes.
+        """
+        stiffening = self.relaxation.stiffening(tissue) if self.relaxation else 0.0
+        return stiffness(self._law(tissue), self._F_old, 1 + stiffening)
 
     def residual(self, v: Expr, degree: int | None = None) -> ufl.Form:
         """Return the virtual work of the stresses in `v`.
@@ -191,6 +209,14 @@ class Elasticity:
         dx = self.measure(degree)
         return {name: dx(tag) for name, tag in self.domain.tissues_of(self.domain.tissue).items()}
 
+    def _series(self, tissue: str) -> Prony:
+        constants = self.constants(tissue)
+        return Prony(constants.g, constants.tau_s)
+
+    def _networks(self, tissue: str) -> list[Network]:
+        law = self._law(tissue)
+        return self.relaxation.networks(tissue, law) if self.relaxation else []
+
     def _law(self, tissue: str) -> Law:
         return self._laws.get(tissue) or law_of(self.constants(tissue), self.values[tissue])
 
@@ -201,7 +227,7 @@ class Elasticity:
         return shear_modulus(self.constants(tissue), self.values[tissue])
 
     def _in_forms(self, constants: Polynomial | Elastic) -> SimpleNamespace:
-        given = {name: value for name, value in constants if value is not None}
+        given = {name: value for name, value in constants if isinstance(value, float)}
         return SimpleNamespace(
             **{name: fem.Constant(self._mesh, value) for name, value in given.items()}
         )

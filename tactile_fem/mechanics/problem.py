@@ -130,6 +130,8 @@ class FingerProblem:
         self._jit = jit_options(solver.compiler_flags)
         stick.compile(self.skin, state.u_old, self.compile)
         state.histories.append(stick)
+        if self.elasticity.relaxation:
+            state.histories.append(self.elasticity.relaxation)
         self.options = options_of(solver)
         self._bcs = [fem.dirichletbc(np.zeros(msh.geometry.dim), self.held, V), *constraints(V)]
         # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.
@@ -274,8 +276,8 @@ class FingerProblem:
                 unmatched,
                 solver.nitsche_theta,
             )
-            # Without viscosity: over the short time of a cut step it would be stiffer than gamma_h
-            # can hold. The gap is off by what viscosity carries over gamma_h, some 1e-5 mm.
+            # Without Kelvin-Voigt's viscosity: over the short time of a cut step it would be too
+            # stiff for gamma_h. The gap is off by what it carries over gamma_h, some 1e-5 mm.
             t = self.elasticity.traction(tissue)
             parts.append(SkinPart(contact, t, ds(tag)))
         return parts

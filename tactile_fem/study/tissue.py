@@ -9,7 +9,33 @@ from pydantic import Field, model_validator
 from tactile_fem.study.base import Finite, NonNegative, Positive, Section
 
 
-class Polynomial(Section):
+class Relaxing(Section):
+    """How a tissue's resistance to a change of shape relaxes: a Prony series.
+
+    The other constants are those of the long run.
+    """
+
+    g: tuple[Annotated[Finite, Field(gt=0, lt=1)], ...] = Field(
+        (), description="shares of the instantaneous shear stiffness that relax; none: elastic"
+    )
+    tau_s: tuple[Positive, ...] = Field((), description="times over which they relax, as many")
+
+    @model_validator(mode="after")
+    def _leaves_some(self) -> Self:
+        if len(self.g) != len(self.tau_s):
+            raise ValueError(
+                f"g has {len(self.g)} shares but tau_s {len(self.tau_s)} times; "
+                "each share needs its own time"
+            )
+        if sum(self.g) >= 1:
+            raise ValueError(
+                f"the sum of g is {sum(self.g):g} but must be below 1: what does not relax "
+                "carries the load in the long run"
+            )
+        return self
+
+
+class Polynomial(Relaxing):
     """Polynomial energy of order two, with the cubic term of Yeoh; neo-Hookean with C10 alone."""
 
     C10_MPa: Positive = Field(description="of (I1bar - 3)")
@@ -37,7 +63,7 @@ class Polynomial(Section):
         return self
 
 
-class Elastic(Section):
+class Elastic(Relaxing):
     """Linear elastic constants of bone and nail (St. Venant-Kirchhoff at finite rotation)."""
 
     E_MPa: Positive = Field(description="Young's modulus")

@@ -58,6 +58,17 @@ class PolynomialEnergy:
             W += (J - 1) ** 4 / c.D2_per_MPa
         return W
 
+    def in_shear(self, a: Expr) -> Expr:
+        """Return the energy in the simple shear ``gamma^2 = a``, where both invariants are `a`."""
+        terms = self.constants
+        c = self.values or terms
+        W = (c.C10_MPa + c.C01_MPa) * a
+        if terms.C20_MPa or terms.C11_MPa or terms.C02_MPa:
+            W += (c.C20_MPa + c.C11_MPa + c.C02_MPa) * a**2
+        if terms.C30_MPa:
+            W += c.C30_MPa * a**3
+        return W
+
 
 @dataclass(frozen=True)
 class StVenantKirchhoff:
@@ -77,6 +88,10 @@ class StVenantKirchhoff:
         shear = shear_modulus(self.constants, c)
         E = (F.T * F - ufl.Identity(3)) / 2
         return lame / 2 * ufl.tr(E) ** 2 + shear * ufl.inner(E, E)
+
+    def in_shear(self, a: Expr) -> Expr:
+        """Return the energy in the simple shear ``gamma^2 = a`` as far as it is linear in `a`."""
+        return shear_modulus(self.constants, self.values or self.constants) / 2 * a
 
 
 @dataclass(frozen=True)
@@ -104,8 +119,8 @@ def stress(law: Law, F: Expr) -> Expr:
     return ufl.diff(law.energy(variable), variable)
 
 
-def stiffness(law: Law, F: Expr) -> Expr:
-    """Return the stiffness ``K + 4 G/3`` of `law` at `F`, in MPa.
+def stiffness(law: Law, F: Expr, in_shear: Expr | float = 1.0) -> Expr:
+    """Return the stiffness ``K + 4 G/3`` of `law` at `F`, in MPa, with `G` times `in_shear`.
 
     `K` is the slope of the pressure in a pure volume change to the volume of `F`. `G` is the slope
     of the shear stress in a simple shear with the distortion of `F`, ``gamma^2 = I1bar - 3``.
@@ -113,7 +128,8 @@ def stiffness(law: Law, F: Expr) -> Expr:
     volume, distortion, _ = _invariants(F)
     J = ufl.variable(volume)
     K = ufl.diff(ufl.diff(law.energy(J ** (1 / 3) * ufl.Identity(3)), J), J)
-    return K + 4 * tangent_shear_modulus(law, ufl.sqrt(ufl.max_value(distortion, 0.0))) / 3
+    G = tangent_shear_modulus(law, ufl.sqrt(ufl.max_value(distortion, 0.0)))
+    return K + 4 * in_shear * G / 3
 
 
 def tangent_shear_modulus(law: Law, shear: Expr) -> Expr:
