@@ -23,10 +23,12 @@ from tactile_fem.study import (
     Hold,
     Plate,
     Polynomial,
+    Press,
     Protocol,
     Solver,
     Study,
     Text,
+    Tissue,
 )
 from tactile_fem.tissue.energies import law_of
 
@@ -233,6 +235,24 @@ def test_contact_is_as_stiff_as_the_meshs_own_stratum_corneum_asks_for():
     assert stiffness[1] == pytest.approx(stiffness[0] / 2)
     with pytest.raises(MeshError, match="no stratum corneum"):
         Penalty.of(STUDY, dataclasses.replace(BLOCK, nodes=BLOCK.nodes + np.array([0, 0, 20.0])))
+
+
+def test_abaqus_gets_the_series_and_the_time_of_tissue_that_relaxes(tmp_path):
+    series = {"g": (0.3, 0.2), "tau_s": (0.07, 1.4)}
+    tissue = Tissue.model_validate({"dermis": series})
+    path = (Press(depth_mm=0.2, speed_mm_s=10.0), Hold(time_s=3.0, output_s=0.5))
+    protocol = Protocol(path=path)
+    study = STUDY.model_copy(update={"tissue": tissue, "protocol": protocol})
+    with pytest.raises(StudyError, match=r"tissue\.dermis\.g is set but CalculiX"):
+        write_deck(study, BLOCK, tmp_path / "ccx.inp")
+    write_deck(study, BLOCK, tmp_path / "abaqus.inp", code="abaqus")
+    deck = (tmp_path / "abaqus.inp").read_text()
+    assert deck.count("MODULI=LONG TERM\n") == 1
+    assert "*VISCOELASTIC, TIME=PRONY\n0.3, 0, 0.07\n0.2, 0, 1.4\n" in deck
+    assert "*STATIC" not in deck
+    periods = [float(row.split(",")[1]) for row in re.findall(r"\*VISCO\n(.*)\n", deck)]
+    assert periods[-1] == pytest.approx(3.0)
+    assert sum(periods[:-1]) == pytest.approx(0.02, rel=0.2)
 
 
 def test_what_a_deck_cannot_hold_is_refused(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from tactile_fem.mechanics.sensitivity import Sensitivities
 from tactile_fem.scan.parts import Parts
 from tactile_fem.scan.setup import Setup
-from tactile_fem.study import Finger, Protocol, Receptors, Solver, Sphere, Study
+from tactile_fem.study import Finger, Protocol, Receptors, Solver, Sphere, Study, Tissue
 
 from mpi4py import MPI  # isort: skip
 
@@ -21,8 +21,9 @@ CHANGES = (
 STEP = 1e-3
 
 
-def pressed_and_slid() -> Study:
+def pressed_and_slid(relaxation: str) -> Study:
     return Study(
+        tissue=Tissue.model_validate({"relaxation": relaxation}),
         finger=Finger(pad_size_mm=3.0, far_size_mm=6.0),
         stimulus=Sphere(radius_mm=4.0),
         protocol=Protocol(depth_mm=0.5, distance_mm=0.1),
@@ -62,9 +63,10 @@ def run(study: Study, changes=()) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.ranks
-def test_press_and_slide_with_friction():
-    """Friction's memory of where the skin stuck passes the derivatives from step to step."""
-    study = pressed_and_slid()
+@pytest.mark.parametrize("relaxation", ["none", "fingerpad"])
+def test_press_and_slide_with_friction(relaxation):
+    """Memories pass the derivatives from step to step: where the skin stuck, how it relaxes."""
+    study = pressed_and_slid(relaxation)
     values, found = run(study, CHANGES)
     np.testing.assert_allclose(run(study)[0], values, rtol=1e-6, atol=1e-8)
     for i, change in enumerate(CHANGES):

@@ -119,10 +119,13 @@ class Sensitivities:
             array += amount * by
         for constant, power in zip(constants, change.values(), strict=True):
             constant.value *= np.exp(amount * power)
+        carry_history = self._problem.elasticity.set_time_step
+        carry_history(state.dt_s)
         try:
             yield
         finally:
             for array, before in zip(arrays, saved, strict=True):
                 array[:] = before
+            carry_history(state.dt_s)
             for constant, number in zip(constants, numbers, strict=True):
                 constant.value = number

@@ -5,6 +5,10 @@ differs from this package's own model in three ways: contact is a linear penalty
 Nitsche's method, the stimulator is a facetted height field instead of a smooth distance, and
 tissues have no viscosity (``tissue.viscous_time_s`` is left out).
 
+Tissue that relaxes has its Prony series in a deck for Abaqus, whose step time is then in s.
+Abaqus relaxes stress by a convolution: equal at small strain, at once, in the long run and in a
+held shape of a neo-Hookean tissue, not in between. CalculiX has no such law.
+
 The two codes differ in three keywords, selected by `Code`. ``*FRICTION``: CalculiX needs the stick
 slope (MPa/mm) after the coefficient; for Abaqus the default elastic slip is used. ``*NODE PRINT``:
 ``TOTALS=ONLY`` in CalculiX, ``TOTALS=YES`` in Abaqus. Strain energy density: ``ENER`` and
@@ -135,7 +139,7 @@ def write_deck(
     Raises
     ------
     StudyError
-        The path wants a force, or nothing of the mesh is held.
+        The path wants a force, nothing of the mesh is held, or CalculiX should relax.
     """
     _check_goes_to_places(study.protocol)
     way = make_path(study.protocol, 0.0)
@@ -154,6 +158,12 @@ def write_deck(
     field = replace(field, points=field.points + way.start_mm)
 
     present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[deformable] == tag)]
+    relaxing = [name for name in present if getattr(study.tissue, name).g]
+    if relaxing and code == "calculix":
+        raise StudyError(
+            f"tissue.{relaxing[0]}.g is set but CalculiX has no tissue that relaxes: write the "
+            'deck for Abaqus, or set tissue.relaxation to "none".'
+        )
     lines = ["** Fingertip and rigid stimulator, written by tactile_fem; mm, N, MPa"]
     lines += _finger_lines(finger, deformable, used, held, present)
     if energy_of is not None:
@@ -166,7 +176,7 @@ def write_deck(
     slide = slide_step_mm or study.solver.max_slide_step_mm
     press = press_step_mm or study.solver.max_press_step_mm
     for motion in motions:
-        lines += _step_lines(motion, way.start_mm, (slide, press), printed)
+        lines += _step_lines(motion, way.start_mm, (slide, press), printed, bool(relaxing))
     write_text(Path(path), "\n".join([*lines, ""]))
     return DeckSize(len(deformable), 3 * (len(used) - len(held)), len(faces))
 
@@ -228,20 +238,27 @@ def _stimulator_lines(field: HeightField, first_node: int, first_cell: int) -> l
 
 
 def material_lines(name: str, constants: Polynomial | Elastic) -> list[str]:
-    """Return the material of a tissue, with the constants of `PolynomialEnergy`."""
-    head = f"*MATERIAL, NAME={name.upper()}"
-    c = constants
+    """Return the material of a tissue: `PolynomialEnergy`, and its series if it relaxes."""
+    lines = [f"*MATERIAL, NAME={name.upper()}", *_elastic_lines(constants)]
+    if not constants.g:
+        return lines
+    lines[1] += ", MODULI=LONG TERM"
+    series = zip(constants.g, constants.tau_s, strict=True)
+    return [*lines, "*VISCOELASTIC, TIME=PRONY", *(_row(g, 0.0, tau_s) for g, tau_s in series)]
+
+
+def _elastic_lines(c: Polynomial | Elastic) -> list[str]:
     if isinstance(c, Elastic):
-        return [head, "*ELASTIC", _row(c.E_MPa, c.nu)]
+        return ["*ELASTIC", _row(c.E_MPa, c.nu)]
     if c.is_neo_hookean:
-        return [head, "*HYPERELASTIC, NEO HOOKE", _row(c.C10_MPa, c.D1_per_MPa)]
+        return ["*HYPERELASTIC, NEO HOOKE", _row(c.C10_MPa, c.D1_per_MPa)]
     shear = c.C10_MPa, c.C01_MPa, c.C20_MPa, c.C11_MPa, c.C02_MPa
     volume = c.D1_per_MPa, c.D2_per_MPa or NO_D_PER_MPa
     if not c.C30_MPa:
-        return [head, "*HYPERELASTIC, POLYNOMIAL, N=2", _row(*shear, *volume)]
+        return ["*HYPERELASTIC, POLYNOMIAL, N=2", _row(*shear, *volume)]
     cubic = c.C30_MPa, 0.0, 0.0
     rows = [_row(*shear, *cubic), _row(0.0, *volume, NO_D_PER_MPa)]
-    return [head, "*HYPERELASTIC, POLYNOMIAL, N=3", *rows]
+    return ["*HYPERELASTIC, POLYNOMIAL, N=3", *rows]
 
 
 def _contact_lines(
@@ -273,16 +290,29 @@ def _print_lines(code: Code, energy: bool) -> list[str]:
 
 
 def _step_lines(
-    motion: Motion, start_mm: NDArray, longest_mm: tuple[float, float], printed: list[str]
+    motion: Motion,
+    start_mm: NDArray,
+    longest_mm: tuple[float, float],
+    printed: list[str],
+    relaxes: bool,
 ) -> list[str]:
-    """Write a step of equal increments for each straight part of a motion."""
+    """Write a step of equal increments for each straight part of a motion.
+
+    Where tissue relaxes, the step takes its time, and holding still is a step as well.
+    """
     lines = []
-    for before, after in pairwise(motion.places_mm):
+    knots = zip(motion.times_s.tolist(), motion.places_mm, strict=True)
+    for (begun_s, before), (ended_s, after) in pairwise(knots):
         way = np.abs(after - before)
         count = math.ceil(max(np.hypot(*way[:2]) / longest_mm[0], way[2] / longest_mm[1]) - 1e-9)
+        if relaxes:
+            count = count or len(motion.outputs_s)
         if count:
+            time = ended_s - begun_s if relaxes else 1.0
             lines += [f"** {motion.phase}: {np.linalg.norm(way):g} mm", "*STEP, NLGEOM, INC=10000"]
-            lines += ["*STATIC", _row(1 / count, 1.0, _SMALLEST_INCREMENT, 1 / count), "*BOUNDARY"]
+            lines += ["*VISCO" if relaxes else "*STATIC"]
+            lines += [_row(time / count, time, _SMALLEST_INCREMENT * time, time / count)]
+            lines += ["*BOUNDARY"]
             moved = (after - start_mm).tolist()
             lines += [_row("STIMULATOR", k, k, u) for k, u in enumerate(moved, 1)]
             lines += [*printed, "*END STEP"]

@@ -58,7 +58,8 @@ class Motion:
     held_N: float | None = None
 
     @cached_property
-    def _times_s(self) -> Array:
+    def times_s(self) -> Array:
+        """Times of the knots since the piece began, (knots,)."""
         if self.knots_s is None:
             return np.linspace(0.0, self.duration_s, _SAMPLES)
         return self.knots_s
@@ -66,8 +67,8 @@ class Motion:
     @cached_property
     def places_mm(self) -> Array:
         """Positions at the knots, between which the body moves straight, (knots, 3)."""
-        places = np.array([self.place(float(t)) for t in self._times_s])
-        if places.shape != (len(self._times_s), 3) or not np.isfinite(places).all():
+        places = np.array([self.place(float(t)) for t in self.times_s])
+        if places.shape != (len(self.times_s), 3) or not np.isfinite(places).all():
             raise StudyError(
                 f"protocol: a place on its path ({self.phase}) is not three finite numbers."
             )
@@ -78,7 +79,7 @@ class Motion:
         """Times, s, and lengths of path across the finger and in Z up to them, mm, (3, knots)."""
         moves = np.abs(np.diff(self.places_mm, axis=0))
         lengths = np.hypot(moves[:, 0], moves[:, 1]), moves[:, 2]
-        return np.array([self._times_s, *(np.append(0.0, np.cumsum(length)) for length in lengths)])
+        return np.array([self.times_s, *(np.append(0.0, np.cumsum(length)) for length in lengths)])
 
     def slid_mm(self, time_s: float) -> float:
         """Return the length of the path across the finger, in X and Y, up to a time."""

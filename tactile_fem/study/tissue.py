@@ -140,6 +140,15 @@ TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
 }
 
 
+# Series of the four soft tissues. The times are those of finger pads under a flat probe (Pawluk and
+# Howe 1999, DOI 10.1115/1.2835100); their shares are not known to us: proposed.
+RELAXATIONS: dict[str, dict[str, tuple[float, ...]]] = {
+    "none": {},
+    "fingerpad": {"g": (0.25, 0.25, 0.20), "tau_s": (0.004, 0.070, 1.4)},
+}
+_SOFT = ("stratum_corneum", "epidermis", "dermis", "subcutaneous")
+
+
 class Tissue(Section):
     """Constants of the tissues; tables and keys that are left out come from the named set."""
 
@@ -150,6 +159,9 @@ class Tissue(Section):
         0.004,
         description="Kelvin-Voigt time, the shortest relaxation time of measured finger pads "
         "(Pawluk and Howe 1999, DOI 10.1115/1.2835100); steadies the solver; 0 is elastic",
+    )
+    relaxation: Literal["none", "fingerpad"] = Field(
+        "none", description="g and tau_s of the soft tissues for which none are given below"
     )
     stratum_corneum: Polynomial
     epidermis: Polynomial
@@ -166,8 +178,13 @@ class Tissue(Section):
         name = data.get("set", "fitted")
         known = isinstance(name, str) and name in TISSUE_SETS
         constants = TISSUE_SETS[name if known else "fitted"]
+        relaxation = data.get("relaxation", "none")
+        series = RELAXATIONS.get(relaxation, {}) if isinstance(relaxation, str) else {}
         filled = dict(data)
         for tissue, values in constants.items():
             given = data.get(tissue, {})
-            filled[tissue] = {**values, **given} if isinstance(given, dict) else given
+            if isinstance(given, dict):
+                relaxes = tissue in _SOFT and not {"g", "tau_s"} & given.keys()
+                given = {**values, **(series if relaxes else {}), **given}
+            filled[tissue] = given
         return filled
