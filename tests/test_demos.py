@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import time
+import zipfile
 from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,6 +20,7 @@ import pytest
 from needs import needs_gmsh
 
 from tactile_fem.runtime import ranks
+from tactile_fem.scan.results import Results
 from tactile_fem.series import run_series, single_fibre
 from tactile_fem.study import Neuron
 from tactile_fem.study.file import load_study
@@ -510,6 +512,22 @@ def test_kept_tangent():
     rows = np.array([line.split() for line in output.splitlines()[-2:]], dtype=float)
     np.testing.assert_array_equal(rows[:, 0], [1, 5])
     assert rows[1, 5] < 1e-7  # N, difference of the force
+
+
+def test_packed_scans_are_complete_scans(tmp_path):
+    with zipfile.ZipFile(DEMOS / "protocols" / "scans.zip") as shipped:
+        names = [name for name in shipped.namelist() if name.startswith("alphabet/text-A/")]
+        shipped.extractall(tmp_path / "scans", names)
+    again = tmp_path / "again.zip"
+    assert "1 scans" in run("protocols/pack_scans.py", str(tmp_path / "scans"), str(again))
+    with zipfile.ZipFile(again) as packed:
+        packed.extractall(tmp_path / "again")
+    there, back = (
+        Results.open(tmp_path / place / "alphabet/text-A") for place in ("scans", "again")
+    )
+    assert back.study.stimulus.text == "A"
+    assert there.trace["sed_kPa"].max() > 1
+    np.testing.assert_array_equal(back.trace["sed_kPa"], there.trace["sed_kPa"])
 
 
 def test_every_demo_is_tested():
