@@ -15,16 +15,14 @@ from dolfinx import fem  # isort: skip
 from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
+from sphere_on_block import sphere_on_block
 
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.elasticity import Elasticity
-from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.stimulus import make_body
-from tactile_fem.study import Solver, Sphere, Tissue
+from tactile_fem.study import Tissue
 from tactile_fem.tissue.relaxation import Prony
 
 C10, C20, D1 = 0.01, 0.02, 20.0
-SOFT = ("stratum_corneum", "epidermis", "dermis", "subcutaneous")
 PLACES = [(0, 0, 0.15), (0, 0, 0.3), (0, -0.1, 0.3)]
 
 
@@ -32,7 +30,7 @@ def skin(g: tuple[float, ...], tau_s: tuple[float, ...], **more: float) -> Tissu
     """Return one law in all layers, with a series."""
     constants = {"C10_MPa": C10, "C30_MPa": 0.0, "C20_MPa": 0.0, "D1_per_MPa": D1, **more}
     layer = {**constants, "g": g, "tau_s": tau_s}
-    return Tissue.model_validate({"viscous_time_s": 0.0, **dict.fromkeys(SOFT, layer)})
+    return Tissue.model_validate({"viscous_time_s": 0.0, **dict.fromkeys(LAYERS, layer)})
 
 
 class Piece:
@@ -219,23 +217,14 @@ def test_work_is_stored_or_lost_and_never_gained():
     assert piece.stored() < 1e-6 * stored  # at rest again, all of it is lost
 
 
-def pressed(tissue: Tissue) -> FingerProblem:
-    line = np.linspace(-3, 3, 4)
-    depths = np.array([0.0, 0.17, 0.82, 1.62, 3.0])
-    mesh = block_mesh(line, line, depths, LAYERS) if MPI.COMM_WORLD.rank == 0 else None
-    domain = create_domain(mesh, MPI.COMM_WORLD, ("cut",))
-    settings = Solver(held=("cut",), petsc={"snes_atol": 1e-11})
-    return FingerProblem(domain, tissue, make_body(Sphere(radius_mm=3.0)), 0.3, settings)
-
-
 def relaxing() -> Tissue:
     series = {"g": (0.3, 0.2), "tau_s": (0.01, 0.5)}
-    return Tissue.model_validate({"set": "proposed", **dict.fromkeys(SOFT, series)})
+    return Tissue.model_validate({"set": "proposed", **dict.fromkeys(LAYERS, series)})
 
 
 @pytest.mark.ranks
 def test_contact_holds_relaxing_skin_and_a_checkpoint_goes_on():
-    made, forces = pressed(relaxing()), []
+    made, forces = sphere_on_block(relaxing()), []
     for place, dt_s in [*((place, 0.01) for place in PLACES), (PLACES[-1], 0.1)]:
         made.state.reset()
         assert made.solve(np.array(place, dtype=float), dt_s).converged
@@ -245,15 +234,15 @@ def test_contact_holds_relaxing_skin_and_a_checkpoint_goes_on():
         assert load.gap_error_mm < 0.01
     assert forces[-1] < 0.95 * forces[-2]  # the skin relaxes
     saved = made.state.gather(made.order)
-    other = pressed(relaxing())
+    other = sphere_on_block(relaxing())
     other.restore(saved)
     for problem in (made, other):
         problem.state.reset()
         assert problem.solve(np.array(PLACES[-1], dtype=float), 1.0).converged
     there, again = (problem.order.gather(problem.u) for problem in (made, other))
     np.testing.assert_allclose(again, there, rtol=0, atol=1e-9)
-    long = pressed(relaxing())
-    elastic_one = pressed(Tissue.model_validate({"set": "proposed"}))
+    long = sphere_on_block(relaxing())
+    elastic_one = sphere_on_block(Tissue.model_validate({"set": "proposed"}))
     for problem in (long, elastic_one):
         problem.state.reset()
         assert problem.solve(np.array(PLACES[0], dtype=float), 1e3).converged

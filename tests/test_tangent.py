@@ -6,31 +6,17 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-
-from tactile_fem.runtime import backend, ranks  # noqa: F401
-
-from dolfinx import fem  # isort: skip  # noqa: F401
-from mpi4py import MPI  # isort: skip
-
-from blocks import LAYERS, block_mesh
+from sphere_on_block import sphere_on_block
 
 from tactile_fem.mechanics import tangent
-from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.stimulus import make_body
-from tactile_fem.study import Solver, Sphere, Tissue
+from tactile_fem.study import Tissue
 
-DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0])
 PLACES = [(0, 0, 0.15), (0, 0, 0.3), (0, -0.05, 0.3), (0, -0.1, 0.3)]
 
 
 def problem(**solver) -> FingerProblem:
-    line = np.linspace(-3, 3, 4)
-    mesh = block_mesh(line, line, DEPTHS, LAYERS) if MPI.COMM_WORLD.rank == 0 else None
-    domain = create_domain(mesh, MPI.COMM_WORLD, ("cut",))
-    settings = Solver(held=("cut",), petsc={"snes_atol": 1e-11}, **solver)
-    tissue = Tissue.model_validate({"set": "proposed"})
-    return FingerProblem(domain, tissue, make_body(Sphere(radius_mm=3.0)), 0.3, settings)
+    return sphere_on_block(Tissue.model_validate({"set": "proposed"}), **solver)
 
 
 @pytest.fixture(autouse=True)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_fem.cli.entry import run
+from tactile_fem.runtime.files import atomic_write
 from tactile_fem.scan.results import Results
 
 # The histories that the demos of this folder use.
@@ -39,14 +40,12 @@ def main(folder: Path, archive: Path) -> None:
         A zip file; it is replaced only when the new one is complete.
     """
     scans = list(complete_below(folder))
-    part = archive.with_suffix(".part")
-    with zipfile.ZipFile(part, "w", zipfile.ZIP_LZMA) as packed:
+    with atomic_write(archive) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_LZMA) as packed:
         for scan in scans:
             name = scan.folder.relative_to(folder).as_posix()
             for own in ("study.toml", "run.json", "spikes.csv"):
                 packed.write(scan.folder / own, f"{name}/{own}")
             packed.writestr(f"{name}/trace.npz", reduced(scan))
-    part.replace(archive)
     print(f"{len(scans)} scans, {archive.stat().st_size / 1e3:.0f} kB: {archive}")
 
 

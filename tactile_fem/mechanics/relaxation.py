@@ -57,36 +57,34 @@ class Relaxation(PointHistory):
         cells = msh.topology.index_map(msh.topology.dim)
         self._cells = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
         tags = domain.tissues_of(domain.tissue)
-        self._own = {
-            name: domain.tissue.find(tag) for name, tag in tags.items() if name in self._series
+        self._own = {name: domain.tissue.find(tags[name]) for name in series}
+        # Of each network its stiffness ratio and the weight of the new strain, by tissue.
+        self._factors = {
+            name: [(fem.Constant(msh, ratio), fem.Constant(msh, 0.0)) for ratio in prony.ratios]
+            for name, prony in series.items()
         }
-        self._ratios = self._constants({name: prony.ratios for name, prony in series.items()})
-        self._new = self._constants({name: [0.0] * len(prony.g) for name, prony in series.items()})
 
     def networks(self, tissue: str, law: ShearLaw) -> list[Network]:
         """Return the networks of a tissue with that elastic law; none if it does not relax."""
         return [
             Network(law, ratio, (1 - new) * ufl.Identity(3) + _symmetric(self._carried, k), new)
-            for k, (ratio, new) in enumerate(
-                zip(self._ratios.get(tissue, []), self._new.get(tissue, []), strict=True)
-            )
+            for k, (ratio, new) in enumerate(self._factors.get(tissue, []))
         ]
 
     def stiffening(self, tissue: str) -> Expr | float:
         """Return how much stiffer than in the long run a tissue is over the present step."""
-        pairs = zip(self._ratios.get(tissue, []), self._new.get(tissue, []), strict=True)
-        return sum(ratio * (1 - new) for ratio, new in pairs)
+        return sum(ratio * (1 - new) for ratio, new in self._factors.get(tissue, []))
 
     def set_time_step(self, dt_s: float) -> None:
         """Carry the history over a step of that duration."""
         old, carried = self._at_cells(self.old), self._at_cells(self._carried)
         for name, prony in self._series.items():
-            cells = self._own.get(name, [])
+            cells = self._own[name]
             strain = old[cells, :, self._count]
             for k, (kept, before, new) in enumerate(prony.weights(dt_s)):
                 carried[cells, :, k] = kept * old[cells, :, k] + before * strain
-                self._new[name][k].value = new
-        self._put(self._carried, carried)
+                self._factors[name][k][1].value = new
+        self._put(self._carried.x.array, self._carried, carried)
 
     def points_mm(self) -> np.ndarray:
         """Return places of the values on this rank, (points, dimension)."""
@@ -106,11 +104,11 @@ class Relaxation(PointHistory):
         carried = self._at_cells(self._carried)
         values = np.concatenate([carried, strain], axis=2)
         for name, cells in self._own.items():
-            for k, new in enumerate(self._new[name]):
+            for k, (_, new) in enumerate(self._factors[name]):
                 values[cells, :, k] += float(new.value) * strain[cells, :, 0]
-        holder = self._function(self._count + 1)
-        self._put(holder, values)
-        return holder.x.array
+        found = np.empty_like(self.old.x.array)
+        self._put(found, self.old, values)
+        return found
 
     def _function(self, count: int) -> fem.Function:
         """Return a function with `count` symmetric matrices at the corners of each cell."""
@@ -118,22 +116,15 @@ class Relaxation(PointHistory):
         element = basix.ufl.element("Lagrange", cell, 1, shape=(count * _SIZE,), discontinuous=True)
         return fem.Function(fem.functionspace(self._mesh, element))
 
-    def _constants(self, values: Mapping[str, list[float]]) -> dict[str, list[fem.Constant]]:
-        return {
-            name: [fem.Constant(self._mesh, value) for value in several]
-            for name, several in values.items()
-        }
-
     def _at_cells(self, function: fem.Function) -> np.ndarray:
         """Return its values, (cells, corners, matrices, 6)."""
-        V = function.function_space
-        values = function.x.array.reshape(-1, V.dofmap.bs // _SIZE, _SIZE)
-        return values[V.dofmap.list]
+        dofmap = function.function_space.dofmap
+        return function.x.array.reshape(-1, dofmap.bs // _SIZE, _SIZE)[dofmap.list]
 
-    def _put(self, function: fem.Function, values: np.ndarray) -> None:
-        """Set its values, (cells, corners, matrices, 6)."""
-        V = function.function_space
-        function.x.array.reshape(-1, V.dofmap.bs // _SIZE, _SIZE)[V.dofmap.list] = values
+    def _put(self, array: np.ndarray, like: fem.Function, values: np.ndarray) -> None:
+        """Set an array of the function's coefficients to values (cells, corners, matrices, 6)."""
+        dofmap = like.function_space.dofmap
+        array.reshape(-1, dofmap.bs // _SIZE, _SIZE)[dofmap.list] = values
 
 
 def _symmetric(function: fem.Function, k: int) -> Expr:

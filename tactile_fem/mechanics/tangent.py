@@ -30,7 +30,8 @@ class Tangent:
     kept, contact
         The parts as forms; the contact's entries are among the tissues'.
     exact
-        Makes the form of the tissues' part that is not kept, when it is first needed.
+        Makes the form of the tissues' part that is not kept, when it is first needed; never if
+        none is kept, since `kept` is exact then.
     bcs
         Dirichlet conditions.
     iterations
@@ -103,7 +104,7 @@ class Tangent:
 
     @cached_property
     def _exact(self) -> fem.Form:
-        return self._make_exact()
+        return self._make_exact() if self.is_kept else self._form
 
     def _assemble_tissues(self, matrix: PETSc.Mat, exact: bool) -> None:
         with common.Timer("tactile: tangent of the tissues"):

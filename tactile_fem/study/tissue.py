@@ -146,7 +146,6 @@ RELAXATIONS: dict[str, dict[str, tuple[float, ...]]] = {
     "none": {},
     "fingerpad": {"g": (0.25, 0.25, 0.20), "tau_s": (0.004, 0.070, 1.4)},
 }
-_SOFT = ("stratum_corneum", "epidermis", "dermis", "subcutaneous")
 
 
 class Tissue(Section):
@@ -184,7 +183,7 @@ class Tissue(Section):
         for tissue, values in constants.items():
             given = data.get(tissue, {})
             if isinstance(given, dict):
-                relaxes = tissue in _SOFT and not {"g", "tau_s"} & given.keys()
+                relaxes = tissue not in _HARD and not {"g", "tau_s"} & given.keys()
                 given = {**values, **(series if relaxes else {}), **given}
             filled[tissue] = given
         return filled

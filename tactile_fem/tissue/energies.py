@@ -46,13 +46,7 @@ class PolynomialEnergy:
         """Return the strain energy density of `F`, in MPa."""
         terms, (J, a, b) = self.constants, _invariants(F)
         c = self.values or terms
-        W = c.C10_MPa * a
-        if terms.C20_MPa:
-            W += c.C20_MPa * a**2
-        if terms.C30_MPa:
-            W += c.C30_MPa * a**3
-        if terms.C01_MPa or terms.C11_MPa or terms.C02_MPa:
-            W += c.C01_MPa * b + c.C11_MPa * a * b + c.C02_MPa * b**2
+        W = self._of_shape(a, b)
         W += (J - 1) ** 2 / c.D1_per_MPa
         if terms.D2_per_MPa is not None:
             W += (J - 1) ** 4 / c.D2_per_MPa
@@ -60,13 +54,19 @@ class PolynomialEnergy:
 
     def in_shear(self, a: Expr) -> Expr:
         """Return the energy in the simple shear ``gamma^2 = a``, where both invariants are `a`."""
+        return self._of_shape(a, a)
+
+    def _of_shape(self, a: Expr, b: Expr) -> Expr:
+        """Return the energy without that of a change of volume."""
         terms = self.constants
         c = self.values or terms
-        W = (c.C10_MPa + c.C01_MPa) * a
-        if terms.C20_MPa or terms.C11_MPa or terms.C02_MPa:
-            W += (c.C20_MPa + c.C11_MPa + c.C02_MPa) * a**2
+        W = c.C10_MPa * a
+        if terms.C20_MPa:
+            W += c.C20_MPa * a**2
         if terms.C30_MPa:
             W += c.C30_MPa * a**3
+        if terms.C01_MPa or terms.C11_MPa or terms.C02_MPa:
+            W += c.C01_MPa * b + c.C11_MPa * a * b + c.C02_MPa * b**2
         return W
 
 
@@ -119,8 +119,8 @@ def stress(law: Law, F: Expr) -> Expr:
     return ufl.diff(law.energy(variable), variable)
 
 
-def stiffness(law: Law, F: Expr, in_shear: Expr | float = 1.0) -> Expr:
-    """Return the stiffness ``K + 4 G/3`` of `law` at `F`, in MPa, with `G` times `in_shear`.
+def stiffness(law: Law, F: Expr, hardening: Expr | float = 1.0) -> Expr:
+    """Return the stiffness ``K + 4 G/3`` of `law` at `F`, in MPa, with `G` times `hardening`.
 
     `K` is the slope of the pressure in a pure volume change to the volume of `F`. `G` is the slope
     of the shear stress in a simple shear with the distortion of `F`, ``gamma^2 = I1bar - 3``.
@@ -129,7 +129,7 @@ def stiffness(law: Law, F: Expr, in_shear: Expr | float = 1.0) -> Expr:
     J = ufl.variable(volume)
     K = ufl.diff(ufl.diff(law.energy(J ** (1 / 3) * ufl.Identity(3)), J), J)
     G = tangent_shear_modulus(law, ufl.sqrt(ufl.max_value(distortion, 0.0)))
-    return K + 4 * in_shear * G / 3
+    return K + 4 * hardening * G / 3
 
 
 def tangent_shear_modulus(law: Law, shear: Expr) -> Expr:
