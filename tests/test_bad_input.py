@@ -117,7 +117,7 @@ SETTINGS = [
     ("tissue.dermis=5", "tissue.dermis is 5 but must be a table of values."),
     (
         "tissue.dermis.nu=0.3",
-        "tissue.dermis.nu is not a key of [tissue.dermis]; allowed: C10_MPa, C01_MPa, "
+        "tissue.dermis.nu is not a key of [tissue.dermis]; allowed: g, tau_s, C10_MPa, C01_MPa, "
         "C20_MPa, C11_MPa, C02_MPa, C30_MPa, D1_per_MPa, D2_per_MPa.",
     ),
     (
@@ -127,7 +127,7 @@ SETTINGS = [
     ),
     (
         "tissue.muscle.C10_MPa=1",
-        "tissue.muscle is not a key of [tissue]; allowed: set, viscous_time_s, "
+        "tissue.muscle is not a key of [tissue]; allowed: set, viscous_time_s, relaxation, "
         "stratum_corneum, epidermis, dermis, subcutaneous, bone, nail.",
     ),
     (

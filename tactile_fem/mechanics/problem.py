@@ -183,7 +183,8 @@ class FingerProblem:
             snes.getKSP().setTolerances(atol=_LAST_SOLVE * snes.getTolerances()[1])
         self._tangent = Tangent(
             problem.J,
-            partial(self.compile, exact),
+            # Not by `self.compile`, which would hold this problem.
+            partial(fem.form, exact, jit_options=self._jit, entity_maps=self.obstacle.entity_maps),
             self.compile(ufl.derivative(contact, state.u)),
             self._bcs,
             solver.tangent_iterations,
