@@ -223,6 +223,62 @@ def test_predictions(tmp_path):
 
 
 @pytest.mark.slow
+@needs_gmsh
+def test_relaxation(tmp_path):
+    output = run("validation/relaxation.py", str(tmp_path), "--press", "0.4", *SMALL)
+    rows = output.splitlines()
+    assert len((tmp_path / "relaxation.csv").read_text().splitlines()) - 1 == len(rows) == 8
+    assert 0 < number(r"fall of 0\.05 N.*\| ([\d.]+)% \|", output) < 30
+    fast, slow = (number(rf"tap of {ms} ms.*\| ([\d.]+)% \|", output) for ms in (110, 220))
+    assert 30 < fast < 90 and 30 < slow < 90
+    assert "| faster is stiffer | " in output and rows[4].endswith("| yes |")
+    relaxes, creeps = re.search(r"([\d.]+) and ([\d.]+) s, [\d.]+ times", output).groups()
+    assert float(creeps) > float(relaxes) > 0
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_fit_relaxation(tmp_path):
+    way = ["--start", "0.3", "0.3", "0.1", "--evaluations", "1", "--pad-size", "4"]
+    output = run("validation/fit_relaxation.py", str(tmp_path), *way)
+    tried = list(csv.DictReader((tmp_path / "fit.csv").read_text().splitlines()))
+    assert len(tried) == 4  # the start, and one for the derivative by each share
+    falls = [float(row["fall of 0.2 N"]) for row in tried]
+    assert falls[3] > falls[0]  # a larger share of the longest time
+    assert number(r"g of 1\.4 s: ([\d.]+) ±", output) == pytest.approx(0.1, abs=1e-3)
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_decay(tmp_path):
+    way = ["--speeds", "20", "--distance", "0.2", "--depth", "0.4", "--hold", "1", "--jobs", "2"]
+    output = run("neurons/decay.py", str(tmp_path), *way, *SMALL)
+    rates = {
+        name: [float(rate) for rate in re.findall(r"[\d.]+", told)]
+        for name, told in re.findall(r"spikes/s, (\w+) \|([^\n]*)", output)
+    }
+    ramp = [rate for rate, *_ in rates.values()]
+    assert list(rates) == ["neither", "receptor", "tissue", "both"]
+    assert ramp == pytest.approx([ramp[0]] * 4, rel=1e-3) and ramp[0] > 0
+    # Elastic skin goes on; skin that relaxes tires slowly, a receptor that adapts at once.
+    held = {name: rate[-1] / rate[1] for name, rate in rates.items()}
+    assert held["neither"] == pytest.approx(1, abs=0.02) and held["tissue"] < 0.95
+    assert held["both"] < held["receptor"] and rates["receptor"][2] < 0.6 * rates["receptor"][1]
+    assert 0 < number(r"fast adaptation ([\d.]+)", output) < 0.953
+    assert {path.stem for path in tmp_path.glob("*.png")} == {"hold", "slide", "speeds"}
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_cost_of_relaxing(tmp_path):
+    way = ["--depth", "0.3", "--distance", "0.1", *SMALL]
+    told = run("benchmarks/relaxing.py", str(tmp_path), *way)
+    _heading, elastic, relaxing, ratio = told.splitlines()
+    assert elastic.split()[:2] == ["none", relaxing.split()[1]]  # as many steps
+    assert all(float(value) > 0 for value in ratio.split()[1:])
+
+
+@pytest.mark.slow
 def test_onset(tmp_path):
     output = run("validation/onset.py", str(tmp_path), "--deepest", "0.5", *SMALL)
     shift = number(r"chosen for plate indenter plate shift_mm (0\.0[1-9]\d*) deviations", output)

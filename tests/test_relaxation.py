@@ -266,3 +266,12 @@ def test_contact_holds_relaxing_skin_and_a_checkpoint_goes_on():
 def test_bad_series_are_refused(series, told):
     with pytest.raises(ValueError, match=told):
         Tissue.model_validate({"dermis": series})
+
+
+def test_a_finger_pads_series_takes_the_place_of_the_short_viscosity():
+    relaxing = Tissue(relaxation="fingerpad")
+    assert relaxing.viscous_time_s == 0 and relaxing.dermis.tau_s[0] == Tissue().viscous_time_s
+    assert Tissue(relaxation="fingerpad", viscous_time_s=0.001).viscous_time_s == 0.001
+    own = Tissue.model_validate({"relaxation": "fingerpad", "dermis": {"g": (), "tau_s": ()}})
+    assert not own.dermis.g and own.epidermis.g == relaxing.epidermis.g
+    assert not relaxing.bone.g and not relaxing.nail.g

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import ufl
 
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
@@ -37,6 +38,7 @@ from tactile_fem.study import (
     Solver,
     Study,
     Text,
+    Tissue,
 )
 from tactile_fem.study.file import dump_study
 from tactile_fem.tissue.energies import law_of
@@ -463,3 +465,17 @@ def test_bad_parts_are_found_before_any_long_work(study, parts, sentence, monkey
     monkeypatch.setattr("tactile_fem.scan.setup.create_domain", None)
     with pytest.raises(StudyError, match=sentence):
         scan(study, parts=parts)
+
+
+class Soft:
+    """A law of one's own that does not tell its energy in shear."""
+
+    def energy(self, F):
+        return 1e-3 * ufl.tr(F.T * F)
+
+
+def test_an_own_law_of_a_tissue_that_relaxes_must_know_shear(study, monkeypatch):
+    monkeypatch.setattr("tactile_fem.scan.setup.create_domain", None)
+    relaxing = study.model_copy(update={"tissue": Tissue(relaxation="fingerpad")})
+    with pytest.raises(StudyError, match=r"dermis relaxes .* needs a method in_shear"):
+        scan(relaxing, parts=Parts(laws={"dermis": Soft()}))

@@ -14,6 +14,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger import TISSUES, FingerMesh
 from tactile_fem.neuron import Population
 from tactile_fem.stimulus import Path, RigidBody
+from tactile_fem.study import Tissue
 from tactile_fem.tissue.energies import Law
 
 # Where parts are tried: small deformations of either sign, points above and beside the body.
@@ -77,14 +78,25 @@ class Parts:
         return {name: f"{_name(part)} {_hash(does)}" for name, (part, does) in parts.items()}
 
 
-def check_parts(parts: Parts) -> None:
-    """Try own parts before any long work; raise StudyError where one does not do its part."""
+def check_parts(parts: Parts, of_study: Tissue) -> None:
+    """Try own parts before any long work; raise StudyError where one does not do its part.
+
+    Parameters
+    ----------
+    of_study
+        The study's tissues, with the series of those that relax.
+    """
     for tissue, law in parts.laws.items():
         if tissue not in TISSUES:
             raise StudyError(f'parts.laws: "{tissue}" is no tissue; allowed: {", ".join(TISSUES)}.')
         energies = [_energy(law, F) for F in _DEFORMATIONS]
         if not np.isfinite(energies).all():
             raise StudyError(f"parts.laws: the energy of {tissue} is not finite at a small strain.")
+        if getattr(of_study, tissue).g and not hasattr(law, "in_shear"):
+            raise StudyError(
+                f"parts.laws: {tissue} relaxes (tissue.{tissue}.g), so its law needs a method "
+                "in_shear(a), its energy in the simple shear gamma^2 = a."
+            )
     if parts.body is not None:
         found = parts.body.distance(_POINTS)
         shapes = [np.shape(found.gap), np.shape(found.normal), np.shape(found.hessian)]

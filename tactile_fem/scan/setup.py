@@ -59,7 +59,7 @@ class Setup:
     def of(cls, study: Study, parts: Parts, comm: MPI.Comm) -> Setup:
         """Make all parts that can fail on bad input; all ranks call."""
         check_options(study.solver)
-        check_parts(parts)
+        check_parts(parts, study.tissue)
         populations = populations_of(study, parts.populations)
         finger = on_root(comm, lambda: _finger(study, parts), share=False)
         thickness = on_root(comm, lambda: pad_thickness_mm(finger))
