@@ -543,9 +543,9 @@ def test_friction(tmp_path):
 
 
 @pytest.mark.slow
-def test_braille(tmp_path):
+def test_forces(tmp_path):
     options = ["--letters", "al", "--forces", "0.02", "--distance", "0.4", "--realizations", "3"]
-    output = run("protocols/braille.py", str(tmp_path), *options)
+    output = run("protocols/forces.py", str(tmp_path), *options)
     assert number(r"0.02 N, blur 0 mm: ([\d.]+) % correct of 6", output) > 10
     assert number(r"0.02 N: (\d+) spikes a letter", output) > 0
     assert (tmp_path / "letters.png").is_file() and (tmp_path / "confusion.png").is_file()

@@ -1,19 +1,21 @@
 # %% [markdown]
-# # Which Braille letters does a population tell apart?
+# # Does the force matter to how well letters are read?
 #
 # This demo emphasizes
-# - how well the letters of Braille can be told from the firing of a population, at two forces,
+# - how well letters, embossed or of Braille, can be told from the firing of a population, at
+#   several forces,
 # - a sweep over two values of the study, letters and forces.
 #
-# A finger reads a cell of Braille: it presses until it bears the force and holds it while the cell
-# passes at 20 mm/s. As in `legibility.py` afferents differ in gain and thresholds vary, each image
-# of firing is recognised by templates from other populations, and a reader may have noise of its
-# own: `--noise` takes the standard deviation that `legibility.py --accuracy 0.5` found for embossed
-# letters, so that both alphabets are read by the same reader.
+# A finger presses until it bears the force, and holds force or depth while the letter passes at
+# 20 mm/s. As in `legibility.py` afferents differ in gain and thresholds vary, each image of firing
+# is recognised by templates from other populations, and a reader may have noise of its own:
+# `--noise` takes the standard deviation that `legibility.py --accuracy 0.5` found, so that all are
+# read by the same reader. Force hardly matters to people who read raised letters (Loomis 1985).
 #
-#     python demos/protocols/braille.py results/braille --jobs 2
-#     python demos/protocols/braille.py results/decade --jobs 2 --letters abcdefghij --hold depth
-#     python demos/protocols/braille.py results/quick --letters ab --forces 0.05 --distance 0.6
+#     python demos/protocols/forces.py results/braille --jobs 2
+#     python demos/protocols/forces.py results/embossed --jobs 2 --kind text --letters CFGHOQ \
+#         --forces 0.3 0.6 0.9 --distance 10 --hold depth
+#     python demos/protocols/forces.py results/quick --letters ab --forces 0.05 --distance 0.6
 
 # %%
 from pathlib import Path
@@ -35,6 +37,7 @@ from tactile_fem.series import complete_scans, run_series, sweep, write_summary
 def main(
     folder: Path,
     *,
+    kind: Literal["braille", "text"] = "braille",
     letters: str = "abcdefghijklmnopqrstuvwxyz",
     forces: Annotated[tuple[float, ...], Parameter(consume_multiple=True)] = (0.2, 0.5),
     distance: float = 7.0,
@@ -52,6 +55,8 @@ def main(
 
     Parameters
     ----------
+    kind
+        Of the letters: Braille, or embossed.
     output
         Spacing of the output positions in the slide, mm; steps are at most this long.
     noise
@@ -66,8 +71,9 @@ def main(
     """
     set_up()
     overrides = [
-        "stimulus.kind=braille",
-        f"stimulus.start_mm={-distance / 2}",
+        f"stimulus.kind={kind}",
+        # Embossed letters start half a pitch away by default.
+        *([f"stimulus.start_mm={-distance / 2}"] if kind == "braille" else []),
         f"finger.preset={preset}",
         f"protocol.hold={hold}",
         f"protocol.distance_mm={distance}",
