@@ -225,7 +225,8 @@ def test_predictions(tmp_path):
 @pytest.mark.slow
 @needs_gmsh
 def test_relaxation(tmp_path):
-    output = run("validation/relaxation.py", str(tmp_path), "--press", "0.4", *SMALL)
+    way = ["--press", "0.4", "--depth", "0.3", "--pad-size", "4", "--far-size", "8"]
+    output = run("validation/relaxation.py", str(tmp_path), *way)
     rows = output.splitlines()
     assert len((tmp_path / "relaxation.csv").read_text().splitlines()) - 1 == len(rows) == 8
     assert 0 < number(r"fall of 0\.05 N.*\| ([\d.]+)% \|", output) < 30
@@ -239,7 +240,8 @@ def test_relaxation(tmp_path):
 @pytest.mark.slow
 @needs_gmsh
 def test_fit_relaxation(tmp_path):
-    way = ["--start", "0.3", "0.3", "0.1", "--evaluations", "1", "--pad-size", "4"]
+    way = ["--start", "0.3", "0.3", "0.1", "--evaluations", "1"]
+    way += ["--pad-size", "4", "--far-size", "8"]
     output = run("validation/fit_relaxation.py", str(tmp_path), *way)
     tried = list(csv.DictReader((tmp_path / "fit.csv").read_text().splitlines()))
     assert len(tried) == 4  # the start, and one for the derivative by each share

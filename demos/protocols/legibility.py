@@ -216,12 +216,11 @@ def print_found(protocol: str, width: float, recognition: Recognition) -> None:
     """Print how many images were recognised, the hardest letters and the most mistaken pairs."""
     share = f"{100 * recognition.accuracy:.1f} % correct of {recognition.confusion.sum()}"
     print(f"{protocol}, blur {width:g} mm: {share}")
-    for what, found in (
-        ("hardest", recognition.hardest()),
-        ("most mistaken", recognition.mistaken()),
-    ):
+    hardest = [(name, value) for name, value in recognition.hardest() if value < 1]
+    mistaken = [(name, value) for name, value in recognition.mistaken() if value > 0]
+    for what, found in (("hardest", hardest), ("most mistaken", mistaken)):
         told = ", ".join(f"{name} {100 * value:.0f} %" for name, value in found[:_TOLD])
-        print(f"    {what}: {told}")
+        print(f"    {what}: {told or 'none'}")
 
 
 if __name__ == "__main__":

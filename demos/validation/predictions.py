@@ -43,7 +43,7 @@ from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
 from tactile_fem.scan.results import Results
-from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Study, Text
+from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Study, Text, Tissue
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -97,7 +97,7 @@ def main(
     rows: list[Row] = []
     for part in (
         lambda: fitted(finger, deepest),
-        lambda: letters(finger, depth),
+        lambda: letters(depth, finger),
         lambda: plate(finger, folder, forces),
         lambda: sliding(finger, drag, distance, stiffness_forces),
     ):
@@ -167,12 +167,13 @@ def profile_row(kind: str, model: np.ndarray, mean: np.ndarray) -> Row:
 
 
 # %%
-def letters(finger: Finger, depth: float) -> list[Row]:
-    """Press the letters at both speeds."""
+def letters(depth: float, finger: Finger, tissue: Tissue | None = None) -> list[Row]:
+    """Press the letters at both speeds, with the default tissues or others."""
     rows = []
     for speed in (20.0, 0.2):
         study = Study(
             finger=finger,
+            tissue=tissue or Tissue(),
             stimulus=Text(),
             protocol=Protocol(depth_mm=depth, distance_mm=0.0, press_speed_mm_s=speed),
             receptors=Receptors(spacing_mm=5.0),

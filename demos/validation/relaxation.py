@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from letters_force import DEPTH_MM, FORCE_N, GATE
-from predictions import Row, print_rows, said
+from letters_force import DEPTH_MM
+from predictions import Row, letters, print_rows, said
 
 from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import write_table
@@ -34,7 +34,6 @@ from tactile_fem.scan import scan
 from tactile_fem.scan.trace import Trace
 from tactile_fem.study import (
     AnyPiece,
-    AnyStimulus,
     Finger,
     Hold,
     Lift,
@@ -43,7 +42,6 @@ from tactile_fem.study import (
     Protocol,
     Receptors,
     Study,
-    Text,
     Tissue,
 )
 
@@ -74,6 +72,7 @@ def main(
     pad_size: float | None = None,
     far_size: float | None = None,
     press: float = PRESS_MM,
+    depth: float = DEPTH_MM,
     g: tuple[float, float, float] | None = None,
 ) -> None:
     """Print the table.
@@ -84,15 +83,21 @@ def main(
         For the table.
     preset, pad_size, far_size
         The mesh.
-    press
-        Depth of the presses at several speeds, mm.
+    press, depth
+        Depths of the presses at several speeds and of the letters, mm.
     g
         Shares of the three times, in place of those of `tissue.relaxation = "fingerpad"`.
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     tissue = Tissue(relaxation="fingerpad") if g is None else relaxing(g)
     rows: list[Row] = []
-    for part in (falls, taps, partial(presses, press), relaxation_and_creep, letters):
+    for part in (
+        falls,
+        taps,
+        partial(presses, press),
+        relaxation_and_creep,
+        partial(letters, depth),
+    ):
         found = part(finger, tissue)
         rows += found
         if MPI.COMM_WORLD.rank == 0:
@@ -108,14 +113,12 @@ def relaxing(g: Sequence[float]) -> Tissue:
     return Tissue.model_validate({"relaxation": "fingerpad", **dict.fromkeys(SOFT, own)})
 
 
-def moved(
-    finger: Finger, tissue: Tissue, pieces: Sequence[AnyPiece], stimulus: AnyStimulus | None = None
-) -> Trace:
-    """Return the history of a plate, or another body, that moves along pieces of a path."""
+def moved(finger: Finger, tissue: Tissue, pieces: Sequence[AnyPiece]) -> Trace:
+    """Return the history of a plate that moves along pieces of a path."""
     study = Study(
         finger=finger,
         tissue=tissue,
-        stimulus=stimulus or Plate(),
+        stimulus=Plate(),
         protocol=Protocol(path=tuple(pieces)),
         receptors=Receptors(spacing_mm=5.0),
     )
@@ -229,25 +232,6 @@ def half_time(time_s: np.ndarray, values: np.ndarray) -> float:
     later = time_s >= 0
     share = (values[later] - values[later][0]) / (values[-1] - values[later][0])
     return float(np.interp(0.5, share, time_s[later]))
-
-
-# %%
-def letters(finger: Finger, tissue: Tissue) -> list[Row]:
-    """Press the letters at both speeds."""
-    rows = []
-    for speed in (20.0, 0.2):
-        press = Press(depth_mm=DEPTH_MM, speed_mm_s=speed)
-        force = float(moved(finger, tissue, [press], Text()).force_N[-1, 2])
-        off = force / FORCE_N - 1
-        rows.append(
-            Row(
-                f"letters at {DEPTH_MM:g} mm, {speed:g} mm/s",
-                f"{FORCE_N} N ± {GATE:.0%}",
-                f"{force:.3f} N, {off:+.1%}",
-                said(abs(off) <= GATE),
-            )
-        )
-    return rows
 
 
 # %%

@@ -145,7 +145,7 @@ TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
 # loses: demos/validation/README.md.
 RELAXATIONS: dict[str, dict[str, tuple[float, ...]]] = {
     "none": {},
-    "fingerpad": {"g": (0.28, 0.28, 0.15), "tau_s": (0.004, 0.070, 1.4)},
+    "fingerpad": {"g": (0.28, 0.28, 0.14), "tau_s": (0.004, 0.070, 1.4)},
 }
 
 
