@@ -67,6 +67,7 @@ HOLDS_S, OUTPUTS = (0.01, 0.04, 0.15, 0.6), 6
 # Windows after first touch, s; the last one ends with the hold.
 WINDOWS_S = ((0.0, RAMP_S), (RAMP_S, 0.1), (0.1, 0.3), (0.55, 1.05), (2.0, 5.05))
 RAMP, ONE_SECOND, LAST = 0, 3, -1
+LEAST_HZ = 0.1
 SLIDE_MM_S = 20.0
 # The bar's width; the displacement at which its middle is over the contact's; middle afferents.
 BAR_MM, BAR_AT_MM, MIDDLE_MM = 4.0, 5.0, 2.0
@@ -138,6 +139,7 @@ def main(
     models = equally_fast(presses)
     tables = {
         "hold": list(in_the_hold(models, presses)),
+        "explained": list(explained(models, presses)),
         "edges": list(at_edges(models, {t: traces["bar", t] for t in TISSUES})),
         "speeds": list(at_speeds(models, traces, speeds)),
     }
@@ -256,6 +258,30 @@ def in_the_hold(
     for name, model in models.items():
         rates = model.rates(presses[model.tissue])
         yield {"what": f"spikes/s, {name}", **windowed(rates)}
+
+
+def explained(
+    models: Mapping[str, Model], presses: Mapping[str, Histories]
+) -> Iterator[dict[str, Any]]:
+    """Yield by how much each model lowers the rates of "neither" after the ramp.
+
+    The share of the tissue is that of its logarithm in the sum of both logarithms.
+    """
+    rates = {name: model.rates(presses[model.tissue]) for name, model in models.items()}
+    names = list(windowed(rates["neither"]))
+    for k in range(RAMP + 1, len(names)):
+        receptor, tissue, both = (
+            float(rates["neither"][k] / max(rates[name][k], LEAST_HZ))
+            for name in ("receptor", "tissue", "both")
+        )
+        share = np.log(tissue) / (np.log(tissue) + np.log(receptor))
+        yield {
+            "window": names[k],
+            "lowered by the receptor": receptor,
+            "by the tissue": tissue,
+            "by both": both,
+            "share of the tissue": float(share),
+        }
 
 
 def mean_in_windows(trace: Histories, values: np.ndarray) -> np.ndarray:
