@@ -22,7 +22,7 @@
 #     python demos/validation/predictions.py results/medium --preset medium
 
 # %%
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -94,25 +94,26 @@ def main(
         Largest depth of the measurements that were fitted.
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
-    rows: list[Row] = []
-    for part in (
+    tabulate(
+        folder / "predictions.csv",
         lambda: fitted(finger, deepest),
         lambda: letters(depth, finger),
         lambda: plate(finger, folder, forces),
         lambda: sliding(finger, drag, distance, stiffness_forces),
-    ):
+    )
+
+
+def tabulate(path: Path, *parts: Callable[[], list[Row]]) -> None:
+    """Print and write the rows of each part as soon as they are known."""
+    rows: list[Row] = []
+    for part in parts:
         found = part()
         rows += found
         if MPI.COMM_WORLD.rank == 0:
-            print_rows(found)
-            folder.mkdir(parents=True, exist_ok=True)
-            write_table(folder / "predictions.csv", rows)
-
-
-def print_rows(rows: list[Row]) -> None:
-    """Print rows of the table as soon as they are known."""
-    for row in rows:
-        print(f"| {row.quantity} | {row.measured} | {row.model} | {row.met} |", flush=True)
+            for row in found:
+                print(f"| {row.quantity} | {row.measured} | {row.model} | {row.met} |", flush=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_table(path, rows)
 
 
 def said(met: Any) -> str:

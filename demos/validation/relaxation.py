@@ -20,16 +20,14 @@
 
 # %%
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from letters_force import DEPTH_MM
-from predictions import Row, letters, print_rows, said
+from predictions import Row, letters, said, tabulate
 
 from tactile_fem.cli.entry import run
-from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
 from tactile_fem.scan.trace import Trace
 from tactile_fem.study import (
@@ -44,8 +42,6 @@ from tactile_fem.study import (
     Study,
     Tissue,
 )
-
-from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
 SOFT = "stratum_corneum", "epidermis", "dermis", "subcutaneous"
 # Normal force in N, beginning and end in s after the press, and the share that is lost.
@@ -90,20 +86,14 @@ def main(
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     tissue = Tissue(relaxation="fingerpad") if g is None else relaxing(g)
-    rows: list[Row] = []
-    for part in (
-        falls,
-        taps,
-        partial(presses, press),
-        relaxation_and_creep,
-        partial(letters, depth),
-    ):
-        found = part(finger, tissue)
-        rows += found
-        if MPI.COMM_WORLD.rank == 0:
-            print_rows(found)
-            folder.mkdir(parents=True, exist_ok=True)
-            write_table(folder / "relaxation.csv", rows)
+    tabulate(
+        folder / "relaxation.csv",
+        lambda: falls(finger, tissue),
+        lambda: taps(finger, tissue),
+        lambda: presses(finger, tissue, press),
+        lambda: relaxation_and_creep(finger, tissue),
+        lambda: letters(depth, finger, tissue),
+    )
 
 
 def relaxing(g: Sequence[float]) -> Tissue:
@@ -191,7 +181,7 @@ def taps(finger: Finger, tissue: Tissue) -> list[Row]:
 
 
 # %%
-def presses(depth: float, finger: Finger, tissue: Tissue) -> list[Row]:
+def presses(finger: Finger, tissue: Tissue, depth: float) -> list[Row]:
     """Press to a depth, mm, at several speeds."""
     forces = [
         float(moved(finger, tissue, [Press(depth_mm=depth, speed_mm_s=speed)]).force_N[-1, 2])
