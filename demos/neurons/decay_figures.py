@@ -91,7 +91,7 @@ def slide_figure(models: Mapping[str, Model], scans: Mapping[str, Histories]) ->
     fired.set(xlabel="Displacement (mm)", ylabel="Firing rate (spikes/s)")
     for axes in (felt, fired):
         axes.set_ylim(0, None)
-        axes.legend(fontsize=8, ncols=4)
+        axes.legend(fontsize=8, ncols=4, loc="lower right", bbox_to_anchor=(1, 1))
     return figure
 
 
@@ -105,7 +105,10 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
             mine = [row for row in rows if row["model"] == name]
             speeds = [row["speed, mm/s"] for row in mine]
             axes.plot(speeds, [row[what] for row in mine], "o-", color=colour, label=name, ms=4)
-        axes.set(xlabel="Speed (mm/s)", title=what, xscale="log")
+        axes.set(xlabel="Speed (mm/s)", xscale="log")
+        axes.set_title(what, fontsize=9)
+        axes.set_xticks(speeds, [f"{speed:g}" for speed in speeds])
+        axes.minorticks_off()
         axes.set_ylim(0, None)
     axes.legend(fontsize=7)
     return figure
