@@ -48,7 +48,7 @@ def assembled(monkeypatch) -> Mock:
     """Count how often the tissues' part is assembled."""
     counter = Mock(side_effect=tangent.Tangent._assemble_tissues)
     monkeypatch.setattr(
-        tangent.Tangent, "_assemble_tissues", lambda self, *given: counter(self, *given)
+        tangent.Tangent, "_assemble_tissues", lambda self, matrix: counter(self, matrix)
     )
     return counter
 

@@ -156,37 +156,26 @@ class Elasticity:
         stiffening = self.relaxation.stiffening(tissue) if self.relaxation else 0.0
         return stiffness(self._law(tissue), self._F_old, 1 + stiffening)
 
-    def residual(self, v: Expr, degree: int | None = None) -> ufl.Form:
-        """Return the virtual work of the stresses in `v`.
-
-        Parameters
-        ----------
-        v
-            Test function.
-        degree
-            Of the quadrature, if not that of the tissues.
-        """
+    def residual(self, v: Expr) -> ufl.Form:
+        """Return the virtual work of the stresses in `v`."""
         gradient = _embedded(ufl.grad(v))
-        measures = self._measures(degree)
-        form = sum(ufl.inner(self.stress(name), gradient) * dx for name, dx in measures.items())
-        return form + self._unlocked(
-            measures, lambda law: ufl.inner(stress(law, self._F), gradient)
-        )
+        measures = self._measures().items()
+        form = sum(ufl.inner(self.stress(name), gradient) * dx for name, dx in measures)
+        return form + self._unlocked(lambda law: ufl.inner(stress(law, self._F), gradient))
 
     def stored(self, w: Expr) -> ufl.Form:
         """Return the strain energy of all tissues, weighted with `w`."""
-        measures = self._measures()
-        form = sum(self.energy(name) * w * dx for name, dx in measures.items())
-        return form + self._unlocked(measures, lambda law: law.energy(self._F) * w)
+        form = sum(self.energy(name) * w * dx for name, dx in self._measures().items())
+        return form + self._unlocked(lambda law: law.energy(self._F) * w)
 
-    def _unlocked(self, measures: Mapping[str, ufl.Measure], of: Callable[[Law], Expr]) -> ufl.Form:
+    def _unlocked(self, of: Callable[[Law], Expr]) -> ufl.Form:
         """Return what changes in the integral `of` the laws if no tissue locks.
 
         The share of the resistance to a change of volume that goes beyond the locking ratio moves
         from all points to the elements' centres, so each element resists that of its own volume.
         """
         form = ufl.Form([])
-        for name, dx in measures.items():
+        for name, dx in self._measures().items():
             constants, values = self.constants(name), self.values[name]
             if name not in self._laws and bulk_over_shear(constants) > self._locking_ratio:
                 moved = (1 - self._kept(constants, values)) * of(VolumeChange(self._law(name)))
@@ -199,14 +188,14 @@ class Elasticity:
             return _LEAST_KEPT
         return self._locking_ratio / bulk_over_shear(constants, values)
 
-    def measure(self, degree: int | None = None) -> ufl.Measure:
-        """Return the volume measure of all tissues, with their or another quadrature degree."""
-        metadata = {"quadrature_degree": degree or self._degree}
+    def measure(self) -> ufl.Measure:
+        """Return the volume measure of all tissues."""
+        metadata = {"quadrature_degree": self._degree}
         return ufl.Measure("dx", self._mesh, subdomain_data=self.domain.tissue, metadata=metadata)
 
-    def _measures(self, degree: int | None = None) -> dict[str, ufl.Measure]:
+    def _measures(self) -> dict[str, ufl.Measure]:
         """Return the volume measure of each tissue."""
-        dx = self.measure(degree)
+        dx = self.measure()
         return {name: dx(tag) for name, tag in self.domain.tissues_of(self.domain.tissue).items()}
 
     def _series(self, tissue: str) -> Prony:

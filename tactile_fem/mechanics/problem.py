@@ -7,7 +7,7 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 
 from petsc4py import PETSc
 
@@ -38,7 +38,7 @@ from tactile_fem.mechanics.petsc_options import (
 )
 from tactile_fem.mechanics.slip import StickMemory
 from tactile_fem.mechanics.state import State
-from tactile_fem.mechanics.tangent import KEPT_DEGREE, Tangent
+from tactile_fem.mechanics.tangent import Tangent
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.study import Solver, Study, Tissue
 from tactile_fem.tissue.energies import Law
@@ -158,18 +158,13 @@ class FingerProblem:
         tissues, contact = self.elasticity.residual(v), ufl.Form([])
         for part in self.skin:
             contact += part.contact.residual(part.t, state.u, state.u_old, v) * part.ds
-        exact = ufl.derivative(tissues, state.u)
-        kept = exact
-        if solver.tangent_iterations > 1:
-            degree = min(KEPT_DEGREE, solver.bulk_degree)
-            kept = ufl.derivative(self.elasticity.residual(v, degree), state.u)
         prefix = set_options(self.options, self.domain.comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
         self._clear_options.atexit = False  # PETSc may be gone by then
         problem = fem_petsc.NonlinearProblem(
             tissues + contact,
             state.u,
-            J=kept,
+            J=ufl.derivative(tissues, state.u),
             bcs=self._bcs,
             petsc_options_prefix=prefix,
             kind=matrix,
@@ -183,8 +178,6 @@ class FingerProblem:
             snes.getKSP().setTolerances(atol=_LAST_SOLVE * snes.getTolerances()[1])
         self._tangent = Tangent(
             problem.J,
-            # Not by `self.compile`, which would hold this problem.
-            partial(fem.form, exact, jit_options=self._jit, entity_maps=self.obstacle.entity_maps),
             self.compile(ufl.derivative(contact, state.u)),
             self._bcs,
             solver.tangent_iterations,
@@ -352,7 +345,7 @@ class FingerProblem:
             By the solver: it does not converge.
         """
         own = self._problem
-        self._assemble_here(exact=True)
+        self._assemble_exactly()
         if self._two_level and not self._two_level.is_set_up:  # no step took an iteration yet
             self._two_level.set_up(own.A)
         solution, field = own.x.duplicate(), fem.Function(self.u.function_space)
@@ -398,8 +391,7 @@ class FingerProblem:
 
     def _linearize(self) -> None:
         """Make tangent and preconditioner at the present displacement."""
-        self._tangent.expire()
-        self._assemble_here()
+        self._assemble_exactly()
         if self._two_level:
             self._two_level.set_up(self._problem.A)
 
@@ -437,11 +429,11 @@ class FingerProblem:
         if self._two_level:
             self._two_level.follow(P)
 
-    def _assemble_here(self, *, exact: bool = False) -> None:
-        """Assemble the Jacobian at the displacement of `state`."""
+    def _assemble_exactly(self) -> None:
+        """Assemble the Jacobian at the present displacement, with no part kept."""
         own = self._problem
         fem_petsc.assign(self.u, own.x)
-        self._assemble_at(own.x, own.A, exact=exact)
+        self._assemble_at(own.x, own.A, exact=True)
 
     def _assemble_at(self, x: PETSc.Vec, A: PETSc.Mat, *, exact: bool = False) -> None:
         self._update(x)
