@@ -11,9 +11,18 @@ import pytest
 from synthetic import make_results
 
 from tactile_fem.cli import app as cli
-from tactile_fem.errors import StoppedError, StudyError
+from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.scan.results import Results
-from tactile_fem.series import run_series, share_of, single_fibre, sweep, write_summary
+from tactile_fem.series import (
+    Member,
+    Outcome,
+    run_all,
+    run_series,
+    share_of,
+    single_fibre,
+    sweep,
+    write_summary,
+)
 from tactile_fem.series.run import folder_of
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
 
@@ -160,3 +169,11 @@ def test_a_signal_ends_the_scans_that_run_as_well(tmp_path, monkeypatch):
     with pytest.raises(StoppedError):
         run_series(members, tmp_path / "series", jobs=2)
     assert told.exists()
+
+
+def test_a_series_of_which_all_is_needed_ends_with_what_failed(tmp_path, monkeypatch):
+    member = Member("one", Study(), {})
+    failed = [Outcome(member, "it did not converge", 1.0)]
+    monkeypatch.setattr("tactile_fem.series.run.run_series", lambda *_, **__: failed)
+    with pytest.raises(TactileError, match="it did not converge"):
+        run_all([member], tmp_path)

@@ -23,10 +23,9 @@ from pathlib import Path
 import numpy as np
 
 from tactile_fem.cli.entry import run
-from tactile_fem.errors import TactileError
 from tactile_fem.runtime.files import write_table, write_text
 from tactile_fem.scan.results import Results
-from tactile_fem.series import Member, run_series
+from tactile_fem.series import Member, run_all
 from tactile_fem.study import Finger, Output, Protocol, Solver, Study
 
 # %% [markdown]
@@ -121,10 +120,8 @@ def main(
                 output=Output(pictures=False, fields_mm=5.0),
             )
             member = Member(f"{size.replace(',', '-')}-{count}", study, {})
-            [outcome] = run_series([member], folder, ranks=count)
-            if outcome.problem:
-                raise TactileError(outcome.problem)
-            costs.append(Cost.of(size, Results.open(folder / member.name)))
+            [results] = run_all([member], folder, ranks=count)
+            costs.append(Cost.of(size, results))
             print_results(costs[-1:], heading=len(costs) == 1)
     keep(folder, costs)
     for count in ranks:

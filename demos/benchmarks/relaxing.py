@@ -18,10 +18,8 @@ from statistics import median
 from typing import Literal
 
 from tactile_fem.cli.entry import run
-from tactile_fem.errors import TactileError
 from tactile_fem.scan.results import Results
-from tactile_fem.series import Member, run_series
-from tactile_fem.series.run import folder_of
+from tactile_fem.series import Member, run_all
 from tactile_fem.study import Finger, Output, Protocol, Study, Text, Tissue
 
 RELAXATIONS: tuple[Literal["none", "fingerpad"], ...] = ("none", "fingerpad")
@@ -66,10 +64,7 @@ def main(
                 output=Output(pictures=False),
             )
             member = Member(f"{relaxation}-{turn}", study, {})
-            [outcome] = run_series([member], folder, ranks=ranks)
-            if outcome.problem:
-                raise TactileError(outcome.problem)
-            runs.append(Results.open(folder_of(member, folder)))
+            runs += run_all([member], folder, ranks=ranks)
     print("relaxation  steps  Newton  linear       s  s/Newton  memory MB")
     rows = {relaxation: row(runs) for relaxation, runs in found.items()}
     for relaxation, values in rows.items():

@@ -29,7 +29,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import Parameter
-from decay_figures import hold_figure, slide_figure, speed_figure
+from decay_figures import elapsed, hold_figure, middle_sed, slide_figure, speed_figure
 from scipy.optimize import brentq
 
 from tactile_fem.cli.entry import run
@@ -40,9 +40,7 @@ from tactile_fem.neuron.fit import mean_rates
 from tactile_fem.output.extrema import central_receptor
 from tactile_fem.runtime.files import write_figure, write_records
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan.results import Results
-from tactile_fem.series import Member, run_series
-from tactile_fem.series.run import folder_of
+from tactile_fem.series import Member, run_all
 from tactile_fem.study import (
     Cylinder,
     Finger,
@@ -66,7 +64,7 @@ RAMP_S = PRESS_MM / PRESS_MM_S
 HOLDS_S, OUTPUTS = (0.01, 0.04, 0.15, 0.6), 6
 # Windows after first touch, s; the last one ends with the hold.
 WINDOWS_S = ((0.0, RAMP_S), (RAMP_S, 0.1), (0.1, 0.3), (0.55, 1.05), (2.0, 5.05))
-RAMP, ONE_SECOND, LAST = 0, 3, -1
+RAMP, ONE_SECOND = 0, 3
 LEAST_HZ = 0.1
 SLIDE_MM_S = 20.0
 # The bar's width; the displacement at which its middle is over the contact's; middle afferents.
@@ -82,8 +80,8 @@ class Model:
 
     def rates(self, trace: Histories) -> np.ndarray:
         """Return the middle afferent's mean rates in the windows, spikes/s, (windows,)."""
-        windows = [Window(*when, 0.0) for when in WINDOWS_S if when[0] < elapsed(trace)[-1]]
-        drive = trace["sed_kPa"][:, [central_receptor(trace["receptors_mm"])]]
+        windows = [Window(*when, 0.0) for when in windows_of(trace)]
+        drive = middle_sed(trace)[:, None]
         return mean_rates(elapsed(trace), drive, windows, self.neuron)[:, 0]
 
     def fires(self, trace: Histories) -> Response:
@@ -133,8 +131,8 @@ def main(
         for tissue in TISSUES
         for kind, member in scans_of(finger, tissue, text, speeds, distance, depth, hold)
     }
-    run_series(list(members.values()), folder, jobs=jobs)
-    traces = {key: Results.open(folder_of(m, folder)).trace for key, m in members.items()}
+    scans = run_all(list(members.values()), folder, jobs=jobs)
+    traces = {key: scan.trace for key, scan in zip(members, scans, strict=True)}
     presses = {tissue: traces["press", tissue] for tissue in TISSUES}
     models = equally_fast(presses)
     tables = {
@@ -241,19 +239,21 @@ def as_fast(model: Model, presses: Mapping[str, Histories], wanted_Hz: float) ->
     return with_factor(brentq(surplus, -6.0, 3.0))
 
 
-def elapsed(trace: Histories) -> np.ndarray:
-    """Return the times since first touch, s."""
-    return trace["time_s"] - trace["time_s"][0]
+def windows_of(trace: Histories) -> list[tuple[float, float]]:
+    """Return the windows that begin before the trace ends."""
+    return [when for when in WINDOWS_S if when[0] < elapsed(trace)[-1]]
 
 
 # %%
 def in_the_hold(
     models: Mapping[str, Model], presses: Mapping[str, Histories]
 ) -> Iterator[dict[str, Any]]:
-    """Yield force, drive and rates in the windows, as shares of the ramp and as rates."""
+    """Yield force, drive and rates in the windows."""
     for tissue, trace in presses.items():
-        sed = trace["sed_kPa"][:, central_receptor(trace["receptors_mm"])]
-        for name, values in (("normal force, N", trace["force_N"][:, 2]), ("SED, kPa", sed)):
+        for name, values in (
+            ("normal force, N", trace["force_N"][:, 2]),
+            ("SED, kPa", middle_sed(trace)),
+        ):
             yield {"what": f"{name}, {tissue}", **windowed(mean_in_windows(trace, values))}
     for name, model in models.items():
         rates = model.rates(presses[model.tissue])
@@ -287,8 +287,7 @@ def explained(
 def mean_in_windows(trace: Histories, values: np.ndarray) -> np.ndarray:
     """Return means over the windows of values that are linear between steps."""
     time = elapsed(trace)
-    windows = [when for when in WINDOWS_S if when[0] < time[-1]]
-    fine = [np.linspace(start, min(end, time[-1]), 401) for start, end in windows]
+    fine = [np.linspace(start, min(end, time[-1]), 401) for start, end in windows_of(trace)]
     return np.array([np.interp(at, time, values).mean() for at in fine])
 
 

@@ -32,25 +32,33 @@ class Model(Protocol):
         """Return the spikes of all afferents."""
 
 
+def elapsed(trace: Histories) -> np.ndarray:
+    """Return the times since first touch, s."""
+    return trace["time_s"] - trace["time_s"][0]
+
+
+def middle_sed(trace: Histories) -> np.ndarray:
+    """Return what the middle receptor feels, kPa, (t,)."""
+    return trace["sed_kPa"][:, central_receptor(trace["receptors_mm"])]
+
+
 @styled
 def hold_figure(models: Mapping[str, Model], presses: Mapping[str, Histories]) -> Figure:
     """Draw force and drive, and the middle afferent's rate, over the time since first touch."""
     figure = Figure(figsize=(8, 3.4), layout="constrained")
     felt, fired = figure.subplots(1, 2)
     for tissue, trace in presses.items():
-        time = trace["time_s"] - trace["time_s"][0]
-        sed = trace["sed_kPa"][:, central_receptor(trace["receptors_mm"])]
+        time = elapsed(trace)
         for values, name, colour in (
             (trace["force_N"][:, 2], "force", INK),
-            (sed, "SED", VERMILION),
+            (middle_sed(trace), "SED", VERMILION),
         ):
             label = f"{name}, {_NAMES[tissue]}"
             felt.plot(time, values / values.max(), _DASHES[tissue], color=colour, label=label)
     felt.set(ylabel="Share of the largest")
     for name, model in models.items():
         trace = presses[model.tissue]
-        time = trace["time_s"] - trace["time_s"][0]
-        drive = trace["sed_kPa"][:, [central_receptor(trace["receptors_mm"])]]
+        time, drive = elapsed(trace), middle_sed(trace)[:, None]
         at = np.geomspace(_FIRST_S, time[-1], 600)
         rates = rate_of(current_at(at, time, drive, model.neuron), model.neuron)[:, 0]
         fired.plot(at, rates, _DASHES[model.tissue], color=COLOURS[name], label=name)
@@ -69,11 +77,10 @@ def slide_figure(models: Mapping[str, Model], scans: Mapping[str, Histories]) ->
     figure = Figure(figsize=(8, 4.6), layout="constrained")
     felt, fired = figure.subplots(2, 1, sharex=True)
     for tissue, trace in scans.items():
-        sed = trace["sed_kPa"][:, central_receptor(trace["receptors_mm"])]
         slide = trace["displacement_mm"] > 0
         felt.plot(
             trace["displacement_mm"][slide],
-            sed[slide],
+            middle_sed(trace)[slide],
             _DASHES[tissue],
             color=INK,
             label=_NAMES[tissue],

@@ -18,17 +18,17 @@
 #     python demos/protocols/forces.py results/quick --letters ab --forces 0.05 --distance 0.6
 
 # %%
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 from firing_images import letters_figure, population_image
-from legibility import print_found, varied
+from legibility import print_found, realized, save
 from letter_recognition import confusion_figure, recognise
 
 from tactile_fem.cli.entry import run
 from tactile_fem.output.abscissa import rings
-from tactile_fem.runtime.files import write_figure
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import complete_scans, run_series, sweep, write_summary
 
@@ -90,9 +90,7 @@ def main(
     for force in forces:
         own = {s.study.stimulus.text: s for s in scans if s.study.protocol.force_N == force}
         varied_images = {
-            letter: [
-                population_image(scan, varied(scan, variety, k)) for k in range(1, realizations + 1)
-            ]
+            letter: realized(partial(population_image, scan), scan, variety, realizations)
             for letter, scan in own.items()
         }
         recognition = recognise(varied_images, noise_Hz=noise)
@@ -103,12 +101,11 @@ def main(
         print(f"{name}: {spikes / len(own):.0f} spikes a letter")
         print_found(name, 0.0, recognition)
     outlines = {scan.study.stimulus.text: rings(scan.study.stimulus) for scan in scans}
-    for name, figure in {
+    figures = {
         "letters": letters_figure(images, outlines),
         "confusion": confusion_figure(recognitions),
-    }.items():
-        write_figure(folder / f"{name}.png", figure)
-        print(folder / f"{name}.png")
+    }
+    save(figures, folder)
 
 
 if __name__ == "__main__":

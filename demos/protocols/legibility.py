@@ -26,6 +26,7 @@
 #     python demos/protocols/legibility.py results/quick --letters CO --depth 0.6 --distance 0.6
 
 # %%
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -41,6 +42,7 @@ from letter_recognition import (
     outline_correlation,
     recognise,
 )
+from matplotlib.figure import Figure
 
 from tactile_fem.cli.entry import run
 from tactile_fem.output.abscissa import rings
@@ -146,7 +148,7 @@ def main(
     results, plain = {}, {}
     for protocol, of_letter in makers.items():
         images = {
-            letter: [make(varied(scans[letter], variety, k)) for k in range(1, realizations + 1)]
+            letter: realized(make, scans[letter], variety, realizations)
             for letter, make in of_letter.items()
         }
         if protocol == "population" and accuracy is not None:
@@ -160,6 +162,11 @@ def main(
         "letters": letters_figure(plain, outlines),
         "confusion": confusion_figure(results),
     }
+    save(figures, folder)
+
+
+def save(figures: Mapping[str, Figure], folder: Path) -> None:
+    """Write figures under their names and print where they are."""
     for name, figure in figures.items():
         path = folder / f"{name}.png"
         write_figure(path, figure)
@@ -171,9 +178,15 @@ def rows_of_population(spacing: float, scan: Results, neuron: Neuron | None = No
     return with_row_spacing(population_image(scan, neuron), spacing)
 
 
-def varied(scan: Results, variety: dict[str, float], seed: int) -> Neuron:
-    """Return the scan's neuron with variability."""
-    return scan.study.neuron.model_copy(update={**variety, "seed": seed})
+def realized(
+    image_of: Callable[[Neuron], RateImage], scan: Results, variety: dict[str, float], count: int
+) -> list[RateImage]:
+    """Return images of that many populations, with the scan's neuron and variability."""
+    neuron = scan.study.neuron
+    return [
+        image_of(neuron.model_copy(update={**variety, "seed": seed}))
+        for seed in range(1, count + 1)
+    ]
 
 
 def passes_of(scan: Results, spacing: float, folder: Path, jobs: int) -> list[Results]:

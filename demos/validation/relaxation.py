@@ -20,6 +20,7 @@
 
 # %%
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -43,7 +44,6 @@ from tactile_fem.study import (
     Tissue,
 )
 
-SOFT = "stratum_corneum", "epidermis", "dermis", "subcutaneous"
 # Normal force in N, beginning and end in s after the press, and the share that is lost.
 FALLS = ((0.05, 1.0, 5.5, 0.17), (0.2, 1.5, 5.5, 0.10))
 FALL_BAND = 0.10, 0.17
@@ -99,8 +99,12 @@ def main(
 def relaxing(g: Sequence[float]) -> Tissue:
     """Return the default tissues with other shares of the finger pad's relaxation."""
     fingerpad = Tissue(relaxation="fingerpad")
-    own = {"g": tuple(g), "tau_s": fingerpad.dermis.tau_s}
-    return Tissue.model_validate({"relaxation": "fingerpad", **dict.fromkeys(SOFT, own)})
+    series = {
+        name: {"g": tuple(g), "tau_s": own.tau_s}
+        for name, own in fingerpad
+        if getattr(own, "g", ())
+    }
+    return Tissue.model_validate({"relaxation": "fingerpad", **series})
 
 
 def moved(finger: Finger, tissue: Tissue, pieces: Sequence[AnyPiece]) -> Trace:
@@ -126,10 +130,16 @@ def held(force_N: float | None = None) -> list[Hold]:
     return [Hold(time_s=t, output_s=t / OUTPUTS, force_N=force_N) for t in HOLDS_S]
 
 
+@cache
+def press_and_hold(finger: Finger, tissue: Tissue, force_N: float) -> Trace:
+    """Return the history of a fast press to a force and a hold at the depth reached."""
+    press = Press(force_N=force_N, speed_mm_s=FAST_MM_S)
+    return moved(finger, tissue, [press, *held()])
+
+
 def fall(finger: Finger, tissue: Tissue, force_N: float, start_s: float, end_s: float) -> float:
     """Return the share of the force lost between two times of a hold after a fast press."""
-    press = Press(force_N=force_N, speed_mm_s=FAST_MM_S)
-    trace = moved(finger, tissue, [press, *held()])
+    trace = press_and_hold(finger, tissue, force_N)
     start, end = np.interp([start_s, end_s], trace.time_s, trace.force_N[:, 2])
     return float(1 - end / start)
 
@@ -202,7 +212,7 @@ def presses(finger: Finger, tissue: Tissue, depth: float) -> list[Row]:
 def relaxation_and_creep(finger: Finger, tissue: Tissue) -> list[Row]:
     """Hold the depth, and hold the force."""
     press = Press(force_N=CREEP_N, speed_mm_s=FAST_MM_S)
-    relaxed = moved(finger, tissue, [press, *held()])
+    relaxed = press_and_hold(finger, tissue, CREEP_N)
     crept = moved(finger, tissue, [press, *held(CREEP_N)])
     relaxes = half_time(relaxed.time_s, relaxed.force_N[:, 2])
     creeps = half_time(crept.time_s, crept.depth_mm)

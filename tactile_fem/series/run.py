@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_fem.errors import StoppedError, StudyError
+from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.output.extrema import central_receptor
 from tactile_fem.runtime.files import write_records, write_text
 from tactile_fem.runtime.signals import signal_handler
@@ -126,6 +126,22 @@ def run_series(
             for scan in running:
                 scan.process.wait()
     return list(outcomes.values())
+
+
+def run_all(
+    members: Sequence[Member], folder: Path, *, jobs: int = 1, ranks: int = 1
+) -> list[Results]:
+    """Run a series of which every scan is needed; return the results in the members' order.
+
+    Raises
+    ------
+    TactileError
+        A scan failed; or see `run_series`.
+    """
+    for outcome in run_series(members, folder, jobs=jobs, ranks=ranks):
+        if outcome.problem:
+            raise TactileError(outcome.problem)
+    return [Results.open(folder_of(member, folder)) for member in members]
 
 
 def is_complete(member: Member, folder: Path) -> bool:
