@@ -1,4 +1,5 @@
 import faulthandler
+import gc
 import logging
 import os
 from collections.abc import Iterator
@@ -43,8 +44,13 @@ if RANK is not None:
     from tactile_fem.runtime import backend  # noqa: F401
 
     from mpi4py import MPI  # isort: skip
+    from petsc4py import PETSc
 
+    from tactile_fem.mechanics import problem
     from tactile_fem.runtime.parallel import abort_if_one_fails
+
+    # What ranks free together is collected between tests, not whenever one of them has garbage.
+    gc.disable()
 
     @pytest.hookimpl(trylast=True)
     def pytest_configure(config):
@@ -66,3 +72,13 @@ if RANK is not None:
     def tmp_path(tmp_path):
         """Give all ranks the folder of rank 0."""
         return MPI.COMM_WORLD.bcast(tmp_path)
+
+    @pytest.fixture(autouse=True)
+    def communicators_given_back():
+        """Close the test's problems, which several ranks keep: MPI's communicators are few."""
+        before = set(problem._OPEN)
+        yield
+        for opened in [opened for opened in problem._OPEN if opened not in before]:
+            opened.close()
+        gc.collect()
+        PETSc.garbage_cleanup(MPI.COMM_WORLD)

@@ -97,4 +97,3 @@ def test_a_body_that_fails_where_not_all_ranks_ask():
     with pytest.raises(PETSc.Error) as caught:
         pressed.solve(np.array([0.0, 0.0, 0.1]), 0.01)
     assert "no distance here" in str(caught.value.__cause__)
-    pressed.close()

@@ -249,8 +249,6 @@ def test_contact_holds_relaxing_skin_and_a_checkpoint_goes_on():
     np.testing.assert_allclose(
         long.order.gather(long.u), elastic_one.order.gather(elastic_one.u), rtol=0, atol=2e-5
     )
-    for problem in (made, other, long, elastic_one):
-        problem.close()
 
 
 @pytest.mark.parametrize(

@@ -19,21 +19,6 @@ def problem(**solver) -> FingerProblem:
     return sphere_on_block(Tissue.model_validate({"set": "proposed"}), **solver)
 
 
-@pytest.fixture(autouse=True)
-def closed(monkeypatch):
-    """Close the test's problems: several ranks keep them open, and MPI's communicators are few."""
-    made, init = [], FingerProblem.__init__
-
-    def note(self, *arguments, **keywords):
-        init(self, *arguments, **keywords)
-        made.append(self)
-
-    monkeypatch.setattr(FingerProblem, "__init__", note)
-    yield
-    for each in made:
-        each.close()
-
-
 def go(made: FingerProblem, dt_s: float = 0.01) -> np.ndarray:
     """Press and slide; return the displacements in the file's order."""
     for place in PLACES:
