@@ -121,7 +121,7 @@ def test_turned_or_mirrored_everything_gives_the_same(Q):
 def test_moving_the_held_base_against_the_body_gives_the_same():
     """The body rests where it touches; the base moves by minus the body's displacement."""
     problem = made(*STILL)
-    base = problem._bcs[0].g
+    base = problem.bcs[0].g
     for place in PATH:
         problem.accept()
         # The guess meets the new condition: the residual lifts only homogeneous ones.

@@ -93,6 +93,11 @@ class Contact:
         s_t = smooth_coulomb(trial, self.friction * s_n, self.softness)
         return s_n, s_t
 
+    def closed(self, t: Expr) -> Expr:
+        """Return how `s_n` grows with ``p - gamma_h g``, 0 to 1; see `smooth_positive`."""
+        x = ufl.variable(ufl.dot(t, self.obstacle.normal) - self.stiffness * self.obstacle.gap)
+        return ufl.diff(smooth_positive(x, self.width), x)
+
     def unmatched(self, t: Expr, u: Expr, u_old: Expr) -> Expr:
         """Return ``d = t_t - s_t`` in MPa; zero without contact."""
         nu = self.obstacle.normal
@@ -117,6 +122,8 @@ class SkinPart:
 
     Attributes
     ----------
+    tissue
+        Its name.
     contact
         Its contact law.
     t
@@ -125,6 +132,7 @@ class SkinPart:
         Measure of its facets.
     """
 
+    tissue: str
     contact: Contact
     t: Expr
     ds: ufl.Measure

@@ -95,11 +95,30 @@ class Elasticity:
         N = ufl.FacetNormal(self._mesh)
         self._normal = N if len(N) == 3 else ufl.as_vector([N[0], N[1], 0])
 
+    @property
+    def viscous_time_s(self) -> float:
+        """Kelvin and Voigt's time."""
+        return self._tissue.viscous_time_s
+
     def set_time_step(self, dt_s: float) -> None:
         """Set the time between the two states."""
         self._rate.value = self._tissue.viscous_time_s / dt_s
         if self.relaxation:
             self.relaxation.set_time_step(dt_s)
+
+    def linearize(self, share: Callable[[float], float], viscous: float = 0.0) -> None:
+        """Stand at the accepted state, for its linearization; `set_time_step` ends this.
+
+        Parameters
+        ----------
+        share
+            See `Relaxation.linearize`.
+        viscous
+            Kelvin-Voigt's stress as a multiple of that which a strain of its own size causes.
+        """
+        self._rate.value = viscous
+        if self.relaxation:
+            self.relaxation.linearize(share)
 
     def constants(self, tissue: str) -> Polynomial | Elastic:
         """Return the constants of a tissue."""
@@ -120,7 +139,14 @@ class Elasticity:
 
     def traction(self, tissue: str) -> Expr:
         """Return that stress times the normal of the undeformed surface, in MPa."""
-        t = self.stored_stress(tissue) * self._normal
+        return self._on_surface(self.stored_stress(tissue))
+
+    def whole_traction(self, tissue: str) -> Expr:
+        """Return what `stress` pulls at the surface, the viscous part included, in MPa."""
+        return self._on_surface(self.stress(tissue))
+
+    def _on_surface(self, P: Expr) -> Expr:
+        t = P * self._normal
         return ufl.as_vector([t[i] for i in range(len(self.u))])
 
     def area_stretch(self) -> Expr:
@@ -155,6 +181,10 @@ class Elasticity:
         """
         stiffening = self.relaxation.stiffening(tissue) if self.relaxation else 0.0
         return stiffness(self._law(tissue), self._F_old, 1 + stiffening)
+
+    def viscous_stiffness(self, tissue: str) -> Expr:
+        """Return how stiff the viscous stress makes a tissue over the present step, in MPa."""
+        return 2 * self._shear_modulus(tissue) * self._rate
 
     def residual(self, v: Expr) -> ufl.Form:
         """Return the virtual work of the stresses in `v`."""

@@ -44,8 +44,9 @@ class Obstacle:
     ----------
     translation, translation_old
         Where the body is, (3,) mm, now and at the last accepted step.
-    gap, normal
-        UFL expressions of the signed distance and of the outward normal.
+    gap, normal, hessian
+        UFL expressions of the signed distance, of the outward normal and of the distance's second
+        derivatives.
     entity_maps
         To be given to the compiler of any form that uses these expressions.
     """
@@ -72,11 +73,11 @@ class Obstacle:
         self._submesh, self._degree = submesh, degree
         self._gap = self.quadrature_function(())
         self._normal = self.quadrature_function((dim,))
-        self._hessian = self.quadrature_function((dim, dim))
+        self.hessian = self.quadrature_function((dim, dim))
         self._base = self.quadrature_function((dim,))
         du = u - self._base
-        self.gap: Expr = self._gap + ufl.dot(self._normal, du) + ufl.dot(du, self._hessian * du) / 2
-        gradient = self._normal + self._hessian * du
+        self.gap: Expr = self._gap + ufl.dot(self._normal, du) + ufl.dot(du, self.hessian * du) / 2
+        gradient = self._normal + self.hessian * du
         # Unit already, but where two surfaces are blended.
         self.normal: Expr = gradient / ufl.sqrt(ufl.dot(gradient, gradient))
 
@@ -117,7 +118,7 @@ class Obstacle:
         d = self.body.distance(y - self.translation.value)
         self._gap.x.array[: len(d.gap)] = d.gap
         self._normal.x.array[: d.normal.size] = d.normal.ravel()
-        self._hessian.x.array[: d.hessian.size] = d.hessian.ravel()
+        self.hessian.x.array[: d.hessian.size] = d.hessian.ravel()
         u0 = displacement.eval(self._parent, self._entities)
         self._base.x.array[: u0.size] = u0.ravel()
         self._at = at

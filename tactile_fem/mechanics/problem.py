@@ -85,6 +85,8 @@ class FingerProblem:
         Carries displacements to and from the mesh file's node order.
     held
         This rank's dofs (blocks) of the nodes that do not move.
+    bcs
+        The conditions on the displacement, those of symmetry planes among them.
     skin
         The parts of the skin that may touch, with their contact laws.
     options
@@ -133,7 +135,7 @@ class FingerProblem:
         if self.elasticity.relaxation:
             state.histories.append(self.elasticity.relaxation)
         self.options = options_of(solver)
-        self._bcs = [fem.dirichletbc(np.zeros(msh.geometry.dim), self.held, V), *constraints(V)]
+        self.bcs = [fem.dirichletbc(np.zeros(msh.geometry.dim), self.held, V), *constraints(V)]
         # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.
         has_inner = "npc_snes_type" in self.options
         uses_multigrid = self.options["pc_type"] == "mg" and not has_inner
@@ -165,7 +167,7 @@ class FingerProblem:
             tissues + contact,
             state.u,
             J=ufl.derivative(tissues, state.u),
-            bcs=self._bcs,
+            bcs=self.bcs,
             petsc_options_prefix=prefix,
             kind=matrix,
             jit_options=self._jit,
@@ -179,7 +181,7 @@ class FingerProblem:
         self._tangent = Tangent(
             problem.J,
             self.compile(ufl.derivative(contact, state.u)),
-            self._bcs,
+            self.bcs,
             solver.tangent_iterations,
         )
         return problem
@@ -273,7 +275,7 @@ class FingerProblem:
             # Without Kelvin-Voigt's viscosity: over the short time of a cut step it would be too
             # stiff for gamma_h. The gap is off by what it carries over gamma_h, some 1e-5 mm.
             t = self.elasticity.traction(tissue)
-            parts.append(SkinPart(contact, t, ds(tag)))
+            parts.append(SkinPart(tissue, contact, t, ds(tag)))
         return parts
 
     def solve(self, translation: np.ndarray, dt_s: float) -> SolveReport:
@@ -418,7 +420,7 @@ class FingerProblem:
             fem_petsc.assemble_vector(b, self._problem.F)
             b.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
             # Every iterate meets the homogeneous conditions, so there is nothing to lift.
-            fem_petsc.set_bc(b, self._bcs, x0=x, alpha=-1.0)
+            fem_petsc.set_bc(b, self.bcs, x0=x, alpha=-1.0)
 
     def _assemble_jacobian(
         self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat

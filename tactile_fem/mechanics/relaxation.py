@@ -9,7 +9,7 @@ definite matrices, hence positive definite themselves.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import basix.ufl
 import numpy as np
@@ -85,6 +85,32 @@ class Relaxation(PointHistory):
                 carried[cells, :, k] = kept * old[cells, :, k] + before * strain
                 self._factors[name][k][1].value = new
         self._put(self._carried.x.array, self._carried, carried)
+
+    def linearize(self, share: Callable[[float], float]) -> None:
+        """Stand at the accepted state, where a further strain breaks chains at once.
+
+        Parameters
+        ----------
+        share
+            Of a network's chains that do, 0 to 1, by its relaxation time, s.
+        """
+        old, carried = self._at_cells(self.old), self._at_cells(self._carried)
+        for name, prony in self._series.items():
+            cells = self._own[name]
+            strain = old[cells, :, self._count]
+            for k, tau_s in enumerate(prony.tau_s):
+                new = share(tau_s)
+                carried[cells, :, k] = old[cells, :, k] - new * strain
+                self._factors[name][k][1].value = new
+        self._put(self._carried.x.array, self._carried, carried)
+
+    def share(self, dt_s: float, tau_s: float) -> float:
+        """Return the share of a network's chains that a strain breaks in a step."""
+        return Prony((), (tau_s,)).weights(dt_s)[0][2] if dt_s else 0.0
+
+    def times_s(self) -> list[float]:
+        """Return the relaxation times of all tissues, each once."""
+        return sorted({tau_s for prony in self._series.values() for tau_s in prony.tau_s})
 
     def points_mm(self) -> np.ndarray:
         """Return places of the values on this rank, (points, dimension)."""

@@ -16,11 +16,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import ufl
 from dolfinx import fem
+from ufl.form import Form
 
 from tactile_fem.mechanics.contact import SkinPart
 from tactile_fem.mechanics.obstacle import Obstacle
+from tactile_fem.mechanics.point_values import PointValues
 from tactile_fem.mechanics.state import PointHistory
 
 
@@ -42,20 +43,12 @@ class StickMemory(PointHistory):
         self,
         skin: Sequence[SkinPart],
         u_old: fem.Function,
-        compile_: Callable[[ufl.Form], fem.Form],
+        compile_: Callable[[Form], fem.Form],
     ) -> None:
         """Compile `present` for skin whose contact uses `old`."""
         u = self._obstacle.u
-        # Tested with the quadrature element, a form is the value at each point times its weight.
-        at_points = ufl.TestFunction(self.old.function_space)
-        d = one = 0
-        for part in skin:
-            value = part.contact.unmatched(part.t, u, u_old)
-            d += ufl.dot(value, at_points) * part.ds
-            one += sum(at_points[i] for i in range(len(at_points))) * part.ds
-        self._form = compile_(d)
-        weight = fem.assemble_vector(compile_(one)).array
-        self._weight = np.where(weight > 0, weight, np.inf)  # of other ranks' facets
+        unmatched = [(part.contact.unmatched(part.t, u, u_old), part.ds) for part in skin]
+        self._unmatched = PointValues(self._obstacle, unmatched, compile_)
 
     def points_mm(self) -> np.ndarray:
         """Return the undeformed contact quadrature points of this rank, (points, dimension)."""
@@ -63,5 +56,4 @@ class StickMemory(PointHistory):
 
     def present(self) -> np.ndarray:
         """Return the traction that the contact does not transmit at the present state."""
-        self._obstacle.refresh()
-        return fem.assemble_vector(self._form).array / self._weight
+        return self._unmatched.read()

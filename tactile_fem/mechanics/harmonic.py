@@ -1,0 +1,359 @@
+"""Small vibrations about an accepted state: the finger's answer to one frequency.
+
+With ``u = u_0 + Re[û exp(i w t)]`` the finger answers to a body that moves by ``Re[b̂ exp(i w t)]``
+with
+
+    (K(w) - w^2 M) û = f(w) b̂,    K(w) = K_0 + sum_j c_j(w) D_j,
+
+`M` the mass, `K_0` the tangent with no chain of any network broken. A change of strain at frequency
+`w` breaks the share ``c_j = 1/(1 + i w tau_j)`` of the chains of relaxation time ``tau_j``
+(`tactile_fem.tissue.relaxation`: ``dA/dt`` is linear in `A`), so ``D_j`` is how the tangent changes
+if all of them break. Kelvin and Voigt's viscosity adds ``c = i w tau_v``. Together these are the
+complex moduli of the tissues at their present strain. Contact is that of the state
+(`tactile_fem.mechanics.small_contact`).
+
+With ``K - w^2 M = A + iB``, PETSc's numbers being real, the equations are
+
+    [A  -B] [Re û]   [Re f]
+    [B   A] [Im û] = [Im f],
+
+solved by GMRES with a factorization of ``A + B`` (Axelsson, Neytcheva and Ahmad 2014).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import common, fem
+from dolfinx.fem import petsc as fem_petsc
+
+from tactile_fem.errors import TactileError
+from tactile_fem.mechanics.contact import SkinPart
+from tactile_fem.mechanics.elasticity import Elasticity
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.mechanics.small_contact import Touch
+
+Array = np.ndarray
+# kg/m3 in the unit of mass that goes with mm, N and s.
+_T_PER_MM3 = 1e-12
+_OPTIONS = {"ksp_type": "gmres", "ksp_rtol": 1e-9, "ksp_max_it": 200, "ksp_gmres_restart": 100}
+
+
+@dataclass(frozen=True)
+class Delay:
+    """A part of the tissues' resistance that follows a strain with a delay.
+
+    Attributes
+    ----------
+    amount
+        Its coefficient at an angular frequency, 1/s.
+    stand
+        Sets the forms to the accepted state with that coefficient, a real number.
+    """
+
+    amount: Callable[[float], complex]
+    stand: Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class _Forms:
+    """Compiled: stiffness, load of the body's three motions, force on the body's three axes."""
+
+    stiffness: fem.Form
+    loads: list[fem.Form]
+    forces: list[fem.Form]
+    direct: list[list[fem.Form]]
+
+
+@dataclass
+class _Parts:
+    """What the forms assemble to with one set of coefficients."""
+
+    stiffness: PETSc.Mat
+    loads: list[Array]
+    forces: list[Array]
+    direct: Array
+
+
+@dataclass(frozen=True)
+class Response:
+    """The answer to a vibration of 1 mm.
+
+    Attributes
+    ----------
+    frequency_Hz
+        Of the vibration.
+    u
+        Complex amplitude of this rank's displacement as `State.u` holds it, mm.
+    force_N
+        Complex amplitude of the force on the finger, (3,).
+    iterations
+        Of GMRES.
+    """
+
+    frequency_Hz: float
+    u: Array
+    force_N: Array
+    iterations: int
+
+
+class Harmonic:
+    """The finger about an accepted state.
+
+    Parameters
+    ----------
+    problem
+        Its last accepted state is taken; nothing of it changes but the time step's duration, which
+        each solve sets.
+    density_kg_m3
+        Of all tissues.
+    """
+
+    def __init__(self, problem: FingerProblem, density_kg_m3: float) -> None:
+        self._problem, self._comm = problem, problem.domain.comm
+        self._u = problem.u
+        V = self._u.function_space
+        problem.state.reset()
+        with self._standing_as_accepted():
+            problem.obstacle.refresh()
+            touch = Touch.of(problem.skin, self._u, problem.compile)
+        self._forms = self._compile(touch)
+        u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+        density = fem.Constant(V.mesh, density_kg_m3 * _T_PER_MM3)
+        mass = problem.compile(density * ufl.inner(u, v) * problem.elasticity.measure())
+        self._mass = fem_petsc.assemble_matrix(mass, problem.bcs, diag=0.0)
+        self._mass.assemble()
+        self._delays = list(_delays(problem))
+        self._at_once = self._assembled(None)
+        self._late = [self._without_at_once(self._assembled(delay)) for delay in self._delays]
+        self._field = fem.Function(V)
+
+    @property
+    def delays(self) -> list[Delay]:
+        """What depends on the frequency besides inertia."""
+        return self._delays
+
+    def stand(self, delay: Delay | None) -> None:
+        """Set the forms to the accepted state, with all of one delay or with none."""
+        _no_delay(self._problem)
+        if delay is not None:
+            delay.stand(1.0)
+
+    def respond(self, frequency_Hz: float, motion: Array, load: Array | None = None) -> Response:
+        """Return the answer to a body that moves by `motion` (3,) in mm, and to nodal forces.
+
+        Parameters
+        ----------
+        frequency_Hz
+            Not negative.
+        motion
+            Complex or real amplitude, mm.
+        load
+            This rank's complex amplitudes of nodal forces, N, as its owned part of `State.u`.
+
+        Raises
+        ------
+        TactileError
+            The linear equations could not be solved.
+        """
+        w = 2 * np.pi * frequency_Hz
+        amounts = [delay.amount(w) for delay in self._delays]
+        motion = np.asarray(motion)
+        parts = [(1.0, self._at_once), *zip(amounts, self._late, strict=True)]
+        right = sum(c * np.tensordot(motion, part.loads, 1) for c, part in parts)
+        if load is not None:
+            right = right + load
+        x, iterations = self._solve(w, amounts, right)
+        owned = len(right)
+        force = sum(
+            c * (np.array(part.forces) @ x[:owned] + part.direct @ motion / self._comm.size)
+            for c, part in parts
+        )
+        return Response(frequency_Hz, x, self._comm.allreduce(force), iterations)
+
+    def _compile(self, touch: Touch) -> _Forms:
+        problem, V = self._problem, self._u.function_space
+        u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+        dim = V.mesh.geometry.dim
+        axes = [ufl.as_vector([float(i == k) for i in range(dim)]) for k in range(dim)]
+        still = ufl.as_vector([0.0] * dim)
+        skin = [_with_viscosity(part, problem.elasticity) for part in problem.skin]
+
+        def traction(of_skin: ufl.core.expr.Expr | None, motion, on) -> ufl.Form:
+            """Return the work of the change of traction in `on`."""
+            form = ufl.Form([])
+            for part in skin:
+                dt = still if of_skin is None else ufl.derivative(part.t, self._u, of_skin)
+                form += ufl.dot(touch.change(part.contact, dt, motion), on) * part.ds
+            return form
+
+        stiffness = ufl.derivative(problem.elasticity.residual(v), self._u, u)
+        return _Forms(
+            problem.compile(stiffness - traction(u, u, v)),
+            [problem.compile(traction(None, -axis, v)) for axis in axes],
+            [problem.compile(traction(v, v, axis)) for axis in axes],
+            [[problem.compile(traction(None, -b, on)) for b in axes] for on in axes],
+        )
+
+    @contextmanager
+    def _standing_as_accepted(self) -> Iterator[None]:
+        """Let the forms give the tractions with which the last step ended."""
+        problem = self._problem
+        relaxation, dt_s = problem.elasticity.relaxation, problem.state.dt_old_s
+        problem.elasticity.linearize(partial(relaxation.share, dt_s) if relaxation else _none)
+        yield
+
+    def _assembled(self, delay: Delay | None) -> _Parts:
+        self.stand(delay)
+        forms, bcs = self._forms, self._problem.bcs
+        with common.Timer("tactile: harmonic tangent"):
+            K = fem_petsc.assemble_matrix(forms.stiffness, bcs)
+            K.assemble()
+            direct = [[fem.assemble_scalar(form) for form in row] for row in forms.direct]
+            return _Parts(
+                K,
+                [self._vector(form, bcs) for form in forms.loads],
+                [self._vector(form, bcs) for form in forms.forces],
+                self._comm.allreduce(np.array(direct)),
+            )
+
+    def _vector(self, form: fem.Form, bcs: list[fem.DirichletBC]) -> Array:
+        """Return this rank's owned entries of an assembled vector, zero where held."""
+        b = fem_petsc.assemble_vector(form)
+        b.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+        fem_petsc.set_bc(b, bcs, alpha=0.0)
+        values = b.array.copy()
+        b.destroy()
+        return values
+
+    def _without_at_once(self, parts: _Parts) -> _Parts:
+        """Take away what there is without any delay."""
+        own = self._at_once
+        parts.stiffness.axpy(-1.0, own.stiffness, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        return _Parts(
+            parts.stiffness,
+            [b - a for a, b in zip(own.loads, parts.loads, strict=True)],
+            [b - a for a, b in zip(own.forces, parts.forces, strict=True)],
+            parts.direct - own.direct,
+        )
+
+    def _solve(self, w: float, amounts: list[complex], right: Array) -> tuple[Array, int]:
+        """Return the displacement's complex amplitude, with ghosts, and the iterations."""
+        same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+        A = self._at_once.stiffness.duplicate(copy=True)
+        B = self._at_once.stiffness.duplicate(copy=False)
+        B.zeroEntries()
+        A.axpy(-(w**2), self._mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        for amount, part in zip(amounts, self._late, strict=True):
+            A.axpy(amount.real, part.stiffness, same)
+            B.axpy(amount.imag, part.stiffness, same)
+        with common.Timer("tactile: harmonic solve"), _two_by_two(A, B) as solve:
+            real, imag, iterations = solve(right.real, right.imag)
+        return self._with_ghosts(real) + 1j * self._with_ghosts(imag), iterations
+
+    def _with_ghosts(self, owned: Array) -> Array:
+        self._field.x.array[: len(owned)] = owned
+        self._field.x.scatter_forward()
+        return self._field.x.array.copy()
+
+
+def _with_viscosity(part: SkinPart, elasticity: Elasticity) -> SkinPart:
+    """Return skin whose traction includes Kelvin and Voigt's; the contact is as much stiffer."""
+    stiffer = 1 + elasticity.viscous_stiffness(part.tissue) / elasticity.stiffness(part.tissue)
+    contact = replace(part.contact, stiffness=stiffer * part.contact.stiffness)
+    return replace(part, contact=contact, t=elasticity.whole_traction(part.tissue))
+
+
+def _none(tau_s: float) -> float:
+    del tau_s
+    return 0.0
+
+
+def _no_delay(problem: FingerProblem) -> None:
+    problem.elasticity.linearize(_none)
+
+
+def _delays(problem: FingerProblem) -> Iterator[Delay]:
+    elasticity = problem.elasticity
+    for tau_s in elasticity.relaxation.times_s() if elasticity.relaxation else []:
+
+        def stand(amount: float, tau_s: float = tau_s) -> None:
+            elasticity.linearize(lambda time_s: amount if time_s == tau_s else 0.0)
+
+        yield Delay(partial(lambda tau_s, w: 1 / (1 + 1j * w * tau_s), tau_s), stand)
+    if elasticity.viscous_time_s:
+        yield Delay(
+            lambda w: 1j * w * elasticity.viscous_time_s,
+            lambda amount: elasticity.linearize(_none, viscous=amount),
+        )
+
+
+class _Preconditioner:
+    """Solves with ``[A -B; B A]`` as with ``[A -B; B A + 2B]``: twice with ``A + B``."""
+
+    def __init__(self, B: PETSc.Mat, inner: PETSc.KSP) -> None:
+        self._B, self._inner = B, inner
+        self._sum, self._product = B.createVecs()
+
+    def apply(self, pc: PETSc.PC, right: PETSc.Vec, result: PETSc.Vec) -> None:
+        del pc
+        f, g = right.getNestSubVecs()
+        x, y = result.getNestSubVecs()
+        f.copy(self._sum)
+        self._sum.axpy(1.0, g)
+        self._inner.solve(self._sum, x)
+        self._B.mult(x, self._product)
+        self._product.aypx(-1.0, g)
+        self._inner.solve(self._product, y)
+        x.axpy(-1.0, y)
+
+
+@contextmanager
+def _two_by_two(
+    A: PETSc.Mat, B: PETSc.Mat
+) -> Iterator[Callable[[Array, Array], tuple[Array, Array, int]]]:
+    """Provide the solver of ``(A + iB)(x + iy) = f + ig``; it ends with A and B destroyed."""
+    comm = A.comm
+    whole_sum = A.duplicate(copy=True)
+    whole_sum.axpy(1.0, B, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    minus = B.duplicate(copy=True)
+    minus.scale(-1.0)
+    inner, outer = PETSc.KSP().create(comm), PETSc.KSP().create(comm)
+    inner.setOperators(whole_sum)
+    inner.setType("preonly")
+    inner.getPC().setType("lu")
+    inner.getPC().setFactorSolverType("mumps")
+    inner.setOptionsPrefix("tactile_harmonic_sum_")
+    inner.setFromOptions()
+    block = PETSc.Mat().createNest([[A, minus], [B, A]], comm=comm)
+    outer.setOperators(block)
+    outer.setType("gmres")
+    outer.setGMRESRestart(100)
+    outer.setTolerances(rtol=1e-9, atol=0.0, max_it=300)
+    outer.getPC().setType("python")
+    outer.getPC().setPythonContext(_Preconditioner(B, inner))
+    outer.setOptionsPrefix("tactile_harmonic_")
+    outer.setFromOptions()
+    right, solution = (PETSc.Vec().createNest([*A.createVecs()], comm=comm) for _ in range(2))
+    try:
+
+        def solve(f: Array, g: Array) -> tuple[Array, Array, int]:
+            for part, values in zip(right.getNestSubVecs(), (f, g), strict=True):
+                part.array[:] = values
+            outer.solve(right, solution)
+            if outer.getConvergedReason() < 0:
+                raise TactileError("the equations of a vibration could not be solved")
+            x, y = (part.array.copy() for part in solution.getNestSubVecs())
+            return x, y, outer.getIterationNumber()
+
+        yield solve
+    finally:
+        for made in (outer, inner, block, whole_sum, minus, A, B, right, solution):
+            made.destroy()

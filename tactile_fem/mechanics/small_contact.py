@@ -1,0 +1,92 @@
+"""Contact under small motions about an accepted state, in UFL: linear, with that state's contact.
+
+What touches goes on touching and what does not stays free; what sticks goes on sticking, and what
+slides goes on in its direction with Coulomb's friction. With `m` the motion of the skin relative to
+the body, ``dt`` the change of the tissue's traction and `H` the curvature of the body,
+
+    ds_n = c (dt.nu - gamma_h m.nu),    dnu = H m                    where s_n > 0
+    ds_t = (dt - gamma_h m)_t                                        where it sticks
+    ds_t = mu ds_n s_t/|s_t|                                         where it slides
+
+`c` is 1 but where the onset of contact is rounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import ufl
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from tactile_fem.mechanics.contact import Contact, SkinPart
+from tactile_fem.mechanics.point_values import PointValues
+
+# Share of Coulomb's bound from which on skin slides.
+_SLIDES = 0.99
+_TINY_MPa = 1e-12
+
+
+@dataclass(frozen=True)
+class Touch:
+    """The contact of the accepted state at the quadrature points.
+
+    Attributes
+    ----------
+    pressure, friction
+        In MPa.
+    closed
+        How pressure grows with what would be pressure were the contact not rounded, 0 to 1.
+    """
+
+    pressure: fem.Function
+    closed: fem.Function
+    friction: fem.Function
+
+    @classmethod
+    def of(
+        cls, skin: Sequence[SkinPart], u: fem.Function, compile_: Callable[[ufl.Form], fem.Form]
+    ) -> Touch:
+        """Read it at the accepted state, which the forms have to be at."""
+        obstacle = skin[0].contact.obstacle
+        scalars = [obstacle.quadrature_function(()) for _ in range(2)]
+        touch = cls(*scalars, obstacle.quadrature_function(obstacle.u.ufl_shape))
+        wanted: list[tuple[fem.Function, Callable[[SkinPart], Expr]]] = [
+            (touch.pressure, lambda part: part.contact.tractions(part.t, u, u)[0]),
+            (touch.closed, lambda part: part.contact.closed(part.t)),
+            (touch.friction, _transmitted),
+        ]
+        for function, of in wanted:
+            values = [(of(part), part.ds) for part in skin]
+            found = PointValues(obstacle, values, compile_).read()
+            function.x.array[: len(found)] = found
+        return touch
+
+    def change(self, contact: Contact, dt: Expr, motion: Expr) -> Expr:
+        """Return how the traction `s` on the finger changes.
+
+        Parameters
+        ----------
+        contact
+            Its law.
+        dt
+            Change of the tissue's traction, MPa.
+        motion
+            Of the skin relative to the body, mm.
+        """
+        nu, stiffness = contact.obstacle.normal, contact.stiffness
+        q = dt - stiffness * motion
+        ds_n = self.closed * ufl.dot(q, nu)
+        size = ufl.sqrt(ufl.dot(self.friction, self.friction) + _TINY_MPa**2)
+        slides = ufl.ge(size, _SLIDES * contact.friction * self.pressure)
+        follows = contact.friction * ds_n * self.friction / size
+        ds_t = ufl.conditional(slides, follows, q - ufl.dot(q, nu) * nu)
+        ds = ds_n * nu + self.pressure * (contact.obstacle.hessian * motion) + ds_t
+        return ufl.conditional(ufl.gt(self.pressure, 0.0), ds, 0.0 * ds)
+
+
+def _transmitted(part: SkinPart) -> Expr:
+    """Return the friction that the last accepted step ended with, in MPa; see `StickMemory`."""
+    nu = part.contact.obstacle.normal
+    return part.t - ufl.dot(part.t, nu) * nu - part.contact.unmatched_old

@@ -1,0 +1,159 @@
+"""Vibration about a state: exact dynamics of blocks, reciprocity, and the static limit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactile_fem.runtime import backend  # noqa: F401
+
+from mpi4py import MPI  # isort: skip
+
+from blocks import LAYERS, block_mesh
+from sphere_on_block import sphere_on_block
+
+from tactile_fem.mechanics.domain import create_domain, roller
+from tactile_fem.mechanics.harmonic import Harmonic
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Plate, Solver, Tissue
+
+C10, D1, HEIGHT, DENSITY = 0.01, 20.0, 2.0, 1000.0
+G, K = 2 * C10, 2 / D1
+SERIES = {"g": (0.3, 0.2), "tau_s": (0.002, 0.05)}
+KELVIN = 0.001
+FREQUENCIES = [1.0, 100.0, 900.0]
+
+
+def tissue(**more) -> Tissue:
+    layer = {"C10_MPa": C10, "D1_per_MPa": D1, "C20_MPa": 0.0, "C30_MPa": 0.0, **more}
+    viscous = KELVIN if not more else 0.0
+    return Tissue.model_validate({"viscous_time_s": viscous, **dict.fromkeys(LAYERS, layer)})
+
+
+def modulus(frequency_Hz: float, *, relaxes: bool) -> complex:
+    """Return the complex shear modulus by the formulas of Prony and of Kelvin and Voigt, MPa."""
+    iw = 2j * np.pi * frequency_Hz
+    if not relaxes:
+        return G * (1 + iw * KELVIN)
+    at_once = G / (1 - sum(SERIES["g"]))
+    pairs = zip(SERIES["g"], SERIES["tau_s"], strict=True)
+    return at_once * (1 - sum(g / (1 + iw * tau_s) for g, tau_s in pairs))
+
+
+def block(made: Tissue, *axes: int, sides: bool = False, layers: int = 12) -> FingerProblem:
+    """Return a plate that touches a column, whose nodes may not move along the axes."""
+    line = np.array([-0.5, 0.5])
+    depths = np.linspace(0, HEIGHT, layers + 1)
+    names = [LAYERS[min(3, k * 4 // layers)] for k in range(layers)]
+    domain = create_domain(block_mesh(line, line, depths, names), MPI.COMM_WORLD, ("cut",))
+
+    def at(axis: int):
+        return lambda x: np.isclose(abs(x[axis]), 0.5) if sides else np.full(x.shape[1], True)
+
+    settings = Solver(
+        held=("cut",),
+        linear="direct",
+        petsc={"snes_atol": 1e-13},
+        contact_width_MPa=1e-8,
+        compiler_flags=("-O0",),
+    )
+    body = Plate(friction=0.5)
+    return FingerProblem(
+        domain,
+        made,
+        make_body(body),
+        body.friction,
+        settings,
+        lambda V: [roller(V, axis, at(axis)) for axis in axes],
+    )
+
+
+def touched(problem: FingerProblem, depth_mm: float = 1e-4) -> FingerProblem:
+    report = problem.solve(np.array([0.0, 0.0, depth_mm]), 1e3)
+    assert report.converged
+    problem.accept()
+    return problem
+
+
+def nodal(problem: FingerProblem, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return heights of this rank's nodes and the amplitudes there, (nodes, 3)."""
+    z = problem.u.function_space.tabulate_dof_coordinates()[:, 2]
+    return z, u.reshape(-1, 3)[: len(z)]
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize("relaxes", [True, False])
+def test_a_column_carries_the_exact_pressure_waves(relaxes):
+    made = tissue(**SERIES) if relaxes else tissue()
+    problem = touched(block(made, 0, 1, sides=True))
+    vibrating = Harmonic(problem, DENSITY)
+    for frequency in FREQUENCIES:
+        shear = modulus(frequency, relaxes=relaxes)
+        M = K + (4 / 3 * shear if relaxes else 4 / 3 * G + 2 * (shear - G))
+        w = 2 * np.pi * frequency
+        k = w * np.sqrt(DENSITY * 1e-12 / M)
+        found = vibrating.respond(frequency, [0.0, 0.0, 1.0])
+        z, u = nodal(problem, found.u)
+        exact = np.sin(k * (HEIGHT - z)) / np.sin(k * HEIGHT)
+        np.testing.assert_allclose(u[:, 2], exact, atol=2e-4)
+        force = M * k / np.tan(k * HEIGHT)
+        np.testing.assert_allclose(found.force_N, [0, 0, force], atol=2e-3 * abs(force))
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize("relaxes", [True, False])
+def test_a_plate_that_sticks_sends_the_exact_shear_waves(relaxes):
+    made = tissue(**SERIES) if relaxes else tissue()
+    problem = touched(block(made, 1, 2))
+    vibrating = Harmonic(problem, DENSITY)
+    for frequency in FREQUENCIES:
+        shear = modulus(frequency, relaxes=relaxes)
+        k = 2 * np.pi * frequency * np.sqrt(DENSITY * 1e-12 / shear)
+        found = vibrating.respond(frequency, [1.0, 0.0, 0.0])
+        z, u = nodal(problem, found.u)
+        exact = np.sin(k * (HEIGHT - z)) / np.sin(k * HEIGHT)
+        np.testing.assert_allclose(u[:, 0], exact, atol=1e-3)
+        force = shear * k / np.tan(k * HEIGHT)
+        np.testing.assert_allclose(found.force_N[0], force, atol=5e-3 * abs(force))
+
+
+def test_what_one_place_does_to_another_it_does_in_return():
+    problem = block(tissue(**SERIES), 1)
+    problem.state.place(np.array([0.0, 0.0, -1.0]))  # far from the plate
+    vibrating = Harmonic(problem, DENSITY)
+    count = len(problem.u.x.array)
+    places = [3 * (count // 9), 3 * (count // 5) + 2]
+    matrix = []
+    for place in places:
+        found = vibrating.respond(300.0, np.zeros(3), load=1e-3 * np.eye(1, count, place)[0])
+        matrix.append(found.u[places])
+    assert abs(matrix[0][1]) > 1e-6
+    np.testing.assert_allclose(matrix[0][1], matrix[1][0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("axis", "friction"), [(0, 0.5), (2, 0.0)])
+def test_a_slow_and_small_motion_of_a_body_in_time_gives_the_same(axis, friction):
+    steps, period_s, tau_s = 32, 0.1, 0.01
+    relaxing = dict.fromkeys(LAYERS, {"g": (0.4,), "tau_s": (tau_s,)})
+    made = Tissue.model_validate({"set": "proposed", "viscous_time_s": 0.0, **relaxing})
+    problem = sphere_on_block(made, compiler_flags=("-O0",))
+
+    def force(place: np.ndarray) -> float:
+        assert problem.solve(place, period_s / steps).converged
+        return problem.accept().force_N[axis]
+
+    place, along = np.array([0.0, 0.0, 0.3]), np.eye(3)[axis]
+    for number in range(30):
+        for part in problem.skin:  # without friction at first: all of the skin then sticks
+            part.contact.friction.value = friction if number else 0.0
+        force(place)
+    phases = 2 * np.pi * np.arange(1, 2 * steps + 1) / steps
+    held, found = problem.state.gather(problem.order), []
+    for amplitude in (1e-4, -1e-4):  # their difference does not drift
+        problem.state.restore(held, problem.order, lambda place, dt_s: None)
+        forces = [force(place + amplitude * np.sin(phase) * along) for phase in phases]
+        found.append(2j / steps * (np.exp(-1j * phases) * forces)[-steps:].sum() / amplitude)
+    problem.state.restore(held, problem.order, lambda place, dt_s: None)
+    in_space = Harmonic(problem, 1e-6).respond(1 / period_s, along)
+    np.testing.assert_allclose(np.mean(found), in_space.force_N[axis], rtol=0.02)
