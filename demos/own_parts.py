@@ -21,7 +21,7 @@ import ufl
 from tactile_fem.cli.entry import run
 from tactile_fem.neuron import Population
 from tactile_fem.neuron.exponentials import ExponentialSum
-from tactile_fem.neuron.transduction import Segment
+from tactile_fem.neuron.segment import Segment
 from tactile_fem.output.figures import draw
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import Parts, scan

@@ -19,7 +19,7 @@ from tactile_fem.neuron import (
     respond,
 )
 from tactile_fem.neuron.exponentials import ExponentialSum
-from tactile_fem.neuron.transduction import Segment
+from tactile_fem.neuron.segment import Segment
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.scan.checks import check_study
 from tactile_fem.scan.results import Results

@@ -135,7 +135,7 @@ def test_what_one_place_does_to_another_it_does_in_return():
 @pytest.mark.parametrize(("axis", "friction"), [(0, 0.5), (2, 0.0)])
 def test_a_slow_and_small_motion_of_a_body_in_time_gives_the_same(axis, friction):
     steps, period_s, tau_s = 32, 0.1, 0.01
-    relaxing = dict.fromkeys(LAYERS, {"g": (0.4,), "tau_s": (tau_s,)})
+    relaxing = {layer: {"g": (0.4,), "tau_s": (tau_s,)} for layer in LAYERS}
     made = Tissue.model_validate({"set": "proposed", "viscous_time_s": 0.0, **relaxing})
     problem = sphere_on_block(made, compiler_flags=("-O0",))
 

@@ -18,6 +18,7 @@ from cyclopts import App, Parameter, validators
 from tactile_fem import __version__
 from tactile_fem.cli import fit as cli_fit
 from tactile_fem.cli import series as cli_series
+from tactile_fem.cli import vibrate as cli_vibrate
 from tactile_fem.cli import view as cli_view
 from tactile_fem.cli.entry import exit_code_of
 from tactile_fem.cli.mechanics import with_mechanics
@@ -49,6 +50,7 @@ app.command(cli_series.fibre)
 app.command(cli_view.preview)
 app.command(cli_view.view)
 app.command(cli_fit.fit)
+app.command(cli_vibrate.vibrate)
 
 _positive = validators.Number(gt=0)
 

@@ -33,6 +33,7 @@ import numpy as np
 import ufl
 from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
+from numpy.typing import ArrayLike
 
 from tactile_fem.errors import TactileError
 from tactile_fem.mechanics.contact import SkinPart
@@ -91,7 +92,7 @@ class Response:
     frequency_Hz
         Of the vibration.
     u
-        Complex amplitude of this rank's displacement as `State.u` holds it, mm.
+        Complex amplitude of this rank's displacement, absolute, as `State.u` holds it, mm.
     force_N
         Complex amplitude of the force on the finger, (3,).
     iterations
@@ -127,7 +128,10 @@ class Harmonic:
         self._forms = self._compile(touch)
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
         density = fem.Constant(V.mesh, density_kg_m3 * _T_PER_MM3)
-        mass = problem.compile(density * ufl.inner(u, v) * problem.elasticity.measure())
+        dx, dim = problem.elasticity.measure(), V.mesh.geometry.dim
+        mass = problem.compile(density * ufl.inner(u, v) * dx)
+        pulls = [problem.compile(density * v[k] * dx) for k in range(dim)]
+        self._inertia = [self._vector(pull, problem.bcs) for pull in pulls]
         self._mass = fem_petsc.assemble_matrix(mass, problem.bcs, diag=0.0)
         self._mass.assemble()
         self._delays = list(_delays(problem))
@@ -146,15 +150,23 @@ class Harmonic:
         if delay is not None:
             delay.stand(1.0)
 
-    def respond(self, frequency_Hz: float, motion: Array, load: Array | None = None) -> Response:
-        """Return the answer to a body that moves by `motion` (3,) in mm, and to nodal forces.
+    def respond(
+        self,
+        frequency_Hz: float,
+        body_mm: ArrayLike,
+        bone_mm: ArrayLike = (0.0, 0.0, 0.0),
+        load: Array | None = None,
+    ) -> Response:
+        """Return the answer to motions of the body and of the bone, and to nodal forces.
+
+        Seen from the bone, the body moves by the difference and inertia pulls at all tissues.
 
         Parameters
         ----------
         frequency_Hz
             Not negative.
-        motion
-            Complex or real amplitude, mm.
+        body_mm, bone_mm
+            Complex or real amplitudes (3,) of the body and of what is held, mm.
         load
             This rank's complex amplitudes of nodal forces, N, as its owned part of `State.u`.
 
@@ -165,9 +177,11 @@ class Harmonic:
         """
         w = 2 * np.pi * frequency_Hz
         amounts = [delay.amount(w) for delay in self._delays]
-        motion = np.asarray(motion)
+        bone = np.asarray(bone_mm)
+        motion = np.asarray(body_mm) - bone
         parts = [(1.0, self._at_once), *zip(amounts, self._late, strict=True)]
         right = sum(c * np.tensordot(motion, part.loads, 1) for c, part in parts)
+        right = right + w**2 * np.tensordot(bone, self._inertia, 1)
         if load is not None:
             right = right + load
         x, iterations = self._solve(w, amounts, right)
@@ -176,7 +190,8 @@ class Harmonic:
             c * (np.array(part.forces) @ x[:owned] + part.direct @ motion / self._comm.size)
             for c, part in parts
         )
-        return Response(frequency_Hz, x, self._comm.allreduce(force), iterations)
+        u = x + np.tile(bone, len(x) // len(bone))
+        return Response(frequency_Hz, u, self._comm.allreduce(force), iterations)
 
     def _compile(self, touch: Touch) -> _Forms:
         problem, V = self._problem, self._u.function_space

@@ -114,6 +114,8 @@ DRIVES: dict[str, Drive] = {
     "smallest_stretch": Drive("Smallest stretch - 1", "1", lambda h: h["stretches"][..., 0] - 1),
     "largest_stress": Drive("Largest stress", "kPa", lambda h: h["stresses_kPa"][..., -1]),
     "smallest_stress": Drive("Smallest stress", "kPa", lambda h: h["stresses_kPa"][..., 0]),
+    "compression": Drive("1 - smallest stretch", "1", lambda h: 1 - h["stretches"][..., 0]),
+    "indentation": Drive("Displacement into the finger", "mm", lambda h: h["moved_mm"][..., 2]),
     "pressure": Drive("Pressure", "kPa", lambda h: -h["stresses_kPa"].mean(axis=-1)),
 }
 

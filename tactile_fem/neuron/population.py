@@ -13,7 +13,8 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron.drives import Drive, Histories, checked_sed, drive_of
 from tactile_fem.neuron.membrane import Membrane
 from tactile_fem.neuron.response import Response
-from tactile_fem.neuron.transduction import Transduction, transduction_of
+from tactile_fem.neuron.segment import Transduction
+from tactile_fem.neuron.transduction import transduction_of
 from tactile_fem.neuron.variability import Variability
 from tactile_fem.study import DEFAULT_NAME, Afferents, Neuron, Study
 

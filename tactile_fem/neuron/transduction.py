@@ -4,46 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_fem.neuron.band_pass import BandPass
 from tactile_fem.neuron.exponentials import ExponentialSum
+from tactile_fem.neuron.segment import Segment, Transduction
 from tactile_fem.study import Neuron
 
 Array = NDArray[Any]
 _CHORD = 0.002  # how far a logarithm may be from straight lines, as a share of its scale
-
-
-class Segment(NamedTuple):
-    """A stretch of time with one expression for the current.
-
-    Attributes
-    ----------
-    start_s, length_s
-        Begin and length, s: numbers, or (n,) where the stretches differ.
-    current_pA
-        The current over the time since the begin, pA.
-    who
-        Which receptors; all have come to the begin.
-    """
-
-    start_s: Any
-    length_s: Any
-    current_pA: ExponentialSum
-    who: Any = slice(None)
-
-
-class Transduction(Protocol):
-    """A model of transduction."""
-
-    def segments(self, time_s: Array, drive: Array, /) -> Iterator[Segment]:
-        """Yield the current that a history (t,), (t, receptors) evokes, in order.
-
-        The history is linear between its samples; the current is exact.
-        """
-        ...
 
 
 def transduction_of(neuron: Neuron) -> Transduction:
@@ -55,6 +27,8 @@ def transduction_of(neuron: Neuron) -> Transduction:
             return GeneratorFunction(neuron)
         case "logarithmic":
             return Logarithmic(neuron)
+        case "band_pass":
+            return BandPass(neuron)
 
 
 class StaticDynamic:

@@ -1,4 +1,4 @@
-"""Receptors on the epidermis-dermis interface: where they are, which points they average."""
+"""Receptors on the epidermis-dermis interface or below the skin, and the points they average."""
 
 from __future__ import annotations
 
@@ -105,15 +105,15 @@ def _naming(afferents: Afferents, study: Study) -> Iterator[None]:
 
 
 def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
-    """Return the receptors' positions (n, 3) in mm, on the interface's facets over the pad.
+    """Return the receptors' positions (n, 3) in mm, over the pad.
 
     Raises
     ------
     StudyError
-        If a receptor's X, Y has no interface above it, or there are far too many.
+        If a receptor's X, Y lies outside the finger, or there are far too many.
     """
     _check_count(receptors)
-    facets = _interface(finger)
+    facets = _sheet(receptors, finger)
     if receptors.placement == "afferents":
         spread, extra = _spread(receptors, facets), receptors.extra_mm
         return np.array([*spread, *(_lift(x, y, facets)[0] for x, y in extra)])
@@ -241,16 +241,22 @@ def _end_organs(
     """Yield the receptor's number and the place of each end organ."""
     angle = np.linspace(0, 2 * np.pi, receptors.end_organs - 1, endpoint=False)
     around = receptors.end_organs_radius_mm * np.column_stack([np.cos(angle), np.sin(angle)])
-    facets = _interface(finger)
+    facets = _sheet(receptors, finger)
     for number, position in enumerate(positions):
         yield number, position
         for x, y in position[:2] + around:
             yield number, _lift(x, y, facets)[0]
 
 
-def _interface(finger: FingerMesh) -> np.ndarray:
-    """Return the corners (m, 3, 3) of the epidermis-dermis interface's facets."""
-    return finger.nodes[finger.triangles[finger.surface == SURFACES["interface"], :3]]
+def _sheet(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
+    """Return the corners (m, 3, 3) of the facets on which receptors lie.
+
+    They are those of the epidermis-dermis interface, or the skin's, moved by the depth.
+    """
+    name = "interface" if receptors.depth_mm is None else "skin"
+    depth = receptors.depth_mm or 0.0
+    facets = finger.triangles[finger.surface == SURFACES[name], :3]
+    return finger.nodes[facets] + np.array([0.0, 0.0, depth])
 
 
 def _lattice(radius: float) -> np.ndarray:

@@ -21,6 +21,7 @@ from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.receptors import Samples
 
 _KPA_PER_MPA = 1000.0
+_COUNT = 20
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,8 @@ class ReceptorState:
 
     Attributes
     ----------
+    moved_mm
+        Displacement, (receptors, 3).
     sed_kPa, von_mises_kPa
         Strain energy density and Cauchy's von Mises stress, (receptors,).
     stretches
@@ -37,6 +40,7 @@ class ReceptorState:
         Principal Cauchy stresses in increasing order, tension positive, (receptors, 3).
     """
 
+    moved_mm: np.ndarray
     sed_kPa: np.ndarray
     von_mises_kPa: np.ndarray
     stretches: np.ndarray
@@ -104,19 +108,25 @@ class Probe:
     def read(self) -> ReceptorState:
         """Return what the receptors feel at the problem's present displacement."""
         with common.Timer("tactile: probe"):
-            nodal = np.zeros((len(self.cells), len(self.nodes), 17))
+            nodal = np.zeros((len(self.cells), len(self.nodes), _COUNT))
             for fields, own in self._fields:
                 if len(own):
-                    nodal[own] = fields.eval(self._mesh, self.cells[own]).reshape(len(own), -1, 17)
-            values = self.weights @ nodal.reshape(-1, 17)
+                    nodal[own] = fields.eval(self._mesh, self.cells[own]).reshape(
+                        len(own), -1, _COUNT
+                    )
+            values = self.weights @ nodal.reshape(-1, _COUNT)
             self._comm.Allreduce(MPI.IN_PLACE, values)
         C = values[:, 2:11].reshape(-1, 3, 3)
         stretches = np.sqrt(np.linalg.eigvalsh((C + np.swapaxes(C, 1, 2)) / 2))
-        return ReceptorState(values[:, 0], values[:, 1], stretches, _principal(values[:, 11:]))
+        stresses = _principal(values[:, 11:17])
+        return ReceptorState(values[:, 17:], values[:, 0], values[:, 1], stretches, stresses)
 
 
 def _fields(problem: FingerProblem, tissue: str) -> Expr:
-    """Return what is felt in a tissue: energy, von Mises stress, C (9), Cauchy's stress (6)."""
+    """Return what is felt in a tissue, `_COUNT` numbers.
+
+    Energy, von Mises stress, C (9), Cauchy's stress (6), displacement (3).
+    """
     F = deformation_gradient(problem.u)
     W = problem.elasticity.energy(tissue)
     # Read after a step was accepted: viscosity acts over that step.
@@ -131,6 +141,7 @@ def _fields(problem: FingerProblem, tissue: str) -> Expr:
             _KPA_PER_MPA * von_mises,
             *(C[i, j] for i in range(3) for j in range(3)),
             *(_KPA_PER_MPA * sigma[i, j] for i in range(3) for j in range(i + 1)),
+            *(problem.u[i] for i in range(3)),
         ]
     )
 

@@ -16,7 +16,7 @@ from tactile_fem.scan.trace import Array
 from tactile_fem.study import Follow, Study
 
 # Counts up when the names or the meaning of a checkpoint's arrays change.
-_FORMAT = 7
+_FORMAT = 8
 # Parts of a study that may change between two runs: they act after the mechanics, or the mesh's
 # hash shows the change.
 _FREE: dict[str, Any] = {
@@ -61,15 +61,16 @@ class Origin:
         texts = {"files": json.dumps(self.files), "own_parts": json.dumps(self.own_parts)}
         return {"format": _FORMAT, "version": __version__, **vars(self), **texts}
 
-    def read(self, results: Results) -> dict[str, Array]:
-        """Return the checkpoint of a results folder.
+    def read(self, results: Results, at_mm: float | None = None) -> dict[str, Array]:
+        """Return the checkpoint of a results folder, or the state it kept at a displacement.
 
         Raises
         ------
         StudyError
-            It belongs to another version, study, mesh, or to other files or own parts.
+            There is none, or it belongs to another version, study or mesh, or to other files or
+            own parts.
         """
-        saved, file = results.load_checkpoint(), results.checkpoint_file
+        saved, file = results.load_state(at_mm), results.checkpoint_file
         if int(saved.get("format", 0)) != _FORMAT:
             raise StudyError(
                 f"{file} is from {saved.get('version', 'an older version')}. This is tactile_fem "

@@ -26,6 +26,7 @@ _DEFORMATIONS = (
 # What a receptor may feel in a tenth of a second.
 _HISTORIES = {
     "time_s": np.array([0.0, 0.05, 0.1]),
+    "moved_mm": np.array([[[0.0, 0.0, 0.0]], [[0.0, 0.1, 0.2]], [[0.0, 0.0, 0.1]]]),
     "sed_kPa": np.array([[0.0], [1.0], [0.5]]),
     "von_mises_kPa": np.array([[0.0], [10.0], [5.0]]),
     "stretches": np.array([[[1.0, 1.0, 1.0]], [[0.9, 1.0, 1.1]], [[0.95, 1.0, 1.05]]]),

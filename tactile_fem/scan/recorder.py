@@ -102,6 +102,8 @@ class Recorder:
                 spent=json.dumps(spent),
                 **state,
             )
+            if sed is not None and self._fields and self._study.output.states:
+                self._results.keep_state(self._fields.count - 1)
 
         with common.Timer("tactile: output"):
             on_root(self._comm, write)

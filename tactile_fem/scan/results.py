@@ -6,6 +6,7 @@
 ``trace.npz``        histories: see `Results.save_trace`
 ``spikes.csv``       ``receptor,time_s,displacement_mm,population``
 ``checkpoint.npz``   the state to go on from
+``states/``          states that were kept, as ``checkpoint.npz``
 ``stimulator.npz``   shape of an own body or a part, for pictures
 ``fields/``          VTU files and ``deformation.pvd``, their index, for ParaView
 ``figures/``         pictures
@@ -18,6 +19,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -43,6 +45,7 @@ _OWN = (
     "checkpoint.npz",
     "stimulator.npz",
     "log.txt",
+    "states/state_*.npz",
     "fields/deformation.pvd",
     "fields/deformation_*.vtu",
     "figures/sed.png",
@@ -55,11 +58,13 @@ _OWN = (
     "figures/finger.png",
     "figures/deformation_*.png",
     ".*.part",
+    "states/.*.part",
     "fields/.*.part",
     "figures/.*.part",
 )
 _VECTORS = ("stimulator_mm", "force_N", "moment_Nmm")
-_OF_RECEPTORS = ("sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa")
+_OF_RECEPTORS = ("moved_mm", "sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa")
+_SAME_PLACE_MM = 1e-6
 _TRACE = ("time_s", "displacement_mm", "depth_mm", "force_N", "receptors_mm", "sed_kPa")
 
 
@@ -105,7 +110,7 @@ class Results:
             for pattern in _OWN:
                 for path in results.folder.glob(pattern):
                     path.unlink()
-            for emptied in (results.fields, results.figures):
+            for emptied in (results.fields, results.figures, results.states):
                 with suppress(OSError):  # what is not its own stays there
                     emptied.rmdir()
         except OSError as error:
@@ -178,6 +183,11 @@ class Results:
         return self.folder / "figures"
 
     @property
+    def states(self) -> Path:
+        """Folder of the states that were kept, made with the first of them."""
+        return self.folder / "states"
+
+    @property
     def log_file(self) -> Path:
         """The log."""
         return self.folder / "log.txt"
@@ -219,6 +229,12 @@ class Results:
     def save_checkpoint(self, **arrays: ArrayLike) -> None:
         """Write ``checkpoint.npz``."""
         self._save_npz("checkpoint.npz", {k: np.asarray(v) for k, v in arrays.items()})
+
+    def keep_state(self, number: int) -> None:
+        """Keep the checkpoint as it is as ``states/state_<number>.npz``."""
+        self.states.mkdir(exist_ok=True)
+        with atomic_write(self.states / f"state_{number:04d}.npz") as part:
+            shutil.copyfile(self.checkpoint_file, part)
 
     def save_stimulator(self, grid: DistanceGrid) -> None:
         """Write ``stimulator.npz``."""
@@ -332,6 +348,28 @@ class Results:
     def load_checkpoint(self) -> dict[str, NDArray[Any]]:
         """Return the arrays of ``checkpoint.npz``."""
         return self._load_npz("checkpoint.npz")
+
+    def load_state(self, at_mm: float | None = None) -> dict[str, NDArray[Any]]:
+        """Return a state: that kept at a displacement of the slide, or the last one.
+
+        Raises
+        ------
+        StudyError
+            None was kept there.
+        """
+        if at_mm is None:
+            return self.load_checkpoint()
+        displacement, kept = self.trace["displacement_mm"], []
+        for path in sorted(self.states.glob("state_*.npz")):
+            state = self._load_npz(f"states/{path.name}")
+            kept.append(float(displacement[int(state["rows"]) - 1]))
+            if abs(kept[-1] - at_mm) < _SAME_PLACE_MM:
+                return state
+        places = ", ".join(f"{place:g}" for place in kept)
+        raise StudyError(
+            f"{self.folder} has no state at {at_mm:g} mm: "
+            + (f"states were kept at {places} mm." if kept else "set output.states for the scan.")
+        )
 
     def _load_npz(self, name: str) -> dict[str, NDArray[Any]]:
         path = self.folder / name

@@ -43,8 +43,8 @@ class Trace:
         (steps,): contact force against held reaction; what the step cost.
     receptors_mm, population
         (receptors, 3), (receptors,).
-    sed_kPa, von_mises_kPa, stretches, stresses_kPa
-        (steps, receptors), the principal values (steps, receptors, 3).
+    moved_mm, sed_kPa, von_mises_kPa, stretches, stresses_kPa
+        (steps, receptors), displacement and principal values (steps, receptors, 3).
     """
 
     def __init__(
@@ -54,6 +54,7 @@ class Trace:
         self.receptors_mm, self.population = receptors_mm, population
         self._indented_s = 0.0
         self._of_receptors: dict[str, list[Any]] = {
+            "moved_mm": [np.zeros((count, 3))],
             "sed_kPa": [np.zeros(count)],
             "von_mises_kPa": [np.zeros(count)],
             "stretches": [np.ones((count, 3))],

@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from tactile_fem.study.afferents import DEFAULT_NAME, Afferents, Neuron, Receptors
+from tactile_fem.study.afferents import DEFAULT_NAME, Afferents, Neuron, Receptors, of_kind
 from tactile_fem.study.base import Section
 from tactile_fem.study.parts import (
     Finger,
@@ -134,12 +134,17 @@ def _filled(entry: Any, shared: dict[str, Receptors | Neuron]) -> Any:
     given = entry.model_dump(exclude_unset=True) if isinstance(entry, Afferents) else entry
     if not isinstance(given, dict):
         return given
+    kind = of_kind(given.get("kind"))
     own = {section: given.get(section, {}) for section in shared}
-    return given | {
-        section: shared[section].shared_with(values) | _set(values)
-        for section, values in own.items()
-        if isinstance(values, dict)
-    }
+    return (
+        {key: value for key, value in kind.items() if key not in shared}
+        | given
+        | {
+            section: shared[section].shared_with(values) | kind.get(section, {}) | _set(values)
+            for section, values in own.items()
+            if isinstance(values, dict)
+        }
+    )
 
 
 def _set(values: dict[str, Any]) -> dict[str, Any]:

@@ -23,8 +23,47 @@ _CONSTANTS: dict[Any, dict[str, float]] = {
 }
 
 
+# What the kinds are that is not as in SA1. Densities: Johansson and Vallbo 1979 (RA 140, PC 21 per
+# cm2). RA end in dermal papillae, PC at about 2 mm depth.
+_KINDS: dict[Any, dict[str, Any]] = {
+    "RA": {
+        "feels": "compression",
+        "receptors": {"density_per_cm2": 140.0, "side": "dermis"},
+        "neuron": {
+            "model": "band_pass",
+            "filter_centre_Hz": 40.0,
+            "filter_quality": 0.5,
+            "filter_order": 1,
+            "filter_gain_pA": 1000.0,
+            "filter_off": 0.4,
+            "capacitance_pF": 3.0,
+            "refractory_s": 0.006,
+        },
+    },
+    "PC": {
+        "feels": "indentation",
+        "receptors": {"density_per_cm2": 21.0, "depth_mm": 2.0, "side": "subcutaneous"},
+        "neuron": {
+            "model": "band_pass",
+            "filter_centre_Hz": 280.0,
+            "filter_quality": 0.7,
+            "filter_order": 2,
+            "filter_gain_pA": 1000.0,
+            "filter_off": 0.4,
+            "capacitance_pF": 0.9,
+            "refractory_s": 0.0025,
+        },
+    },
+}
+
+
+def of_kind(kind: Any) -> dict[str, Any]:
+    """Return what a population of a kind has by default that one of SA1 has not."""
+    return _KINDS.get(kind if isinstance(kind, str) else None, {})
+
+
 class Receptors(Section):
-    """End organs on the epidermis-dermis interface."""
+    """End organs on the epidermis-dermis interface or anywhere below the skin."""
 
     placement: Literal["line", "grid", "random", "afferents"] = Field(
         "line",
@@ -43,7 +82,11 @@ class Receptors(Section):
     extra_mm: tuple[tuple[Finite, Finite], ...] = Field(
         (), description="further receptors: pairs X, Y"
     )
-    side: Literal["epidermis", "dermis"] = Field(
+    depth_mm: Positive | None = Field(
+        None,
+        description="below the undeformed skin; default on the epidermis-dermis interface",
+    )
+    side: Literal["epidermis", "dermis", "subcutaneous"] = Field(
         "epidermis", description="tissue whose strain energy the receptor feels"
     )
     average_radius_mm: NonNegative = Field(
@@ -64,10 +107,10 @@ class Receptors(Section):
 class Neuron(Section):
     """Transduction current and membrane; gains are per kPa, or per unit of what else is felt."""
 
-    model: Literal["logarithmic", "hamasaki2020", "gerling2018"] = Field(
+    model: Literal["logarithmic", "hamasaki2020", "gerling2018", "band_pass"] = Field(
         "logarithmic",
         description="transduction: of a logarithm; or alpha, kappa, beta, with constants of their "
-        "own; or the generator function",
+        "own; or the generator function; or a rectified band-pass, of RA and PC",
     )
     # alpha, S_0 and the fast kappa: demos/neurons/calibrate.py.
     static_gain_pA_per_kPa: NonNegative = Field(
@@ -100,6 +143,17 @@ class Neuron(Section):
     )
     generator_times_s: tuple[Positive, Positive, Positive] = Field(
         (0.008, 0.2, 1.745), description="gerling2018: tau_i; Gerling 2018"
+    )
+    filter_centre_Hz: Positive = Field(40.0, description="band_pass: f_0")
+    filter_quality: Positive = Field(0.5, description="band_pass: Q of its poles")
+    filter_order: Annotated[Whole, Field(ge=1, le=4)] = Field(
+        1, description="band_pass: how many stages; 1 is a rate below f_0, 2 an acceleration"
+    )
+    filter_gain_pA: NonNegative = Field(
+        1000.0, description="band_pass: current per unit of what is felt, at f_0"
+    )
+    filter_off: NonNegative = Field(
+        0.4, description="band_pass: share of what changes in the other direction; proposed"
     )
     capacitance_pF: Positive = Field(30.0, description="C; after Gerling 2018's public constants")
     resistance_GOhm: Positive = Field(1.667, description="R; after Gerling 2018's constants")
@@ -143,10 +197,13 @@ class Afferents(Section):
     name: Annotated[str, Field(pattern="^[A-Za-z0-9_-]+$", max_length=40)] = Field(
         description="its name in results and figures: letters, digits, _ and -"
     )
+    kind: Literal["SA1", "RA", "PC"] = Field(
+        "SA1", description="of afferent: what is not given below is that of its kind"
+    )
     feels: str = Field(
         "sed",
         description="sed, von_mises, largest_stretch, smallest_stretch, largest_stress, "
-        "smallest_stress or pressure; each also with _rate behind it",
+        "smallest_stress, pressure, compression or indentation; each also with _rate behind it",
     )
     receptors: Receptors = Receptors()
     neuron: Neuron = Neuron()

@@ -164,6 +164,9 @@ class Tissue(Section):
     relaxation: Literal["none", "fingerpad"] = Field(
         "none", description="g and tau_s of the soft tissues for which none are given below"
     )
+    density_kg_m3: Positive = Field(
+        1000.0, description="of all tissues, that of water; vibration alone has inertia"
+    )
     stratum_corneum: Polynomial
     epidermis: Polynomial
     dermis: Polynomial

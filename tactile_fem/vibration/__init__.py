@@ -1,0 +1,8 @@
+"""Small vibrations about a state of a scan: what receptors feel, and how their afferents fire.
+
+`tactile_fem.vibration.run` computes them; `tactile_fem.vibration.spectrum` holds and reads them.
+"""
+
+from tactile_fem.vibration.spectrum import Spectrum, frequencies_of
+
+__all__ = ["Spectrum", "frequencies_of"]

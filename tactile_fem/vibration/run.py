@@ -1,0 +1,131 @@
+"""Vibration about a state that a scan left: one linear solve for each frequency."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Literal
+
+from tactile_fem.runtime import backend  # noqa: F401  # isort: skip
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tactile_fem.errors import StudyError
+from tactile_fem.mechanics.harmonic import Harmonic
+from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
+from tactile_fem.scan.checkpoint import Origin
+from tactile_fem.scan.parts import Parts
+from tactile_fem.scan.results import Results
+from tactile_fem.scan.setup import Instruments, Setup
+from tactile_fem.vibration.felt import Felt
+from tactile_fem.vibration.spectrum import Spectrum
+
+logger = logging.getLogger(__name__)
+
+Moves = Literal["body", "bone"]
+_NO_PARTS = Parts()
+
+
+def vibrate(
+    folder: Path | str,
+    frequencies_Hz: ArrayLike,
+    *,
+    at_mm: float | None = None,
+    moves: Moves = "body",
+    direction: Sequence[float] = (0.0, 0.0, 1.0),
+    comm: MPI.Comm | None = None,
+    parts: Parts = _NO_PARTS,
+) -> Spectrum:
+    """Return how the finger of a scan answers to vibrations about one of its states.
+
+    Parameters
+    ----------
+    folder
+        Of the scan, complete or not.
+    frequencies_Hz
+        Positive, (f,).
+    at_mm
+        Displacement of the slide where `output.states` kept the state; default the last state.
+    moves
+        What vibrates: the body, or the bone with all that is held, while the body rests.
+    direction
+        Of the vibration, (3,).
+    comm
+        Communicator; all its ranks must call. Default: all ranks.
+    parts
+        The scan's own parts, see `tactile_fem.scan.scan`.
+
+    Raises
+    ------
+    StudyError
+        No such state or scan, a frequency or a direction that is none.
+    TactileError
+        The linear equations could not be solved.
+    """
+    comm = comm or MPI.COMM_WORLD
+    frequencies, along = _checked(frequencies_Hz, direction)
+    with abort_if_one_fails(comm):
+        results = on_root(comm, lambda: Results.open(folder))
+        setup = Setup.of(on_root(comm, lambda: results.study), parts, comm)
+        saved = on_root(comm, lambda: Origin.of(setup).read(results, at_mm))
+        instruments = setup.instruments(comm)
+        with closing(instruments.problem):
+            instruments.stepper.restore(saved)
+            return _spectrum(setup, instruments, frequencies, along, moves)
+
+
+def _spectrum(
+    setup: Setup, instruments: Instruments, frequencies: np.ndarray, along: np.ndarray, moves: Moves
+) -> Spectrum:
+    problem, probe = instruments.problem, instruments.probe
+    harmonic = Harmonic(problem, setup.study.tissue.density_kg_m3)
+    harmonic.stand(None)
+    still, felt = probe.read(), Felt(problem, probe, harmonic)
+    of_body, of_bone = (along, 0 * along) if moves == "body" else (0 * along, along)
+    answers, forces = [], []
+    for number, frequency in enumerate(frequencies, 1):
+        response = harmonic.respond(frequency, of_body, of_bone)
+        answers.append(felt.amplitudes(response))
+        forces.append(response.force_N)
+        logger.info(
+            "%.4g Hz (%d of %d), %d iterations",
+            frequency,
+            number,
+            len(frequencies),
+            response.iterations,
+        )
+    moved, sed, stretches = (np.array(values) for values in zip(*answers, strict=True))
+    layout = setup.layout
+    return Spectrum(
+        frequencies,
+        along,
+        layout.positions_mm,
+        layout.population,
+        moved,
+        sed,
+        stretches,
+        np.array(forces),
+        still.moved_mm,
+        still.sed_kPa,
+        still.stretches,
+    )
+
+
+def _checked(
+    frequencies_Hz: ArrayLike, direction: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies and the direction's unit vector, or raise StudyError."""
+    frequencies = np.atleast_1d(np.asarray(frequencies_Hz, dtype=float))
+    wrong = frequencies[~(np.isfinite(frequencies) & (frequencies > 0))]
+    if wrong.size:
+        raise StudyError(f"frequencies_Hz has {wrong[0]:g} but must be greater than 0.")
+    along = np.asarray(direction, dtype=float)
+    length = np.linalg.norm(along)
+    if along.shape != (3,) or not np.isfinite(length) or length == 0:
+        raise StudyError(f"direction is {tuple(direction)} but must be three numbers, not all 0.")
+    return frequencies, along / length

@@ -1,0 +1,156 @@
+"""A computed vibration: complex amplitudes over frequency, and the firing that they evoke."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_fem.errors import StudyError
+from tactile_fem.neuron import Population
+from tactile_fem.runtime.files import atomic_write, write_records
+
+Array = NDArray[Any]
+_SAMPLES = 24  # of a period
+_SETTLES_S = 0.25  # before spikes are counted: membranes and adaptation
+_COUNTED_S = 1.0
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """What receptors feel of a vibration of 1 mm about a state.
+
+    Attributes
+    ----------
+    frequency_Hz
+        (f,).
+    motion
+        Direction of the vibration, (3,), a unit vector.
+    receptors_mm, population
+        (r, 3), (r,).
+    moved, sed_kPa, stretches
+        Complex amplitudes per mm: displacement (f, r, 3), strain energy density (f, r), principal
+        stretches (f, r, 3). The real part of the amplitude times ``exp(i w t)`` is what is felt.
+    force_N
+        Complex amplitude of the force on the finger per mm, (f, 3).
+    still_moved_mm, still_sed_kPa, still_stretches
+        At the state itself, (r, 3), (r,), (r, 3).
+    """
+
+    frequency_Hz: Array
+    motion: Array
+    receptors_mm: Array
+    population: Array
+    moved: Array
+    sed_kPa: Array
+    stretches: Array
+    force_N: Array
+    still_moved_mm: Array
+    still_sed_kPa: Array
+    still_stretches: Array
+
+    def histories(self, k: int, amplitude_mm: float, duration_s: float) -> dict[str, Array]:
+        """Return what receptors feel at the k-th frequency from time 0 on, as a trace has it.
+
+        The vibration sets in within one period. Where it would make a strain energy density
+        negative, it is too large for the linearization; there it is zero.
+        """
+        f = float(self.frequency_Hz[k])
+        time_s = np.arange(int(np.ceil(duration_s * f * _SAMPLES)) + 1) / (_SAMPLES * f)
+        swing = amplitude_mm * np.exp(2j * np.pi * f * time_s) * np.minimum(f * time_s, 1.0)
+
+        def felt(still: Array, amplitude: Array) -> Array:
+            return still + np.real(np.multiply.outer(swing, amplitude))
+
+        return {
+            "time_s": time_s,
+            "population": self.population,
+            "moved_mm": felt(self.still_moved_mm, self.moved[k]),
+            "sed_kPa": np.maximum(felt(self.still_sed_kPa, self.sed_kPa[k]), 0.0),
+            "stretches": felt(self.still_stretches, self.stretches[k]),
+        }
+
+    def rates_Hz(self, k: int, amplitude_mm: float, population: Population) -> Array:
+        """Return the firing rates of a population's receptors at the k-th frequency, (own,)."""
+        fired = population.fire(self.histories(k, amplitude_mm, _SETTLES_S + _COUNTED_S))
+        return np.array([np.sum(times > _SETTLES_S) / _COUNTED_S for times in fired.spikes])
+
+    def save(self, path: Path) -> None:
+        """Write it as a compressed NumPy archive."""
+        with atomic_write(path) as part, part.open("wb") as stream:
+            np.savez_compressed(stream, **vars(self))
+
+    @classmethod
+    def load(cls, path: Path) -> Spectrum:
+        """Return what `save` wrote.
+
+        Raises
+        ------
+        StudyError
+            It cannot be read.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                return cls(**{field.name: arrays[field.name] for field in fields(cls)})
+        except (OSError, KeyError, ValueError) as error:
+            raise StudyError(f"{path} cannot be read as a vibration: {error}.") from None
+
+    def write_table(
+        self, path: Path, populations: Iterable[Population], amplitude_mm: float
+    ) -> None:
+        """Write amplitude and phase of each receptor at each frequency, and its firing rate."""
+        records = []
+        by_name = {population.name: population for population in populations}
+        for k, frequency in enumerate(self.frequency_Hz):
+            rates = np.zeros(len(self.population))
+            for name, population in by_name.items():
+                rates[self.population == name] = self.rates_Hz(k, amplitude_mm, population)
+            for r, name in enumerate(self.population):
+                records.append(
+                    {
+                        "frequency_Hz": f"{frequency:.6g}",
+                        "receptor": r,
+                        "population": name,
+                        **_polar("sed_kPa", amplitude_mm * self.sed_kPa[k, r]),
+                        **_polar("smallest_stretch", amplitude_mm * self.stretches[k, r, 0]),
+                        **_polar("z_mm", amplitude_mm * self.moved[k, r, 2]),
+                        "rate_Hz": f"{rates[r]:.6g}",
+                    }
+                )
+        write_records(path, records)
+
+
+def _polar(name: str, value: complex) -> dict[str, str]:
+    phase = np.degrees(np.angle(value))
+    return {name: f"{abs(value):.6g}", f"{name}_phase_deg": f"{phase:.4g}"}
+
+
+def frequencies_of(text: str) -> Array:
+    """Return the frequencies of ``low:high:count``, evenly spaced in their logarithm, or of a list.
+
+    Raises
+    ------
+    StudyError
+        The text is neither, or a frequency is not positive.
+    """
+    try:
+        if ":" in text:
+            low, high, count = text.split(":")
+            ends, number = (float(low), float(high)), int(count)
+            if min(ends) <= 0 or number < 1:
+                raise ValueError
+            found = np.geomspace(*ends, number)
+        else:
+            found = np.array([float(word) for word in text.split(",")])
+        if not (np.isfinite(found).all() and (found > 0).all()):
+            raise ValueError
+    except ValueError:
+        raise StudyError(
+            f'--frequencies is "{text}" but must be low:high:count or a list such as 10,50,250, '
+            "in Hz and greater than 0."
+        ) from None
+    return found
