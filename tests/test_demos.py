@@ -25,6 +25,8 @@ from tactile_fem.series import run_series, single_fibre
 from tactile_fem.study import Neuron
 from tactile_fem.study.file import load_study
 
+# The shipped finger of 3,000 tetrahedra.
+COARSE = "--set", "finger.pad_size_mm=3.0", "finger.far_size_mm=6.0"
 DEMOS = Path(__file__).resolve().parents[1] / "demos"
 
 
@@ -226,6 +228,7 @@ def test_predictions(tmp_path):
 @needs_gmsh
 def test_relaxation(tmp_path):
     way = ["--press", "0.4", "--depth", "0.3", "--pad-size", "4", "--far-size", "8"]
+    way += ["--outputs", "2"]
     output = run("validation/relaxation.py", str(tmp_path), *way)
     rows = output.splitlines()
     assert len((tmp_path / "relaxation.csv").read_text().splitlines()) - 1 == len(rows) == 8
@@ -241,7 +244,7 @@ def test_relaxation(tmp_path):
 @needs_gmsh
 def test_fit_relaxation(tmp_path):
     way = ["--start", "0.3", "0.3", "0.1", "--evaluations", "1"]
-    way += ["--pad-size", "4", "--far-size", "8"]
+    way += ["--pad-size", "4", "--far-size", "8", "--outputs", "1"]
     output = run("validation/fit_relaxation.py", str(tmp_path), *way)
     tried = list(csv.DictReader((tmp_path / "fit.csv").read_text().splitlines()))
     assert len(tried) == 4  # the start, and one for the derivative by each share
@@ -502,7 +505,7 @@ def test_brian(tmp_path):
 @pytest.mark.slow
 def test_single_fibre(tmp_path):
     way = ["--spacing", "1", "--half-width", "1", "--depth", "0.5", "--distance", "0.2"]
-    output = run("protocols/single_fibre.py", str(tmp_path), *way, "--jobs", "2")
+    output = run("protocols/single_fibre.py", str(tmp_path), *way, "--jobs", "2", *COARSE)
     # The scan of the population is the pass without a shift, and is not repeated.
     assert re.search(r"population +3 rows", output) and re.search(r"single fibre +3 rows", output)
     scans = {path.parent.name for path in tmp_path.glob("*/run.json")}
@@ -522,7 +525,7 @@ def test_single_fibre(tmp_path):
 @pytest.mark.slow
 def test_legibility(tmp_path):
     way = ["--letters", "CO", "--depth", "0.5", "--distance", "0.2", "--realizations", "2"]
-    way += ["--passes", "5", "--blur", "0", "2", "--noise", "5", "--jobs", "2"]
+    way += ["--passes", "5", "--blur", "0", "2", "--noise", "5", "--jobs", "2", *COARSE]
     output = run("protocols/legibility.py", str(tmp_path), *way)
     for protocol in ("population", "single fibre"):
         for width in (0, 2):
@@ -547,7 +550,7 @@ def test_friction(tmp_path):
 @pytest.mark.slow
 def test_forces(tmp_path):
     options = ["--letters", "al", "--forces", "0.02", "--distance", "0.4", "--realizations", "3"]
-    output = run("protocols/forces.py", str(tmp_path), *options)
+    output = run("protocols/forces.py", str(tmp_path), *options, *COARSE)
     assert number(r"0.02 N, blur 0 mm: ([\d.]+) % correct of 6", output) > 10
     assert number(r"0.02 N: (\d+) spikes a letter", output) > 0
     assert (tmp_path / "letters.png").is_file() and (tmp_path / "confusion.png").is_file()

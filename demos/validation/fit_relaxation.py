@@ -13,7 +13,7 @@
 from pathlib import Path
 
 import numpy as np
-from relaxation import FALLS, TAP_LOSS, TAP_S, fall, relaxing, tap_loss
+from relaxation import FALLS, OUTPUTS, TAP_LOSS, TAP_S, fall, relaxing, tap_loss
 from scipy.optimize import least_squares
 
 from tactile_fem.cli.entry import run
@@ -35,6 +35,7 @@ def main(
     evaluations: int = 3,
     pad_size: float = 3.0,
     far_size: float = 6.0,
+    outputs: int = OUTPUTS,
 ) -> None:
     """Fit the shares.
 
@@ -48,13 +49,15 @@ def main(
         How many points are tried, apart from those for derivatives.
     pad_size, far_size
         The mesh, mm. Falls and losses are ratios, for which a very coarse one will do.
+    outputs
+        Steps of each part of a hold, at least.
     """
     finger = Finger(pad_size_mm=pad_size, far_size_mm=far_size)
     records: list[dict[str, float]] = []
 
     def misfit(shares: np.ndarray) -> np.ndarray:
         tissue = relaxing(shares)
-        falls = [fall(finger, tissue, *numbers) for *numbers, _ in FALLS]
+        falls = [fall(finger, tissue, *numbers, outputs) for *numbers, _ in FALLS]
         lost = tap_loss(finger, tissue, TAP_S)
         found = {f"fall of {force:g} N": x for (force, *_), x in zip(FALLS, falls, strict=True)}
         records.append({**dict(zip(NAMES, shares, strict=True)), **found, "tap's loss": lost})

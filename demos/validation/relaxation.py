@@ -70,6 +70,7 @@ def main(
     press: float = PRESS_MM,
     depth: float = DEPTH_MM,
     g: tuple[float, float, float] | None = None,
+    outputs: int = OUTPUTS,
 ) -> None:
     """Print the table.
 
@@ -83,15 +84,17 @@ def main(
         Depths of the presses at several speeds and of the letters, mm.
     g
         Shares of the three times, in place of those of `tissue.relaxation = "fingerpad"`.
+    outputs
+        Steps of each part of a hold, at least.
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     tissue = Tissue(relaxation="fingerpad") if g is None else relaxing(g)
     tabulate(
         folder / "relaxation.csv",
-        lambda: falls(finger, tissue),
+        lambda: falls(finger, tissue, outputs),
         lambda: taps(finger, tissue),
         lambda: presses(finger, tissue, press),
-        lambda: relaxation_and_creep(finger, tissue),
+        lambda: relaxation_and_creep(finger, tissue, outputs),
         lambda: letters(depth, finger, tissue),
     )
 
@@ -125,31 +128,38 @@ def moved(finger: Finger, tissue: Tissue, pieces: Sequence[AnyPiece]) -> Trace:
 
 
 # %%
-def held(force_N: float | None = None) -> list[Hold]:
+def held(outputs: int, force_N: float | None = None) -> list[Hold]:
     """Return a hold of 7 s at the depth, or at a normal force."""
-    return [Hold(time_s=t, output_s=t / OUTPUTS, force_N=force_N) for t in HOLDS_S]
+    return [Hold(time_s=t, output_s=t / outputs, force_N=force_N) for t in HOLDS_S]
 
 
 @cache
-def press_and_hold(finger: Finger, tissue: Tissue, force_N: float) -> Trace:
+def press_and_hold(finger: Finger, tissue: Tissue, force_N: float, outputs: int) -> Trace:
     """Return the history of a fast press to a force and a hold at the depth reached."""
     press = Press(force_N=force_N, speed_mm_s=FAST_MM_S)
-    return moved(finger, tissue, [press, *held()])
+    return moved(finger, tissue, [press, *held(outputs)])
 
 
-def fall(finger: Finger, tissue: Tissue, force_N: float, start_s: float, end_s: float) -> float:
+def fall(
+    finger: Finger,
+    tissue: Tissue,
+    force_N: float,
+    start_s: float,
+    end_s: float,
+    outputs: int = OUTPUTS,
+) -> float:
     """Return the share of the force lost between two times of a hold after a fast press."""
-    trace = press_and_hold(finger, tissue, force_N)
+    trace = press_and_hold(finger, tissue, force_N, outputs)
     start, end = np.interp([start_s, end_s], trace.time_s, trace.force_N[:, 2])
     return float(1 - end / start)
 
 
-def falls(finger: Finger, tissue: Tissue) -> list[Row]:
+def falls(finger: Finger, tissue: Tissue, outputs: int) -> list[Row]:
     """Press fast and hold the depth."""
     rows = []
     least, most = FALL_BAND
     for force, start, end, measured in FALLS:
-        lost = fall(finger, tissue, force, start, end)
+        lost = fall(finger, tissue, force, start, end, outputs)
         rows.append(
             Row(
                 f"fall of {force:g} N, {start:g} to {end:g} s (fitted)",
@@ -209,11 +219,11 @@ def presses(finger: Finger, tissue: Tissue, depth: float) -> list[Row]:
 
 
 # %%
-def relaxation_and_creep(finger: Finger, tissue: Tissue) -> list[Row]:
+def relaxation_and_creep(finger: Finger, tissue: Tissue, outputs: int) -> list[Row]:
     """Hold the depth, and hold the force."""
     press = Press(force_N=CREEP_N, speed_mm_s=FAST_MM_S)
-    relaxed = press_and_hold(finger, tissue, CREEP_N)
-    crept = moved(finger, tissue, [press, *held(CREEP_N)])
+    relaxed = press_and_hold(finger, tissue, CREEP_N, outputs)
+    crept = moved(finger, tissue, [press, *held(outputs, CREEP_N)])
     relaxes = half_time(relaxed.time_s, relaxed.force_N[:, 2])
     creeps = half_time(crept.time_s, crept.depth_mm)
     least, most = CREEP_RATIO

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population
@@ -73,6 +73,22 @@ class Spectrum:
             "sed_kPa": np.maximum(felt(self.still_sed_kPa, self.sed_kPa[k]), 0.0),
             "stretches": felt(self.still_stretches, self.stretches[k]),
         }
+
+    def at_amplitudes(self, receptor: int, amplitudes_mm: ArrayLike) -> Spectrum:
+        """Return what one receptor feels at several amplitudes, as receptors side by side."""
+        factors = np.asarray(amplitudes_mm, dtype=float)
+        same = np.full(len(factors), receptor)
+        return replace(
+            self,
+            receptors_mm=self.receptors_mm[same],
+            population=self.population[same],
+            moved=self.moved[:, same] * factors[:, None],
+            sed_kPa=self.sed_kPa[:, same] * factors,
+            stretches=self.stretches[:, same] * factors[:, None],
+            still_moved_mm=self.still_moved_mm[same],
+            still_sed_kPa=self.still_sed_kPa[same],
+            still_stretches=self.still_stretches[same],
+        )
 
     def rates_Hz(self, k: int, amplitude_mm: float, population: Population) -> Array:
         """Return the firing rates of a population's receptors at the k-th frequency, (own,)."""

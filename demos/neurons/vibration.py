@@ -1,0 +1,340 @@
+# %% [markdown]
+# # How SA1, RA and PC afferents answer to vibration
+#
+# This demo emphasizes
+# - a state of a scan, here a probe of 1 mm that is pressed in and held, and the finger's vibration
+#   about it at many frequencies,
+# - constants of RA and PC afferents fitted to some frequencies, the others predicted,
+# - locking to the vibration: plateaus at one and two spikes in a period.
+#
+# Rates are those of monkeys' afferents under a probe of 1 mm (Muniak et al. 2007, PMC6673240;
+# third-party digitisation), thresholds of the same kind of recording, of which the shape alone
+# counts: the level hangs on the probe. Centre and quality of the filters are fitted to the shape of
+# the thresholds, gain, refractoriness and the weight of the other direction to the rates at one
+# frequency.
+#
+#     python demos/neurons/vibration.py results/vibration
+#     python demos/neurons/vibration.py results/quick --pad-size 3 --far-size 6 --depth 0.3
+
+# %%
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.optimize import least_squares
+
+from tactile_fem.cli.entry import run
+from tactile_fem.neuron import Population, populations_of
+from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
+from tactile_fem.runtime.files import write_figure, write_table
+from tactile_fem.runtime.logs import set_up
+from tactile_fem.scan import completed
+from tactile_fem.study import Dots, Finger, Hold, Neuron, Press, Protocol, Study, Tissue
+from tactile_fem.vibration import Spectrum
+from tactile_fem.vibration.run import vibrate
+
+# Amplitudes in µm and spikes/s, by kind and frequency in Hz.
+RATES: dict[str, dict[float, list[tuple[float, float]]]] = {
+    "SA1": {
+        20: [(49, 4), (92, 10), (183, 18), (251, 25)],
+        50: [(77, 6), (168, 30), (251, 48)],
+    },
+    "RA": {
+        20: [(24, 4), (67, 24), (251, 53)],
+        50: [(16, 3), (36, 23), (77, 57), (251, 103)],
+        100: [(15, 6), (36, 41), (82, 111), (194, 159)],
+    },
+    "PC": {
+        50: [(4.8, 16), (11, 32), (24, 47), (50, 74), (248, 100)],
+        100: [(0.8, 16), (1.8, 41), (4.3, 76), (10, 100), (54, 137)],
+        300: [(0.17, 18), (0.43, 62), (1.1, 112), (2.9, 170), (7.5, 238)],
+    },
+}
+THRESHOLDS_UM = {
+    "RA": {1: 507, 4: 128, 16: 53, 33: 47, 67: 55},
+    "PC": {20: 6.0, 41: 1.4, 82: 0.32, 153: 0.087, 250: 0.052, 422: 0.054, 822: 0.19},
+}
+FITTED_HZ = {"RA": 50.0, "PC": 100.0}
+REFRACTORY_S = {"RA": (0.003, 0.005, 0.007, 0.009), "PC": (0.001, 0.002, 0.003, 0.004)}
+OFF = (0.0, 0.25, 0.5, 1.0)
+NOISE = 0.1  # of the threshold, from spike to spike: proposed
+COLOURS = {"SA1": BLUE, "RA": VERMILION, "PC": GREEN}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A measured rate beside the model's."""
+
+    kind: str
+    frequency_Hz: float
+    amplitude_um: float
+    measured_Hz: float
+    model_Hz: float
+    fitted: bool
+
+
+# %%
+def main(
+    folder: Path,
+    *,
+    preset: Literal["coarse", "medium", "paper"] = "coarse",
+    pad_size: float | None = None,
+    far_size: float | None = None,
+    depth: float = 1.0,
+    hold: float = 2.0,
+) -> None:
+    """Press the probe, let it vibrate, fit the filters and print what is predicted.
+
+    Parameters
+    ----------
+    folder
+        For the scan, the table and the figure.
+    preset, pad_size, far_size
+        The mesh.
+    depth, hold
+        Of the probe, mm, and how long it is held before, s.
+    """
+    set_up()
+    finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
+    study = probed(finger, depth, hold)
+    completed(study, folder / "scan")
+    spectrum = vibrate(folder / "scan", sorted(frequencies()))
+    spectrum.save(folder / "spectrum.npz")
+    print_waves(spectrum)
+    populations = {population.name: population for population in populations_of(study)}
+    fitted = {"SA1": populations["SA1"].neuron}
+    for kind in THRESHOLDS_UM:
+        neuron = with_filter(spectrum, kind, populations[kind].neuron)
+        fitted[kind] = with_rates(spectrum, kind, neuron)
+    rows = [row for kind, neuron in fitted.items() for row in compared(spectrum, kind, neuron)]
+    print_rows(rows)
+    for kind in THRESHOLDS_UM:
+        print_thresholds(spectrum, kind, fitted[kind])
+    write_table(folder / "rates.csv", rows)
+    write_figure(folder / "rates.png", rates_figure(spectrum, fitted))
+    print(folder / "rates.png")
+
+
+# %% [markdown]
+# A flat-ended probe is a dot so high that its plate does not touch. The skin relaxes, so that a
+# short time at rest gives nearly the long-term state and vibration meets the instantaneous one.
+
+
+# %%
+def probed(finger: Finger, depth: float, hold: float) -> Study:
+    """Return a study of a probe of 1 mm with one afferent of each kind under its middle."""
+    below = {"placement": "line", "half_width_mm": 0.0}
+    return Study.model_validate(
+        {
+            "finger": finger,
+            "tissue": Tissue(relaxation="fingerpad"),
+            "stimulus": Dots(
+                radius_mm=0.5,
+                columns=1,
+                rows=1,
+                relief_mm=4.0,
+                fillet_radius_mm=0.1,
+                start_mm=0.0,
+            ),
+            "protocol": Protocol(path=(Press(depth_mm=depth), Hold(time_s=hold))),
+            "afferents": [
+                {"name": kind, "kind": kind, "receptors": below} for kind in ("SA1", "RA", "PC")
+            ],
+            "output": {"pictures": False},
+        }
+    )
+
+
+def frequencies() -> set[float]:
+    """Return all frequencies at which there is a measured value, Hz."""
+    found = {float(f) for of_kind in RATES.values() for f in of_kind}
+    return found | {float(f) for of_kind in THRESHOLDS_UM.values() for f in of_kind}
+
+
+def receptor_of(spectrum: Spectrum, kind: str) -> int:
+    """Return the one receptor of a kind."""
+    return int(np.flatnonzero(spectrum.population == kind)[0])
+
+
+def felt_per_mm(spectrum: Spectrum, kind: str) -> np.ndarray:
+    """Return the amplitude of what RA or PC feel per mm of the probe's, over the frequency."""
+    r = receptor_of(spectrum, kind)
+    felt = spectrum.stretches[:, r, 0] if kind == "RA" else spectrum.moved[:, r, 2]
+    return np.abs(felt)
+
+
+def print_waves(spectrum: Spectrum) -> None:
+    """Print how the finger answers over the frequency."""
+    along = spectrum.force_N @ spectrum.motion
+    for k, f in enumerate(spectrum.frequency_Hz):
+        felt = [felt_per_mm(spectrum, kind)[k] for kind in THRESHOLDS_UM]
+        print(
+            f"{f:6.1f} Hz: {abs(along[k]):.4f} N/mm, phase {np.degrees(np.angle(along[k])):4.0f}°, "
+            f"compression at RA {felt[0]:.4f} /mm, motion at PC {felt[1]:.3f}"
+        )
+
+
+# %% [markdown]
+# **Filters.** A threshold is inversely proportional to ``|H|`` times what the finger makes of the
+# probe's motion there. The level is free.
+
+
+# %%
+def gain_of_filter(f: np.ndarray, centre: float, quality: float, order: int) -> np.ndarray:
+    """Return ``|H|`` of the band-pass at frequencies, see `tactile_fem.neuron.band_pass`."""
+    x = f / centre
+    return (1 + (quality * (x - 1 / x)) ** 2) ** (-order / 2)
+
+
+def thresholds_of(spectrum: Spectrum, kind: str, neuron: Neuron) -> np.ndarray:
+    """Return the shape of the threshold at each frequency: its level is arbitrary."""
+    H = gain_of_filter(
+        spectrum.frequency_Hz,
+        neuron.filter_centre_Hz,
+        neuron.filter_quality,
+        neuron.filter_order,
+    )
+    membrane = np.hypot(1.0, 2 * np.pi * spectrum.frequency_Hz * neuron.time_constant_s)
+    return membrane / (H * felt_per_mm(spectrum, kind))
+
+
+def with_filter(spectrum: Spectrum, kind: str, neuron: Neuron) -> Neuron:
+    """Return the neuron with centre and quality fitted to the shape of measured thresholds."""
+    measured = THRESHOLDS_UM[kind]
+    where = np.isin(spectrum.frequency_Hz, list(measured))
+    wanted = np.log([measured[f] for f in spectrum.frequency_Hz[where]])
+
+    def changed(x: np.ndarray) -> Neuron:
+        centre, quality = np.exp(x)
+        return neuron.model_copy(update={"filter_centre_Hz": centre, "filter_quality": quality})
+
+    def misfit(x: np.ndarray) -> np.ndarray:
+        away = np.log(thresholds_of(spectrum, kind, changed(x))[where]) - wanted
+        return away - away.mean()
+
+    start = np.log([neuron.filter_centre_Hz, neuron.filter_quality])
+    found = changed(least_squares(misfit, start, bounds=(start - 2, start + 2)).x)
+    print(
+        f"{kind}: f_0 {found.filter_centre_Hz:.0f} Hz, Q {found.filter_quality:.2f}, "
+        f"{found.filter_order} stages (thresholds)"
+    )
+    return found
+
+
+# %% [markdown]
+# **Rates.** Gain, refractoriness and the weight of the other direction are looked for on a grid.
+
+
+# %%
+def rates_of(
+    spectrum: Spectrum, kind: str, neuron: Neuron, frequency: float, amplitudes_um: list[float]
+) -> np.ndarray:
+    """Return the model's rates at several amplitudes, spikes/s."""
+    own = spectrum.at_amplitudes(receptor_of(spectrum, kind), np.array(amplitudes_um) / 1000)
+    feels = {"SA1": "sed", "RA": "compression", "PC": "indentation"}[kind]
+    k = int(np.flatnonzero(spectrum.frequency_Hz == frequency)[0])
+    return own.rates_Hz(k, 1.0, Population(kind, neuron, feels))
+
+
+def with_rates(spectrum: Spectrum, kind: str, neuron: Neuron) -> Neuron:
+    """Return the neuron with the constants that fit the rates at one frequency best."""
+    frequency = FITTED_HZ[kind]
+    amplitudes, measured = map(list, zip(*RATES[kind][frequency], strict=True))
+    k = int(np.flatnonzero(spectrum.frequency_Hz == frequency)[0])
+    # At the least amplitude that fired, the current just reaches the rheobase.
+    felt = amplitudes[0] / 1000 * felt_per_mm(spectrum, kind)[k]
+    H = gain_of_filter(
+        np.array(frequency), neuron.filter_centre_Hz, neuron.filter_quality, neuron.filter_order
+    )
+    least = neuron.threshold_mV / neuron.resistance_GOhm / (felt * float(H))
+    best: tuple[float, Neuron] | None = None
+    for factor, refractory, off in product(np.geomspace(0.7, 8, 12), REFRACTORY_S[kind], OFF):
+        tried = neuron.model_copy(
+            update={
+                "filter_gain_pA": factor * least,
+                "refractory_s": refractory,
+                "filter_off": off,
+                "threshold_noise": NOISE,
+            }
+        )
+        away = rates_of(spectrum, kind, tried, frequency, amplitudes) - measured
+        if best is None or np.sum(away**2) < best[0]:
+            best = float(np.sum(away**2)), tried
+    assert best is not None
+    found = best[1]
+    print(
+        f"{kind}: gain {found.filter_gain_pA:.3g} pA per unit, refractory "
+        f"{1000 * found.refractory_s:g} ms, other direction {found.filter_off:g} "
+        f"(rates at {frequency:g} Hz)"
+    )
+    return found
+
+
+def compared(spectrum: Spectrum, kind: str, neuron: Neuron) -> list[Row]:
+    """Return measured rates beside the model's."""
+    rows = []
+    for frequency, pairs in RATES[kind].items():
+        amplitudes, measured = map(list, zip(*pairs, strict=True))
+        model = rates_of(spectrum, kind, neuron, frequency, amplitudes)
+        for amplitude, rate, found in zip(amplitudes, measured, model, strict=True):
+            fitted = FITTED_HZ.get(kind) == frequency
+            rows.append(Row(kind, frequency, amplitude, rate, float(found), fitted))
+    return rows
+
+
+def print_rows(rows: list[Row]) -> None:
+    """Print measured and model's rates, and how far they are apart."""
+    for kind in RATES:
+        own = [row for row in rows if row.kind == kind]
+        for frequency in RATES[kind]:
+            there = [row for row in own if row.frequency_Hz == frequency]
+            told = ", ".join(
+                f"{row.amplitude_um:g} µm {row.measured_Hz:g} {row.model_Hz:.0f}" for row in there
+            )
+            away = np.array([row.model_Hz - row.measured_Hz for row in there])
+            what = "fitted" if there[0].fitted else "predicted"
+            rms = np.sqrt(np.mean(away**2))
+            print(f"{kind} {frequency:g} Hz, {what}: {told}; rms {rms:.0f} spikes/s")
+
+
+def print_thresholds(spectrum: Spectrum, kind: str, neuron: Neuron) -> None:
+    """Print the shape of the thresholds, with their mean level that of the measured ones."""
+    measured = THRESHOLDS_UM[kind]
+    shape = dict(zip(spectrum.frequency_Hz, thresholds_of(spectrum, kind, neuron), strict=True))
+    away = {f: np.log(shape[f] / value) for f, value in measured.items()}
+    level = np.exp(np.mean(list(away.values())))
+    told = ", ".join(f"{f} Hz {value:g} {shape[f] / level:.2g}" for f, value in measured.items())
+    best = min(shape, key=lambda f: shape[f])
+    spread = np.std(list(away.values()))
+    print(f"{kind} thresholds, µm (measured, shape): {told}; factor {np.exp(spread):.2f} rms")
+    print(f"{kind} best frequency: {best:g} Hz")
+
+
+@styled
+def rates_figure(spectrum: Spectrum, neurons: Mapping[str, Neuron]) -> Figure:
+    """Draw rates over amplitude, measured as points and the model's as lines."""
+    figure = Figure(figsize=(7.2, 2.8), layout="constrained")
+    shades = 0.35, 0.6, 1.0
+    for ax, (kind, of_kind) in zip(figure.subplots(1, 3), RATES.items(), strict=True):
+        for shade, (frequency, pairs) in zip(shades[-len(of_kind) :], of_kind.items(), strict=True):
+            x, y = map(np.array, zip(*pairs, strict=True))
+            amplitudes = np.geomspace(x.min() / 2, x.max() * 1.5, 30)
+            model = rates_of(spectrum, kind, neurons[kind], frequency, list(amplitudes))
+            fitted = " (fitted)" if FITTED_HZ.get(kind) == frequency else ""
+            label = f"{frequency:g} Hz{fitted}"
+            ax.semilogx(amplitudes, model, color=COLOURS[kind], alpha=shade, label=label)
+            ax.semilogx(x, y, "o", color=COLOURS[kind], alpha=shade)
+            ax.axhline(frequency, color=INK, linewidth=0.5, linestyle=":", alpha=shade)
+        ax.set_title(kind)
+        ax.set_xlabel("Amplitude (µm)")
+        ax.legend(fontsize=7)
+    figure.axes[0].set_ylabel("Spikes/s")
+    return figure
+
+
+if __name__ == "__main__":
+    run(main)
