@@ -73,6 +73,7 @@ def histories(receptors=3, population=None):
     wave = np.sin(4 * time)[:, None] * np.linspace(1, 2, receptors)
     trace = {
         "time_s": time,
+        "moved_mm": np.stack([0 * wave, 0.1 * wave, 0.3 * wave], axis=-1),
         "sed_kPa": wave**2,
         "von_mises_kPa": 3 * np.abs(wave),
         "stretches": 1 + np.stack([-0.1 * wave**2, 0 * wave, 0.1 * wave**2], axis=-1),
@@ -97,6 +98,8 @@ def test_drives_are_what_their_names_say():
         "largest_stress": wave + 1,
         "smallest_stress": wave - 1,
         "pressure": -wave,
+        "compression": 0.1 * wave**2,
+        "indentation": 0.3 * wave,
     }
     assert set(expected) == set(DRIVES)
     for name, value in expected.items():

@@ -253,8 +253,8 @@ def _sheet(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
 
     They are those of the epidermis-dermis interface, or the skin's, moved by the depth.
     """
-    name = "interface" if receptors.depth_mm is None else "skin"
-    depth = receptors.depth_mm or 0.0
+    name = "interface" if receptors.below_skin_mm is None else "skin"
+    depth = receptors.below_skin_mm or 0.0
     facets = finger.triangles[finger.surface == SURFACES[name], :3]
     return finger.nodes[facets] + np.array([0.0, 0.0, depth])
 

@@ -42,7 +42,7 @@ _KINDS: dict[Any, dict[str, Any]] = {
     },
     "PC": {
         "feels": "indentation",
-        "receptors": {"density_per_cm2": 21.0, "depth_mm": 2.0, "side": "subcutaneous"},
+        "receptors": {"density_per_cm2": 21.0, "below_skin_mm": 2.0, "side": "subcutaneous"},
         "neuron": {
             "model": "band_pass",
             "filter_centre_Hz": 280.0,
@@ -82,7 +82,7 @@ class Receptors(Section):
     extra_mm: tuple[tuple[Finite, Finite], ...] = Field(
         (), description="further receptors: pairs X, Y"
     )
-    depth_mm: Positive | None = Field(
+    below_skin_mm: Positive | None = Field(
         None,
         description="below the undeformed skin; default on the epidermis-dermis interface",
     )

@@ -59,7 +59,7 @@ def _described(heading: str, model: type[BaseModel]) -> Iterator[str]:
     yield from _comment(f"{heading}: {_summary(model)}")
     schema = model.model_json_schema()["properties"]
     for key, field in model.model_fields.items():
-        if key == "kind":
+        if key == "kind" and model is not Afferents:  # the heading says it
             continue
         if not field.description:
             yield f"#     [afferents.{key}] has the keys of [{key}]"

@@ -1,0 +1,143 @@
+"""Vibration of a scanned finger: what receptors feel, states that were kept, bad input."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_fem.runtime import backend, ranks  # noqa: F401
+
+from mpi4py import MPI  # isort: skip
+
+from tactile_fem.cli.app import main
+from tactile_fem.errors import StudyError
+from tactile_fem.neuron import populations_of
+from tactile_fem.scan import scan
+from tactile_fem.scan.results import Results
+from tactile_fem.study import Study
+from tactile_fem.vibration import Spectrum, frequencies_of
+from tactile_fem.vibration.run import vibrate
+
+KINDS = [
+    {"name": kind, "kind": kind, "receptors": {"half_width_mm": 1.0, "spacing_mm": 1.0}}
+    for kind in ("SA1", "RA", "PC")
+]
+STUDY = Study.model_validate(
+    {
+        "finger": {"pad_size_mm": 3.0, "far_size_mm": 6.0},
+        "stimulus": {"kind": "plate", "friction": 0.0},
+        "protocol": {"depth_mm": 0.4, "distance_mm": 0.2, "output_mm": 0.1},
+        "afferents": KINDS,
+        "solver": {"compiler_flags": ["-O1"]},
+        "output": {"pictures": False, "states": True, "fields_mm": 0.2},
+    }
+)
+SLOW_HZ = 0.01
+
+
+@pytest.fixture(scope="module")
+def scanned(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("scanned")
+    scan(STUDY, folder, comm=MPI.COMM_SELF)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def spectrum(scanned) -> Spectrum:
+    return vibrate(scanned, [SLOW_HZ, 30.0, 300.0], comm=MPI.COMM_SELF)
+
+
+def pressed(depth_mm: float):
+    """Return the history of a slow press: tissue has no memory but milliseconds of viscosity."""
+    path = [{"kind": "press", "depth_mm": depth_mm, "speed_mm_s": 0.2}]
+    changed = {"protocol": {"path": path}, "output": {"pictures": False}}
+    return scan(Study.model_validate({**STUDY.model_dump(), **changed}), comm=MPI.COMM_SELF).trace
+
+
+def test_slowly_it_is_the_slope_of_the_press(scanned):
+    depth, step = STUDY.protocol.depth_mm, 0.002
+    found = vibrate(scanned, [SLOW_HZ], at_mm=0.0, comm=MPI.COMM_SELF)
+    low, high = pressed(depth - step), pressed(depth + step)
+    force = (high.force_N[-1, 2] - low.force_N[-1, 2]) / (2 * step)
+    assert found.force_N[0, 2].real == pytest.approx(force, rel=0.02)
+    sed = (high.sed_kPa[-1] - low.sed_kPa[-1]) / (2 * step)
+    np.testing.assert_allclose(found.sed_kPa[0].real, sed, atol=0.02 * sed.max())
+    moved = (high.moved_mm[-1] - low.moved_mm[-1]) / (2 * step)
+    np.testing.assert_allclose(found.moved[0].real, moved, atol=0.02)
+
+
+def test_all_kinds_feel_it_and_inertia_counts_at_high_frequencies(spectrum):
+    assert list(spectrum.population) == ["SA1"] * 3 + ["RA"] * 3 + ["PC"] * 3
+    slow, middle, fast = np.abs(spectrum.moved[:, 7, 2])
+    assert 0.2 < slow < 1 and slow == pytest.approx(middle, rel=0.05)
+    assert fast != pytest.approx(slow, rel=0.05)
+    assert np.abs(spectrum.sed_kPa).min() > 0
+
+
+def test_the_body_and_the_bone_are_the_same_to_slow_tissue(scanned, spectrum):
+    of_bone = vibrate(scanned, [SLOW_HZ], moves="bone", comm=MPI.COMM_SELF)
+    np.testing.assert_allclose(of_bone.force_N[0], -spectrum.force_N[0], rtol=1e-6)
+    np.testing.assert_allclose(of_bone.moved[0], [0, 0, 1] - spectrum.moved[0], atol=1e-6)
+
+
+def test_a_kept_state_is_that_of_its_place(scanned):
+    trace = Results.open(scanned).trace
+    kept = vibrate(scanned, [SLOW_HZ], at_mm=0.0, comm=MPI.COMM_SELF)
+    row = int(np.flatnonzero(trace["displacement_mm"] == 0.0)[-1])
+    np.testing.assert_allclose(kept.still_sed_kPa, trace["sed_kPa"][row], rtol=1e-6)
+
+
+def test_the_spectrum_fires_and_can_be_read_again(spectrum, tmp_path):
+    spectrum.save(tmp_path / "spectrum.npz")
+    again = Spectrum.load(tmp_path / "spectrum.npz")
+    np.testing.assert_array_equal(again.sed_kPa, spectrum.sed_kPa)
+    _, ra, pc = populations_of(STUDY)
+    weak, strong = (again.rates_Hz(1, amplitude, ra).max() for amplitude in (1e-6, 0.5))
+    assert weak == 0 and strong >= 30 - 1
+    assert again.rates_Hz(2, 0.1, pc).max() > 0
+
+
+def test_the_command_writes_table_and_figure(scanned, capsys):
+    assert main(["vibrate", str(scanned), "--frequencies", "10,40", "--at-mm", "0.2"]) == 0
+    folder = scanned / "vibration"
+    rows = list(csv.DictReader((folder / "spectrum.csv").open()))
+    assert len(rows) == 2 * 9 and {row["population"] for row in rows} == {"SA1", "RA", "PC"}
+    assert (folder / "spectrum.png").stat().st_size > 10_000
+    assert "spectrum.csv" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--frequencies", "0:10:3"], '--frequencies is "0:10:3" but must be low:high:count'),
+        (["--frequencies", "-5"], '--frequencies is "-5" but must be low:high:count'),
+        (["--frequencies", "fast"], '--frequencies is "fast" but must be low:high:count'),
+        (["--at-mm", "3"], "has no state at 3 mm: states were kept at 0, 0.2 mm."),
+        (["--direction", "0", "0", "0"], "direction is (0.0, 0.0, 0.0) but must be three numbers"),
+    ],
+)
+def test_bad_input_gets_one_sentence(scanned, options, sentence, capsys):
+    assert main(["vibrate", str(scanned), *options]) == 2
+    told = capsys.readouterr().err
+    assert sentence in " ".join(told.split()) and "Traceback" not in told
+
+
+def test_a_folder_without_states_says_how_to_keep_them(scanned, tmp_path):
+    study = Results.create(tmp_path / "other")
+    study.save_study(STUDY)
+    study.save_trace(**Results.open(scanned).trace)
+    with pytest.raises(StudyError, match=r"no state at 1 mm: set output\.states"):
+        study.load_state(1.0)
+
+
+def test_no_density_is_refused():
+    with pytest.raises(ValueError, match="greater than 0"):
+        Study.model_validate({"tissue": {"density_kg_m3": 0}})
+
+
+def test_frequencies_are_even_in_their_logarithm():
+    np.testing.assert_allclose(frequencies_of("1:100:3"), [1, 10, 100])
+    np.testing.assert_allclose(frequencies_of("5,2.5"), [5, 2.5])
