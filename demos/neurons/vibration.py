@@ -10,14 +10,14 @@
 # Rates are those of monkeys' afferents under a probe of 1 mm (Muniak et al. 2007, PMC6673240;
 # third-party digitisation), thresholds of the same kind of recording, of which the shape alone
 # counts: the level hangs on the probe. Centre and quality of the filters are fitted to the shape of
-# the thresholds, gain, refractoriness and the weight of the other direction to the rates at one
-# frequency.
+# the thresholds, gain, its spread between afferents, refractoriness and the weight of the other
+# direction to the rates at one frequency.
 #
 #     python demos/neurons/vibration.py results/vibration
 #     python demos/neurons/vibration.py results/quick --pad-size 3 --far-size 6 --depth 0.3
 
 # %%
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -26,6 +26,7 @@ from typing import Literal
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
+from scipy.stats import norm
 
 from tactile_fem.cli.entry import run
 from tactile_fem.neuron import Population, populations_of
@@ -62,6 +63,7 @@ FREE_OF_FILTER = {"RA": 1, "PC": 2}  # the centre; the quality as well
 FITTED_HZ = {"RA": 50.0, "PC": 100.0}
 REFRACTORY_S = {"RA": (0.003, 0.006, 0.009), "PC": (0.001, 0.002, 0.003)}
 OFF = (0.0, 0.4, 0.8)
+QUANTILES = norm.ppf((np.arange(11) + 0.5) / 11)
 NOISE = 0.1  # of the threshold, from spike to spike: proposed
 COLOURS = {"SA1": BLUE, "RA": VERMILION, "PC": GREEN}
 
@@ -237,52 +239,71 @@ def with_filter(spectrum: Spectrum, kind: str, neuron: Neuron) -> Neuron:
 
 
 # %% [markdown]
-# **Rates.** Gain, refractoriness and the weight of the other direction are looked for on a grid.
+# **Rates.** Measured ones are means over afferents, whose gains differ. A gain is a factor of the
+# amplitude, so the rates of one afferent over the amplitude give those of any gain and any spread.
 
 
 # %%
 def rates_of(
-    spectrum: Spectrum, kind: str, neuron: Neuron, frequency: float, amplitudes_um: list[float]
+    spectrum: Spectrum, kind: str, neuron: Neuron, frequency: float, amplitudes_um: Sequence[float]
 ) -> np.ndarray:
-    """Return the model's rates at several amplitudes, spikes/s."""
-    own = spectrum.at_amplitudes(receptor_of(spectrum, kind), np.array(amplitudes_um) / 1000)
+    """Return the mean rates of afferents at several amplitudes, spikes/s."""
+    gains = np.exp(neuron.gain_spread * QUANTILES)
+    each = np.outer(amplitudes_um, gains)
+    return rates_of_one(spectrum, kind, neuron, frequency, each.ravel()).reshape(each.shape).mean(1)
+
+
+def rates_of_one(
+    spectrum: Spectrum, kind: str, neuron: Neuron, frequency: float, amplitudes_um: np.ndarray
+) -> np.ndarray:
+    """Return the rates of the afferent of median gain, spikes/s."""
+    own = spectrum.at_amplitudes(receptor_of(spectrum, kind), amplitudes_um / 1000)
     feels = {"SA1": "sed", "RA": "compression", "PC": "indentation"}[kind]
     k = int(np.flatnonzero(spectrum.frequency_Hz == frequency)[0])
-    return own.rates_Hz(k, 1.0, Population(kind, neuron, feels))
+    median = neuron.model_copy(update={"gain_spread": 0.0})
+    return own.rates_Hz(k, 1.0, Population(kind, median, feels))
 
 
 def with_rates(spectrum: Spectrum, kind: str, neuron: Neuron) -> Neuron:
     """Return the neuron with the constants that fit the rates at one frequency best."""
-    frequency = FITTED_HZ[kind]
-    amplitudes, measured = map(list, zip(*RATES[kind][frequency], strict=True))
-    k = int(np.flatnonzero(spectrum.frequency_Hz == frequency)[0])
-    # At the least amplitude that fired, the current just reaches the rheobase.
-    felt = amplitudes[0] / 1000 * felt_per_mm(spectrum, kind)[k]
-    H = gain_of_filter(
-        np.array(frequency), neuron.filter_centre_Hz, neuron.filter_quality, neuron.filter_order
-    )
-    least = neuron.threshold_mV / neuron.resistance_GOhm / (felt * float(H))
-    best: tuple[float, Neuron] | None = None
-    for factor, refractory, off in product(np.geomspace(0.8, 6, 8), REFRACTORY_S[kind], OFF):
+    frequency, start = FITTED_HZ[kind], rheobase_gain(spectrum, kind, neuron)
+    amplitudes, measured = map(np.array, zip(*RATES[kind][frequency], strict=True))
+    levels = np.geomspace(amplitudes[0] / 30, amplitudes[-1] * 300, 100)
+    best, least = neuron, np.inf
+    for refractory, off in product(REFRACTORY_S[kind], OFF):
         tried = neuron.model_copy(
             update={
-                "filter_gain_pA": factor * least,
+                "filter_gain_pA": start,
                 "refractory_s": refractory,
                 "filter_off": off,
                 "threshold_noise": NOISE,
             }
         )
-        away = rates_of(spectrum, kind, tried, frequency, amplitudes) - measured
-        if best is None or np.sum(away**2) < best[0]:
-            best = float(np.sum(away**2)), tried
-    assert best is not None
-    found = best[1]
+        rates = rates_of_one(spectrum, kind, tried, frequency, levels)
+        for factor, spread in product(np.geomspace(0.05, 20, 60), np.linspace(0, 1.5, 16)):
+            each = np.outer(factor * amplitudes, np.exp(spread * QUANTILES))
+            mean = np.interp(np.log(each), np.log(levels), rates).mean(axis=1)
+            away = float(np.sum((mean - measured) ** 2))
+            if away < least:
+                changes = {"filter_gain_pA": factor * start, "gain_spread": spread}
+                best, least = tried.model_copy(update=changes), away
     print(
-        f"{kind}: gain {found.filter_gain_pA:.3g} pA per unit, refractory "
-        f"{1000 * found.refractory_s:g} ms, other direction {found.filter_off:g} "
+        f"{kind}: gain {best.filter_gain_pA:.3g} pA per unit, its spread {best.gain_spread:.2g}, "
+        f"refractory {1000 * best.refractory_s:g} ms, other direction {best.filter_off:g} "
         f"(rates at {frequency:g} Hz)"
     )
-    return found
+    return best
+
+
+def rheobase_gain(spectrum: Spectrum, kind: str, neuron: Neuron) -> float:
+    """Return the gain with which the least amplitude that fired brings the rheobase."""
+    frequency = FITTED_HZ[kind]
+    k = int(np.flatnonzero(spectrum.frequency_Hz == frequency)[0])
+    felt = RATES[kind][frequency][0][0] / 1000 * felt_per_mm(spectrum, kind)[k]
+    H = gain_of_filter(
+        spectrum.frequency_Hz, neuron.filter_centre_Hz, neuron.filter_quality, neuron.filter_order
+    )
+    return float(neuron.threshold_mV / neuron.resistance_GOhm / (felt * H[k]))
 
 
 def compared(spectrum: Spectrum, kind: str, neuron: Neuron) -> list[Row]:
@@ -334,7 +355,7 @@ def rates_figure(spectrum: Spectrum, neurons: Mapping[str, Neuron]) -> Figure:
         for shade, (frequency, pairs) in zip(shades[-len(of_kind) :], of_kind.items(), strict=True):
             x, y = map(np.array, zip(*pairs, strict=True))
             amplitudes = np.geomspace(x.min() / 2, x.max() * 1.5, 30)
-            model = rates_of(spectrum, kind, neurons[kind], frequency, list(amplitudes))
+            model = rates_of(spectrum, kind, neurons[kind], frequency, amplitudes)
             fitted = " (fitted)" if FITTED_HZ.get(kind) == frequency else ""
             label = f"{frequency:g} Hz{fitted}"
             ax.semilogx(amplitudes, model, color=COLOURS[kind], alpha=shade, label=label)
