@@ -10,8 +10,8 @@
 # Rates are those of monkeys' afferents under a probe of 1 mm (Muniak et al. 2007, PMC6673240;
 # third-party digitisation), thresholds of the same kind of recording, of which the shape alone
 # counts: the level hangs on the probe. Centre and quality of the filters are fitted to the shape of
-# the thresholds, gain, its spread between afferents, refractoriness and the weight of the other
-# direction to the rates at one frequency.
+# the thresholds; gain, its spread between afferents and refractoriness to the rates at one
+# frequency.
 #
 #     python demos/neurons/vibration.py results/vibration
 #     python demos/neurons/vibration.py results/quick --pad-size 3 --far-size 6 --depth 0.3
@@ -62,7 +62,9 @@ THRESHOLDS_UM = {
 FREE_OF_FILTER = {"RA": 1, "PC": 2}  # the centre; the quality as well
 FITTED_HZ = {"RA": 50.0, "PC": 100.0}
 REFRACTORY_S = {"RA": (0.003, 0.006, 0.009), "PC": (0.001, 0.002, 0.003)}
-OFF = (0.0, 0.4, 0.8)
+# Weights of the other direction. RA's is proposed, so that it answers to a release as well; the
+# rates do not tell it. PC's filter swings both ways at any change.
+OFF = {"RA": 0.4, "PC": 0.0}
 QUANTILES = norm.ppf((np.arange(11) + 0.5) / 11)
 NOISE = 0.1  # of the threshold, from spike to spike: proposed
 COLOURS = {"SA1": BLUE, "RA": VERMILION, "PC": GREEN}
@@ -270,12 +272,12 @@ def with_rates(spectrum: Spectrum, kind: str, neuron: Neuron) -> Neuron:
     amplitudes, measured = map(np.array, zip(*RATES[kind][frequency], strict=True))
     levels = np.geomspace(amplitudes[0] / 30, amplitudes[-1] * 300, 100)
     best, least = neuron, np.inf
-    for refractory, off in product(REFRACTORY_S[kind], OFF):
+    for refractory in REFRACTORY_S[kind]:
         tried = neuron.model_copy(
             update={
                 "filter_gain_pA": start,
                 "refractory_s": refractory,
-                "filter_off": off,
+                "filter_off": OFF[kind],
                 "threshold_noise": NOISE,
             }
         )

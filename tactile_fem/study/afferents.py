@@ -24,20 +24,23 @@ _CONSTANTS: dict[Any, dict[str, float]] = {
 
 
 # What the kinds are that is not as in SA1. Densities: Johansson and Vallbo 1979 (RA 140, PC 21 per
-# cm2). RA end in dermal papillae, PC at about 2 mm depth.
+# cm2). RA end in dermal papillae, PC at about 2 mm depth. Filters, gains, spread, refractoriness:
+# demos/neurons/vibration.py. Membrane times of 5 and 1.5 ms: of published models (touchSim).
 _KINDS: dict[Any, dict[str, Any]] = {
     "RA": {
         "feels": "compression",
         "receptors": {"density_per_cm2": 140.0, "side": "dermis"},
         "neuron": {
             "model": "band_pass",
-            "filter_centre_Hz": 40.0,
+            "filter_centre_Hz": 49.0,
             "filter_quality": 0.5,
             "filter_order": 1,
-            "filter_gain_pA": 1000.0,
+            "filter_gain_pA": 3290.0,
             "filter_off": 0.4,
             "capacitance_pF": 3.0,
-            "refractory_s": 0.006,
+            "refractory_s": 0.003,
+            "gain_spread": 0.9,
+            "threshold_noise": 0.1,
         },
     },
     "PC": {
@@ -45,13 +48,15 @@ _KINDS: dict[Any, dict[str, Any]] = {
         "receptors": {"density_per_cm2": 21.0, "below_skin_mm": 2.0, "side": "subcutaneous"},
         "neuron": {
             "model": "band_pass",
-            "filter_centre_Hz": 280.0,
-            "filter_quality": 0.7,
+            "filter_centre_Hz": 465.0,
+            "filter_quality": 0.82,
             "filter_order": 2,
-            "filter_gain_pA": 1000.0,
-            "filter_off": 0.4,
+            "filter_gain_pA": 118000.0,
+            "filter_off": 0.0,
             "capacitance_pF": 0.9,
-            "refractory_s": 0.0025,
+            "refractory_s": 0.003,
+            "gain_spread": 1.5,
+            "threshold_noise": 0.1,
         },
     },
 }
