@@ -143,3 +143,15 @@ def test_no_density_is_refused():
 def test_frequencies_are_even_in_their_logarithm():
     np.testing.assert_allclose(frequencies_of("1:100:3"), [1, 10, 100])
     np.testing.assert_allclose(frequencies_of("5,2.5"), [5, 2.5])
+
+
+@pytest.mark.ranks
+def test_several_ranks_find_what_one_does(tmp_path):
+    short = {"protocol": {"depth_mm": 0.3, "distance_mm": 0.05, "output_mm": 0.05}}
+    study = Study.model_validate({**STUDY.model_dump(), **short})
+    scan(study, tmp_path, comm=MPI.COMM_WORLD)
+    together = vibrate(tmp_path, [40.0], comm=MPI.COMM_WORLD)
+    alone = vibrate(tmp_path, [40.0], comm=MPI.COMM_SELF)
+    for name in ("moved", "sed_kPa", "stretches", "force_N"):
+        one, several = getattr(alone, name), getattr(together, name)
+        np.testing.assert_allclose(several, one, atol=1e-6 * np.abs(one).max())

@@ -25,6 +25,7 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
@@ -107,8 +108,8 @@ def main(
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     study = probed(finger, depth, hold)
     completed(study, folder / "scan")
-    spectrum = computed(folder)
-    print_waves(spectrum)
+    spectrum = computed(folder, "spectrum")
+    print_waves(spectrum, computed(folder, "massless", density_kg_m3=0.0))
     populations = {population.name: population for population in populations_of(study)}
     fitted = {"SA1": populations["SA1"].neuron}
     for kind in THRESHOLDS_UM:
@@ -153,12 +154,12 @@ def probed(finger: Finger, depth: float, hold: float) -> Study:
     )
 
 
-def computed(folder: Path) -> Spectrum:
+def computed(folder: Path, name: str, density_kg_m3: float | None = None) -> Spectrum:
     """Return the vibration of the folder's scan, computed only once."""
-    wanted, path = sorted(frequencies()), folder / "spectrum.npz"
+    wanted, path = sorted(frequencies()), folder / f"{name}.npz"
     if path.exists() and list(Spectrum.load(path).frequency_Hz) == wanted:
         return Spectrum.load(path)
-    spectrum = vibrate(folder / "scan", wanted)
+    spectrum = vibrate(folder / "scan", wanted, density_kg_m3=density_kg_m3)
     spectrum.save(path)
     return spectrum
 
@@ -181,14 +182,16 @@ def felt_per_mm(spectrum: Spectrum, kind: str) -> np.ndarray:
     return np.abs(felt)
 
 
-def print_waves(spectrum: Spectrum) -> None:
-    """Print how the finger answers over the frequency."""
-    along = spectrum.force_N @ spectrum.motion
+def print_waves(spectrum: Spectrum, massless: Spectrum) -> None:
+    """Print how the finger answers over the frequency, and how far it would without inertia."""
+    along, without = (each.force_N @ each.motion for each in (spectrum, massless))
     for k, f in enumerate(spectrum.frequency_Hz):
         felt = [felt_per_mm(spectrum, kind)[k] for kind in THRESHOLDS_UM]
         print(
             f"{f:6.1f} Hz: {abs(along[k]):.4f} N/mm, phase {np.degrees(np.angle(along[k])):4.0f}°, "
-            f"compression at RA {felt[0]:.4f} /mm, motion at PC {felt[1]:.3f}"
+            f"compression at RA {felt[0]:.4f} /mm, motion at PC {felt[1]:.3f}; "
+            f"without inertia {abs(without[k]):.4f} N/mm, off by "
+            f"{100 * abs(without[k] / along[k] - 1):.0f} %"
         )
 
 
@@ -363,6 +366,7 @@ def rates_figure(spectrum: Spectrum, neurons: Mapping[str, Neuron]) -> Figure:
             ax.semilogx(amplitudes, model, color=COLOURS[kind], alpha=shade, label=label)
             ax.semilogx(x, y, "o", color=COLOURS[kind], alpha=shade)
             ax.axhline(frequency, color=INK, linewidth=0.5, linestyle=":", alpha=shade)
+        ax.xaxis.set_minor_formatter(NullFormatter())
         ax.set_title(kind)
         ax.set_xlabel("Amplitude (µm)")
         ax.legend(fontsize=7)

@@ -28,10 +28,12 @@ from tactile_fem.study import Neuron
 _COLUMNS = 9  # of letters
 
 
-def population_image(results: Results, neuron: Neuron | None = None) -> RateImage:
+def population_image(
+    results: Results, neuron: Neuron | None = None, name: str | None = None
+) -> RateImage:
     """Return the image of one scan's receptors on Y = 0, with the study's neuron or another.
 
-    Of several populations it is the first one's.
+    Of several populations it is the first one's, or that of a name.
 
     Raises
     ------
@@ -39,7 +41,8 @@ def population_image(results: Results, neuron: Neuron | None = None) -> RateImag
         There are fewer than three such receptors, or they are not at equal distances.
     """
     trace, study = results.trace, results.study
-    afferents = Population.of(study.populations[0])
+    named = {population.name: population for population in study.populations}
+    afferents = Population.of(named[name] if name else study.populations[0])
     own = results.receptors_of(afferents.name)
     row = own[middle_row(trace["receptors_mm"][own])]
     across = trace["receptors_mm"][row, 0]

@@ -38,7 +38,7 @@ _KINDS: dict[Any, dict[str, Any]] = {
             "filter_gain_pA": 3290.0,
             "filter_off": 0.4,
             "capacitance_pF": 3.0,
-            "refractory_s": 0.003,
+            "refractory_s": 0.006,
             "gain_spread": 0.9,
             "threshold_noise": 0.1,
         },

@@ -38,6 +38,7 @@ def vibrate(
     at_mm: float | None = None,
     moves: Moves = "body",
     direction: Sequence[float] = (0.0, 0.0, 1.0),
+    density_kg_m3: float | None = None,
     comm: MPI.Comm | None = None,
     parts: Parts = _NO_PARTS,
 ) -> Spectrum:
@@ -55,6 +56,8 @@ def vibrate(
         What vibrates: the body, or the bone with all that is held, while the body rests.
     direction
         Of the vibration, (3,).
+    density_kg_m3
+        Of all tissues, in place of the study's; 0 is without inertia.
     comm
         Communicator; all its ranks must call. Default: all ranks.
     parts
@@ -63,12 +66,14 @@ def vibrate(
     Raises
     ------
     StudyError
-        No such state or scan, a frequency or a direction that is none.
+        No such state or scan; a frequency, a direction or a density that is none.
     TactileError
         The linear equations could not be solved.
     """
     comm = comm or MPI.COMM_WORLD
     frequencies, along = _checked(frequencies_Hz, direction)
+    if density_kg_m3 is not None and not 0 <= density_kg_m3 < np.inf:
+        raise StudyError(f"density_kg_m3 is {density_kg_m3:g} but must not be negative.")
     with abort_if_one_fails(comm):
         results = on_root(comm, lambda: Results.open(folder))
         setup = Setup.of(on_root(comm, lambda: results.study), parts, comm)
@@ -76,14 +81,21 @@ def vibrate(
         instruments = setup.instruments(comm)
         with closing(instruments.problem):
             instruments.stepper.restore(saved)
-            return _spectrum(setup, instruments, frequencies, along, moves)
+            own = setup.study.tissue.density_kg_m3
+            density = own if density_kg_m3 is None else density_kg_m3
+            harmonic = Harmonic(instruments.problem, density)
+            return _spectrum(setup, instruments, harmonic, frequencies, along, moves)
 
 
 def _spectrum(
-    setup: Setup, instruments: Instruments, frequencies: np.ndarray, along: np.ndarray, moves: Moves
+    setup: Setup,
+    instruments: Instruments,
+    harmonic: Harmonic,
+    frequencies: np.ndarray,
+    along: np.ndarray,
+    moves: Moves,
 ) -> Spectrum:
     problem, probe = instruments.problem, instruments.probe
-    harmonic = Harmonic(problem, setup.study.tissue.density_kg_m3)
     harmonic.stand(None)
     still, felt = probe.read(), Felt(problem, probe, harmonic)
     of_body, of_bone = (along, 0 * along) if moves == "body" else (0 * along, along)
