@@ -155,3 +155,23 @@ def test_several_ranks_find_what_one_does(tmp_path):
     for name in ("moved", "sed_kPa", "stretches", "force_N"):
         one, several = getattr(alone, name), getattr(together, name)
         np.testing.assert_allclose(several, one, atol=1e-6 * np.abs(one).max())
+
+
+def test_a_vibration_in_time_is_that_in_frequency(tmp_path):
+    """Without inertia, for elastic tissue: what is felt follows the body's sine."""
+    wave = {"frequency_Hz": 20.0, "amplitude_mm": 0.002}
+    press = {"kind": "press", "depth_mm": 0.3}
+    path = [press, {"kind": "hold", "time_s": 0.05, "output_s": 0.05, "vibration": wave}]
+    changed = {"protocol": {"path": path}, "tissue": {"viscous_time_s": 0.0}}
+    study = Study.model_validate({**STUDY.model_dump(), **changed})
+    trace = scan(study, tmp_path, comm=MPI.COMM_SELF).trace
+    held = trace.time_s > 0
+    assert held.sum() == 24  # steps of one period
+    sine = np.sin(2 * np.pi * 20.0 * trace.time_s[held])
+    np.testing.assert_allclose(trace.stimulator_mm[held, 2], 0.3 + 0.002 * sine, atol=1e-9)
+    spectrum = vibrate(tmp_path, [20.0], density_kg_m3=0.0, comm=MPI.COMM_SELF)
+    for name, found in (("sed_kPa", spectrum.sed_kPa), ("moved_mm", spectrum.moved)):
+        felt = getattr(trace, name)[held]
+        amplitudes = 2 * np.tensordot(sine, felt, 1) / len(sine) / 0.002
+        largest = np.abs(found).max()
+        np.testing.assert_allclose(found[0].real, amplitudes, atol=0.01 * largest)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array
-from tactile_fem.stimulus.path import Path, Piece, follow, hold, lift, press, slide
+from tactile_fem.stimulus.path import Path, Piece, follow, hold, lift, press, slide, vibrating
 from tactile_fem.study import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
 
 _COLUMNS = ["time_s", "x_mm", "y_mm", "z_mm"]
@@ -33,7 +33,9 @@ def make_path(protocol: Protocol, deepest_mm: float) -> Path:
         A file cannot be read, or the path is not valid.
     """
     places = {p.file: read_places(p.file) for p in protocol.pieces if isinstance(p, Follow)}
-    pieces = tuple(_piece(piece, deepest_mm, places) for piece in protocol.pieces)
+    pieces = tuple(
+        _vibrating(_piece(piece, deepest_mm, places), piece) for piece in protocol.pieces
+    )
     first = protocol.pieces[0]
     start = places[first.file][1][0] if isinstance(first, Follow) else np.zeros(3)
     path = Path(pieces, start)
@@ -58,6 +60,14 @@ def _piece(
         case Follow():
             times, places = places_of[piece.file]
             return follow(times, places, piece.output_s or _FOLLOW_OUTPUT * np.ptp(times))
+
+
+def _vibrating(made: Piece, piece: AnyPiece) -> Piece:
+    """Return a piece with its vibration, if it has one."""
+    wave = getattr(piece, "vibration", None)
+    if wave is None:
+        return made
+    return vibrating(made, wave.frequency_Hz, wave.amplitude_mm, wave.direction)
 
 
 def read_places(file: FilePath) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from tactile_fem.stimulus.body import Array
 # Number of times at which a motion without knots is sampled.
 _SAMPLES = 2001
 _MOST_OUTPUTS = 100_000
+_STEPS_OF_PERIOD = 24
 _JOINT_MM = 1e-6
 _LONGEST_S = 100_000.0
 # Share of its way on which a press is assumed to reach its force: another one goes on from there.
@@ -264,6 +265,32 @@ def follow(times_s: Array, places_mm: Array, output_s: float) -> Piece:
             return start_mm + [np.interp(t, times, column) for column in steps.T]
 
         return Motion("follow", float(times[-1]), place, outputs, times)
+
+    return motion
+
+
+def vibrating(
+    piece: Piece, frequency_Hz: float, amplitude_mm: float, direction: ArrayLike
+) -> Piece:
+    """Let the body vibrate on top of a piece; steps and outputs follow the wave.
+
+    Between 24 places in each period the body moves straight.
+    """
+    along = np.asarray(direction, dtype=float)
+    swing = amplitude_mm * along / np.linalg.norm(along)
+    period_s = 1 / frequency_Hz
+
+    def motion(start_mm: Array) -> Motion:
+        base = piece(start_mm)
+
+        def place(t: float) -> Array:
+            return base.place(t) + np.sin(2 * np.pi * frequency_Hz * t) * swing
+
+        times = _every(period_s / _STEPS_OF_PERIOD, base.duration_s)
+        outputs = np.union1d(np.round(times, 12), np.round(base.outputs_s, 12))
+        inside = outputs[outputs < base.duration_s * (1 - 1e-9)]
+        knots = np.array([0.0, *inside, base.duration_s])
+        return replace(base, place=place, outputs_s=knots[1:], knots_s=knots)
 
     return motion
 

@@ -31,6 +31,25 @@ class Press(Section):
         return self
 
 
+class Vibration(Section):
+    """A vibration of the body on top of a piece of the path; a scan has no inertia."""
+
+    frequency_Hz: Positive = Field(description="of the vibration, which begins at its middle")
+    amplitude_mm: Positive = Field(description="from the middle to the end of the swing")
+    direction: tuple[Finite, Finite, Finite] = Field(
+        (0.0, 0.0, 1.0), description="X, Y and Z; its length has no effect"
+    )
+
+    @model_validator(mode="after")
+    def _goes_somewhere(self) -> Self:
+        if not any(self.direction):
+            raise ValueError("direction = [0, 0, 0] is none")
+        return self
+
+
+_VIBRATES = "small vibration of the body on top: frequency_Hz, amplitude_mm, direction"
+
+
 class Hold(Section):
     """Stay."""
 
@@ -40,6 +59,7 @@ class Hold(Section):
         None, description="time between two outputs; not set: a tenth of time_s"
     )
     force_N: Positive | None = Field(None, description=_HELD)
+    vibration: Vibration | None = Field(None, description=_VIBRATES)
 
 
 class Slide(Section):
@@ -52,6 +72,7 @@ class Slide(Section):
     speed_mm_s: Speed = 20.0
     output_mm: Positive = Field(0.1, description="positions that are hit exactly")
     force_N: Positive | None = Field(None, description=_HELD)
+    vibration: Vibration | None = Field(None, description=_VIBRATES)
 
     @model_validator(mode="after")
     def _moves(self) -> Self:
