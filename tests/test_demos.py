@@ -523,6 +523,26 @@ def test_single_fibre(tmp_path):
 
 
 @pytest.mark.slow
+def test_kinds(tmp_path):
+    way = ["--depth", "0.5", "--distance", "0.4"]
+    output = run("protocols/kinds.py", str(tmp_path), *way, *COARSE)
+    spikes = {kind: number(rf"{kind}: (\d+) spikes", output) for kind in ("SA1", "RA", "PC")}
+    assert spikes["SA1"] > 0 and spikes["RA"] > 0
+    assert (tmp_path / "kinds.png").is_file()
+
+
+@pytest.mark.slow
+def test_vibration(tmp_path):
+    output = run("neurons/vibration.py", str(tmp_path), "--depth", "0.3", "--hold", "0.05", *SMALL)
+    off = [float(share) for share in re.findall(r"off by (\d+) %", output)]
+    assert len(off) == 15 and off[0] == 0 and off[-1] > 10  # inertia counts at 822 Hz
+    assert 10 <= number(r"RA best frequency: (\d+) Hz", output) <= 100
+    assert 100 <= number(r"PC best frequency: (\d+) Hz", output) <= 500
+    assert number(r"RA 50 Hz, fitted: .*rms (\d+)", output) < 25
+    assert (tmp_path / "rates.png").is_file()
+
+
+@pytest.mark.slow
 def test_legibility(tmp_path):
     way = ["--letters", "CO", "--depth", "0.5", "--distance", "0.2", "--realizations", "2"]
     way += ["--passes", "5", "--blur", "0", "2", "--noise", "5", "--jobs", "2", *COARSE]
