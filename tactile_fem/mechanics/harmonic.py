@@ -12,18 +12,12 @@ if all of them break. Kelvin and Voigt's viscosity adds ``c = i w tau_v``. Toget
 complex moduli of the tissues at their present strain. Contact is that of the state
 (`tactile_fem.mechanics.small_contact`).
 
-With ``K - w^2 M = A + iB``, PETSc's numbers being real, the equations are
-
-    [A  -B] [Re û]   [Re f]
-    [B   A] [Im û] = [Im f],
-
-solved by GMRES with a factorization of ``A + B`` (Axelsson, Neytcheva and Ahmad 2014).
+They are solved with one factorization per frequency (`tactile_fem.mechanics.complex_solver`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -35,7 +29,7 @@ from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import ArrayLike
 
-from tactile_fem.errors import TactileError
+from tactile_fem.mechanics.complex_solver import complex_solver
 from tactile_fem.mechanics.contact import SkinPart
 from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.problem import FingerProblem
@@ -44,7 +38,6 @@ from tactile_fem.mechanics.small_contact import Touch
 Array = np.ndarray
 # kg/m3 in the unit of mass that goes with mm, N and s.
 _T_PER_MM3 = 1e-12
-_OPTIONS = {"ksp_type": "gmres", "ksp_rtol": 1e-9, "ksp_max_it": 200, "ksp_gmres_restart": 100}
 
 
 @dataclass(frozen=True)
@@ -122,9 +115,8 @@ class Harmonic:
         self._u = problem.u
         V = self._u.function_space
         problem.state.reset()
-        with self._standing_as_accepted():
-            problem.obstacle.refresh()
-            touch = Touch.of(problem.skin, self._u, problem.compile)
+        self._stand_as_accepted()
+        touch = Touch.of(problem.skin, self._u, problem.compile)
         self._forms = self._compile(touch)
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
         density = fem.Constant(V.mesh, density_kg_m3 * _T_PER_MM3)
@@ -217,13 +209,11 @@ class Harmonic:
             [[problem.compile(traction(None, -b, on)) for b in axes] for on in axes],
         )
 
-    @contextmanager
-    def _standing_as_accepted(self) -> Iterator[None]:
+    def _stand_as_accepted(self) -> None:
         """Let the forms give the tractions with which the last step ended."""
         problem = self._problem
         relaxation, dt_s = problem.elasticity.relaxation, problem.state.dt_old_s
         problem.elasticity.linearize(partial(relaxation.share, dt_s) if relaxation else _none)
-        yield
 
     def _assembled(self, delay: Delay | None) -> _Parts:
         self.stand(delay)
@@ -269,7 +259,7 @@ class Harmonic:
         for amount, part in zip(amounts, self._late, strict=True):
             A.axpy(amount.real, part.stiffness, same)
             B.axpy(amount.imag, part.stiffness, same)
-        with common.Timer("tactile: harmonic solve"), _two_by_two(A, B) as solve:
+        with common.Timer("tactile: harmonic solve"), complex_solver(A, B) as solve:
             real, imag, iterations = solve(right.real, right.imag)
         return self._with_ghosts(real) + 1j * self._with_ghosts(imag), iterations
 
@@ -308,67 +298,3 @@ def _delays(problem: FingerProblem) -> Iterator[Delay]:
             lambda w: 1j * w * elasticity.viscous_time_s,
             lambda amount: elasticity.linearize(_none, viscous=amount),
         )
-
-
-class _Preconditioner:
-    """Solves with ``[A -B; B A]`` as with ``[A -B; B A + 2B]``: twice with ``A + B``."""
-
-    def __init__(self, B: PETSc.Mat, inner: PETSc.KSP) -> None:
-        self._B, self._inner = B, inner
-        self._sum, self._product = B.createVecs()
-
-    def apply(self, pc: PETSc.PC, right: PETSc.Vec, result: PETSc.Vec) -> None:
-        del pc
-        f, g = right.getNestSubVecs()
-        x, y = result.getNestSubVecs()
-        f.copy(self._sum)
-        self._sum.axpy(1.0, g)
-        self._inner.solve(self._sum, x)
-        self._B.mult(x, self._product)
-        self._product.aypx(-1.0, g)
-        self._inner.solve(self._product, y)
-        x.axpy(-1.0, y)
-
-
-@contextmanager
-def _two_by_two(
-    A: PETSc.Mat, B: PETSc.Mat
-) -> Iterator[Callable[[Array, Array], tuple[Array, Array, int]]]:
-    """Provide the solver of ``(A + iB)(x + iy) = f + ig``; it ends with A and B destroyed."""
-    comm = A.comm
-    whole_sum = A.duplicate(copy=True)
-    whole_sum.axpy(1.0, B, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-    minus = B.duplicate(copy=True)
-    minus.scale(-1.0)
-    inner, outer = PETSc.KSP().create(comm), PETSc.KSP().create(comm)
-    inner.setOperators(whole_sum)
-    inner.setType("preonly")
-    inner.getPC().setType("lu")
-    inner.getPC().setFactorSolverType("mumps")
-    inner.setOptionsPrefix("tactile_harmonic_sum_")
-    inner.setFromOptions()
-    block = PETSc.Mat().createNest([[A, minus], [B, A]], comm=comm)
-    outer.setOperators(block)
-    outer.setType("gmres")
-    outer.setGMRESRestart(100)
-    outer.setTolerances(rtol=1e-9, atol=0.0, max_it=300)
-    outer.getPC().setType("python")
-    outer.getPC().setPythonContext(_Preconditioner(B, inner))
-    outer.setOptionsPrefix("tactile_harmonic_")
-    outer.setFromOptions()
-    right, solution = (PETSc.Vec().createNest([*A.createVecs()], comm=comm) for _ in range(2))
-    try:
-
-        def solve(f: Array, g: Array) -> tuple[Array, Array, int]:
-            for part, values in zip(right.getNestSubVecs(), (f, g), strict=True):
-                part.array[:] = values
-            outer.solve(right, solution)
-            if outer.getConvergedReason() < 0:
-                raise TactileError("the equations of a vibration could not be solved")
-            x, y = (part.array.copy() for part in solution.getNestSubVecs())
-            return x, y, outer.getIterationNumber()
-
-        yield solve
-    finally:
-        for made in (outer, inner, block, whole_sum, minus, A, B, right, solution):
-            made.destroy()
