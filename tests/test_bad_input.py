@@ -128,7 +128,7 @@ SETTINGS = [
     (
         "tissue.muscle.C10_MPa=1",
         "tissue.muscle is not a key of [tissue]; allowed: set, viscous_time_s, relaxation, "
-        "stratum_corneum, epidermis, dermis, subcutaneous, bone, nail.",
+        "density_kg_m3, stratum_corneum, epidermis, dermis, subcutaneous, bone, nail.",
     ),
     (
         "stimulus.kind=sphare",
@@ -210,7 +210,8 @@ SETTINGS = [
     ("neuron.adaptation=1.5", "neuron.adaptation is 1.5 but must be at most 1."),
     (
         "neuron.model=poisson",
-        'neuron.model is "poisson" but must be "logarithmic", "hamasaki2020" or "gerling2018".',
+        'neuron.model is "poisson" but must be "logarithmic", "hamasaki2020", "gerling2018" '
+        'or "band_pass".',
     ),
     (
         "neuron.generator_times_s=[1, 2]",
@@ -229,7 +230,11 @@ SETTINGS = [
         "solver.petsc.ksp_type is [1] but must be text, a number, true or false.",
     ),
     ("output.pictures=yes", 'output.pictures is "yes" but must be true or false.'),
-    ("output.video=true", "output.video is not a key of [output]; allowed: fields_mm, pictures."),
+    (
+        "output.video=true",
+        "output.video is not a key of [output]; allowed: fields_mm, states, pictures.",
+    ),
+    ("tissue.density_kg_m3=0", "tissue.density_kg_m3 is 0 but must be greater than 0."),
     ("finger=3", '"finger=3" sets nothing: write section.key=value.'),
     ("finger.dermis_mm", '"finger.dermis_mm" sets nothing: write section.key=value.'),
     (

@@ -15,6 +15,7 @@ from tactile_fem.scan.checks import check_study
 from tactile_fem.stimulus import make_body, outlines
 from tactile_fem.study import Finger, Protocol, Receptors, Study, Text
 from tactile_fem.study.file import load_study
+from tactile_fem.vibration import frequencies_of
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -119,7 +120,12 @@ def test_the_recipes_commands_are_studies_that_can_be_scanned():
         program, *arguments = shlex.split(line)
         assert program == "tactile-fem"
         command, bound, _ = cli.app.parse_args(arguments, exit_on_error=False)
+        if command.__name__ == "vibrate":  # of a scan that has to be there
+            assert len(frequencies_of(bound.arguments["frequencies"])) == 25
+            continue
         assert command.__name__ in ("scan", "mesh")
+        if "settings" not in bound.arguments:
+            continue  # of a study file, the next test's
         study = load_study(None, bound.arguments["settings"])
         check_study(study)
         studies[str(bound.arguments.get("results", command.__name__))] = study
@@ -137,6 +143,19 @@ def test_the_recipes_commands_are_studies_that_can_be_scanned():
     assert studies["results/soft"] == script["study"] != Study()
 
 
+def test_the_recipes_vibration_is_a_study(tmp_path):
+    first, second = (
+        text for text in blocks(RECIPES, "toml") if "afferents" in text or "vib" in text
+    )
+    path = '[[protocol.path]]\nkind = "press"\ndepth_mm = 1.0\n'
+    (tmp_path / "study.toml").write_text(first + path + second)
+    study = load_study(tmp_path / "study.toml")
+    assert [population.name for population in populations_of(study)] == ["SA1", "RA", "PC"]
+    ra, pc = study.populations[1:]
+    assert (ra.feels, pc.receptors.side) == ("compression", "subcutaneous")
+    assert study.protocol.pieces[1].vibration.frequency_Hz == 20.0
+
+
 def test_half_as_stiff_is_half_the_energy():
     pytest.importorskip("ufl")
     from tactile_fem.tissue.energies import law_of
@@ -151,7 +170,8 @@ def test_half_as_stiff_is_half_the_energy():
 def test_the_recipes_plot_and_spikes(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     make_results("results/scan")
-    _, plot, spikes, neo, _ = blocks(RECIPES, "python")
+    _, vibration, plot, spikes, neo, _ = blocks(RECIPES, "python")
+    compile(vibration, RECIPES.name, "exec")
     names = run(plot, RECIPES)
     # The end of the press, at displacement 0, and the slide.
     assert names["slide"].sum() == SLIDE + 1 and names["middle"] == 10
