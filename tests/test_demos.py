@@ -532,6 +532,14 @@ def test_kinds(tmp_path):
 
 
 @pytest.mark.slow
+def test_grating(tmp_path):
+    way = ["--speeds", "20", "--distance", "1.5", "--force", "0.02"]
+    output = run("neurons/grating.py", str(tmp_path), *way, *COARSE)
+    assert 0 <= number(r"20 ridges/s, RA: .* vector strength ([\d.]+)", output) <= 1
+    assert (tmp_path / "grating.png").is_file() and (tmp_path / "locking.csv").is_file()
+
+
+@pytest.mark.slow
 def test_vibration(tmp_path):
     output = run("neurons/vibration.py", str(tmp_path), "--depth", "0.3", "--hold", "0.05", *SMALL)
     off = [float(share) for share in re.findall(r"off by (\d+) %", output)]
