@@ -167,7 +167,8 @@ def grating_figure(scans: dict[float, Results], period: float) -> Figure:
         ax.set_xlim(0, end)
         ax.set_yticks([])
         ax.set_ylabel(f"{speed:g} mm/s\n{speed / period:g} ridges/s")
-    panels[0].legend(ncols=3, loc="upper right", fontsize=7)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, ncols=3, loc="outside upper right")
     panels[-1].set_xlabel(DISPLACEMENT)
     return figure
 
