@@ -254,7 +254,7 @@ def test_a_step_has_the_traces_names(study):
     steps = []
     brief = study.model_copy(update={"protocol": Protocol(depth_mm=0.3, distance_mm=0)})
     trace = scan(brief, observers=[lambda seen: steps.append(seen.step)]).trace.arrays()
-    of_receptors = {"sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa"}
+    of_receptors = {"moved_mm", "sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa"}
     of_receptors |= {"receptors_mm", "population"}
     for name in trace.keys() - of_receptors - {"time_s"}:
         values = [getattr(step, name) for step in steps]
