@@ -55,13 +55,13 @@ def block_mesh(x: np.ndarray, y: np.ndarray, z: np.ndarray, tissue_of_row: list[
 
 def curved(mesh: FingerMesh, shift_mm: float = 0.1) -> FingerMesh:
     """Return a block of the same shape whose edges are bent within their horizontal planes."""
-    nodes, middle = mesh.nodes.copy(), np.unique(mesh.tets[:, 4:])
+    nodes, middle = mesh.nodes.copy(), np.unique(mesh.cells[:, 4:])
     x, y = nodes[middle, :2].T
     half = np.abs(nodes[:, :2]).max(axis=0)
     inside = np.cos(np.pi * x / (2 * half[0])) * np.cos(np.pi * y / (2 * half[1]))
     nodes[middle, 0] += shift_mm * inside * np.cos(2 * y)
     nodes[middle, 1] += shift_mm * inside * np.sin(3 * x)
     assert (
-        np.abs(nodes[mesh.tets[:, 4:]] - nodes[mesh.tets[:, TET_EDGES]].mean(axis=2)).max() > 0.05
+        np.abs(nodes[mesh.cells[:, 4:]] - nodes[mesh.cells[:, TET_EDGES]].mean(axis=2)).max() > 0.05
     )
     return replace(mesh, nodes=nodes)

@@ -185,7 +185,8 @@ SETTINGS = [
     ),
     (
         "receptors.placement=circle",
-        'receptors.placement is "circle" but must be "line", "grid", "random" or "afferents".',
+        'receptors.placement is "circle" but must be "line", "grid", "random", "afferents", '
+        '"intermediate_ridges" or "papillae".',
     ),
     (
         "receptors.half_width_mm=30",

@@ -119,7 +119,7 @@ def test_bone_that_is_not_held_is_elastic(tmp_path):
     study = STUDY.model_copy(update={"solver": Solver(held=("cut",))})
     size = write_deck(study, BLOCK, tmp_path / "soft.inp", grid_mm=(1.0, 1.0))
     deck = Deck(tmp_path / "soft.inp")
-    assert size.tets == len(BLOCK.tets)
+    assert size.cells == len(BLOCK.cells)
     assert deck.text.count("*ELASTIC\n17000, 0.3") == 1
     held = [int(n) for row in deck.one("*NSET, NSET=HELD") for n in row]
     assert set(deck.points(held)[:, 2]) == {4.0}

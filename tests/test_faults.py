@@ -187,7 +187,7 @@ def test_another_mesh_file_of_the_same_name_is_told(study, cut, small_finger, tm
     path = cut / "study.toml"
     path.write_text(path.read_text().replace(str(small_finger), str(moved)))
     shrunk = FingerMesh(
-        0.99 * finger.nodes, finger.tets, finger.tissue, finger.triangles, finger.surface
+        0.99 * finger.nodes, finger.cells, finger.tissue, finger.facets, finger.surface
     )
     write_msh(moved, shrunk)
     with pytest.raises(StudyError, match="belongs to another mesh"):

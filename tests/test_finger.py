@@ -74,16 +74,16 @@ def test_impossible_fingers_are_refused(values, words):
 
 
 def test_size_of_the_coarse_mesh(mesh):
-    assert 7_000 < len(mesh.tets) < 10_500
+    assert 7_000 < len(mesh.cells) < 10_500
     assert 3 * len(mesh.nodes) < 42_000
-    assert len(np.unique(mesh.tets)) == len(mesh.nodes)
+    assert len(np.unique(mesh.cells)) == len(mesh.nodes)
 
 
 def test_jacobians_and_quality(mesh):
     check_mesh(mesh)
-    assert volumes(mesh.nodes, mesh.tets).min() > 0
+    assert volumes(mesh.nodes, mesh.cells).min() > 0
     thick = np.isin(mesh.tissue, [TISSUES[name] for name in ("dermis", "subcutaneous", "bone")])
-    assert gammas(mesh.nodes, mesh.tets)[thick].min() > 0.08
+    assert gammas(mesh.nodes, mesh.cells)[thick].min() > 0.08
 
 
 def test_gamma_of_known_tetrahedra():
@@ -125,19 +125,19 @@ def test_a_mesh_beside_the_contact_point_is_refused(shipped):
 
 
 def bone_height(mesh):
-    bone = mesh.nodes[np.unique(mesh.triangles[mesh.surface == SURFACES["bone_surface"]])]
+    bone = mesh.nodes[np.unique(mesh.facets[mesh.surface == SURFACES["bone_surface"]])]
     return bone[np.hypot(bone[:, 0], bone[:, 1]) < 2.0, 2].min()
 
 
 def test_pad_thickness_at_the_contact_point(mesh):
     assert bone_height(mesh) == pytest.approx(FINGER.pad_thickness_mm, abs=0.1)
-    skin = mesh.nodes[mesh.triangles[mesh.surface == SURFACES["skin"], :3]]
+    skin = mesh.nodes[mesh.facets[mesh.surface == SURFACES["skin"], :3]]
     assert 0 <= skin[..., 2].min() < 0.02
 
 
 def test_volumes(mesh):
-    volume = volumes(mesh.nodes, mesh.tets)
-    facets, _, second = facets_of(mesh.tets)
+    volume = volumes(mesh.nodes, mesh.cells)
+    facets, _, second = facets_of(mesh.cells)
     a, b, c = np.moveaxis(mesh.nodes[facets[second < 0]], 1, 0)
     enclosed = np.einsum("ij,ij->", np.cross(a, b), c) / 6.0
     assert volume.sum() == pytest.approx(enclosed, rel=1e-9)
@@ -151,7 +151,7 @@ def test_volumes(mesh):
 
 
 def test_conforming_and_closed(mesh):
-    facets, _, second = facets_of(mesh.tets)  # raises beyond two cells to a facet
+    facets, _, second = facets_of(mesh.cells)  # raises beyond two cells to a facet
     rim = facets[second < 0]
     edges = np.sort(rim[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     _, count = np.unique(edges, axis=0, return_counts=True)
@@ -160,9 +160,9 @@ def test_conforming_and_closed(mesh):
 
 
 def test_surfaces_lie_where_their_names_say(mesh):
-    facets, first, second = facets_of(mesh.tets)
+    facets, first, second = facets_of(mesh.cells)
     key = {tuple(sorted(f)): i for i, f in enumerate(facets.tolist())}
-    number = np.array([key[tuple(sorted(t))] for t in mesh.triangles[:, :3].tolist()])
+    number = np.array([key[tuple(sorted(t))] for t in mesh.facets[:, :3].tolist()])
     assert len(np.unique(number)) == len(number)
     one = mesh.tissue[first[number]]
     other = np.where(second[number] < 0, 0, mesh.tissue[second[number]])
@@ -173,16 +173,16 @@ def test_surfaces_lie_where_their_names_say(mesh):
     assert sides["bone_surface"] == {45}
     assert sides["cut"] == {1, 2, 3, 4, 5}
     assert np.all(
-        mesh.nodes[mesh.triangles[mesh.surface == SURFACES["cut"]], 1] == skin_shape(FINGER).cut_y
+        mesh.nodes[mesh.facets[mesh.surface == SURFACES["cut"]], 1] == skin_shape(FINGER).cut_y
     )
-    centre = mesh.nodes[mesh.triangles[:, :3]].mean(axis=1)
+    centre = mesh.nodes[mesh.facets[:, :3]].mean(axis=1)
     interface = centre[mesh.surface == SURFACES["interface"]]
     depth = depth_below(skin_shape(FINGER), interface[interface[:, 1] > -9.0])
     assert np.median(depth) == pytest.approx(0.82, abs=0.05)
 
 
 def test_skin_triangles_turn_outwards_and_are_fine_under_the_letters(mesh):
-    corner = mesh.nodes[mesh.triangles[mesh.surface == SURFACES["skin"], :3]]
+    corner = mesh.nodes[mesh.facets[mesh.surface == SURFACES["skin"], :3]]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     centre = corner.mean(axis=1)
     pad = (np.abs(centre[:, 0]) < 4.0) & (np.abs(centre[:, 1]) < 5.5) & (centre[:, 2] < 4.0)
@@ -195,10 +195,10 @@ def test_skin_triangles_turn_outwards_and_are_fine_under_the_letters(mesh):
 
 def test_midpoints_are_straight(mesh):
     edges = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [2, 3], [1, 3]])
-    middle = mesh.nodes[mesh.tets[:, edges]].mean(axis=2)
-    assert np.abs(middle - mesh.nodes[mesh.tets[:, 4:]]).max() < 1e-8
-    middle = mesh.nodes[mesh.triangles[:, edges[:3]]].mean(axis=2)
-    assert np.abs(middle - mesh.nodes[mesh.triangles[:, 3:]]).max() < 1e-8
+    middle = mesh.nodes[mesh.cells[:, edges]].mean(axis=2)
+    assert np.abs(middle - mesh.nodes[mesh.cells[:, 4:]]).max() < 1e-8
+    middle = mesh.nodes[mesh.facets[:, edges[:3]]].mean(axis=2)
+    assert np.abs(middle - mesh.nodes[mesh.facets[:, 3:]]).max() < 1e-8
 
 
 @needs_gmsh
@@ -208,7 +208,7 @@ def test_same_parameters_same_mesh_and_gmsh_is_left_closed():
     finger = Finger(pad_size_mm=2.5, far_size_mm=5.0, epidermis_rows=1)
     first, again = build_finger(finger), build_finger(finger)
     assert first.hash == again.hash
-    assert len(first.tets) < 6_000
+    assert len(first.cells) < 6_000
     assert not gmsh.isInitialized()
     with pytest.raises(MeshError):
         build_finger(Finger(dermis_mm=4.0))
@@ -252,9 +252,9 @@ def test_subcutaneous_tissue_of_the_paper():
 def test_finer_presets(preset, count):
     finger = Finger(preset=preset)
     mesh = build_finger(finger)
-    assert len(mesh.tets) == pytest.approx(count, rel=0.05)
+    assert len(mesh.cells) == pytest.approx(count, rel=0.05)
     fat = mesh.tissue == TISSUES["subcutaneous"]
-    assert gammas(mesh.nodes, mesh.tets[fat]).min() > 0.1
+    assert gammas(mesh.nodes, mesh.cells[fat]).min() > 0.1
     for name, found in layer_thickness(mesh).items():
         thickness = getattr(finger, f"{name}_mm")
         assert found.min() > 0.95 * thickness and found.max() < 1.05 * thickness
@@ -295,7 +295,7 @@ def test_gmsh_understands_the_file(shipped, tmp_path):
         names = {gmsh.model.getPhysicalName(*group) for group in gmsh.model.getPhysicalGroups()}
         assert names == set(TISSUES) | set(SURFACES)
         _, nodes = gmsh.model.mesh.getElementsByType(11)
-        assert np.sum(nodes - 1) == shipped.tets.sum()
+        assert np.sum(nodes - 1) == shipped.cells.sum()
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
         gmsh.option.setNumber("Mesh.Binary", 1)
         gmsh.write(str(tmp_path / "b.msh"))
@@ -317,7 +317,7 @@ def test_a_missing_part_is_named(shipped, tmp_path, name):
     part = dataclasses.replace(
         shipped,
         tissue=tissue,
-        triangles=shipped.triangles[triangles],
+        facets=shipped.facets[triangles],
         surface=shipped.surface[triangles],
     )
     write_msh(tmp_path / "a.msh", part)
@@ -360,12 +360,12 @@ def test_a_shipped_mesh_is_that_of_its_recipe_only():
 def test_a_shipped_mesh_is_what_gmsh_makes(name):
     finger = SHIPPED[name]
     mesh, built = load_finger(finger), build_finger(finger)
-    assert len(mesh.tets) == pytest.approx(len(built.tets), rel=0.05)
+    assert len(mesh.cells) == pytest.approx(len(built.cells), rel=0.05)
     for tag in TISSUES.values():
-        one, other = (volumes(m.nodes, m.tets[m.tissue == tag]).sum() for m in (mesh, built))
+        one, other = (volumes(m.nodes, m.cells[m.tissue == tag]).sum() for m in (mesh, built))
         assert one == pytest.approx(other, rel=0.01)
     for tag in SURFACES.values():
-        one, other = (m.nodes[m.triangles[m.surface == tag]] for m in (mesh, built))
+        one, other = (m.nodes[m.facets[m.surface == tag]] for m in (mesh, built))
         np.testing.assert_allclose(one.min((0, 1)), other.min((0, 1)), atol=0.05)
         np.testing.assert_allclose(one.max((0, 1)), other.max((0, 1)), atol=0.05)
 

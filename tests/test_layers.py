@@ -10,7 +10,7 @@ def test_a_quadratic_displacement_is_exact_at_the_centres():
     block = block_mesh(grid, grid, np.array([0.0, 0.5, 1.0]), ["epidermis", "dermis"])
     x, y, z = block.nodes.T
     moved = np.column_stack([0.1 * x**2, 0 * y, -0.2 * z])
-    centre = block.nodes[block.tets[block.tissue == 2, :4]].mean(axis=1)
+    centre = block.nodes[block.cells[block.tissue == 2, :4]].mean(axis=1)
     found = principal_strains(block, moved, "epidermis")
     wanted = np.sort(
         np.column_stack([0.2 * centre[:, 0], 0 * x[: len(centre)], -0.2 + 0 * centre[:, 0]])

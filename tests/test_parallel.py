@@ -78,7 +78,7 @@ def test_a_node_that_only_one_rank_misses():
 def test_a_mesh_that_only_rank_0_can_know_to_be_wrong():
     mesh = block()
     if mesh is not None:
-        mesh = replace(mesh, triangles=mesh.triangles[:0], surface=mesh.surface[:0])
+        mesh = replace(mesh, facets=mesh.facets[:0], surface=mesh.surface[:0])
     with pytest.raises(IndexError):
         create_domain(mesh, COMM, ("cut",))
 

@@ -38,13 +38,13 @@ def layered_block() -> FingerMesh:
     finger = block_mesh(line, line, DEPTHS, ["stratum_corneum", "epidermis", "dermis"])
     faces = []
     for corners in ([0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]):
-        face = finger.tets[:, corners]
+        face = finger.cells[:, corners]
         flat = np.all(np.isclose(finger.nodes[face][..., 2], 1.0), axis=1)
         faces.append(face[flat & (finger.tissue == 2)])
     face = np.concatenate(faces)
-    triangles = np.concatenate([finger.triangles, np.hstack([face, face])])
+    triangles = np.concatenate([finger.facets, np.hstack([face, face])])
     surface = np.concatenate([finger.surface, np.full(len(face), SURFACES["interface"])])
-    return FingerMesh(finger.nodes, finger.tets, finger.tissue, triangles, surface)
+    return FingerMesh(finger.nodes, finger.cells, finger.tissue, triangles, surface)
 
 
 def test_line_lies_on_the_fingers_interface():
@@ -52,7 +52,7 @@ def test_line_lies_on_the_fingers_interface():
     positions = place(Receptors(), finger)
     assert len(positions) == 51
     np.testing.assert_allclose(positions[:, 0], np.linspace(-5, 5, 51), atol=1e-12)
-    facets = finger.nodes[finger.triangles[finger.surface == SURFACES["interface"], :3]]
+    facets = finger.nodes[finger.facets[finger.surface == SURFACES["interface"], :3]]
     normal = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     for point in positions:

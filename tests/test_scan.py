@@ -285,7 +285,7 @@ def test_a_stimulus_that_starts_inside_the_finger_is_refused(study, small_finger
     finger = read_msh(small_finger)
     sunk = finger.nodes - [0, 0, 0.5]
     path = tmp_path / "sunk.msh"
-    write_msh(path, FingerMesh(sunk, finger.tets, finger.tissue, finger.triangles, finger.surface))
+    write_msh(path, FingerMesh(sunk, finger.cells, finger.tissue, finger.facets, finger.surface))
     inside = study.model_copy(update={"finger": Finger(mesh_file=path)})
     with pytest.raises(StudyError, match=r"inside the finger"):
         scan(inside, tmp_path / "results")

@@ -113,10 +113,10 @@ def test_layers_grow_inwards_and_all_parts_are_there(scans):
         assert found.mean() == pytest.approx(getattr(finger, f"{name}_mm"), rel=0.05), name
     for tissue in ("stratum_corneum", "epidermis", "dermis"):
         whole, true = (
-            volumes(m.nodes, m.tets)[m.tissue == TISSUES[tissue]].sum() for m in (mesh, analytic)
+            volumes(m.nodes, m.cells)[m.tissue == TISSUES[tissue]].sum() for m in (mesh, analytic)
         )
         assert whole == pytest.approx(true, rel=0.02), tissue
-    cut = mesh.nodes[mesh.triangles[mesh.surface == SURFACES["cut"]]]
+    cut = mesh.nodes[mesh.facets[mesh.surface == SURFACES["cut"]]]
     assert np.ptp(cut[..., 1]) == 0.0
 
 
@@ -125,12 +125,12 @@ def test_a_bone_inside_an_analytic_skin_is_closed():
         bone_file=PHALANX, file_unit_mm=1100.0, nail_direction=(0.0, 0.0, 1.0), **COARSE
     )
     mesh = build_finger(finger)
-    bone = mesh.tets[mesh.tissue == TISSUES["bone"]]
+    bone = mesh.cells[mesh.tissue == TISSUES["bone"]]
     true = trimesh.load_mesh(PHALANX).volume * 1100**3
     assert 0.85 * true < volumes(mesh.nodes, bone).sum() < true
     facets, _, second = facets_of(bone)
     assert np.all(np.isin(np.sort(facets[second < 0], axis=1).ravel(), np.unique(bone)))
-    surface = mesh.triangles[mesh.surface == SURFACES["bone_surface"]]
+    surface = mesh.facets[mesh.surface == SURFACES["bone_surface"]]
     assert len(surface) == np.sum(second < 0)  # nothing of it lies in the cut
     tip = mesh.nodes[np.unique(bone)][:, 1].max()
     assert tip == pytest.approx(12.0 - finger.bone_tip_gap_mm, abs=0.3)
@@ -145,7 +145,7 @@ def test_a_nail_file_tells_where_the_nail_lies(scans, tmp_path):
     assert anatomy.nail.half_width == pytest.approx(4.5, abs=0.15)
     assert (anatomy.nail.start_y, anatomy.nail.end_y) == pytest.approx((-0.5, 8.5), abs=0.2)
     mesh = build_finger(finger)
-    tets = mesh.tets[mesh.tissue == TISSUES["nail"], :4]
+    tets = mesh.cells[mesh.tissue == TISSUES["nail"], :4]
     across, along = (np.ptp(mesh.nodes[tets][..., axis]) for axis in (0, 1))
     assert (across, along) == pytest.approx((9.0, 9.0), abs=0.6)
 

@@ -38,7 +38,7 @@ class Cost:
     """Cost of one scan."""
 
     size: str
-    tets: int
+    cells: int
     unknowns: int
     ranks: int
     steps: int

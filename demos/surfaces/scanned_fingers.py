@@ -164,8 +164,8 @@ def row_of(name: str, finger: Finger, results: Results) -> Row:
     force, sed = trace["force_N"], trace["sed_kPa"]
     return Row(
         finger=name,
-        tetrahedra=len(mesh.tets),
-        least_gamma=float(gammas(mesh.nodes, mesh.tets).min()),
+        tetrahedra=len(mesh.cells),
+        least_gamma=float(gammas(mesh.nodes, mesh.cells).min()),
         corneum_mm=layers["stratum_corneum"],
         epidermis_mm=layers["epidermis"],
         dermis_mm=layers["dermis"],

@@ -22,7 +22,7 @@ def principal_strains(finger: FingerMesh, displacement_mm: Array, tissue: str) -
     tissue
         Its name.
     """
-    cells = finger.tets[finger.tissue == TISSUES[tissue]]
+    cells = finger.cells[finger.tissue == TISSUES[tissue]]
     corners = finger.nodes[cells[:, :4]]
     edges = corners[:, 1:] - corners[:, :1]
     inverse = np.linalg.inv(edges)  # gradient of the reference coordinates, transposed
@@ -33,7 +33,7 @@ def principal_strains(finger: FingerMesh, displacement_mm: Array, tissue: str) -
 
 def under_contact(finger: FingerMesh, tissue: str, half_mm: float) -> NDArray[np.bool_]:
     """Return which of a tissue's cells lie within `half_mm` of the contact point, X and Y."""
-    cells = finger.tets[finger.tissue == TISSUES[tissue], :4]
+    cells = finger.cells[finger.tissue == TISSUES[tissue], :4]
     centres = finger.nodes[cells].mean(axis=1)
     palmar = centres[:, 2] < np.median(finger.nodes[:, 2])
     return palmar & np.all(np.abs(centres[:, :2]) < half_mm, axis=1)

@@ -107,7 +107,7 @@ def midline(finger: FingerMesh, displacement: np.ndarray) -> np.ndarray:
 # %%
 def resolution(finger: FingerMesh, radius: float) -> None:
     """Print how the facets under the bar compare with its radius."""
-    skin = finger.nodes[finger.triangles[finger.surface == SURFACES["skin"], :3]]
+    skin = finger.nodes[finger.facets[finger.surface == SURFACES["skin"], :3]]
     near = skin[np.all(np.abs(skin.mean(axis=1)[:, :2]) < 1.5, axis=1)]
     size = float(np.mean([pdist(corners).mean() for corners in near]))
     verdict = "resolved" if size <= radius else "not resolved: the mesh rounds it"

@@ -126,7 +126,7 @@ def drag(finger: Finger, force: float, friction: float, distance: float) -> Iter
 
 
 def _observed(mesh: FingerMesh, now, before, rest, moved, step) -> Drag:
-    triangles = mesh.triangles[mesh.surface == SURFACES["skin"], :3]
+    triangles = mesh.facets[mesh.surface == SURFACES["skin"], :3]
     place = mesh.nodes + now
     touches = place[:, 2] - step.stimulator_mm[2] < TOUCHING_MM
     slid = np.linalg.norm((now - before - moved)[:, :2], axis=1)

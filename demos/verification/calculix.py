@@ -218,7 +218,7 @@ def ours(study: Study, finger: FingerMesh, samples: Samples, size: DeckSize) -> 
     iterations = sum(step.newton_iterations for step in steps)
     seconds = sum(step.wall_s for step in steps)
     work = comm.size, True, len(steps), iterations, seconds, cpu
-    cost = Cost("tactile_fem", size.tets, size.unknowns, *work)
+    cost = Cost("tactile_fem", size.cells, size.unknowns, *work)
     way = [step.depth_mm + step.displacement_mm for step in steps]
     force = np.array([step.force_N for step in steps])
     return cost, Way(np.array(way), force, np.array(sed))
@@ -236,7 +236,7 @@ def theirs(
     protocol, cores = study.protocol, MPI.COMM_WORLD.size
     done = run_deck(deck, cores=cores, timeout=timeout)
     work = cores, done.finished, len(done.leg), done.iterations, done.seconds, done.cpu_seconds
-    cost = Cost("CalculiX", size.tets, size.unknowns, *work)
+    cost = Cost("CalculiX", size.cells, size.unknowns, *work)
     lengths = np.array([protocol.depth_mm, protocol.distance_mm])
     way = np.where(done.leg > 0, protocol.depth_mm, 0.0) + done.share * lengths[done.leg]
     sed = np.array([read_at(samples, cells) for cells in done.sed_kPa])

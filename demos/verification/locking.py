@@ -85,7 +85,7 @@ def pressed(name: str, study: Study, depth: float) -> Row:
     fat = study.tissue.subcutaneous
     return Row(
         name,
-        len(load_finger(study.finger).tets),
+        len(load_finger(study.finger).cells),
         round(bulk_over_shear(fat), 1),
         study.solver.locking_ratio,
         float(press(study, plate).values[0]),

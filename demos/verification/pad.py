@@ -59,11 +59,11 @@ def _tetrahedra(size_mm: float) -> tuple[np.ndarray, np.ndarray]:
 def main(*, size: float = 1.2) -> None:
     """Mesh the pad and print its volume relative to the half ellipsoid; `size` in mm."""
     mesh = half_ellipsoid(size)
-    corners = mesh.nodes[mesh.tets[:, :4]]
+    corners = mesh.nodes[mesh.cells[:, :4]]
     volume = np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6
     exact = 2 / 3 * np.pi * AXES_MM.prod()
     skin = np.count_nonzero(mesh.tissue == TISSUES["epidermis"])
-    print(f"tetrahedra {len(mesh.tets)}, in the skin {skin}, nodes {len(mesh.nodes)}")
+    print(f"tetrahedra {len(mesh.cells)}, in the skin {skin}, nodes {len(mesh.nodes)}")
     print(f"volume {volume:.1f} mm3, {volume / exact:.4f} of the half ellipsoid")
 
 

@@ -90,10 +90,10 @@ class Row:
 # %%
 def with_mirror_image(quarter: FingerMesh) -> FingerMesh:
     """Return the mesh and its mirror image at the plane y = 0."""
-    corners, cells = np.unique(quarter.tets[:, :4], return_inverse=True)
+    corners, cells = np.unique(quarter.cells[:, :4], return_inverse=True)
     nodes = quarter.nodes[corners]
     cells = cells.reshape(-1, 4)
-    triangles = np.searchsorted(corners, quarter.triangles[:, :3])
+    triangles = np.searchsorted(corners, quarter.facets[:, :3])
     shared = np.abs(nodes[:, 1]) < 1e-7
     image = np.arange(len(nodes))
     image[~shared] = len(nodes) + np.arange(np.count_nonzero(~shared))

@@ -203,7 +203,9 @@ def export(
         )
     except OSError as error:
         raise StudyError(f"{deck} cannot be written: {error.strerror}.") from None
-    print(f"{size.tets} tetrahedra, {size.unknowns} unknowns, {size.skin_facets} faces of the skin")
+    print(
+        f"{size.cells} tetrahedra, {size.unknowns} unknowns, {size.skin_facets} faces of the skin"
+    )
     print(f"Written to {deck}")
 
 

@@ -16,7 +16,7 @@ from tactile_fem.errors import PlaceError, StudyError, TactileError
 from tactile_fem.finger import load_finger
 from tactile_fem.finger.report import pad_thickness_mm
 from tactile_fem.finger.scanned import Scans
-from tactile_fem.output import pictures
+from tactile_fem.output import pictures, section
 from tactile_fem.runtime import logs
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.scan.checks import DEEPEST
@@ -25,6 +25,7 @@ from tactile_fem.stimulus import make_body, make_path
 from tactile_fem.study.file import load_study
 
 _ENDINGS = (".gif", ".mp4", ".html")
+_OF_SECTION = (".gif", ".png")
 
 
 def view(
@@ -46,6 +47,9 @@ def view(
     which needs no display.
     """
     found = Results.open(results)
+    if section.is_section(found):
+        _view_section(found, save, at_mm)
+        return
     _check(save, at_mm)
     logs.set_up()
     if save is not None:
@@ -73,6 +77,23 @@ def view(
     print(f"Written to {save}")
 
 
+def _view_section(results: Results, save: Path | None, at_mm: float | None) -> None:
+    """Write the film of a section, or a picture of one moment."""
+    if save is None or save.suffix not in _OF_SECTION:
+        raise StudyError(
+            f'--save is "{save or ""}" but must end in {" or ".join(_OF_SECTION)} for a section.'
+        )
+    if not save.absolute().parent.is_dir():
+        raise StudyError(f'--save is "{save}" but there is no folder {save.parent}.')
+    film = section.SectionFilm(results)
+    if save.suffix == ".gif":
+        section.save_gif(film, save)
+    else:
+        k = film.strongest if at_mm is None else film.nearest(at_mm)
+        write_figure(save, section.moment_figure(film, k))
+    print(f"Written to {save}")
+
+
 def preview(
     study: StudyFile = None,
     /,
@@ -86,8 +107,13 @@ def preview(
         raise StudyError(f'--output is "{output}" but must end in .png.')
     if not output.absolute().parent.is_dir():
         raise StudyError(f'--output is "{output}" but there is no folder {output.parent}.')
-    _check_drawing()
     logs.set_up()
+    if the_study.finger.kind == "section":
+        mesh, body = load_finger(the_study.finger), make_body(the_study.stimulus)
+        write_figure(output, section.layers_figure(mesh, body, (0.0, 0.0, 0.0)))
+        print(f"Written to {output}")
+        return
+    _check_drawing()
     os.environ.pop("DISPLAY", None)  # it might be unreachable
     import pyvista
 

@@ -111,12 +111,12 @@ def _fill(
     inner_loop = _rim(inner)
     if reaches_the_cut:
         bone_loop = _rim(bone_triangles)
-        nodes, annulus = _fill_plane(nodes, [inner_loop, bone_loop], sizes.far)
-        nodes, disc = _fill_plane(nodes, [bone_loop], sizes.far)
+        nodes, annulus = fill_plane(nodes, [inner_loop, bone_loop], sizes.far)
+        nodes, disc = fill_plane(nodes, [bone_loop], sizes.far)
         nodes, fat = _fill_volume(nodes, [inner, bone_triangles, annulus], improve=True)
         nodes, marrow = _fill_volume(nodes, [bone_triangles, disc])
     else:
-        nodes, lid = _fill_plane(nodes, [inner_loop], sizes.far)
+        nodes, lid = fill_plane(nodes, [inner_loop], sizes.far)
         nodes, fat = _fill_volume(nodes, [inner, lid], [bone_triangles], improve=True)
         nodes, marrow = _fill_volume(nodes, [bone_triangles])
     return nodes, fat, marrow
@@ -156,7 +156,7 @@ def _rim(triangles: Triangles) -> NDArray[np.int64]:
     return np.array(loop)
 
 
-def _fill_plane(
+def fill_plane(
     nodes: Array, loops: list[NDArray[np.int64]], size: float
 ) -> tuple[Array, Triangles]:
     """Triangulate the cut plane inside the first loop and outside the second."""

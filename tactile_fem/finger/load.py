@@ -11,6 +11,7 @@ from tactile_fem.finger.build import build_finger
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.msh import read_msh
 from tactile_fem.finger.report import check_mesh
+from tactile_fem.finger.section import build_section
 from tactile_fem.study import Finger
 
 logger = logging.getLogger(__name__)
@@ -45,7 +46,7 @@ def load_finger(finger: Finger) -> FingerMesh:
     if shipped is not None:
         logger.info("finger from %s", shipped.name)
         return read_msh(shipped)
-    return build_finger(finger)
+    return build_section(finger) if finger.kind == "section" else build_finger(finger)
 
 
 def shipped_file(finger: Finger) -> Path | None:

@@ -9,7 +9,7 @@ import meshio
 import numpy as np
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, VTK_ORDER, FingerMesh
+from tactile_fem.finger.mesh_data import FLAT, SOLID, SURFACES, TISSUES, FingerMesh
 from tactile_fem.runtime.files import write_text
 
 
@@ -21,7 +21,8 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
     Parameters
     ----------
     path
-        A mesh in mm of ten-node tetrahedra and six-node triangles.
+        A mesh in mm of ten-node tetrahedra and six-node triangles; of a section, of six-node
+        triangles and three-node lines.
 
     Raises
     ------
@@ -38,19 +39,21 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
             f"cannot read the mesh {path}: it is no .msh file, or damaged ({reason})"
         ) from error
     kinds = {block.type for block in raw.cells}
-    if "tetra10" not in kinds or kinds & {"tetra", "triangle"}:
+    shape = SOLID if SOLID.cell in kinds else FLAT
+    if not {shape.cell, shape.facet} <= kinds or kinds & {"tetra", "triangle"}:
         raise MeshError(
             f"the mesh {path} has cells of type {', '.join(sorted(kinds)) or 'none'}: ten-node "
-            "tetrahedra and six-node triangles are needed (gmsh -order 2)"
+            "tetrahedra and six-node triangles are needed, in a section six-node triangles and "
+            "three-node lines (gmsh -order 2)"
         )
-    tets, tissue = _tagged(raw, "tetra10", 3, TISSUES)
-    triangles, surface = _tagged(raw, "triangle6", 2, SURFACES)
-    used, flat = np.unique(tets, return_inverse=True)
+    cells, tissue = _tagged(raw, shape.cell, shape.dim, TISSUES)
+    facets, surface = _tagged(raw, shape.facet, shape.dim - 1, SURFACES)
+    used, flat = np.unique(cells, return_inverse=True)
     mesh = FingerMesh(
         nodes=np.ascontiguousarray(raw.points[used], dtype=np.float64),
-        tets=flat.reshape(-1, 10)[:, VTK_ORDER].astype(np.int64),
+        cells=flat.reshape(cells.shape)[:, shape.vtk_order].astype(np.int64),
         tissue=tissue,
-        triangles=np.searchsorted(used, triangles[surface > 0]).astype(np.int64),
+        facets=np.searchsorted(used, facets[surface > 0]).astype(np.int64),
         surface=surface[surface > 0],
     )
     if mesh.missing:
@@ -60,11 +63,11 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
         )
     if np.any(tissue == 0):
         raise MeshError(
-            f"{int(np.sum(tissue == 0))} tetrahedra of {path} belong to no tissue; the physical "
-            f"volumes are {', '.join(TISSUES)}"
+            f"{int(np.sum(tissue == 0))} {shape.plural} of {path} belong to no tissue; the "
+            f"physical {'volumes' if shape is SOLID else 'surfaces'} are {', '.join(TISSUES)}"
         )
-    if not np.all(np.isin(triangles[surface > 0], used)):
-        raise MeshError(f"the mesh {path} has surface triangles that are no facets of tetrahedra")
+    if not np.all(np.isin(facets[surface > 0], used)):
+        raise MeshError(f"the mesh {path} has tagged facets that belong to no {shape.plural}")
     return mesh
 
 
@@ -82,7 +85,7 @@ def _tagged(
     if "gmsh:physical" in raw.cell_data:
         groups = raw.get_cell_data("gmsh:physical", kind)
     tagged = np.array([number.get(int(group), 0) for group in groups], dtype=np.int64)
-    return cells.astype(np.int64).reshape(len(cells), {3: 10, 2: 6}[dim]), tagged
+    return cells.astype(np.int64), tagged
 
 
 def write_msh(path: str | os.PathLike[str], mesh: FingerMesh) -> None:
@@ -93,15 +96,19 @@ def write_msh(path: str | os.PathLike[str], mesh: FingerMesh) -> None:
     OSError
         It cannot be written; names `path`.
     """
-    names = [(2, tag, name) for name, tag in SURFACES.items() if np.any(mesh.surface == tag)]
-    names += [(3, tag, name) for name, tag in TISSUES.items() if np.any(mesh.tissue == tag)]
+    shape = mesh.simplex
+    names = [(shape.dim - 1, tag, n) for n, tag in SURFACES.items() if np.any(mesh.surface == tag)]
+    names += [(shape.dim, tag, n) for n, tag in TISSUES.items() if np.any(mesh.tissue == tag)]
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names))]
     lines += [f'{dim} {tag} "{name}"' for dim, tag, name in names]
     lines += ["$EndPhysicalNames", "$Nodes", str(len(mesh.nodes))]
     lines += [f"{i} {x!r} {y!r} {z!r}" for i, (x, y, z) in enumerate(mesh.nodes.tolist(), 1)]
-    lines += ["$EndNodes", "$Elements", str(len(mesh.triangles) + len(mesh.tets))]
+    lines += ["$EndNodes", "$Elements", str(len(mesh.facets) + len(mesh.cells))]
     count = 0
-    for kind, cells, tags in ((9, mesh.triangles, mesh.surface), (11, mesh.tets, mesh.tissue)):
+    for kind, cells, tags in (
+        (shape.gmsh_facet, mesh.facets, mesh.surface),
+        (shape.gmsh_cell, mesh.cells, mesh.tissue),
+    ):
         for cell, tag in zip((cells + 1).tolist(), tags.tolist(), strict=True):
             count += 1
             lines.append(f"{count} {kind} 2 {tag} {tag} {' '.join(map(str, cell))}")

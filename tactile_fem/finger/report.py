@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import (
+    SOLID,
     SURFACES,
-    TET_EDGES,
     TISSUES,
     FingerMesh,
     facets_of,
@@ -19,38 +21,52 @@ from tactile_fem.study import Finger
 
 LAYERS = ("stratum_corneum", "epidermis", "dermis")
 _SMALLEST_MM, _LARGEST_MM = 1.0, 1000.0
+_IN_PLANE_MM = 1e-6
 CONTACT_MM = 3.0  # half the width of the patch in which facets are measured
 PAD_MM = (6.0, 9.0)  # half width and half length in which the layers are measured
 
 
-def volumes(nodes: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the signed volumes (m,) in mm^3 of the tetrahedra spanned by the corners."""
-    a, b, c, d = (nodes[tets[:, i]] for i in range(4))
-    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0
+def volumes(nodes: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the signed volumes (m,) in mm^3 of tetrahedra, or the areas in mm^2 of triangles.
+
+    The nodes are (n, 3) or, in the plane of a section, (n, 2).
+    """
+    dim = nodes.shape[1]
+    edges = nodes[cells[:, 1 : dim + 1]] - nodes[cells[:, :1]]
+    return np.linalg.det(edges) / math.factorial(dim)
 
 
-def gammas(nodes: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return gmsh's quality gamma (m,): three times inradius over circumradius, 1 if regular."""
-    p, q, r = (nodes[tets[:, i]] - nodes[tets[:, 0]] for i in (1, 2, 3))
+def gammas(nodes: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return gmsh's quality gamma (m,): inradius over circumradius, 1 if regular.
+
+    Nodes are (n, 3), or (n, 2) for triangles.
+    """
+    if nodes.shape[1] == 2:
+        corners = nodes[cells[:, :3]]
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        area = np.abs(volumes(nodes, cells))
+        return 16 * area**2 / (sides.sum(axis=1) * sides.prod(axis=1))
+    p, q, r = (nodes[cells[:, i]] - nodes[cells[:, 0]] for i in (1, 2, 3))
     faces = np.array([np.cross(q, r), np.cross(r, p), np.cross(p, q)])
     faces_and_base = np.array([*faces, faces.sum(axis=0)])
     area = np.linalg.norm(faces_and_base, axis=2).sum(axis=0) / 2
     squares = (np.array([p, q, r]) ** 2).sum(axis=2, keepdims=True)
-    volume = np.abs(volumes(nodes, tets))
+    volume = np.abs(volumes(nodes, cells))
     # The inradius is 3 V / A, the circumradius |sum of squares times faces| / (12 V).
     circumradius_12V = np.linalg.norm((squares * faces).sum(axis=0), axis=1)
     return 3 * (3 * volume / area) * (12 * volume / circumradius_12V)
 
 
 def _jacobians(mesh: FingerMesh) -> NDArray[np.float64]:
-    """Return the determinants (m, 10) of the quadratic map at the nodes of each tetrahedron."""
-    corners = np.eye(4)
-    barycentric = np.vstack([corners, 0.5 * (corners[TET_EDGES[:, 0]] + corners[TET_EDGES[:, 1]])])
-    dlambda = np.array([[-1.0, -1.0, -1.0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    result = np.empty((len(mesh.tets), 10))
-    x = mesh.nodes[mesh.tets]
+    """Return the determinants (m, nodes) of the quadratic map at the nodes of each cell."""
+    shape = mesh.simplex
+    one, other = shape.edges.T
+    corners = np.eye(shape.corners)
+    barycentric = np.vstack([corners, 0.5 * (corners[one] + corners[other])])
+    dlambda = np.vstack([-np.ones(shape.dim), np.eye(shape.dim)])
+    result = np.empty(mesh.cells.shape)
+    x = mesh.plane.within(mesh.nodes)[mesh.cells]
     for point, weight in enumerate(barycentric):
-        one, other = TET_EDGES.T
         at_corners = (4.0 * weight - 1.0)[:, None] * dlambda
         at_middles = 4.0 * (weight[one, None] * dlambda[other] + weight[other, None] * dlambda[one])
         slope = np.vstack([at_corners, at_middles])
@@ -64,9 +80,9 @@ def check_mesh(mesh: FingerMesh) -> None:
     Raises
     ------
     MeshError
-        Tetrahedra are inverted, a facet belongs to more than two of them, a tissue or a surface is
-        missing, coordinates are not finite or not in mm, or there is no skin or bone above the
-        contact point.
+        Cells are inverted, a facet belongs to more than two of them, a tissue or a surface is
+        missing, coordinates are not finite or not in mm, a section lies in no plane across or along
+        the finger, or there is no skin or bone above the contact point.
     """
     if mesh.missing:
         raise MeshError(f"the mesh lacks the part {', '.join(mesh.missing)}")
@@ -75,15 +91,18 @@ def check_mesh(mesh: FingerMesh) -> None:
     length = float(np.ptp(mesh.nodes, axis=0).max())
     if not _SMALLEST_MM < length < _LARGEST_MM:
         raise MeshError(f"the mesh is {length:g} mm long, which is no finger: is it in mm?")
+    plane, shape = mesh.plane, mesh.simplex
+    if np.abs(plane.points(plane.within(mesh.nodes)) - mesh.nodes).max() > _IN_PLANE_MM:
+        raise MeshError("the mesh of triangles lies in no plane X = 0 or Y = 0")
     bad = np.flatnonzero(_jacobians(mesh).min(axis=1) <= 0.0)
     if len(bad):
-        where = mesh.nodes[mesh.tets[bad[0], :4]].mean(axis=0)
+        where = mesh.nodes[mesh.cells[bad[0], : shape.corners]].mean(axis=0)
         raise MeshError(
-            f"{len(bad)} tetrahedra have a non-positive Jacobian, the first at "
+            f"{len(bad)} {shape.plural} have a non-positive Jacobian, the first at "
             f"({where[0]:.2f}, {where[1]:.2f}, {where[2]:.2f}) mm"
         )
     try:
-        facets_of(mesh.tets)
+        facets_of(mesh.cells)
     except ValueError as error:
         raise MeshError(f"the mesh is not conforming: {error}") from error
     pad_thickness_mm(mesh)
@@ -99,7 +118,7 @@ def pad_thickness_mm(mesh: FingerMesh) -> float:
     """
     heights = []
     for name in ("skin", "bone_surface"):
-        facets = mesh.nodes[mesh.triangles[mesh.surface == SURFACES[name], :3]]
+        facets = mesh.corners_of(name)
         found = lowest_facet(0.0, 0.0, facets)
         if found is None:
             raise MeshError(f"the mesh has no {name} above the contact point, X = Y = 0")
@@ -110,7 +129,7 @@ def pad_thickness_mm(mesh: FingerMesh) -> float:
 
 def facet_size_mm(mesh: FingerMesh) -> float:
     """Return the mean length in mm of the edges of the skin's facets under the contact patch."""
-    facets = mesh.nodes[mesh.triangles[mesh.surface == SURFACES["skin"], :3]]
+    facets = mesh.corners_of("skin")
     middle = facets.mean(axis=1)
     near = np.all(np.abs(middle[:, :2]) < CONTACT_MM, axis=1) & (middle[:, 2] < CONTACT_MM)
     if not near.any():
@@ -134,11 +153,12 @@ def layer_thickness(mesh: FingerMesh) -> dict[str, NDArray[np.float64]]:
         outer boundary on the pad to the nearest point of its inner boundary. Missing layers are
         left out.
     """
-    facets, first, second = facets_of(mesh.tets)
+    dim = mesh.simplex.dim
+    facets, first, second = facets_of(mesh.cells)
     inner = second >= 0
     one, other = mesh.tissue[first[inner]], mesh.tissue[second[inner]]
     low, high = np.minimum(one, other), np.maximum(one, other)
-    limits = [mesh.triangles[mesh.surface == SURFACES["skin"], :3]]
+    limits = [mesh.facets[mesh.surface == SURFACES["skin"], :dim]]
     for depth in range(1, len(LAYERS) + 1):
         limits.append(facets[inner][(low == depth) & (high == depth + 1)])
     thickness = {}
@@ -151,7 +171,9 @@ def layer_thickness(mesh: FingerMesh) -> dict[str, NDArray[np.float64]]:
 
 
 def _distances(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return distances from points (n, 3) to the nearest of the triangles (m, 3, 3)."""
+    """Return distances from points (n, 3) to the nearest of the triangles or lines (m, d, 3)."""
+    if corners.shape[1] == 2:
+        return _distances_to_lines(points, corners)
     count = min(12, len(corners))
     _, near = cKDTree(corners.mean(axis=1)).query(points, k=count)
     a, b, c = np.moveaxis(corners[near.reshape(len(points), count)], 2, 0)
@@ -170,14 +192,25 @@ def _distances(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDA
     return np.where(beside, rim, height).min(axis=1)
 
 
+def _distances_to_lines(
+    points: NDArray[np.float64], lines: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    start, along = lines[:, 0], lines[:, 1] - lines[:, 0]
+    p = points[:, None] - start
+    t = np.clip(np.sum(p * along, axis=-1) / np.sum(along**2, axis=-1), 0.0, 1.0)
+    return np.linalg.norm(p - t[..., None] * along, axis=-1).min(axis=1)
+
+
 def describe(mesh: FingerMesh, finger: Finger) -> str:
     """Return a table to print: tissues, surfaces and layers, with the study's layers if any."""
-    volume, gamma = volumes(mesh.nodes, mesh.tets), gammas(mesh.nodes, mesh.tets)
-    count = len(mesh.nodes)
+    shape, nodes = mesh.simplex, mesh.plane.within(mesh.nodes)
+    volume, gamma = volumes(nodes, mesh.cells), gammas(nodes, mesh.cells)
+    count = len(nodes)
+    size, unit = ("volume", "mm^3") if shape is SOLID else ("area", "mm^2")
     lines = [
-        f"{len(mesh.tets)} tetrahedra, {count} nodes, {3 * count} displacements, "
-        f"volume {volume.sum():.1f} mm^3",
-        f"{'tissue':<16}{'tets':>8}{'mm^3':>10}{'min gamma':>11}{'mean':>7}",
+        f"{len(mesh.cells)} {shape.plural}, {count} nodes, {shape.dim * count} displacements, "
+        f"{size} {volume.sum():.1f} {unit}",
+        f"{'tissue':<16}{'cells':>8}{unit:>10}{'min gamma':>11}{'mean':>7}",
     ]
     for name, tag in TISSUES.items():
         part = mesh.tissue == tag

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import SURFACES, TRIANGLE_EDGES, FingerMesh, lowest_facet
+from tactile_fem.finger.mesh_data import SURFACES, FingerMesh, Indices, lowest_facet
 
 Array = NDArray[np.float64]
 
@@ -33,8 +33,8 @@ class SkinSurface:
     """
 
     def __init__(self, finger: FingerMesh, xy_mm: ArrayLike) -> None:
-        skin = finger.triangles[finger.surface == SURFACES["skin"]]
-        facets = finger.nodes[skin[:, :3]]
+        skin = finger.facets[finger.surface == SURFACES["skin"]]
+        facets = finger.corners_of("skin")
         found = []
         for x, y in np.asarray(xy_mm, float):
             below = lowest_facet(x, y, facets)
@@ -42,7 +42,8 @@ class SkinSurface:
                 raise StudyError(f"there is no skin at X {x:.2f}, Y {y:.2f} mm")
             found.append(below)
         self._nodes = skin[[facet for facet, _ in found]]
-        self._basis = _quadratic_basis(np.array([weights for _, weights in found]))
+        weights = np.array([weights for _, weights in found])
+        self._basis = _quadratic_basis(weights, finger.simplex.facet_edges)
         self.rest_mm = self.at(finger.nodes)
 
     def at(self, nodal: ArrayLike) -> Array:
@@ -54,7 +55,7 @@ class SkinSurface:
         return self.rest_mm + self.at(displacement_mm)
 
 
-def _quadratic_basis(weights: Array) -> Array:
-    """Return the six P2 functions (k, 6), gmsh's order, at barycentric coordinates (k, 3)."""
-    first, second = TRIANGLE_EDGES.T
+def _quadratic_basis(weights: Array, edges: Indices) -> Array:
+    """Return a facet's P2 functions (k, nodes), gmsh's order, at barycentric coordinates (k, d)."""
+    first, second = edges.T
     return np.hstack([weights * (2 * weights - 1), 4 * weights[:, first] * weights[:, second]])

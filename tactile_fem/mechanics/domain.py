@@ -17,7 +17,8 @@ from dolfinx.io.gmsh import cell_perm_array
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMesh, held_parts
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, held_parts
+from tactile_fem.finger.plane import SPACE, Plane
 from tactile_fem.runtime.parallel import on_root, shared_errors
 
 logger = logging.getLogger(__name__)
@@ -47,6 +48,8 @@ class Domain:
         The file's index of each cell that was given to DOLFINx.
     cell_count
         Number of the file's cells.
+    plane
+        That of a section.
     """
 
     mesh: mesh.Mesh
@@ -57,6 +60,7 @@ class Domain:
     line: np.ndarray
     file_cells: np.ndarray
     cell_count: int
+    plane: Plane = SPACE
 
     @property
     def comm(self) -> MPI.Comm:
@@ -101,23 +105,24 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
     Parameters
     ----------
     finger
-        The mesh, on rank 0; other ranks may pass None.
+        The mesh, on rank 0; other ranks may pass None. A section becomes a two-dimensional mesh.
     held
-        Tissues and surfaces that are fixed. Tetrahedra of fixed tissues are left out: bone is
+        Tissues and surfaces that are fixed. Cells of fixed tissues are left out: bone is
         a million times stiffer than the tissue around it, so a rigid bone changes only the cost.
     """
-    straight, nodes, held_nodes, line, file_cells = on_root(comm, lambda: _plan(finger, held))
+    straight, plane, held_nodes, line, file_cells = on_root(comm, lambda: _plan(finger, held))
+    nodes = on_root(comm, lambda: plane.within(finger.nodes))
     dim, degree = nodes.shape[1], 1 if straight else 2
     cell, facet = _SIMPLEX[dim], _SIMPLEX[dim - 1]
     corners, sides = math.comb(dim + degree, degree), math.comb(dim - 1 + degree, degree)
     if comm.rank == 0:
-        tets = finger.tets[file_cells]
-        used = np.unique(tets[:, :corners])
+        given = finger.cells[file_cells]
+        used = np.unique(given[:, :corners])
         index = np.full(len(finger.nodes), -1)
         index[used] = np.arange(len(used))
-        x = finger.nodes[used]
-        cells = index[tets[:, cell_perm_array(cell, corners)]]
-        facets = index[finger.triangles[:, :sides]]
+        x = nodes[used]
+        cells = index[given[:, cell_perm_array(cell, corners)]]
+        facets = index[finger.facets[:, :sides]]
         facets = facets[:, cell_perm_array(facet, sides)]
         present = np.all(facets >= 0, axis=1)
         facets, surface = facets[present], finger.surface[present]
@@ -136,23 +141,24 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
         held_nodes,
         line,
         file_cells,
-        comm.bcast(len(finger.tets) if comm.rank == 0 else None),
+        comm.bcast(len(finger.cells) if comm.rank == 0 else None),
+        plane,
     )
 
 
 def _plan(
     finger: FingerMesh, held: Sequence[str]
-) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return straightness, nodes, held nodes, lines and deformable cells; on rank 0."""
+) -> tuple[bool, Plane, np.ndarray, np.ndarray, np.ndarray]:
+    """Return straightness, plane, held nodes, lines and deformable cells; on rank 0."""
     rigid, held_nodes = held_parts(finger, held)
-    return _is_straight(finger), finger.nodes, held_nodes, _lines(finger), np.flatnonzero(~rigid)
+    return _is_straight(finger), finger.plane, held_nodes, _lines(finger), np.flatnonzero(~rigid)
 
 
 def _lines(finger: FingerMesh) -> np.ndarray:
     """Return the nearest skin node for each node of the skin's layers, -1 for deeper nodes."""
     layers = [TISSUES[name] for name in ("stratum_corneum", "epidermis", "dermis")]
-    inside = np.unique(finger.tets[np.isin(finger.tissue, layers)])
-    skin = np.unique(finger.triangles[finger.surface == SURFACES["skin"]])
+    inside = np.unique(finger.cells[np.isin(finger.tissue, layers)])
+    skin = np.unique(finger.facets[finger.surface == SURFACES["skin"]])
     line = np.full(len(finger.nodes), -1)
     line[inside] = skin[cKDTree(finger.nodes[skin]).query(finger.nodes[inside])[1]]
     return line
@@ -160,9 +166,9 @@ def _lines(finger: FingerMesh) -> np.ndarray:
 
 def _is_straight(finger: FingerMesh) -> bool:
     """Return whether every mid-node halves its edge."""
-    points = finger.nodes[finger.tets]
-    middle = points[:, TET_EDGES].mean(axis=2)
-    return bool(np.abs(points[:, 4:] - middle).max() < 1e-9)
+    shape, points = finger.simplex, finger.nodes[finger.cells]
+    middle = points[:, shape.edges].mean(axis=2)
+    return bool(np.abs(points[:, shape.corners :] - middle).max() < 1e-9)
 
 
 def _tags(

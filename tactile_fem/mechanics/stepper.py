@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactile_fem.errors import ConvergenceError
+from tactile_fem.finger.plane import SPACE, Plane
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.newton import SolveReport
 from tactile_fem.mechanics.problem import FingerProblem
@@ -86,6 +87,8 @@ class Step(Load):
 class Stepper:
     """The path as a sequence of accepted steps.
 
+    The problem of a section knows its plane's two axes only; the path and the steps have three.
+
     A step that fails is halved. The guess for a step extrapolates the last one of the same piece,
     which spares Newton about half its iterations.
 
@@ -97,15 +100,20 @@ class Stepper:
         Where the body goes.
     solver
         Bounds of the steps.
+    plane
+        That of a section.
     """
 
-    def __init__(self, problem: FingerProblem, path: Path, solver: Solver) -> None:
+    def __init__(
+        self, problem: FingerProblem, path: Path, solver: Solver, plane: Plane = SPACE
+    ) -> None:
         self.problem, self._state = problem, problem.state
+        self._plane = plane
         self._path, self._solver = path, solver
         longest = solver.max_slide_step_mm, solver.max_press_step_mm
         self._weights = [motion.least_steps(*longest) for _, motion in path.plan()]
         self._discarded: list[SolveReport] = []
-        self._state.place(path.start_mm)
+        self._state.place(self._plane.within(path.start_mm))
         self._begin(0, start_s=0.0, slid_mm=0.0, indenting=True, index=0)
 
     def __iter__(self) -> Iterator[Step]:
@@ -159,7 +167,7 @@ class Stepper:
     def _begin(
         self, piece: int, *, start_s: float, slid_mm: float, indenting: bool, index: int
     ) -> None:
-        start = self._state.translation_old.value.copy()
+        start = self._place_mm()
         self._motion = self._path.pieces[piece](start)
         control = self._control(self._motion)
         indenting = indenting and self._motion.indents
@@ -193,17 +201,17 @@ class Stepper:
             raise self._failure("the force is not reached at the deepest position")
         logger.info(
             "%.4f N are reached at a depth of %.4f mm",
-            self._state.force_old_N[2],
-            self._state.translation_old.value[2],
+            self._state.force_old_N[-1],
+            self._state.translation_old.value[-1],
         )
 
     def _warn_without_contact(self) -> None:
         """Warn if the indentation ends without contact."""
-        if self._progress.indenting and not self._state.force_old_N[2]:
+        if self._progress.indenting and not self._state.force_old_N[-1]:
             logger.warning(
                 "the press ends at %.4g mm without contact: no raised part of the stimulator lies "
                 "under the pad, or the depth is too small",
-                self._state.translation_old.value[2],
+                self._state.translation_old.value[-1],
             )
 
     # --- one step ------------------------------------------------------------------------------
@@ -215,7 +223,7 @@ class Stepper:
         target = control.target_s(longest)
         dt = target - control.time_s
         self._predict(dt)
-        place = motion.place(target)
+        place = self._plane.within(motion.place(target))
         if motion.held_N is None:
             report, load = self._solve(place, dt)
         else:
@@ -244,9 +252,10 @@ class Stepper:
         progress.index += 1
         solves = (*self._discarded, report)
         discarded, self._discarded = tuple(self._discarded), []
-        place = self._state.translation_old.value.copy()
+        place, plane = self._place_mm(), self._plane
+        force, moment = plane.vectors(load.force_N), plane.moment(load.moment_Nmm)
         return Step(
-            **vars(load),
+            **vars(replace(load, force_N=force, moment_Nmm=moment)),
             index=progress.index,
             phase=self._motion.phase,
             indenting=progress.indenting,
@@ -263,6 +272,10 @@ class Stepper:
             fraction=self._fraction(),
             wall_s=time.perf_counter() - started,
         )
+
+    def _place_mm(self) -> np.ndarray:
+        """Return where the body is after the last accepted step, (3,)."""
+        return self._plane.vectors(self._state.translation_old.value)
 
     def _predict(self, dt_s: float) -> None:
         state = self._state
@@ -296,16 +309,16 @@ class Stepper:
         Its height follows by the secant method. The first guess goes on as in the last step.
         """
         state, most = self._state, self._solver.max_press_step_mm
-        z = state.translation_old.value[2]
+        z = state.translation_old.value[-1]
         if state.dt_old_s:
-            z += (dt_s / state.dt_old_s) * (z - state.translation_before[2])
+            z += (dt_s / state.dt_old_s) * (z - state.translation_before[-1])
         stiffness = self._progress.stiffness_N_mm or _FIRST_STIFFNESS_N_MM
         tried: list[tuple[float, float]] = []
         for _ in range(_MOST_FORCE_SOLVES):
-            report, load = self._solve(np.array([place[0], place[1], z]), dt_s)
+            report, load = self._solve(np.array([*place[:-1], z]), dt_s)
             if load is None:
                 return report, None
-            force = float(load.force_N[2])
+            force = float(load.force_N[-1])
             if tried and (force - tried[-1][1]) * (z - tried[-1][0]) > 0:
                 stiffness = (force - tried[-1][1]) / (z - tried[-1][0])
             if abs(force - force_N) <= _FORCE_TOLERANCE * force_N:
@@ -320,14 +333,14 @@ class Stepper:
     def _note_stiffness(self, load: Load) -> None:
         """Note how the normal force grew with the depth in a step towards the finger."""
         state = self._state
-        gained = load.force_N[2] - state.force_old_N[2]
-        deeper = state.translation.value[2] - state.translation_old.value[2]
+        gained = load.force_N[-1] - state.force_old_N[-1]
+        deeper = state.translation.value[-1] - state.translation_old.value[-1]
         if self._motion.held_N is None and gained * deeper > 0:
             self._progress.stiffness_N_mm = float(gained / deeper)
 
     def _fits_force(self, target_s: float, load: Load, force_N: float) -> bool:
         """Accept a press that does not overshoot the force; else aim by the secant."""
-        reached, before = float(load.force_N[2]), float(self._state.force_old_N[2])
+        reached, before = float(load.force_N[-1]), float(self._state.force_old_N[-1])
         if reached <= force_N * (1 + _FORCE_TOLERANCE):
             return True
         control = self._progress.control
@@ -343,7 +356,7 @@ class Stepper:
 
     def _short_of(self, force_N: float) -> bool:
         """Return whether the normal force of the last accepted step is less."""
-        return bool(self._state.force_old_N[2] < force_N * (1 - _FORCE_TOLERANCE))
+        return bool(self._state.force_old_N[-1] < force_N * (1 - _FORCE_TOLERANCE))
 
     # --- reports -------------------------------------------------------------------------------
 
@@ -354,10 +367,10 @@ class Stepper:
         return (done + share * self._weights[progress.piece]) / sum(self._weights)
 
     def _failure(self, reason: str) -> ConvergenceError:
-        progress, place = self._progress, self._state.translation_old.value.copy()
+        progress = self._progress
         return stopped(
             self._motion.phase,
-            place,
+            self._place_mm(),
             progress.slid_mm + self._slid_mm(),
             reason,
             "a finer mesh, rounder edges, less friction or a longer tissue.viscous_time_s",

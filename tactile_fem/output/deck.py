@@ -93,7 +93,7 @@ class Penalty:
 class DeckSize:
     """Number of tetrahedra, of free displacement components and of faces of the slave surface."""
 
-    tets: int
+    cells: int
     unknowns: int
     skin_facets: int
 
@@ -146,12 +146,12 @@ def write_deck(
     motions = [motion for _, motion in way.plan()]
     rigid, fixed = held_parts(finger, study.solver.held)
     deformable = np.flatnonzero(~rigid)
-    used = np.unique(finger.tets[deformable])
+    used = np.unique(finger.cells[deformable])
     held = used[fixed[used]]
     if not len(held):
         raise StudyError(f"solver.held = {list(study.solver.held)}: nothing of the mesh is held")
-    skin = finger.triangles[finger.surface == SURFACES["skin"], :3]
-    faces = _element_faces(finger.tets, skin)
+    skin = finger.facets[finger.surface == SURFACES["skin"], :3]
+    faces = _element_faces(finger.cells, skin)
     contact = penalty or Penalty.of(study, finger)
     body = make_body(study.stimulus)
     field = height_field(body, way.places_mm(), finger.nodes[skin], grid_mm)
@@ -168,7 +168,7 @@ def write_deck(
     lines += _finger_lines(finger, deformable, used, held, present)
     if energy_of is not None:
         lines += ["*ELSET, ELSET=FELT", *_listed(energy_of + 1)]
-    lines += _stimulator_lines(field, len(finger.nodes), len(finger.tets))
+    lines += _stimulator_lines(field, len(finger.nodes), len(finger.cells))
     for name in present:
         lines += material_lines(name, getattr(study.tissue, name))
     lines += _contact_lines(faces, study.stimulus.friction, contact, code)
@@ -211,7 +211,7 @@ def _finger_lines(
     for name in present:
         own = deformable[finger.tissue[deformable] == TISSUES[name]]
         lines.append(f"*ELEMENT, TYPE=C3D10, ELSET={name.upper()}")
-        lines += _rows(own, finger.tets[own][:, VTK_ORDER] + 1)
+        lines += _rows(own, finger.cells[own][:, VTK_ORDER] + 1)
         lines.append(f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}")
     return [*lines, "*NSET, NSET=HELD", *_listed(held + 1), "*BOUNDARY", "HELD, 1, 3"]
 

@@ -16,19 +16,11 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from tactile_fem.finger.mesh_data import TISSUES
+from tactile_fem.output.colours import COLOURS, RIGID
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 
-COLOURS = {
-    "stratum_corneum": "#E7C6A5",
-    "epidermis": "#A8683F",
-    "dermis": "#C8553D",
-    "subcutaneous": "#F2DFA7",
-    "bone": "#B9C0C6",
-    "nail": "#7FB0BF",
-}
-RIGID = ("bone", "nail")
 _RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
 RELIEF_STYLE = {"scalars": "height_mm", "cmap": _RELIEF, "smooth_shading": True}
 RIM_STYLE = {"color": "black", "line_width": 1.5}

@@ -19,6 +19,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_fem.output import section
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.extrema import central_receptor, extrema
 from tactile_fem.output.plots import TIME
@@ -49,6 +50,8 @@ def draw_pictures(results: Results) -> list[Path]:
 
     All errors are logged as warnings, because pictures are less important than the data.
     """
+    if section.is_section(results):
+        return _draw_section(results)
     reason = can_draw()
     if reason is None and not read_series(results.fields)[1]:
         reason = "There are no field files: 3-D pictures are skipped."
@@ -71,6 +74,19 @@ def draw_pictures(results: Results) -> list[Path]:
             last,
         )
     return [Path(line) for line in done.stdout.splitlines() if Path(line).is_file()]
+
+
+def _draw_section(results: Results) -> list[Path]:
+    film = section.SectionFilm(results)
+    chosen = choose_states(results.trace, read_series(results.fields)[0])
+    over_time = film.label == TIME
+    results.figures.mkdir(exist_ok=True)
+    paths = []
+    for k in (section.BETWEEN * state for state in chosen):
+        name = f"{film[k].time_s:06.3f}_s" if over_time else f"{film[k].displacement_mm:05.2f}"
+        paths.append(results.figures / f"deformation_{name}.png")
+        write_figure(paths[-1], section.moment_figure(film, k))
+    return paths
 
 
 def _environment() -> dict[str, str]:

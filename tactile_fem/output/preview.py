@@ -82,7 +82,7 @@ def scans_figure(scans: Scans, place_mm: Sequence[float]) -> Figure:
 
 
 def _from_the_side(finger: FingerMesh, stimulator: pv.PolyData) -> NDArray[np.uint8]:
-    solid = pv.UnstructuredGrid({pv.CellType.TETRA: finger.tets[:, :4]}, finger.nodes)
+    solid = pv.UnstructuredGrid({pv.CellType.TETRA: finger.cells[:, :4]}, finger.nodes)
     solid["tissue"] = finger.tissue
     plotter = drawing.off_screen(_WIDE)
     for name, part in drawing.parts(solid):

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, lowest_facet
+from tactile_fem.finger.mesh_data import TISSUES, FingerMesh, lowest_facet
+from tactile_fem.receptors.tips import TIPS, tips
 from tactile_fem.study import Afferents, Receptors, Study
 
 _MOST = 100_000
@@ -23,7 +24,7 @@ class Samples:
     Attributes
     ----------
     receptor, cell
-        Index of the receptor and of the tetrahedron in the mesh, (samples,).
+        Index of the receptor and of the cell in the mesh, (samples,).
     tissue
         Tag of the tissue that is felt, (samples,).
     point
@@ -110,14 +111,49 @@ def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
     Raises
     ------
     StudyError
-        If a receptor's X, Y lies outside the finger, or there are far too many.
+        If a receptor's X, Y lies outside the finger, there are far too many, or they are not laid
+        out in the plane of a section.
     """
     _check_count(receptors)
     facets = _sheet(receptors, finger)
+    if not finger.plane.is_space:
+        return _along_section(receptors, finger, facets)
+    if receptors.placement in TIPS:
+        raise StudyError(
+            f'receptors.placement = "{receptors.placement}" needs a section with papillae: '
+            'finger.kind = "section" and finger.papilla_depth_mm'
+        )
     if receptors.placement == "afferents":
         spread, extra = _spread(receptors, facets), receptors.extra_mm
         return np.array([*spread, *(_lift(x, y, facets)[0] for x, y in extra)])
     return np.array([_lift(x, y, facets)[0] for x, y in _layout(receptors)])
+
+
+def _along_section(receptors: Receptors, finger: FingerMesh, facets: np.ndarray) -> np.ndarray:
+    """Return the receptors' positions in a section."""
+    plane = finger.plane
+    if receptors.end_organs > 1:
+        raise StudyError(
+            f"receptors.end_organs = {receptors.end_organs} do not lie in the plane of a section: "
+            "use 1"
+        )
+    along, reach = plane.axes[0], (receptors.half_width_mm, receptors.half_length_mm)
+    if receptors.placement in TIPS:
+        found = tips(finger, receptors.placement)
+        return found[np.abs(found[:, along]) <= reach[along]]
+    if receptors.placement != "line":
+        raise StudyError(
+            f'receptors.placement = "{receptors.placement}" does not lie in a section: '
+            'use "line", "intermediate_ridges" or "papillae"'
+        )
+    line = _symmetric(reach[along], receptors.spacing_mm)[:, None]
+    xy = np.concatenate([plane.points(np.hstack([line, 0 * line]))[:, :2], _extra(receptors)])
+    return np.array([_lift(x, y, facets)[0] for x, y in xy])
+
+
+def _extra(receptors: Receptors) -> np.ndarray:
+    """Return X, Y of the receptors that are given one by one, (n, 2)."""
+    return np.reshape(receptors.extra_mm, (-1, 2))
 
 
 def _spread(receptors: Receptors, facets: np.ndarray) -> list[np.ndarray]:
@@ -161,7 +197,7 @@ def _layout(receptors: Receptors) -> np.ndarray:
         count = max(1, round(receptors.density_per_cm2 * area_cm2))
         random = np.random.default_rng(receptors.seed)
         xy = random.uniform(-1, 1, (count, 2)) * half
-    return np.concatenate([xy, np.reshape(receptors.extra_mm, (-1, 2))])
+    return np.concatenate([xy, _extra(receptors)])
 
 
 def _check_count(receptors: Receptors) -> None:
@@ -186,7 +222,7 @@ def _symmetric(half: float, spacing: float) -> np.ndarray:
 
 
 def _lift(x: float, y: float, facets: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the lowest point of the interface over (x, y), and its area per area of the plane."""
+    """Return the lowest point of the interface over (x, y), and its area per area in X and Y."""
     found = lowest_facet(x, y, facets)
     if found is None:
         raise StudyError(
@@ -195,30 +231,33 @@ def _lift(x: float, y: float, facets: np.ndarray) -> tuple[np.ndarray, float]:
         )
     facet, weights = found
     corners = facets[facet]
-    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-    stretch = float(np.linalg.norm(normal) / abs(normal[2]))
-    return np.array([x, y, weights @ corners[:, 2]]), stretch
+    edges = corners[1:] - corners[0]
+    # Of a section's line it is the length per length along the plane.
+    stretch = np.sqrt(np.linalg.det(edges @ edges.T) / np.linalg.det(edges[:, :2] @ edges[:, :2].T))
+    return np.array([x, y, weights @ corners[:, 2]]), float(stretch)
 
 
 def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> Samples:
-    """Return the points of one tissue within the receptors' balls, and their tetrahedra.
+    """Return the points of one tissue within the receptors' balls, and their cells.
 
-    Points lie on a cubic lattice of a third of the radius; with radius 0 the receptor itself is
-    the only point. Where cells meet, the one with the lowest index counts, so that the answer
-    does not depend on the partition.
+    Points lie on a cubic lattice of a third of the radius, in a section on a square one; with
+    radius 0 the receptor itself is the only point. Where cells meet, the one with the lowest index
+    counts, so that the answer does not depend on the partition.
     """
     tag = TISSUES[receptors.side]
     cells = np.flatnonzero(finger.tissue == tag)
-    corners = finger.nodes[finger.tets[cells, :4]]
+    plane = finger.plane
+    corners = plane.within(finger.nodes[finger.cells[cells, : finger.simplex.corners]])
     low, high = corners.min(axis=1), corners.max(axis=1)
     radius = receptors.average_radius_mm
-    offsets = _lattice(radius)
+    offsets = _lattice(radius, len(plane.axes))
     found = []
     for number, position in _end_organs(receptors, positions, finger):
+        at = plane.within(position)
         near = np.flatnonzero(
-            np.all((low <= position + radius + 1e-6) & (high >= position - radius - 1e-6), axis=1)
+            np.all((low <= at + radius + 1e-6) & (high >= at - radius - 1e-6), axis=1)
         )
-        points = position + offsets
+        points = at + offsets
         least = _least_barycentric(points, corners[near])
         inside = least >= -1e-6
         hit = inside.any(axis=1)
@@ -231,7 +270,7 @@ def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> S
         first = near[inside[hit].argmax(axis=1)]
         ones = np.ones(len(first), dtype=int)
         weight = ones / (len(first) * receptors.end_organs)
-        found.append((number * ones, cells[first], tag * ones, points[hit], weight))
+        found.append((number * ones, cells[first], tag * ones, plane.points(points[hit]), weight))
     return Samples(*map(np.concatenate, zip(*found, strict=True)))
 
 
@@ -249,27 +288,26 @@ def _end_organs(
 
 
 def _sheet(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
-    """Return the corners (m, 3, 3) of the facets on which receptors lie.
+    """Return the corners (m, 3, 3) or (m, 2, 3) of the facets on which receptors lie.
 
     They are those of the epidermis-dermis interface, or the skin's, moved by the depth.
     """
     name = "interface" if receptors.below_skin_mm is None else "skin"
     depth = receptors.below_skin_mm or 0.0
-    facets = finger.triangles[finger.surface == SURFACES[name], :3]
-    return finger.nodes[facets] + np.array([0.0, 0.0, depth])
+    return finger.corners_of(name) + np.array([0.0, 0.0, depth])
 
 
-def _lattice(radius: float) -> np.ndarray:
-    """Return the lattice points of a ball of `radius` about the origin, (n, 3)."""
+def _lattice(radius: float, dim: int) -> np.ndarray:
+    """Return the lattice points of a ball of `radius` about the origin, (n, dim)."""
     if radius == 0:
-        return np.zeros((1, 3))
+        return np.zeros((1, dim))
     line = (np.arange(6) - 2.5) / 3 * radius
-    points = np.stack(np.meshgrid(line, line, line, indexing="ij"), -1).reshape(-1, 3)
+    points = np.stack(np.meshgrid(*[line] * dim, indexing="ij"), -1).reshape(-1, dim)
     return points[np.linalg.norm(points, axis=1) <= radius]
 
 
 def _least_barycentric(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return the least barycentric coordinate of each point in each tet, (points, tets)."""
+    """Return the least barycentric coordinate of each point in each cell, (points, cells)."""
     edges = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
     delta = points[:, None, :] - corners[None, :, 0]
     local = np.einsum("tij,ptj->pti", np.linalg.inv(edges), delta)

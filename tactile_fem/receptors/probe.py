@@ -21,7 +21,7 @@ from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.receptors import Samples
 
 _KPA_PER_MPA = 1000.0
-_COUNT = 20
+_COUNT = 17
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,9 @@ class Probe:
     def __init__(self, problem: FingerProblem, samples: Samples, count: int) -> None:
         self._comm = problem.domain.comm
         self._mesh = problem.domain.mesh
-        element = basix.ufl.element("DG", "tetrahedron", 3).basix_element
+        self._plane = problem.domain.plane
+        cell = self._mesh.topology.cell_name()
+        element = basix.ufl.element("DG", cell, 3).basix_element
         self.nodes = element.points
         count_in_cell = len(self.nodes)
 
@@ -82,7 +84,7 @@ class Probe:
         mine = np.array([int(c) in owner for c in samples.cell], dtype=bool)
         local = np.array([owner[int(c)] for c in samples.cell[mine]], dtype=np.int32)
         self.cells, column = np.unique(local, return_inverse=True)
-        basis = self._basis(element, local, samples.point[mine])
+        basis = self._basis(element, local, self._plane.within(samples.point[mine]))
         rows = np.repeat(samples.receptor[mine], count_in_cell)
         columns = (column[:, None] * count_in_cell + np.arange(count_in_cell)).ravel()
         weights = (samples.weight[mine, None] * basis).ravel()
@@ -98,34 +100,37 @@ class Probe:
     def _basis(self, element: object, cells: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the nodal basis at physical points, (points, nodes)."""
         geometry = self._mesh.geometry
-        reference = np.empty((len(cells), 3))
+        dim = points.shape[1]
+        reference = np.empty((len(cells), dim))
         for cell in np.unique(cells):
             inside = cells == cell
-            corners = geometry.x[geometry.dofmaps[0][cell]]
+            corners = geometry.x[geometry.dofmaps[0][cell], :dim]
             reference[inside] = geometry.cmaps[0].pull_back(points[inside], corners)
         return element.tabulate(0, reference)[0, :, :, 0]
 
     def read(self) -> ReceptorState:
         """Return what the receptors feel at the problem's present displacement."""
         with common.Timer("tactile: probe"):
-            nodal = np.zeros((len(self.cells), len(self.nodes), _COUNT))
+            count = _COUNT + len(self._plane.axes)
+            nodal = np.zeros((len(self.cells), len(self.nodes), count))
             for fields, own in self._fields:
                 if len(own):
                     nodal[own] = fields.eval(self._mesh, self.cells[own]).reshape(
-                        len(own), -1, _COUNT
+                        len(own), -1, count
                     )
-            values = self.weights @ nodal.reshape(-1, _COUNT)
+            values = self.weights @ nodal.reshape(-1, count)
             self._comm.Allreduce(MPI.IN_PLACE, values)
         C = values[:, 2:11].reshape(-1, 3, 3)
         stretches = np.sqrt(np.linalg.eigvalsh((C + np.swapaxes(C, 1, 2)) / 2))
         stresses = _principal(values[:, 11:17])
-        return ReceptorState(values[:, 17:], values[:, 0], values[:, 1], stretches, stresses)
+        moved = self._plane.vectors(values[:, _COUNT:])
+        return ReceptorState(moved, values[:, 0], values[:, 1], stretches, stresses)
 
 
 def _fields(problem: FingerProblem, tissue: str) -> Expr:
-    """Return what is felt in a tissue, `_COUNT` numbers.
+    """Return what is felt in a tissue, `_COUNT` numbers and the displacement's components.
 
-    Energy, von Mises stress, C (9), Cauchy's stress (6), displacement (3).
+    Energy, von Mises stress, C (9), Cauchy's stress (6).
     """
     F = deformation_gradient(problem.u)
     W = problem.elasticity.energy(tissue)
@@ -141,7 +146,7 @@ def _fields(problem: FingerProblem, tissue: str) -> Expr:
             _KPA_PER_MPA * von_mises,
             *(C[i, j] for i in range(3) for j in range(3)),
             *(_KPA_PER_MPA * sigma[i, j] for i in range(3) for j in range(i + 1)),
-            *(problem.u[i] for i in range(3)),
+            *(problem.u[i] for i in range(len(problem.u))),
         ]
     )
 
@@ -169,7 +174,8 @@ class CellEnergy:
         domain = problem.domain
         self._comm, self._mesh = domain.comm, domain.mesh
         self._count = domain.cell_count
-        points, weights = basix.make_quadrature(basix.CellType.tetrahedron, 2)
+        cell = getattr(basix.CellType, self._mesh.topology.cell_name())
+        points, weights = basix.make_quadrature(cell, 2)
         self._weights = _KPA_PER_MPA * weights / weights.sum()
         owned = domain.owned_file_cells()
         self._parts = []

@@ -12,11 +12,14 @@ from tactile_fem.finger.anatomy import Anatomy
 from tactile_fem.finger.build import layering
 from tactile_fem.finger.load import load_finger, shipped_file
 from tactile_fem.finger.mesh_data import FingerMesh
+from tactile_fem.finger.plane import AXES, PLANES, Plane
 from tactile_fem.finger.report import facet_size_mm, pad_thickness_mm
+from tactile_fem.finger.section import section_sizes
 from tactile_fem.finger.skin import PRESETS, sizes_of
 from tactile_fem.neuron import populations_of
 from tactile_fem.receptors import place_all
 from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
+from tactile_fem.stimulus.make import outlines
 from tactile_fem.stimulus.relief import make_relief
 from tactile_fem.stimulus.roughness import Roughness
 from tactile_fem.study import Finger, Protocol, Study, Surface
@@ -49,12 +52,17 @@ def check_study(study: Study) -> None:
         if not finger.is_scanned:
             thickness = finger.pad_thickness_mm
             check_depth(study.protocol, make_path(study.protocol, DEEPEST * thickness), thickness)
+    if finger.kind == "section":
+        plane = Plane(PLANES[finger.plane])
+        section_sizes(finger)
+        check_section(study, make_path(study.protocol, DEEPEST * finger.pad_thickness_mm), plane)
     if finger.mesh_file is not None or shipped_file(finger) is not None:
         mesh = _loaded(finger)
         thickness = pad_thickness_mm(mesh)
         path = make_path(study.protocol, DEEPEST * thickness)
         check_depth(study.protocol, path, thickness)
         check_apart(body, path, mesh)
+        check_section(study, path, mesh.plane)
         place_all(study, mesh)
 
 
@@ -90,6 +98,35 @@ def check_apart(body: RigidBody, path: Path, finger: FingerMesh) -> None:
         raise StudyError(
             f"stimulus: it starts {-gap[worst]:.3g} mm inside the finger, at X {x:.1f}, Y {y:.1f}, "
             f"Z {z:.1f} mm; the finger must lie above its highest plane, Z = {path.start_mm[2]:g}"
+        )
+
+
+def check_section(study: Study, path: Path, plane: Plane, *, own_body: bool = False) -> None:
+    """Refuse a path that leaves the plane of a section, and letters that it does not cut.
+
+    Raises
+    ------
+    StudyError
+        One or the other.
+    """
+    if plane.is_space:
+        return
+    across, name = plane.across, f"{AXES[plane.across]} = {plane.at_mm:g}"
+    off = np.abs(path.places_mm()[:, across]).max()
+    if off > _TOUCH_TOLERANCE_MM:
+        along = "Y" if across == 0 else "X"
+        raise StudyError(
+            f"protocol: its path leaves the section's plane, {name}, by {off:.3g} mm; slide along "
+            f"{along} only, for example protocol.path with by_mm = "
+            f"{'[0, -10]' if across == 0 else '[10, 0]'}, or choose another finger.plane"
+        )
+    shapes = [] if own_body else outlines(study.stimulus)
+    ends = [(b[across], b[across + 2]) for b in (shape.bounds for shape in shapes)]
+    if shapes and not any(low < plane.at_mm < high for low, high in ends):
+        raise StudyError(
+            f"stimulus: the section's plane, {name}, cuts none of its raised parts, which lie "
+            f"between {AXES[across]} {min(e[0] for e in ends):.3g} and "
+            f"{max(e[1] for e in ends):.3g} mm; choose another stimulus.shift_mm"
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import VTK_ORDER
+from tactile_fem.finger.mesh_data import simplex_of
 from tactile_fem.runtime.files import atomic_write, write_text
 
 SERIES = "deformation.pvd"
@@ -25,16 +25,17 @@ class FieldWriter:
         Folder of ``deformation_0000.vtu`` ... and ``deformation.pvd``; created when needed.
     nodes
         (n, 3) undeformed nodes in mm.
-    tets
-        (m, 10) nodes of each tetrahedron in gmsh's order.
+    cells
+        (m, 10) nodes of each tetrahedron, or (m, 6) of each triangle of a section, in gmsh's order.
     tissue
         (m,) tags.
     """
 
-    def __init__(self, folder: Path, nodes: ArrayLike, tets: ArrayLike, tissue: ArrayLike) -> None:
+    def __init__(self, folder: Path, nodes: ArrayLike, cells: ArrayLike, tissue: ArrayLike) -> None:
         self.folder = folder
         self.nodes = np.asarray(nodes, dtype=np.float32)
-        self.tets = np.asarray(tets)[:, VTK_ORDER]
+        self._shape = shape = simplex_of(np.asarray(cells))
+        self.cells = np.asarray(cells)[:, shape.vtk_order]
         self.tissue = np.asarray(tissue, dtype=np.int32)
         self._series: list[tuple[float, str]] = []
 
@@ -53,7 +54,7 @@ class FieldWriter:
         path = self.folder / f"deformation_{len(self._series):04d}.vtu"
         mesh = meshio.Mesh(
             self.nodes,
-            [("tetra10", self.tets)],
+            [(self._shape.cell, self.cells)],
             point_data={"displacement_mm": np.asarray(displacement_mm, dtype=np.float32)},
             cell_data={
                 "sed_kPa": [np.asarray(sed_kPa, dtype=np.float32)],

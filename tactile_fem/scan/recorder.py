@@ -70,7 +70,7 @@ class Recorder:
         self._mesh = on_root(self._comm, lambda: _measured(finger))
         self._compiled_by = on_root(self._comm, compiled_by)
         self._fields = (
-            FieldWriter(results.fields, finger.nodes, finger.tets, finger.tissue)
+            FieldWriter(results.fields, finger.nodes, finger.cells, finger.tissue)
             if finger is not None and self._comm.rank == 0
             else None
         )
@@ -92,7 +92,8 @@ class Recorder:
 
         def write() -> None:
             if sed is not None and self._fields is not None:
-                self._fields.write(float(trace.time_s[-1]), state["u"], sed)
+                moved = self._problem.domain.plane.vectors(state["u"])
+                self._fields.write(float(trace.time_s[-1]), moved, sed)
             self._results.save_trace(**trace.arrays())
             self._results.save_checkpoint(
                 **self._origin.stamp(),
@@ -187,7 +188,7 @@ def _measured(finger: FingerMesh) -> dict[str, Any]:
     """Return the measures of a mesh."""
     return {
         "hash": finger.hash,
-        "tetrahedra": len(finger.tets),
+        finger.simplex.plural: len(finger.cells),
         "pad_thickness_mm": pad_thickness_mm(finger),
         "layers_mm": measured_layers_mm(finger),
     }

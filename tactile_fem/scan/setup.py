@@ -21,9 +21,16 @@ from tactile_fem.neuron import Population, populations_of
 from tactile_fem.receptors import Layout, lay_out
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.scan.checks import DEEPEST, check_apart, check_depth, tell_resolution
+from tactile_fem.scan.checks import (
+    DEEPEST,
+    check_apart,
+    check_depth,
+    check_section,
+    tell_resolution,
+)
 from tactile_fem.scan.parts import Parts, check_parts
 from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
+from tactile_fem.stimulus.cut import in_plane
 from tactile_fem.study import Study, Surface
 
 logger = logging.getLogger(__name__)
@@ -65,6 +72,10 @@ class Setup:
         thickness = on_root(comm, lambda: pad_thickness_mm(finger))
         body = parts.body or make_body(study.stimulus)
         path = parts.path or make_path(study.protocol, DEEPEST * thickness)
+        on_root(
+            comm,
+            lambda: check_section(study, path, finger.plane, own_body=parts.body is not None),
+        )
         check_depth(None if parts.path else study.protocol, path, thickness)
         layout = on_root(comm, lambda: lay_out(study, finger))
         on_root(comm, lambda: check_apart(body, path, finger))
@@ -79,16 +90,16 @@ class Setup:
             problem = FingerProblem(
                 domain,
                 study.tissue,
-                self.body,
+                in_plane(self.body, domain.plane),
                 study.stimulus.friction,
                 study.solver,
                 laws=self.parts.laws,
             )
             _ = problem.load_cell  # compiled here, not in the first step
             probe = Probe(problem, self.layout.samples, len(self.layout.positions_mm))
-            stepper = Stepper(problem, self.path, study.solver)
+            stepper = Stepper(problem, self.path, study.solver, domain.plane)
         logger.info(
-            "%d tetrahedra that deform, %d unknowns, %d receptors, %d ranks",
+            "%d cells that deform, %d unknowns, %d receptors, %d ranks",
             len(domain.file_cells),
             problem.unknowns,
             len(self.layout.positions_mm),

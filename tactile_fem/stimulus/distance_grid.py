@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
 
 from tactile_fem.stimulus.body import Array, RigidBody
 
@@ -32,6 +33,17 @@ class DistanceGrid:
     origin_mm: Array
     step_mm: float
     gap_mm: NDArray[np.float32]
+
+    def gap(self, points: Array) -> Array:
+        """Return the distance at points (n, 3), linear between the grid's; 0.5 mm outside of it."""
+        axes = [
+            start + self.step_mm * np.arange(count)
+            for start, count in zip(self.origin_mm, self.gap_mm.shape[::-1], strict=True)
+        ]
+        values = RegularGridInterpolator(
+            axes, self.gap_mm.T, bounds_error=False, fill_value=_FAR_MM
+        )
+        return np.asarray(values(points))
 
     @classmethod
     def of(cls, body: RigidBody, places_mm: Array) -> DistanceGrid:

@@ -77,6 +77,10 @@ __all__ = [
 ]
 
 
+# Of a section, in N for each mm of its width: the paper's 0.6 N over 10 mm, a contact's width.
+SECTION_FORCE = 0.06
+
+
 class Study(Section):
     """A complete, resolved study."""
 
@@ -96,6 +100,22 @@ class Study(Section):
         if isinstance(data, dict) and isinstance(data.get("stimulus"), dict):
             return {**data, "stimulus": {"kind": "text", **data["stimulus"]}}
         return data
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_force(cls, data: Any) -> Any:
+        """Press a section to a force per width: to the depth of a solid it would be crushed."""
+        if not isinstance(data, dict):
+            return data
+        finger, protocol = data.get("finger"), data.get("protocol", {})
+        kind = finger.get("kind") if isinstance(finger, dict) else getattr(finger, "kind", None)
+        if kind != "section" or not isinstance(protocol, dict | Protocol):
+            return data
+        given = protocol if isinstance(protocol, dict) else protocol.model_fields_set
+        if {"depth_mm", "force_N", "path"} & {*given}:
+            return data
+        own = protocol if isinstance(protocol, dict) else protocol.model_dump(exclude_unset=True)
+        return {**data, "protocol": {**own, "force_N": SECTION_FORCE}}
 
     @field_validator("afferents", mode="before")
     @classmethod

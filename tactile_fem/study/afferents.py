@@ -70,10 +70,13 @@ def of_kind(kind: Any) -> dict[str, Any]:
 class Receptors(Section):
     """End organs on the epidermis-dermis interface or anywhere below the skin."""
 
-    placement: Literal["line", "grid", "random", "afferents"] = Field(
-        "line",
-        description="paper: a line across the finger; or a grid, at random, or like afferents: by "
-        "density on the interface, none close to another",
+    placement: Literal["line", "grid", "random", "afferents", "intermediate_ridges", "papillae"] = (
+        Field(
+            "line",
+            description="paper: a line across the finger (in a section, along it); or a grid, at "
+            "random, or like afferents: by density on the interface, none close to another; in a "
+            "section also at the tips of its intermediate ridges (SA1) or of its papillae (RA)",
+        )
     )
     half_width_mm: NonNegative = Field(5.0, description="extent across the finger (X)")
     half_length_mm: NonNegative = Field(

@@ -21,6 +21,14 @@ Direction = Annotated[tuple[Finite, Finite, Finite], AfterValidator(_not_zero)]
 class Finger(Either):
     """Shape of the fingertip and of its mesh."""
 
+    kind: Literal["solid", "section"] = Field(
+        "solid", description="the whole fingertip, or a section of it in plane strain"
+    )
+    plane: Literal["sagittal", "transverse"] = Field(
+        "sagittal",
+        description="of a section: along the finger (X = 0) or across it (Y = 0), through the "
+        "contact point",
+    )
     preset: Literal["coarse", "medium", "paper"] = Field(
         "coarse", description="mesh size: coarse, medium or paper (81,000 tetrahedra)"
     )
@@ -81,8 +89,32 @@ class Finger(Either):
     nail_thickness_mm: Positive = Field(0.5, description="proposed")
     nail_width_mm: Positive = Field(11.0, description="proposed")
     nail_length_mm: Positive = Field(12.0, description="proposed")
+    ridge_height_mm: NonNegative = Field(
+        0.0, description="of fingerprints on a section, groove to crest; 0 is none; about 0.1"
+    )
+    ridge_pitch_mm: Positive = Field(
+        0.47, description="distance of two ridges (eLife 93554); 0.47 in vivo"
+    )
+    papilla_depth_mm: NonNegative = Field(
+        0.0,
+        description="of a section's epidermis-dermis interface, from the tips of its intermediate "
+        "ridges to those of its papillae, two of each to a pitch; 0 is none; about 0.2",
+    )
+    papilla_width_mm: Positive = Field(
+        0.12, description="of the dermal papillae at half their height"
+    )
+    papillae_aligned: bool = Field(
+        True,
+        strict=True,
+        description="an intermediate ridge lies under each crest; false: a papilla does",
+    )
+    ridged_half_length_mm: Positive = Field(
+        6.0, description="of the skin with ridges and papillae, from the contact point"
+    )
     pad_size_mm: Annotated[Finite, Field(ge=0.05)] | None = Field(
-        None, description="element edge under the contact patch; default by preset"
+        None,
+        description="element edge under the contact patch; default by preset, in a section a "
+        "quarter of it, or an eighth of the pitch of its ridges",
     )
     far_size_mm: Annotated[Finite, Field(ge=0.05)] | None = Field(
         None, description="element edge away from the contact patch; default by preset"
@@ -110,6 +142,17 @@ class Finger(Either):
             raise ValueError("bone_file without a skin_file needs nail_direction")
         if not self.is_scanned and (self.tip_direction or self.nail_direction):
             raise ValueError("tip_direction and nail_direction need a skin_file or a bone_file")
+        return self
+
+    @model_validator(mode="after")
+    def _is_a_section(self) -> Self:
+        if self.kind == "section":
+            if self.is_scanned:
+                raise ValueError('kind = "section" has no skin_file and bone_file')
+            return self
+        for name in ("plane", "ridge_height_mm", "papilla_depth_mm"):
+            if getattr(self, name) != type(self).model_fields[name].default:
+                raise ValueError(f'{name} needs kind = "section"')
         return self
 
     @property

@@ -1,0 +1,84 @@
+"""The plane of a section of the finger, in which the mechanics are two-dimensional.
+
+The finger's axes are X, Y and Z everywhere else: what lies in the plane is carried into space, and
+a body in space is cut by the plane (`tactile_fem.stimulus.cut`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+# Name of the plane and its axes.
+PLANES = {"sagittal": (1, 2), "transverse": (0, 2)}
+AXES = "XYZ"
+
+
+@dataclass(frozen=True)
+class Plane:
+    """An upright plane, or the whole of space.
+
+    Parameters
+    ----------
+    axes
+        The finger's axes in it, the upright one last: (1, 2) for Y and Z, (0, 2) for X and Z,
+        (0, 1, 2) for space.
+    at_mm
+        Where it lies on the axis across it.
+    """
+
+    axes: tuple[int, ...] = (0, 1, 2)
+    at_mm: float = 0.0
+
+    @classmethod
+    def through(cls, points: Array) -> Plane:
+        """Return the upright plane that points (n, 3) lie in."""
+        across = int(np.argmin(np.ptp(points[:, :2], axis=0)))
+        return cls((1 - across, 2), float(points[0, across]))
+
+    @property
+    def is_space(self) -> bool:
+        """Whether it is all of space."""
+        return len(self.axes) == 3
+
+    @property
+    def across(self) -> int:
+        """The axis across it."""
+        (axis,) = {0, 1, 2} - {*self.axes}
+        return axis
+
+    def within(self, vectors: ArrayLike) -> Array:
+        """Return the components in the plane, (..., 2), of vectors or points (..., 3)."""
+        return np.asarray(vectors)[..., list(self.axes)]
+
+    def vectors(self, within: ArrayLike) -> Array:
+        """Return vectors (..., 3) of which the components in the plane are given."""
+        own = np.asarray(within)
+        found = np.zeros((*own.shape[:-1], 3), dtype=own.dtype)
+        found[..., list(self.axes)] = own
+        return found
+
+    def points(self, within: ArrayLike) -> Array:
+        """Return points (..., 3) of the plane of which its two coordinates are given."""
+        found = self.vectors(within)
+        if not self.is_space:
+            found[..., self.across] = self.at_mm
+        return found
+
+    def moment(self, within: ArrayLike) -> Array:
+        """Return a moment as a vector (3,); in a plane (1,) is given, about its third axis.
+
+        That is the one to which the plane's first axis turns into its second counterclockwise.
+        """
+        if self.is_space:
+            return np.asarray(within)
+        i, j = self.axes
+        found = np.zeros(3)
+        found[self.across] = np.asarray(within)[0] * (1 if (j - i) % 3 == 1 else -1)
+        return found
+
+
+SPACE = Plane()
