@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.build import build_finger
-from tactile_fem.finger.mesh_data import FingerMesh
+from tactile_fem.finger.mesh_data import SOLID, FingerMesh
 from tactile_fem.finger.msh import read_msh
 from tactile_fem.finger.report import check_mesh
 from tactile_fem.finger.section import build_section
@@ -41,12 +41,23 @@ def load_finger(finger: Finger) -> FingerMesh:
             raise MeshError(f"finger.mesh_file = {finger.mesh_file} does not exist")
         mesh = read_msh(finger.mesh_file)
         check_mesh(mesh)
+        check_kind(mesh, finger)
         return mesh
     shipped = shipped_file(finger)
     if shipped is not None:
         logger.info("finger from %s", shipped.name)
         return read_msh(shipped)
     return build_section(finger) if finger.kind == "section" else build_finger(finger)
+
+
+def check_kind(mesh: FingerMesh, finger: Finger) -> None:
+    """Raise MeshError if a mesh is a section but the study's finger is none, or the reverse."""
+    if (mesh.simplex is SOLID) != (finger.kind == "solid"):
+        kind = "solid" if mesh.simplex is SOLID else "section"
+        raise MeshError(
+            f'finger.kind is "{finger.kind}" but must be "{kind}" for a mesh of '
+            f"{mesh.simplex.plural}"
+        )
 
 
 def shipped_file(finger: Finger) -> Path | None:

@@ -45,6 +45,11 @@ class Plane:
         return len(self.axes) == 3
 
     @property
+    def force_unit(self) -> str:
+        """Forces of a section are per width."""
+        return "N" if self.is_space else "N/mm"
+
+    @property
     def across(self) -> int:
         """The axis across it."""
         (axis,) = {0, 1, 2} - {*self.axes}

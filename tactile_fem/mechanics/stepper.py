@@ -65,6 +65,8 @@ class Step(Load):
         Share of the whole path's steps that is done.
     wall_s
         What the step took, discarded solves included.
+    force_unit
+        "N", in a section "N/mm" of its width; likewise "mm2" is mm and "mJ" mJ/mm there.
     """
 
     index: int
@@ -82,6 +84,7 @@ class Step(Load):
     ends_piece: bool
     fraction: float
     wall_s: float
+    force_unit: str = "N"
 
 
 class Stepper:
@@ -200,8 +203,9 @@ class Stepper:
         if self._short_of(self._motion.until_N):
             raise self._failure("the force is not reached at the deepest position")
         logger.info(
-            "%.4f N are reached at a depth of %.4f mm",
+            "%.4f %s are reached at a depth of %.4f mm",
             self._state.force_old_N[-1],
+            self._plane.force_unit,
             self._state.translation_old.value[-1],
         )
 
@@ -271,6 +275,7 @@ class Stepper:
             ends_piece=progress.control.finished,
             fraction=self._fraction(),
             wall_s=time.perf_counter() - started,
+            force_unit=plane.force_unit,
         )
 
     def _place_mm(self) -> np.ndarray:

@@ -101,9 +101,12 @@ def _raster(results: Results, own: Indices, over: Abscissa) -> Figure:
     shown = (spikes.time_s >= 0) & np.isin(spikes.receptor, own)
     receptor = spikes.receptor[shown]
     x, y = places[own, :2].T
-    if over.label == TIME:
-        ends = float(over.values[0]), float(over.values[-1])
-        return raster_figure(spikes.time_s[shown], places[receptor, 0], x, ends, (), over.label)
+    along_finger = _along_finger(results)
+    if over.label == TIME or along_finger:
+        axis, ends = int(along_finger), (float(over.values[0]), float(over.values[-1]))
+        at = spikes.time_s[shown] if over.label == TIME else spikes.displacement_mm[shown]
+        rows = places[own, axis]
+        return raster_figure(at, places[receptor, axis], rows, ends, (), over.label, "XY"[axis])
     on_the_origin = np.ptp(y) < 1e-9 and abs(y[0]) < 1e-9
     return raster_figure(
         spikes.displacement_mm[shown] + places[receptor, 1],
@@ -118,8 +121,9 @@ def _raster(results: Results, own: Indices, over: Abscissa) -> Figure:
 def _firing(results: Results, own: Indices, over: Abscissa) -> Figure | None:
     """Draw the rates of the receptors on the line Y = 0, if they make an image."""
     places, spikes = results.trace["receptors_mm"], results.spikes
-    line = own[middle_row(places[own])]
-    rows = places[line, 0]
+    axis = int(_along_finger(results))
+    line = own[np.argsort(places[own, 1])] if axis else own[middle_row(places[own])]
+    rows = places[line, axis]
     if len(rows) < 3 or not np.allclose(np.diff(rows), np.diff(rows)[0]):
         logger.info("firing.png needs an even line of receptors across the finger")
         return None
@@ -127,7 +131,14 @@ def _firing(results: Results, own: Indices, over: Abscissa) -> Figure | None:
     times = np.interp(columns, over.values, results.trace["time_s"][over.rows])
     response = Response([spikes.time_s[spikes.receptor == k] for k in line], 0.0, times[-1])
     rate = response.rate(times, _WINDOW_S).T
-    return firing_figure(columns, rows, rate, over.outlines, over.label)
+    shapes = () if axis else over.outlines
+    return firing_figure(columns, rows, rate, shapes, over.label, "XY"[axis])
+
+
+def _along_finger(results: Results) -> bool:
+    """Return whether the scan is that of a sagittal section."""
+    places = results.trace["receptors_mm"]
+    return results.study.finger.kind == "section" and bool(np.ptp(places[:, 0]) < 1e-9)
 
 
 def _force(results: Results, over: Abscissa) -> Figure:
@@ -137,4 +148,5 @@ def _force(results: Results, over: Abscissa) -> Figure:
         (trace["depth_mm"][indenting], "Indentation (mm)", trace["force_N"][indenting]),
         (over.values, over.label, trace["force_N"][over.rows]),
         results.study.stimulus.friction,
+        "N/mm" if results.study.finger.kind == "section" else "N",
     )

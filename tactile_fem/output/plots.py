@@ -104,8 +104,9 @@ def raster_figure(
     range_mm: tuple[float, float],
     outlines: Outlines = (),
     label: str = DISPLACEMENT,
+    axis: str = "X",
 ) -> Figure:
-    """Draw one dot per spike: its receptor's X over the displacement.
+    """Draw one dot per spike: its receptor's X, or Y, over the displacement.
 
     Parameters
     ----------
@@ -119,8 +120,10 @@ def raster_figure(
         Drawn lightly beneath.
     label
         Of the horizontal axis.
+    axis
+        "Y" for the receptors of a section along the finger.
     """
-    figure, axes = _map_axes(rows_mm, range_mm, label)
+    figure, axes = _map_axes(rows_mm, range_mm, label, axis)
     draw_outlines(axes, outlines)
     inside = _within(spike_displacement_mm, range_mm)
     axes.plot(
@@ -144,6 +147,7 @@ def firing_figure(
     rate_Hz: ArrayLike,
     outlines: Outlines = (),
     label: str = DISPLACEMENT,
+    axis: str = "X",
 ) -> Figure:
     """Draw the firing rate of a line of receptors as an image.
 
@@ -157,11 +161,11 @@ def firing_figure(
         (rows, columns).
     outlines
         Drawn on top.
-    label
-        Of the horizontal axis.
+    label, axis
+        As of `raster_figure`.
     """
     d, x = np.asarray(displacement_mm, dtype=float), np.asarray(rows_mm, dtype=float)
-    figure, axes = _map_axes(x, (d[0], d[-1]), label)
+    figure, axes = _map_axes(x, (d[0], d[-1]), label, axis)
     image = draw_rates(axes, d, x, np.asarray(rate_Hz), outlines)
     bar = figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02, label="Firing rate (spikes/s)")
     bar.outline.set_visible(False)
@@ -173,6 +177,7 @@ def force_figure(
     indentation: tuple[ArrayLike, str, ArrayLike],
     rest: tuple[ArrayLike, str, ArrayLike],
     friction: float | None = None,
+    unit: str = "N",
 ) -> Figure:
     """Draw normal and tangential force and their ratio over indentation and slide.
 
@@ -183,6 +188,8 @@ def force_figure(
     friction
         Coefficient of friction, drawn as a line. The ratio exceeds it if inclined faces, such
         as letters' flanks, push sideways; the legend then states this.
+    unit
+        Of the forces; a section's are per width.
     """
     columns = [
         (np.asarray(along, dtype=float), label, *_normal_and_tangential(force_N))
@@ -214,7 +221,7 @@ def force_figure(
             below.axhline(friction, color=GREEN, lw=1, ls=(0, (4, 3)), label=bound)
         below.set_xlabel(label)
         below.set_xlim(*_span(along))
-    grid[0, 0].set_ylabel("Force on the finger (N)")
+    grid[0, 0].set_ylabel(f"Force on the finger ({unit})")
     grid[0, 0].set_ylim(bottom=0)
     grid[1, 0].set_ylabel("Tangential / normal")
     grid[1, 0].set_ylim(0, 1.25 * max(friction or 0.0, largest, 1e-3))
@@ -232,7 +239,9 @@ def _normal_and_tangential(force_N: ArrayLike) -> tuple[NDArray[np.float64], NDA
     return force[:, 2], np.hypot(force[:, 0], force[:, 1])
 
 
-def _map_axes(rows_mm: ArrayLike, range_mm: tuple[float, float], label: str) -> tuple[Figure, Axes]:
+def _map_axes(
+    rows_mm: ArrayLike, range_mm: tuple[float, float], label: str, axis: str
+) -> tuple[Figure, Axes]:
     rows = np.asarray(rows_mm, dtype=float)
     margin = 0.3
     to_scale = label.endswith("(mm)")
@@ -242,8 +251,9 @@ def _map_axes(rows_mm: ArrayLike, range_mm: tuple[float, float], label: str) -> 
     axes = figure.subplots()
     axes.set_xlim(*_span(np.asarray(range_mm)))
     # X decreases upwards, so that letters that read along the scan are upright.
-    axes.set_ylim(rows.max() + margin, rows.min() - margin)
-    across = ACROSS if longer < _LONG else "X (mm)"
+    ends = rows.max() + margin, rows.min() - margin
+    axes.set_ylim(*(ends if axis == "X" else ends[::-1]))
+    across = ACROSS if longer < _LONG and axis == "X" else f"{axis} (mm)"
     axes.set(xlabel=label, ylabel=across, aspect="equal" if to_scale else "auto")
     return figure, axes
 

@@ -31,8 +31,8 @@ def describe_step(step: Step) -> str:
     tangential = (step.force_N[0] ** 2 + step.force_N[1] ** 2) ** 0.5
     return (
         f"step {step.index:3d}  {step.phase:5s} {step.displacement_mm:6.3f} mm  "
-        f"depth {step.depth_mm:.3f} mm  normal {normal:.4f} N  "
-        f"tangential {tangential:.4f} N  {step.newton_iterations:2d} iterations"
+        f"depth {step.depth_mm:.3f} mm  normal {normal:.4f} {step.force_unit}  "
+        f"tangential {tangential:.4f} {step.force_unit}  {step.newton_iterations:2d} iterations"
     )
 
 

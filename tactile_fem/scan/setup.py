@@ -10,6 +10,7 @@ from mpi4py import MPI
 from dolfinx import jit
 
 from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem.finger.load import check_kind
 from tactile_fem.finger.report import check_mesh, pad_thickness_mm
 from tactile_fem.mechanics.compile import clean_cache
 from tactile_fem.mechanics.domain import create_domain
@@ -123,4 +124,5 @@ def _finger(study: Study, parts: Parts) -> FingerMesh:
     if parts.finger is None:
         return load_finger(study.finger)
     check_mesh(parts.finger)
+    check_kind(parts.finger, study.finger)
     return parts.finger

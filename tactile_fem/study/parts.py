@@ -34,7 +34,8 @@ class Finger(Either):
     )
     mesh_file: File | None = Field(
         None,
-        description="a .msh file with the package's tags, instead of all other keys of this table",
+        description="a .msh file with the package's tags, instead of all other keys of this table "
+        "but kind",
     )
     skin_file: File | None = Field(
         None, description="a scan of the skin (.stl, .obj, .ply), instead of widths and heights"
@@ -126,7 +127,9 @@ class Finger(Either):
     def _alternatives(self) -> dict[str, list[str]]:
         together = ["bone_tip_gap_mm", "subcutaneous_mm"] if self.skin_file else []
         return {
-            "mesh_file": [name for name in type(self).model_fields if name != "mesh_file"],
+            "mesh_file": [
+                name for name in type(self).model_fields if name not in ("mesh_file", "kind")
+            ],
             "skin_file": ["half_width_mm", "palmar_height_mm", "dorsal_height_mm", "pad_radius_mm"],
             "bone_file": ["bone_half_width_mm", "bone_half_height_mm", *together],
             "nail_file": ["nail_width_mm", "nail_length_mm"],
