@@ -32,12 +32,11 @@ from numpy.typing import ArrayLike
 from tactile_fem.mechanics.complex_solver import complex_solver
 from tactile_fem.mechanics.contact import SkinPart
 from tactile_fem.mechanics.elasticity import Elasticity
+from tactile_fem.mechanics.inertia import mass_density
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.small_contact import Touch
 
 Array = np.ndarray
-# kg/m3 in the unit of mass that goes with mm, N and s.
-_T_PER_MM3 = 1e-12
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ class Harmonic:
         touch = Touch.of(problem.skin, self._u, problem.compile)
         self._forms = self._compile(touch)
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-        density = fem.Constant(V.mesh, density_kg_m3 * _T_PER_MM3)
+        density = mass_density(V.mesh, density_kg_m3)
         dx, dim = problem.elasticity.measure(), V.mesh.geometry.dim
         mass = problem.compile(density * ufl.inner(u, v) * dx)
         pulls = [problem.compile(density * v[k] * dx) for k in range(dim)]
