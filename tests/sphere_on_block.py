@@ -18,9 +18,9 @@ from tactile_fem.study import Solver, Sphere, Tissue
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0])
 
 
-def sphere_on_block(tissue: Tissue, **solver) -> FingerProblem:
+def sphere_on_block(tissue: Tissue, comm: MPI.Comm = MPI.COMM_WORLD, **solver) -> FingerProblem:
     line = np.linspace(-3, 3, 4)
-    mesh = block_mesh(line, line, DEPTHS, LAYERS) if MPI.COMM_WORLD.rank == 0 else None
-    domain = create_domain(mesh, MPI.COMM_WORLD, ("cut",))
+    mesh = block_mesh(line, line, DEPTHS, LAYERS) if comm.rank == 0 else None
+    domain = create_domain(mesh, comm, ("cut",))
     settings = Solver(held=("cut",), petsc={"snes_atol": 1e-11}, **solver)
     return FingerProblem(domain, tissue, make_body(Sphere(radius_mm=3.0)), 0.3, settings)

@@ -218,6 +218,7 @@ SETTINGS = [
         "neuron.generator_times_s=[1, 2]",
         "neuron.generator_times_s (entry 3) is missing: neuron.generator_times_s is [1, 2].",
     ),
+    ("solver.inertia=1", "solver.inertia is 1 but must be true or false."),
     ("solver.held=[bone]", 'solver.held is "[bone]" but must be a list.'),
     ("solver.held=[]", "solver.held is [] but must be a list of at least 1 entry."),
     (

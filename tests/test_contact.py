@@ -254,10 +254,10 @@ def test_the_width_of_contact_hardly_changes_the_force():
 @pytest.mark.parametrize("failures", [1, 2])
 def test_where_newton_fails_contact_is_gentler_first(monkeypatch, failures):
     contact = problem(Plate(friction=0.3), tangent_iterations=1)
-    newton, laws = contact._newton, []
+    newton, rounding, laws = contact._newton, contact._rounding, []
 
     def fail_at_first():
-        laws.append((float(contact._width.value), float(contact._softness.value)))
+        laws.append((float(rounding.width.value), float(rounding.softness.value)))
         report = newton()
         return replace(report, converged=False) if len(laws) <= failures else report
 

@@ -551,6 +551,16 @@ def test_vibration(tmp_path):
 
 
 @pytest.mark.slow
+def test_inertia(tmp_path):
+    way = ["--depth", "0.3", "--hold", "0.05", "--periods", "3", *SMALL]
+    output = run("verification/inertia.py", str(tmp_path), *way)
+    for what, without in (("force", 15), ("compression", 10), ("motion", 3)):
+        assert number(rf"{what}.* in time .* off by ([\d.]+) %; without", output) < 2
+        assert number(rf"{what}.* without inertia .* off by (\d+) %", output) > without
+    assert number(r"forces balance to (\S+) N", output) < 1e-6
+
+
+@pytest.mark.slow
 def test_legibility(tmp_path):
     way = ["--letters", "CO", "--depth", "0.5", "--distance", "0.2", "--realizations", "2"]
     way += ["--passes", "5", "--blur", "0", "2", "--noise", "5", "--jobs", "2", *COARSE]

@@ -147,13 +147,12 @@ def test_the_recipes_vibration_is_a_study(tmp_path):
     first, second = (
         text for text in blocks(RECIPES, "toml") if "afferents" in text or "vib" in text
     )
-    path = '[[protocol.path]]\nkind = "press"\ndepth_mm = 1.0\n'
-    (tmp_path / "study.toml").write_text(first + path + second)
+    (tmp_path / "study.toml").write_text(first + second)
     study = load_study(tmp_path / "study.toml")
     assert [population.name for population in populations_of(study)] == ["SA1", "RA", "PC"]
     ra, pc = study.populations[1:]
     assert (ra.feels, pc.receptors.side) == ("compression", "subcutaneous")
-    assert study.protocol.pieces[1].vibration.frequency_Hz == 20.0
+    assert study.protocol.pieces[1].vibration.frequency_Hz == 100.0 and study.solver.inertia
 
 
 def test_half_as_stiff_is_half_the_energy():

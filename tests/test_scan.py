@@ -359,6 +359,29 @@ def test_a_held_force_and_observers_columns_survive_an_interruption(held, held_w
     np.testing.assert_array_equal(kept["pull_N"][2:], kept["force_N"][2:, :2])
 
 
+def test_a_scan_with_inertia_holds_a_force_and_survives_an_interruption(study, tmp_path):
+    pieces = Press(force_N=0.02), Slide(by_mm=(0.0, -0.1), output_mm=0.05, force_N=0.02)
+    solver = study.solver.model_copy(update={"inertia": True, "compiler_flags": ("-O1",)})
+    changed = {"protocol": Protocol(path=pieces), "solver": solver}
+    moving = study.model_copy(update=changed)
+
+    def stop(seen):
+        if seen.step.phase == "slide" and seen.step.output:
+            raise Stopped
+
+    whole = scan(moving, tmp_path / "whole").trace
+    with pytest.raises(Stopped):
+        scan(moving, tmp_path / "cut", observers=[stop])
+    trace = resume(tmp_path / "cut").trace
+    for name in ("force_N", "sed_kPa", "moved_mm", "depth_mm"):
+        array, expected = getattr(trace, name), getattr(whole, name)
+        most = np.abs(expected).max()
+        np.testing.assert_allclose(array, expected, rtol=0, atol=1e-6 * most, err_msg=name)
+    slid = trace.phase == "slide"
+    np.testing.assert_allclose(trace.force_N[slid, 2], 0.02, rtol=2e-3)
+    assert slid.sum() >= 2 and np.all(trace.imbalance_N < 1e-5)
+
+
 @pytest.mark.parametrize(
     ("column", "sentence"),
     [

@@ -32,12 +32,11 @@ from numpy.typing import ArrayLike
 from tactile_fem.mechanics.complex_solver import complex_solver
 from tactile_fem.mechanics.contact import SkinPart
 from tactile_fem.mechanics.elasticity import Elasticity
+from tactile_fem.mechanics.inertia import mass_density
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.small_contact import Touch
 
 Array = np.ndarray
-# kg/m3 in the unit of mass that goes with mm, N and s.
-_T_PER_MM3 = 1e-12
 
 
 @dataclass(frozen=True)
@@ -49,11 +48,11 @@ class Delay:
     amount
         Its coefficient at an angular frequency, 1/s.
     stand
-        Sets the forms to the accepted state with that coefficient, a real number.
+        Sets the forms to the accepted state with all of it and nothing of the others.
     """
 
     amount: Callable[[float], complex]
-    stand: Callable[[float], None]
+    stand: Callable[[], None]
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ class _Forms:
 
 @dataclass
 class _Parts:
-    """What the forms assemble to with one set of coefficients."""
+    """What the forms assemble to on this rank with one set of coefficients."""
 
     stiffness: PETSc.Mat
     loads: list[Array]
@@ -119,7 +118,7 @@ class Harmonic:
         touch = Touch.of(problem.skin, self._u, problem.compile)
         self._forms = self._compile(touch)
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-        density = fem.Constant(V.mesh, density_kg_m3 * _T_PER_MM3)
+        density = mass_density(V.mesh, density_kg_m3)
         dx, dim = problem.elasticity.measure(), V.mesh.geometry.dim
         mass = problem.compile(density * ufl.inner(u, v) * dx)
         pulls = [problem.compile(density * v[k] * dx) for k in range(dim)]
@@ -138,9 +137,10 @@ class Harmonic:
 
     def stand(self, delay: Delay | None) -> None:
         """Set the forms to the accepted state, with all of one delay or with none."""
-        _no_delay(self._problem)
-        if delay is not None:
-            delay.stand(1.0)
+        if delay is None:
+            self._problem.elasticity.linearize(_none)
+        else:
+            delay.stand()
 
     def respond(
         self,
@@ -179,8 +179,7 @@ class Harmonic:
         x, iterations = self._solve(w, amounts, right)
         owned = len(right)
         force = sum(
-            c * (np.array(part.forces) @ x[:owned] + part.direct @ motion / self._comm.size)
-            for c, part in parts
+            c * (np.array(part.forces) @ x[:owned] + part.direct @ motion) for c, part in parts
         )
         u = x + np.tile(bone, len(x) // len(bone))
         return Response(frequency_Hz, u, self._comm.allreduce(force), iterations)
@@ -226,7 +225,7 @@ class Harmonic:
                 K,
                 [self._vector(form, bcs) for form in forms.loads],
                 [self._vector(form, bcs) for form in forms.forces],
-                self._comm.allreduce(np.array(direct)),
+                np.array(direct),
             )
 
     def _vector(self, form: fem.Form, bcs: list[fem.DirichletBC]) -> Array:
@@ -281,20 +280,15 @@ def _none(tau_s: float) -> float:
     return 0.0
 
 
-def _no_delay(problem: FingerProblem) -> None:
-    problem.elasticity.linearize(_none)
-
-
 def _delays(problem: FingerProblem) -> Iterator[Delay]:
     elasticity = problem.elasticity
     for tau_s in elasticity.relaxation.times_s() if elasticity.relaxation else []:
-
-        def stand(amount: float, tau_s: float = tau_s) -> None:
-            elasticity.linearize(lambda time_s: amount if time_s == tau_s else 0.0)
-
-        yield Delay(partial(lambda tau_s, w: 1 / (1 + 1j * w * tau_s), tau_s), stand)
+        yield Delay(
+            partial(lambda tau_s, w: 1 / (1 + 1j * w * tau_s), tau_s),
+            partial(elasticity.linearize, partial(lambda own, time_s: float(time_s == own), tau_s)),
+        )
     if elasticity.viscous_time_s:
         yield Delay(
             lambda w: 1j * w * elasticity.viscous_time_s,
-            lambda amount: elasticity.linearize(_none, viscous=amount),
+            partial(elasticity.linearize, _none, viscous=1.0),
         )

@@ -14,6 +14,7 @@ from dolfinx.fem import petsc as fem_petsc
 
 from tactile_fem.mechanics.contact import SkinPart
 from tactile_fem.mechanics.elasticity import Elasticity, deformation_gradient
+from tactile_fem.mechanics.inertia import Inertia
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.state import State
 
@@ -31,7 +32,7 @@ class Load:
     force_N, moment_Nmm
         Of the contact traction on the finger, (3,); the moment about the origin.
     imbalance_N
-        Distance between the contact force and the reaction at the held boundary.
+        What the contact force, the reaction at the held boundary and inertia differ by.
     contact_area_mm2
         Skin within a hundredth of a millimetre of the body, as it is deformed.
     gap_error_mm
@@ -83,6 +84,8 @@ class LoadCell:
         This rank's dofs (blocks) of the nodes that do not move.
     compile_
         Compiles a form that may use the obstacle.
+    inertia
+        Of the tissues; None if the residual has none.
     """
 
     def __init__(
@@ -94,6 +97,7 @@ class LoadCell:
         residual: fem.Form,
         held: np.ndarray,
         compile_: Callable[[ufl.Form], fem.Form],
+        inertia: Inertia | None = None,
     ) -> None:
         self._obstacle, self._residual_form, self._held = obstacle, residual, held
         self._state = state
@@ -111,6 +115,7 @@ class LoadCell:
             friction += ufl.dot(s_t, v) * part.ds
         self._pressure_form = compile_(pressure)
         self._friction_form = compile_(friction)
+        self._inertia_form = compile_(inertia.residual(v)) if inertia else None
         self._integrals_form = compile_(_integrals(elasticity, obstacle, skin))
 
     def read(self) -> Load:
@@ -148,7 +153,7 @@ class LoadCell:
         )
 
     def _forces(self, contact: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """Return this rank's contact force, its moment and the held reaction, one after another."""
+        """Return this rank's contact force, its moment, and the reaction less inertia."""
         owned = len(contact)
         u = self._state.u
         place = u.function_space.tabulate_dof_coordinates()[:owned, : len(u)] + _owned(u, owned)
@@ -156,8 +161,10 @@ class LoadCell:
             [place[:, i] * contact[:, j] - place[:, j] * contact[:, i] for i, j in self._planes]
         )
         held = self._held[self._held < owned]
-        reaction = (residual + contact)[held]
-        return np.concatenate([part.sum(axis=0) for part in (contact, moment, reaction)])
+        reaction = (residual + contact)[held].sum(axis=0)
+        if self._inertia_form:  # what the reaction has to hold less
+            reaction -= _nodal(self._inertia_form).sum(axis=0)
+        return np.concatenate([contact.sum(axis=0), moment.sum(axis=0), reaction])
 
     def _heat(self, friction: np.ndarray, advance: np.ndarray) -> float:
         """Return this rank's heat of friction since the last accepted step, in mJ."""

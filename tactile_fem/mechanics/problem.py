@@ -13,16 +13,15 @@ from petsc4py import PETSc
 
 import numpy as np
 import ufl
-from dolfinx import common, fem, mesh
+from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
-from ufl.classes import FacetJacobianDeterminant
 
 from tactile_fem.errors import MeshError
 from tactile_fem.mechanics import multigrid
 from tactile_fem.mechanics.compile import jit_options
-from tactile_fem.mechanics.contact import Contact, SkinPart
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.elasticity import NO_LAWS, Elasticity
+from tactile_fem.mechanics.inertia import Inertia
 from tactile_fem.mechanics.load import Load, LoadCell
 from tactile_fem.mechanics.newton import (
     SolveReport,
@@ -36,6 +35,7 @@ from tactile_fem.mechanics.petsc_options import (
     options_of,
     set_options,
 )
+from tactile_fem.mechanics.skin import Rounding, parts_of_skin
 from tactile_fem.mechanics.slip import StickMemory
 from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.tangent import Tangent
@@ -79,6 +79,8 @@ class FingerProblem:
         Displacement (P2), place of the body, and all that an accepted step leaves for the next.
     elasticity
         Stress and energy of the tissues.
+    inertia
+        Of their mass; None if the finger is in equilibrium at every moment.
     obstacle
         The rigid body as the contact sees it.
     order
@@ -118,22 +120,35 @@ class FingerProblem:
             solver.locking_ratio,
             laws,
         )
+        self.inertia: Inertia | None = None
+        if solver.inertia:
+            self.inertia = Inertia(state, tissue.density_kg_m3, self.elasticity.measure())
         self.order = NodeOrder(domain, V)
         self.held = self.order.held_dofs()
         if not domain.comm.allreduce(len(self.held)):
             raise MeshError(f"solver.held = {list(solver.held)}: nothing of the mesh is held")
         self.before_accept: list[Callable[[], None]] = []
-        self._width = fem.Constant(msh, solver.contact_width_MPa)
-        self._softness = fem.Constant(msh, 0.0)
         facets = domain.skin_by_tissue()
         self.obstacle = Obstacle(body, state, np.sort(facets.indices), solver.contact_degree)
         stick = StickMemory(self.obstacle)
-        self.skin = self._skin(facets, friction, solver, stick.old)
+        self._rounding = Rounding.of(msh, solver.contact_width_MPa)
+        self.skin = parts_of_skin(
+            facets,
+            self.elasticity,
+            self.obstacle,
+            friction,
+            self._rounding,
+            stick.old,
+            solver,
+            self.inertia,
+        )
         self._jit = jit_options(solver.compiler_flags)
         stick.compile(self.skin, state.u_old, self.compile)
         state.histories.append(stick)
         if self.elasticity.relaxation:
             state.histories.append(self.elasticity.relaxation)
+        if self.inertia:
+            state.histories.append(self.inertia)
         self.options = options_of(solver)
         self.bcs = [fem.dirichletbc(np.zeros(msh.geometry.dim), self.held, V), *constraints(V)]
         # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.
@@ -158,6 +173,8 @@ class FingerProblem:
         """Return the virtual work of tissues and contact as a problem for SNES."""
         state, v = self.state, ufl.TestFunction(self.u.function_space)
         tissues, contact = self.elasticity.residual(v), ufl.Form([])
+        if self.inertia:
+            tissues += self.inertia.residual(v)
         for part in self.skin:
             contact += part.contact.residual(part.t, state.u, state.u_old, v) * part.ds
         prefix = set_options(self.options, self.domain.comm)
@@ -236,6 +253,7 @@ class FingerProblem:
             self._problem.F,
             self.held,
             self.compile,
+            self.inertia,
         )
 
     def load(self) -> Load:
@@ -246,37 +264,6 @@ class FingerProblem:
         """Compile a form that may use the obstacle."""
         maps = self.obstacle.entity_maps
         return fem.form(form, jit_options=self._jit, entity_maps=maps)
-
-    def _skin(
-        self, skin: mesh.MeshTags, friction: float, solver: Solver, unmatched: fem.Function
-    ) -> list[SkinPart]:
-        """Return the parts of the skin, one for each tissue."""
-        msh = self.domain.mesh
-        # Of the tetrahedron over its facet; point by point where the mesh is curved.
-        height = abs(ufl.JacobianDeterminant(msh)) / FacetJacobianDeterminant(msh)
-        gamma = fem.Constant(msh, solver.nitsche_gamma)
-        ds = ufl.Measure(
-            "ds",
-            msh,
-            subdomain_data=skin,
-            metadata={"quadrature_degree": solver.contact_degree},
-        )
-        parts = []
-        for tissue, tag in self.domain.tissues_of(skin).items():
-            contact = Contact(
-                self.obstacle,
-                fem.Constant(msh, friction),
-                gamma * self.elasticity.stiffness(tissue) / height,
-                self._width,
-                self._softness,
-                unmatched,
-                solver.nitsche_theta,
-            )
-            # Without Kelvin-Voigt's viscosity: over the short time of a cut step it would be too
-            # stiff for gamma_h. The gap is off by what it carries over gamma_h, some 1e-5 mm.
-            t = self.elasticity.traction(tissue)
-            parts.append(SkinPart(tissue, contact, t, ds(tag)))
-        return parts
 
     def solve(self, translation: np.ndarray, dt_s: float) -> SolveReport:
         """Find the equilibrium with the body at `translation` (3,), `dt_s` after the last one.
@@ -297,7 +284,7 @@ class FingerProblem:
                 if tries[-1].converged:
                     break
                 self.u.x.array[:] = guess
-                with self._gentle_contact(width, softness):
+                with self._rounding.gentler(width, softness):
                     tries.append(self._newton())
                 if tries[-1].converged:
                     tries.append(self._newton())
@@ -312,16 +299,8 @@ class FingerProblem:
         self.state.translation.value[:] = translation
         self.state.dt_s = dt_s
         self.elasticity.set_time_step(dt_s)
-
-    @contextmanager
-    def _gentle_contact(self, width: float, softness: float) -> Iterator[None]:
-        """Smooth contact and friction more within the context."""
-        own_width = float(self._width.value)
-        self._width.value, self._softness.value = width * own_width, softness
-        try:
-            yield
-        finally:
-            self._width.value, self._softness.value = own_width, 0.0
+        if self.inertia:
+            self.inertia.set_time_step(dt_s)
 
     def _newton(self) -> SolveReport:
         with common.Timer("tactile: solve"):

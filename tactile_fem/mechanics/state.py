@@ -1,8 +1,8 @@
 """The state of finger and body that one accepted step passes to the next.
 
-Nothing else in the mechanics stores a history. A quantity at quadrature points, of the contact or
-of the tissue, is a `PointHistory` in the list of the state's histories; it is then accepted, saved
-and restored with everything else.
+Nothing else in the mechanics stores a history. A quantity at points, of the contact, of the tissue
+or of its motion, is a `PointHistory` in the list of the state's histories; it is then accepted,
+saved and restored with everything else.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ _SAME_POINT_MM = 1e-6
 
 
 class PointHistory(ABC):
-    """A quantity at quadrature points that the next step needs.
+    """A quantity at quadrature points or nodes that the next step needs.
 
     Parameters
     ----------
     name
         Of the quantity, with its unit.
     old
-        Quadrature function with its values (shape, also of no more than one component) at the
-        last accepted step; for use in forms.
+        Function with its values there (shape, also of no more than one component) at the last
+        accepted step; for use in forms.
     comm
         Communicator of the mesh.
 
@@ -50,7 +50,7 @@ class PointHistory(ABC):
 
     @abstractmethod
     def points_mm(self) -> Array:
-        """Return the undeformed quadrature points of this rank, (points, dimension)."""
+        """Return the undeformed points of this rank, (points, dimension)."""
 
     @abstractmethod
     def present(self) -> Array:
@@ -150,7 +150,7 @@ class State:
     iterations
         Newton's, to the last accepted state.
     histories
-        Quantities at quadrature points.
+        Quantities at quadrature points or nodes.
     progress
         How far the path is gone; None where nobody steps along one.
     """

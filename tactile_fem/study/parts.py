@@ -194,6 +194,12 @@ class Solver(Section):
     contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
         10, description="quadrature degree"
     )
+    inertia: bool = Field(
+        False,
+        strict=True,
+        description="tissue.density_kg_m3 counts: waves and resonances, which vibration above "
+        "50 Hz excites; off, the finger is in equilibrium at every moment",
+    )
     held: Annotated[tuple[Literal["bone", "nail", "cut"], ...], Field(min_length=1)] = Field(
         ("bone", "nail", "cut"), description="parts that are fixed; the others deform"
     )

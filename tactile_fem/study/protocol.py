@@ -32,7 +32,7 @@ class Press(Section):
 
 
 class Vibration(Section):
-    """A vibration of the body on top of a piece of the path; a scan has no inertia."""
+    """A vibration of the body on top of a piece of the path; for inertia see `Solver`."""
 
     frequency_Hz: Positive = Field(description="of the vibration, which begins at its middle")
     amplitude_mm: Positive = Field(description="from the middle to the end of the swing")

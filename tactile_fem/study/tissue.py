@@ -165,7 +165,7 @@ class Tissue(Section):
         "none", description="g and tau_s of the soft tissues for which none are given below"
     )
     density_kg_m3: Positive = Field(
-        1000.0, description="of all tissues, that of water; vibration alone has inertia"
+        1000.0, description="of all tissues, that of water; for `vibrate` and solver.inertia"
     )
     stratum_corneum: Polynomial
     epidermis: Polynomial

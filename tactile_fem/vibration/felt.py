@@ -43,7 +43,7 @@ class Felt:
         for delay in delays:
             self._harmonic.stand(delay)
             total += delay.amount(w) * (self._difference(response.u) - at_once)
-            self._harmonic.stand(None)
+        self._harmonic.stand(None)
         return total[:, :3], total[:, 3], total[:, 4:]
 
     def _difference(self, u: Array) -> Array:
