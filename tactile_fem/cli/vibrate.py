@@ -67,8 +67,10 @@ def _write(spectrum: Spectrum, results: Results, amplitude_mm: float) -> None:
     folder = results.folder / _FOLDER
     folder.mkdir(exist_ok=True)
     populations = populations_of(results.study)
+    names = [population.name for population in populations]
+    rates = spectrum.all_rates_Hz(populations, amplitude_mm)
     spectrum.save(folder / "spectrum.npz")
-    spectrum.write_table(folder / "spectrum.csv", populations, amplitude_mm)
-    write_figure(folder / "spectrum.png", spectrum_figure(spectrum, populations, amplitude_mm))
+    spectrum.write_table(folder / "spectrum.csv", rates, amplitude_mm)
+    write_figure(folder / "spectrum.png", spectrum_figure(spectrum, names, rates, amplitude_mm))
     for name in ("spectrum.npz", "spectrum.csv", "spectrum.png"):
         print(folder / name)

@@ -90,6 +90,15 @@ class Spectrum:
             still_stretches=self.still_stretches[same],
         )
 
+    def all_rates_Hz(self, populations: Iterable[Population], amplitude_mm: float) -> Array:
+        """Return the firing rates of all receptors at all frequencies, (f, r)."""
+        rates = np.zeros((len(self.frequency_Hz), len(self.population)))
+        for population in populations:
+            own = self.population == population.name
+            for k in range(len(self.frequency_Hz)):
+                rates[k, own] = self.rates_Hz(k, amplitude_mm, population)
+        return rates
+
     def rates_Hz(self, k: int, amplitude_mm: float, population: Population) -> Array:
         """Return the firing rates of a population's receptors at the k-th frequency, (own,)."""
         fired = population.fire(self.histories(k, amplitude_mm, _SETTLES_S + _COUNTED_S))
@@ -115,16 +124,10 @@ class Spectrum:
         except (OSError, KeyError, ValueError) as error:
             raise StudyError(f"{path} cannot be read as a vibration: {error}.") from None
 
-    def write_table(
-        self, path: Path, populations: Iterable[Population], amplitude_mm: float
-    ) -> None:
+    def write_table(self, path: Path, rates_Hz: Array, amplitude_mm: float) -> None:
         """Write amplitude and phase of each receptor at each frequency, and its firing rate."""
         records = []
-        by_name = {population.name: population for population in populations}
         for k, frequency in enumerate(self.frequency_Hz):
-            rates = np.zeros(len(self.population))
-            for name, population in by_name.items():
-                rates[self.population == name] = self.rates_Hz(k, amplitude_mm, population)
             for r, name in enumerate(self.population):
                 records.append(
                     {
@@ -134,7 +137,7 @@ class Spectrum:
                         **_polar("sed_kPa", amplitude_mm * self.sed_kPa[k, r]),
                         **_polar("smallest_stretch", amplitude_mm * self.stretches[k, r, 0]),
                         **_polar("z_mm", amplitude_mm * self.moved[k, r, 2]),
-                        "rate_Hz": f"{rates[r]:.6g}",
+                        "rate_Hz": f"{rates_Hz[k, r]:.6g}",
                     }
                 )
         write_records(path, records)
