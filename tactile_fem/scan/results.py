@@ -57,6 +57,9 @@ _OWN = (
     "figures/force.png",
     "figures/finger.png",
     "figures/deformation_*.png",
+    "vibration/spectrum.*",
+    "vibration/modes.npz",
+    "vibration/shape_*_Hz.png",
     ".*.part",
     "states/.*.part",
     "fields/.*.part",
@@ -110,7 +113,7 @@ class Results:
             for pattern in _OWN:
                 for path in results.folder.glob(pattern):
                     path.unlink()
-            for emptied in (results.fields, results.figures, results.states):
+            for emptied in (results.fields, results.figures, results.states, results.vibration):
                 with suppress(OSError):  # what is not its own stays there
                     emptied.rmdir()
         except OSError as error:
@@ -186,6 +189,11 @@ class Results:
     def states(self) -> Path:
         """Folder of the states that were kept, made with the first of them."""
         return self.folder / "states"
+
+    @property
+    def vibration(self) -> Path:
+        """Folder of what `vibrate` finds."""
+        return self.folder / "vibration"
 
     @property
     def log_file(self) -> Path:

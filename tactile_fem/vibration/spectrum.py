@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population
-from tactile_fem.runtime.files import atomic_write, write_records
+from tactile_fem.runtime.files import write_records
+from tactile_fem.vibration.archive import load_arrays, save_arrays
 
 Array = NDArray[Any]
 _SAMPLES = 24  # of a period
@@ -106,8 +107,7 @@ class Spectrum:
 
     def save(self, path: Path) -> None:
         """Write it as a compressed NumPy archive."""
-        with atomic_write(path) as part, part.open("wb") as stream:
-            np.savez_compressed(stream, **vars(self))
+        save_arrays(path, self)
 
     @classmethod
     def load(cls, path: Path) -> Spectrum:
@@ -118,11 +118,7 @@ class Spectrum:
         StudyError
             It cannot be read.
         """
-        try:
-            with np.load(path, allow_pickle=False) as arrays:
-                return cls(**{field.name: arrays[field.name] for field in fields(cls)})
-        except (OSError, KeyError, ValueError) as error:
-            raise StudyError(f"{path} cannot be read as a vibration: {error}.") from None
+        return load_arrays(cls, path)
 
     def write_table(self, path: Path, rates_Hz: Array, amplitude_mm: float) -> None:
         """Write amplitude and phase of each receptor at each frequency, and its firing rate."""
@@ -148,8 +144,10 @@ def _polar(name: str, value: complex) -> dict[str, str]:
     return {name: f"{abs(value):.6g}", f"{name}_phase_deg": f"{phase:.4g}"}
 
 
-def frequencies_of(text: str) -> Array:
+def frequencies_of(text: str, option: str = "--frequencies") -> Array:
     """Return the frequencies of ``low:high:count``, evenly spaced in their logarithm, or of a list.
+
+    Errors name the `option`.
 
     Raises
     ------
@@ -169,7 +167,7 @@ def frequencies_of(text: str) -> Array:
             raise ValueError
     except ValueError:
         raise StudyError(
-            f'--frequencies is "{text}" but must be low:high:count or a list such as 10,50,250, '
+            f'{option} is "{text}" but must be low:high:count or a list such as 10,50,250, '
             "in Hz and greater than 0."
         ) from None
     return found
