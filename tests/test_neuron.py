@@ -388,9 +388,15 @@ def test_neo_gets_every_spike():
         with pytest.raises(StudyError, match="neo is not installed"):
             to_neo(response)
         return
-    trains = to_neo(response).spiketrains
+    trains = to_neo(response, kind=["SA1", "RA"]).spiketrains
+    assert [train.annotations["kind"] for train in trains] == ["SA1", "RA"]
     assert [train.rescale("s").magnitude.tolist() for train in trains] == [[], [0.1, 0.3]]
     assert float(trains[0].t_start) == -0.1 and float(trains[1].t_stop) == 0.5
+
+
+def test_annotations_are_one_for_each_receptor():
+    with pytest.raises(StudyError, match="kind has 1 values; it needs 2, one a receptor"):
+        to_neo(Response([np.empty(0), np.array([0.1])], 0.0, 0.5), kind=["SA1"])
 
 
 def test_receptive_fields_are_means_or_maxima_of_their_points():

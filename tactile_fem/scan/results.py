@@ -25,16 +25,20 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.neuron import Response, to_neo
 from tactile_fem.runtime.files import atomic_write, write_text
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
+
+if TYPE_CHECKING:
+    import neo
 
 # Everything this package writes into the folder; nothing else is ever removed.
 _OWN = (
@@ -344,6 +348,29 @@ class Results:
             names = ", ".join(dict.fromkeys(self.trace["population"].tolist()))
             raise StudyError(f"{self.folder} has no afferents {population}, only {names}.")
         return indices
+
+    def to_neo(self) -> neo.Segment:
+        """Return a neo segment with a spike train per receptor.
+
+        Trains are annotated with the ``kind`` of afferent, its ``population`` and the undeformed
+        place of its receptor, ``receptor_mm`` (3,).
+
+        Raises
+        ------
+        StudyError
+            neo is not installed.
+        """
+        population = self.trace["population"].tolist()
+        kind_of = {afferents.name: afferents.kind for afferents in self.study.populations}
+        start, end = self.trace["time_s"][[0, -1]].tolist()
+        time_s = np.clip(self.spikes.time_s, start, end)  # the file's digits round
+        each = [np.sort(time_s[self.spikes.receptor == r]) for r in range(len(population))]
+        return to_neo(
+            Response(each, start, end),
+            population=population,
+            kind=[kind_of[name] for name in population],
+            receptor_mm=self.trace["receptors_mm"],
+        )
 
     @cached_property
     def stimulator(self) -> DistanceGrid | None:
