@@ -388,6 +388,19 @@ def test_reports_show_each_population(tmp_path):
         assert words in page
 
 
+def test_spike_trains_of_neo_know_kind_population_and_place(tmp_path):
+    pytest.importorskip("neo")
+    results = two_kinds(tmp_path / "r", read(tmp_path, TWO, "afferents.RA.kind=RA"))
+    trains = results.to_neo().spiketrains
+    names, places = results.trace["population"], results.trace["receptors_mm"]
+    assert len(trains) == len(names) > 2
+    for number, train in enumerate(trains):
+        assert train.annotations["population"] == names[number]
+        assert train.annotations["kind"] == names[number]  # they are called after it
+        np.testing.assert_array_equal(train.annotations["receptor_mm"], places[number])
+        assert len(train) == np.sum(results.spikes.receptor == number)
+
+
 def test_passes_over_one_receptor_of_each_population(tmp_path):
     study = read(tmp_path, TWO, "afferents.RA.feels=sed", "afferents.RA.neuron.threshold_mV=25")
     members = single_fibre(study, spacing_mm=1.0, half_width_mm=1.0)

@@ -7,6 +7,7 @@ import pytest
 
 from tactile_fem.neuron import Population
 from tactile_fem.neuron.band_pass import BandPass
+from tactile_fem.neuron.population import fire
 from tactile_fem.study import Neuron
 
 GAIN = 100.0
@@ -67,6 +68,21 @@ def test_the_other_direction_counts_by_its_share():
     _, up = current(neuron, time_s, 10 * time_s)
     _, down = current(neuron, time_s, -10 * time_s)
     assert down.max() == pytest.approx(0.3 * up.max(), rel=1e-9)
+
+
+def test_a_raised_threshold_holds_the_second_spike_of_a_period_back():
+    frequency, levels = 100.0, np.geomspace(20.0, 5000.0, 80)
+    time_s = np.linspace(0, 1.0, int(24 * frequency) + 1)
+    drive = np.sin(2 * np.pi * frequency * time_s)[:, None] * levels / GAIN
+    rested = {"filter_centre_Hz": 100.0, "capacitance_pF": 0.9, "refractory_s": 0.003}
+    second = []
+    for jump_mV in (0.0, 480.0):
+        neuron = made(**rested, threshold_jump_mV=jump_mV, threshold_recovery_s=0.008)
+        spikes = fire(time_s, drive, neuron).spikes
+        rates = np.array([np.sum(times > 0.5) / 0.5 for times in spikes])
+        assert np.sum(np.abs(rates - frequency) < 3) > 20  # one spike a period
+        second.append(levels[rates > 1.05 * frequency].min())
+    assert second[1] > 5 * second[0]
 
 
 @pytest.mark.parametrize("frequency", [20.0, 50.0])

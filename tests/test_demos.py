@@ -533,7 +533,7 @@ def test_kinds(tmp_path):
 
 @pytest.mark.slow
 def test_grating(tmp_path):
-    way = ["--speeds", "20", "--distance", "1.5", "--force", "0.02"]
+    way = ["--period", "1", "--speeds", "20", "--distance", "1.5", "--force", "0.02"]
     output = run("neurons/grating.py", str(tmp_path), *way, *COARSE)
     assert 0 <= number(r"20 ridges/s, RA: .* vector strength ([\d.]+)", output) <= 1
     assert (tmp_path / "grating.png").is_file() and (tmp_path / "locking.csv").is_file()

@@ -166,6 +166,12 @@ def test_what_is_known_better_counts_more():
     assert rate == pytest.approx((40 + 80 / 9) / (1 + 1 / 9), rel=1e-4)
 
 
+def test_a_raised_threshold_cannot_be_fitted():
+    raised = START.model_copy(update={"threshold_jump_mV": 10.0})
+    with pytest.raises(StudyError, match="threshold_jump_mV must be 0"):
+        fit([Recording(*presses(), [Window(0.0, 1.0, np.ones(24))])], raised, (STATIC,))
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [

@@ -29,10 +29,18 @@ LOGARITHMIC = Neuron(
     fast_adaptation_time_s=0.02,
 )
 NOISY = [n.model_copy(update={"threshold_noise": 0.2}) for n in (USUAL, GENERATOR)]
+# Relative refractoriness; one comes back as fast as the membrane.
+RAISED = [
+    USUAL.model_copy(
+        update={"threshold_noise": 0.2, "threshold_jump_mV": 25.0, "threshold_recovery_s": tau_s}
+    )
+    for tau_s in (0.02, USUAL.time_constant_s)
+]
+ALL = [USUAL, GENERATOR, *NOISY, *RAISED]
 
 
 def name_of(n):
-    return f"{n.model}, noise {n.threshold_noise:g}"
+    return f"{n.model}, noise {n.threshold_noise:g}, jump {n.threshold_jump_mV:g}"
 
 
 def constant(sed, duration=1.0):
@@ -59,6 +67,21 @@ def test_refractoriness_limits_the_rate():
     (times,) = respond(*constant([1e5], 0.1), n).spikes
     assert np.diff(times).min() >= 0.00123
     assert len(times) == pytest.approx(0.1 / 0.00123, abs=1)
+
+
+def test_a_raised_threshold_makes_intervals_longer():
+    jump, recovery = 60.0, 0.03
+    slow = PLAIN.model_copy(update={"threshold_jump_mV": jump, "threshold_recovery_s": recovery})
+    strong = 40.0
+    spikes = respond(*constant(np.array([strong]), 2.0), slow).spikes[0]
+    usual = respond(*constant(np.array([strong]), 2.0), PLAIN).spikes[0]
+    assert spikes[0] == usual[0] and np.diff(spikes).min() > 2 * np.diff(usual).max()
+    # In a steady rhythm V, from 0, meets the threshold and what is left of all jumps before.
+    interval = np.diff(spikes)[-1]
+    left = jump / np.expm1(interval / recovery)
+    drive = slow.threshold_mV + 10 * strong * slow.resistance_GOhm
+    potential = -drive * np.expm1(-(interval - slow.refractory_s) / slow.time_constant_s)
+    assert potential == pytest.approx(slow.threshold_mV + left, rel=1e-6)
 
 
 def test_many_spikes_fit_between_two_samples():
@@ -134,10 +157,12 @@ def reference(time, sed, n, unit):
         return [free * (n.resistance_GOhm * current(s, slope, y[1:]) - y[0]) / membrane, *states]
 
     def crossing(t, y):
-        return y[0] - n.threshold_mV
+        raised = jumps * np.exp(-(t - spikes) / n.threshold_recovery_s) if spikes.size else 0.0
+        return y[0] - n.threshold_mV - np.sum(raised)
 
     crossing.terminal, crossing.direction = True, 1
-    spikes, quiet, variability = [], -np.inf, Variability(n, np.array([unit]))
+    spikes, jumps = np.empty(0), n.threshold_jump_mV
+    quiet, variability = -np.inf, Variability(n, np.array([unit]))
     y = np.array([0.0, *([sed[0]] * 3 if generator else [0.0, 0.0])])
     for k, slope in enumerate(np.diff(sed) / np.diff(time)):
         t = time[k]
@@ -147,13 +172,13 @@ def reference(time, sed, n, unit):
             solved = solve_ivp(change, (t, end), y, events=crossing, **accurate)
             t, y = solved.t[-1], solved.y[:, -1]
             if solved.status == 1:
-                spikes.append(t)
+                spikes = np.append(spikes, t)
                 (factor,) = variability.after_spike(np.array([0]))
                 quiet, y[0] = t + n.refractory_s, n.threshold_mV * (1 - factor)
-    return np.array(spikes)
+    return spikes
 
 
-@pytest.mark.parametrize("n", [USUAL, GENERATOR, *NOISY], ids=name_of)
+@pytest.mark.parametrize("n", ALL, ids=name_of)
 def test_spikes_equal_an_accurate_integration(n):
     time, sed = history(3, 25)
     for unit, times in enumerate(respond(time, sed, n).spikes):
@@ -207,7 +232,7 @@ def test_adaptation_as_fast_as_the_membrane():
         assert a.size and a == pytest.approx(b, abs=1e-8)
 
 
-@pytest.mark.parametrize("n", [USUAL, GENERATOR, LOGARITHMIC], ids=lambda n: n.model)
+@pytest.mark.parametrize("n", [USUAL, GENERATOR, LOGARITHMIC, RAISED[0]], ids=name_of)
 def test_parts_of_a_population_fire_as_the_whole(n):
     time, sed = history()
     noisy = n.model_copy(update={"threshold_noise": 0.1, "gain_spread": 0.3})
@@ -277,7 +302,7 @@ def test_spikes_without_end_are_told_however_fine_the_samples():
         respond(np.linspace(0, 1e-3, 1001), np.full((1001, 1), 2e4), n)
 
 
-@pytest.mark.parametrize("n", [USUAL, GENERATOR, *NOISY], ids=name_of)
+@pytest.mark.parametrize("n", ALL, ids=name_of)
 def test_more_samples_of_the_same_history_change_nothing(n):
     time, sed = history()
     fine = np.unique(np.concatenate([time, np.linspace(time[0], time[-1], 777)]))
@@ -388,9 +413,15 @@ def test_neo_gets_every_spike():
         with pytest.raises(StudyError, match="neo is not installed"):
             to_neo(response)
         return
-    trains = to_neo(response).spiketrains
+    trains = to_neo(response, kind=["SA1", "RA"]).spiketrains
+    assert [train.annotations["kind"] for train in trains] == ["SA1", "RA"]
     assert [train.rescale("s").magnitude.tolist() for train in trains] == [[], [0.1, 0.3]]
     assert float(trains[0].t_start) == -0.1 and float(trains[1].t_stop) == 0.5
+
+
+def test_annotations_are_one_for_each_receptor():
+    with pytest.raises(StudyError, match="kind has 1 values; it needs 2, one a receptor"):
+        to_neo(Response([np.empty(0), np.array([0.1])], 0.0, 0.5), kind=["SA1"])
 
 
 def test_receptive_fields_are_means_or_maxima_of_their_points():

@@ -16,6 +16,7 @@ from tactile_fem.stimulus import make_body, outlines
 from tactile_fem.study import Finger, Protocol, Receptors, Study, Text
 from tactile_fem.study.file import load_study
 from tactile_fem.vibration import frequencies_of
+from tactile_fem.vibration.modes import few_of
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -122,6 +123,9 @@ def test_the_recipes_commands_are_studies_that_can_be_scanned():
         command, bound, _ = cli.app.parse_args(arguments, exit_on_error=False)
         if command.__name__ == "vibrate":  # of a scan that has to be there
             assert len(frequencies_of(bound.arguments["frequencies"])) == 25
+            continue
+        if command.__name__ == "view":  # of the same
+            assert few_of(np.geomspace(1, 1000, 25)).min() < bound.arguments["vibration"]
             continue
         assert command.__name__ in ("scan", "mesh")
         if "settings" not in bound.arguments:

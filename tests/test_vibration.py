@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from needs import needs_graphics
+from PIL import Image
 
 from tactile_fem.runtime import backend, ranks  # noqa: F401
 
@@ -14,11 +17,14 @@ from mpi4py import MPI  # isort: skip
 
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StudyError
+from tactile_fem.finger import TISSUES
 from tactile_fem.neuron import populations_of
 from tactile_fem.scan import scan
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Study
 from tactile_fem.vibration import Spectrum, frequencies_of
+from tactile_fem.vibration.keeper import ModeKeeper
+from tactile_fem.vibration.modes import Modes, few_of, nearest
 from tactile_fem.vibration.run import vibrate
 
 KINDS = [
@@ -85,6 +91,74 @@ def test_the_body_and_the_bone_are_the_same_to_slow_tissue(scanned, spectrum):
     np.testing.assert_allclose(of_bone.moved[0], [0, 0, 1] - spectrum.moved[0], atol=1e-6)
 
 
+def shapes(folder, comm=MPI.COMM_SELF, **options) -> Modes | None:
+    keeper = ModeKeeper([SLOW_HZ])
+    vibrate(folder, [SLOW_HZ, 40.0], comm=comm, observers=[keeper], **options)
+    return keeper.modes()
+
+
+@pytest.fixture(scope="module")
+def modes(scanned) -> Modes:
+    return shapes(scanned)
+
+
+def test_every_node_moves_with_the_body_or_with_the_bone(scanned, modes):
+    assert modes.frequency_Hz.tolist() == [SLOW_HZ]
+    assert modes.moved.shape == (1, *modes.nodes_mm.shape) and modes.moved.dtype == np.complex64
+    hard = np.unique(modes.tets[modes.tissue == TISSUES["bone"]])
+    np.testing.assert_array_equal(modes.moved[0, hard], 0)
+    lowest = (modes.nodes_mm + modes.still_mm)[:, 2].argmin()
+    assert modes.moved[0, lowest, 2] == pytest.approx(1, abs=0.05)
+    of_bone = shapes(scanned, moves="bone")
+    np.testing.assert_allclose(of_bone.moved[0], [0, 0, 1] - modes.moved[0], atol=1e-5)
+    assert of_bone.body.tolist() == [0, 0, 0] and modes.body.tolist() == [0, 0, 1]
+    assert modes.stimulator_mm[2] == pytest.approx(STUDY.protocol.depth_mm, abs=1e-9)
+
+
+def test_shapes_are_kept_at_few_frequencies():
+    assert few_of([1, 1000, 30, 10]).tolist() == [1, 30, 1000]
+    assert few_of([5]).tolist() == [5]
+    assert nearest([1, 10, 100], [30, 40, 2]).tolist() == [0, 1, 2]
+
+
+def test_the_largest_phase_is_that_of_the_largest_displacement(modes):
+    turned = replace(modes, moved=modes.moved * np.exp(-0.7j).astype(np.complex64))
+    swing = np.exp(1j * turned.largest_phase(0))
+    largest = np.linalg.norm(np.real(turned.moved[0] * swing))
+    assert largest == pytest.approx(np.linalg.norm(turned.moved[0]), rel=1e-3)
+
+
+@needs_graphics
+def test_a_vibration_is_drawn_as_much_larger_as_it_says(scanned, modes):
+    from tactile_fem.output.mode_film import ModeFilm
+
+    film = ModeFilm(Results.open(scanned), modes, 0, 0.01)
+    largest = film.factor * 0.01 * np.linalg.norm(modes.moved[0], axis=1).max()
+    assert 0.5 < largest < 0.7
+    assert (
+        film.title(film.strongest) == f"0.01 Hz, 10 µm, drawn {film.factor:g} times larger, at 0°"
+    )
+    up, down = (dict(p[:2] for p in film.pieces(k)) for k in (0, len(film) // 2))
+    rise = (up["stimulator"].points - down["stimulator"].points)[:, 2]
+    np.testing.assert_allclose(rise, 2 * film.factor * 0.01, atol=1e-4)
+    lowest = down["stratum_corneum shell"].points[:, 2].argmin()
+    skin = [shown["stratum_corneum shell"].points[lowest, 2] for shown in (up, down)]
+    assert skin[0] - skin[1] == pytest.approx(rise.mean(), rel=0.1)
+    np.testing.assert_array_equal(up["bone face"].points, down["bone face"].points)
+
+
+@needs_graphics
+def test_a_vibration_is_viewed_without_a_solve(scanned, modes, tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    folder = Results.open(scanned).vibration
+    folder.mkdir(exist_ok=True)
+    modes.save(folder / "modes.npz")
+    path = tmp_path / "shape.gif"
+    assert main(["view", str(scanned), "--vibration", "50", "--save", str(path)]) == 0
+    with Image.open(path) as gif:
+        assert gif.n_frames == 24
+
+
 def test_a_kept_state_is_that_of_its_place(scanned):
     trace = Results.open(scanned).trace
     kept = vibrate(scanned, [SLOW_HZ], at_mm=0.0, comm=MPI.COMM_SELF)
@@ -108,6 +182,7 @@ def test_the_command_writes_table_and_figure(scanned, capsys):
     rows = list(csv.DictReader((folder / "spectrum.csv").open()))
     assert len(rows) == 2 * 9 and {row["population"] for row in rows} == {"SA1", "RA", "PC"}
     assert (folder / "spectrum.png").stat().st_size > 10_000
+    assert Modes.load(folder / "modes.npz").frequency_Hz.tolist() == [10, 40]
     assert "spectrum.csv" in capsys.readouterr().out
 
 
@@ -117,6 +192,7 @@ def test_the_command_writes_table_and_figure(scanned, capsys):
         (["--frequencies", "0:10:3"], '--frequencies is "0:10:3" but must be low:high:count'),
         (["--frequencies", "-5"], '--frequencies is "-5" but must be low:high:count'),
         (["--frequencies", "fast"], '--frequencies is "fast" but must be low:high:count'),
+        (["--shapes", "high"], '--shapes is "high" but must be low:high:count'),
         (["--at-mm", "3"], "has no state at 3 mm: states were kept at 0, 0.2 mm."),
         (["--direction", "0", "0", "0"], "direction is (0.0, 0.0, 0.0) but must be three numbers"),
     ],
@@ -125,6 +201,16 @@ def test_bad_input_gets_one_sentence(scanned, options, sentence, capsys):
     assert main(["vibrate", str(scanned), *options]) == 2
     told = capsys.readouterr().err
     assert sentence in " ".join(told.split()) and "Traceback" not in told
+
+
+def test_a_view_of_no_vibration_says_what_to_run(scanned, tmp_path, capsys):
+    assert main(["view", str(scanned), "--vibration", "50", "--at-mm", "1"]) == 2
+    study = Results.create(tmp_path / "other")
+    study.save_study(STUDY)
+    study.save_trace(**Results.open(scanned).trace)
+    path = str(tmp_path / "shape.gif")
+    assert main(["view", str(study.folder), "--vibration", "50", "--save", path]) == 2
+    assert "modes.npz is missing: run tactile-fem vibrate" in capsys.readouterr().err
 
 
 def test_a_folder_without_states_says_how_to_keep_them(scanned, tmp_path):
@@ -150,8 +236,13 @@ def test_several_ranks_find_what_one_does(tmp_path):
     short = {"protocol": {"depth_mm": 0.3, "distance_mm": 0.05, "output_mm": 0.05}}
     study = Study.model_validate({**STUDY.model_dump(), **short})
     scan(study, tmp_path, comm=MPI.COMM_WORLD)
-    together = vibrate(tmp_path, [40.0], comm=MPI.COMM_WORLD)
-    alone = vibrate(tmp_path, [40.0], comm=MPI.COMM_SELF)
+    keepers = ModeKeeper([40.0]), ModeKeeper([40.0])
+    together = vibrate(tmp_path, [40.0], comm=MPI.COMM_WORLD, observers=keepers[:1])
+    alone = vibrate(tmp_path, [40.0], comm=MPI.COMM_SELF, observers=keepers[1:])
+    shape = keepers[0].modes()
+    assert (shape is None) == (MPI.COMM_WORLD.rank > 0)
+    if shape is not None:
+        np.testing.assert_allclose(shape.moved, keepers[1].modes().moved, atol=1e-5)
     for name in ("moved", "sed_kPa", "stretches", "force_N"):
         one, several = getattr(alone, name), getattr(together, name)
         np.testing.assert_allclose(several, one, atol=1e-6 * np.abs(one).max())

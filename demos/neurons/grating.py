@@ -10,10 +10,13 @@
 # $$ r = \left| \frac1n \sum_k e^{2 \pi i\, d(t_k) / \lambda} \right|, $$
 #
 # with the displacement $d$ at each spike; 1 is always the same phase, and 0 is none. Random spikes
-# give about $1/\sqrt n$. The mechanics has no inertia, and counts from 1 mm of slide on, when all
-# skin slips.
+# give about $1/\sqrt n$. It is also small if an afferent fires several times a ridge, at several
+# phases. Therefore a second measure: the share of spikes that the same afferent repeats one period
+# later, to 3 % of a period. The spectrum of what afferents feel tells whether the ridges reach them
+# at all. The mechanics has no inertia, and counts from 1 mm of slide on, when all skin slips.
 #
 #     python demos/neurons/grating.py results/grating
+#     python demos/neurons/grating.py results/fine --period 1 --distance 6
 #     python demos/neurons/grating.py results/quick --speeds 20 --distance 1.4 --force 0.05
 
 # %%
@@ -26,6 +29,7 @@ from cyclopts import Parameter
 from matplotlib.figure import Figure
 
 from tactile_fem.cli.entry import run
+from tactile_fem.neuron import populations_of
 from tactile_fem.output.plots import BLUE, DISPLACEMENT, GREEN, PAPER, VERMILION, styled
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
@@ -37,6 +41,7 @@ from tactile_fem.study.file import load_study
 COLOURS = {"SA1": BLUE, "RA": VERMILION, "PC": GREEN}
 SLIPS_MM = 1.0
 _STEPS = 16  # of a period of the grating
+_SAME = 0.03  # of a period: how far a repeated spike may be from where it should be
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,10 @@ class Row:
     rate_Hz: float
     vector_strength: float
     chance: float
+    repeated: float
+    repeated_by_chance: float
+    drive_amplitude: float
+    drive_peak_Hz: float
 
 
 # %%
@@ -57,9 +66,9 @@ def main(
     folder: Path,
     *,
     speeds: Annotated[tuple[float, ...], Parameter(consume_multiple=True)] = (20.0, 40.0, 80.0),
-    period: float = 1.0,
+    period: float = 2.0,
     force: float = 0.3,
-    distance: float = 4.0,
+    distance: float = 9.0,
     set_: Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=True)] = (),
 ) -> None:
     """Stroke a grating at several speeds.
@@ -85,7 +94,9 @@ def main(
         print(
             f"{row.speed_mm_s:g} mm/s, {row.ridges_Hz:g} ridges/s, {row.kind}: "
             f"{row.rate_Hz:.0f} spikes/s, vector strength {row.vector_strength:.2f} "
-            f"(chance {row.chance:.2f})"
+            f"(chance {row.chance:.2f}), {100 * row.repeated:.0f} % repeated "
+            f"(chance {100 * row.repeated_by_chance:.0f} %); felt amplitude "
+            f"{row.drive_amplitude:.3g}, spectral peak {row.drive_peak_Hz:.0f} Hz"
         )
     write_table(folder / "locking.csv", rows)
     write_figure(folder / "grating.png", grating_figure(scans, period))
@@ -120,7 +131,7 @@ def grating(
 
 
 def locking(scan: Results, speed: float, period: float) -> list[Row]:
-    """Return rates and vector strengths of each kind once the skin slips."""
+    """Return rates, vector strengths and what is felt of each kind once the skin slips."""
     spikes, rows = scan.spikes, []
     slides_s = (scan.trace["displacement_mm"][-1] - SLIPS_MM) / speed
     for kind in COLOURS:
@@ -128,8 +139,10 @@ def locking(scan: Results, speed: float, period: float) -> list[Row]:
         at, who = spikes.displacement_mm[counted], spikes.receptor[counted]
         count = len(scan.receptors_of(kind))
         # Each afferent has its own phase: the ridges reach it at its own place and delay.
-        sums = [np.exp(2j * np.pi * at[who == one] / period).sum() for one in np.unique(who)]
+        each = [at[who == one] for one in np.unique(who)]
         total = max(len(at), 1)
+        strength = sum(abs(np.exp(2j * np.pi * own / period).sum()) for own in each) / total
+        times, amplitudes = spectrum(scan, kind, period)
         rows.append(
             Row(
                 speed,
@@ -137,19 +150,60 @@ def locking(scan: Results, speed: float, period: float) -> list[Row]:
                 kind,
                 count,
                 len(at) / count / slides_s,
-                float(np.abs(sums).sum() / total),
-                float(np.sqrt(len(sums) / total)),
+                float(strength),
+                float(np.sqrt(len(each) / total)),
+                *repetition(each, period, scan.trace["displacement_mm"][-1]),
+                float(np.interp(1.0, times, amplitudes)),
+                float(times[amplitudes.argmax()] * speed / period),
             )
         )
     return rows
 
 
+def repetition(each_mm: list[np.ndarray], period: float, end_mm: float) -> tuple[float, float]:
+    """Return the share of spikes that are repeated one period later, and that by chance.
+
+    By chance are those of random spikes at the same rates; `each_mm` are those of the afferents.
+    """
+    repeated, by_chance, count = 0.0, 0.0, 0
+    for at in each_mm:
+        late = np.abs(at[:, None] + period - at).min(axis=1)
+        asked = at + (1 + _SAME) * period <= end_mm
+        in_period = len(at) * period / (end_mm - SLIPS_MM)
+        repeated += np.sum(late[asked] <= _SAME * period)
+        by_chance += asked.sum() * -np.expm1(-2 * _SAME * in_period)
+        count += asked.sum()
+    return float(repeated / max(count, 1)), float(by_chance / max(count, 1))
+
+
+def spectrum(scan: Results, kind: str, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies as multiples of the ridges', and mean amplitudes of what a kind feels.
+
+    Over the last whole number of periods once the skin slips; a parabola is taken away.
+    """
+    populations = {population.name: population for population in populations_of(scan.study)}
+    _, felt = populations[kind].drive.of(scan.trace)
+    along = scan.trace["displacement_mm"]
+    length = max(int((along[-1] - SLIPS_MM) / period), 1) * period
+    rows = along >= max(along[-1] - length, 0.0) - 1e-9
+    even = np.linspace(along[rows][0], along[-1], 401)
+    felt = felt[rows][:, scan.receptors_of(kind)]
+    values = np.stack([np.interp(even, along[rows], one) for one in felt.T], axis=1)
+    trend = np.polynomial.polynomial.polyvander(even - even.mean(), 2)
+    values -= trend @ np.linalg.lstsq(trend, values)[0]
+    window = np.hanning(len(even))
+    times = np.linspace(0.5, 3.5, 121)
+    waves = np.exp(-2j * np.pi * np.outer(times, even) / period) * window / window.sum()
+    return times, 2 * np.abs(waves @ values).mean(axis=1)
+
+
 @styled
 def grating_figure(scans: dict[float, Results], period: float) -> Figure:
-    """Draw the spikes of all afferents over the displacement, a panel for each speed."""
+    """Draw spikes over the displacement and the spectra of what is felt, a row for each speed."""
     figure = Figure(figsize=(7.2, 2.2 * len(scans)), layout="constrained")
-    panels = figure.subplots(len(scans), 1, sharex=True, squeeze=False)[:, 0]
-    for ax, (speed, scan) in zip(panels, scans.items(), strict=True):
+    shares = {"sharex": "col", "squeeze": False, "width_ratios": (3, 1)}
+    panels = figure.subplots(len(scans), 2, **shares)
+    for (ax, right), (speed, scan) in zip(panels, scans.items(), strict=True):
         spikes, end = scan.spikes, scan.trace["displacement_mm"][-1]
         for k in range(int(end / period) + 1):
             ax.axvspan((k - 0.25) * period, (k + 0.25) * period, color=PAPER, zorder=0)
@@ -164,12 +218,17 @@ def grating_figure(scans: dict[float, Results], period: float) -> Figure:
                 color=colour,
                 label=kind,
             )
+            times, amplitudes = spectrum(scan, kind, period)
+            right.plot(times, amplitudes / amplitudes.max(), color=colour)
+        right.set_yticks([])
         ax.set_xlim(0, end)
         ax.set_yticks([])
         ax.set_ylabel(f"{speed:g} mm/s\n{speed / period:g} ridges/s")
-    handles, labels = panels[0].get_legend_handles_labels()
+    handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, ncols=3, loc="outside upper right")
-    panels[-1].set_xlabel(DISPLACEMENT)
+    panels[-1, 0].set_xlabel(DISPLACEMENT)
+    panels[-1, 1].set_xlabel("Frequency over v/λ")
+    panels[0, 1].set_title("What they feel")
     return figure
 
 

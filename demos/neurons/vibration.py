@@ -11,7 +11,7 @@
 # third-party digitisation), thresholds of the same kind of recording, of which the shape alone
 # counts: the level hangs on the probe. Centre and quality of the filters are fitted to the shape of
 # the thresholds; gain, its spread between afferents and refractoriness to the rates at one
-# frequency.
+# frequency. PC's is also relative: each spike raises the threshold.
 #
 #     python demos/neurons/vibration.py results/vibration
 #     python demos/neurons/vibration.py results/quick --pad-size 3 --far-size 6 --depth 0.3
@@ -63,6 +63,10 @@ THRESHOLDS_UM = {
 FREE_OF_FILTER = {"RA": 1, "PC": 2}  # the centre; the quality as well
 FITTED_HZ = {"RA": 50.0, "PC": 100.0}
 REFRACTORY_S = {"RA": (0.003, 0.006, 0.009), "PC": (0.001, 0.002, 0.003)}
+# Relative refractoriness of PC: what a spike raises the threshold of 30 mV by, and for how long.
+# RA's rates are met without.
+JUMPS_MV = {"RA": (0.0,), "PC": (0.0, 240.0, 480.0, 960.0, 1920.0)}
+RECOVERIES_S = (0.002, 0.004, 0.008)
 # Weights of the other direction. RA's is proposed, so that it answers to a release as well; the
 # rates do not tell it. PC's filter swings both ways at any change.
 OFF = {"RA": 0.4, "PC": 0.0}
@@ -275,11 +279,13 @@ def with_rates(spectrum: Spectrum, kind: str, neuron: Neuron) -> Neuron:
     amplitudes, measured = map(np.array, zip(*RATES[kind][frequency], strict=True))
     levels = np.geomspace(amplitudes[0] / 30, amplitudes[-1] * 300, 100)
     best, least = neuron, np.inf
-    for refractory in REFRACTORY_S[kind]:
+    for refractory, (jump, recovery) in product(REFRACTORY_S[kind], raised_thresholds(kind)):
         tried = neuron.model_copy(
             update={
                 "filter_gain_pA": start,
                 "refractory_s": refractory,
+                "threshold_jump_mV": jump,
+                "threshold_recovery_s": recovery,
                 "filter_off": OFF[kind],
                 "threshold_noise": NOISE,
             }
@@ -294,10 +300,18 @@ def with_rates(spectrum: Spectrum, kind: str, neuron: Neuron) -> Neuron:
                 best, least = tried.model_copy(update=changes), away
     print(
         f"{kind}: gain {best.filter_gain_pA:.3g} pA per unit, its spread {best.gain_spread:.2g}, "
-        f"refractory {1000 * best.refractory_s:g} ms, other direction {best.filter_off:g} "
+        f"refractory {1000 * best.refractory_s:g} ms, threshold raised by "
+        f"{best.threshold_jump_mV:g} mV for {1000 * best.threshold_recovery_s:g} ms, "
+        f"other direction {best.filter_off:g} "
         f"(rates at {frequency:g} Hz)"
     )
     return best
+
+
+def raised_thresholds(kind: str) -> list[tuple[float, float]]:
+    """Return what is tried for jump, mV, and recovery, s, of the threshold."""
+    pairs = product(JUMPS_MV[kind], RECOVERIES_S)
+    return [(jump, s) for jump, s in pairs if jump or s == RECOVERIES_S[0]]
 
 
 def rheobase_gain(spectrum: Spectrum, kind: str, neuron: Neuron) -> float:

@@ -13,8 +13,7 @@ from tactile_fem.runtime import logs
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.scan.results import Results
 from tactile_fem.vibration import Spectrum, frequencies_of
-
-_FOLDER = "vibration"
+from tactile_fem.vibration.modes import Modes, few_of, nearest
 
 
 def vibrate(
@@ -38,37 +37,65 @@ def vibrate(
             help="Amplitude for the table and the firing rates.", validator=validators.Number(gt=0)
         ),
     ] = 10.0,
+    shapes: Annotated[
+        str | None,
+        Parameter(
+            help="Frequencies in Hz at which the finger's shape is kept and drawn: of those "
+            "computed the nearest. Default the lowest, the middle and the highest."
+        ),
+    ] = None,
     ranks_: Ranks = 1,
 ) -> None:
     """Let the body or the bone vibrate about a state of a scan.
 
-    Writes what receptors feel and how they fire over the frequency into the folder's vibration/.
+    Writes what receptors feel and how they fire over the frequency, and the finger's shape at some
+    frequencies, into the folder's vibration/.
     """
     wanted = frequencies_of(frequencies)
+    kept = few_of(wanted) if shapes is None else frequencies_of(shapes, "--shapes")
     found = Results.open(results)
     found.load_state(at_mm)  # so that a wrong place is told at once
     arguments = ["vibrate", str(results), "--frequencies", frequencies, "--moves", moves]
     arguments += ["--direction", *map(str, direction), "--amplitude-um", str(amplitude_um)]
+    arguments += [] if shapes is None else ["--shapes", shapes]
     arguments += [] if at_mm is None else ["--at-mm", str(at_mm)]
     module = with_mechanics("tactile_fem.vibration.run", ranks_, arguments)
     from mpi4py import MPI
 
     rank = MPI.COMM_WORLD.rank
     logs.set_up(rank)
-    spectrum = module.vibrate(results, wanted, at_mm=at_mm, moves=moves, direction=direction)
+    from tactile_fem.vibration.keeper import ModeKeeper
+
+    keeper = ModeKeeper(wanted[nearest(wanted, kept)])
+    spectrum = module.vibrate(
+        results, wanted, at_mm=at_mm, moves=moves, direction=direction, observers=[keeper]
+    )
+    modes = keeper.modes()
     if rank == 0:
-        _write(spectrum, found, amplitude_um / 1000)
+        _write(found, spectrum, modes, amplitude_um / 1000)
 
 
-def _write(spectrum: Spectrum, results: Results, amplitude_mm: float) -> None:
+def _write(results: Results, spectrum: Spectrum, modes: Modes | None, amplitude_mm: float) -> None:
     from tactile_fem.neuron import populations_of
+    from tactile_fem.output.mode_pictures import draw_modes
     from tactile_fem.output.spectrum import spectrum_figure
 
-    folder = results.folder / _FOLDER
+    folder = results.vibration
     folder.mkdir(exist_ok=True)
     populations = populations_of(results.study)
+    names = [population.name for population in populations]
+    rates = spectrum.all_rates_Hz(populations, amplitude_mm)
     spectrum.save(folder / "spectrum.npz")
-    spectrum.write_table(folder / "spectrum.csv", populations, amplitude_mm)
-    write_figure(folder / "spectrum.png", spectrum_figure(spectrum, populations, amplitude_mm))
+    spectrum.write_table(folder / "spectrum.csv", rates, amplitude_mm)
+    write_figure(folder / "spectrum.png", spectrum_figure(spectrum, names, rates, amplitude_mm))
     for name in ("spectrum.npz", "spectrum.csv", "spectrum.png"):
         print(folder / name)
+    if modes is None:
+        return
+    for earlier in folder.glob("shape_*_Hz.png"):
+        earlier.unlink()
+    modes.save(folder / "modes.npz")
+    print(folder / "modes.npz")
+    if results.study.output.pictures:
+        for path in draw_modes(results, amplitude_mm):
+            print(path)

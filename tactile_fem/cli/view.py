@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
+from cyclopts import Parameter, validators
 
 from tactile_fem.cli.options import Settings, StudyFile
 from tactile_fem.errors import PlaceError, StudyError, TactileError
@@ -23,6 +23,7 @@ from tactile_fem.scan.checks import DEEPEST
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import make_body, make_path
 from tactile_fem.study.file import load_study
+from tactile_fem.vibration.modes import Modes
 
 _ENDINGS = (".gif", ".mp4", ".html")
 _OF_SECTION = (".gif", ".png")
@@ -40,17 +41,31 @@ def view(
         float | None,
         Parameter(help="Displacement of a slide shown on the page; default at the largest SED."),
     ] = None,
+    vibration: Annotated[
+        float | None,
+        Parameter(
+            help="Show not the scan but its vibration: at the frequency in Hz that is nearest of "
+            "those whose shape `vibrate` kept, over one period.",
+            validator=validators.Number(gt=0),
+        ),
+    ] = None,
+    amplitude_um: Annotated[
+        float, Parameter(help="Amplitude of the vibration.", validator=validators.Number(gt=0))
+    ] = 10.0,
 ) -> None:
     """Show the finger cut open, the strain energy density and the firing receptors.
 
-    Opens a window with a slider for the displacement or the time, or writes a file with --save,
-    which needs no display.
+    Opens a window with a slider for the displacement, the time or the phase, or writes a file
+    with --save, which needs no display.
     """
     found = Results.open(results)
     if section.is_section(found):
         _view_section(found, save, at_mm)
         return
     _check(save, at_mm)
+    if vibration is not None and at_mm is not None:
+        raise StudyError("--at-mm does not go with --vibration: its state was chosen by `vibrate`.")
+    modes = None if vibration is None else _modes(found)
     logs.set_up()
     if save is not None:
         os.environ.pop("DISPLAY", None)  # it might be unreachable
@@ -58,10 +73,15 @@ def view(
 
     from tactile_fem.output import view as viewing
     from tactile_fem.output.film import Film
+    from tactile_fem.output.mode_film import ModeFilm
     from tactile_fem.output.plots import DISPLACEMENT
 
     pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
-    film = Film(found)
+    film: Film | ModeFilm
+    if modes is not None and vibration is not None:
+        film = ModeFilm(found, modes, modes.nearest(vibration), amplitude_um / 1000)
+    else:
+        film = Film(found)
     if at_mm is not None and film.label != DISPLACEMENT:
         raise StudyError(f"--at-mm is {at_mm:g} but the path in {results} is no straight slide.")
     if save is None:
@@ -138,6 +158,13 @@ def _check_drawing() -> None:
     reason = pictures.can_draw()
     if reason is not None:
         raise TactileError(reason)
+
+
+def _modes(results: Results) -> Modes:
+    path = results.vibration / "modes.npz"
+    if not path.exists():
+        raise StudyError(f"{path} is missing: run tactile-fem vibrate {results.folder} first.")
+    return Modes.load(path)
 
 
 def _check(save: Path | None, at_mm: float | None) -> None:

@@ -316,6 +316,8 @@ def _check_names(free: Sequence[str], recordings: Sequence[Recording]) -> None:
 
 def _checked(number: int, recording: Recording, neuron: Neuron) -> Recording:
     """Return a recording as arrays; raise StudyError if it is not valid."""
+    if neuron.threshold_jump_mV:
+        raise StudyError("neuron.threshold_jump_mV must be 0: with it the rate has no formula.")
     time, drive = checked(recording.time_s, recording.drive, f"recording {number}: its drive")
     if not recording.windows:
         raise StudyError(f"recording {number} needs a window with rates.")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -60,14 +61,25 @@ def load(path: Path | str) -> Response:
     return Response(spikes, *covered.tolist())
 
 
-def to_neo(response: Response) -> neo.Segment:
+def to_neo(response: Response, **annotations: Sequence[Any]) -> neo.Segment:
     """Return a neo segment with a spike train per receptor.
+
+    Parameters
+    ----------
+    response
+        The spikes.
+    annotations
+        Of the spike trains: by name a value for each receptor, as in ``kind=["SA1", "RA"]``.
 
     Raises
     ------
     StudyError
-        neo is not installed.
+        neo is not installed, or there are not as many values as receptors.
     """
+    count = len(response.spikes)
+    for name, values in annotations.items():
+        if len(values) != count:
+            raise StudyError(f"{name} has {len(values)} values; it needs {count}, one a receptor.")
     try:
         import neo
     except ImportError:
@@ -75,5 +87,7 @@ def to_neo(response: Response) -> neo.Segment:
     segment = neo.Segment(name="afferents")
     for number, times in enumerate(response.spikes):
         limits = {"t_start": response.start_s, "t_stop": response.end_s}
-        segment.spiketrains.append(neo.SpikeTrain(times, units="s", name=str(number), **limits))
+        own = {name: values[number] for name, values in annotations.items()}
+        train = neo.SpikeTrain(times, units="s", name=str(number), **limits, **own)
+        segment.spiketrains.append(train)
     return segment

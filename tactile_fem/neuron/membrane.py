@@ -1,4 +1,4 @@
-"""Membrane: leaky integrate-and-fire neurons with absolute refractoriness, exact in time."""
+"""Membrane: leaky integrate-and-fire neurons that are refractory, exact in time."""
 
 from __future__ import annotations
 
@@ -25,14 +25,20 @@ class Membrane:
 
     Proposed: the form of Hamasaki et al. (2020) as reconstructed, with numbers of our own::
 
-        C dV/dt = -V/R + I;   V >= V_th: spike, then V = V_r for t_ref    (5)
-        V_r = V_th (1 - exp(sigma xi)),   xi ~ N(0, 1) for each spike     (6)
+        C dV/dt = -V/R + I;   V >= V_th + A: spike, then V = V_r for t_ref   (5)
+        V_r = V_th (1 - exp(sigma xi)),   xi ~ N(0, 1) for each spike        (6)
+        dA/dt = -A/tau_A;   each spike adds a to A                           (7)
 
     The noise, sigma, is in the reset: the distance V_th - V_r that a spike leaves to the next one
     is log-normal with median V_th (noisy reset: Gerstner 2000, DOI 10.1162/089976600300015899).
     V_th itself stays, so the same currents fire with and without noise. At a constant current the
     median interval is the one without noise; far above rheobase sigma is the standard deviation
     of the logarithm of the interval less t_ref. At rest V = 0, so the first spike has no noise.
+
+    A, zero unless set, is the relative refractoriness: a threshold that each spike raises and that
+    comes back exponentially (Kobayashi et al. 2009, DOI 10.3389/neuro.10.009.2009, one of their
+    time scales). V - A obeys the equation of V with the current ``A (tau/tau_A - 1)/R`` besides
+    and a threshold that stays, so it is as exact.
 
     A stretch takes a few products per receptor. Only where an upper bound of the current lets V
     come to the threshold is the first crossing looked for, to rounding. A negative current
@@ -52,6 +58,8 @@ class Membrane:
         self._tau = neuron.time_constant_s
         self._variability = variability
         self._threshold = neuron.threshold_mV
+        self._jump, self._recovery = neuron.threshold_jump_mV, neuron.threshold_recovery_s
+        self._raised = np.zeros(variability.count)  # A
         self._potential = np.zeros(variability.count)
         self._all = np.arange(variability.count)
         self._free = np.full(variability.count, -np.inf)  # end of refractoriness, s
@@ -60,29 +68,51 @@ class Membrane:
     def advance(self, segment: Segment) -> None:
         """Advance through a stretch that follows the last one."""
         start, h, current, who = segment
-        potential = self._potential[who]
+        raised = self._raised[who]
+        potential, seen = self._potential[who] - raised, self._seen(current, raised)
         # V cannot exceed what the current's upper bound would make of it if held throughout.
-        drive = self._resistance * current.bounds(h)[1]
+        drive = self._resistance * seen.bounds(h)[1]
         reach = drive + (potential - drive) * np.exp(-h / self._tau)
         event = (np.maximum(reach, potential) >= self._threshold) | (self._free[who] > start)
-        end = Course(potential, current, self._resistance, self._tau).at(h)
+        raised = self._recovered(raised, h)
+        end = Course(potential, seen, self._resistance, self._tau).at(h) + raised
         some = np.flatnonzero(event)
         if some.size:
             start, h = (np.broadcast_to(values, end.shape)[some] for values in (start, h))
-            end[some] = self._eventful(self._all[who][some], start, h, current.of(some))
-        self._potential[who] = end
+            among = self._all[who][some]
+            end[some], raised[some] = self._eventful(among, start, h, current.of(some))
+        self._potential[who], self._raised[who] = end, raised
 
-    def _eventful(self, who: Array, start: Array, h: Array, current: ExponentialSum) -> Array:
-        """Return V at the end of a stretch in which `who` may fire or become free."""
+    def _recovered(self, raised: Array, s: Any) -> Array:
+        """Return A a time `s` later."""
+        return raised * np.exp(-s / self._recovery) if self._jump else raised
+
+    def _seen(self, current: ExponentialSum, raised: Array) -> ExponentialSum:
+        """Return the current that moves V - A."""
+        if not self._jump:
+            return current
+        further = raised * (self._tau / self._recovery - 1) / self._resistance
+        return replace(
+            current,
+            amplitudes=np.vstack([current.amplitudes, further]),
+            times=np.append(current.times, self._recovery),
+        )
+
+    def _eventful(
+        self, who: Array, start: Array, h: Array, current: ExponentialSum
+    ) -> tuple[Array, Array]:
+        """Return V and A at the end of a stretch in which `who` may fire or become free."""
         begin = np.minimum(np.maximum(self._free[who] - start, 0.0), h)
-        v = self._potential[who]
+        v, last = self._potential[who], self._recovered(self._raised[who], h)
+        raised = self._recovered(self._raised[who], begin)  # at `begin`
         result = v.copy()
         going = np.flatnonzero(begin < h)
         while going.size:
             left = h[going] - begin[going]
-            now = current.of(going).from_(begin[going])
-            course = Course(v[going], now, self._resistance, self._tau)
-            after, result[going] = course.first_at(np.full_like(left, self._threshold), left)
+            now = self._seen(current.of(going).from_(begin[going]), raised[going])
+            course = Course(v[going] - raised[going], now, self._resistance, self._tau)
+            after, end = course.first_at(np.full_like(left, self._threshold), left)
+            result[going] = end + self._recovered(raised[going], left)
             fires = np.isfinite(after)
             going = going[fires]
             fired = begin[going] + after[fires]
@@ -93,12 +123,15 @@ class Membrane:
                     "the gains are too high or refractory_s is too short"
                 )
             self._fired.append((firing, time))
+            jumped = self._recovered(raised[going], after[fires]) + self._jump
+            last[going] = self._recovered(jumped, h[going] - fired)
+            raised[going] = self._recovered(jumped, self._refractory)
             begin[going] = fired + self._refractory
             self._free[firing] = start[going] + begin[going]
             distance = self._threshold * self._variability.after_spike(firing)
             v[going] = result[going] = self._threshold - distance
             going = going[begin[going] < h[going]]
-        return result
+        return result, last
 
     def spikes(self) -> list[Array]:
         """Return the times of the spikes so far, s, per receptor."""

@@ -21,6 +21,7 @@ from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 
+SCALE = "viridis"
 _RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
 RELIEF_STYLE = {"scalars": "height_mm", "cmap": _RELIEF, "smooth_shading": True}
 RIM_STYLE = {"color": "black", "line_width": 1.5}
@@ -86,7 +87,7 @@ def deformation_figure(
             plotter.add_mesh(
                 face,
                 scalars="sed_kPa",
-                cmap="viridis",
+                cmap=SCALE,
                 clim=limits_kPa,
                 log_scale=True,
                 lighting=False,
@@ -99,7 +100,7 @@ def deformation_figure(
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 3}
     figure.text(0.02, 0.97, title, fontsize=10, va="top", bbox=box)
     bar = figure.colorbar(
-        ScalarMappable(LogNorm(*limits_kPa), "viridis"),
+        ScalarMappable(LogNorm(*limits_kPa), SCALE),
         cax=figure.add_axes((0.3, 0.085, 0.4, 0.022)),
         orientation="horizontal",
         extend="both",
@@ -208,6 +209,13 @@ def rim(surface: pv.PolyData, shift_mm: tuple[float, float, float]) -> pv.PolyDa
         boundary_edges=True, feature_edges=False, manifold_edges=False
     )
     return edges.translate(shift_mm)
+
+
+def deformed(mesh: pv.PolyData) -> pv.PolyData:
+    """Return a surface moved by its ``displacement_mm``."""
+    moved = mesh.copy()
+    moved.points = mesh.points + mesh["displacement_mm"]
+    return moved
 
 
 def _opened_faces(part: pv.UnstructuredGrid) -> Iterator[pv.PolyData]:

@@ -6,9 +6,11 @@ Import it only if `tactile_fem.output.pictures.can_draw` allows it: VTK may cras
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -29,8 +31,13 @@ _BETWEEN = 4
 _BEHIND_MM = 0.15
 # The interface is shown up to this height above its lowest point, or above the receptors.
 _BOWL_MM, _MARGIN_MM = 2.3, 0.2
+# Colour and radius in mm.
+_SILENT, _FIRING = ("#101010", 0.07), ("#FFFFFF", 0.1)
+_RIM_SHIFT_MM = (0.0, 0.03, 0.03)
 # Facets of the interface over the pad have a downward normal component of at least this.
 _DOWN = 0.3
+
+Piece = tuple[str, pv.DataSet, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -85,7 +92,11 @@ class Film:
         Upper end of the colour scale: 0.2 % of the interface exceed this strain energy density.
     strongest
         Number of the frame with the largest value of it.
+    bar, camera
+        See `tactile_fem.output.view.Frames`.
     """
+
+    bar = "interface", "Strain energy density\non the interface (kPa)"
 
     def __init__(self, results: Results) -> None:
         self._written_s, self._files = read_series(results.fields)
@@ -109,6 +120,8 @@ class Film:
         self.rim_mm = max(self._interface.bounds.z_min + _BOWL_MM, highest)
         tops = [np.percentile(self._felt(_read(p))["sed_kPa"], 99.8) for p in self._files]
         self.top_kPa = max(*tops, 1e-6)
+        focus = (0.0, self.cut_mm + 0.5, 3.6)
+        self.camera = (9.0, self.cut_mm + 28.0, 24.0), focus, 9.6
         self.strongest = _BETWEEN * int(np.argmax(tops))
 
     def __len__(self) -> int:
@@ -135,6 +148,49 @@ class Film:
             fired=fired,
             stimulator=self._surface.translate(translation),
         )
+
+    def pieces(self, k: int) -> Iterator[Piece]:
+        """Yield everything to be drawn of frame `k`: a name, a mesh and its style."""
+        state = self[k]
+        cut = (0.0, self.cut_mm, 0.0)
+        for name, part in drawing.parts(state.solid):
+            colour = drawing.COLOURS[name]
+            shell = part.extract_surface(algorithm=None).clip("y", origin=cut)
+            if shell.n_points:
+                yield f"{name} shell", drawing.deformed(shell), {"color": colour, "ambient": 0.25}
+            face = part.slice("y", origin=cut)
+            if face.n_points:
+                face = drawing.deformed(face)
+                yield f"{name} face", face, {"color": colour, "lighting": False}
+                yield f"{name} rim", drawing.rim(face, _RIM_SHIFT_MM), drawing.RIM_STYLE
+        front = state.interface.clip("y", origin=cut, invert=False)
+        front = drawing.deformed(front.clip("z", origin=(0.0, 0.0, self.rim_mm)))
+        style = {
+            "scalars": "sed_kPa",
+            "cmap": drawing.SCALE,
+            "clim": (0, self.top_kPa),
+            "lighting": False,
+        }
+        yield "interface", front, style
+        yield "interface rim", drawing.rim(front, _RIM_SHIFT_MM), drawing.RIM_STYLE
+        for name, which, (colour, radius) in (
+            ("silent", ~state.fired, _SILENT),
+            ("firing", state.fired, _FIRING),
+        ):
+            points = pv.PolyData(state.receptors_mm[which])
+            balls = points.glyph(geom=pv.Sphere(radius=radius), scale=False, orient=False)
+            yield name, balls, {"color": colour, "ambient": 0.4}
+        yield "stimulator", state.stimulator, drawing.RELIEF_STYLE
+
+    def title(self, k: int) -> str:
+        """Return what is written over frame `k`."""
+        return f"Displacement {self.displacement_mm[k]:.1f} mm, {1000 * self._times_s[k]:.0f} ms"
+
+    @property
+    def legend(self) -> dict[str, str]:
+        """Colours by what they mean."""
+        layers = {name.replace("_", " "): colour for name, colour in drawing.COLOURS.items()}
+        return {**layers, "receptor, silent": _SILENT[0], "receptor, firing": _FIRING[0]}
 
     def _fields(self, k: int) -> pv.UnstructuredGrid:
         """Return the undeformed tetrahedra with the fields of frame `k`."""
@@ -187,10 +243,3 @@ def _read(path: Path) -> pv.UnstructuredGrid:
         if all(name in grid.array_names for name in ("displacement_mm", "sed_kPa", "tissue")):
             return grid
     raise StudyError(f"{path} cannot be read as a field file of a scan.")
-
-
-def deformed(mesh: pv.PolyData) -> pv.PolyData:
-    """Return a surface moved by its ``displacement_mm``."""
-    moved = mesh.copy()
-    moved.points = mesh.points + mesh["displacement_mm"]
-    return moved

@@ -52,13 +52,22 @@ def draw_pictures(results: Results) -> list[Path]:
     """
     if section.is_section(results):
         return _draw_section(results)
+    if can_draw() is None and not read_series(results.fields)[1]:
+        logger.warning("There are no field files: 3-D pictures are skipped.")
+        return []
+    return drawn_apart("tactile_fem.output.pictures", str(results.folder))
+
+
+def drawn_apart(module: str, *arguments: str) -> list[Path]:
+    """Run a module that draws, in a process of its own; return the files that it names.
+
+    All errors are logged as warnings.
+    """
     reason = can_draw()
-    if reason is None and not read_series(results.fields)[1]:
-        reason = "There are no field files: 3-D pictures are skipped."
     if reason is not None:
         logger.warning("%s", reason)
         return []
-    command = [sys.executable, "-m", "tactile_fem.output.pictures", str(results.folder)]
+    command = [sys.executable, "-m", module, *arguments]
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, timeout=_LONGEST_S, env=_environment()

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tactile_fem.neuron import Population
+from tactile_fem.output.extrema import central_receptor
 from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
 from tactile_fem.vibration.spectrum import Spectrum
 
@@ -17,7 +17,7 @@ _COLOURS = (BLUE, VERMILION, GREEN, INK)
 
 @styled
 def spectrum_figure(
-    spectrum: Spectrum, populations: Sequence[Population], amplitude_mm: float
+    spectrum: Spectrum, names: Sequence[str], rates_Hz: np.ndarray, amplitude_mm: float
 ) -> Figure:
     """Draw force, strain energy density, displacement and firing rates over the frequency.
 
@@ -27,24 +27,24 @@ def spectrum_figure(
     ----------
     spectrum
         What was computed.
-    populations
-        The afferents.
+    names
+        Of the populations.
+    rates_Hz
+        Firing rates, (f, r), see `Spectrum.rates_Hz`.
     amplitude_mm
-        Of the vibration.
+        Of the vibration that evokes them.
     """
     figure = Figure(figsize=(7.2, 7.0), layout="constrained")
     force, sed, moved, rate = axes = figure.subplots(4, 1, sharex=True)
     f = spectrum.frequency_Hz
     along = spectrum.force_N @ spectrum.motion
     _bode(force, f, along, INK, "force", "Force along\nthe motion (N/mm)")
-    for population, colour in zip(populations, _COLOURS * len(populations), strict=False):
-        r = _middle(spectrum, population.name)
-        name = population.name
+    for name, colour in zip(names, _COLOURS * len(names), strict=False):
+        own = np.flatnonzero(spectrum.population == name)
+        r = own[central_receptor(spectrum.receptors_mm[own])]
         _bode(sed, f, spectrum.sed_kPa[:, r], colour, name, "SED (kPa/mm)")
         _bode(moved, f, spectrum.moved[:, r] @ spectrum.motion, colour, name, "Motion (mm/mm)")
-        own = np.flatnonzero(spectrum.population == name).tolist().index(r)
-        rates = [spectrum.rates_Hz(k, amplitude_mm, population)[own] for k in range(len(f))]
-        rate.plot(f, rates, "o-", color=colour, markersize=3, label=name)
+        rate.plot(f, rates_Hz[:, r], "o-", color=colour, markersize=3, label=name)
     rate.plot(f, f, ":", color=INK, linewidth=0.8, label="one spike a period")
     rate.set_ylim(0, max(50.0, 1.1 * max(line.get_ydata()[:-1].max() for line in rate.lines[:-1])))
     rate.set_ylabel(f"Spikes/s at {1000 * amplitude_mm:g} µm")
@@ -55,12 +55,6 @@ def spectrum_figure(
     rate.legend(ncols=4, fontsize=7)
     sed.legend(ncols=4, fontsize=7)
     return figure
-
-
-def _middle(spectrum: Spectrum, population: str) -> int:
-    """Return the receptor of a population that is closest to X = Y = 0."""
-    own = np.flatnonzero(spectrum.population == population)
-    return int(own[np.linalg.norm(spectrum.receptors_mm[own, :2], axis=1).argmin()])
 
 
 def _bode(ax: Axes, f: np.ndarray, values: np.ndarray, colour: str, label: str, what: str) -> None:

@@ -25,16 +25,20 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.neuron import Response, to_neo
 from tactile_fem.runtime.files import atomic_write, write_text
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
+
+if TYPE_CHECKING:
+    import neo
 
 # Everything this package writes into the folder; nothing else is ever removed.
 _OWN = (
@@ -57,6 +61,9 @@ _OWN = (
     "figures/force.png",
     "figures/finger.png",
     "figures/deformation_*.png",
+    "vibration/spectrum.*",
+    "vibration/modes.npz",
+    "vibration/shape_*_Hz.png",
     ".*.part",
     "states/.*.part",
     "fields/.*.part",
@@ -110,7 +117,7 @@ class Results:
             for pattern in _OWN:
                 for path in results.folder.glob(pattern):
                     path.unlink()
-            for emptied in (results.fields, results.figures, results.states):
+            for emptied in (results.fields, results.figures, results.states, results.vibration):
                 with suppress(OSError):  # what is not its own stays there
                     emptied.rmdir()
         except OSError as error:
@@ -186,6 +193,11 @@ class Results:
     def states(self) -> Path:
         """Folder of the states that were kept, made with the first of them."""
         return self.folder / "states"
+
+    @property
+    def vibration(self) -> Path:
+        """Folder of what `vibrate` finds."""
+        return self.folder / "vibration"
 
     @property
     def log_file(self) -> Path:
@@ -336,6 +348,29 @@ class Results:
             names = ", ".join(dict.fromkeys(self.trace["population"].tolist()))
             raise StudyError(f"{self.folder} has no afferents {population}, only {names}.")
         return indices
+
+    def to_neo(self) -> neo.Segment:
+        """Return a neo segment with a spike train per receptor.
+
+        Trains are annotated with the ``kind`` of afferent, its ``population`` and the undeformed
+        place of its receptor, ``receptor_mm`` (3,).
+
+        Raises
+        ------
+        StudyError
+            neo is not installed.
+        """
+        population = self.trace["population"].tolist()
+        kind_of = {afferents.name: afferents.kind for afferents in self.study.populations}
+        start, end = self.trace["time_s"][[0, -1]].tolist()
+        time_s = np.clip(self.spikes.time_s, start, end)  # the file's digits round
+        each = [np.sort(time_s[self.spikes.receptor == r]) for r in range(len(population))]
+        return to_neo(
+            Response(each, start, end),
+            population=population,
+            kind=[kind_of[name] for name in population],
+            receptor_mm=self.trace["receptors_mm"],
+        )
 
     @cached_property
     def stimulator(self) -> DistanceGrid | None:

@@ -51,11 +51,13 @@ _KINDS: dict[Any, dict[str, Any]] = {
             "filter_centre_Hz": 465.0,
             "filter_quality": 0.82,
             "filter_order": 2,
-            "filter_gain_pA": 118000.0,
+            "filter_gain_pA": 398000.0,
             "filter_off": 0.0,
             "capacitance_pF": 0.9,
             "refractory_s": 0.003,
-            "gain_spread": 1.5,
+            "threshold_jump_mV": 960.0,
+            "threshold_recovery_s": 0.004,
+            "gain_spread": 0.6,
             "threshold_noise": 0.1,
         },
     },
@@ -167,6 +169,13 @@ class Neuron(Section):
     resistance_GOhm: Positive = Field(1.667, description="R; after Gerling 2018's constants")
     threshold_mV: Positive = Field(30.0, description="V_th; after Gerling 2018's constants")
     refractory_s: NonNegative = Field(0.001, description="t_ref; after Gerling 2018's constants")
+    threshold_jump_mV: NonNegative = Field(
+        0.0,
+        description="a: what each spike raises the threshold by; 0 is no relative refractoriness",
+    )
+    threshold_recovery_s: Positive = Field(
+        0.01, description="tau_A: time over which the threshold comes back"
+    )
     gain_spread: NonNegative = Field(
         0.0, description="sd of the logarithm of the gains between afferents"
     )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -16,7 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
-from tactile_fem.mechanics.harmonic import Harmonic
+from tactile_fem.finger import FingerMesh
+from tactile_fem.mechanics.harmonic import Harmonic, Response
+from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
 from tactile_fem.scan.checkpoint import Origin
 from tactile_fem.scan.parts import Parts
@@ -31,6 +34,30 @@ Moves = Literal["body", "bone"]
 _NO_PARTS = Parts()
 
 
+@dataclass(frozen=True)
+class About:
+    """What vibrates.
+
+    Attributes
+    ----------
+    finger
+        The mesh, on the first rank; None on the others.
+    problem
+        In the state about which it vibrates.
+    body, bone
+        How the body and what is held vibrate, (3,): one is a unit vector, the other 0.
+    """
+
+    finger: FingerMesh | None
+    problem: FingerProblem
+    body: np.ndarray
+    bone: np.ndarray
+
+
+# Called on all ranks with the answer to each frequency.
+Observer = Callable[[About, Response], None]
+
+
 def vibrate(
     folder: Path | str,
     frequencies_Hz: ArrayLike,
@@ -41,6 +68,7 @@ def vibrate(
     density_kg_m3: float | None = None,
     comm: MPI.Comm | None = None,
     parts: Parts = _NO_PARTS,
+    observers: Sequence[Observer] = (),
 ) -> Spectrum:
     """Return how the finger of a scan answers to vibrations about one of its states.
 
@@ -62,6 +90,9 @@ def vibrate(
         Communicator; all its ranks must call. Default: all ranks.
     parts
         The scan's own parts, see `tactile_fem.scan.scan`.
+    observers
+        Called with the answer to each frequency, such as
+        `tactile_fem.vibration.keeper.ModeKeeper`.
 
     Raises
     ------
@@ -84,7 +115,9 @@ def vibrate(
             own = setup.study.tissue.density_kg_m3
             density = own if density_kg_m3 is None else density_kg_m3
             harmonic = Harmonic(instruments.problem, density)
-            return _spectrum(setup, instruments, harmonic, frequencies, along, moves)
+            body, bone = (along, 0 * along) if moves == "body" else (0 * along, along)
+            about = About(setup.finger, instruments.problem, body, bone)
+            return _spectrum(setup, instruments, harmonic, frequencies, about, observers)
 
 
 def _spectrum(
@@ -92,18 +125,19 @@ def _spectrum(
     instruments: Instruments,
     harmonic: Harmonic,
     frequencies: np.ndarray,
-    along: np.ndarray,
-    moves: Moves,
+    about: About,
+    observers: Sequence[Observer],
 ) -> Spectrum:
     problem, probe = instruments.problem, instruments.probe
     harmonic.stand(None)
     still, felt = probe.read(), Felt(problem, probe, harmonic)
-    of_body, of_bone = (along, 0 * along) if moves == "body" else (0 * along, along)
     answers, forces = [], []
     for number, frequency in enumerate(frequencies, 1):
-        response = harmonic.respond(frequency, of_body, of_bone)
+        response = harmonic.respond(frequency, about.body, about.bone)
         answers.append(felt.amplitudes(response))
         forces.append(response.force_N)
+        for observer in observers:
+            observer(about, response)
         logger.info(
             "%.4g Hz (%d of %d), %d iterations",
             frequency,
@@ -115,7 +149,7 @@ def _spectrum(
     layout = setup.layout
     return Spectrum(
         frequencies,
-        along,
+        about.body + about.bone,
         layout.positions_mm,
         layout.population,
         moved,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population
-from tactile_fem.runtime.files import atomic_write, write_records
+from tactile_fem.runtime.files import write_records
+from tactile_fem.vibration.archive import load_arrays, save_arrays
 
 Array = NDArray[Any]
 _SAMPLES = 24  # of a period
@@ -90,6 +91,15 @@ class Spectrum:
             still_stretches=self.still_stretches[same],
         )
 
+    def all_rates_Hz(self, populations: Iterable[Population], amplitude_mm: float) -> Array:
+        """Return the firing rates of all receptors at all frequencies, (f, r)."""
+        rates = np.zeros((len(self.frequency_Hz), len(self.population)))
+        for population in populations:
+            own = self.population == population.name
+            for k in range(len(self.frequency_Hz)):
+                rates[k, own] = self.rates_Hz(k, amplitude_mm, population)
+        return rates
+
     def rates_Hz(self, k: int, amplitude_mm: float, population: Population) -> Array:
         """Return the firing rates of a population's receptors at the k-th frequency, (own,)."""
         fired = population.fire(self.histories(k, amplitude_mm, _SETTLES_S + _COUNTED_S))
@@ -97,8 +107,7 @@ class Spectrum:
 
     def save(self, path: Path) -> None:
         """Write it as a compressed NumPy archive."""
-        with atomic_write(path) as part, part.open("wb") as stream:
-            np.savez_compressed(stream, **vars(self))
+        save_arrays(path, self)
 
     @classmethod
     def load(cls, path: Path) -> Spectrum:
@@ -109,22 +118,12 @@ class Spectrum:
         StudyError
             It cannot be read.
         """
-        try:
-            with np.load(path, allow_pickle=False) as arrays:
-                return cls(**{field.name: arrays[field.name] for field in fields(cls)})
-        except (OSError, KeyError, ValueError) as error:
-            raise StudyError(f"{path} cannot be read as a vibration: {error}.") from None
+        return load_arrays(cls, path)
 
-    def write_table(
-        self, path: Path, populations: Iterable[Population], amplitude_mm: float
-    ) -> None:
+    def write_table(self, path: Path, rates_Hz: Array, amplitude_mm: float) -> None:
         """Write amplitude and phase of each receptor at each frequency, and its firing rate."""
         records = []
-        by_name = {population.name: population for population in populations}
         for k, frequency in enumerate(self.frequency_Hz):
-            rates = np.zeros(len(self.population))
-            for name, population in by_name.items():
-                rates[self.population == name] = self.rates_Hz(k, amplitude_mm, population)
             for r, name in enumerate(self.population):
                 records.append(
                     {
@@ -134,7 +133,7 @@ class Spectrum:
                         **_polar("sed_kPa", amplitude_mm * self.sed_kPa[k, r]),
                         **_polar("smallest_stretch", amplitude_mm * self.stretches[k, r, 0]),
                         **_polar("z_mm", amplitude_mm * self.moved[k, r, 2]),
-                        "rate_Hz": f"{rates[r]:.6g}",
+                        "rate_Hz": f"{rates_Hz[k, r]:.6g}",
                     }
                 )
         write_records(path, records)
@@ -145,8 +144,10 @@ def _polar(name: str, value: complex) -> dict[str, str]:
     return {name: f"{abs(value):.6g}", f"{name}_phase_deg": f"{phase:.4g}"}
 
 
-def frequencies_of(text: str) -> Array:
+def frequencies_of(text: str, option: str = "--frequencies") -> Array:
     """Return the frequencies of ``low:high:count``, evenly spaced in their logarithm, or of a list.
+
+    Errors name the `option`.
 
     Raises
     ------
@@ -166,7 +167,7 @@ def frequencies_of(text: str) -> Array:
             raise ValueError
     except ValueError:
         raise StudyError(
-            f'--frequencies is "{text}" but must be low:high:count or a list such as 10,50,250, '
+            f'{option} is "{text}" but must be low:high:count or a list such as 10,50,250, '
             "in Hz and greater than 0."
         ) from None
     return found

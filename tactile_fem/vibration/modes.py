@@ -1,0 +1,81 @@
+"""The shape of a vibrating finger: complex displacements of all nodes at some frequencies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactile_fem.vibration.archive import load_arrays, save_arrays
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Modes:
+    """How the whole finger moves in a vibration about a state.
+
+    Attributes
+    ----------
+    frequency_Hz
+        (f,).
+    moved
+        Complex displacement amplitudes per mm of the vibration, (f, n, 3), single precision. The
+        real part of the amplitude times ``exp(i w t)`` is the displacement.
+    still_mm
+        Displacement of the state itself, (n, 3).
+    nodes_mm, tets, tissue
+        Of the mesh, in its file's order: (n, 3); (m, 10), gmsh's order; (m,) tags.
+    stimulator_mm
+        Where the body is in the state, (3,).
+    body
+        How it vibrates, (3,): a unit vector, or 0 if the bone vibrates.
+    """
+
+    frequency_Hz: Array
+    moved: Array
+    still_mm: Array
+    nodes_mm: Array
+    tets: Array
+    tissue: Array
+    stimulator_mm: Array
+    body: Array
+
+    def nearest(self, frequency_Hz: float) -> int:
+        """Return the number of the frequency nearest to one, by their ratio."""
+        return int(nearest(self.frequency_Hz, [frequency_Hz])[0])
+
+    def largest_phase(self, k: int) -> float:
+        """Return the phase w t, rad, at which the nodes' mean square displacement is largest."""
+        # |Re(a e^(i p))|^2 = (|a|^2 + Re(a.a e^(2 i p)))/2
+        return float(-0.5 * np.angle(np.sum(self.moved[k].astype(complex) ** 2)))
+
+    def save(self, path: Path) -> None:
+        """Write it as a compressed NumPy archive."""
+        save_arrays(path, self)
+
+    @classmethod
+    def load(cls, path: Path) -> Modes:
+        """Return what `save` wrote.
+
+        Raises
+        ------
+        StudyError
+            It cannot be read.
+        """
+        return load_arrays(cls, path)
+
+
+def nearest(frequencies_Hz: ArrayLike, wanted_Hz: ArrayLike) -> NDArray[np.intp]:
+    """Return the numbers, rising, of the frequencies nearest to the wanted ones, by their ratio."""
+    logs, wanted = np.log(frequencies_Hz), np.log(wanted_Hz)
+    return np.unique(np.abs(logs[:, None] - wanted).argmin(axis=0))
+
+
+def few_of(frequencies_Hz: ArrayLike) -> Array:
+    """Return the lowest, the middle and the highest frequency: few, for all nodes are kept."""
+    rising = np.sort(np.asarray(frequencies_Hz, dtype=float))
+    return np.unique(rising[[0, len(rising) // 2, -1]])
