@@ -19,6 +19,7 @@ class Step:
     fraction: float
     force_N: np.ndarray = field(default_factory=lambda: np.array([0.03, -0.04, 0.5]))
     newton_iterations: int = 5
+    force_unit: str = "N"
 
 
 STEPS = [

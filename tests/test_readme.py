@@ -125,6 +125,8 @@ def test_the_recipes_commands_are_studies_that_can_be_scanned():
             assert len(frequencies_of(bound.arguments["frequencies"])) == 25
             continue
         if command.__name__ == "view":  # of the same
+            if "vibration" not in bound.arguments:
+                continue
             assert few_of(np.geomspace(1, 1000, 25)).min() < bound.arguments["vibration"]
             continue
         assert command.__name__ in ("scan", "mesh")

@@ -119,12 +119,12 @@ def test_one_key_instead_of_others_is_kept_without_them(tmp_path):
     study = load_study(None, ["finger.mesh_file=mine.msh", "protocol.force_N=0.6"])
     (tmp_path / "study.toml").write_text(dump_study(study))
     saved = tomllib.loads((tmp_path / "study.toml").read_text())
-    assert saved["finger"] == {"mesh_file": str(Path("mine.msh").absolute())}
+    assert saved["finger"] == {"kind": "solid", "mesh_file": str(Path("mine.msh").absolute())}
     assert saved["protocol"]["force_N"] == 0.6 and "depth_mm" not in saved["protocol"]
     assert saved["protocol"]["distance_mm"] == 10.0
     assert load_study(tmp_path / "study.toml") == study == Study.model_validate(study.model_dump())
     fixed = json.loads(study.model_dump_json(exclude={"neuron": True, "finger": {"mesh_file"}}))
-    assert fixed["finger"] == {} and "depth_mm" not in fixed["protocol"]
+    assert fixed["finger"] == {"kind": "solid"} and "depth_mm" not in fixed["protocol"]
     whole = Study().model_dump()
     assert whole["finger"]["dermis_mm"] == 0.8 and whole["protocol"]["depth_mm"] == 1.97
 

@@ -12,6 +12,8 @@ from tactile_fem.finger.mesh_data import SURFACES, FingerMesh
 TIPS = ("intermediate_ridges", "papillae")
 # A tip rises so much above its neighbours, mm: no noise of the mesh, far less than a papilla.
 _LEAST_MM = 0.01
+# The pad ends so much above its lowest point.
+_PAD_MM = 3.0
 
 
 def tips(finger: FingerMesh, placement: str) -> np.ndarray:
@@ -57,6 +59,5 @@ def _palmar(finger: FingerMesh, surface: str) -> np.ndarray:
     """Return the corners (n, 3) of a surface on the side of the pad, along the section."""
     facets = finger.facets[finger.surface == SURFACES[surface]]
     points = finger.nodes[np.unique(facets[:, : finger.simplex.dim])]
-    middle = (points[:, 2].min() + points[:, 2].max()) / 2
-    palmar = points[points[:, 2] < middle]
+    palmar = points[points[:, 2] < points[:, 2].min() + _PAD_MM]
     return palmar[np.argsort(palmar[:, finger.plane.axes[0]])]

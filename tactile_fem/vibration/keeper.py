@@ -55,7 +55,7 @@ class ModeKeeper:
             np.array(moved),
             still,
             finger.nodes.astype(np.float32),
-            finger.tets.astype(np.int32),
+            finger.cells.astype(np.int32),
             finger.tissue.astype(np.int32),
             about.problem.state.translation_old.value.copy(),
             about.body,
