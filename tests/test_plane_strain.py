@@ -47,7 +47,7 @@ def slab(y: np.ndarray, z: np.ndarray, width: float) -> FingerMesh:
     """Return the section with a width: each triangle a prism of three tetrahedra."""
     nodes, cells, _ = rectangle(y, z)
     count = len(nodes)
-    nodes = np.vstack([nodes, nodes + [width, 0.0, 0.0]])
+    nodes = np.vstack([nodes, nodes + np.array([width, 0.0, 0.0])])
     i, j, k = np.sort(cells, axis=1).T
     tets = np.concatenate(
         [
