@@ -37,7 +37,6 @@ from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.report import r_squared
 from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
-from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.finger.surface import SkinSurface
 from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
@@ -107,7 +106,7 @@ def midline(finger: FingerMesh, displacement: np.ndarray) -> np.ndarray:
 # %%
 def resolution(finger: FingerMesh, radius: float) -> None:
     """Print how the facets under the bar compare with its radius."""
-    skin = finger.nodes[finger.facets[finger.surface == SURFACES["skin"], :3]]
+    skin = finger.corners_of("skin")
     near = skin[np.all(np.abs(skin.mean(axis=1)[:, :2]) < 1.5, axis=1)]
     size = float(np.mean([pdist(corners).mean() for corners in near]))
     verdict = "resolved" if size <= radius else "not resolved: the mesh rounds it"

@@ -186,7 +186,7 @@ def export(
         raise StudyError(f'--deck is "{deck}" but must end in .inp.')
     if deck.exists() and not overwrite:
         raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
-    if the_study.finger.kind == "section":
+    if the_study.finger.is_section:
         raise StudyError('finger.kind is "section" but must be "solid" for an input deck.')
     from tactile_fem.finger import load_finger
     from tactile_fem.output.deck import write_deck

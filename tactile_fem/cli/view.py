@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
@@ -59,7 +60,7 @@ def view(
     with --save, which needs no display.
     """
     found = Results.open(results)
-    if section.is_section(found):
+    if vibration is None and found.study.finger.is_section:
         _view_section(found, save, at_mm)
         return
     _check(save, at_mm)
@@ -99,12 +100,9 @@ def view(
 
 def _view_section(results: Results, save: Path | None, at_mm: float | None) -> None:
     """Write the film of a section, or a picture of one moment."""
-    if save is None or save.suffix not in _OF_SECTION:
-        raise StudyError(
-            f'--save is "{save or ""}" but must end in {" or ".join(_OF_SECTION)} for a section.'
-        )
-    if not save.absolute().parent.is_dir():
-        raise StudyError(f'--save is "{save}" but there is no folder {save.parent}.')
+    if save is None:
+        raise StudyError(f"A section needs --save with a name in {' or '.join(_OF_SECTION)}.")
+    _check_file("--save", save, _OF_SECTION)
     film = section.SectionFilm(results)
     if save.suffix == ".gif":
         section.save_gif(film, save)
@@ -123,12 +121,9 @@ def preview(
 ) -> None:
     """Draw finger and stimulator before a scan, and where the contact point goes."""
     the_study = load_study(study, settings or ())
-    if output.suffix != ".png":
-        raise StudyError(f'--output is "{output}" but must end in .png.')
-    if not output.absolute().parent.is_dir():
-        raise StudyError(f'--output is "{output}" but there is no folder {output.parent}.')
+    _check_file("--output", output, (".png",))
     logs.set_up()
-    if the_study.finger.kind == "section":
+    if the_study.finger.is_section:
         mesh, body = load_finger(the_study.finger), make_body(the_study.stimulus)
         write_figure(output, section.layers_figure(mesh, body, (0.0, 0.0, 0.0)))
         print(f"Written to {output}")
@@ -167,12 +162,18 @@ def _modes(results: Results) -> Modes:
     return Modes.load(path)
 
 
+def _check_file(option: str, file: Path, endings: Sequence[str]) -> None:
+    """Raise StudyError if a file to be written has another ending or no folder."""
+    if file.suffix not in endings:
+        raise StudyError(f'{option} is "{file}" but must end in {", ".join(endings)}.')
+    if not file.absolute().parent.is_dir():
+        raise StudyError(f'{option} is "{file}" but there is no folder {file.parent}.')
+
+
 def _check(save: Path | None, at_mm: float | None) -> None:
     """Raise errors that can be detected before a graphics library is loaded."""
-    if save is not None and save.suffix not in _ENDINGS:
-        raise StudyError(f'--save is "{save}" but must end in {", ".join(_ENDINGS)}.')
-    if save is not None and not save.absolute().parent.is_dir():
-        raise StudyError(f'--save is "{save}" but there is no folder {save.parent}.')
+    if save is not None:
+        _check_file("--save", save, _ENDINGS)
     if at_mm is not None and (save is None or save.suffix != ".html"):
         raise StudyError("--at-mm goes with --save to an .html file.")
     _check_drawing()

@@ -59,19 +59,36 @@ def build_finger(finger: Finger) -> FingerMesh:
     inner = outer + len(nodes) - len(points)
     _check_room(skin, nodes[-len(points) :], rows.depths[-1], cut_y)
     nodes, fat, marrow = _fill(nodes, inner, anatomy.bone, sizes, finger)
-    tets = np.concatenate([tets, fat, marrow])
+    return put_together(nodes, (tets, tissue), fat, marrow, cut_y)
+
+
+def put_together(
+    nodes: Array,
+    layers: tuple[NDArray[np.int64], NDArray[np.int64]],
+    fat: NDArray[np.int64],
+    marrow: NDArray[np.int64],
+    cut_y: float,
+) -> FingerMesh:
+    """Return the quadratic mesh of linear cells: those of the layers with their tissues, fat, bone.
+
+    Raises
+    ------
+    MeshError
+        They cannot be used.
+    """
+    cells = np.concatenate([layers[0], fat, marrow])
     tissue = np.concatenate(
         [
-            tissue,
+            layers[1],
             np.full(len(fat), TISSUES["subcutaneous"]),
             np.full(len(marrow), TISSUES["bone"]),
         ]
     )
-    triangles, surface = tag_surfaces(nodes, tets, tissue, cut_y)
-    nodes, tets, triangles = quadratic(nodes, tets, triangles)
-    mesh = FingerMesh(nodes, tets, tissue, triangles, surface)
+    facets, surface = tag_surfaces(nodes, cells, tissue, cut_y)
+    nodes, cells, facets = quadratic(nodes, cells, facets)
+    mesh = FingerMesh(nodes, cells, tissue, facets, surface)
     check_mesh(mesh)
-    logger.info("finger of %d tetrahedra and %d nodes", len(tets), len(nodes))
+    logger.info("finger of %d %s and %d nodes", len(cells), mesh.simplex.plural, len(nodes))
     return mesh
 
 

@@ -47,12 +47,12 @@ def load_finger(finger: Finger) -> FingerMesh:
     if shipped is not None:
         logger.info("finger from %s", shipped.name)
         return read_msh(shipped)
-    return build_section(finger) if finger.kind == "section" else build_finger(finger)
+    return build_section(finger) if finger.is_section else build_finger(finger)
 
 
 def check_kind(mesh: FingerMesh, finger: Finger) -> None:
     """Raise MeshError if a mesh is a section but the study's finger is none, or the reverse."""
-    if (mesh.simplex is SOLID) != (finger.kind == "solid"):
+    if (mesh.simplex is SOLID) == finger.is_section:
         kind = "solid" if mesh.simplex is SOLID else "section"
         raise MeshError(
             f'finger.kind is "{finger.kind}" but must be "{kind}" for a mesh of '

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_fem.study import Finger
+
 Array = NDArray[np.float64]
 # Name of the plane and its axes.
 PLANES = {"sagittal": (1, 2), "transverse": (0, 2)}
@@ -32,6 +34,11 @@ class Plane:
 
     axes: tuple[int, ...] = (0, 1, 2)
     at_mm: float = 0.0
+
+    @classmethod
+    def of(cls, finger: Finger) -> Plane:
+        """Return the plane of a study's section through the contact point; space for a solid."""
+        return cls(PLANES[finger.plane]) if finger.is_section else cls()
 
     @classmethod
     def through(cls, points: Array) -> Plane:

@@ -6,9 +6,7 @@ gmsh fills fat and bone.
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -22,31 +20,26 @@ from tactile_fem.finger.build import (
     extrusion_directions,
     fill_plane,
     layering,
-    tag_surfaces,
+    put_together,
 )
-from tactile_fem.finger.mesh_data import TISSUES, FingerMesh, Indices, quadratic
+from tactile_fem.finger.mesh_data import TISSUES, FingerMesh, Indices
 from tactile_fem.finger.plane import PLANES, Plane
-from tactile_fem.finger.report import check_mesh, volumes
+from tactile_fem.finger.report import volumes
 from tactile_fem.finger.ridges import Ridges
 from tactile_fem.finger.shape import Array, Capsule
-from tactile_fem.finger.skin import NailOutline, Sizes, bone_size, pad_size, sizes_of
+from tactile_fem.finger.skin import NailOutline, Size, Sizes, bone_size, pad_size, sizes_of
 from tactile_fem.study import Finger
-
-logger = logging.getLogger(__name__)
 
 # A section's edges as a share of the solid finger's, under the contact patch and on the bone.
 _FINER, _BONE, _FAR = 0.25, 0.5, 0.4
 # Edges grow so much per mm from the patch: skin is dragged far along the section.
 _SLOW = 0.05
-PER_RIDGE = 8
-_LEAST_PER_RIDGE = 4
+_PER_RIDGE, _LEAST_PER_RIDGE = 8, 4
 # Points of a contour from which it is measured.
 _DENSE = 20_001
 # Rows are at most so many times as high as the edges under the patch are long; in the dermis they
 # grow by this share of the depth below its upper limit.
 _TALLEST, _GROWTH = 1.3, 0.35
-
-Size = Callable[[float, float, float], float]
 
 
 @dataclass(frozen=True)
@@ -80,7 +73,7 @@ def section_sizes(finger: Finger) -> Sizes:
     sizes, ridges = sizes_of(finger), Ridges.of(finger)
     pad = finger.pad_size_mm or _FINER * sizes.pad
     if ridges.any:
-        pad = finger.pad_size_mm or min(pad, ridges.pitch / PER_RIDGE)
+        pad = finger.pad_size_mm or min(pad, ridges.pitch / _PER_RIDGE)
         if pad > ridges.pitch / _LEAST_PER_RIDGE:
             raise MeshError(
                 f"finger.ridge_pitch_mm = {ridges.pitch:g} must be at least {_LEAST_PER_RIDGE} "
@@ -99,7 +92,7 @@ def build_section(finger: Finger) -> FingerMesh:
         If the lengths do not make a finger, or gmsh is missing or fails.
     """
     sizes, ridges, anatomy = section_sizes(finger), Ridges.of(finger), Anatomy.of(finger)
-    capsule, plane = anatomy.skin.capsule, Plane(PLANES[finger.plane])
+    capsule, plane = anatomy.skin.capsule, Plane.of(finger)
     rows = _finer(layering(finger, 1), sizes.pad)
     skin = _contour(capsule, plane)
     near = pad_size(sizes, capsule)
@@ -115,20 +108,9 @@ def build_section(finger: Finger) -> FingerMesh:
     sizes_there = [_BONE * by_size(*p) for p in bone.points - [0, 0, anatomy.bone.axis_z]]
     bone = _divided(bone, sizes_there, [0.0])
     nodes, fat, marrow = _fill(nodes, len(skin.points), bone, sizes.far)
-    cells = _turned(np.concatenate([cells, fat, marrow]), plane.within(nodes))
-    tissue = np.concatenate(
-        [
-            tissue,
-            np.full(len(fat), TISSUES["subcutaneous"]),
-            np.full(len(marrow), TISSUES["bone"]),
-        ]
-    )
-    facets, surface = tag_surfaces(nodes, cells, tissue, capsule.cut_y)
-    nodes, cells, facets = quadratic(nodes, cells, facets)
-    mesh = FingerMesh(nodes, cells, tissue, facets, surface)
-    check_mesh(mesh)
-    logger.info("section of %d triangles and %d nodes", len(cells), len(mesh.nodes))
-    return mesh
+    flat = plane.within(nodes)
+    cells, fat, marrow = (_turned(part, flat) for part in (cells, fat, marrow))
+    return put_together(nodes, (cells, tissue), fat, marrow, capsule.cut_y)
 
 
 # --- contours ----------------------------------------------------------------------------------

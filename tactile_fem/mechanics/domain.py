@@ -110,8 +110,9 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
         Tissues and surfaces that are fixed. Cells of fixed tissues are left out: bone is
         a million times stiffer than the tissue around it, so a rigid bone changes only the cost.
     """
-    straight, plane, held_nodes, line, file_cells = on_root(comm, lambda: _plan(finger, held))
-    nodes = on_root(comm, lambda: plane.within(finger.nodes))
+    straight, plane, nodes, held_nodes, line, file_cells = on_root(
+        comm, lambda: _plan(finger, held)
+    )
     dim, degree = nodes.shape[1], 1 if straight else 2
     cell, facet = _SIMPLEX[dim], _SIMPLEX[dim - 1]
     corners, sides = math.comb(dim + degree, degree), math.comb(dim - 1 + degree, degree)
@@ -148,10 +149,12 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
 
 def _plan(
     finger: FingerMesh, held: Sequence[str]
-) -> tuple[bool, Plane, np.ndarray, np.ndarray, np.ndarray]:
-    """Return straightness, plane, held nodes, lines and deformable cells; on rank 0."""
+) -> tuple[bool, Plane, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return straightness, plane, nodes in it, held ones, lines, deformable cells; on rank 0."""
     rigid, held_nodes = held_parts(finger, held)
-    return _is_straight(finger), finger.plane, held_nodes, _lines(finger), np.flatnonzero(~rigid)
+    plane, lines = finger.plane, _lines(finger)
+    nodes = plane.within(finger.nodes)
+    return _is_straight(finger), plane, nodes, held_nodes, lines, np.flatnonzero(~rigid)
 
 
 def _lines(finger: FingerMesh) -> np.ndarray:

@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from tactile_fem.finger.mesh_data import TISSUES
-from tactile_fem.output.colours import COLOURS, RIGID
+from tactile_fem.output.colours import COLOURS, RIGID, is_soft
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.stimulus.distance_grid import DistanceGrid
@@ -113,8 +113,7 @@ def deformation_figure(
 
 def colour_limits(grids: list[pv.UnstructuredGrid]) -> tuple[float, float]:
     """Return a common colour scale: up to the 99.8th percentile, from a thousandth of it."""
-    hard = [TISSUES[name] for name in RIGID]
-    soft = [grid["sed_kPa"][~np.isin(grid["tissue"], hard)] for grid in grids]
+    soft = [grid["sed_kPa"][is_soft(grid["tissue"])] for grid in grids]
     top = max(float(np.percentile(np.concatenate(soft), 99.8)), 1e-6)
     return top / 1000, top
 

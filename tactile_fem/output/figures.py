@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.finger.plane import Plane
 from tactile_fem.neuron import Response, drive_of
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.extrema import central_receptor, middle_row
@@ -138,7 +139,7 @@ def _firing(results: Results, own: Indices, over: Abscissa) -> Figure | None:
 def _along_finger(results: Results) -> bool:
     """Return whether the scan is that of a sagittal section."""
     places = results.trace["receptors_mm"]
-    return results.study.finger.kind == "section" and bool(np.ptp(places[:, 0]) < 1e-9)
+    return results.study.finger.is_section and bool(np.ptp(places[:, 0]) < 1e-9)
 
 
 def _force(results: Results, over: Abscissa) -> Figure:
@@ -148,5 +149,5 @@ def _force(results: Results, over: Abscissa) -> Figure:
         (trace["depth_mm"][indenting], "Indentation (mm)", trace["force_N"][indenting]),
         (over.values, over.label, trace["force_N"][over.rows]),
         results.study.stimulus.friction,
-        "N/mm" if results.study.finger.kind == "section" else "N",
+        Plane.of(results.study.finger).force_unit,
     )

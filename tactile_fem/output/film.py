@@ -19,9 +19,7 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import TISSUES, facets_of
 from tactile_fem.output import drawing
-from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.pictures import at_time
-from tactile_fem.output.plots import TIME
+from tactile_fem.output.timeline import Timeline, at_time
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
 
@@ -99,22 +97,18 @@ class Film:
     bar = "interface", "Strain energy density\non the interface (kPa)"
 
     def __init__(self, results: Results) -> None:
-        self._written_s, self._files = read_series(results.fields)
+        written_s, self._files = read_series(results.fields)
         if not self._files:
             raise StudyError(f"There are no field files in {results.fields}: nothing to view.")
-        self._trace, self._spikes = results.trace, results.spikes
+        self._results, self._trace = results, results.trace
         self._surface = drawing.stimulator_surface(results)
         side = results.study.populations[0].receptors.side
         self._interface = _interface(_read(self._files[0]), side)
         places = self._trace["receptors_mm"]
         _, self._feet = self._interface.find_closest_cell(places, return_closest_point=True)
-        frames = np.arange(_BETWEEN * (len(self._files) - 1) + 1) / _BETWEEN
-        self._times_s = np.interp(frames, np.arange(len(self._files)), self._written_s)
-        step = self._times_s[1] - self._times_s[0] if len(frames) > 1 else np.inf
-        self._since_s = np.concatenate([self._times_s[:1] - step, self._times_s[:-1]])
-        self.displacement_mm = at_time(self._trace, "displacement_mm", self._times_s)
-        self.label = Abscissa.of(results).label
-        self.along = self._times_s if self.label == TIME else self.displacement_mm
+        self._timeline = timeline = Timeline.of(results, written_s, _BETWEEN)
+        self.displacement_mm = timeline.displacement_mm
+        self.label, self.along = timeline.label, timeline.along
         self.cut_mm = float(places[:, 1].min()) - _BEHIND_MM
         highest = float(places[:, 2].max()) + _MARGIN_MM
         self.rim_mm = max(self._interface.bounds.z_min + _BOWL_MM, highest)
@@ -125,18 +119,15 @@ class Film:
         self.strongest = _BETWEEN * int(np.argmax(tops))
 
     def __len__(self) -> int:
-        return len(self._times_s)
+        return len(self._timeline)
 
     def nearest(self, value: float) -> int:
         """Return the number of the frame nearest to a value of `along`."""
-        return int(np.argmin(np.abs(self.along - value)))
+        return self._timeline.nearest(value)
 
     def __getitem__(self, k: int) -> State:
-        time = self._times_s[k]
+        time = self._timeline.times_s[k]
         solid = self._fields(k)
-        recent = (self._spikes.time_s > self._since_s[k]) & (self._spikes.time_s <= time)
-        fired = np.zeros(len(self._trace["receptors_mm"]), dtype=bool)
-        fired[self._spikes.receptor[recent]] = True
         translation = at_time(self._trace, "stimulator_mm", time)
         moved = pv.PolyData(self._feet).sample(solid, snap_to_closest_point=True)
         return State(
@@ -145,7 +136,7 @@ class Film:
             solid=solid,
             interface=self._felt(solid),
             receptors_mm=self._trace["receptors_mm"] + moved["displacement_mm"],
-            fired=fired,
+            fired=self._timeline.fired(self._results, k),
             stimulator=self._surface.translate(translation),
         )
 
@@ -184,7 +175,8 @@ class Film:
 
     def title(self, k: int) -> str:
         """Return what is written over frame `k`."""
-        return f"Displacement {self.displacement_mm[k]:.1f} mm, {1000 * self._times_s[k]:.0f} ms"
+        time_ms = 1000 * self._timeline.times_s[k]
+        return f"Displacement {self.displacement_mm[k]:.1f} mm, {time_ms:.0f} ms"
 
     @property
     def legend(self) -> dict[str, str]:

@@ -11,8 +11,9 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 
-from tactile_fem.finger.mesh_data import TISSUES, VTK_ORDER
+from tactile_fem.finger.mesh_data import VTK_ORDER
 from tactile_fem.output import drawing
+from tactile_fem.output.colours import is_soft
 from tactile_fem.output.film import Piece
 from tactile_fem.scan.results import Results
 from tactile_fem.vibration.modes import Modes
@@ -57,8 +58,8 @@ class ModeFilm:
         self._body = modes.body
         self._surface = drawing.stimulator_surface(results).translate(modes.stimulator_mm)
         solid = _solid(modes, k)
-        soft = ~np.isin(modes.tissue, [TISSUES[name] for name in drawing.RIGID])
-        felt = solid["amplitude"][np.unique(modes.tets[soft, :4])]
+        soft = modes.tets[is_soft(modes.tissue), :4]
+        felt = solid["amplitude"][np.unique(soft)]
         self._top = max(float(felt.max()), 1e-6)
         self.factor = float(f"{_DRAWN_MM / (amplitude_mm * self._top):.1g}")
         self._cut = list(_cut(solid))

@@ -13,16 +13,16 @@ import sys
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tactile_fem.output import section
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.extrema import central_receptor, extrema
 from tactile_fem.output.plots import TIME
+from tactile_fem.output.timeline import at_time
 from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.scan.fields import read_series
@@ -50,11 +50,12 @@ def draw_pictures(results: Results) -> list[Path]:
 
     All errors are logged as warnings, because pictures are less important than the data.
     """
-    if section.is_section(results):
-        return _draw_section(results)
-    if can_draw() is None and not read_series(results.fields)[1]:
+    flat = results.study.finger.is_section
+    if not read_series(results.fields)[1] and (flat or can_draw() is None):
         logger.warning("There are no field files: 3-D pictures are skipped.")
         return []
+    if flat:
+        return _draw_section(results)
     return drawn_apart("tactile_fem.output.pictures", str(results.folder))
 
 
@@ -92,10 +93,16 @@ def _draw_section(results: Results) -> list[Path]:
     results.figures.mkdir(exist_ok=True)
     paths = []
     for k in (section.BETWEEN * state for state in chosen):
-        name = f"{film[k].time_s:06.3f}_s" if over_time else f"{film[k].displacement_mm:05.2f}"
-        paths.append(results.figures / f"deformation_{name}.png")
+        moment = film[k]
+        paths.append(_picture(results, over_time, moment.time_s, moment.displacement_mm))
         write_figure(paths[-1], section.moment_figure(film, k))
     return paths
+
+
+def _picture(results: Results, over_time: bool, time_s: float, slid_mm: float) -> Path:
+    """Return the file of a deformation."""
+    name = f"{time_s:06.3f}_s" if over_time else f"{slid_mm:05.2f}"
+    return results.figures / f"deformation_{name}.png"
 
 
 def _environment() -> dict[str, str]:
@@ -140,17 +147,9 @@ def main(folder: str) -> int:
         stimulator = surface.translate(at_time(trace, "stimulator_mm", times[k]))
         slid_mm = float(at_time(trace, "displacement_mm", times[k]))
         title = f"Time {times[k]:.3f} s" if over_time else f"Displacement {slid_mm:.1f} mm"
-        name = f"{times[k]:06.3f}_s" if over_time else f"{slid_mm:05.2f}"
         figure = drawing.deformation_figure(grid, stimulator, limits, title)
-        _save(figure, results.figures / f"deformation_{name}.png")
+        _save(figure, _picture(results, over_time, times[k], slid_mm))
     return 0
-
-
-def at_time(trace: Mapping[str, NDArray[np.float64]], name: str, time_s: ArrayLike) -> Any:
-    """Return a history's value at a time, or one value at many times."""
-    columns = np.atleast_2d(trace[name].T)
-    values = [np.interp(time_s, trace["time_s"], column) for column in columns]
-    return np.array(values) if trace[name].ndim > 1 else values[0]
 
 
 def _save(figure: Figure, path: Path) -> None:

@@ -24,10 +24,10 @@ from PIL import Image
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import FLAT, TISSUES, FingerMesh, facets_of
 from tactile_fem.finger.plane import AXES, Plane
-from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.colours import COLOURS, RIGID
+from tactile_fem.output.colours import COLOURS, is_soft
+from tactile_fem.output.gif import write_gif
 from tactile_fem.output.plots import TIME, styled
-from tactile_fem.runtime.files import atomic_write
+from tactile_fem.output.timeline import Timeline, at_time
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
@@ -40,7 +40,6 @@ _SILENT, _FIRING = "#101010", "#FF3B30"
 # The body's surface is found on a grid of so many points.
 _GRID = (900, 400)
 _MARGIN_MM = 0.6
-_PER_SECOND = 20
 # Frames from one saved state to the next.
 BETWEEN = 2
 
@@ -90,12 +89,6 @@ class Shape:
         ends = np.sort(facets[self.tissue[first] != beside], axis=1)
         at = self.nodes + np.asarray(moved)
         return LineCollection(at[ends], colors="black", linewidths=0.4)
-
-
-def is_section(results: Results) -> bool:
-    """Return whether a scan's fields are those of a section."""
-    files = read_series(results.fields)[1]
-    return bool(files) and FLAT.cell in meshio.read(files[0]).cells_dict
 
 
 def layers_figure(mesh: FingerMesh, body: RigidBody, start_mm: ArrayLike) -> Figure:
@@ -163,66 +156,48 @@ class SectionFilm:
     """
 
     def __init__(self, results: Results) -> None:
-        self._times_s, self._files = read_series(results.fields)
+        written_s, self._files = read_series(results.fields)
         if not self._files:
             raise StudyError(f"There are no field files in {results.fields}: nothing to view.")
+        self._results = results
         self.shape = Shape.read(self._files[0])
-        self.gap = (
-            results.stimulator.gap
-            if results.stimulator
-            else _gap_of(make_body(results.study.stimulus))
-        )
-        self._trace, self._spikes = results.trace, results.spikes
+        body = results.stimulator
+        self.gap = body.gap if body else _gap_of(make_body(results.study.stimulus))
         fields = [meshio.read(file) for file in self._files]
         self._moved = [
             self.shape.plane.within(f.point_data["displacement_mm"]).astype(float) for f in fields
         ]
         self._sed = [np.asarray(f.cell_data["sed_kPa"][0], dtype=float) for f in fields]
-        soft = ~np.isin(self.shape.tissue, [TISSUES[name] for name in RIGID])
-        tops = [np.percentile(sed[soft], 99.5) for sed in self._sed]
+        tops = [np.percentile(sed[is_soft(self.shape.tissue)], 99.5) for sed in self._sed]
         self.top_kPa, self.strongest = max(*tops, 1e-6), BETWEEN * int(np.argmax(tops))
-        self.label = Abscissa.of(results).label
-        frames = np.arange(len(self)) / BETWEEN
-        times = np.interp(frames, np.arange(len(self._files)), self._times_s)
-        slid = np.interp(times, self._trace["time_s"], self._trace["displacement_mm"])
-        self.along = times if self.label == TIME else slid
+        self._timeline = Timeline.of(results, written_s, BETWEEN)
+        self.label, self.along = self._timeline.label, self._timeline.along
 
     def __len__(self) -> int:
-        return BETWEEN * (len(self._files) - 1) + 1
+        return len(self._timeline)
 
     def nearest(self, value: float) -> int:
         """Return the number of the moment nearest to a value of `along`."""
-        return int(np.argmin(np.abs(self.along - value)))
+        return self._timeline.nearest(value)
 
     def __getitem__(self, k: int) -> Moment:
         before, share = divmod(k, BETWEEN)
         after, share = min(before + 1, len(self._files) - 1), share / BETWEEN
-        mix = (1 - share, share)
-        moved, sed, time = (
-            float(mix[0]) * values[before] + float(mix[1]) * values[after]
-            for values in (self._moved, self._sed, self._times_s)
+        moved, sed = (
+            (1 - share) * values[before] + share * values[after]
+            for values in (self._moved, self._sed)
         )
-        step = np.diff(self._times_s).mean() / BETWEEN if len(self._files) > 1 else np.inf
-        recent = (self._spikes.time_s > time - step) & (self._spikes.time_s <= time)
-        rest = self._trace["receptors_mm"]
-        fired = np.isin(np.arange(len(rest)), self._spikes.receptor[recent])
-        receptors = rest + self._at("moved_mm", time)
+        time, trace = float(self._timeline.times_s[k]), self._results.trace
+        receptors = trace["receptors_mm"] + at_time(trace, "moved_mm", time)
         return Moment(
-            float(time),
-            float(self._at("displacement_mm", time)),
+            time,
+            float(self._timeline.displacement_mm[k]),
             moved,
             sed,
             self.shape.plane.within(receptors),
-            fired,
-            self._at("stimulator_mm", time),
+            self._timeline.fired(self._results, k),
+            at_time(trace, "stimulator_mm", time),
         )
-
-    def _at(self, name: str, time_s: float) -> Array:
-        """Return a column of the trace at a time, linear between its rows."""
-        times, values = self._trace["time_s"], self._trace[name]
-        k = int(np.clip(np.searchsorted(times, time_s), 1, len(times) - 1))
-        share = np.clip((time_s - times[k - 1]) / (times[k] - times[k - 1]), 0.0, 1.0)
-        return np.asarray((1 - share) * values[k - 1] + share * values[k])
 
 
 @styled
@@ -231,8 +206,7 @@ def moment_figure(film: SectionFilm, k: int, *, dots_per_inch: int = 200) -> Fig
     shape, moment = film.shape, film[k]
     figure = Figure(figsize=(7.5, 4.6), dpi=dots_per_inch, layout="constrained")
     axes = figure.subplots()
-    soft = ~np.isin(shape.tissue, [TISSUES[name] for name in RIGID])
-    sed = np.where(soft, np.maximum(moment.sed_kPa, film.top_kPa / 1000), np.nan)
+    sed = np.where(is_soft(shape.tissue), np.maximum(moment.sed_kPa, film.top_kPa / 1000), np.nan)
     _draw_layers(axes, shape, moment.moved)
     image = axes.tripcolor(
         shape.triangles(moment.moved),
@@ -267,16 +241,7 @@ def images(film: SectionFilm) -> Iterator[Image.Image]:
 
 def save_gif(film: SectionFilm, path: Path) -> None:
     """Write an animation, 20 frames a second."""
-    first, *others = (image.quantize(200) for image in images(film))
-    with atomic_write(path) as part:
-        first.save(
-            part,
-            format="GIF",
-            save_all=True,
-            append_images=others,
-            duration=1000 // _PER_SECOND,
-            loop=0,
-        )
+    write_gif([image.quantize(200) for image in images(film)], path)
 
 
 # --- parts of figures --------------------------------------------------------------------------

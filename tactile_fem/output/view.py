@@ -22,12 +22,12 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from tactile_fem.output import drawing
+from tactile_fem.output.gif import PER_SECOND, write_gif
 from tactile_fem.runtime.files import atomic_write, write_text
 
 logger = logging.getLogger(__name__)
 
 _PIXELS, _IN_FILM = (1100, 700), (840, 534)
-_PER_SECOND = 20
 
 
 class Frames(Protocol):
@@ -180,15 +180,7 @@ def save_gif(film: Frames, path: Path) -> None:
     first = next(images)
     palette = _palette(first, film.legend)
     few = [_indexed(image, palette) for image in chain([first], images)]
-    with atomic_write(path) as part:
-        few[0].save(
-            part,
-            format="GIF",
-            save_all=True,
-            append_images=few[1:],
-            duration=1000 // _PER_SECOND,
-            loop=0,
-        )
+    write_gif(few, path)
 
 
 def save_mp4(film: Frames, path: Path) -> None:
@@ -199,7 +191,7 @@ def save_mp4(film: Frames, path: Path) -> None:
         stream = imageio_ffmpeg.write_frames(
             str(part),
             _IN_FILM,
-            fps=_PER_SECOND,
+            fps=PER_SECOND,
             macro_block_size=2,
             output_params=["-f", "mp4"],
         )

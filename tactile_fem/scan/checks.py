@@ -12,7 +12,7 @@ from tactile_fem.finger.anatomy import Anatomy
 from tactile_fem.finger.build import layering
 from tactile_fem.finger.load import load_finger, shipped_file
 from tactile_fem.finger.mesh_data import FingerMesh
-from tactile_fem.finger.plane import AXES, PLANES, Plane
+from tactile_fem.finger.plane import AXES, Plane
 from tactile_fem.finger.report import facet_size_mm, pad_thickness_mm
 from tactile_fem.finger.section import section_sizes
 from tactile_fem.finger.skin import PRESETS, sizes_of
@@ -51,11 +51,11 @@ def check_study(study: Study) -> None:
         layering(finger, sizes_of(finger).epidermis_rows)
         if not finger.is_scanned:
             thickness = finger.pad_thickness_mm
-            check_depth(study.protocol, make_path(study.protocol, DEEPEST * thickness), thickness)
-    if finger.kind == "section":
-        plane = Plane(PLANES[finger.plane])
-        section_sizes(finger)
-        check_section(study, make_path(study.protocol, DEEPEST * finger.pad_thickness_mm), plane)
+            path = make_path(study.protocol, DEEPEST * thickness)
+            check_depth(study.protocol, path, thickness)
+            check_section(study, path, Plane.of(finger))
+        if finger.is_section:
+            section_sizes(finger)
     if finger.mesh_file is not None or shipped_file(finger) is not None:
         mesh = _loaded(finger)
         thickness = pad_thickness_mm(mesh)

@@ -78,7 +78,7 @@ __all__ = [
 
 
 # Of a section, in N for each mm of its width: the paper's 0.6 N over 10 mm, a contact's width.
-SECTION_FORCE = 0.06
+_SECTION_FORCE_N_MM = 0.06
 
 
 class Study(Section):
@@ -115,7 +115,7 @@ class Study(Section):
         if {"depth_mm", "force_N", "path"} & {*given}:
             return data
         own = protocol if isinstance(protocol, dict) else protocol.model_dump(exclude_unset=True)
-        return {**data, "protocol": {**own, "force_N": SECTION_FORCE}}
+        return {**data, "protocol": {**own, "force_N": _SECTION_FORCE_N_MM}}
 
     @field_validator("afferents", mode="before")
     @classmethod

@@ -149,7 +149,7 @@ class Finger(Either):
 
     @model_validator(mode="after")
     def _is_a_section(self) -> Self:
-        if self.kind == "section":
+        if self.is_section:
             if self.is_scanned:
                 raise ValueError('kind = "section" has no skin_file and bone_file')
             return self
@@ -157,6 +157,11 @@ class Finger(Either):
             if getattr(self, name) != type(self).model_fields[name].default:
                 raise ValueError(f'{name} needs kind = "section"')
         return self
+
+    @property
+    def is_section(self) -> bool:
+        """Whether it is a plane section."""
+        return self.kind == "section"
 
     @property
     def is_scanned(self) -> bool:

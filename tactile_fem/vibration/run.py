@@ -107,7 +107,7 @@ def vibrate(
         raise StudyError(f"density_kg_m3 is {density_kg_m3:g} but must not be negative.")
     with abort_if_one_fails(comm):
         results = on_root(comm, lambda: Results.open(folder))
-        if on_root(comm, lambda: results.study.finger.kind) == "section":
+        if on_root(comm, lambda: results.study.finger.is_section):
             raise StudyError(f"{folder} is the scan of a section: only a solid finger can vibrate.")
         setup = Setup.of(on_root(comm, lambda: results.study), parts, comm)
         saved = on_root(comm, lambda: Origin.of(setup).read(results, at_mm))
