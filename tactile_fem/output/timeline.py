@@ -20,7 +20,7 @@ def at_time(trace: Mapping[str, Array], name: str, time_s: ArrayLike) -> Array:
     values = trace[name]
     columns = values.reshape(len(values), -1).T
     found = np.array([np.interp(time_s, trace["time_s"], column) for column in columns])
-    return found.reshape(*values.shape[1:], *np.shape(time_s))
+    return found.reshape(values.shape[1:] + np.shape(time_s))
 
 
 @dataclass(frozen=True)
