@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from pydantic import (
+    BaseModel,
     SerializerFunctionWrapHandler,
     ValidationInfo,
     field_validator,
@@ -103,19 +104,19 @@ class Study(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _default_force(cls, data: Any) -> Any:
-        """Press a section to a force per width: to the depth of a solid it would be crushed."""
+    def _defaults_of_a_section(cls, data: Any) -> Any:
+        """Press a section to a force per width: to the depth of a solid it would be crushed.
+
+        Its equations are factorized.
+        """
         if not isinstance(data, dict):
             return data
-        finger, protocol = data.get("finger"), data.get("protocol", {})
-        kind = finger.get("kind") if isinstance(finger, dict) else getattr(finger, "kind", None)
-        if kind != "section" or not isinstance(protocol, dict | Protocol):
+        if _given(data.get("finger", {})).get("kind") != "section":
             return data
-        given = protocol if isinstance(protocol, dict) else protocol.model_fields_set
-        if {"depth_mm", "force_N", "path"} & {*given}:
+        data = _with_default(data, "solver", "linear", "direct")
+        if {"depth_mm", "path"} & _given(data.get("protocol", {})).keys():
             return data
-        own = protocol if isinstance(protocol, dict) else protocol.model_dump(exclude_unset=True)
-        return {**data, "protocol": {**own, "force_N": _SECTION_FORCE_N_MM}}
+        return _with_default(data, "protocol", "force_N", _SECTION_FORCE_N_MM)
 
     @field_validator("afferents", mode="before")
     @classmethod
@@ -147,6 +148,20 @@ class Study(Section):
         """The populations; without `afferents` the one of `receptors` and `neuron`."""
         one = Afferents(name=DEFAULT_NAME, receptors=self.receptors, neuron=self.neuron)
         return self.afferents or (one,)
+
+
+def _given(section: Any) -> dict[str, Any]:
+    """Return the keys that a table of the study gives."""
+    if isinstance(section, BaseModel):
+        return section.model_dump(exclude_unset=True)
+    return section if isinstance(section, dict) else {}
+
+
+def _with_default(data: dict[str, Any], name: str, key: str, value: Any) -> dict[str, Any]:
+    """Return a study's tables with a key of one of them, where it is not given."""
+    if not isinstance(data.get(name, {}), dict | BaseModel):
+        return data
+    return {**data, name: {key: value, **_given(data.get(name, {}))}}
 
 
 def _filled(entry: Any, shared: dict[str, Receptors | Neuron]) -> Any:

@@ -235,7 +235,9 @@ class Solver(Section):
         description="C flags for the compiled forms; none leaves DOLFINx's own",
     )
     linear: Literal["multigrid", "direct"] = Field(
-        "multigrid", description="linear solver; direct (MUMPS) needs much more time and memory"
+        "multigrid",
+        description="linear solver; direct (MUMPS), the default of a section, needs much more time "
+        "and memory for a solid finger",
     )
     petsc: dict[str, str | int | float | bool] = Field(
         default_factory=dict, description="PETSc options without the prefix tactile_"
