@@ -8,13 +8,13 @@ import pytest
 from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger import SURFACES, TISSUES, load_finger, read_msh, write_msh
 from tactile_fem.finger.plane import Plane
-from tactile_fem.finger.report import volumes
+from tactile_fem.finger.report import describe, edges_per_ridge, volumes
 from tactile_fem.finger.ridges import Ridges
 from tactile_fem.receptors import place
 from tactile_fem.scan.checks import check_study
 from tactile_fem.stimulus.body import Ball
 from tactile_fem.stimulus.cut import Cut
-from tactile_fem.study import Finger, Grating, Protocol, Receptors, Study, Text
+from tactile_fem.study import Finger, Grating, Protocol, Receptors, Solver, Study, Text
 
 RIDGED = Finger(kind="section", ridge_height_mm=0.1, papilla_depth_mm=0.2)
 SMOOTH = Finger(kind="section")
@@ -61,6 +61,25 @@ def test_ridges_have_their_pitch_and_height(ridged):
     groove = near[np.abs(np.abs(near[:, 1]) - RIDGED.ridge_pitch_mm / 2) < 0.02, 2]
     assert crest == pytest.approx(0.0, abs=1e-3)
     np.testing.assert_allclose(groove, 0.1, atol=0.01)
+
+
+def test_how_well_the_mesh_resolves_ridges_is_told(ridged, sagittal):
+    assert edges_per_ridge(sagittal, SMOOTH) is None
+    assert edges_per_ridge(ridged, RIDGED) == pytest.approx(8.0, rel=0.1)
+    assert f"{edges_per_ridge(ridged, RIDGED):.1f} edges to a ridge" in describe(ridged, RIDGED)
+    assert "edges to a ridge" not in describe(sagittal, SMOOTH)
+
+
+def test_a_section_has_defaults_of_its_own():
+    own = Study.model_validate({"finger": {"kind": "section"}, "protocol": {"distance_mm": 1.0}})
+    assert own.protocol.force_N == 0.06 and own.protocol.distance_mm == 1.0
+    assert own.solver.linear == "direct" and Study().solver.linear == "multigrid"
+    chosen = Study(
+        finger=SMOOTH, protocol=Protocol(depth_mm=1.0), solver=Solver(linear="multigrid")
+    )
+    assert chosen.protocol.depth_mm == 1.0 and chosen.protocol.force_N is None
+    assert chosen.solver.linear == "multigrid"
+    assert Study.model_validate(own.model_dump()) == own
 
 
 def test_a_papilla_is_as_wide_as_it_should_at_half_its_height():

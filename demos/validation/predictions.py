@@ -29,7 +29,6 @@ from typing import Any, Literal
 
 import numpy as np
 from flat_plate import AREA_GATES, LARGEST_LOSS
-from layers import principal_strains, under_contact
 from letters_force import DEPTH_MM, FORCE_N, GATE
 from onset import MEASURED, up_to
 from slip import Drag, full_slip, tangential_stiffness
@@ -40,6 +39,7 @@ from tactile_fem.calibration.press import press
 from tactile_fem.calibration.report import r_squared
 from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem.finger.strain import principal_strains, under_contact
 from tactile_fem.runtime.files import write_table
 from tactile_fem.scan import scan
 from tactile_fem.scan.results import Results

@@ -76,6 +76,20 @@ class Simplex:
         """Number of a cell's corners."""
         return self.dim + 1
 
+    def gradients(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the gradients (nodes, dim) of the quadratic shape functions at a point.
+
+        Parameters
+        ----------
+        weights
+            Barycentric coordinates of the point, (corners,).
+        """
+        linear = np.vstack([-np.ones(self.dim), np.eye(self.dim)])
+        one, other = self.edges.T
+        at_corners = (4 * weights - 1)[:, None] * linear
+        at_middles = weights[one, None] * linear[other] + weights[other, None] * linear[one]
+        return np.vstack([at_corners, 4 * at_middles])
+
 
 SOLID = Simplex(
     3, TET_EDGES, TET_FACETS, TRIANGLE_EDGES, "tetra10", "triangle6", 11, 9, VTK_ORDER, "tetrahedra"

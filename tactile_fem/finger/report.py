@@ -63,14 +63,10 @@ def _jacobians(mesh: FingerMesh) -> NDArray[np.float64]:
     one, other = shape.edges.T
     corners = np.eye(shape.corners)
     barycentric = np.vstack([corners, 0.5 * (corners[one] + corners[other])])
-    dlambda = np.vstack([-np.ones(shape.dim), np.eye(shape.dim)])
     result = np.empty(mesh.cells.shape)
     x = mesh.plane.within(mesh.nodes)[mesh.cells]
-    for point, weight in enumerate(barycentric):
-        at_corners = (4.0 * weight - 1.0)[:, None] * dlambda
-        at_middles = 4.0 * (weight[one, None] * dlambda[other] + weight[other, None] * dlambda[one])
-        slope = np.vstack([at_corners, at_middles])
-        result[:, point] = np.linalg.det(np.einsum("mni,nj->mij", x, slope))
+    for point, weights in enumerate(barycentric):
+        result[:, point] = np.linalg.det(np.einsum("mni,nj->mij", x, shape.gradients(weights)))
     return result
 
 
@@ -136,6 +132,13 @@ def facet_size_mm(mesh: FingerMesh) -> float:
         near[np.argmin(np.linalg.norm(middle, axis=1))] = True
     edges = facets[near] - np.roll(facets[near], 1, axis=1)
     return float(np.linalg.norm(edges, axis=2).mean())
+
+
+def edges_per_ridge(mesh: FingerMesh, finger: Finger) -> float | None:
+    """Return how many edges of the skin under the patch a fingerprint's ridge has; None: smooth."""
+    if finger.ridge_height_mm == finger.papilla_depth_mm == 0.0:
+        return None
+    return finger.ridge_pitch_mm / facet_size_mm(mesh)
 
 
 def measured_layers_mm(mesh: FingerMesh) -> dict[str, float]:
@@ -227,4 +230,6 @@ def describe(mesh: FingerMesh, finger: Finger) -> str:
         row += [found.min(), found.mean(), found.max()]
         lines.append(f"{name:<16}{''.join(f'{value:>8.3f}' for value in row)}")
     lines.append(f"skin to bone over the contact point {pad_thickness_mm(mesh):.3f} mm")
+    if count := edges_per_ridge(mesh, finger):
+        lines.append(f"{count:.1f} edges to a ridge of {finger.ridge_pitch_mm:g} mm")
     return "\n".join([*lines, f"sha256 {mesh.hash}"])

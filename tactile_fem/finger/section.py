@@ -6,6 +6,7 @@ gmsh fills fat and bone.
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -24,11 +25,13 @@ from tactile_fem.finger.build import (
 )
 from tactile_fem.finger.mesh_data import TISSUES, FingerMesh, Indices
 from tactile_fem.finger.plane import PLANES, Plane
-from tactile_fem.finger.report import volumes
+from tactile_fem.finger.report import edges_per_ridge, volumes
 from tactile_fem.finger.ridges import Ridges
 from tactile_fem.finger.shape import Array, Capsule
 from tactile_fem.finger.skin import NailOutline, Size, Sizes, bone_size, pad_size, sizes_of
 from tactile_fem.study import Finger
+
+logger = logging.getLogger(__name__)
 
 # A section's edges as a share of the solid finger's, under the contact patch and on the bone.
 _FINER, _BONE, _FAR = 0.25, 0.5, 0.4
@@ -110,7 +113,10 @@ def build_section(finger: Finger) -> FingerMesh:
     nodes, fat, marrow = _fill(nodes, len(skin.points), bone, sizes.far)
     flat = plane.within(nodes)
     cells, fat, marrow = (_turned(part, flat) for part in (cells, fat, marrow))
-    return put_together(nodes, (cells, tissue), fat, marrow, capsule.cut_y)
+    mesh = put_together(nodes, (cells, tissue), fat, marrow, capsule.cut_y)
+    if count := edges_per_ridge(mesh, finger):
+        logger.info("%.1f edges to a ridge of %g mm", count, ridges.pitch)
+    return mesh
 
 
 # --- contours ----------------------------------------------------------------------------------

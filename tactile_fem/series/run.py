@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tactile_fem.errors import StoppedError, StudyError, TactileError
+from tactile_fem.finger.plane import Plane
 from tactile_fem.output.extrema import central_receptor
 from tactile_fem.runtime.files import write_records, write_text
 from tactile_fem.runtime.signals import signal_handler
@@ -180,7 +181,8 @@ def _numbers(member: Member, folder: Path) -> dict[str, Any]:
 def numbers_of(results: Results) -> dict[str, int | float]:
     """Return cost and results of a scan: forces and SED of the slide, spikes, also by population.
 
-    Forces are averaged over the steps of the slide; without a slide the last step is used.
+    Forces are averaged over the steps of the slide; without a slide the last step is used. Those of
+    a section are per width: their names end in ``N_per_mm``.
     """
     trace, spikes = results.trace, results.spikes
     slide = trace["displacement_mm"] > 0
@@ -193,13 +195,14 @@ def numbers_of(results: Results) -> dict[str, int | float]:
         f"spikes_{afferents.name}": int((spikes.population[sliding] == afferents.name).sum())
         for afferents in results.study.afferents
     }
+    unit = Plane.of(results.study.finger).force_unit.replace("/", "_per_")
     return {
         "steps": len(trace["time_s"]),
         "newton_iterations": int(trace["newton_iterations"].sum()),
         "wall_s": float(trace["wall_s"].sum()),
-        "pressed_N": float(trace["force_N"][np.argmax(trace["depth_mm"]), 2]),
-        "normal_N": float(force[:, 2].mean()),
-        "tangential_N": float(np.hypot(force[:, 0], force[:, 1]).mean()),
+        f"pressed_{unit}": float(trace["force_N"][np.argmax(trace["depth_mm"]), 2]),
+        f"normal_{unit}": float(force[:, 2].mean()),
+        f"tangential_{unit}": float(np.hypot(force[:, 0], force[:, 1]).mean()),
         "largest_sed_kPa": float(sed.max()),
         "central_largest_sed_kPa": float(sed[:, central].max()),
         "spikes": int(sliding.sum()),

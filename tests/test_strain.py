@@ -1,8 +1,12 @@
 """Strain of the layers against a block whose deformation is known."""
 
 import numpy as np
+import pytest
 from blocks import block_mesh
-from layers import principal_strains, under_contact
+
+from tactile_fem.finger import load_finger
+from tactile_fem.finger.strain import deformation_gradients, principal_strains, under_contact
+from tactile_fem.study import Finger
 
 
 def test_a_quadratic_displacement_is_exact_at_the_centres():
@@ -18,3 +22,14 @@ def test_a_quadratic_displacement_is_exact_at_the_centres():
     np.testing.assert_allclose(found, wanted, atol=1e-9)
     near = under_contact(block, "epidermis", 0.5)
     assert 0 < near.sum() < len(near) and np.abs(centre[near, :2]).max() < 0.5
+
+
+def test_in_a_section_it_is_that_of_the_plane():
+    pytest.importorskip("gmsh", exc_type=ImportError)
+    finger = load_finger(Finger(kind="section", pad_size_mm=0.6, far_size_mm=3.0))
+    y, z = finger.plane.within(finger.nodes).T
+    moved = np.column_stack([0.2 * z, -0.1 * z])  # shear, and a tenth less high
+    F = deformation_gradients(finger, moved, "epidermis")
+    np.testing.assert_allclose(F, np.broadcast_to([[1, 0.2], [0, 0.9]], F.shape), atol=1e-9)
+    strains = principal_strains(finger, moved, "epidermis")
+    np.testing.assert_allclose((strains + 1).prod(axis=1), 0.9, rtol=1e-9)
