@@ -27,7 +27,7 @@ def test_a_quadratic_displacement_is_exact_at_the_centres():
 def test_in_a_section_it_is_that_of_the_plane():
     pytest.importorskip("gmsh", exc_type=ImportError)
     finger = load_finger(Finger(kind="section", pad_size_mm=0.6, far_size_mm=3.0))
-    y, z = finger.plane.within(finger.nodes).T
+    _, z = finger.plane.within(finger.nodes).T
     moved = np.column_stack([0.2 * z, -0.1 * z])  # shear, and a tenth less high
     F = deformation_gradients(finger, moved, "epidermis")
     np.testing.assert_allclose(F, np.broadcast_to([[1, 0.2], [0, 0.9]], F.shape), atol=1e-9)

@@ -2,7 +2,8 @@
 # # What fingerprints do
 #
 # This demo emphasizes
-# - strain energy density and spikes with and without ridges and papillae, under several stimulators,
+# - strain energy density and spikes with and without ridges and papillae, under an edge, a bar and
+#   gratings,
 # - the rhythm of ridges that pass an edge, $v/\lambda$, at several speeds and frictions,
 # - how far an answer hangs on the shape of the ridges.
 #
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.cli.entry import run
 from tactile_fem.errors import StudyError
-from tactile_fem.output.plots import BLUE, DISPLACEMENT, GREEN, INK, VERMILION
+from tactile_fem.output.plots import BLUE, DISPLACEMENT, VERMILION
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan.results import Results
@@ -47,6 +48,7 @@ STIMULI = {"edge": EDGE, "bar": {"kind": "cylinder", "radius_mm": 3.0}} | {
     | {"count": round(12 / period), "ridge_mm": period / 2, "groove_mm": period / 2}
     for period in (0.5, 1.0, 3.0)
 }
+SKINS = {"smooth": BLUE, "ridged": VERMILION}
 # Half of the receptors' stretch that counts, and the start of the slide that does not, mm.
 _NEAR_MM, _FROM_MM = 1.5, 0.5
 
@@ -246,33 +248,43 @@ def rate(results: Results, kind: str, start_s: float, seconds: float) -> float:
 
 # %%
 def draw(scans: list[Results]) -> Figure:
-    """Draw the SED of the middle SA1 receptor and the force across, smooth and ridged."""
-    by_stimulus: dict[str, list[Results]] = {}
+    """Draw SED at the middle SA1 receptor, force across and spikes: smooth and ridged skin."""
+    pairs: dict[str, dict[str, Results]] = {}
     for results in scans:
-        name = results.folder.name
-        if name.endswith(("_smooth", "_ridged")):
-            by_stimulus.setdefault(name.rpartition("_")[0], []).append(results)
-    others = [results for results in scans if not results.folder.name.endswith("_smooth")]
-    figure = Figure(figsize=(9.5, 2.2 * max(2, len(by_stimulus))), layout="constrained")
-    grid = figure.subplots(max(2, len(by_stimulus)), 3, squeeze=False)
-    for (name, pair), (left, middle, right) in zip(by_stimulus.items(), grid, strict=False):
-        for results in pair:
-            trace = results.trace
-            slide = trace["displacement_mm"] >= 0
-            at = trace["displacement_mm"][slide]
-            smooth = results.folder.name.endswith("_smooth")
-            style = {
-                "color": BLUE if smooth else VERMILION,
-                "label": "smooth" if smooth else "ridged",
-            }
-            own = near(results, "SA1")
-            centre = own[np.argmin(np.abs(trace["receptors_mm"][own, 1]))]
-            left.plot(at, trace["sed_kPa"][slide, centre], **style)
-            middle.plot(at, np.abs(trace["force_N"][slide, 1]), **style)
-        left.set(ylabel=f"{name.replace('_', ' ')}\nSED (kPa)")
-        middle.set(ylabel="Across (N/mm)")
-        right.set_visible(False)
+        stimulus, _, skin = results.folder.name.rpartition("_")
+        if skin in SKINS:
+            pairs.setdefault(stimulus, {})[skin] = results
+    figure = Figure(figsize=(10, 2.1 * max(1, len(pairs)) + 0.4), layout="constrained")
+    grid = figure.subplots(max(1, len(pairs)), 3, sharex=True, squeeze=False)
+    for (name, pair), row_ in zip(pairs.items(), grid, strict=False):
+        for k, (skin, results) in enumerate(pair.items()):
+            draw_scan(row_, results, skin, k)
+        row_[0].set_ylabel(f"{name.replace('_', ' ')}\nSED (kPa)")
+        row_[1].set_ylabel("Across (N/mm)")
+        row_[2].set_yticks([-0.5, -2.5], ["SA1", "RA"])
+        for axes in row_:
+            axes.spines[["top", "right"]].set_visible(False)
+    grid[0, 0].legend(frameon=False)
+    for axes in grid[-1]:
+        axes.set_xlabel(DISPLACEMENT)
     return figure
+
+
+def draw_scan(row_: NDArray[Any], results: Results, skin: str, place: int) -> None:
+    """Draw one scan into a row of axes: SED, force, the spikes of the receptors near."""
+    trace, spikes = results.trace, results.spikes
+    slide = trace["displacement_mm"] > 0
+    at, own = trace["displacement_mm"][slide], near(results, "SA1")
+    centre = own[np.argmin(np.abs(trace["receptors_mm"][own, 1]))]
+    style = {"color": SKINS[skin], "label": skin, "lw": 1}
+    row_[0].plot(at, trace["sed_kPa"][slide, centre], **style)
+    row_[1].plot(at, np.abs(trace["force_N"][slide, 1]), **style)
+    for axes in row_[:2]:
+        axes.set_ylim(bottom=0)
+    for k, kind in enumerate(("SA1", "RA")):
+        times = spikes.time_s[np.isin(spikes.receptor, near(results, kind)) & (spikes.time_s > 0)]
+        places = np.interp(times, trace["time_s"], trace["displacement_mm"])
+        row_[2].eventplot(places, lineoffsets=-2 * k - place, linelengths=0.8, color=SKINS[skin])
 
 
 if __name__ == "__main__":
