@@ -74,6 +74,48 @@ def test_textures(tmp_path):
 
 
 @pytest.mark.slow
+@needs_gmsh
+def test_fingerprints(tmp_path):
+    small = "--distance", "0.2", "--force", "0.005", "--pad-size", "0.1175"
+    scans = "--scans", "edge_smooth", "edge_ridged"
+    output = run("sections/fingerprints.py", str(tmp_path), *scans, *small)
+    smooth, ridged = output.splitlines()[:2]
+    sed = r"SED at SA1 ([\d.]+)"
+    assert number(sed, ridged) == pytest.approx(number(sed, smooth), rel=0.5)
+    assert number(sed, ridged) != number(sed, smooth)
+    assert "at 43 Hz" in ridged and (tmp_path / "fingerprints.png").is_file()
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_ridge_mesh(tmp_path):
+    options = "--edges", "4", "5", "--force", "0.005", "--distance", "0.1"
+    coarse, fine = run("sections/ridge_mesh.py", str(tmp_path), *options).splitlines()[:2]
+    depth = r"depth ([\d.]+) mm"
+    assert number(depth, coarse) == pytest.approx(number(depth, fine), rel=0.02)
+    assert number(r"finest ([\d.]+) %", coarse) > number(r"finest ([\d.]+) %", fine) == 0.0
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_strains(tmp_path):
+    options = "--forces", "0.005", "--edge-force", "0.005", "--pad-size", "0.1175"
+    output = run("sections/strains.py", str(tmp_path), *options)
+    assert 50 < number(r"plate, ridged, 0.*; (\d+) % of the ridges", output) < 100
+    proximal, distal = re.search(r"corneum: shear (\S+) and (\S+),", output).groups()
+    assert float(proximal) * float(distal) < 0
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_beside_solid(tmp_path):
+    options = "--stimuli", "bars", "--force", "0.05", "--distance", "0.4"
+    output = run("sections/beside_solid.py", str(tmp_path), *options)
+    assert 0 < number(r"\(([\d.]+) times\)", output) < 20
+    assert (tmp_path / "beside_solid.png").is_file()
+
+
+@pytest.mark.slow
 def test_letters(tmp_path):
     output = run("letters.py", str(tmp_path / "out"), "--depth", "0.3", "--distance", "0.2")
     assert number(r"normal force at 0.30 mm +([\d.]+) N", output) == pytest.approx(0.0120, rel=0.1)

@@ -95,7 +95,8 @@ def main(
         return
     pairs = {name: scans[2 * k : 2 * k + 2] for k, name in enumerate(stimuli)}
     maxima = [row for name, pair in pairs.items() for row in compare(name, *pair)]
-    write_table(folder / "beside_solid.csv", maxima)
+    if maxima:
+        write_table(folder / "beside_solid.csv", maxima)
     write_figure(folder / "beside_solid.png", draw(pairs), dpi=160)
     print(folder / "beside_solid.png")
 

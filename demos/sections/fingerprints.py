@@ -262,6 +262,8 @@ def draw(scans: list[Results]) -> Figure:
         row_[0].set_ylabel(f"{name.replace('_', ' ')}\nSED (kPa)")
         row_[1].set_ylabel("Across (N/mm)")
         row_[2].set_yticks([-0.5, -2.5], ["SA1", "RA"])
+        for axes in row_[:2]:
+            axes.set_ylim(bottom=0)
         for axes in row_:
             axes.spines[["top", "right"]].set_visible(False)
     grid[0, 0].legend(frameon=False)
@@ -279,8 +281,6 @@ def draw_scan(row_: NDArray[Any], results: Results, skin: str, place: int) -> No
     style = {"color": SKINS[skin], "label": skin, "lw": 1}
     row_[0].plot(at, trace["sed_kPa"][slide, centre], **style)
     row_[1].plot(at, np.abs(trace["force_N"][slide, 1]), **style)
-    for axes in row_[:2]:
-        axes.set_ylim(bottom=0)
     for k, kind in enumerate(("SA1", "RA")):
         times = spikes.time_s[np.isin(spikes.receptor, near(results, kind)) & (spikes.time_s > 0)]
         places = np.interp(times, trace["time_s"], trace["displacement_mm"])

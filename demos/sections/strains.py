@@ -83,14 +83,16 @@ def main(
     *,
     forces: Annotated[tuple[float, ...], Parameter(consume_multiple=True)] = (0.055, 0.25),
     edge_force: float = 0.06,
+    pad_size: float = 0.06,
 ) -> None:
-    """Press a plate and an edge on smooth and ridged skin; forces in N/mm."""
+    """Press a plate and an edge on smooth and ridged skin; forces in N/mm, element edge in mm."""
     set_up()
     rows, sides, drawn = [], [], {}
     for name, skin in SKINS.items():
+        own = {"pad_size_mm": pad_size, **skin}
         short = name.replace(", ", "_").replace(" ", "_")
         for force in forces:
-            mesh, u = pressed(folder / f"{short}_plate_{force:g}", skin, {"kind": "plate"}, force)
+            mesh, u = pressed(folder / f"{short}_plate_{force:g}", own, {"kind": "plate"}, force)
             rows.append(under_plate(name, force, mesh, u))
             r = rows[-1]
             print(
@@ -99,7 +101,7 @@ def main(
                 f"{100 * r.ridges_left:.0f} % of the ridges' height left"
             )
         drawn[f"{name}, plate, {forces[-1]:g} N/mm"] = mesh, u
-        mesh, u = pressed(folder / f"{short}_edge", skin, EDGE, edge_force)
+        mesh, u = pressed(folder / f"{short}_edge", own, EDGE, edge_force)
         drawn[f"{name}, edge, {edge_force:g} N/mm"] = mesh, u
         for layer in LAYERS:
             sides.append(beside_edge(name, layer, mesh, u))
@@ -120,7 +122,7 @@ def pressed(
     """Press; return the mesh and the displacement of its nodes in the plane, (n, 2) mm."""
     study = Study.model_validate(
         {
-            "finger": {"kind": "section", "pad_size_mm": 0.06, **skin},
+            "finger": {"kind": "section", **skin},
             "stimulus": stimulus,
             "protocol": {"force_N": force_N_mm, "press_speed_mm_s": 1.0, "distance_mm": 0.0},
             "receptors": {"spacing_mm": 1.0},
