@@ -123,6 +123,13 @@ def test_a_constant_cannot_be_fitted_twice(tmp_path, capsys):
     assert "change the same constant: name it once." in capsys.readouterr().err
 
 
+def test_a_section_is_fitted_to_no_measured_force(tmp_path, capsys):
+    data = written(tmp_path, FORCE + "plate,0.2,1,0.2,0.1\n")
+    command = ["fit", str(data), "--set", "finger.kind=section", "--results", str(tmp_path)]
+    assert main(command) == 2
+    assert 'finger.kind is "section" but must be "solid" for a fit' in capsys.readouterr().err
+
+
 # --- the fit -------------------------------------------------------------------------------------
 
 SMALL = ["finger.pad_size_mm=3", "finger.far_size_mm=6", "solver.max_press_step_mm=0.5"]

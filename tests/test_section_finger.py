@@ -14,7 +14,7 @@ from tactile_fem.receptors import place
 from tactile_fem.scan.checks import check_study
 from tactile_fem.stimulus.body import Ball
 from tactile_fem.stimulus.cut import Cut
-from tactile_fem.study import Finger, Grating, Protocol, Receptors, Solver, Study, Text
+from tactile_fem.study import Finger, Grating, Plate, Protocol, Receptors, Solver, Study, Text
 
 RIDGED = Finger(kind="section", ridge_height_mm=0.1, papilla_depth_mm=0.2)
 SMOOTH = Finger(kind="section")
@@ -43,6 +43,18 @@ def test_a_section_across_has_the_areas_of_its_ellipses():
     assert area.sum() == pytest.approx(ellipses, rel=1e-3)
     bone = np.pi * SMOOTH.bone_half_width_mm * SMOOTH.bone_half_height_mm
     assert area[mesh.tissue == TISSUES["bone"]].sum() == pytest.approx(bone, rel=0.03)
+
+
+def test_a_section_across_from_a_file_is_checked_in_its_own_plane(tmp_path):
+    pytest.importorskip("gmsh", exc_type=ImportError)
+    own = Finger(kind="section", plane="transverse", pad_size_mm=0.6, far_size_mm=3.0)
+    write_msh(tmp_path / "across.msh", load_finger(own))
+    protocol = Protocol(path=({"kind": "press", "force_N": 0.02},))
+    across = Finger(kind="section", mesh_file=tmp_path / "across.msh")
+    study = Study(finger=across, stimulus=Plate())
+    with pytest.raises(StudyError, match="leaves the section's plane, Y"):
+        check_study(study)
+    check_study(study.model_copy(update={"protocol": protocol}))
 
 
 def test_a_section_is_written_and_read(sagittal, tmp_path):

@@ -196,6 +196,11 @@ def _check(
     jobs: int,
     comm: MPI.Comm,
 ) -> None:
+    if study.finger.is_section:
+        raise StudyError(
+            'finger.kind is "section" but must be "solid" for a fit: measured forces are those of '
+            "a whole finger."
+        )
     if not parameters:
         raise StudyError("A fit needs one or more parameters.")
     names = [key for parameter in parameters for key in parameter.powers]

@@ -25,6 +25,8 @@ _REFERENCE_UNKNOWNS = 37_000
 _FACTORS_MB = 390.0  # of the direct solver, at the reference
 _NEWTON_S = 0.26  # one iteration at the reference on one core
 _DIRECT_NEWTON_S = 1.6
+# Likewise of a section, each unknown.
+_FLAT_NEWTON_S, _FLAT_UNKNOWN_MB = 2.0e-6, 0.003
 _NEWTON_PER_STEP = 6.9
 _FIRST_STEPS = 3  # shorter ones, of each piece of the path
 _SOLVES_AT_FORCE = 1.8  # cost of a step at a held force, relative to one at a held depth
@@ -42,7 +44,10 @@ def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Estimate:
     """Return the expected cost for `unknowns` displacement components on `ranks` cores."""
     size = unknowns / _REFERENCE_UNKNOWNS
     memory = _RANK_MB * ranks + _UNKNOWN_MB * unknowns
-    if study.solver.linear == "direct":
+    if study.finger.is_section:
+        memory = _RANK_MB * ranks + _FLAT_UNKNOWN_MB * unknowns
+        newton = _FLAT_NEWTON_S * unknowns
+    elif study.solver.linear == "direct":
         memory += _FACTORS_MB * size**1.35
         newton = _DIRECT_NEWTON_S * size**1.7
     else:
