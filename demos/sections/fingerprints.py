@@ -132,6 +132,8 @@ class Row:
     force_drops_per_mm: float
     sa1_Hz: float
     ra_Hz: float
+    sa1_locking: float
+    ra_locking: float
 
 
 # %%
@@ -168,7 +170,8 @@ def main(
             f"{r.scan}: SED at SA1 {r.sed_kPa:.3f} (largest {r.largest_sed_kPa:.2f}), at RA "
             f"{r.papillae_sed_kPa:.3f} kPa; wave at {r.ridge_Hz:.0f} Hz {100 * r.ridge_wave:.1f} "
             f"%; {r.tangential_N_mm:.4f} N/mm across, {r.force_drops_per_mm:.2f} drops/mm; SA1 "
-            f"{r.sa1_Hz:.1f}, RA {r.ra_Hz:.1f} spikes/s"
+            f"{r.sa1_Hz:.1f}, RA {r.ra_Hz:.1f} spikes/s, locked {r.sa1_locking:.2f}, "
+            f"{r.ra_locking:.2f}"
         )
     write_table(folder / "fingerprints.csv", rows)
     write_figure(folder / "fingerprints.png", draw(complete_scans(members, folder)), dpi=160)
@@ -194,6 +197,7 @@ def row(results: Results) -> Row:
         float(across.mean()),
         drops(across) / float(np.ptp(at)),
         *(rate(results, kind, start, seconds) for kind in ("SA1", "RA")),
+        *(locking(results, kind, start) for kind in ("SA1", "RA")),
     )
 
 
@@ -244,6 +248,25 @@ def rate(results: Results, kind: str, start_s: float, seconds: float) -> float:
     spikes, receptors = results.spikes, near(results, kind)
     fired = np.isin(spikes.receptor, receptors) & (spikes.time_s >= start_s)
     return float(fired.sum() / (len(receptors) * seconds))
+
+
+def locking(results: Results, kind: str, start_s: float) -> float:
+    """Return how far a kind's spikes keep the ridges' phase: 0 not at all, 1 exactly.
+
+    Pairwise phase consistency (Vinck et al. 2010, DOI 10.1016/j.neuroimage.2010.01.073), which few
+    spikes do not raise; mean over the receptors near the contact point with two or more.
+    """
+    spikes, trace = results.spikes, results.trace
+    pitch = results.study.finger.ridge_pitch_mm
+    found = []
+    for receptor in near(results, kind):
+        times = spikes.time_s[(spikes.receptor == receptor) & (spikes.time_s >= start_s)]
+        count = len(times)
+        if count > 1:
+            at = np.interp(times, trace["time_s"], trace["displacement_mm"])
+            strength = np.abs(np.exp(2j * np.pi * at / pitch).mean())
+            found.append((count * strength**2 - 1) / (count - 1))
+    return float(np.mean(found)) if found else float("nan")
 
 
 # %%
