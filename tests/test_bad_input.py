@@ -31,7 +31,7 @@ SETTINGS = [
     ("finger.epidermis_rows=9", "finger.epidermis_rows is 9 but must be at most 8."),
     ("finger.dermis=1", "finger.dermis is not a key of [finger]; did you mean dermis_mm?"),
     ("fingr.dermis_mm=1", "fingr is not a section of the study; did you mean finger?"),
-    ("finger.pad_size_mm=0.001", "finger.pad_size_mm is 0.001 but must be at least 0.05."),
+    ("finger.pad_size_mm=0.001", "finger.pad_size_mm is 0.001 but must be at least 0.02."),
     (
         "finger.far_size_mm=0.5",
         "finger.far_size_mm = 0.5 must not be smaller than the edge under the contact patch, 1.",

@@ -191,6 +191,10 @@ def draw(states: dict[str, tuple[FingerMesh, Array]]) -> Figure:
         low = places[np.abs(places[:, 0]) < _NEAR_MM, 1].min()
         axes.set(xlim=(-_NEAR_MM, _NEAR_MM), ylim=(low - 0.1, low + 1.5), aspect="equal")
         axes.set_title(name, fontsize=9)
+    for axes in grid[-1]:
+        axes.set_xlabel("Y (mm)")
+    for axes in grid[:, 0]:
+        axes.set_ylabel("Z (mm)")
     figure.colorbar(shown, ax=grid, label="Compression (%)", shrink=0.6)
     return figure
 

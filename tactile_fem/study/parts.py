@@ -112,7 +112,7 @@ class Finger(Either):
     ridged_half_length_mm: Positive = Field(
         6.0, description="of the skin with ridges and papillae, from the contact point"
     )
-    pad_size_mm: Annotated[Finite, Field(ge=0.05)] | None = Field(
+    pad_size_mm: Annotated[Finite, Field(ge=0.02)] | None = Field(
         None,
         description="element edge under the contact patch; default by preset, in a section a "
         "quarter of it, or an eighth of the pitch of its ridges",
