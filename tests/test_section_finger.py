@@ -85,9 +85,10 @@ def test_how_well_the_mesh_resolves_ridges_is_told(ridged, sagittal):
 def test_a_section_has_defaults_of_its_own():
     own = Study.model_validate({"finger": {"kind": "section"}, "protocol": {"distance_mm": 1.0}})
     assert own.protocol.force_N == 0.06 and own.protocol.distance_mm == 1.0
-    assert own.solver.linear == "direct" and Study().solver.linear == "multigrid"
+    assert own.solver.linear == Study(finger=SMOOTH).solver.linear == "multigrid"
+    assert Study(finger=RIDGED).solver.linear == "direct"
     chosen = Study(
-        finger=SMOOTH, protocol=Protocol(depth_mm=1.0), solver=Solver(linear="multigrid")
+        finger=RIDGED, protocol=Protocol(depth_mm=1.0), solver=Solver(linear="multigrid")
     )
     assert chosen.protocol.depth_mm == 1.0 and chosen.protocol.force_N is None
     assert chosen.solver.linear == "multigrid"

@@ -97,7 +97,11 @@ class Scan:
                     }
                     for kind in ("SA1", "RA")
                 ],
-                "solver": {"contact_width_MPa": 0.02, "max_slide_step_mm": 0.1},
+                "solver": {
+                    "linear": "direct",
+                    "contact_width_MPa": 0.02,
+                    "max_slide_step_mm": 0.1,
+                },
                 "output": {"pictures": False},
             }
         )

@@ -126,7 +126,7 @@ def pressed(
             "stimulus": stimulus,
             "protocol": {"force_N": force_N_mm, "press_speed_mm_s": 1.0, "distance_mm": 0.0},
             "receptors": {"spacing_mm": 1.0},
-            "solver": {"contact_width_MPa": 0.02},
+            "solver": {"linear": "direct", "contact_width_MPa": 0.02},
             "output": {"pictures": False},
         }
     )

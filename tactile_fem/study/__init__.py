@@ -107,13 +107,15 @@ class Study(Section):
     def _defaults_of_a_section(cls, data: Any) -> Any:
         """Press a section to a force per width: to the depth of a solid it would be crushed.
 
-        Its equations are factorized.
+        With ridges its equations are factorized: multigrid is poor in many fine rows of elements.
         """
         if not isinstance(data, dict):
             return data
-        if _given(data.get("finger", {})).get("kind") != "section":
+        finger = _given(data.get("finger", {}))
+        if finger.get("kind") != "section":
             return data
-        data = _with_default(data, "solver", "linear", "direct")
+        if finger.get("ridge_height_mm") or finger.get("papilla_depth_mm"):
+            data = _with_default(data, "solver", "linear", "direct")
         if {"depth_mm", "path"} & _given(data.get("protocol", {})).keys():
             return data
         return _with_default(data, "protocol", "force_N", _SECTION_FORCE_N_MM)

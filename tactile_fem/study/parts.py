@@ -236,8 +236,8 @@ class Solver(Section):
     )
     linear: Literal["multigrid", "direct"] = Field(
         "multigrid",
-        description="linear solver; direct (MUMPS), the default of a section, needs much more time "
-        "and memory for a solid finger",
+        description="linear solver; direct (MUMPS), the default of ridged sections, needs much "
+        "more time and memory for a solid finger",
     )
     petsc: dict[str, str | int | float | bool] = Field(
         default_factory=dict, description="PETSc options without the prefix tactile_"
