@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from synthetic import make_results
 
 from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger import SURFACES, TISSUES, load_finger, read_msh, write_msh
@@ -12,6 +13,7 @@ from tactile_fem.finger.report import describe, edges_per_ridge, volumes
 from tactile_fem.finger.ridges import Ridges
 from tactile_fem.receptors import place
 from tactile_fem.scan.checks import check_study
+from tactile_fem.series import numbers_of
 from tactile_fem.stimulus.body import Ball
 from tactile_fem.stimulus.cut import Cut
 from tactile_fem.study import Finger, Grating, Plate, Protocol, Receptors, Solver, Study, Text
@@ -93,6 +95,14 @@ def test_a_section_has_defaults_of_its_own():
     assert chosen.protocol.depth_mm == 1.0 and chosen.protocol.force_N is None
     assert chosen.solver.linear == "multigrid"
     assert Study.model_validate(own.model_dump()) == own
+
+
+def test_a_series_names_forces_per_width(tmp_path):
+    names = {"pressed", "normal", "tangential"}
+    solid = numbers_of(make_results(tmp_path / "solid"))
+    section = numbers_of(make_results(tmp_path / "section", Study(finger=SMOOTH)))
+    assert {f"{name}_N" for name in names} <= solid.keys()
+    assert {key for key in section if "_N" in key} == {f"{name}_N_per_mm" for name in names}
 
 
 def test_a_papilla_is_as_wide_as_it_should_at_half_its_height():
