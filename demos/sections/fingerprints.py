@@ -25,9 +25,11 @@ import numpy as np
 from cyclopts import Parameter
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.signal import find_peaks
 
 from tactile_fem.cli.entry import run
 from tactile_fem.errors import StudyError
+from tactile_fem.output.extrema import central_receptor
 from tactile_fem.output.plots import BLUE, DISPLACEMENT, VERMILION
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
@@ -168,7 +170,8 @@ def main(
         Member(name, SCANS[name].study(distance, force, pad_size), {"scan": name}) for name in scans
     ]
     run_series(members, folder, jobs=jobs)
-    rows = [row(results) for results in complete_scans(members, folder)]
+    complete = complete_scans(members, folder)
+    rows = [row(results) for results in complete]
     for r in rows:
         print(
             f"{r.scan}: SED at SA1 {r.sed_kPa:.3f} (largest {r.largest_sed_kPa:.2f}), at RA "
@@ -178,7 +181,7 @@ def main(
             f"{r.ra_locking:.2f}"
         )
     write_table(folder / "fingerprints.csv", rows)
-    write_figure(folder / "fingerprints.png", draw(complete_scans(members, folder)), dpi=160)
+    write_figure(folder / "fingerprints.png", draw(complete), dpi=160)
     print(folder / "fingerprints.png")
 
 
@@ -205,11 +208,10 @@ def row(results: Results) -> Row:
     )
 
 
-def near(results: Results, kind: str) -> Array:
+def near(results: Results, kind: str) -> NDArray[np.intp]:
     """Return the numbers of a kind's receptors near the contact point."""
-    trace = results.trace
-    own = trace["population"] == kind
-    return np.flatnonzero(own & (np.abs(trace["receptors_mm"][:, 1]) < _NEAR_MM))
+    own = results.receptors_of(kind)
+    return own[np.abs(results.trace["receptors_mm"][own, 1]) < _NEAR_MM]
 
 
 def wave(at_mm: Array, sed_kPa: Array, pitch_mm: float) -> float:
@@ -233,18 +235,9 @@ def wave(at_mm: Array, sed_kPa: Array, pitch_mm: float) -> float:
 
 def drops(force: Array, share: float = 0.05) -> int:
     """Return how often a force (n,) falls by a share of its mean before it rises as much again."""
-    least, count, top, bottom = share * force.mean(), 0, force[0], force[0]
-    falling = False
-    for value in force:
-        if falling:
-            bottom = min(bottom, value)
-            if value > bottom + least:
-                falling, top = False, value
-        else:
-            top = max(top, value)
-            if value < top - least:
-                falling, bottom, count = True, value, count + 1
-    return count
+    # An end that only falls is a drop, too.
+    lows, _ = find_peaks(-np.append(force, np.inf), prominence=share * force.mean())
+    return len(lows)
 
 
 def rate(results: Results, kind: str, start_s: float, seconds: float) -> float:
@@ -260,14 +253,12 @@ def locking(results: Results, kind: str, start_s: float) -> float:
     Pairwise phase consistency (Vinck et al. 2010, DOI 10.1016/j.neuroimage.2010.01.073), which few
     spikes do not raise; mean over the receptors near the contact point with two or more.
     """
-    spikes, trace = results.spikes, results.trace
-    pitch = results.study.finger.ridge_pitch_mm
+    spikes, pitch = results.spikes, results.study.finger.ridge_pitch_mm
     found = []
     for receptor in near(results, kind):
-        times = spikes.time_s[(spikes.receptor == receptor) & (spikes.time_s >= start_s)]
-        count = len(times)
+        at = spikes.displacement_mm[(spikes.receptor == receptor) & (spikes.time_s >= start_s)]
+        count = len(at)
         if count > 1:
-            at = np.interp(times, trace["time_s"], trace["displacement_mm"])
             strength = np.abs(np.exp(2j * np.pi * at / pitch).mean())
             found.append((count * strength**2 - 1) / (count - 1))
     return float(np.mean(found)) if found else float("nan")
@@ -304,13 +295,13 @@ def draw_scan(row_: NDArray[Any], results: Results, skin: str, place: int) -> No
     trace, spikes = results.trace, results.spikes
     slide = trace["displacement_mm"] > 0
     at, own = trace["displacement_mm"][slide], near(results, "SA1")
-    centre = own[np.argmin(np.abs(trace["receptors_mm"][own, 1]))]
+    centre = own[central_receptor(trace["receptors_mm"][own])]
     style = {"color": SKINS[skin], "label": skin, "lw": 1}
     row_[0].plot(at, trace["sed_kPa"][slide, centre], **style)
     row_[1].plot(at, np.abs(trace["force_N"][slide, 1]), **style)
     for k, kind in enumerate(("SA1", "RA")):
-        times = spikes.time_s[np.isin(spikes.receptor, near(results, kind)) & (spikes.time_s > 0)]
-        places = np.interp(times, trace["time_s"], trace["displacement_mm"])
+        fired = np.isin(spikes.receptor, near(results, kind)) & (spikes.time_s > 0)
+        places = spikes.displacement_mm[fired]
         row_[2].eventplot(places, lineoffsets=-2 * k - place, linelengths=0.8, color=SKINS[skin])
 
 

@@ -22,6 +22,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
+from fingerprints import EDGE, RIDGED
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
@@ -37,11 +38,10 @@ from tactile_fem.finger.strain import (
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import completed
-from tactile_fem.study import Study
+from tactile_fem.study import Finger, Study
 
 Array = NDArray[np.float64]
 
-RIDGED = {"ridge_height_mm": 0.1, "papilla_depth_mm": 0.2}
 # The layers of the fingers measured, with the intermediate ridges in the epidermis.
 IN_VIVO = {"stratum_corneum_mm": 0.38, "epidermis_mm": 0.27, "ridge_height_mm": 0.1}
 SKINS: dict[str, dict[str, Any]] = {
@@ -50,7 +50,6 @@ SKINS: dict[str, dict[str, Any]] = {
     "ridged, layers in vivo": IN_VIVO,
 }
 LAYERS = "stratum_corneum", "epidermis"
-EDGE = {"kind": "grating", "count": 1, "ridge_mm": 1.0, "relief_mm": 0.3, "fillet_radius_mm": 0.1}
 # Half of the skin that counts; the sides of the edge begin and end so far from its middle.
 _NEAR_MM, _SIDE_MM = 2.0, (0.5, 1.5)
 
@@ -89,10 +88,11 @@ def main(
     set_up()
     rows, sides, drawn = [], [], {}
     for name, skin in SKINS.items():
-        own = {"pad_size_mm": pad_size, **skin}
+        finger = Finger(kind="section", pad_size_mm=pad_size, **skin)
+        mesh = load_finger(finger)
         short = name.replace(", ", "_").replace(" ", "_")
         for force in forces:
-            mesh, u = pressed(folder / f"{short}_plate_{force:g}", own, {"kind": "plate"}, force)
+            u = pressed(folder / f"{short}_plate_{force:g}", finger, {"kind": "plate"}, force)
             rows.append(under_plate(name, force, mesh, u))
             r = rows[-1]
             print(
@@ -101,7 +101,7 @@ def main(
                 f"{100 * r.ridges_left:.0f} % of the ridges' height left"
             )
         drawn[f"{name}, plate, {forces[-1]:g} N/mm"] = mesh, u
-        mesh, u = pressed(folder / f"{short}_edge", own, EDGE, edge_force)
+        u = pressed(folder / f"{short}_edge", finger, EDGE, edge_force)
         drawn[f"{name}, edge, {edge_force:g} N/mm"] = mesh, u
         for layer in LAYERS:
             sides.append(beside_edge(name, layer, mesh, u))
@@ -116,13 +116,11 @@ def main(
     print(folder / "strains.png")
 
 
-def pressed(
-    folder: Path, skin: dict[str, Any], stimulus: dict[str, Any], force_N_mm: float
-) -> tuple[FingerMesh, Array]:
-    """Press; return the mesh and the displacement of its nodes in the plane, (n, 2) mm."""
+def pressed(folder: Path, finger: Finger, stimulus: dict[str, Any], force_N_mm: float) -> Array:
+    """Press; return the displacement of the mesh's nodes in the plane, (n, 2) mm."""
     study = Study.model_validate(
         {
-            "finger": {"kind": "section", **skin},
+            "finger": finger,
             "stimulus": stimulus,
             "protocol": {"force_N": force_N_mm, "press_speed_mm_s": 1.0, "distance_mm": 0.0},
             "receptors": {"spacing_mm": 1.0},
@@ -130,8 +128,7 @@ def pressed(
             "output": {"pictures": False},
         }
     )
-    results = completed(study, folder)
-    return load_finger(study.finger), results.load_checkpoint()["u"]
+    return completed(study, folder).load_checkpoint()["u"]
 
 
 # %%
@@ -149,7 +146,6 @@ def ridges_left(mesh: FingerMesh, u: Array) -> float:
     skin = np.unique(mesh.facets[mesh.surface == SURFACES["skin"], :2])
     at = mesh.plane.within(mesh.nodes)
     near = skin[(np.abs(at[skin, 0]) < _NEAR_MM) & (at[skin, 1] < 2.0)]
-    near = near[np.argsort(at[near, 0])]
 
     def height(places: Array) -> float:
         # What the pad's own curve leaves, twice the mean square of a wave, is its height.

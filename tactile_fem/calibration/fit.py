@@ -33,7 +33,7 @@ from tactile_fem.calibration.press import study_of
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.scan.checks import check_study
+from tactile_fem.scan.checks import check_solid, check_study
 from tactile_fem.study import Study
 
 Array = NDArray[np.float64]
@@ -196,11 +196,7 @@ def _check(
     jobs: int,
     comm: MPI.Comm,
 ) -> None:
-    if study.finger.is_section:
-        raise StudyError(
-            'finger.kind is "section" but must be "solid" for a fit: measured forces are those of '
-            "a whole finger."
-        )
+    check_solid(study.finger, "a fit: measured forces are those of a whole finger")
     if not parameters:
         raise StudyError("A fit needs one or more parameters.")
     names = [key for parameter in parameters for key in parameter.powers]

@@ -186,10 +186,11 @@ def export(
         raise StudyError(f'--deck is "{deck}" but must end in .inp.')
     if deck.exists() and not overwrite:
         raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
-    if the_study.finger.is_section:
-        raise StudyError('finger.kind is "section" but must be "solid" for an input deck.')
     from tactile_fem.finger import load_finger
     from tactile_fem.output.deck import write_deck
+    from tactile_fem.scan.checks import check_solid
+
+    check_solid(the_study.finger, "an input deck")
 
     logs.set_up()
     finger = load_finger(the_study.finger)

@@ -17,6 +17,7 @@ from tactile_fem.finger.mesh_data import (
     facets_of,
     lowest_facet,
 )
+from tactile_fem.finger.ridges import Ridges
 from tactile_fem.study import Finger
 
 LAYERS = ("stratum_corneum", "epidermis", "dermis")
@@ -136,9 +137,7 @@ def facet_size_mm(mesh: FingerMesh) -> float:
 
 def edges_per_ridge(mesh: FingerMesh, finger: Finger) -> float | None:
     """Return how many edges of the skin under the patch a fingerprint's ridge has; None: smooth."""
-    if finger.ridge_height_mm == finger.papilla_depth_mm == 0.0:
-        return None
-    return finger.ridge_pitch_mm / facet_size_mm(mesh)
+    return finger.ridge_pitch_mm / facet_size_mm(mesh) if Ridges.of(finger).any else None
 
 
 def measured_layers_mm(mesh: FingerMesh) -> dict[str, float]:

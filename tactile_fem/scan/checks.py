@@ -34,6 +34,12 @@ _EDGES_PER_WAVE = 2
 _WELL_FOLLOWED = 0.9
 
 
+def check_solid(finger: Finger, purpose: str) -> None:
+    """Raise StudyError if a finger is a section, which does not do for a purpose."""
+    if finger.is_section:
+        raise StudyError(f'finger.kind is "section" but must be "solid" for {purpose}.')
+
+
 def check_study(study: Study) -> None:
     """Try stimulus, finger and receptors without meshing and without DOLFINx.
 

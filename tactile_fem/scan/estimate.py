@@ -43,9 +43,9 @@ class Estimate:
 def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Estimate:
     """Return the expected cost for `unknowns` displacement components on `ranks` cores."""
     size = unknowns / _REFERENCE_UNKNOWNS
-    memory = _RANK_MB * ranks + _UNKNOWN_MB * unknowns
-    if study.finger.is_section:
-        memory = _RANK_MB * ranks + _FLAT_UNKNOWN_MB * unknowns
+    flat = study.finger.is_section
+    memory = _RANK_MB * ranks + (_FLAT_UNKNOWN_MB if flat else _UNKNOWN_MB) * unknowns
+    if flat:
         newton = _FLAT_NEWTON_S * unknowns
     elif study.solver.linear == "direct":
         memory += _FACTORS_MB * size**1.35

@@ -168,9 +168,9 @@ def _with_default(data: dict[str, Any], name: str, key: str, value: Any) -> dict
 
 def _filled(entry: Any, shared: dict[str, Receptors | Neuron]) -> Any:
     """Return a population with the shared keys that it does not give; a file knows no None."""
-    given = entry.model_dump(exclude_unset=True) if isinstance(entry, Afferents) else entry
-    if not isinstance(given, dict):
-        return given
+    if not isinstance(entry, dict | Afferents):
+        return entry
+    given = _given(entry)
     kind = of_kind(given.get("kind"))
     own = {section: given.get(section, {}) for section in shared}
     return (
