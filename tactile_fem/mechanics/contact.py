@@ -20,6 +20,8 @@ from tactile_fem.mechanics.obstacle import Obstacle
 
 # Keeps the friction law differentiable where neither pressure nor slip acts, in MPa.
 _TINY_MPa = 1e-12
+# Where the smoothed positive part is zero, in widths.
+ZERO_BELOW = 250
 # Share of Coulomb's bound over which sticking turns to sliding.
 _ROUND = 0.2
 
@@ -130,9 +132,12 @@ class SkinPart:
         The tissue's elastic Piola traction.
     ds
         Measure of its facets.
+    reach
+        Gap (mm) at which skin that is not compressed carries no traction yet.
     """
 
     tissue: str
     contact: Contact
     t: Expr
     ds: ufl.Measure
+    reach: Expr

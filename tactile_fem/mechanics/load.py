@@ -78,8 +78,8 @@ class LoadCell:
         The rigid body.
     skin
         The parts of the skin that may touch.
-    residual
-        The compiled residual, without boundary conditions.
+    tissues
+        The compiled residual of the tissues, without boundary conditions.
     held
         This rank's dofs (blocks) of the nodes that do not move.
     compile_
@@ -94,12 +94,12 @@ class LoadCell:
         elasticity: Elasticity,
         obstacle: Obstacle,
         skin: Sequence[SkinPart],
-        residual: fem.Form,
+        tissues: fem.Form,
         held: np.ndarray,
         compile_: Callable[[ufl.Form], fem.Form],
         inertia: Inertia | None = None,
     ) -> None:
-        self._obstacle, self._residual_form, self._held = obstacle, residual, held
+        self._obstacle, self._tissues_form, self._held = obstacle, tissues, held
         self._state = state
         self._comm = elasticity.domain.comm
         dim = len(state.u)
@@ -122,15 +122,15 @@ class LoadCell:
         """Return the load at the present displacement."""
         with common.Timer("tactile: load"):
             self._obstacle.refresh()
-            pressure, friction, residual = (
+            pressure, friction, tissues = (
                 _nodal(form)
-                for form in (self._pressure_form, self._friction_form, self._residual_form)
+                for form in (self._pressure_form, self._friction_form, self._tissues_form)
             )
             integrals = _nodal(self._integrals_form).sum(axis=0)
         state = self._state
         advance = state.translation.value - state.translation_old.value
         here = [
-            self._forces(pressure + friction, residual),
+            self._forces(pressure + friction, tissues),
             [self._heat(friction, advance)],
             integrals,
         ]
@@ -152,7 +152,7 @@ class LoadCell:
             friction,
         )
 
-    def _forces(self, contact: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    def _forces(self, contact: np.ndarray, tissues: np.ndarray) -> np.ndarray:
         """Return this rank's contact force, its moment, and the reaction less inertia."""
         owned = len(contact)
         u = self._state.u
@@ -161,7 +161,7 @@ class LoadCell:
             [place[:, i] * contact[:, j] - place[:, j] * contact[:, i] for i, j in self._planes]
         )
         held = self._held[self._held < owned]
-        reaction = (residual + contact)[held].sum(axis=0)
+        reaction = tissues[held].sum(axis=0)
         if self._inertia_form:  # what the reaction has to hold less
             reaction -= _nodal(self._inertia_form).sum(axis=0)
         return np.concatenate([contact.sum(axis=0), moment.sum(axis=0), reaction])

@@ -15,6 +15,8 @@ LinearSolve = Callable[[PETSc.Vec, PETSc.Vec], None]
 
 # By how much a step with an old Jacobian may be worse than expected.
 _CAUTION = 4.0
+# Share of a step's largest residual below which skin no longer comes and goes.
+_NEAR = 0.1
 # Of linear equations at a converged state, such as those of sensitivities.
 _LINEAR_RTOL, _LINEAR_MOST_IT = 1e-6, 400
 _REASONS = {
@@ -51,6 +53,15 @@ class SolveReport:
             float(snes.getFunctionNorm()),
             _REASONS.get(reason, str(reason)),
         )
+
+
+def contact_is_found(snes: PETSc.SNES) -> bool:
+    """Return whether Newton's method has come near the solution of a step.
+
+    At first skin comes and goes and the residual hardly falls; then it falls fast.
+    """
+    norms, _ = snes.getConvergenceHistory()
+    return bool(len(norms) and norms[-1] < _NEAR * max(norms))
 
 
 def next_step_converges(snes: PETSc.SNES) -> bool:

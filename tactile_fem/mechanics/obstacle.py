@@ -49,6 +49,8 @@ class Obstacle:
         derivatives.
     entity_maps
         To be given to the compiler of any form that uses these expressions.
+    entities
+        Cell and local facet of each facet of this rank, ghosts included, (facets, 2).
     """
 
     def __init__(self, body: RigidBody, state: State, facets: np.ndarray, degree: int) -> None:
@@ -68,7 +70,8 @@ class Obstacle:
         displacement = expression(u, points)
         self._parent = parent
         self._evaluate = position, displacement
-        self._entities = _cells_and_local_facets(parent, entity_map, submesh)
+        self.entities = _cells_and_local_facets(parent, entity_map, submesh)
+        self._points_per_facet = len(points)
 
         self._submesh, self._degree = submesh, degree
         self._gap = self.quadrature_function(())
@@ -97,10 +100,15 @@ class Obstacle:
     def points_mm(self) -> np.ndarray:
         """Return the undeformed contact quadrature points of this rank, (n, dimension)."""
         dim = self._parent.geometry.dim
-        if not len(self._entities):
+        if not len(self.entities):
             return np.empty((0, dim))
-        deformed, displacement = (e.eval(self._parent, self._entities) for e in self._evaluate)
+        deformed, displacement = (e.eval(self._parent, self.entities) for e in self._evaluate)
         return (deformed - displacement).reshape(-1, dim)
+
+    @property
+    def gap_mm(self) -> np.ndarray:
+        """The signed distance as it was last expanded, (facets, points)."""
+        return self._gap.x.array.reshape(len(self.entities), self._points_per_facet)
 
     def refresh(self) -> None:
         """Expand the signed distance anew at the current displacement; all ranks must call."""
@@ -108,18 +116,18 @@ class Obstacle:
             self._refresh()
 
     def _refresh(self) -> None:
-        if not len(self._entities):
+        if not len(self.entities):
             return
         at = np.append(self.u.x.array, self.translation.value)
         if np.array_equal(at, self._at):
             return  # the Jacobian follows a residual at the same place
         position, displacement = self._evaluate
-        y = position.eval(self._parent, self._entities).reshape(-1, len(self.translation.value))
+        y = position.eval(self._parent, self.entities).reshape(-1, len(self.translation.value))
         d = self.body.distance(y - self.translation.value)
         self._gap.x.array[: len(d.gap)] = d.gap
         self._normal.x.array[: d.normal.size] = d.normal.ravel()
         self.hessian.x.array[: d.hessian.size] = d.hessian.ravel()
-        u0 = displacement.eval(self._parent, self._entities)
+        u0 = displacement.eval(self._parent, self.entities)
         self._base.x.array[: u0.size] = u0.ravel()
         self._at = at
 

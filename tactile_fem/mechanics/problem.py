@@ -7,7 +7,7 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 from petsc4py import PETSc
 
@@ -23,8 +23,10 @@ from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.elasticity import NO_LAWS, Elasticity
 from tactile_fem.mechanics.inertia import Inertia
 from tactile_fem.mechanics.load import Load, LoadCell
+from tactile_fem.mechanics.near_skin import NearForm, NearSkin
 from tactile_fem.mechanics.newton import (
     SolveReport,
+    contact_is_found,
     linear_solver,
     next_step_converges,
     weakly,
@@ -144,6 +146,7 @@ class FingerProblem:
         )
         self._jit = jit_options(solver.compiler_flags)
         stick.compile(self.skin, state.u_old, self.compile)
+        self._near = NearSkin(self.obstacle, facets, self.skin, self.compile)
         state.histories.append(stick)
         if self.elasticity.relaxation:
             state.histories.append(self.elasticity.relaxation)
@@ -177,13 +180,19 @@ class FingerProblem:
             tissues += self.inertia.residual(v)
         for part in self.skin:
             contact += part.contact.residual(part.t, state.u, state.u_old, v) * part.ds
+        tangent = exact = ufl.derivative(tissues, state.u)
+        if solver.tangent_iterations > 1:
+            tangent = self.elasticity.tangent(v)
+            if self.inertia:
+                tangent += ufl.derivative(self.inertia.residual(v), state.u)
+        self._exact_tangent = partial(self.compile, exact)
         prefix = set_options(self.options, self.domain.comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
         self._clear_options.atexit = False  # PETSc may be gone by then
         problem = fem_petsc.NonlinearProblem(
-            tissues + contact,
+            tissues,
             state.u,
-            J=ufl.derivative(tissues, state.u),
+            J=tangent,
             bcs=self.bcs,
             petsc_options_prefix=prefix,
             kind=matrix,
@@ -195,9 +204,10 @@ class FingerProblem:
         snes.setConvergenceHistory(reset=True)
         if "ksp_atol" not in self.options:
             snes.getKSP().setTolerances(atol=_LAST_SOLVE * snes.getTolerances()[1])
+        self._contact = self._near_form(contact)
         self._tangent = Tangent(
             problem.J,
-            self.compile(ufl.derivative(contact, state.u)),
+            self._near_form(ufl.derivative(contact, state.u)),
             self.bcs,
             solver.tangent_iterations,
         )
@@ -265,6 +275,9 @@ class FingerProblem:
         maps = self.obstacle.entity_maps
         return fem.form(form, jit_options=self._jit, entity_maps=maps)
 
+    def _near_form(self, form: ufl.Form) -> NearForm:
+        return NearForm(form, self._near, self.obstacle, self._jit)
+
     def solve(self, translation: np.ndarray, dt_s: float) -> SolveReport:
         """Find the equilibrium with the body at `translation` (3,), `dt_s` after the last one.
 
@@ -301,8 +314,10 @@ class FingerProblem:
         self.elasticity.set_time_step(dt_s)
         if self.inertia:
             self.inertia.set_time_step(dt_s)
+        self._near.begin_step()
 
     def _newton(self) -> SolveReport:
+        self._tangent.begin_solve()
         with common.Timer("tactile: solve"):
             self._problem.solve()
         return SolveReport.of(self.snes)
@@ -326,7 +341,9 @@ class FingerProblem:
             By the solver: it does not converge.
         """
         own = self._problem
-        self._assemble_exactly()
+        fem_petsc.assign(self.u, own.x)
+        self._update(own.x)
+        self._tangent.assemble_exactly(own.A, self._exact_tangent())
         if self._two_level and not self._two_level.is_set_up:  # no step took an iteration yet
             self._two_level.set_up(own.A)
         solution, field = own.x.duplicate(), fem.Function(self.u.function_space)
@@ -360,7 +377,7 @@ class FingerProblem:
         iterations = self.snes.getIterationNumber()
         if iterations:
             with common.Timer("tactile: solve"):
-                self._linearize()
+                self._prepare_next_step()
         for follow in self.before_accept:
             follow()
         self.state.accept(load.force_N, load.friction_N, iterations)
@@ -370,11 +387,15 @@ class FingerProblem:
         """Restore what `state.gather` returned, and the next step's preconditioner."""
         self.state.restore(saved, self.order, self._prepare)
 
-    def _linearize(self) -> None:
-        """Make tangent and preconditioner at the present displacement."""
-        self._assemble_exactly()
+    def _prepare_next_step(self) -> None:
+        """Make tangent and preconditioner at the present, converged displacement."""
+        own = self._problem
+        fem_petsc.assign(self.u, own.x)
+        self._update(own.x)
+        with common.Timer("tactile: jacobian"):
+            self._tangent.assemble(own.A, self.state.dt_s, contact_is_found=True)
         if self._two_level:
-            self._two_level.set_up(self._problem.A)
+            self._two_level.follow_step(own.A)
 
     def _prepare(self, translation: np.ndarray, dt_s: float) -> None:
         """Make the tangent and the preconditioner that `accept` made."""
@@ -389,6 +410,7 @@ class FingerProblem:
         fem_petsc.assign(x, self.u)
         with common.Timer("tactile: obstacle"):
             self.obstacle.refresh()
+            self._near.update()
 
     def _assemble_residual(self, snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         del snes
@@ -397,6 +419,7 @@ class FingerProblem:
             with b.localForm() as with_ghosts:
                 with_ghosts.set(0.0)
             fem_petsc.assemble_vector(b, self._problem.F)
+            fem_petsc.assemble_vector(b, self._contact())
             b.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
             # Every iterate meets the homogeneous conditions, so there is nothing to lift.
             fem_petsc.set_bc(b, self.bcs, x0=x, alpha=-1.0)
@@ -406,20 +429,12 @@ class FingerProblem:
     ) -> None:
         if next_step_converges(snes):
             return  # with the Jacobian of the last iterate
-        self._assemble_at(x, P)
-        if self._two_level:
-            self._two_level.follow(P)
-
-    def _assemble_exactly(self) -> None:
-        """Assemble the Jacobian at the present displacement, with no part kept."""
-        own = self._problem
-        fem_petsc.assign(self.u, own.x)
-        self._assemble_at(own.x, own.A, exact=True)
-
-    def _assemble_at(self, x: PETSc.Vec, A: PETSc.Mat, *, exact: bool = False) -> None:
         self._update(x)
         with common.Timer("tactile: jacobian"):
-            self._tangent.assemble(A, self.state.dt_s, exact=exact)
+            found = contact_is_found(snes)
+            self._tangent.assemble(P, self.state.dt_s, contact_is_found=found)
+        if self._two_level:
+            self._two_level.follow(P)
 
 
 @atexit.register

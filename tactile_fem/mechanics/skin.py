@@ -6,15 +6,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from ufl.classes import FacetJacobianDeterminant
 
-from tactile_fem.mechanics.contact import Contact, SkinPart
+from tactile_fem.mechanics.contact import ZERO_BELOW, Contact, SkinPart
 from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.inertia import Inertia
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.study import Solver
+
+# Share of its outermost tetrahedron's height by which skin is pulled out at most. Traction that
+# does this would be a third of the skin's modulus.
+_PULLED = 0.25
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,10 @@ def parts_of_skin(
             unmatched_old,
             solver.nitsche_theta,
         )
+        reach = ZERO_BELOW * rounding.width / stiffness + _PULLED * height
+        if solver.nitsche_theta:
+            reach = fem.Constant(msh, np.inf)
         # Without Kelvin-Voigt's viscosity: over the short time of a cut step it would be too
         # stiff for gamma_h. The gap is off by what it carries over gamma_h, some 1e-5 mm.
-        parts.append(SkinPart(tissue, contact, elasticity.traction(tissue), ds(tag)))
+        parts.append(SkinPart(tissue, contact, elasticity.traction(tissue), ds(tag), reach))
     return parts

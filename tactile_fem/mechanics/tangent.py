@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from petsc4py import PETSc
@@ -19,15 +19,17 @@ class Tangent:
     """The Jacobian as the sum of the tissues' and the contact's part.
 
     The tissues' part hardly changes within a step, but takes nine tenths of the time to assemble.
+    A step begins with that of the last one. It is assembled anew where the contact is found, and
+    after so many iterations without.
 
     Parameters
     ----------
     tissues, contact
-        The parts as forms; the contact's entries are among the tissues'.
+        The parts as forms, the contact's as it is now; its entries are among the tissues'.
     bcs
         Dirichlet conditions.
     iterations
-        How often the tissues' part is used before it is assembled anew.
+        How often a step uses the tissues' part before it is assembled anew.
 
     Attributes
     ----------
@@ -38,17 +40,18 @@ class Tangent:
     def __init__(
         self,
         tissues: fem.Form,
-        contact: fem.Form,
+        contact: Callable[[], fem.Form],
         bcs: Sequence[fem.DirichletBC],
         iterations: int,
     ) -> None:
         self._tissues, self._contact, self._bcs = tissues, contact, bcs
-        self._iterations, self._uses = iterations, 0
+        self._iterations = iterations
         self.is_kept = iterations > 1
         self._kept: PETSc.Mat | None = None
         self._dt_s = 0.0
+        self._uses, self._is_of_this_step = 0, False
 
-    def assemble(self, matrix: PETSc.Mat, dt_s: float, *, exact: bool = False) -> None:
+    def assemble(self, matrix: PETSc.Mat, dt_s: float, *, contact_is_found: bool = False) -> None:
         """Assemble the Jacobian at the present displacement into `matrix`.
 
         Parameters
@@ -57,22 +60,25 @@ class Tangent:
             Always the same, the solver's.
         dt_s
             Duration of the step, on which the viscous stress depends.
-        exact
-            Whether the tissues' part has to be that of the present displacement.
+        contact_is_found
+            Whether the present displacement is near the solution.
         """
         same_step = math.isclose(dt_s, self._dt_s, rel_tol=_SAME_STEP)
-        outdated = self._uses >= self._iterations or not same_step
-        if self._kept is None:  # its places are known to PETSc only once it is assembled
-            self._assemble_tissues(matrix)
-            self._kept = matrix.duplicate(copy=True)
-        elif exact or outdated:
-            self._assemble_tissues(self._kept)
-        if exact or outdated:
-            self._dt_s, self._uses = dt_s, 0
+        found_anew = contact_is_found and not self._is_of_this_step
+        if self._uses >= self._iterations or found_anew or not same_step:
+            self._renew(matrix)
+            self._dt_s, self._uses, self._is_of_this_step = dt_s, 0, True
         self._uses += 1
-        self._kept.copy(matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        fem_petsc.assemble_matrix(matrix, self._contact, self._bcs)
-        matrix.assemble()
+        self._add_up(matrix)
+
+    def begin_solve(self) -> None:
+        """Take the tissues' part as that of an earlier state."""
+        self._uses, self._is_of_this_step = 0, False
+
+    def assemble_exactly(self, matrix: PETSc.Mat, tissues: fem.Form) -> None:
+        """Assemble the Jacobian with `tissues` in place of its own form of their part."""
+        self._assemble(matrix, tissues)
+        self._add_contact(matrix)
 
     @contextmanager
     def renewed(self) -> Iterator[None]:
@@ -84,7 +90,7 @@ class Tangent:
             self._iterations = own
 
     def expire(self) -> None:
-        """Let the next Jacobian be exact."""
+        """Let the next Jacobian be that of the present displacement."""
         self._uses = self._iterations
 
     def destroy(self) -> None:
@@ -92,8 +98,25 @@ class Tangent:
         if self._kept:
             self._kept.destroy()
 
-    def _assemble_tissues(self, matrix: PETSc.Mat) -> None:
+    def _renew(self, matrix: PETSc.Mat) -> None:
+        """Assemble the tissues' part; `matrix` is the first to know where its entries are."""
+        if self._kept is None:
+            self._assemble(matrix, self._tissues)
+            self._kept = matrix.duplicate(copy=True)
+        else:
+            self._assemble(self._kept, self._tissues)
+
+    def _assemble(self, matrix: PETSc.Mat, tissues: fem.Form) -> None:
         with common.Timer("tactile: tangent of the tissues"):
             matrix.zeroEntries()
-            fem_petsc.assemble_matrix(matrix, self._tissues, self._bcs)
+            fem_petsc.assemble_matrix(matrix, tissues, self._bcs)
             matrix.assemble()
+
+    def _add_up(self, matrix: PETSc.Mat) -> None:
+        """Set `matrix` to the kept part and the contact's present one."""
+        self._kept.copy(matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self._add_contact(matrix)
+
+    def _add_contact(self, matrix: PETSc.Mat) -> None:
+        fem_petsc.assemble_matrix(matrix, self._contact(), self._bcs)
+        matrix.assemble()

@@ -1,0 +1,121 @@
+"""The contact's forms over the skin that the body is near.
+
+Skin farther away carries exactly no traction (see `smooth_positive`), so leaving it out changes no
+digit of the forms, and most of the skin is far from the body at any moment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+
+from tactile_fem.mechanics.contact import SkinPart
+from tactile_fem.mechanics.obstacle import Obstacle
+from tactile_fem.mechanics.point_values import PointValues
+
+# How much farther than needed skin is taken in, so that the forms do not change at each iterate.
+_AMPLE = 1.5
+
+
+class NearSkin:
+    """Which facets the body is near.
+
+    Parameters
+    ----------
+    obstacle
+        The rigid body.
+    facets
+        Of the skin, by the tissue behind them.
+    skin
+        The parts of the skin that may touch.
+    compile_
+        Compiles a form that uses the obstacle.
+
+    Attributes
+    ----------
+    chosen
+        By the tag of each tissue: cell and local facet in turn, of the facets that are near.
+    """
+
+    def __init__(
+        self,
+        obstacle: Obstacle,
+        facets: mesh.MeshTags,
+        skin: Sequence[SkinPart],
+        compile_: Callable[[ufl.Form], fem.Form],
+    ) -> None:
+        self._obstacle = obstacle
+        topology = obstacle.u.function_space.mesh.topology
+        row = {tuple(pair): i for i, pair in enumerate(obstacle.entities.tolist())}
+        self._all: list[tuple[int, np.ndarray, np.ndarray]] = []
+        for part in skin:
+            tag = part.ds.subdomain_id()
+            pairs = fem.compute_integration_domains(
+                fem.IntegralType.exterior_facet, topology, facets.find(tag)
+            ).reshape(-1, 2)
+            rows = np.array([row[tuple(pair)] for pair in pairs.tolist()], dtype=np.int64)
+            self._all.append((tag, pairs, rows))
+        self._reach = PointValues(obstacle, [(part.reach, part.ds) for part in skin], compile_)
+        self._reach_mm = np.empty(obstacle.gap_mm.shape)
+        self._is_chosen = np.zeros(len(obstacle.entities), dtype=bool)
+        self.chosen: dict[int, np.ndarray] = {}
+
+    def begin_step(self) -> None:
+        """Choose anew at the next `update`; the skin's stiffness may have changed."""
+        self._reach_mm = self._reach.read().reshape(self._reach_mm.shape)
+        self._is_chosen[:] = False
+        self.chosen = {}
+
+    def update(self) -> None:
+        """Choose more facets if the body, at its present place, is near one that is not chosen."""
+        gap_mm = self._obstacle.gap_mm
+        near = np.any(gap_mm < self._reach_mm, axis=1)
+        if self.chosen and not np.any(near & ~self._is_chosen):
+            return
+        self._is_chosen |= np.any(gap_mm < _AMPLE * self._reach_mm, axis=1)
+        self.chosen = {tag: pairs[self._is_chosen[rows]].ravel() for tag, pairs, rows in self._all}
+
+
+class NearForm:
+    """A form over the skin that is near.
+
+    Parameters
+    ----------
+    form
+        Over the parts of the skin.
+    near
+        Which facets are near.
+    obstacle
+        The rigid body.
+    jit_options
+        Of the compiler.
+    """
+
+    def __init__(
+        self, form: ufl.Form, near: NearSkin, obstacle: Obstacle, jit_options: Mapping[str, Any]
+    ) -> None:
+        self._form, self._near = form, near
+        self._entity_maps = obstacle.entity_maps
+        self._mesh = form.arguments()[0].ufl_function_space().mesh
+        self._compiled = fem.compile_form(self._mesh.comm, form, jit_options=jit_options)
+        self._made_for: dict[int, np.ndarray] = {}
+        self._made: fem.Form | None = None
+
+    def __call__(self) -> fem.Form:
+        """Return the form over the facets that are near now."""
+        if self._made is None or self._made_for is not self._near.chosen:
+            self._made_for = self._near.chosen
+            self._made = fem.create_form(
+                self._compiled,
+                [argument.ufl_function_space() for argument in self._form.arguments()],
+                self._mesh,
+                {fem.IntegralType.exterior_facet: list(self._made_for.items())},
+                {w: w for w in self._form.coefficients()},
+                {c: c for c in self._form.constants()},
+                self._entity_maps,
+            )
+        return self._made
