@@ -36,23 +36,24 @@ def finger_figure(grid: pv.UnstructuredGrid) -> Figure:
     """Draw quadratic tetrahedra with cell data ``tissue``, a quarter of them cut away."""
     solid = linear(grid, grid.points)
     plotter = off_screen()
-    names = []
-    for name, part in parts(solid):
-        names.append(name)
-        style = {"color": COLOURS[name], "show_edges": True, "line_width": 1}
+    tissues = dict(parts(solid))
+    # The faces first: what they hide is then not shaded, which takes most of the time.
+    styles = {n: {"color": COLOURS[n], "show_edges": True, "line_width": 1} for n in tissues}
+    for name, part in tissues.items():
+        for face in _opened_faces(part):
+            plotter.add_mesh(face, edge_opacity=0.5, lighting=False, **styles[name])
+    for name, part in tissues.items():
         shell = part.extract_surface(algorithm=None)
         shell = shell.clip_box((0, _FAR, 0, _FAR, -_FAR, _FAR), invert=True)
         if shell.n_cells:
             outside = shell.extract_surface(algorithm=None)
-            plotter.add_mesh(outside, edge_opacity=0.3, ambient=0.4, diffuse=0.7, **style)
-        for face in _opened_faces(part):
-            plotter.add_mesh(face, edge_opacity=0.5, lighting=False, **style)
+            plotter.add_mesh(outside, edge_opacity=0.3, ambient=0.4, diffuse=0.7, **styles[name])
     x, y, z = solid.center
     size = solid.length
     middle = (x + 0.02 * size, y, z - 0.07 * size)
     image = picture(plotter, (26.0, 34.0, -12.0), middle, half_height=0.27 * size)
     figure = framed(image)
-    handles = [Patch(color=COLOURS[name], label=name.replace("_", " ")) for name in names]
+    handles = [Patch(color=COLOURS[name], label=name.replace("_", " ")) for name in tissues]
     figure.legend(handles=handles, loc="lower right", frameon=False, fontsize=9)
     return figure
 
@@ -70,18 +71,14 @@ def deformation_figure(
     """
     solid = linear(grid, grid.points + grid["displacement_mm"])
     plotter = off_screen()
-    for name, part in parts(solid):
-        rigid = name in RIGID
-        shell = part.extract_surface(algorithm=None)
-        shell = shell.clip_box((-_FAR, 0, -_FAR, _FAR, -_FAR, _FAR), invert=False)
-        if shell.n_cells:
-            behind = shell.extract_surface(algorithm=None)
-            plotter.add_mesh(behind, color=COLOURS[name if rigid else "stratum_corneum"])
+    tissues = dict(parts(solid))
+    # The faces first: what they hide is then not shaded, which takes most of the time.
+    for name, part in tissues.items():
         face = part.cell_data_to_point_data().slice("x", origin=(-1e-4, 0, 0))
         if not face.n_cells:
             continue
         face["sed_kPa"] = np.maximum(face["sed_kPa"], limits_kPa[0])
-        if rigid:
+        if name in RIGID:
             plotter.add_mesh(face, color=COLOURS[name], lighting=False)
         else:
             plotter.add_mesh(
@@ -94,6 +91,12 @@ def deformation_figure(
                 show_scalar_bar=False,
             )
         plotter.add_mesh(rim(face, (0.03, 0, 0)), **RIM_STYLE)
+    for name, part in tissues.items():
+        shell = part.extract_surface(algorithm=None)
+        shell = shell.clip_box((-_FAR, 0, -_FAR, _FAR, -_FAR, _FAR), invert=False)
+        if shell.n_cells:
+            behind = shell.extract_surface(algorithm=None)
+            plotter.add_mesh(behind, color=COLOURS[name if name in RIGID else "stratum_corneum"])
     plotter.add_mesh(stimulator, show_scalar_bar=False, **RELIEF_STYLE)
     image = picture(plotter, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), half_height=8.4)
     figure = framed(image)
