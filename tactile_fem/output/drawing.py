@@ -25,7 +25,8 @@ SCALE = "viridis"
 _RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
 RELIEF_STYLE = {"scalars": "height_mm", "cmap": _RELIEF, "smooth_shading": True}
 RIM_STYLE = {"color": "black", "line_width": 1.5}
-_PIXELS = (1650, 1050)
+# Matplotlib rounds pixels / dots per inch * dots per inch down: for some heights to one less.
+_PIXELS, _DOTS_PER_INCH = (1500, 955), 200
 _FAR = 1e3
 
 
@@ -182,10 +183,9 @@ def shot(plotter: pv.Plotter, half_height: float) -> NDArray[np.uint8]:
 def framed(image: NDArray[np.uint8]) -> Figure:
     """Return a figure filled by an image, for annotations."""
     height, width = image.shape[:2]
-    figure = Figure(figsize=(7.5, 7.5 * height / width), dpi=200)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.imshow(image, interpolation="lanczos")
-    axes.set_axis_off()
+    size = width / _DOTS_PER_INCH, height / _DOTS_PER_INCH
+    figure = Figure(figsize=size, dpi=_DOTS_PER_INCH)
+    figure.figimage(image, zorder=-1)  # as it is, because resampling takes half as long as drawing
     return figure
 
 
