@@ -71,7 +71,7 @@ def test_pictures_are_drawn(tmp_path, study):
     assert names == ["finger.png", "deformation_02.50.png", "deformation_05.00.png"]
     for path in paths:
         with Image.open(path) as image:
-            assert image.size == (1500, 954)
+            assert image.size == (1500, 955)
             assert len(image.getcolors(1 << 24)) > 100
 
 

@@ -7,6 +7,7 @@ import hashlib
 import platform
 import subprocess
 import time
+from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -85,12 +86,14 @@ def clean_cache(folder: Path) -> None:
     """
     ours = folder / _SUBFOLDER
     least_age_s = 0.0 if _lock(ours) else _ABANDONED_S
+    libraries: defaultdict[str, list[Path]] = defaultdict(list)
+    for library in ours.glob("libffcx_*.so"):  # once: a listing for each form takes seconds
+        libraries[library.name.partition(".")[0]].append(library)
     for source in ours.glob("libffcx_*.c"):
         ready = source.with_suffix(".c.cached")
-        libraries = ours.glob(f"{source.stem}.*.so")
         with suppress(OSError):  # another process was faster
             if ready.exists():  # after a power cut, a library may be empty
-                interrupted = any(library.stat().st_size == 0 for library in libraries)
+                interrupted = any(found.stat().st_size == 0 for found in libraries[source.stem])
             else:
                 interrupted = time.time() - source.stat().st_mtime >= least_age_s
             if interrupted:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.drives import checked
@@ -279,7 +279,7 @@ def _estimates(free: Sequence[str], found: Any, scale: Array) -> tuple[dict[str,
     deviation = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(deviation, deviation)
-    reach = student.ppf(0.5 + _CONFIDENCE / 2, freedom) * deviation
+    reach = stdtrit(freedom, 0.5 + _CONFIDENCE / 2) * deviation
     estimates = {}
     for k, name in enumerate(free):
         value, half = scale[k] * found.x[k], scale[k] * reach[k]

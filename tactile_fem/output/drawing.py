@@ -25,7 +25,8 @@ SCALE = "viridis"
 _RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
 RELIEF_STYLE = {"scalars": "height_mm", "cmap": _RELIEF, "smooth_shading": True}
 RIM_STYLE = {"color": "black", "line_width": 1.5}
-_PIXELS = (1650, 1050)
+# Matplotlib rounds pixels / dots per inch * dots per inch down: for some heights to one less.
+_PIXELS, _DOTS_PER_INCH = (1500, 955), 200
 _FAR = 1e3
 
 
@@ -36,23 +37,24 @@ def finger_figure(grid: pv.UnstructuredGrid) -> Figure:
     """Draw quadratic tetrahedra with cell data ``tissue``, a quarter of them cut away."""
     solid = linear(grid, grid.points)
     plotter = off_screen()
-    names = []
-    for name, part in parts(solid):
-        names.append(name)
-        style = {"color": COLOURS[name], "show_edges": True, "line_width": 1}
+    tissues = dict(parts(solid))
+    # The faces first: what they hide is then not shaded, which takes most of the time.
+    styles = {n: {"color": COLOURS[n], "show_edges": True, "line_width": 1} for n in tissues}
+    for name, part in tissues.items():
+        for face in _opened_faces(part):
+            plotter.add_mesh(face, edge_opacity=0.5, lighting=False, **styles[name])
+    for name, part in tissues.items():
         shell = part.extract_surface(algorithm=None)
         shell = shell.clip_box((0, _FAR, 0, _FAR, -_FAR, _FAR), invert=True)
         if shell.n_cells:
             outside = shell.extract_surface(algorithm=None)
-            plotter.add_mesh(outside, edge_opacity=0.3, ambient=0.4, diffuse=0.7, **style)
-        for face in _opened_faces(part):
-            plotter.add_mesh(face, edge_opacity=0.5, lighting=False, **style)
+            plotter.add_mesh(outside, edge_opacity=0.3, ambient=0.4, diffuse=0.7, **styles[name])
     x, y, z = solid.center
     size = solid.length
     middle = (x + 0.02 * size, y, z - 0.07 * size)
     image = picture(plotter, (26.0, 34.0, -12.0), middle, half_height=0.27 * size)
     figure = framed(image)
-    handles = [Patch(color=COLOURS[name], label=name.replace("_", " ")) for name in names]
+    handles = [Patch(color=COLOURS[name], label=name.replace("_", " ")) for name in tissues]
     figure.legend(handles=handles, loc="lower right", frameon=False, fontsize=9)
     return figure
 
@@ -70,18 +72,14 @@ def deformation_figure(
     """
     solid = linear(grid, grid.points + grid["displacement_mm"])
     plotter = off_screen()
-    for name, part in parts(solid):
-        rigid = name in RIGID
-        shell = part.extract_surface(algorithm=None)
-        shell = shell.clip_box((-_FAR, 0, -_FAR, _FAR, -_FAR, _FAR), invert=False)
-        if shell.n_cells:
-            behind = shell.extract_surface(algorithm=None)
-            plotter.add_mesh(behind, color=COLOURS[name if rigid else "stratum_corneum"])
+    tissues = dict(parts(solid))
+    # The faces first: what they hide is then not shaded, which takes most of the time.
+    for name, part in tissues.items():
         face = part.cell_data_to_point_data().slice("x", origin=(-1e-4, 0, 0))
         if not face.n_cells:
             continue
         face["sed_kPa"] = np.maximum(face["sed_kPa"], limits_kPa[0])
-        if rigid:
+        if name in RIGID:
             plotter.add_mesh(face, color=COLOURS[name], lighting=False)
         else:
             plotter.add_mesh(
@@ -94,6 +92,12 @@ def deformation_figure(
                 show_scalar_bar=False,
             )
         plotter.add_mesh(rim(face, (0.03, 0, 0)), **RIM_STYLE)
+    for name, part in tissues.items():
+        shell = part.extract_surface(algorithm=None)
+        shell = shell.clip_box((-_FAR, 0, -_FAR, _FAR, -_FAR, _FAR), invert=False)
+        if shell.n_cells:
+            behind = shell.extract_surface(algorithm=None)
+            plotter.add_mesh(behind, color=COLOURS[name if name in RIGID else "stratum_corneum"])
     plotter.add_mesh(stimulator, show_scalar_bar=False, **RELIEF_STYLE)
     image = picture(plotter, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), half_height=8.4)
     figure = framed(image)
@@ -179,10 +183,9 @@ def shot(plotter: pv.Plotter, half_height: float) -> NDArray[np.uint8]:
 def framed(image: NDArray[np.uint8]) -> Figure:
     """Return a figure filled by an image, for annotations."""
     height, width = image.shape[:2]
-    figure = Figure(figsize=(7.5, 7.5 * height / width), dpi=200)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.imshow(image, interpolation="lanczos")
-    axes.set_axis_off()
+    size = width / _DOTS_PER_INCH, height / _DOTS_PER_INCH
+    figure = Figure(figsize=size, dpi=_DOTS_PER_INCH)
+    figure.figimage(image, zorder=-1)  # as it is, because resampling takes half as long as drawing
     return figure
 
 

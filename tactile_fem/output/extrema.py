@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import find_peaks
 
 
 def extrema(
@@ -15,6 +14,8 @@ def extrema(
     A maximum is at least `prominence` above its surroundings (a minimum below them), as a fraction
     of the range; smaller oscillations are ignored.
     """
+    from scipy.signal import find_peaks  # takes 0.3 s, and few commands need it
+
     series = np.asarray(values, dtype=float)
     least = prominence * np.ptp(series) if len(series) else 0.0
     if least == 0.0:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import SURFACES, FingerMesh
@@ -34,6 +33,8 @@ def tips(finger: FingerMesh, placement: str) -> np.ndarray:
     StudyError
         The interface has none.
     """
+    from scipy.signal import find_peaks  # takes 0.3 s, and few studies need it
+
     interface, skin = _palmar(finger, "interface"), _palmar(finger, "skin")
     along = finger.plane.axes[0]
     if placement == "papillae":

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
@@ -65,6 +64,8 @@ def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
     StudyError
         The file is missing, damaged, too large or empty, or its coordinates are no lengths.
     """
+    import trimesh  # takes 0.15 s, and most studies have no such file
+
     start = f"{field} = {file}"
     kind = file.suffix.lower().removeprefix(".")
     if kind not in FORMATS:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import igl
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -121,6 +120,8 @@ def rounded_distance(
 
 def fine(solid: Triangles, low: Array, high: Array, longest: float) -> Triangles:
     """Return what of a surface lies in a box, in triangles with edges of at most `longest` mm."""
+    import trimesh  # takes 0.15 s, and most stimulators are not rounded so
+
     mesh = trimesh.Trimesh(solid.points, solid.triangles, process=False)
     normals = np.vstack([np.eye(3), -np.eye(3)])
     cut = mesh.slice_plane(np.vstack([[low] * 3, [high] * 3]), normals)
