@@ -57,7 +57,7 @@ class Obstacle:
         self.body = body
         self.u = u = state.u
         parent = u.function_space.mesh
-        self._at = np.empty(0)
+        self._at: tuple[np.ndarray, ...] = ()  # displacement and place of the last expansion
         self.translation, self.translation_old = state.translation, state.translation_old
         dim = parent.topology.dim
         submesh, entity_map = mesh.create_submesh(parent, dim - 1, facets)[:2]
@@ -118,8 +118,8 @@ class Obstacle:
     def _refresh(self) -> None:
         if not len(self.entities):
             return
-        at = np.append(self.u.x.array, self.translation.value)
-        if np.array_equal(at, self._at):
+        now = self.u.x.array, self.translation.value
+        if self._at and all(map(np.array_equal, now, self._at)):
             return  # the Jacobian follows a residual at the same place
         position, displacement = self._evaluate
         y = position.eval(self._parent, self.entities).reshape(-1, len(self.translation.value))
@@ -129,7 +129,7 @@ class Obstacle:
         self.hessian.x.array[: d.hessian.size] = d.hessian.ravel()
         u0 = displacement.eval(self._parent, self.entities)
         self._base.x.array[: u0.size] = u0.ravel()
-        self._at = at
+        self._at = tuple(values.copy() for values in now)
 
 
 def _cells_and_local_facets(
