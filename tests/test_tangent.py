@@ -9,6 +9,7 @@ import pytest
 from sphere_on_block import sphere_on_block
 
 from tactile_fem.mechanics import tangent
+from tactile_fem.mechanics.newton import contact_is_found
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.study import Tissue
 
@@ -31,10 +32,8 @@ def go(made: FingerProblem, dt_s: float = 0.01) -> np.ndarray:
 @pytest.fixture
 def assembled(monkeypatch) -> Mock:
     """Count how often the tissues' part is assembled."""
-    counter = Mock(side_effect=tangent.Tangent._assemble_tissues)
-    monkeypatch.setattr(
-        tangent.Tangent, "_assemble_tissues", lambda self, matrix: counter(self, matrix)
-    )
+    counter = Mock(side_effect=tangent.Tangent._renew)
+    monkeypatch.setattr(tangent.Tangent, "_renew", lambda self, matrix: counter(self, matrix))
     return counter
 
 
@@ -81,3 +80,42 @@ def test_another_time_step_renews_the_tissues_part(assembled):
         assembled.reset_mock()
         made._tangent.assemble(A, dt_s)
         assert assembled.call_count == renewed, dt_s
+
+
+def test_the_tissues_part_is_renewed_once_where_the_contact_is_found(assembled):
+    made = problem(tangent_iterations=5)
+    go(made)
+    A = made.snes.getJacobian()[0]
+    made._tangent.begin_solve()
+    for found, renewed in ((False, 0), (True, 1), (True, 0), (False, 0)):
+        assembled.reset_mock()
+        made._tangent.assemble(A, 0.01, contact_is_found=found)
+        assert assembled.call_count == renewed
+    made._tangent.begin_solve()  # a step begins with it
+    assembled.reset_mock()
+    for _ in range(5):
+        made._tangent.assemble(A, 0.01)
+    assert assembled.call_count == 0
+    made._tangent.assemble(A, 0.01)
+    assert assembled.call_count == 1
+
+
+def test_newton_assembles_everything_in_each_iteration(assembled):
+    made = problem(tangent_iterations=1)
+    made._tangent.begin_solve()
+    A = made.snes.getJacobian()[0]
+    for _ in range(3):
+        made._tangent.assemble(A, 0.01)
+    assert assembled.call_count == 3
+
+
+def test_the_contact_is_found_where_the_residual_has_fallen_to_a_tenth():
+    snes = Mock()
+    for norms, found in (
+        ([], False),
+        ([1.0], False),
+        ([1.0, 3.0, 0.31], False),
+        ([3.0, 0.2], True),
+    ):
+        snes.getConvergenceHistory.return_value = np.array(norms), np.zeros(len(norms))
+        assert contact_is_found(snes) == found

@@ -1,7 +1,7 @@
 """The contact's forms over the skin that the body is near.
 
 Skin farther away carries exactly no traction (see `smooth_positive`), so leaving it out changes no
-digit of the forms, and most of the skin is far from the body at any moment.
+digit of the forms, and about half of the skin is far from the body at any moment.
 """
 
 from __future__ import annotations
@@ -60,24 +60,26 @@ class NearSkin:
             rows = np.array([row[tuple(pair)] for pair in pairs.tolist()], dtype=np.int64)
             self._all.append((tag, pairs, rows))
         self._reach = PointValues(obstacle, [(part.reach, part.ds) for part in skin], compile_)
-        self._reach_mm = np.empty(obstacle.gap_mm.shape)
+        self._reach_mm: np.ndarray | None = None
         self._is_chosen = np.zeros(len(obstacle.entities), dtype=bool)
         self.chosen: dict[int, np.ndarray] = {}
 
-    def begin_step(self) -> None:
-        """Choose anew at the next `update`; the skin's stiffness may have changed."""
-        self._reach_mm = self._reach.read().reshape(self._reach_mm.shape)
+    def begin_solve(self) -> None:
+        """Choose anew at the next `update`: skin's stiffness or rounding may have changed."""
+        self._reach_mm = None
         self._is_chosen[:] = False
-        self.chosen = {}
 
     def update(self) -> None:
         """Choose more facets if the body, at its present place, is near one that is not chosen."""
         gap_mm = self._obstacle.gap_mm
+        begins = self._reach_mm is None
+        if self._reach_mm is None:
+            self._reach_mm = self._reach.read().reshape(gap_mm.shape)
         near = np.any(gap_mm < self._reach_mm, axis=1)
-        if self.chosen and not np.any(near & ~self._is_chosen):
-            return
-        self._is_chosen |= np.any(gap_mm < _AMPLE * self._reach_mm, axis=1)
-        self.chosen = {tag: pairs[self._is_chosen[rows]].ravel() for tag, pairs, rows in self._all}
+        if begins or np.any(near & ~self._is_chosen):
+            self._is_chosen |= np.any(gap_mm < _AMPLE * self._reach_mm, axis=1)
+            chosen = ((tag, pairs[self._is_chosen[rows]]) for tag, pairs, rows in self._all)
+            self.chosen = {tag: pairs.ravel() for tag, pairs in chosen}
 
 
 class NearForm:

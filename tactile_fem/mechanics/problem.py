@@ -314,10 +314,10 @@ class FingerProblem:
         self.elasticity.set_time_step(dt_s)
         if self.inertia:
             self.inertia.set_time_step(dt_s)
-        self._near.begin_step()
 
     def _newton(self) -> SolveReport:
         self._tangent.begin_solve()
+        self._near.begin_solve()
         with common.Timer("tactile: solve"):
             self._problem.solve()
         return SolveReport.of(self.snes)

@@ -49,7 +49,7 @@ class Tangent:
         self.is_kept = iterations > 1
         self._kept: PETSc.Mat | None = None
         self._dt_s = 0.0
-        self._uses, self._is_of_this_step = 0, False
+        self._uses, self._is_of_this_solve = 0, False
 
     def assemble(self, matrix: PETSc.Mat, dt_s: float, *, contact_is_found: bool = False) -> None:
         """Assemble the Jacobian at the present displacement into `matrix`.
@@ -64,16 +64,18 @@ class Tangent:
             Whether the present displacement is near the solution.
         """
         same_step = math.isclose(dt_s, self._dt_s, rel_tol=_SAME_STEP)
-        found_anew = contact_is_found and not self._is_of_this_step
-        if self._uses >= self._iterations or found_anew or not same_step:
+        found_anew = contact_is_found and not self._is_of_this_solve
+        outdated = self._iterations == 1 or self._uses >= self._iterations
+        if outdated or found_anew or not same_step:
             self._renew(matrix)
-            self._dt_s, self._uses, self._is_of_this_step = dt_s, 0, True
+            self._dt_s, self._uses, self._is_of_this_solve = dt_s, 0, True
         self._uses += 1
-        self._add_up(matrix)
+        self._kept.copy(matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self._add_contact(matrix)
 
     def begin_solve(self) -> None:
         """Take the tissues' part as that of an earlier state."""
-        self._uses, self._is_of_this_step = 0, False
+        self._uses, self._is_of_this_solve = 0, False
 
     def assemble_exactly(self, matrix: PETSc.Mat, tissues: fem.Form) -> None:
         """Assemble the Jacobian with `tissues` in place of its own form of their part."""
@@ -111,11 +113,6 @@ class Tangent:
             matrix.zeroEntries()
             fem_petsc.assemble_matrix(matrix, tissues, self._bcs)
             matrix.assemble()
-
-    def _add_up(self, matrix: PETSc.Mat) -> None:
-        """Set `matrix` to the kept part and the contact's present one."""
-        self._kept.copy(matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._add_contact(matrix)
 
     def _add_contact(self, matrix: PETSc.Mat) -> None:
         fem_petsc.assemble_matrix(matrix, self._contact(), self._bcs)

@@ -1,0 +1,87 @@
+"""Only skin near the body is integrated, and nothing is lost by it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sphere_on_block import sphere_on_block
+
+from dolfinx import fem  # isort: skip
+from mpi4py import MPI  # isort: skip
+
+from tactile_fem.mechanics.contact import ZERO_BELOW, smooth_positive
+from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.study import Tissue
+
+AT_EDGE, IN_MIDDLE = (2.6, 0.0, 0.2), (0.0, 0.0, 0.2)
+
+
+def problem(**solver) -> FingerProblem:
+    return sphere_on_block(Tissue.model_validate({"set": "proposed"}), **solver)
+
+
+def look(made: FingerProblem, place: tuple[float, float, float]) -> None:
+    """Look from the body at `place` which skin is near."""
+    made.state.translation.value[:] = place
+    made.obstacle.refresh()
+    made._near.update()
+
+
+def facets(made: FingerProblem) -> set[tuple[int, int]]:
+    """Return the facets that are near, on this rank."""
+    pairs = np.concatenate([pairs.reshape(-1, 2) for pairs in made._near.chosen.values()])
+    return set(map(tuple, pairs.tolist()))
+
+
+def count(made: FingerProblem) -> int:
+    return made.domain.comm.allreduce(len(facets(made)))
+
+
+@pytest.mark.ranks
+def test_far_skin_adds_nothing():
+    made = problem()
+    assert made.solve(np.array(IN_MIDDLE), 0.01).converged
+    cell = made.load_cell  # it integrates over the whole skin
+    whole = [fem.assemble_vector(form).array for form in (cell._pressure_form, cell._friction_form)]
+    near = fem.assemble_vector(made._contact()).array
+    assert made.domain.comm.allreduce(np.abs(near).max(initial=0), MPI.MAX) > 1e-3  # N
+    np.testing.assert_allclose(near, -sum(whole), rtol=0, atol=1e-15)
+    everything = made.domain.comm.allreduce(sum(len(rows) for _, _, rows in made._near._all))
+    assert 0 < count(made) < everything
+
+
+@pytest.mark.ranks
+def test_skin_is_chosen_as_the_body_comes():
+    made = problem()
+    look(made, AT_EDGE)
+    first = facets(made)
+    look(made, AT_EDGE)
+    assert facets(made) == first
+    look(made, IN_MIDDLE)
+    assert facets(made) >= first
+    assert count(made) > made.domain.comm.allreduce(len(first))
+    made._near.begin_solve()
+    look(made, AT_EDGE)
+    assert facets(made) == first
+
+
+def test_wider_contact_reaches_farther():
+    made = problem()
+    look(made, IN_MIDDLE)
+    few = count(made)
+    with made._rounding.gentler(20.0, 0.3):
+        made._near.begin_solve()
+        look(made, IN_MIDDLE)
+    assert count(made) > few
+
+
+def test_all_skin_is_near_where_untouched_skin_is_in_the_form():
+    made = problem(nitsche_theta=1, nitsche_gamma=40.0)
+    look(made, (0.0, 0.0, -5.0))
+    assert count(made) == sum(len(rows) for _, _, rows in made._near._all)
+
+
+@pytest.mark.parametrize("width", [0.005, 0.1])
+def test_the_smooth_positive_part_is_zero_below_so_many_widths(width):
+    assert float(smooth_positive(-ZERO_BELOW * width, width)) == 0.0
+    assert float(smooth_positive(-0.9 * ZERO_BELOW * width, width)) > 0.0
