@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,11 @@ def draw(results: Results | Path | str) -> list[Path]:
     """
     if not isinstance(results, Results):
         results = Results.open(results)
-    return [*draw_plots(results), *draw_pictures(results)]
+    if results.study.finger.is_section:  # Matplotlib, not fit for threads, draws its pictures too
+        return [*draw_plots(results), *draw_pictures(results)]
+    with ThreadPoolExecutor(1) as beside:  # it only waits for the process that draws the pictures
+        pictures = beside.submit(draw_pictures, results)
+        return [*draw_plots(results), *pictures.result()]
 
 
 def draw_plots(results: Results) -> list[Path]:

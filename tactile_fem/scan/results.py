@@ -21,7 +21,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
@@ -250,7 +250,8 @@ class Results:
 
     def save_stimulator(self, grid: DistanceGrid) -> None:
         """Write ``stimulator.npz``."""
-        self._save_npz("stimulator.npz", {k: np.asarray(v) for k, v in vars(grid).items()})
+        arrays = {k: np.asarray(v) for k, v in vars(grid).items()}
+        self._save_npz("stimulator.npz", arrays, np.savez_compressed)
         self.__dict__.pop("stimulator", None)
 
     def save_spikes(self, spikes: Sequence[ArrayLike]) -> None:
@@ -276,11 +277,14 @@ class Results:
                     writer.writerow([receptor, f"{t:.7g}", f"{at:.7g}", population[receptor]])
         self.__dict__.pop("spikes", None)
 
-    def _save_npz(self, name: str, arrays: dict[str, NDArray[Any]]) -> None:
+    def _save_npz(
+        self, name: str, arrays: dict[str, NDArray[Any]], save: Callable[..., None] = np.savez
+    ) -> None:
+        """Write arrays; what each step writes is not compressed, which takes ten times as long."""
         if any(array.dtype.hasobject for array in arrays.values()):
             raise ValueError(f"{name} takes arrays of numbers and text only")
         with atomic_write(self.folder / name) as part, part.open("wb") as stream:
-            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+            save(stream, **arrays)
 
     # --- reading --------------------------------------------------------------------------
 

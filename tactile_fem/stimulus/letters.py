@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.textpath import TextPath
+from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 from shapely import affinity
 
@@ -153,9 +154,15 @@ def _letter(character: str, shape: shapely.Geometry, radius: float, font: str) -
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
     points = shapely.points(grid)
     shapely.prepare(rounded)
-    boundary = rounded.boundary
-    shapely.prepare(boundary)
-    distance = shapely.distance(boundary, points)
+    edges = shapely.STRtree(_edges(rounded))  # three times as fast as `shapely.distance`
+    _, distance = edges.query_nearest(points, all_matches=False, return_distance=True)
     distance[shapely.contains(rounded, points)] *= -1
     spline = RectBivariateSpline(x, y, distance.reshape(len(x), len(y)), kx=3, ky=3, s=0)
     return Letter(rounded, spline, (*low, *high))
+
+
+def _edges(shape: shapely.Geometry) -> NDArray[np.object_]:
+    """Return the straight parts of a shape's boundary."""
+    corners, ring = shapely.get_coordinates(shapely.get_rings(shape), return_index=True)
+    same = ring[1:] == ring[:-1]
+    return shapely.linestrings(np.stack([corners[:-1][same], corners[1:][same]], axis=1))
