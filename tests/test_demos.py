@@ -645,6 +645,19 @@ def test_partition():
     assert number(r"lines cut +(\d+)", output) >= 0
 
 
+def test_revisions_in_turns(tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_text(
+        "[protocol]\ndepth_mm = 0.05\ndistance_mm = 0.02\n[output]\npictures = false\n"
+    )
+    here = str(DEMOS.parent)
+    options = "--study", str(study), "--turns", "1", "--ranks", "1"
+    output = run("benchmarks/revisions.py", str(tmp_path / "turns"), here, here, *options)
+    assert number(r"differ by at most ([\d.e+-]+)", output) == 0.0
+    assert number(r"scan_s: .* ratio ([\d.]+)", output) > 0
+    assert len((tmp_path / "turns" / "turns.csv").read_text().splitlines()) == 3
+
+
 @pytest.mark.slow
 def test_kept_tangent():
     output = run(
