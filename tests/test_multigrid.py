@@ -129,7 +129,7 @@ def test_a_line_is_inverted_whole():
     matrix = problem.snes.getJacobian()[0]
     smoother = problem.snes.getKSP().getPC().getMGSmoother(1).getPC()
     problem.snes.computeJacobian(problem.snes.getSolution(), matrix)
-    smoother.getPythonContext().invert(matrix.convert("aij", out=type(matrix)()))
+    smoother.getPythonContext().invert(matrix)
     dense = matrix.convert("dense", out=type(matrix)()).getDenseArray()
     x, y = matrix.createVecs()
     random = np.random.default_rng(0)

@@ -7,7 +7,7 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 
 from petsc4py import PETSc
 
@@ -185,7 +185,7 @@ class FingerProblem:
             tangent = self.elasticity.tangent(v)
             if self.inertia:
                 tangent += ufl.derivative(self.inertia.residual(v), state.u)
-        self._exact_tangent = partial(self.compile, exact)
+        self._exact_tangent = exact
         prefix = set_options(self.options, self.domain.comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
         self._clear_options.atexit = False  # PETSc may be gone by then
@@ -343,7 +343,7 @@ class FingerProblem:
         own = self._problem
         fem_petsc.assign(self.u, own.x)
         self._update(own.x)
-        self._tangent.assemble_exactly(own.A, self._exact_tangent())
+        self._tangent.assemble_exactly(own.A, self.compile(self._exact_tangent))
         if self._two_level and not self._two_level.is_set_up:  # no step took an iteration yet
             self._two_level.set_up(own.A)
         solution, field = own.x.duplicate(), fem.Function(self.u.function_space)

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from ufl.classes import FacetJacobianDeterminant
@@ -20,6 +19,7 @@ from tactile_fem.study import Solver
 # Share of its outermost tetrahedron's height by which skin is pulled out at most. Traction that
 # does this would be a third of the skin's modulus.
 _PULLED = 0.25
+_EVERYWHERE_MM = 1e6
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ def parts_of_skin(
             solver.nitsche_theta,
         )
         reach = ZERO_BELOW * rounding.width / stiffness + _PULLED * height
-        if solver.nitsche_theta:
-            reach = fem.Constant(msh, np.inf)
+        if solver.nitsche_theta:  # the form has terms where nothing touches as well
+            reach = fem.Constant(msh, _EVERYWHERE_MM)
         # Without Kelvin-Voigt's viscosity: over the short time of a cut step it would be too
         # stiff for gamma_h. The gap is off by what it carries over gamma_h, some 1e-5 mm.
         parts.append(SkinPart(tissue, contact, elasticity.traction(tissue), ds(tag), reach))

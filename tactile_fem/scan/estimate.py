@@ -23,11 +23,12 @@ _RANK_MB = 240.0
 _UNKNOWN_MB = 0.0088
 _REFERENCE_UNKNOWNS = 37_000
 _FACTORS_MB = 390.0  # of the direct solver, at the reference
-_NEWTON_S = 0.15  # one iteration at the reference on one core
-_DIRECT_NEWTON_S = 1.2
+# One iteration at the reference on one core; of 0.26 s, what keeping the tangent and so on leave.
+_NEWTON_S = 0.135
+_DIRECT_NEWTON_S = 1.6
 # Likewise of a section, each unknown.
-_FLAT_NEWTON_S, _FLAT_UNKNOWN_MB = 1.6e-6, 0.003
-_NEWTON_PER_STEP = 8.9
+_FLAT_NEWTON_S, _FLAT_UNKNOWN_MB = 2.0e-6, 0.003
+_NEWTON_PER_STEP = 6.9
 _FIRST_STEPS = 3  # shorter ones, of each piece of the path
 _SOLVES_AT_FORCE = 1.8  # cost of a step at a held force, relative to one at a held depth
 
@@ -51,7 +52,7 @@ def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Estimate:
         memory += _FACTORS_MB * size**1.35
         newton = _DIRECT_NEWTON_S * size**1.7
     else:
-        newton = _NEWTON_S * size**1.05
+        newton = _NEWTON_S * size**1.1
     solver, steps = study.solver, 0.0
     for _, motion in path.plan():
         count = motion.least_steps(solver.max_slide_step_mm, solver.max_press_step_mm)
