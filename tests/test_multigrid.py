@@ -145,18 +145,6 @@ def test_a_line_is_inverted_whole():
         np.testing.assert_allclose(y.array[dofs], exact, rtol=0, atol=single)
 
 
-def test_a_set_up_serves_two_steps():
-    problem, _ = pressed()
-    set_up = Mock()
-    multigrid = problem._two_level
-    multigrid.set_up(problem.snes.getJacobian()[0])
-    multigrid.set_up = set_up
-    problem.accept()
-    assert set_up.call_count == 0
-    problem.accept()
-    assert set_up.call_count == 1
-
-
 @pytest.mark.parametrize("columns", [True, False])
 def test_layers_without_columns_are_told(columns, caplog, monkeypatch):
     monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)

@@ -32,8 +32,6 @@ MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
 
 # A set-up costs as much as twenty iterations, so it pays only when solves have become slow.
 _FEW_ITERATIONS = 10
-# Steps that one set-up serves; after more, the contact zone has moved on.
-_STEPS = 2
 
 
 class TwoLevel:
@@ -77,7 +75,6 @@ class TwoLevel:
         smoother.setPythonContext(self._smoother)
         self._fine = PETSc.Mat()  # the Jacobian in AIJ format, which gives access to its entries
         self._coarse: PETSc.Mat | None = None
-        self._age = 0  # in steps
         # `follow` decides about set-ups; Newton's method would set up with each Jacobian.
         PETSc.Options(snes.getOptionsPrefix())["snes_lag_preconditioner"] = -2
         snes.setFromOptions()
@@ -86,12 +83,6 @@ class TwoLevel:
         """Set up with a new Jacobian if the previous set-up has become inefficient."""
         newton, linear = self._snes.getIterationNumber(), self._snes.getKSP().getIterationNumber()
         if not self.is_set_up or (newton > 0 and linear > _FEW_ITERATIONS):
-            self.set_up(jacobian)
-
-    def follow_step(self, jacobian: PETSc.Mat) -> None:
-        """Set up with the Jacobian at the end of a step if the last set-up is some steps old."""
-        self._age += 1
-        if not self.is_set_up or self._age >= _STEPS:
             self.set_up(jacobian)
 
     @property
@@ -105,7 +96,6 @@ class TwoLevel:
             jacobian.convert("aij", out=self._fine)
             self._coarse = self._fine.ptap(self._interpolation, self._coarse)
             self._smoother.invert(jacobian)
-            self._age = 0
             pc = self._snes.getKSP().getPC()
             pc.getMGCoarseSolve().setOperators(self._coarse)
             pc.setOperators(jacobian)

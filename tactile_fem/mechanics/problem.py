@@ -388,14 +388,18 @@ class FingerProblem:
         self.state.restore(saved, self.order, self._prepare)
 
     def _prepare_next_step(self) -> None:
-        """Make tangent and preconditioner at the present, converged displacement."""
+        """Make tangent and preconditioner at the present, converged displacement.
+
+        They depend on nothing but the state, so that a resumed scan takes the same iterations.
+        """
         own = self._problem
         fem_petsc.assign(self.u, own.x)
         self._update(own.x)
         with common.Timer("tactile: jacobian"):
-            self._tangent.assemble(own.A, self.state.dt_s, contact_is_found=True)
+            self._tangent.expire()
+            self._tangent.assemble(own.A, self.state.dt_s)
         if self._two_level:
-            self._two_level.follow_step(own.A)
+            self._two_level.set_up(own.A)
 
     def _prepare(self, translation: np.ndarray, dt_s: float) -> None:
         """Make the tangent and the preconditioner that `accept` made."""
