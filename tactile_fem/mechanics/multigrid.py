@@ -107,8 +107,7 @@ class LineJacobi:
     """Block Jacobi over lines of nodes, a preconditioner for PETSc's Python type.
 
     One rank inverts a complete line even if the partition cuts it, so that the number of
-    iterations does not depend on the number of ranks. Reading the inverses takes most of the time,
-    so they are kept in single precision.
+    iterations does not depend on the number of ranks.
 
     Parameters
     ----------
@@ -142,9 +141,7 @@ class LineJacobi:
         if not self._positions:
             self._locate(starts, columns)
         padded = np.append(values, 0.0)
-        self._inverses = [
-            np.linalg.inv(padded[position]).astype(np.float32) for position in self._positions
-        ]
+        self._inverses = [np.linalg.inv(padded[position]) for position in self._positions]
 
     def _locate(self, starts: np.ndarray, columns: np.ndarray) -> None:
         """Find the positions of the blocks' entries in the matrix's values."""
@@ -162,7 +159,7 @@ class LineJacobi:
         """Set ``y`` to the block-diagonal inverse times ``x``."""
         del pc
         self._scatter.scatter(x, self._values)
-        given, result = self._values.array_r.astype(np.float32), self._result.array_w
+        given, result = self._values.array_r, self._result.array_w
         for (first, end), inverse in zip(self._spans, self._inverses, strict=True):
             block = given[first:end].reshape(len(inverse), -1, 1)
             result[first:end] = (inverse @ block).ravel()
