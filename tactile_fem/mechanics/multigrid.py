@@ -73,7 +73,7 @@ class TwoLevel:
         smoother = pc.getMGSmoother(1).getPC()
         smoother.setType("python")
         smoother.setPythonContext(self._smoother)
-        self._fine = PETSc.Mat()  # the Jacobian in AIJ format, which gives access to its entries
+        self._fine = PETSc.Mat()  # the Jacobian in AIJ format, for the coarse operator
         self._coarse: PETSc.Mat | None = None
         # `follow` decides about set-ups; Newton's method would set up with each Jacobian.
         PETSc.Options(snes.getOptionsPrefix())["snes_lag_preconditioner"] = -2

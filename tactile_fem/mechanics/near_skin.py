@@ -104,12 +104,11 @@ class NearForm:
         self._entity_maps = obstacle.entity_maps
         self._mesh = form.arguments()[0].ufl_function_space().mesh
         self._compiled = fem.compile_form(self._mesh.comm, form, jit_options=jit_options)
-        self._made_for: dict[int, np.ndarray] = {}
-        self._made: fem.Form | None = None
+        self._made_for: dict[int, np.ndarray] | None = None
 
     def __call__(self) -> fem.Form:
         """Return the form over the facets that are near now."""
-        if self._made is None or self._made_for is not self._near.chosen:
+        if self._made_for is not self._near.chosen:
             self._made_for = self._near.chosen
             self._made = fem.create_form(
                 self._compiled,

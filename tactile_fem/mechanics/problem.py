@@ -180,12 +180,11 @@ class FingerProblem:
             tissues += self.inertia.residual(v)
         for part in self.skin:
             contact += part.contact.residual(part.t, state.u, state.u_old, v) * part.ds
-        tangent = exact = ufl.derivative(tissues, state.u)
+        self._exact_form = tangent = ufl.derivative(tissues, state.u)
         if solver.tangent_iterations > 1:
             tangent = self.elasticity.tangent(v)
             if self.inertia:
                 tangent += ufl.derivative(self.inertia.residual(v), state.u)
-        self._exact_tangent = exact
         prefix = set_options(self.options, self.domain.comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
         self._clear_options.atexit = False  # PETSc may be gone by then
@@ -266,6 +265,11 @@ class FingerProblem:
             self.inertia,
         )
 
+    @cached_property
+    def _exact_tangent(self) -> fem.Form:
+        """The residual's derivative, which sensitivities need; compiled when first used."""
+        return self.compile(self._exact_form)
+
     def load(self) -> Load:
         """Return forces and energies at the present displacement."""
         return self.load_cell.read()
@@ -341,9 +345,8 @@ class FingerProblem:
             By the solver: it does not converge.
         """
         own = self._problem
-        fem_petsc.assign(self.u, own.x)
-        self._update(own.x)
-        self._tangent.assemble_exactly(own.A, self.compile(self._exact_tangent))
+        self._look_around()
+        self._tangent.assemble_exactly(own.A, self._exact_tangent)
         if self._two_level and not self._two_level.is_set_up:  # no step took an iteration yet
             self._two_level.set_up(own.A)
         solution, field = own.x.duplicate(), fem.Function(self.u.function_space)
@@ -392,14 +395,13 @@ class FingerProblem:
 
         They depend on nothing but the state, so that a resumed scan takes the same iterations.
         """
-        own = self._problem
-        fem_petsc.assign(self.u, own.x)
-        self._update(own.x)
+        A = self._problem.A
+        self._look_around()
         with common.Timer("tactile: jacobian"):
             self._tangent.expire()
-            self._tangent.assemble(own.A, self.state.dt_s)
+            self._tangent.assemble(A, self.state.dt_s)
         if self._two_level:
-            self._two_level.set_up(own.A)
+            self._two_level.set_up(A)
 
     def _prepare(self, translation: np.ndarray, dt_s: float) -> None:
         """Make the tangent and the preconditioner that `accept` made."""
@@ -408,6 +410,11 @@ class FingerProblem:
         self._tangent.expire()
         # Through SNES, which lets its preconditioner be set up with its first Jacobian alone.
         self.snes.computeJacobian(self._problem.x, self._problem.A)
+
+    def _look_around(self) -> None:
+        """Take the present displacement as the solver's iterate, and see the body from there."""
+        fem_petsc.assign(self.u, self._problem.x)
+        self._update(self._problem.x)
 
     def _update(self, x: PETSc.Vec) -> None:
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
