@@ -159,8 +159,7 @@ class FarEnoughError(Exception):
 
 
 # %% [markdown]
-# The checkpoint that a scan leaves after each step is all that is needed. An observer comes before
-# it is written, so the one that is there is the last step's.
+# The checkpoint that a scan leaves at least after every second step is all that is needed.
 
 
 # %%
@@ -170,19 +169,24 @@ def save_states(
     """Run the scan as far as needed; return a results folder for each moment."""
     places = {name: folder / name.replace(" ", "-") for name in moments}
     missing = [name for name, place in places.items() if not place.exists()]
+    comm, taken = MPI.COMM_WORLD, list[Step]()
 
-    last: list[Step] = []
+    def saved_steps() -> int:
+        results = Results(folder / "scan")
+        return int(results.load_checkpoint()["rows"]) - 1 if results.checkpoint_file.exists() else 0
 
     def keep(seen: Observation) -> None:
+        """Copy the folder if its checkpoint, which is not the present step's, is far enough."""
+        saved = taken[: on_root(comm, saved_steps)]
         for name in list(missing):
             depth, slide = moments[name]
-            if any(s.depth_mm > depth - 1e-9 and s.displacement_mm > slide - 1e-9 for s in last):
+            if any(s.depth_mm > depth - 1e-9 and s.displacement_mm > slide - 1e-9 for s in saved):
                 missing.remove(name)
-                if MPI.COMM_WORLD.rank == 0:
+                if comm.rank == 0:
                     shutil.copytree(folder / "scan", places[name])
         if not missing:
             raise FarEnoughError
-        last[:] = [seen.step]
+        taken.append(seen.step)
 
     if missing:
         with suppress(FarEnoughError):

@@ -35,6 +35,7 @@ from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import (
     clear_options,
     options_of,
+    products_by_blas,
     set_options,
 )
 from tactile_fem.mechanics.skin import Rounding, parts_of_skin
@@ -47,6 +48,9 @@ from tactile_fem.tissue.energies import Law
 
 # Where Newton's method fails: how much wider contact sets in, how soft friction is.
 _GENTLER = ((1.0, 0.3), (4.0, 0.3))
+
+# Steps that begin with the same tangent and preconditioner; then the contact zone has moved on.
+_STEPS = 2
 
 # Share of the residual that ends Newton's method, at which any linear solve may end (Kelley 1995).
 _LAST_SOLVE = 0.3
@@ -144,6 +148,7 @@ class FingerProblem:
             solver,
             self.inertia,
         )
+        self._age = -1  # of tangent and preconditioner, in steps
         self._jit = jit_options(solver.compiler_flags)
         stick.compile(self.skin, state.u_old, self.compile)
         self._near = NearSkin(self.obstacle, facets, self.skin, self.compile)
@@ -188,16 +193,17 @@ class FingerProblem:
         prefix = set_options(self.options, self.domain.comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
         self._clear_options.atexit = False  # PETSc may be gone by then
-        problem = fem_petsc.NonlinearProblem(
-            tissues,
-            state.u,
-            J=tangent,
-            bcs=self.bcs,
-            petsc_options_prefix=prefix,
-            kind=matrix,
-            jit_options=self._jit,
-            entity_maps=self.obstacle.entity_maps,
-        )
+        with products_by_blas():
+            problem = fem_petsc.NonlinearProblem(
+                tissues,
+                state.u,
+                J=tangent,
+                bcs=self.bcs,
+                petsc_options_prefix=prefix,
+                kind=matrix,
+                jit_options=self._jit,
+                entity_maps=self.obstacle.entity_maps,
+            )
         snes = problem.solver
         snes.setFromOptions()
         snes.setConvergenceHistory(reset=True)
@@ -368,8 +374,10 @@ class FingerProblem:
     def accept(self, load: Load | None = None) -> Load:
         """Make the present state the history of the next step; return its load.
 
-        The next step begins with tangent and preconditioner of the converged state. Made at the
-        guess, where the contact is not known yet, they slow Newton's method down.
+        After every second step tangent and preconditioner are made at the converged state, and
+        the next two steps begin with them; the second of these with the tangent that the first
+        had renewed. Made at the guess, where the contact is not known yet, they slow Newton's
+        method down.
 
         Parameters
         ----------
@@ -386,15 +394,24 @@ class FingerProblem:
         self.state.accept(load.force_N, load.friction_N, iterations)
         return load
 
+    @property
+    def is_resumable(self) -> bool:
+        """Whether the next step begins with what follows from the accepted state alone.
+
+        Then, restored from this state, the problem takes the same iterations as it would have.
+        """
+        return self._age <= 0
+
     def restore(self, saved: dict[str, np.ndarray]) -> None:
         """Restore what `state.gather` returned, and the next step's preconditioner."""
+        self._age = -1
         self.state.restore(saved, self.order, self._prepare)
 
     def _prepare_next_step(self) -> None:
-        """Make tangent and preconditioner at the present, converged displacement.
-
-        They depend on nothing but the state, so that a resumed scan takes the same iterations.
-        """
+        """Make tangent and preconditioner at the present, converged displacement if it is time."""
+        self._age = (self._age + 1) % _STEPS
+        if self._age > 0:
+            return
         A = self._problem.A
         self._look_around()
         with common.Timer("tactile: jacobian"):
@@ -405,6 +422,7 @@ class FingerProblem:
 
     def _prepare(self, translation: np.ndarray, dt_s: float) -> None:
         """Make the tangent and the preconditioner that `accept` made."""
+        self._age = 0
         self._go_to(translation, dt_s)
         fem_petsc.assign(self.u, self._problem.x)
         self._tangent.expire()

@@ -131,13 +131,19 @@ class Stepper:
         while True:
             while self._progress.control.finished:
                 self._check_force_reached()
-                if self._progress.piece == len(self._path.pieces) - 1:
+                if self.is_at_end:
                     return
                 self._begin_next()
             step = self._try_step(started)
             if step is not None:
                 yield step
                 started = time.perf_counter()
+
+    @property
+    def is_at_end(self) -> bool:
+        """Whether the last accepted step ends the path."""
+        progress = self._progress
+        return progress.control.finished and progress.piece == len(self._path.pieces) - 1
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
         """Go back to the state that `State.gather` returned."""

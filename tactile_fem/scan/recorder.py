@@ -1,4 +1,4 @@
-"""Saves a running scan: trace and checkpoint after each step, fields at intervals."""
+"""Saves a running scan: trace after each step, checkpoints and fields at intervals."""
 
 from __future__ import annotations
 
@@ -85,9 +85,13 @@ class Recorder:
         self._save_run("running")
 
     def step(self, step: Step, trace: Trace) -> None:
-        """Save an accepted step."""
+        """Save an accepted step.
+
+        A checkpoint is written where the scan would go on from it in the same way, and at the end.
+        """
         state = self._problem.state.gather(self._problem.order)
         sed = self._energy.gather() if self._field_due(step) else None
+        is_checkpoint = self._problem.is_resumable or self._stepper.is_at_end
         spent = self._spent()
 
         def write() -> None:
@@ -95,16 +99,18 @@ class Recorder:
                 moved = self._problem.domain.plane.vectors(state["u"])
                 self._fields.write(float(trace.time_s[-1]), moved, sed)
             self._results.save_trace(**trace.arrays())
-            self._results.save_checkpoint(
+            saved = {
                 **self._origin.stamp(),
-                rows=len(trace),
-                fields=self._fields.count if self._fields else 0,
-                next_field_mm=self._next_field_mm,
-                spent=json.dumps(spent),
+                "rows": len(trace),
+                "fields": self._fields.count if self._fields else 0,
+                "next_field_mm": self._next_field_mm,
+                "spent": json.dumps(spent),
                 **state,
-            )
+            }
+            if is_checkpoint:
+                self._results.save_checkpoint(**saved)
             if sed is not None and self._fields and self._study.output.states:
-                self._results.keep_state(self._fields.count - 1)
+                self._results.save_state(self._fields.count - 1, **saved)
 
         with common.Timer("tactile: output"):
             on_root(self._comm, write)

@@ -19,7 +19,6 @@ from __future__ import annotations
 import csv
 import json
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -242,11 +241,11 @@ class Results:
         """Write ``checkpoint.npz``."""
         self._save_npz("checkpoint.npz", {k: np.asarray(v) for k, v in arrays.items()})
 
-    def keep_state(self, number: int) -> None:
-        """Keep the checkpoint as it is as ``states/state_<number>.npz``."""
+    def save_state(self, number: int, **arrays: ArrayLike) -> None:
+        """Write ``states/state_<number>.npz``, which holds what a checkpoint does."""
         self.states.mkdir(exist_ok=True)
-        with atomic_write(self.states / f"state_{number:04d}.npz") as part:
-            shutil.copyfile(self.checkpoint_file, part)
+        name = f"states/state_{number:04d}.npz"
+        self._save_npz(name, {k: np.asarray(v) for k, v in arrays.items()})
 
     def save_stimulator(self, grid: DistanceGrid) -> None:
         """Write ``stimulator.npz``."""
