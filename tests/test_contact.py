@@ -254,14 +254,14 @@ def test_the_width_of_contact_hardly_changes_the_force():
 @pytest.mark.parametrize("failures", [1, 2])
 def test_where_newton_fails_contact_is_gentler_first(monkeypatch, failures):
     contact = problem(Plate(friction=0.3), tangent_iterations=1)
-    newton, rounding, laws = contact._newton, contact._rounding, []
+    newton, rounding, laws = contact.equilibrium.solve, contact._rounding, []
 
     def fail_at_first():
         laws.append((float(rounding.width.value), float(rounding.softness.value)))
         report = newton()
         return replace(report, converged=False) if len(laws) <= failures else report
 
-    monkeypatch.setattr(contact, "_newton", fail_at_first)
+    monkeypatch.setattr(contact.equilibrium, "solve", fail_at_first)
     report = contact.solve(np.array([0, 0, 0.1]), 0.01)
     width = Solver().contact_width_MPa
     assert report.converged

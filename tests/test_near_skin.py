@@ -24,12 +24,14 @@ def look(made: FingerProblem, place: tuple[float, float, float]) -> None:
     """Look from the body at `place` which skin is near."""
     made.state.translation.value[:] = place
     made.obstacle.refresh()
-    made._near.update()
+    made.equilibrium._near.update()
 
 
 def facets(made: FingerProblem) -> set[tuple[int, int]]:
     """Return the facets that are near, on this rank."""
-    pairs = np.concatenate([pairs.reshape(-1, 2) for pairs in made._near.chosen.values()])
+    pairs = np.concatenate(
+        [pairs.reshape(-1, 2) for pairs in made.equilibrium._near.chosen.values()]
+    )
     return set(map(tuple, pairs.tolist()))
 
 
@@ -43,10 +45,12 @@ def test_far_skin_adds_nothing():
     assert made.solve(np.array(IN_MIDDLE), 0.01).converged
     cell = made.load_cell  # it integrates over the whole skin
     whole = [fem.assemble_vector(form).array for form in (cell._pressure_form, cell._friction_form)]
-    near = fem.assemble_vector(made._contact()).array
+    near = fem.assemble_vector(made.equilibrium._contact()).array
     assert made.domain.comm.allreduce(np.abs(near).max(initial=0), MPI.MAX) > 1e-3  # N
     np.testing.assert_allclose(near, -sum(whole), rtol=0, atol=1e-15)
-    everything = made.domain.comm.allreduce(sum(len(rows) for _, _, rows in made._near._all))
+    everything = made.domain.comm.allreduce(
+        sum(len(rows) for _, _, rows in made.equilibrium._near._all)
+    )
     assert 0 < count(made) < everything
 
 
@@ -60,7 +64,7 @@ def test_skin_is_chosen_as_the_body_comes():
     look(made, IN_MIDDLE)
     assert facets(made) >= first
     assert count(made) > made.domain.comm.allreduce(len(first))
-    made._near.begin_solve()
+    made.equilibrium._near.begin_solve()
     look(made, AT_EDGE)
     assert facets(made) == first
 
@@ -70,7 +74,7 @@ def test_wider_contact_reaches_farther():
     look(made, IN_MIDDLE)
     few = count(made)
     with made._rounding.gentler(20.0, 0.3):
-        made._near.begin_solve()
+        made.equilibrium._near.begin_solve()
         look(made, IN_MIDDLE)
     assert count(made) > few
 
@@ -78,7 +82,7 @@ def test_wider_contact_reaches_farther():
 def test_all_skin_is_near_where_untouched_skin_is_in_the_form():
     made = problem(nitsche_theta=1, nitsche_gamma=40.0)
     look(made, (0.0, 0.0, -5.0))
-    assert count(made) == sum(len(rows) for _, _, rows in made._near._all)
+    assert count(made) == sum(len(rows) for _, _, rows in made.equilibrium._near._all)
 
 
 @pytest.mark.parametrize("width", [0.005, 0.1])

@@ -78,7 +78,7 @@ def test_another_time_step_renews_the_tissues_part(assembled):
     A = made.snes.getJacobian()[0]
     for dt_s, renewed in ((0.01, 0), (0.0100001, 0), (0.001, 1), (0.001, 0)):
         assembled.reset_mock()
-        made._tangent.assemble(A, dt_s)
+        made.equilibrium._tangent.assemble(A, dt_s)
         assert assembled.call_count == renewed, dt_s
 
 
@@ -86,26 +86,26 @@ def test_the_tissues_part_is_renewed_once_where_the_contact_is_found(assembled):
     made = problem(tangent_iterations=5)
     go(made)
     A = made.snes.getJacobian()[0]
-    made._tangent.begin_solve()
+    made.equilibrium._tangent.begin_solve()
     for found, renewed in ((False, 0), (True, 1), (True, 0), (False, 0)):
         assembled.reset_mock()
-        made._tangent.assemble(A, 0.01, contact_is_found=found)
+        made.equilibrium._tangent.assemble(A, 0.01, contact_is_found=found)
         assert assembled.call_count == renewed
-    made._tangent.begin_solve()  # a step begins with it
+    made.equilibrium._tangent.begin_solve()  # a step begins with it
     assembled.reset_mock()
     for _ in range(5):
-        made._tangent.assemble(A, 0.01)
+        made.equilibrium._tangent.assemble(A, 0.01)
     assert assembled.call_count == 0
-    made._tangent.assemble(A, 0.01)
+    made.equilibrium._tangent.assemble(A, 0.01)
     assert assembled.call_count == 1
 
 
 def test_newton_assembles_everything_in_each_iteration(assembled):
     made = problem(tangent_iterations=1)
-    made._tangent.begin_solve()
+    made.equilibrium._tangent.begin_solve()
     A = made.snes.getJacobian()[0]
     for _ in range(3):
-        made._tangent.assemble(A, 0.01)
+        made.equilibrium._tangent.assemble(A, 0.01)
     assert assembled.call_count == 3
 
 

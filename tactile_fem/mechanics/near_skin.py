@@ -37,6 +37,8 @@ class NearSkin:
 
     Attributes
     ----------
+    obstacle
+        As given.
     chosen
         By the tag of each tissue: cell and local facet in turn, of the facets that are near.
     """
@@ -48,7 +50,7 @@ class NearSkin:
         skin: Sequence[SkinPart],
         compile_: Callable[[ufl.Form], fem.Form],
     ) -> None:
-        self._obstacle = obstacle
+        self.obstacle = obstacle
         topology = obstacle.u.function_space.mesh.topology
         row = {tuple(pair): i for i, pair in enumerate(obstacle.entities.tolist())}
         self._all: list[tuple[int, np.ndarray, np.ndarray]] = []
@@ -71,7 +73,7 @@ class NearSkin:
 
     def update(self) -> None:
         """Choose more facets if the body, at its present place, is near one that is not chosen."""
-        gap_mm = self._obstacle.gap_mm
+        gap_mm = self.obstacle.gap_mm
         begins = self._reach_mm is None
         if self._reach_mm is None:
             self._reach_mm = self._reach.read().reshape(gap_mm.shape)
@@ -91,17 +93,12 @@ class NearForm:
         Over the parts of the skin.
     near
         Which facets are near.
-    obstacle
-        The rigid body.
     jit_options
         Of the compiler.
     """
 
-    def __init__(
-        self, form: ufl.Form, near: NearSkin, obstacle: Obstacle, jit_options: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, form: ufl.Form, near: NearSkin, jit_options: Mapping[str, Any]) -> None:
         self._form, self._near = form, near
-        self._entity_maps = obstacle.entity_maps
         self._mesh = form.arguments()[0].ufl_function_space().mesh
         self._compiled = fem.compile_form(self._mesh.comm, form, jit_options=jit_options)
         self._made_for: dict[int, np.ndarray] | None = None
@@ -117,6 +114,6 @@ class NearForm:
                 {fem.IntegralType.exterior_facet: list(self._made_for.items())},
                 {w: w for w in self._form.coefficients()},
                 {c: c for c in self._form.constants()},
-                self._entity_maps,
+                self._near.obstacle.entity_maps,
             )
         return self._made

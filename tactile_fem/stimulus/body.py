@@ -6,7 +6,7 @@ Body frame: X across the finger, Y along it, Z up; the highest plane of the body
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,14 @@ class Outline(Protocol):
 
     def distance(self, xy: Array) -> Distance:
         """Return the signed distance in the plane at `xy` (n, 2)."""
+
+
+@runtime_checkable
+class QuickOutline(Outline, Protocol):
+    """An outline that tells its signed distance faster without derivatives."""
+
+    def gap(self, xy: Array) -> Array:
+        """Return the signed distance (n,), in mm, at `xy` (n, 2)."""
 
 
 def norm_of(components: Array) -> tuple[Array, Array, Array]:
@@ -148,11 +156,26 @@ class Embossed:
         """
         whole = HalfSpace(self.relief).distance(points)
         low = np.flatnonzero(points[:, 2] < _ABOVE_MM)
-        plate = Distance(whole.gap[low], whole.normal[low], whole.hessian[low])
-        united = smooth_minimum(self._extrusion(points[low]), plate, self.blend)
-        whole.gap[low], whole.normal[low] = united.gap, united.normal
-        whole.hessian[low] = united.hessian
+        raised, is_top = self._raised(points[low])
+        over_plate = raised - whole.gap[low]
+        is_top &= over_plate <= -self.blend
+        whole.gap[low[is_top]] = raised[is_top]
+        # The outline's derivatives take most of the time; top and plate are flat.
+        sides = low[(over_plate < self.blend) & ~is_top]
+        plate = Distance(whole.gap[sides], whole.normal[sides], whole.hessian[sides])
+        united = smooth_minimum(self._extrusion(points[sides]), plate, self.blend)
+        whole.gap[sides], whole.normal[sides] = united.gap, united.normal
+        whole.hessian[sides] = united.hessian
         return whole
+
+    def _raised(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the distance from the extrusion, and where it is that from its flat top."""
+        xy, outline = points[:, :2], self.outline
+        gap = outline.gap(xy) if isinstance(outline, QuickOutline) else outline.distance(xy).gap
+        a, b = gap + self.fillet, points[:, 2] + self.fillet
+        corner = (a > 0) & (b > 0)
+        raised = np.where(corner, np.hypot(a, b), np.maximum(a, b)) - self.fillet
+        return raised, ~corner & (a <= b)
 
     def _extrusion(self, points: Array) -> Distance:
         """Distance of ``{d <= 0, z <= 0}`` shrunk and swollen by the fillet radius."""

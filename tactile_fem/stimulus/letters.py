@@ -71,25 +71,34 @@ class Letters:
         """Return the outlines in the body's frame."""
         return [affinity.translate(letter.polygon, 0, y) for y, letter in self._letters]
 
+    def gap(self, xy: Array) -> Array:
+        """Return the signed distance (n,) at `xy` (n, 2); constant far from all letters."""
+        return self._nearest(xy)[0]
+
     def distance(self, xy: Array) -> Distance:
         """Return the signed distance at `xy` (n, 2); constant far from all letters."""
-        result = Distance(
-            np.full(len(xy), _FAR_MM), np.zeros((len(xy), 2)), np.zeros((len(xy), 2, 2))
-        )
-        for y, letter in self._letters:
-            here, evaluate = xy - [0.0, y], letter.spline.ev
-            low, high = letter.bounds[:2], letter.bounds[2:]
-            near = np.flatnonzero(np.all((here > low) & (here < high), axis=1))
-            d = evaluate(*here[near].T)
-            least = d < result.gap[near]
-            near, p = near[least], here[near[least]].T
-            result.gap[near] = d[least]
-            result.normal[near] = np.column_stack([evaluate(*p, dx=1), evaluate(*p, dy=1)])
-            result.hessian[near, 0, 0] = evaluate(*p, dx=2)
-            result.hessian[near, 1, 1] = evaluate(*p, dy=2)
+        gap, nearest = self._nearest(xy)
+        result = Distance(gap, np.zeros((len(xy), 2)), np.zeros((len(xy), 2, 2)))
+        for k, (y, letter) in enumerate(self._letters):
+            here, evaluate = np.flatnonzero(nearest == k), letter.spline.ev
+            p = (xy[here] - [0.0, y]).T
+            result.normal[here] = np.column_stack([evaluate(*p, dx=1), evaluate(*p, dy=1)])
+            result.hessian[here, 0, 0] = evaluate(*p, dx=2)
+            result.hessian[here, 1, 1] = evaluate(*p, dy=2)
             mixed = evaluate(*p, dx=1, dy=1)
-            result.hessian[near, 0, 1] = result.hessian[near, 1, 0] = mixed
+            result.hessian[here, 0, 1] = result.hessian[here, 1, 0] = mixed
         return result
+
+    def _nearest(self, xy: Array) -> tuple[Array, NDArray[np.intp]]:
+        """Return the signed distance (n,) and the index of the nearest letter, -1 far from all."""
+        gap, nearest = np.full(len(xy), _FAR_MM), np.full(len(xy), -1)
+        for k, (y, letter) in enumerate(self._letters):
+            here, low, high = xy - [0.0, y], letter.bounds[:2], letter.bounds[2:]
+            near = np.flatnonzero(np.all((here > low) & (here < high), axis=1))
+            d = letter.spline.ev(*here[near].T)
+            nearer = d < gap[near]
+            gap[near[nearer]], nearest[near[nearer]] = d[nearer], k
+        return gap, nearest
 
 
 def _font(name: str) -> FontProperties:
