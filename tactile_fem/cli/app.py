@@ -76,7 +76,7 @@ def scan(
 ) -> None:
     """Run a study and write data and pictures into a folder.
 
-    An interrupted scan continues from its last step when started again.
+    An interrupted scan continues from its last checkpoint when started again.
     Options that start with -tactile_ are passed to PETSc: -tactile_snes_rtol 1e-8.
     """
     the_study = load_study(study, settings or ())
@@ -97,7 +97,7 @@ def resume(
     *,
     ranks_: Ranks = 1,
 ) -> None:
-    """Continue a scan from its last step, on any number of ranks."""
+    """Continue a scan from its last checkpoint, on any number of ranks."""
     module = _prepared(Results.open(results).study, ranks_, ["resume", str(results)])
     _run(partial(module.resume, results), results)
 

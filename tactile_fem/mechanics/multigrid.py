@@ -121,6 +121,7 @@ class LineJacobi:
 
     def __init__(self, lines: list[np.ndarray], like: PETSc.Vec, size: int) -> None:
         blocks = np.concatenate([nodes.ravel() for nodes in lines]).astype(np.int32)
+        self._size = size
         self._rows = PETSc.IS().createBlock(size, blocks, comm=like.comm)
         self._values = PETSc.Vec().createSeq(size * len(blocks))
         self._result = self._values.duplicate()
@@ -142,6 +143,10 @@ class LineJacobi:
             self._locate(starts, columns)
         padded = np.append(values, 0.0)
         self._inverses = [np.linalg.inv(padded[position]) for position in self._positions]
+        # Of single nodes by component: the loop over the nodes is then the innermost.
+        for k, inverse in enumerate(self._inverses):
+            if inverse.shape[1] == self._size:
+                self._inverses[k] = np.moveaxis(np.moveaxis(inverse, 0, -1).copy(), -1, 0)
 
     def _locate(self, starts: np.ndarray, columns: np.ndarray) -> None:
         """Find the positions of the blocks' entries in the matrix's values."""
@@ -161,6 +166,9 @@ class LineJacobi:
         self._scatter.scatter(x, self._values)
         given, result = self._values.array_r, self._result.array_w
         for (first, end), inverse in zip(self._spans, self._inverses, strict=True):
-            block = given[first:end].reshape(len(inverse), -1, 1)
-            result[first:end] = (inverse @ block).ravel()
+            blocks, products = (a[first:end].reshape(len(inverse), -1) for a in (given, result))
+            if inverse.shape[1] == self._size:
+                np.einsum("nij,nj->ni", inverse, blocks, out=products)
+            else:
+                np.matmul(inverse, blocks[:, :, None], out=products[:, :, None])
         self._scatter.scatter(self._result, y, mode=PETSc.ScatterMode.REVERSE)

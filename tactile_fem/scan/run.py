@@ -152,9 +152,9 @@ def resume(
     observers: Iterable[Observer] = (),
     parts: Parts = _NO_PARTS,
 ) -> ScanResult:
-    """Continue the scan in `folder` from its last accepted step, on any number of ranks.
+    """Continue the scan in `folder` from its last checkpoint, on any number of ranks.
 
-    Own parts and observers must be given again, see `scan`.
+    It is at most one accepted step old. Own parts and observers must be given again, see `scan`.
 
     Raises
     ------
