@@ -4,8 +4,10 @@ import shapely
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus import make_body, outlines
+from tactile_fem.stimulus.body import Embossed, HalfSpace, smooth_minimum
 from tactile_fem.stimulus.braille import cells, dots
 from tactile_fem.stimulus.height_field import height_map
+from tactile_fem.stimulus.letters import Letters
 from tactile_fem.study import Braille, Cylinder, Dots, Edge, Grating, Plate, Sphere, Text
 
 BODIES = {
@@ -73,6 +75,32 @@ def test_the_gap_is_a_distance(name):
     assert np.abs(np.linalg.norm(at.normal, axis=1) - 1).max() < 0.02
     foot = points - at.gap[:, None] * at.normal
     assert np.abs(body.distance(foot).gap).max() < 5e-3
+
+
+@pytest.mark.parametrize("relief", [0.6, 0.15])  # less than the foot's blend, too
+def test_what_is_raised_is_united_with_its_plate_everywhere(relief):
+    """Also where neither derivatives nor blend are evaluated, on top and far from the sides."""
+    body = Embossed(Letters(Text(text="G")), relief, fillet=0.1)
+    points = np.random.default_rng(5).uniform([-5, -4, -1], [5, 4, 0.49], (40_000, 3))
+    plate = HalfSpace(relief).distance(points)
+    expected = smooth_minimum(body._extrusion(points), plate, body.blend)
+    found = body.distance(points)
+    np.testing.assert_allclose(found.gap, expected.gap, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found.normal, expected.normal, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found.hessian, expected.hessian, rtol=0, atol=1e-12)
+
+
+def test_an_outline_need_not_tell_its_distance_alone():
+    quick = Letters(Text())
+
+    class Slow:
+        distance = staticmethod(quick.distance)
+
+    points = np.random.default_rng(5).uniform([-5, -8.5, -1], [5, 8.5, 0.8], (10_000, 3))
+    np.testing.assert_array_equal(quick.gap(points[:, :2]), quick.distance(points[:, :2]).gap)
+    pair = [Embossed(outline, 0.6, 0.3).distance(points) for outline in (quick, Slow())]
+    for name in ("gap", "normal", "hessian"):
+        np.testing.assert_array_equal(*(getattr(distance, name) for distance in pair))
 
 
 @pytest.mark.parametrize("name", HEIGHTS)
