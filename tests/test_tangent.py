@@ -9,7 +9,7 @@ import pytest
 from sphere_on_block import sphere_on_block
 
 from tactile_fem.mechanics import tangent
-from tactile_fem.mechanics.newton import contact_is_found
+from tactile_fem.mechanics.newton import contact_is_found, struggles
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.study import Tissue
 
@@ -107,6 +107,36 @@ def test_newton_assembles_everything_in_each_iteration(assembled):
     for _ in range(3):
         made.equilibrium._tangent.assemble(A, 0.01)
     assert assembled.call_count == 3
+
+
+def test_a_tangent_that_leads_astray_is_renewed_at_once(assembled):
+    made = problem(tangent_iterations=5)
+    go(made)
+    A, kept = made.snes.getJacobian()[0], made.equilibrium._tangent
+    kept.begin_solve()
+    for outdated, renewed in ((False, 0), (True, 1), (False, 0), (True, 1)):
+        assembled.reset_mock()
+        kept.assemble(A, 0.01, is_outdated=outdated)
+        assert assembled.call_count == renewed
+
+
+@pytest.mark.parametrize(
+    "norms, newton, linear, astray",
+    [
+        ([], 0, 30, False),  # the linear solve was the last step's
+        ([1.0], 0, 30, False),
+        ([1.0, 0.9], 1, 3, False),  # the contact is not found yet
+        ([1.0, 0.9], 1, 11, True),
+        ([1.0, 0.05, 0.03], 2, 3, True),
+        ([1.0, 0.05, 0.02], 2, 3, False),
+    ],
+)
+def test_slow_solves_and_small_steps_show_that_the_jacobian_is_old(norms, newton, linear, astray):
+    snes = Mock()
+    snes.getConvergenceHistory.return_value = (norms, None)
+    snes.getIterationNumber.return_value = newton
+    snes.getKSP.return_value.getIterationNumber.return_value = linear
+    assert struggles(snes) is astray
 
 
 def test_the_contact_is_found_where_the_residual_has_fallen_to_a_tenth():

@@ -24,6 +24,7 @@ from tactile_fem.mechanics.newton import (
     contact_is_found,
     linear_solver,
     next_step_converges,
+    struggles,
     weakly,
 )
 from tactile_fem.mechanics.petsc_options import (
@@ -301,7 +302,11 @@ class Equilibrium:
             return  # with the Jacobian of the last iterate
         self._update(x)
         with common.Timer("tactile: jacobian"):
-            found = contact_is_found(snes)
-            self._tangent.assemble(P, self._state.dt_s, contact_is_found=found)
+            self._tangent.assemble(
+                P,
+                self._state.dt_s,
+                contact_is_found=contact_is_found(snes),
+                is_outdated=struggles(snes),
+            )
         if self._two_level:
             self._two_level.follow(P)

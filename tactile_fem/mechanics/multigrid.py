@@ -17,6 +17,8 @@ import scipy.sparse
 from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 
+from tactile_fem.mechanics.newton import solves_slowly
+
 MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "pc_type": "mg",
     "pc_mg_levels": 2,
@@ -29,9 +31,6 @@ MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "mg_coarse_pc_factor_mat_solver_type": "mumps",
     "mg_coarse_mat_mumps_icntl_24": 1,  # the held nodes' rows are empty
 }
-
-# A set-up costs as much as twenty iterations, so it pays only when solves have become slow.
-_FEW_ITERATIONS = 10
 
 
 class TwoLevel:
@@ -81,8 +80,8 @@ class TwoLevel:
 
     def follow(self, jacobian: PETSc.Mat) -> None:
         """Set up with a new Jacobian if the previous set-up has become inefficient."""
-        newton, linear = self._snes.getIterationNumber(), self._snes.getKSP().getIterationNumber()
-        if not self.is_set_up or (newton > 0 and linear > _FEW_ITERATIONS):
+        iterates = self._snes.getIterationNumber() > 0
+        if not self.is_set_up or (iterates and solves_slowly(self._snes)):
             self.set_up(jacobian)
 
     @property

@@ -17,6 +17,10 @@ LinearSolve = Callable[[PETSc.Vec, PETSc.Vec], None]
 _CAUTION = 4.0
 # Share of a step's largest residual below which skin no longer comes and goes.
 _NEAR = 0.1
+# Ratio of residuals above which a step near the solution was slow.
+_SLOW = 0.5
+# Of a linear solve, after which a new preconditioner, as costly as twenty, and a new tangent pay.
+_FEW_ITERATIONS = 10
 # Of linear equations at a converged state, such as those of sensitivities.
 _LINEAR_RTOL, _LINEAR_MOST_IT = 1e-6, 400
 _REASONS = {
@@ -62,6 +66,22 @@ def contact_is_found(snes: PETSc.SNES) -> bool:
     """
     norms, _ = snes.getConvergenceHistory()
     return bool(len(norms) and norms[-1] < _NEAR * max(norms))
+
+
+def struggles(snes: PETSc.SNES) -> bool:
+    """Return whether the last of Newton's steps shows that its Jacobian was out of date.
+
+    Its linear solve was slow or, near the solution, it hardly reduced the residual.
+    """
+    if snes.getIterationNumber() and solves_slowly(snes):
+        return True
+    norms, _ = snes.getConvergenceHistory()
+    return contact_is_found(snes) and norms[-1] > _SLOW * norms[-2]
+
+
+def solves_slowly(snes: PETSc.SNES) -> bool:
+    """Return whether the last linear solve took more than a few iterations."""
+    return bool(snes.getKSP().getIterationNumber() > _FEW_ITERATIONS)
 
 
 def next_step_converges(snes: PETSc.SNES) -> bool:

@@ -51,7 +51,14 @@ class Tangent:
         self._dt_s = 0.0
         self._uses, self._is_of_this_solve = 0, False
 
-    def assemble(self, matrix: PETSc.Mat, dt_s: float, *, contact_is_found: bool = False) -> None:
+    def assemble(
+        self,
+        matrix: PETSc.Mat,
+        dt_s: float,
+        *,
+        contact_is_found: bool = False,
+        is_outdated: bool = False,
+    ) -> None:
         """Assemble the Jacobian at the present displacement into `matrix`.
 
         Parameters
@@ -62,11 +69,13 @@ class Tangent:
             Duration of the step, on which the viscous stress depends.
         contact_is_found
             Whether the present displacement is near the solution.
+        is_outdated
+            Whether the last iteration shows that the kept part is of no use any more.
         """
         same_step = math.isclose(dt_s, self._dt_s, rel_tol=_SAME_STEP)
         found_anew = contact_is_found and not self._is_of_this_solve
-        outdated = self._iterations == 1 or self._uses >= self._iterations
-        if outdated or found_anew or not same_step:
+        worn_out = self._iterations == 1 or self._uses >= self._iterations
+        if is_outdated or worn_out or found_anew or not same_step:
             self._renew(matrix)
             self._dt_s, self._uses, self._is_of_this_solve = dt_s, 0, True
         self._uses += 1
