@@ -80,8 +80,7 @@ class TwoLevel:
 
     def follow(self, jacobian: PETSc.Mat) -> None:
         """Set up with a new Jacobian if the previous set-up has become inefficient."""
-        iterates = self._snes.getIterationNumber() > 0
-        if not self.is_set_up or (iterates and solves_slowly(self._snes)):
+        if not self.is_set_up or solves_slowly(self._snes):
             self.set_up(jacobian)
 
     @property

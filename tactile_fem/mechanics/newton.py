@@ -73,15 +73,16 @@ def struggles(snes: PETSc.SNES) -> bool:
 
     Its linear solve was slow or, near the solution, it hardly reduced the residual.
     """
-    if snes.getIterationNumber() and solves_slowly(snes):
+    if solves_slowly(snes):
         return True
     norms, _ = snes.getConvergenceHistory()
     return contact_is_found(snes) and norms[-1] > _SLOW * norms[-2]
 
 
 def solves_slowly(snes: PETSc.SNES) -> bool:
-    """Return whether the last linear solve took more than a few iterations."""
-    return bool(snes.getKSP().getIterationNumber() > _FEW_ITERATIONS)
+    """Return whether the last linear solve of this step took more than a few iterations."""
+    begun = snes.getIterationNumber() > 0
+    return bool(begun and snes.getKSP().getIterationNumber() > _FEW_ITERATIONS)
 
 
 def next_step_converges(snes: PETSc.SNES) -> bool:

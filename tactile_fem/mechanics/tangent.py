@@ -19,8 +19,8 @@ class Tangent:
     """The Jacobian as the sum of the tissues' and the contact's part.
 
     The tissues' part hardly changes within a step, but takes nine tenths of the time to assemble.
-    A step begins with that of the last converged state. It is assembled anew where the contact is
-    found, and after so many iterations without.
+    A step begins with that of an earlier state. It is assembled anew where the contact is found,
+    where it turns out to be of no use any more, and after so many iterations without.
 
     Parameters
     ----------

@@ -89,9 +89,11 @@ class Recorder:
 
         A checkpoint is written where the scan would go on from it in the same way, and at the end.
         """
-        state = self._problem.state.gather(self._problem.order)
         sed = self._energy.gather() if self._field_due(step) else None
         is_checkpoint = self._problem.is_resumable or self._stepper.is_at_end
+        state: dict[str, Array] = {}
+        if is_checkpoint or sed is not None:
+            state = self._problem.state.gather(self._problem.order)
         spent = self._spent()
 
         def write() -> None:

@@ -239,18 +239,16 @@ class Results:
 
     def save_checkpoint(self, **arrays: ArrayLike) -> None:
         """Write ``checkpoint.npz``."""
-        self._save_npz("checkpoint.npz", {k: np.asarray(v) for k, v in arrays.items()})
+        self._save_npz("checkpoint.npz", arrays)
 
     def save_state(self, number: int, **arrays: ArrayLike) -> None:
         """Write ``states/state_<number>.npz``, which holds what a checkpoint does."""
         self.states.mkdir(exist_ok=True)
-        name = f"states/state_{number:04d}.npz"
-        self._save_npz(name, {k: np.asarray(v) for k, v in arrays.items()})
+        self._save_npz(f"states/state_{number:04d}.npz", arrays)
 
     def save_stimulator(self, grid: DistanceGrid) -> None:
         """Write ``stimulator.npz``."""
-        arrays = {k: np.asarray(v) for k, v in vars(grid).items()}
-        self._save_npz("stimulator.npz", arrays, np.savez_compressed)
+        self._save_npz("stimulator.npz", vars(grid), np.savez_compressed)
         self.__dict__.pop("stimulator", None)
 
     def save_spikes(self, spikes: Sequence[ArrayLike]) -> None:
@@ -277,9 +275,10 @@ class Results:
         self.__dict__.pop("spikes", None)
 
     def _save_npz(
-        self, name: str, arrays: dict[str, NDArray[Any]], save: Callable[..., None] = np.savez
+        self, name: str, values: Mapping[str, ArrayLike], save: Callable[..., None] = np.savez
     ) -> None:
         """Write arrays; what each step writes is not compressed, which takes ten times as long."""
+        arrays = {name: np.asarray(value) for name, value in values.items()}
         if any(array.dtype.hasobject for array in arrays.values()):
             raise ValueError(f"{name} takes arrays of numbers and text only")
         with atomic_write(self.folder / name) as part, part.open("wb") as stream:
