@@ -189,6 +189,7 @@ def study_of(case: Case, finger: Finger, tissue: Tissue) -> Study:
         receptors=Receptors(half_width_mm=0.0, extra_mm=tuple((0.0, y) for y in case.along)),
         solver=Solver(
             **case.contact,
+            locking_ratio=1e9,  # CalculiX, too, integrates volume change at every point
             first_step_mm=case.press_step,
             max_press_step_mm=case.press_step,
             first_slide_step_mm=case.slide_step,

@@ -1,9 +1,11 @@
 """Writes a study as an input deck for CalculiX or Abaqus: the same contact with another code.
 
 Units are mm, N, MPa; step time is the share of a straight part of the path that is done. The deck
-differs from this package's own model in three ways: contact is a linear penalty instead of
-Nitsche's method, the stimulator is a facetted height field instead of a smooth distance, and
-tissues have neither viscosity nor mass (``tissue.viscous_time_s``, ``solver.inertia``).
+differs from this package's own model in four ways: contact is a linear penalty instead of
+Nitsche's method, the stimulator is a facetted height field instead of a smooth distance,
+tissues have neither viscosity nor mass (``tissue.viscous_time_s``, ``solver.inertia``), and
+volume change is integrated at every point: coarse fat locks there (as with a
+``solver.locking_ratio`` of 1e9 here).
 
 Tissue that relaxes has its Prony series in a deck for Abaqus, whose step time is then in s.
 Abaqus relaxes stress by a convolution: equal at small strain, at once, in the long run and in a
