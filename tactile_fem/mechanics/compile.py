@@ -1,18 +1,22 @@
-"""Compiles the forms' C code for this processor, and keeps the cache of compiled forms usable."""
+"""Compiles C code for this processor, above all the forms', and keeps its cache usable."""
 
 from __future__ import annotations
 
 import fcntl
 import hashlib
+import importlib.util
 import platform
 import subprocess
+import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import IO, Any
 
+import cffi
 import numpy as np
 from dolfinx import fem, jit
 from ufl.core.expr import Expr
@@ -76,6 +80,49 @@ def compiled_by() -> dict[str, str]:
 def expression(value: Expr, points: np.ndarray) -> fem.Expression:
     """Compile a UFL expression at points of the reference cell or facet, (points, 3 or 2)."""
     return fem.Expression(value, points, jit_options=_common_options())
+
+
+@jit.mpi_jit_decorator
+def c_functions(
+    source: Path, declarations: str, jit_options: Mapping[str, Any], **definitions: int
+) -> tuple[Any, Callable[[str, np.ndarray], Any]]:
+    """Compile a file of C functions, or load them from the cache of forms.
+
+    Called with a communicator before the other arguments, whose ranks all call.
+
+    Parameters
+    ----------
+    source
+        The file.
+    declarations
+        Of its functions, in C.
+    jit_options
+        Of the compiler, see `jit_options`.
+    **definitions
+        Preprocessor constants.
+
+    Returns
+    -------
+    The functions as attributes, and what makes a pointer of a C type such as ``"double[]"`` to an
+    array's values.
+    """
+    flags = [*jit_options.get("cffi_extra_compile_args", ["-O2"])]
+    flags += [f"-D{name}={value}" for name, value in definitions.items()]
+    code = source.read_text(encoding="ascii")
+    key = hashlib.sha256(repr((code, declarations, flags, cffi.__version__)).encode()).hexdigest()
+    name, folder = f"tactile_{source.stem}_{key[:16]}", jit_options["cache_dir"]
+    library = folder / f"{name}{EXTENSION_SUFFIXES[0]}"
+    if not library.exists():
+        builder = cffi.FFI()
+        builder.cdef(declarations)
+        builder.set_source(name, code, extra_compile_args=flags)
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder) as own:  # at once: others may be compiling it
+            Path(builder.compile(tmpdir=own)).replace(library)
+    spec = importlib.util.spec_from_file_location(name, library)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.lib, module.ffi.from_buffer
 
 
 def clean_cache(folder: Path) -> None:

@@ -18,6 +18,7 @@ from dolfinx.fem import petsc as fem_petsc
 from tactile_fem.mechanics import multigrid
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import NodeOrder
+from tactile_fem.mechanics.jacobian import Jacobian
 from tactile_fem.mechanics.near_skin import NearForm, NearSkin
 from tactile_fem.mechanics.newton import (
     SolveReport,
@@ -106,16 +107,15 @@ class Equilibrium:
         uses_multigrid = self.options["pc_type"] == "mg" and not has_inner
         self._problem = self._nonlinear_problem("baij" if uses_multigrid else None)
         self._contact = NearForm(work.contact, near, self._jit)
-        self._tangent = Tangent(
-            self._problem.J,
-            NearForm(ufl.derivative(work.contact, state.u), near, self._jit),
-            bcs,
-            solver.tangent_iterations,
-        )
+        contact_tangent = NearForm(ufl.derivative(work.contact, state.u), near, self._jit)
+        self._jacobian = Jacobian(self._problem.J, contact_tangent, bcs, self._jit)
+        self._tangent = Tangent(self._jacobian, solver.tangent_iterations)
         self._age = -1  # of tangent and preconditioner, in steps
         self._two_level: multigrid.TwoLevel | None = None
+        self._operator = self._problem.A
         if uses_multigrid:
             V = state.u.function_space
+            self._operator = self._jacobian.operator()
             self._two_level = multigrid.TwoLevel(self.snes, V, held, order.blocks())
         # By weak references: Python's garbage collector cannot see what PETSc holds. A problem that
         # PETSc held would never be freed, and MPI allows only some 2,000 communicators.
@@ -123,7 +123,7 @@ class Equilibrium:
         jacobian_of = weakly(self._assemble_jacobian)
         for snes in [self.snes, *([self.snes.getNPC()] if has_inner else [])]:
             snes.setFunction(residual_of, self._problem.b)
-            snes.setJacobian(jacobian_of, self._problem.A)
+            snes.setJacobian(jacobian_of, self._operator, self._problem.A)
 
     def _nonlinear_problem(self, matrix: str | None) -> fem_petsc.NonlinearProblem:
         """Return the tissues' part as a problem for SNES; the contact's is added in each call."""
@@ -162,9 +162,8 @@ class Equilibrium:
     def close(self) -> None:
         """Free solver and matrices; all ranks must call it."""
         own = self._problem
-        for part in (own.solver, own.A, own.b, own.x):
+        for part in (own.solver, self._operator, own.A, own.b, own.x):
             part.destroy()
-        self._tangent.destroy()
         self._two_level = None
         self._clear_options()
 
@@ -207,11 +206,12 @@ class Equilibrium:
         """
         own = self._problem
         self._look_around()
-        self._tangent.assemble_exactly(own.A, self._exact_tangent)
-        if self._two_level and not self._two_level.is_set_up:  # no step took an iteration yet
-            self._two_level.set_up(own.A)
         solution, field = own.x.duplicate(), fem.Function(self._state.u.function_space)
-        with linear_solver(self.snes, own.A) as solve_with:
+        with self._jacobian.kept_tissues(), linear_solver(self.snes, self._operator) as solve_with:
+            self._jacobian.assemble_tissues(self._exact_tangent)
+            self._jacobian.assemble_contact()
+            if not (self._two_level and self._two_level.is_set_up):
+                self._fill()
 
             def solve(right: np.ndarray) -> np.ndarray:
                 own.b.array[:] = right
@@ -248,14 +248,13 @@ class Equilibrium:
         self._age = (self._age + 1) % _STEPS
         if self._age > 0:
             return
-        A = self._problem.A
         with common.Timer("tactile: solve"):
             self._look_around()
             with common.Timer("tactile: jacobian"):
                 self._tangent.expire()
-                self._tangent.assemble(A, self._state.dt_s)
+                self._tangent.assemble(self._state.dt_s)
             if self._two_level:
-                self._two_level.set_up(A)
+                self._fill()
 
     def forget(self) -> None:
         """Be as if no step had been solved yet."""
@@ -267,7 +266,7 @@ class Equilibrium:
         fem_petsc.assign(self._state.u, self._problem.x)
         self._tangent.expire()
         # Through SNES, which lets its preconditioner be set up with its first Jacobian alone.
-        self.snes.computeJacobian(self._problem.x, self._problem.A)
+        self.snes.computeJacobian(self._problem.x, self._operator, self._problem.A)
 
     # --- what SNES calls -------------------------------------------------------------------------
 
@@ -298,15 +297,22 @@ class Equilibrium:
     def _assemble_jacobian(
         self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat
     ) -> None:
+        del J, P
         if next_step_converges(snes):
             return  # with the Jacobian of the last iterate
         self._update(x)
         with common.Timer("tactile: jacobian"):
             self._tangent.assemble(
-                P,
                 self._state.dt_s,
                 contact_is_found=contact_is_found(snes),
                 is_outdated=struggles(snes),
             )
+        if not self._two_level or self._two_level.is_outdated:
+            self._fill()
+
+    def _fill(self) -> None:
+        """Fill the matrix from which preconditioners are made, and set up multigrid with it."""
+        with common.Timer("tactile: jacobian"):
+            self._jacobian.fill(self._problem.A)
         if self._two_level:
-            self._two_level.follow(P)
+            self._two_level.set_up(self._operator, self._problem.A)

@@ -22,6 +22,7 @@ from tactile_fem.mechanics.newton import solves_slowly
 MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "pc_type": "mg",
     "pc_mg_levels": 2,
+    "pc_use_amat": True,  # the smoother multiplies by the operator, not by its entries
     "pc_mg_galerkin": "none",  # `TwoLevel` makes the coarse operator
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_ksp_max_it": 3,
@@ -74,29 +75,37 @@ class TwoLevel:
         smoother.setPythonContext(self._smoother)
         self._fine = PETSc.Mat()  # the Jacobian in AIJ format, for the coarse operator
         self._coarse: PETSc.Mat | None = None
-        # `follow` decides about set-ups; Newton's method would set up with each Jacobian.
+        # `Equilibrium` decides about set-ups; Newton's method would set up with each Jacobian.
         PETSc.Options(snes.getOptionsPrefix())["snes_lag_preconditioner"] = -2
         snes.setFromOptions()
 
-    def follow(self, jacobian: PETSc.Mat) -> None:
-        """Set up with a new Jacobian if the previous set-up has become inefficient."""
-        if not self.is_set_up or solves_slowly(self._snes):
-            self.set_up(jacobian)
+    @property
+    def is_outdated(self) -> bool:
+        """Whether it has to be set up, for the first time or because it has become inefficient."""
+        return not self.is_set_up or solves_slowly(self._snes)
 
     @property
     def is_set_up(self) -> bool:
         """Whether it was ever set up."""
         return self._coarse is not None
 
-    def set_up(self, jacobian: PETSc.Mat) -> None:
-        """Compute coarse operator and factors, the lines' inverses and the spectral bounds."""
+    def set_up(self, operator: PETSc.Mat, jacobian: PETSc.Mat) -> None:
+        """Compute coarse operator and factors, the lines' inverses and the spectral bounds.
+
+        Parameters
+        ----------
+        operator
+            What multiplies.
+        jacobian
+            The same with entries.
+        """
         with common.Timer("tactile: preconditioner"):
             jacobian.convert("aij", out=self._fine)
             self._coarse = self._fine.ptap(self._interpolation, self._coarse)
             self._smoother.invert(jacobian)
             pc = self._snes.getKSP().getPC()
             pc.getMGCoarseSolve().setOperators(self._coarse)
-            pc.setOperators(jacobian)
+            pc.setOperators(operator, jacobian)
             pc.setReusePreconditioner(False)
             pc.setUp()
 

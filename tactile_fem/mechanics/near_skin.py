@@ -39,8 +39,9 @@ class NearSkin:
     ----------
     obstacle
         As given.
-    chosen
-        By the tag of each tissue: cell and local facet in turn, of the facets that are near.
+    all, chosen
+        By the tag of each tissue: cell and local facet in turn, of the facets that may touch and of
+        those that are near.
     """
 
     def __init__(
@@ -53,14 +54,15 @@ class NearSkin:
         self.obstacle = obstacle
         topology = obstacle.u.function_space.mesh.topology
         row = {tuple(pair): i for i, pair in enumerate(obstacle.entities.tolist())}
-        self._all: list[tuple[int, np.ndarray, np.ndarray]] = []
+        self.all: dict[int, np.ndarray] = {}
+        self._rows: dict[int, np.ndarray] = {}  # of the obstacle's facets
         for part in skin:
             tag = part.ds.subdomain_id()
             pairs = fem.compute_integration_domains(
                 fem.IntegralType.exterior_facet, topology, facets.find(tag)
             ).reshape(-1, 2)
-            rows = np.array([row[tuple(pair)] for pair in pairs.tolist()], dtype=np.int64)
-            self._all.append((tag, pairs, rows))
+            self.all[tag] = pairs.ravel()
+            self._rows[tag] = np.array([row[tuple(pair)] for pair in pairs.tolist()], dtype=np.int64)
         self._reach = PointValues(obstacle, [(part.reach, part.ds) for part in skin], compile_)
         self._reach_mm: np.ndarray | None = None
         self._is_chosen = np.zeros(len(obstacle.entities), dtype=bool)
@@ -80,8 +82,10 @@ class NearSkin:
         near = np.any(gap_mm < self._reach_mm, axis=1)
         if begins or np.any(near & ~self._is_chosen):
             self._is_chosen |= np.any(gap_mm < _AMPLE * self._reach_mm, axis=1)
-            chosen = ((tag, pairs[self._is_chosen[rows]]) for tag, pairs, rows in self._all)
-            self.chosen = {tag: pairs.ravel() for tag, pairs in chosen}
+            self.chosen = {
+                tag: pairs.reshape(-1, 2)[self._is_chosen[self._rows[tag]]].ravel()
+                for tag, pairs in self.all.items()
+            }
 
 
 class NearForm:
@@ -107,13 +111,20 @@ class NearForm:
         """Return the form over the facets that are near now."""
         if self._made_for is not self._near.chosen:
             self._made_for = self._near.chosen
-            self._made = fem.create_form(
-                self._compiled,
-                [argument.ufl_function_space() for argument in self._form.arguments()],
-                self._mesh,
-                {fem.IntegralType.exterior_facet: list(self._made_for.items())},
-                {w: w for w in self._form.coefficients()},
-                {c: c for c in self._form.constants()},
-                self._near.obstacle.entity_maps,
-            )
+            self._made = self._over(self._made_for)
         return self._made
+
+    def over_all_skin(self) -> fem.Form:
+        """Return the form over all facets that may touch."""
+        return self._over(self._near.all)
+
+    def _over(self, facets: Mapping[int, np.ndarray]) -> fem.Form:
+        return fem.create_form(
+            self._compiled,
+            [argument.ufl_function_space() for argument in self._form.arguments()],
+            self._mesh,
+            {fem.IntegralType.exterior_facet: list(facets.items())},
+            {w: w for w in self._form.coefficients()},
+            {c: c for c in self._form.constants()},
+            self._near.obstacle.entity_maps,
+        )

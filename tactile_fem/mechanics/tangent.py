@@ -1,33 +1,28 @@
-"""The Jacobian of Newton's method: the tissues' part is kept for a while, the contact's is not."""
+"""How long Newton's method keeps the tissues' part of the Jacobian; the contact's part it does not."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 
-from petsc4py import PETSc
-
-from dolfinx import common, fem
-from dolfinx.fem import petsc as fem_petsc
+from tactile_fem.mechanics.jacobian import Jacobian
 
 # The viscous stress hardly changes where the duration of a step changes less than that.
 _SAME_STEP = 0.01
 
 
 class Tangent:
-    """The Jacobian as the sum of the tissues' and the contact's part.
+    """Decides when the tissues' part of the Jacobian is assembled anew.
 
-    The tissues' part hardly changes within a step, but takes nine tenths of the time to assemble.
+    It hardly changes within a step, but takes nine tenths of the time to assemble.
     A step begins with that of an earlier state. It is assembled anew where the contact is found,
     where it turns out to be of no use any more, and after so many iterations without.
 
     Parameters
     ----------
-    tissues, contact
-        The parts as forms, the contact's as it is now; its entries are among the tissues'.
-    bcs
-        Dirichlet conditions.
+    jacobian
+        The Jacobian.
     iterations
         How often a step uses the tissues' part before it is assembled anew.
 
@@ -37,34 +32,19 @@ class Tangent:
         Whether it is used more than once.
     """
 
-    def __init__(
-        self,
-        tissues: fem.Form,
-        contact: Callable[[], fem.Form],
-        bcs: Sequence[fem.DirichletBC],
-        iterations: int,
-    ) -> None:
-        self._tissues, self._contact, self._bcs = tissues, contact, bcs
-        self._iterations = iterations
+    def __init__(self, jacobian: Jacobian, iterations: int) -> None:
+        self._jacobian, self._iterations = jacobian, iterations
         self.is_kept = iterations > 1
-        self._kept: PETSc.Mat | None = None
         self._dt_s = 0.0
-        self._uses, self._is_of_this_solve = 0, False
+        self._uses, self._is_of_this_solve = iterations, False
 
     def assemble(
-        self,
-        matrix: PETSc.Mat,
-        dt_s: float,
-        *,
-        contact_is_found: bool = False,
-        is_outdated: bool = False,
+        self, dt_s: float, *, contact_is_found: bool = False, is_outdated: bool = False
     ) -> None:
-        """Assemble the Jacobian at the present displacement into `matrix`.
+        """Assemble the Jacobian at the present displacement.
 
         Parameters
         ----------
-        matrix
-            Always the same, the solver's.
         dt_s
             Duration of the step, on which the viscous stress depends.
         contact_is_found
@@ -76,20 +56,14 @@ class Tangent:
         found_anew = contact_is_found and not self._is_of_this_solve
         worn_out = self._iterations == 1 or self._uses >= self._iterations
         if is_outdated or worn_out or found_anew or not same_step:
-            self._renew(matrix)
+            self._jacobian.assemble_tissues()
             self._dt_s, self._uses, self._is_of_this_solve = dt_s, 0, True
         self._uses += 1
-        self._kept.copy(matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._add_contact(matrix)
+        self._jacobian.assemble_contact()
 
     def begin_solve(self) -> None:
         """Take the tissues' part as that of an earlier state."""
         self._uses, self._is_of_this_solve = 0, False
-
-    def assemble_exactly(self, matrix: PETSc.Mat, tissues: fem.Form) -> None:
-        """Assemble the Jacobian with `tissues` in place of its own form of their part."""
-        self._assemble(matrix, tissues)
-        self._add_contact(matrix)
 
     @contextmanager
     def renewed(self) -> Iterator[None]:
@@ -103,26 +77,3 @@ class Tangent:
     def expire(self) -> None:
         """Let the next Jacobian be that of the present displacement."""
         self._uses = self._iterations
-
-    def destroy(self) -> None:
-        """Free the kept part; all ranks call."""
-        if self._kept:
-            self._kept.destroy()
-
-    def _renew(self, matrix: PETSc.Mat) -> None:
-        """Assemble the tissues' part; `matrix` is the first to know where its entries are."""
-        if self._kept is None:
-            self._assemble(matrix, self._tissues)
-            self._kept = matrix.duplicate(copy=True)
-        else:
-            self._assemble(self._kept, self._tissues)
-
-    def _assemble(self, matrix: PETSc.Mat, tissues: fem.Form) -> None:
-        with common.Timer("tactile: tangent of the tissues"):
-            matrix.zeroEntries()
-            fem_petsc.assemble_matrix(matrix, tissues, self._bcs)
-            matrix.assemble()
-
-    def _add_contact(self, matrix: PETSc.Mat) -> None:
-        fem_petsc.assemble_matrix(matrix, self._contact(), self._bcs)
-        matrix.assemble()

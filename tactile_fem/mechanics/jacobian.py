@@ -1,0 +1,114 @@
+"""The Jacobian as the sum of the tissues' and the contact's part, and products with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx import common, cpp, fem, la
+
+from tactile_fem.mechanics.block_products import BlockProduct
+from tactile_fem.mechanics.near_skin import NearForm
+
+
+class Jacobian:
+    """The derivative of the residual, a matrix of PETSc's Python type.
+
+    The tissues' part derives from an energy and is symmetric, the contact's is not, but concerns
+    only the skin. Assembled and multiplied apart, the first may be kept while the second changes.
+
+    Parameters
+    ----------
+    tissues, contact
+        The parts as forms, the contact's over the skin that is near now.
+    bcs
+        Dirichlet conditions.
+    jit_options
+        Of the compiler.
+    """
+
+    def __init__(
+        self,
+        tissues: fem.Form,
+        contact: NearForm,
+        bcs: Sequence[fem.DirichletBC],
+        jit_options: Mapping[str, Any],
+    ) -> None:
+        self._tissues, self._contact, self._bcs = tissues, contact, bcs
+        self._bulk = fem.create_matrix(tissues, block_mode=la.BlockMode.compact)
+        self._skin = _matrix_with_diagonal(contact.over_all_skin(), bcs)
+        self._bulk_product = BlockProduct(self._bulk, jit_options, is_symmetric=True)
+        self._skin_product = BlockProduct(self._skin, jit_options)
+
+    def operator(self) -> PETSc.Mat:
+        """Return a matrix that multiplies and has no entries, see `fill`; it holds this object."""
+        rows, size = self._bulk.index_map(0), self._bulk.block_size[0]
+        layout = size * rows.size_local, size * rows.size_global
+        operator = PETSc.Mat().createPython((layout, layout), self, comm=rows.comm)
+        operator.setUp()
+        return operator
+
+    def assemble_tissues(self, form: fem.Form | None = None) -> None:
+        """Assemble the tissues' part at the present displacement, of another form if given."""
+        with common.Timer("tactile: tangent of the tissues"):
+            self._bulk.set_value(0.0)
+            fem.assemble_matrix(self._bulk, form or self._tissues, self._bcs)
+            self._bulk.scatter_reverse()
+            self._bulk_product.take()
+
+    def assemble_contact(self) -> None:
+        """Assemble the contact's part at the present displacement and place of the body."""
+        self._skin.set_value(0.0)
+        fem.assemble_matrix(self._skin, self._contact(), self._bcs, diag=0.0)
+        self._skin.scatter_reverse()
+        self._skin_product.take()
+
+    @contextmanager
+    def kept_tissues(self) -> Iterator[None]:
+        """Have the same tissues' part after the context as before."""
+        kept = self._bulk.data.copy()
+        try:
+            yield
+        finally:
+            self._bulk.data[:] = kept
+            self._bulk_product.take()
+
+    def fill(self, matrix: PETSc.Mat) -> None:
+        """Fill a matrix that was made for the tissues' form; all ranks call."""
+        matrix.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)
+        matrix.zeroEntries()
+        for part in (self._bulk, self._skin):
+            own, size = part.index_map(0).size_local, part.block_size[0]
+            starts = part.indptr[: own + 1].astype(np.int32)
+            columns = part.index_map(1).local_to_global(part.indices[: starts[-1]])
+            blocks = part.data.reshape(-1, size, size)[: starts[-1]].swapaxes(1, 2)
+            matrix.setValuesBlockedCSR(
+                starts, columns.astype(np.int32), blocks.ravel(), PETSc.InsertMode.ADD
+            )
+        matrix.assemble()
+
+    # --- what PETSc calls ------------------------------------------------------------------------
+
+    def mult(self, operator: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Set ``y`` to the product with ``x``."""
+        del operator
+        given, result = x.array_r, y.array_w
+        result[:] = 0.0
+        self._bulk_product.add(given, result)
+        self._skin_product.add(given, result)
+
+
+def _matrix_with_diagonal(form: fem.Form, bcs: Sequence[fem.DirichletBC]) -> la.MatrixCSR:
+    """Return a matrix for a form that leaves out rows which have Dirichlet conditions."""
+    pattern = fem.create_sparsity_pattern(form)
+    size = form.function_spaces[0].dofmap.index_map_bs
+    for bc in bcs:
+        dofs, own = bc.dof_indices()
+        pattern.insert_diagonal(np.unique(dofs[:own] // size).astype(np.int32))
+    pattern.finalize()
+    return la.matrix_csr(pattern, block_mode=la.BlockMode.compact)
+
