@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from sphere_on_block import sphere_on_block
 
-from petsc4py import PETSc  # isort: skip
-
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.study import Tissue
 
@@ -60,16 +58,3 @@ def test_what_is_restored_where_it_is_resumable_takes_the_same_iterations(at):
         scale = np.abs(made.u.x.array).max()
         np.testing.assert_allclose(other.u.x.array, made.u.x.array, rtol=0, atol=1e-12 * scale)
         assert other.is_resumable == made.is_resumable
-
-
-def test_products_of_blocks_are_those_of_blas_and_the_option_is_gone():
-    made = problem()
-    assert not PETSc.Options().hasName("mat_no_unroll")
-    step(made, PLACES[0])
-    A = made.snes.getJacobian()[0]
-    assert A.getType() == "seqbaij"
-    x, y = A.createVecs()
-    x.array = np.random.default_rng(0).normal(size=x.getSize())
-    A.mult(x, y)
-    exact = A.convert("dense", out=PETSc.Mat()).getDenseArray() @ x.array
-    np.testing.assert_allclose(y.array, exact, rtol=0, atol=1e-12 * np.abs(exact).max())

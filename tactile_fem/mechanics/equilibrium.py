@@ -31,7 +31,6 @@ from tactile_fem.mechanics.newton import (
 from tactile_fem.mechanics.petsc_options import (
     clear_options,
     options_of,
-    products_by_blas,
     set_options,
 )
 from tactile_fem.mechanics.state import State
@@ -57,12 +56,15 @@ class VirtualWork:
         Derivative of the tissues' part, as Newton's method keeps it for some iterations.
     exact_tangent
         The same at all of the residual's points.
+    is_symmetric
+        Whether they are.
     """
 
     tissues: ufl.Form
     contact: ufl.Form
     tangent: ufl.Form
     exact_tangent: ufl.Form
+    is_symmetric: bool
 
 
 class Equilibrium:
@@ -108,7 +110,9 @@ class Equilibrium:
         self._problem = self._nonlinear_problem("baij" if uses_multigrid else None)
         self._contact = NearForm(work.contact, near, self._jit)
         contact_tangent = NearForm(ufl.derivative(work.contact, state.u), near, self._jit)
-        self._jacobian = Jacobian(self._problem.J, contact_tangent, bcs, self._jit)
+        self._jacobian = Jacobian(
+            self._problem.J, contact_tangent, bcs, self._jit, is_symmetric=work.is_symmetric
+        )
         self._tangent = Tangent(self._jacobian, solver.tangent_iterations)
         self._age = -1  # of tangent and preconditioner, in steps
         self._two_level: multigrid.TwoLevel | None = None
@@ -131,17 +135,16 @@ class Equilibrium:
         prefix = set_options(self.options, u.function_space.mesh.comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
         self._clear_options.atexit = False  # PETSc may be gone by then
-        with products_by_blas():
-            problem = fem_petsc.NonlinearProblem(
-                self._work.tissues,
-                u,
-                J=self._work.tangent,
-                bcs=self._bcs,
-                petsc_options_prefix=prefix,
-                kind=matrix,
-                jit_options=self._jit,
-                entity_maps=self._near.obstacle.entity_maps,
-            )
+        problem = fem_petsc.NonlinearProblem(
+            self._work.tissues,
+            u,
+            J=self._work.tangent,
+            bcs=self._bcs,
+            petsc_options_prefix=prefix,
+            kind=matrix,
+            jit_options=self._jit,
+            entity_maps=self._near.obstacle.entity_maps,
+        )
         snes = problem.solver
         snes.setFromOptions()
         snes.setConvergenceHistory(reset=True)

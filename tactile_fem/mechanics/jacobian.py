@@ -9,7 +9,7 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx import common, cpp, fem, la
+from dolfinx import common, fem, la
 
 from tactile_fem.mechanics.block_products import BlockProduct
 from tactile_fem.mechanics.near_skin import NearForm
@@ -18,8 +18,9 @@ from tactile_fem.mechanics.near_skin import NearForm
 class Jacobian:
     """The derivative of the residual, a matrix of PETSc's Python type.
 
-    The tissues' part derives from an energy and is symmetric, the contact's is not, but concerns
-    only the skin. Assembled and multiplied apart, the first may be kept while the second changes.
+    Without relaxation the tissues' part derives from a potential and is symmetric. The contact's
+    part is not, but concerns only the skin. Assembled and multiplied apart, the first may be kept
+    while the second changes.
 
     Parameters
     ----------
@@ -29,6 +30,8 @@ class Jacobian:
         Dirichlet conditions.
     jit_options
         Of the compiler.
+    is_symmetric
+        Whether the tissues' part is.
     """
 
     def __init__(
@@ -37,11 +40,13 @@ class Jacobian:
         contact: NearForm,
         bcs: Sequence[fem.DirichletBC],
         jit_options: Mapping[str, Any],
+        *,
+        is_symmetric: bool,
     ) -> None:
         self._tissues, self._contact, self._bcs = tissues, contact, bcs
         self._bulk = fem.create_matrix(tissues, block_mode=la.BlockMode.compact)
         self._skin = _matrix_with_diagonal(contact.over_all_skin(), bcs)
-        self._bulk_product = BlockProduct(self._bulk, jit_options, is_symmetric=True)
+        self._bulk_product = BlockProduct(self._bulk, jit_options, is_symmetric=is_symmetric)
         self._skin_product = BlockProduct(self._skin, jit_options)
 
     def operator(self) -> PETSc.Mat:
@@ -79,8 +84,9 @@ class Jacobian:
 
     def fill(self, matrix: PETSc.Mat) -> None:
         """Fill a matrix that was made for the tissues' form; all ranks call."""
-        matrix.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)
         matrix.zeroEntries()
+        # PETSc reads blocks one after the other only if each is stored column by column.
+        matrix.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)
         for part in (self._bulk, self._skin):
             own, size = part.index_map(0).size_local, part.block_size[0]
             starts = part.indptr[: own + 1].astype(np.int32)
@@ -89,6 +95,7 @@ class Jacobian:
             matrix.setValuesBlockedCSR(
                 starts, columns.astype(np.int32), blocks.ravel(), PETSc.InsertMode.ADD
             )
+        matrix.setOption(PETSc.Mat.Option.ROW_ORIENTED, True)
         matrix.assemble()
 
     # --- what PETSc calls ------------------------------------------------------------------------
@@ -111,4 +118,3 @@ def _matrix_with_diagonal(form: fem.Form, bcs: Sequence[fem.DirichletBC]) -> la.
         pattern.insert_diagonal(np.unique(dofs[:own] // size).astype(np.int32))
     pattern.finalize()
     return la.matrix_csr(pattern, block_mode=la.BlockMode.compact)
-

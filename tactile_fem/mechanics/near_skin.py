@@ -62,7 +62,9 @@ class NearSkin:
                 fem.IntegralType.exterior_facet, topology, facets.find(tag)
             ).reshape(-1, 2)
             self.all[tag] = pairs.ravel()
-            self._rows[tag] = np.array([row[tuple(pair)] for pair in pairs.tolist()], dtype=np.int64)
+            self._rows[tag] = np.array(
+                [row[tuple(pair)] for pair in pairs.tolist()], dtype=np.int64
+            )
         self._reach = PointValues(obstacle, [(part.reach, part.ds) for part in skin], compile_)
         self._reach_mm: np.ndarray | None = None
         self._is_chosen = np.zeros(len(obstacle.entities), dtype=bool)
@@ -72,6 +74,7 @@ class NearSkin:
         """Choose anew at the next `update`: skin's stiffness or rounding may have changed."""
         self._reach_mm = None
         self._is_chosen[:] = False
+        self.obstacle.look_everywhere()
 
     def update(self) -> None:
         """Choose more facets if the body, at its present place, is near one that is not chosen."""
@@ -79,6 +82,7 @@ class NearSkin:
         begins = self._reach_mm is None
         if self._reach_mm is None:
             self._reach_mm = self._reach.read().reshape(gap_mm.shape)
+            self.obstacle.overlook(self._reach_mm.max(axis=1, initial=0.0))
         near = np.any(gap_mm < self._reach_mm, axis=1)
         if begins or np.any(near & ~self._is_chosen):
             self._is_chosen |= np.any(gap_mm < _AMPLE * self._reach_mm, axis=1)

@@ -25,6 +25,11 @@ from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.parallel import shared_errors
 from tactile_fem.stimulus.body import RigidBody
 
+# Distance within which all skin is looked at, whatever matters to the contact.
+_ALWAYS_MM = 0.05
+# How fast a body's distance may change: a true one by the way, that over a rough relief by more.
+_STEEPEST = 2.0
+
 
 class Obstacle:
     """The rigid body as the contact form sees it.
@@ -58,6 +63,7 @@ class Obstacle:
         self.u = u = state.u
         parent = u.function_space.mesh
         self._at: tuple[np.ndarray, ...] = ()  # displacement and place of the last expansion
+        self._reach_mm: np.ndarray | None = None
         self.translation, self.translation_old = state.translation, state.translation_old
         dim = parent.topology.dim
         submesh, entity_map = mesh.create_submesh(parent, dim - 1, facets)[:2]
@@ -66,10 +72,9 @@ class Obstacle:
         scheme = basix.quadrature.string_to_type("default")
         facet = getattr(basix.CellType, submesh.topology.cell_name())
         points, _ = basix.make_quadrature(facet, degree, rule=scheme)
-        position = expression(ufl.SpatialCoordinate(parent) + u, points)
-        displacement = expression(u, points)
         self._parent = parent
-        self._evaluate = position, displacement
+        self._position = expression(ufl.SpatialCoordinate(parent), points)
+        self._displacement = expression(u, points)
         self.entities = _cells_and_local_facets(parent, entity_map, submesh)
         self._points_per_facet = len(points)
 
@@ -99,16 +104,35 @@ class Obstacle:
     @cached_property
     def points_mm(self) -> np.ndarray:
         """Return the undeformed contact quadrature points of this rank, (n, dimension)."""
-        dim = self._parent.geometry.dim
-        if not len(self.entities):
-            return np.empty((0, dim))
-        deformed, displacement = (e.eval(self._parent, self.entities) for e in self._evaluate)
-        return (deformed - displacement).reshape(-1, dim)
+        return self._at_points(self._position).reshape(-1, self._parent.geometry.dim)
+
+    def _at_points(self, value: fem.Expression) -> np.ndarray:
+        """Return a vector at each point, (facets, points, dimension)."""
+        shape = len(self.entities), self._points_per_facet, self._parent.geometry.dim
+        if not shape[0]:
+            return np.empty(shape)
+        return value.eval(self._parent, self.entities).reshape(shape)
 
     @property
     def gap_mm(self) -> np.ndarray:
         """The signed distance as it was last expanded, (facets, points)."""
         return self._gap.x.array.reshape(len(self.entities), self._points_per_facet)
+
+    def look_everywhere(self) -> None:
+        """Expand the distance of all facets at the next `refresh`."""
+        self._reach_mm, self._at = None, ()
+
+    def overlook(self, reach_mm: np.ndarray) -> None:
+        """Leave facets as they are until they may have come within reach, or the body has moved.
+
+        Parameters
+        ----------
+        reach_mm
+            Gap below which it matters, (facets,).
+        """
+        self._reach_mm = np.maximum(reach_mm, _ALWAYS_MM)
+        self._least_gap_mm = self.gap_mm.min(axis=1)
+        self._seen_from = self._at_points(self._displacement)
 
     def refresh(self) -> None:
         """Expand the signed distance anew at the current displacement; all ranks must call."""
@@ -121,15 +145,31 @@ class Obstacle:
         now = self.u.x.array, self.translation.value
         if self._at and all(map(np.array_equal, now, self._at)):
             return  # the Jacobian follows a residual at the same place
-        position, displacement = self._evaluate
-        y = position.eval(self._parent, self.entities).reshape(-1, len(self.translation.value))
-        d = self.body.distance(y - self.translation.value)
-        self._gap.x.array[: len(d.gap)] = d.gap
-        self._normal.x.array[: d.normal.size] = d.normal.ravel()
-        self.hessian.x.array[: d.hessian.size] = d.hessian.ravel()
-        u0 = displacement.eval(self._parent, self.entities)
-        self._base.x.array[: u0.size] = u0.ravel()
+        if self._at and not np.array_equal(now[1], self._at[1]):
+            self._reach_mm = None
+        u = self._at_points(self._displacement)
+        near = self._may_be_near(u)
+        y = self.points_mm.reshape(u.shape)[near] + u[near] - self.translation.value
+        if len(y):
+            d = self.body.distance(y.reshape(-1, y.shape[-1]))
+            _set(self._gap, near, d.gap)
+            _set(self._normal, near, d.normal)
+            _set(self.hessian, near, d.hessian)
+            _set(self._base, near, u[near])
         self._at = tuple(values.copy() for values in now)
+
+    def _may_be_near(self, u: np.ndarray) -> np.ndarray:
+        """Return which facets the body may be near, all if that is not known; (facets,)."""
+        if self._reach_mm is None:
+            return np.ones(len(u), dtype=bool)
+        moved = u - self._seen_from
+        moved_mm = np.sqrt(np.einsum("fpi,fpi->fp", moved, moved).max(axis=1))
+        return self._least_gap_mm - _STEEPEST * moved_mm < self._reach_mm
+
+
+def _set(function: fem.Function, facets: np.ndarray, values: np.ndarray) -> None:
+    """Set a quadrature function on some facets."""
+    function.x.array.reshape(len(facets), -1)[facets] = values.reshape(facets.sum(), -1)
 
 
 def _cells_and_local_facets(

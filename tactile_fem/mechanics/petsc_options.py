@@ -6,8 +6,7 @@ a process in one table, so each problem has its own copy there, under its own pr
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -111,20 +110,3 @@ def clear_options(prefix: str) -> None:
     database = PETSc.Options(prefix)
     for name in database.getAll():
         del database[name]
-
-
-@contextmanager
-def products_by_blas() -> Iterator[None]:
-    """Let blocked matrices that are made within the context multiply by BLAS.
-
-    PETSc's own loop over 3 x 3 blocks takes two to three times as long, see demos/benchmarks.
-    """
-    database, name = PETSc.Options(), "mat_no_unroll"
-    users = database.hasName(name)
-    if not users:
-        database[name] = True
-    try:
-        yield
-    finally:
-        if not users:
-            del database[name]

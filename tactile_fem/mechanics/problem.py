@@ -155,7 +155,9 @@ class FingerProblem:
             tangent = self.elasticity.tangent(v)
             if self.inertia:
                 tangent += ufl.derivative(self.inertia.residual(v), state.u)
-        return VirtualWork(tissues, contact, tangent, exact_tangent)
+        # Over a step that lets them relax, stress does not derive from a potential.
+        is_symmetric = self.elasticity.relaxation is None
+        return VirtualWork(tissues, contact, tangent, exact_tangent, is_symmetric)
 
     @classmethod
     def of(cls, study: Study, domain: Domain) -> FingerProblem:

@@ -1,4 +1,4 @@
-"""How long Newton's method keeps the tissues' part of the Jacobian; the contact's part it does not."""
+"""How long Newton's method keeps the tissues' part of the Jacobian; the contact's it does not."""
 
 from __future__ import annotations
 
