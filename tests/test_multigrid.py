@@ -128,7 +128,7 @@ def test_a_line_is_inverted_whole():
     problem, _ = pressed()
     matrix = problem.snes.getJacobian()[1]
     smoother = problem.snes.getKSP().getPC().getMGSmoother(1).getPC()
-    problem.equilibrium._jacobian.fill(matrix)
+    problem.equilibrium._jacobian.fill()
     smoother.getPythonContext().invert(matrix)
     dense = matrix.convert("dense", out=type(matrix)()).getDenseArray()
     x, y = matrix.createVecs()

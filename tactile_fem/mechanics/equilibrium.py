@@ -111,7 +111,12 @@ class Equilibrium:
         self._contact = NearForm(work.contact, near, self._jit)
         contact_tangent = NearForm(ufl.derivative(work.contact, state.u), near, self._jit)
         self._jacobian = Jacobian(
-            self._problem.J, contact_tangent, bcs, self._jit, is_symmetric=work.is_symmetric
+            self._problem.J,
+            contact_tangent,
+            bcs,
+            self._problem.A,
+            self._jit,
+            is_symmetric=work.is_symmetric,
         )
         self._tangent = Tangent(self._jacobian, solver.tangent_iterations)
         self._age = -1  # of tangent and preconditioner, in steps
@@ -316,6 +321,6 @@ class Equilibrium:
     def _fill(self) -> None:
         """Fill the matrix from which preconditioners are made, and set up multigrid with it."""
         with common.Timer("tactile: jacobian"):
-            self._jacobian.fill(self._problem.A)
+            self._jacobian.fill()
         if self._two_level:
             self._two_level.set_up(self._operator, self._problem.A)

@@ -28,10 +28,17 @@ class Jacobian:
         The parts as forms, the contact's over the skin that is near now.
     bcs
         Dirichlet conditions.
+    matrix
+        PETSc's matrix for the tissues' form.
     jit_options
         Of the compiler.
     is_symmetric
         Whether the tissues' part is.
+
+    Attributes
+    ----------
+    matrix
+        As given; `fill` gives it the present entries.
     """
 
     def __init__(
@@ -39,11 +46,13 @@ class Jacobian:
         tissues: fem.Form,
         contact: NearForm,
         bcs: Sequence[fem.DirichletBC],
+        matrix: PETSc.Mat,
         jit_options: Mapping[str, Any],
         *,
         is_symmetric: bool,
     ) -> None:
         self._tissues, self._contact, self._bcs = tissues, contact, bcs
+        self.matrix = matrix
         self._bulk = fem.create_matrix(tissues, block_mode=la.BlockMode.compact)
         self._skin = _matrix_with_diagonal(contact.over_all_skin(), bcs)
         self._bulk_product = BlockProduct(self._bulk, jit_options, is_symmetric=is_symmetric)
@@ -82,8 +91,9 @@ class Jacobian:
             self._bulk.data[:] = kept
             self._bulk_product.take()
 
-    def fill(self, matrix: PETSc.Mat) -> None:
-        """Fill a matrix that was made for the tissues' form; all ranks call."""
+    def fill(self) -> None:
+        """Give `matrix` the present entries; all ranks call."""
+        matrix = self.matrix
         matrix.zeroEntries()
         # PETSc reads blocks one after the other only if each is stored column by column.
         matrix.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)
@@ -107,6 +117,12 @@ class Jacobian:
         result[:] = 0.0
         self._bulk_product.add(given, result)
         self._skin_product.add(given, result)
+
+    def multTranspose(self, operator: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Set ``y`` to the transpose's product with ``x``, of which only trust regions need one."""
+        del operator
+        self.fill()
+        self.matrix.multTranspose(x, y)
 
 
 def _matrix_with_diagonal(form: fem.Form, bcs: Sequence[fem.DirichletBC]) -> la.MatrixCSR:
