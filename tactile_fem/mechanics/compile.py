@@ -112,7 +112,7 @@ def c_functions(
     key = hashlib.sha256(repr((code, declarations, flags, cffi.__version__)).encode()).hexdigest()
     name, folder = f"tactile_{source.stem}_{key[:16]}", jit_options["cache_dir"]
     library = folder / f"{name}{EXTENSION_SUFFIXES[0]}"
-    if not library.exists():
+    if not library.exists() or not library.stat().st_size:  # empty after a power cut
         builder = cffi.FFI()
         builder.cdef(declarations)
         builder.set_source(name, code, extra_compile_args=flags)
