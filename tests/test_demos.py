@@ -666,6 +666,15 @@ def test_revisions_in_turns(tmp_path):
 
 
 @pytest.mark.slow
+def test_products():
+    output = run("benchmarks/products.py", "--times", "1")
+    errors = {line[:34].strip(): float(line.split()[-1]) for line in output.splitlines()}
+    assert len(errors) == 7
+    for name, error in errors.items():
+        assert error < (1e-5 if "float32" in name else 1e-14), name
+
+
+@pytest.mark.slow
 def test_kept_tangent():
     output = run(
         "benchmarks/tangent.py", "--iterations", "1", "5", "--depth", "0.15", "--distance", "0.02"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from sphere_on_block import sphere_on_block
@@ -67,6 +69,45 @@ def test_skin_is_chosen_as_the_body_comes():
     made.equilibrium._near.begin_solve()
     look(made, AT_EDGE)
     assert facets(made) == first
+
+
+def displaced(made: FingerProblem, size_mm: float) -> None:
+    """Displace each node by up to so much, the same on any number of ranks."""
+    made.u.interpolate(lambda x: size_mm * np.sin([9 * x[1] + x[0], 7 * x[0], 5 * x[0] - 8 * x[1]]))
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize("size_mm", [0.01, 0.1, 1.0])
+def test_skin_that_may_have_come_near_is_looked_at_again(size_mm, monkeypatch):
+    made, fresh = problem(), problem()
+    look(made, IN_MIDDLE)
+    seen = []
+    body = made.obstacle.body
+    spy = SimpleNamespace(distance=lambda y: seen.append(len(y)) or body.distance(y))
+    monkeypatch.setattr(made.obstacle, "body", spy)
+    for one in (made, fresh):
+        displaced(one, size_mm)
+        look(one, IN_MIDDLE)
+    sum_of = made.domain.comm.allreduce
+    looked_at, every = sum_of(sum(seen)), sum_of(len(made.obstacle.points_mm))
+    assert (0 < looked_at < every) or size_mm == 1.0
+    gaps = [one.obstacle.gap_mm.min(axis=1, initial=np.inf) for one in (made, fresh)]
+    near = np.minimum(*gaps) < 0.04
+    assert sum_of(int(near.sum()))
+    np.testing.assert_array_equal(gaps[0][near], gaps[1][near])
+    # The next solve looks everywhere.
+    made.equilibrium._near.begin_solve()
+    look(made, IN_MIDDLE)
+    np.testing.assert_array_equal(made.obstacle.gap_mm, fresh.obstacle.gap_mm)
+
+
+@pytest.mark.ranks
+def test_a_body_that_moved_is_looked_at_from_everywhere():
+    made, fresh = problem(), problem()
+    look(made, AT_EDGE)
+    for one in (made, fresh):
+        look(one, IN_MIDDLE)
+    np.testing.assert_array_equal(made.obstacle.gap_mm, fresh.obstacle.gap_mm)
 
 
 def test_wider_contact_reaches_farther():
