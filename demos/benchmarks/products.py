@@ -42,7 +42,8 @@ FLAGS = Solver().compiler_flags
 def tangent(preset: str, comm: MPI.Comm) -> fem.Form:
     """Return the tissues' tangent."""
     finger = on_root(comm, lambda: load_finger(Finger(preset=preset)), share=False)
-    domain, solver = create_domain(finger, comm, Solver().held), Solver()
+    solver = Solver()
+    domain = create_domain(finger, comm, solver.held)
     V = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
     u, u_old = fem.Function(V), fem.Function(V)
     tissues = Elasticity(domain, Tissue(), u, u_old, solver.bulk_degree, solver.locking_ratio)
@@ -70,14 +71,19 @@ def petsc(form: fem.Form, kind: str, *, blas: bool = False) -> PETSc.Mat:
     return matrix
 
 
-def csr(form: fem.Form, dtype: type) -> la.MatrixCSR:
+def csr(form: fem.Form) -> la.MatrixCSR:
     """Return the tangent as DOLFINx's own matrix."""
-    exact = fem.create_matrix(form, block_mode=la.BlockMode.compact)
-    fem.assemble_matrix(exact, form)
-    exact.scatter_reverse()
+    matrix = fem.create_matrix(form, block_mode=la.BlockMode.compact)
+    fem.assemble_matrix(matrix, form)
+    matrix.scatter_reverse()
+    return matrix
+
+
+def in_single_precision(exact: la.MatrixCSR, form: fem.Form) -> la.MatrixCSR:
+    """Return a copy of the form's matrix."""
     pattern = fem.create_sparsity_pattern(form)
     pattern.finalize()
-    matrix = la.matrix_csr(pattern, block_mode=la.BlockMode.compact, dtype=dtype)
+    matrix = la.matrix_csr(pattern, block_mode=la.BlockMode.compact, dtype=np.float32)
     matrix.data[:] = exact.data
     return matrix
 
@@ -123,14 +129,15 @@ def main(*, preset: str = "coarse", times: int = 50) -> None:
         size = matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] * 8e-6
         tell(f"PETSc's {name}", size, lambda: matrix.mult(x, y), y.array_w)
         matrix.destroy()
-    for dtype in (np.float64, np.float32):
-        own_format = csr(form, dtype)
-        given, result = (la.vector(own_format.index_map(k), 3, dtype=dtype) for k in (1, 0))
+    exact = csr(form)
+    for matrix in (exact, in_single_precision(exact, form)):
+        dtype = matrix.data.dtype
+        given, result = (la.vector(matrix.index_map(k), 3, dtype=dtype) for k in (1, 0))
         given.array[:own] = x.array
-        size = comm.allreduce(own_format.data.nbytes) * 1e-6
-        name = f"DOLFINx's MatrixCSR, {np.dtype(dtype).name}"
-        tell(name, size, lambda: own_format.mult(given, result), result.array)
-    exact, result = csr(form, np.float64), np.zeros(own)
+        size = comm.allreduce(matrix.data.nbytes) * 1e-6
+        name = f"DOLFINx's MatrixCSR, {dtype.name}"
+        tell(name, size, lambda: matrix.mult(given, result), result.array)
+    result = np.zeros(own)
     for name, is_symmetric in (
         ("ours, all blocks", False),
         ("ours, blocks up to the diagonal", True),

@@ -106,11 +106,12 @@ def c_functions(
     The functions as attributes, and what makes a pointer of a C type such as ``"double[]"`` to an
     array's values.
     """
-    flags = [*jit_options.get("cffi_extra_compile_args", ["-O2"])]
-    flags += [f"-D{name}={value}" for name, value in definitions.items()]
+    options = jit.get_options(dict(jit_options))
+    flags = [f"-D{name}={value}" for name, value in definitions.items()]
+    flags = [*options["cffi_extra_compile_args"], *flags]
     code = source.read_text(encoding="ascii")
     key = hashlib.sha256(repr((code, declarations, flags, cffi.__version__)).encode()).hexdigest()
-    name, folder = f"tactile_{source.stem}_{key[:16]}", jit_options["cache_dir"]
+    name, folder = f"tactile_{source.stem}_{key[:16]}", options["cache_dir"]
     library = folder / f"{name}{EXTENSION_SUFFIXES[0]}"
     if not library.exists() or not library.stat().st_size:  # empty after a power cut
         builder = cffi.FFI()

@@ -28,11 +28,7 @@ from tactile_fem.mechanics.newton import (
     struggles,
     weakly,
 )
-from tactile_fem.mechanics.petsc_options import (
-    clear_options,
-    options_of,
-    set_options,
-)
+from tactile_fem.mechanics.petsc_options import clear_options, options_of, set_options
 from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.tangent import Tangent
 from tactile_fem.study import Solver

@@ -63,7 +63,7 @@ class Obstacle:
         self.u = u = state.u
         parent = u.function_space.mesh
         self._at: tuple[np.ndarray, ...] = ()  # displacement and place of the last expansion
-        self._reach_mm: np.ndarray | None = None
+        self._spare_mm: np.ndarray | None = None  # of a facet's gap, beyond what matters
         self.translation, self.translation_old = state.translation, state.translation_old
         dim = parent.topology.dim
         submesh, entity_map = mesh.create_submesh(parent, dim - 1, facets)[:2]
@@ -120,7 +120,7 @@ class Obstacle:
 
     def look_everywhere(self) -> None:
         """Expand the distance of all facets at the next `refresh`."""
-        self._reach_mm, self._at = None, ()
+        self._spare_mm, self._at = None, ()
 
     def overlook(self, reach_mm: np.ndarray) -> None:
         """Leave facets as they are until they may have come within reach, or the body has moved.
@@ -130,9 +130,8 @@ class Obstacle:
         reach_mm
             Gap below which it matters, (facets,).
         """
-        self._reach_mm = np.maximum(reach_mm, _ALWAYS_MM)
-        self._least_gap_mm = self.gap_mm.min(axis=1)
-        self._seen_from = self._at_points(self._displacement)
+        self._spare_mm = self.gap_mm.min(axis=1) - np.maximum(reach_mm, _ALWAYS_MM)
+        self._seen_from = self._base.x.array.copy()
 
     def refresh(self) -> None:
         """Expand the signed distance anew at the current displacement; all ranks must call."""
@@ -146,7 +145,7 @@ class Obstacle:
         if self._at and all(map(np.array_equal, now, self._at)):
             return  # the Jacobian follows a residual at the same place
         if self._at and not np.array_equal(now[1], self._at[1]):
-            self._reach_mm = None
+            self._spare_mm = None
         u = self._at_points(self._displacement)
         near = self._may_be_near(u)
         y = self.points_mm.reshape(u.shape)[near] + u[near] - self.translation.value
@@ -160,11 +159,11 @@ class Obstacle:
 
     def _may_be_near(self, u: np.ndarray) -> np.ndarray:
         """Return which facets the body may be near, all if that is not known; (facets,)."""
-        if self._reach_mm is None:
+        if self._spare_mm is None:
             return np.ones(len(u), dtype=bool)
-        moved = u - self._seen_from
+        moved = u - self._seen_from.reshape(u.shape)
         moved_mm = np.sqrt(np.einsum("fpi,fpi->fp", moved, moved).max(axis=1))
-        return self._least_gap_mm - _STEEPEST * moved_mm < self._reach_mm
+        return self._spare_mm < _STEEPEST * moved_mm
 
 
 def _set(function: fem.Function, facets: np.ndarray, values: np.ndarray) -> None:
