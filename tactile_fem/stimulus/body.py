@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 Array = NDArray[np.float64]
-_ABOVE_MM = 0.5
+# By how much a distance may exceed the way to the surface, where it does so at all; see `Relief`.
+EXCESS_MM = 0.06
+# Within this way a distance is relied on; farther away it need only be no less.
+RELIED_ON_MM = 0.5
+# Where the norm of a vector is taken as zero, mm.
+_ZERO_MM = 1e-12
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,12 @@ class Distance:
 
 
 class RigidBody(Protocol):
-    """A body that the finger can touch."""
+    """A body that the finger can touch.
+
+    Its distance is 1-Lipschitz: between two points it changes by no more than the way between
+    them. The contact search relies on this within `RELIED_ON_MM` of the surface: skin that moves by
+    less than its distance is not evaluated again. The gradient vanishes nowhere outside.
+    """
 
     def distance(self, points: Array) -> Distance:
         """Return the signed distance at `points` (n, 3) in the body's frame."""
@@ -54,9 +64,13 @@ class QuickOutline(Outline, Protocol):
 
 
 def norm_of(components: Array) -> tuple[Array, Array, Array]:
-    """Return value, gradient and Hessian of the Euclidean norm of `components` (n, k)."""
-    r = np.maximum(np.linalg.norm(components, axis=1), 1e-12)
+    """Return value, gradient and Hessian of the Euclidean norm of `components` (n, k).
+
+    At the origin, where the gradient has no direction, it points along the last axis.
+    """
+    r = np.maximum(np.linalg.norm(components, axis=1), _ZERO_MM)
     n = components / r[:, None]
+    n[r == _ZERO_MM] = np.eye(components.shape[1])[-1]
     identity = np.eye(components.shape[1])
     return r, n, (identity - n[:, :, None] * n[:, None, :]) / r[:, None, None]
 
@@ -150,18 +164,14 @@ class Embossed:
     blend: float = 0.2
 
     def distance(self, points: Array) -> Distance:
-        """Return the signed distance at `points` (n, 3).
-
-        Points more than `_ABOVE_MM` above the relief cannot touch it: they get the plate's.
-        """
+        """Return the signed distance at `points` (n, 3)."""
         whole = HalfSpace(self.relief).distance(points)
-        low = np.flatnonzero(points[:, 2] < _ABOVE_MM)
-        raised, is_top = self._raised(points[low])
-        over_plate = raised - whole.gap[low]
+        raised, is_top = self._raised(points)
+        over_plate = raised - whole.gap
         is_top &= over_plate <= -self.blend
-        whole.gap[low[is_top]] = raised[is_top]
+        whole.gap[is_top] = raised[is_top]
         # The outline's derivatives take most of the time; top and plate are flat.
-        sides = low[(over_plate < self.blend) & ~is_top]
+        sides = np.flatnonzero((over_plate < self.blend) & ~is_top)
         plate = Distance(whole.gap[sides], whole.normal[sides], whole.hessian[sides])
         united = smooth_minimum(self._extrusion(points[sides]), plate, self.blend)
         whole.gap[sides], whole.normal[sides] = united.gap, united.normal

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
-from tactile_fem.stimulus.body import Array, Distance
+from tactile_fem.stimulus.body import RELIED_ON_MM, Array, Distance
 from tactile_fem.stimulus.spline import GridSpline
 
 # Farther from the surface the distance itself does not matter.
-NEAR_MM = 0.5
+NEAR_MM = RELIED_ON_MM
 # Points at each end of the grid that serve the spline only: it is mirrored beyond them.
 RIM = 4
 
@@ -43,18 +44,18 @@ class Gridded:
     def distance(self, points: Array) -> Distance:
         """Return the signed distance at `points` (n, 3).
 
-        It is rough, and the gradient points up, more than 0.5 mm above the surface. Beyond the
-        grid it goes on in a straight line.
+        More than 0.5 mm above the surface it is linear between the grid's values, and the gradient
+        points up. Beyond the grid it stays the same there; nearer it goes on in straight lines.
         """
         origin, step = self.spline.origin, self.spline.spacing
         first, last = np.full(3, RIM), np.array(self.values.shape) - 1 - RIM
-        index = np.clip(np.round((points - origin) / step).astype(np.int64), first, last)
-        gap = self.values[tuple(index.T)]
+        inside = np.clip(points, origin + step * first, origin + step * last)
+        beyond = points - inside
+        gap = ndimage.map_coordinates(self.values, ((inside - origin) / step).T, order=1)
         normal, hessian = np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros((len(points), 3, 3))
-        near = np.flatnonzero(gap < NEAR_MM + step[0])  # a point of the grid is as far at most
-        inside = np.clip(points[near], origin + step * first, origin + step * last)
-        value, slope, bend = self.spline.derivatives(inside, 2)
-        beyond = points[near] - inside
+        near = np.flatnonzero(gap < NEAR_MM)
+        value, slope, bend = self.spline.derivatives(inside[near], 2)
+        beyond = beyond[near]
         for axis in range(3):
             bend[beyond[:, axis] != 0, axis] = 0.0
             bend[beyond[:, axis] != 0, :, axis] = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -19,11 +20,14 @@ from tactile_fem.stimulus.body import Array, Distance
 from tactile_fem.study import Text
 
 _GRID_MM = 0.05
-# Beyond this distance from the outline only the plate can be touched.
-_REACH_MM = 1.6
-_FAR_MM = 1.2
+# The distance from an outline is not told beyond its relief and this, where the plate is nearer.
+_BEYOND_RELIEF_MM = 0.6
+# How much farther the grid of a letter's distance reaches.
+_MARGIN_MM = 0.4
 # At this font size the chords of curves are shorter than the grid, so that curvature is smooth.
 _TYPE_SIZE = 20000
+# In the search for the largest radius that fits.
+_BISECTIONS = 10
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,8 @@ class Letter:
 class Letters:
     """Letters that read along +Y with their tops towards -X, not mirrored as seen from above.
 
-    The body frame's origin is the point of the text over the contact point at displacement 0.
+    The body frame's origin is the point of the text over the contact point at displacement 0: half
+    way up a G, or up the glyph of a text that has no other.
     """
 
     def __init__(self, text: Text) -> None:
@@ -47,20 +52,25 @@ class Letters:
         glyphs = {c: _glyph(c, font, text.font) for c in characters}
         if not glyphs:
             raise StudyError('stimulus.text holds no letter; for a flat plate set kind = "plate"')
-        reference = _glyph("G", font, text.font)
-        left, bottom, right, top = reference.bounds
-        scale, middle = text.g_width_mm / (right - left), (bottom + top) / 2
+        left, bottom, right, top = _glyph("G", font, text.font).bounds
+        scale = text.g_width_mm / (right - left)
+        if len(glyphs) == 1:
+            _, bottom, _, top = next(iter(glyphs.values())).bounds
+        middle = (bottom + top) / 2
         start = text.start_mm
         if start is None:
             start = text.pitch_mm / 2 if len(text.text) > 1 else -text.pitch_mm / 2
-        shapes = {}
+        placed = {}
         for character, glyph in glyphs.items():
             centre = (glyph.bounds[0] + glyph.bounds[2]) / 2
             # Text direction (u, up) to the finger's (x, y) = (-up, u).
-            placed = affinity.affine_transform(
+            placed[character] = affinity.affine_transform(
                 glyph, [0, -scale, scale, 0, scale * middle, -scale * centre]
             )
-            shapes[character] = _letter(character, placed, text.corner_radius_mm, text.font)
+        _check_radii(placed, text)
+        self._far_mm = text.relief_mm + _BEYOND_RELIEF_MM
+        radius, reach = text.corner_radius_mm, self._far_mm + _MARGIN_MM
+        shapes = {c: _letter(shape, radius, reach) for c, shape in placed.items()}
         self._letters = [
             (text.pitch_mm * i - start, shapes[c])
             for i, c in enumerate(text.text)
@@ -91,7 +101,7 @@ class Letters:
 
     def _nearest(self, xy: Array) -> tuple[Array, NDArray[np.intp]]:
         """Return the signed distance (n,) and the index of the nearest letter, -1 far from all."""
-        gap, nearest = np.full(len(xy), _FAR_MM), np.full(len(xy), -1)
+        gap, nearest = np.full(len(xy), self._far_mm), np.full(len(xy), -1)
         for k, (y, letter) in enumerate(self._letters):
             here, low, high = xy - [0.0, y], letter.bounds[:2], letter.bounds[2:]
             near = np.flatnonzero(np.all((here > low) & (here < high), axis=1))
@@ -143,22 +153,49 @@ def _topology(shape: shapely.Geometry) -> tuple[int, int]:
     return len(parts), sum(len(part.interiors) for part in parts)
 
 
+def _check_radii(shapes: Mapping[str, shapely.Geometry], text: Text) -> None:
+    """Raise StudyError if strokes or gaps are too thin for the radii; tell what would fit."""
+    radius = text.corner_radius_mm
+    thin = [c for c, shape in shapes.items() if _rounded(shape, radius) is None]
+    if thin:
+        fits = min(_largest_radius(shapes[c], radius) for c in thin)
+        also = " and fillet_radius_mm" if text.fillet_radius_mm > fits else ""
+        raise StudyError(
+            f'stimulus.corner_radius_mm = {radius:g}: strokes or gaps of "{"".join(thin)}" in '
+            f'"{text.font}" are too thin for it, which must be less than half of each: '
+            f"corner_radius_mm{also} must not exceed {fits:g}"
+        )
+
+
+def _largest_radius(shape: shapely.Geometry, above: float) -> float:
+    """Return the largest radius that fits a shape, rounded down, by bisection below `above` mm."""
+    fits = 0.0
+    for _ in range(_BISECTIONS):
+        middle = (fits + above) / 2
+        fits, above = (fits, middle) if _rounded(shape, middle) is None else (middle, above)
+    return float(f"{0.99 * fits:.2g}")
+
+
 @lru_cache(maxsize=64)
-def _letter(character: str, shape: shapely.Geometry, radius: float, font: str) -> Letter:
-    """Round the outline's corners and spline its signed distance."""
+def _rounded(shape: shapely.Geometry, radius: float) -> shapely.Geometry | None:
+    """Return a shape with rounded corners, None if the radius takes away more than corners."""
     # Morphological opening rounds convex corners, closing rounds concave ones.
     opened = shape.buffer(-radius, quad_segs=32).buffer(radius, quad_segs=32)
     rounded = opened.buffer(radius, quad_segs=32).buffer(-radius, quad_segs=32)
     # If a stroke vanishes, a part, a hole or the end of an arm is lost. An acute corner loses less
     # than four radii.
+    if rounded.is_empty or _topology(rounded) != _topology(shape):
+        return None
     lost = shapely.distance(rounded, shapely.points(shapely.get_coordinates(shape))).max()
-    if rounded.is_empty or lost > 4 * radius or _topology(rounded) != _topology(shape):
-        raise StudyError(
-            f'stimulus.corner_radius_mm = {radius:g}: strokes or gaps of "{character}" in "{font}" '
-            "are too thin for it; it must be less than half of each"
-        )
-    low = np.array(rounded.bounds[:2]) - _REACH_MM
-    high = np.array(rounded.bounds[2:]) + _REACH_MM
+    return None if lost > 4 * radius else rounded
+
+
+@lru_cache(maxsize=64)
+def _letter(shape: shapely.Geometry, radius: float, reach: float) -> Letter:
+    """Round a shape's corners and spline its signed distance on a grid that goes on by `reach`."""
+    rounded = _rounded(shape, radius)
+    low = np.array(rounded.bounds[:2]) - reach
+    high = np.array(rounded.bounds[2:]) + reach
     x, y = (np.arange(a, b + _GRID_MM, _GRID_MM) for a, b in zip(low, high, strict=True))
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
     points = shapely.points(grid)

@@ -71,8 +71,9 @@ def make_body(stimulus: AnyStimulus) -> RigidBody:
         case Surface():
             body = Turned(make_relief(stimulus), math.radians(stimulus.turn_deg))
         case _:
+            outline = _outline(stimulus)
             _check_fillet(stimulus)
-            body = Embossed(_outline(stimulus), stimulus.relief_mm, stimulus.fillet_radius_mm)
+            body = Embossed(outline, stimulus.relief_mm, stimulus.fillet_radius_mm)
     return Moved(body, stimulus.shift_mm)
 
 
@@ -100,8 +101,8 @@ def _check_fillet(stimulus: Text | Grating | Dots) -> None:
             limits["radius_mm"] = stimulus.radius_mm
         case _:
             limits["corner_radius_mm"] = stimulus.corner_radius_mm
-    for name, limit in limits.items():
-        _at_most("fillet_radius_mm", stimulus.fillet_radius_mm, name, limit)
+    name = min(limits, key=limits.__getitem__)
+    _at_most("fillet_radius_mm", stimulus.fillet_radius_mm, name, limits[name])
 
 
 def _check_dots(stimulus: Braille) -> None:

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import ndimage
 
-from tactile_fem.stimulus.body import Array, Distance, HalfSpace
+from tactile_fem.stimulus.body import EXCESS_MM, Array, Distance
 from tactile_fem.stimulus.spline import GridSpline
 from tactile_fem.stimulus.topography import Topography, read_topography
 from tactile_fem.study import Surface
 
 logger = logging.getLogger(__name__)
 
-# Points this far above all heights cannot touch them.
-_ABOVE_MM = 0.5
 # Standard deviation of a Gaussian that halves a wave, to its length (ISO 16610-61).
 _GAUSSIAN = np.sqrt(np.log(2) / 2) / np.pi
 _BEYOND = {"mirrored": "mirror", "periodic": "grid-wrap"}
@@ -41,13 +39,12 @@ class Relief:
         """Return the distance to first order in what is left of it, at `points` (n, 3).
 
         ``(z - h)/sqrt(1 + |grad h|^2)``: on the surface the value, its gradient and the surface's
-        curvature are exact. The derivatives are exact everywhere. Points more than `_ABOVE_MM`
-        above all heights get their height.
+        curvature are exact, and the derivatives are exact everywhere. Off a rough surface this is
+        far from the way to it. It is therefore kept between lower bounds of that way, ``z - h``
+        divided by its Lipschitz constant and the height over all heights, and `EXCESS_MM` more.
         """
-        whole = HalfSpace().distance(points)
-        low = np.flatnonzero(points[:, 2] < _ABOVE_MM)
-        h, g, H, T = self.heights.derivatives(points[low, :2], 3)
-        v = points[low, 2] - h
+        h, g, H, T = self.heights.derivatives(points[:, :2], 3)
+        v = points[:, 2] - h
         # w is the cosine of the slope, a half of the gradient of |grad h|^2.
         w = 1 / np.sqrt(1 + np.sum(g**2, axis=1))
         a = np.einsum("nij,nj->ni", H, g)
@@ -56,15 +53,33 @@ class Relief:
         dw = -w3[:, 0] * a
         ddw = 3 * w5 * a[:, :, None] * a[:, None, :] - w3 * bend
         both = g[:, :, None] * dw[:, None, :]
-        hessian = np.zeros((len(low), 3, 3))
+        hessian = np.zeros((len(points), 3, 3))
         hessian[:, :2, :2] = (
             -w[:, None, None] * H - both - both.transpose(0, 2, 1) + v[:, None, None] * ddw
         )
         hessian[:, :2, 2] = hessian[:, 2, :2] = dw
-        whole.gap[low] = v * w
-        whole.normal[low] = np.column_stack([v[:, None] * dw - w[:, None] * g, w])
-        whole.hessian[low] = hessian
-        return whole
+        gap = v * w
+        normal = np.column_stack([v[:, None] * dw - w[:, None] * g, w])
+        # Where a bound takes the place of the distance, so do its derivatives.
+        c = self._least_cosine
+        bounds = np.array([c * v, points[:, 2] - EXCESS_MM])
+        least = bounds.max(axis=0)
+        limited = np.clip(gap, least, least + EXCESS_MM)
+        steep, flat = (limited != gap) & (bounds == least)
+        normal[steep] = c * np.column_stack([-g, np.ones(len(g))])[steep]
+        hessian[steep] = 0.0
+        hessian[steep, :2, :2] = -c * H[steep]
+        normal[flat], hessian[flat] = [0.0, 0.0, 1.0], 0.0
+        return Distance(limited, normal, hessian)
+
+    @cached_property
+    def _least_cosine(self) -> float:
+        """Cosine of a slope that no point exceeds: slopes are means of the coefficients' steps."""
+        spline = self.heights
+        ends = "wrap" if spline.beyond == "grid-wrap" else "reflect"
+        padded = np.pad(spline.coefficients, 1, mode=ends)
+        slopes = [np.abs(np.diff(padded, axis=k)).max() / spline.spacing[k] for k in (0, 1)]
+        return float(1 / np.sqrt(1 + np.dot(slopes, slopes)))
 
 
 @lru_cache(maxsize=4)

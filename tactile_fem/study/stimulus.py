@@ -34,6 +34,10 @@ class Stimulus(Section):
     )
 
 
+# The finger is some 13 mm thick.
+Relief = Annotated[Positive, Field(le=20)]
+
+
 class Text(Stimulus):
     """Embossed letters on a plate."""
 
@@ -48,7 +52,7 @@ class Text(Stimulus):
         6.5, description="paper: width of the letter G, sets the scale"
     )
     pitch_mm: Positive = Field(10.0, description="paper: centre to centre")
-    relief_mm: Positive = Field(0.6, description="paper: height of the letters")
+    relief_mm: Relief = Field(0.6, description="paper: height of the letters")
     corner_radius_mm: Positive = Field(0.3, description="proposed: least radius of the outline")
     fillet_radius_mm: Positive = Field(0.3, description="proposed: radius of the top edge")
     start_mm: Finite | None = Field(
@@ -95,7 +99,7 @@ class Grating(Stimulus):
     kind: Literal["grating"] = "grating"
     ridge_mm: Positive = Field(1.0, description="width of a ridge")
     groove_mm: Positive = Field(1.0, description="width of a groove")
-    relief_mm: Positive = Field(0.6, description="height of the ridges")
+    relief_mm: Relief = Field(0.6, description="height of the ridges")
     fillet_radius_mm: Positive = Field(0.2, description="radius of the top edges")
     count: Annotated[Whole, Field(ge=1, le=200)] = Field(9, description="number of ridges")
     along: Literal["x", "y"] = Field("x", description="direction of the ridges")
@@ -112,7 +116,7 @@ class Dots(Stimulus):
     kind: Literal["dots"] = "dots"
     radius_mm: Positive = Field(0.7, description="radius of a dot")
     spacing_mm: Positive = Field(3.0, description="centre to centre, both ways")
-    relief_mm: Positive = Field(0.6, description="height of the dots")
+    relief_mm: Relief = Field(0.6, description="height of the dots")
     fillet_radius_mm: Positive = Field(0.2, description="radius of the top edge")
     columns: Annotated[Whole, Field(ge=1, le=100)] = Field(3, description="across the finger (X)")
     rows: Annotated[Whole, Field(ge=1, le=100)] = Field(7, description="along the finger (Y)")
