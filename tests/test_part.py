@@ -302,7 +302,10 @@ def forces(stimulus, mesh):
     from tactile_fem.mechanics.problem import FingerProblem
 
     study = Study(stimulus=stimulus)
-    problem = FingerProblem.of(study, create_domain(mesh, MPI.COMM_WORLD, study.solver.held))
+    domain = create_domain(mesh, MPI.COMM_WORLD, study.solver.held)
+    problem = FingerProblem(
+        domain, study.tissue, make_body(stimulus), stimulus.friction, study.solver
+    )
     for depth in (0.4, 0.8):
         assert problem.solve(np.array([0.0, -0.2 * depth, depth]), 0.05).converged
         load = problem.accept()

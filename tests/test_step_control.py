@@ -19,7 +19,7 @@ def walk(control: StepControl, iterations=lambda time: 4, most_s=lambda time: np
 
 def test_hits_every_output_exactly_with_steps_within_bounds():
     outputs = tuple(0.3 * np.arange(1, 8))
-    times = walk(StepControl(2.0, 0.01, 1e-3, outputs, 0.25))
+    times = walk(StepControl(2.0, 0.01, 1e-3, outputs), most_s=lambda time: 0.25)
     assert set(outputs[:-1]) <= set(times)
     assert times[-1] == 2.0
     steps = np.diff([0.0, *times])
@@ -44,16 +44,16 @@ def test_brief_and_long_pieces_are_stepped_alike():
 
 
 def test_easy_steps_grow_hard_ones_do_not():
-    easy = walk(StepControl(2.0, 0.01, 1e-3, largest_s=0.5))
-    hard = walk(StepControl(2.0, 0.01, 1e-3, largest_s=0.5), lambda time: 20)
+    easy = walk(StepControl(2.0, 0.01, 1e-3), most_s=lambda time: 0.5)
+    hard = walk(StepControl(2.0, 0.01, 1e-3), lambda time: 20)
     assert easy[1] - easy[0] == pytest.approx(0.02, rel=0.1)
     assert len(hard) == 200
     assert len(easy) < 15
 
 
 def test_a_step_cut_short_by_an_output_does_not_shorten_the_next():
-    control = StepControl(1.0, 0.2, 1e-3, (0.21,), 0.2)
-    times = walk(control)
+    control = StepControl(1.0, 0.2, 1e-3, (0.21,))
+    times = walk(control, most_s=lambda time: 0.2)
     assert times[:2] == pytest.approx([0.105, 0.21])
     assert max(np.diff(times)) > 0.15
 
@@ -70,11 +70,11 @@ def test_failure_halves_until_the_floor():
 
 
 def test_after_a_failure_the_step_grows_only_when_it_has_been_easy_for_a_while():
-    control = StepControl(10.0, 0.2, 1e-3, largest_s=0.2, patience=3)
-    control.reject(control.target_s())
+    control = StepControl(10.0, 0.2, 1e-3, patience=3)
+    control.reject(control.target_s(0.2))
     taken = []
     for _ in range(6):
-        target = control.target_s()
+        target = control.target_s(0.2)
         taken.append(target - control.time_s)
         control.accept(target, 4)
     assert taken == pytest.approx([0.1, 0.1, 0.1, 0.1, 0.2, 0.2], rel=0.05)

@@ -201,3 +201,46 @@ def test_a_slow_motion_may_step_as_briefly_as_a_fast_one(speed, briefest, monkey
     with pytest.raises(ConvergenceError):
         list(Stepper(problem, path, Solver(min_step_mm=0.01)))
     assert briefest <= speed * min(problem.solves) < 2 * briefest
+
+
+class Countable(Spring):
+    """A spring with another law of force, whose solves are counted."""
+
+    def __init__(self, law) -> None:
+        super().__init__()
+        self._law = law
+
+    def load(self) -> Load:
+        z, dt_s = self.state.translation.value[-1], self.state.dt_s
+        force = np.array([0.0, 0.0, self._law(z, dt_s)])
+        return Load(force, np.zeros(3), *8 * [0.0], np.zeros((0, 3)))
+
+
+def test_a_press_ends_at_a_force_that_short_steps_pass_at_once():
+    """As with tissue that relaxes: the shorter the step, the stiffer is the contact."""
+    problem = Countable(lambda z, dt: max(z, 0.0) ** 1.5 * (1 + 0.01 / (1 + dt / 1e-3)))
+    steps = list(Stepper(problem, Path((press(3.0, 10.0, until_N=0.4),)), SOLVER))
+    assert steps[-1].force_N[2] == pytest.approx(0.4, rel=1e-3)
+    assert len(problem.solves) < len(steps) + 12
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_force_that_jumps_ends_in_a_sentence(held, caplog, monkeypatch):
+    monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)
+    problem = Countable(lambda z, dt: max(z, 0.0) if z < 0.5 else 1.0)
+    piece = hold(0.1, 0.05, held_N=0.7) if held else press(3.0, 10.0, until_N=0.7)
+    with caplog.at_level(logging.INFO, "tactile_fem"), pytest.raises(ConvergenceError) as error:
+        list(Stepper(problem, Path((press(0.4, 10.0), piece)), SOLVER))
+    assert "the force is not met: it jumps between depths of 0.4" in str(error.value)
+    assert len(problem.solves) < 150
+    assert "0.7 are sought" in caplog.text
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_load_that_is_not_finite_is_not_accepted(value):
+    problem = Countable(lambda z, dt: z if z < 0.5 else value)
+    stepper = Stepper(problem, Path((press(1.0, 10.0),)), SOLVER)
+    steps = []
+    with pytest.raises(ConvergenceError, match="the load is not finite"):
+        steps.extend(stepper)
+    assert problem.state.translation_old.value[-1] < 0.5

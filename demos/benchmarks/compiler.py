@@ -24,6 +24,7 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
+from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Solver, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -88,7 +89,10 @@ def main(
         started = time.perf_counter()
         study = Study(solver=Solver(compiler_flags=VARIANTS[name], linear="direct"))
         domain = create_domain(finger, MPI.COMM_SELF, study.solver.held)
-        problems[name] = FingerProblem.of(study, domain)
+        stimulus = study.stimulus
+        problems[name] = FingerProblem(
+            domain, study.tissue, make_body(stimulus), stimulus.friction, study.solver
+        )
         ready_s[name] = time.perf_counter() - started
     pressed = {name: press(problem) for name, problem in problems.items()}
     state = pressed[names[0]]

@@ -34,7 +34,7 @@ from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.scan import Observation, scan
 from tactile_fem.scan.results import Results
-from tactile_fem.stimulus import make_path
+from tactile_fem.stimulus import make_body, make_path
 from tactile_fem.study import Finger, Output, Solver, Study, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -206,7 +206,8 @@ def replay(
     """Take `steps` steps from each state."""
     comm = MPI.COMM_WORLD
     solver = Solver(petsc=strategy.petsc, contact_width_MPa=strategy.width_MPa)
-    problem = FingerProblem.of(study.model_copy(update={"solver": solver}), domain)
+    body = make_body(study.stimulus)
+    problem = FingerProblem(domain, study.tissue, body, study.stimulus.friction, solver)
     for name, results in states.items():
         stepper = Stepper(problem, make_path(study.protocol, 0.0), solver)
         stepper.restore(on_root(comm, results.load_checkpoint))

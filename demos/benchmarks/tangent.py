@@ -24,7 +24,7 @@ from tactile_fem.finger import load_finger
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Step, Stepper
-from tactile_fem.stimulus import make_path
+from tactile_fem.stimulus import make_body, make_path
 from tactile_fem.study import Finger, Protocol, Solver, Study, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -62,7 +62,10 @@ def main(
                 solver=Solver(tangent_iterations=count),
             )
             domain = create_domain(finger, MPI.COMM_WORLD, study.solver.held)
-            problem = FingerProblem.of(study, domain)
+            stimulus = study.stimulus
+            problem = FingerProblem(
+                domain, study.tissue, make_body(stimulus), stimulus.friction, study.solver
+            )
             path = make_path(study.protocol, DEEPEST_MM)
             note(runs, list(Stepper(problem, path, study.solver)))
             problem.close()

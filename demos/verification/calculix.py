@@ -54,7 +54,7 @@ from tactile_fem.receptors import Samples, place, sample
 from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend  # noqa: F401  (brings DOLFINx, before MPI)
 from tactile_fem.runtime.files import write_table
-from tactile_fem.stimulus import make_path
+from tactile_fem.stimulus import make_body, make_path
 from tactile_fem.study import (
     AnyStimulus,
     Cylinder,
@@ -208,7 +208,10 @@ def ours(study: Study, finger: FingerMesh, samples: Samples, size: DeckSize) -> 
     """Go through the protocol; the seconds are those of the steps, without compiling."""
     comm = MPI.COMM_WORLD
     domain = create_domain(finger, comm, study.solver.held)
-    problem = FingerProblem.of(study, domain)
+    stimulus = study.stimulus
+    problem = FingerProblem(
+        domain, study.tissue, make_body(stimulus), stimulus.friction, study.solver
+    )
     energy = CellEnergy(problem)
     cpu = time.process_time()
     steps, sed = [], []

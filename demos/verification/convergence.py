@@ -46,6 +46,7 @@ from tactile_fem.runtime.parallel import on_root
 from tactile_fem.scan import completed
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
+from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Output, Protocol, Solver, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -215,7 +216,10 @@ def spread_of(name: str, results: Results) -> Spread:
     strongest = int(np.argmax(felt))
     u = on_root(COMM, lambda: meshio.read(files[strongest]).point_data["displacement_mm"])
     domain = create_domain(finger, COMM, study.solver.held)
-    problem = FingerProblem.of(study, domain)
+    stimulus = study.stimulus
+    problem = FingerProblem(
+        domain, study.tissue, make_body(stimulus), stimulus.friction, study.solver
+    )
     problem.order.scatter(u.astype(float), problem.u)
 
     positions = place(study.receptors, finger)

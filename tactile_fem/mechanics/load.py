@@ -64,6 +64,12 @@ class Load:
     volume_change: float
     friction_N: np.ndarray = field(repr=False)
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether all its integrals are numbers."""
+        integrals = [value for name, value in vars(self).items() if name != "friction_N"]
+        return bool(np.isfinite(np.hstack(integrals)).all())
+
 
 class LoadCell:
     """Evaluates the load on the finger.
@@ -119,8 +125,9 @@ class LoadCell:
         self._integrals_form = compile_(_integrals(elasticity, obstacle, skin))
 
     def read(self) -> Load:
-        """Return the load at the present displacement."""
+        """Return the load at the present displacement, of all skin."""
         with common.Timer("tactile: load"):
+            self._obstacle.look_everywhere()
             self._obstacle.refresh()
             pressure, friction, tissues = (
                 _nodal(form)

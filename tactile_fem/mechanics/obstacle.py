@@ -23,12 +23,7 @@ from ufl.core.expr import Expr
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.parallel import shared_errors
-from tactile_fem.stimulus.body import RigidBody
-
-# Distance within which all skin is looked at, whatever matters to the contact.
-_ALWAYS_MM = 0.05
-# How fast a body's distance may change: a true one by the way, that over a rough relief by more.
-_STEEPEST = 2.0
+from tactile_fem.stimulus.body import EXCESS_MM, RELIED_ON_MM, RigidBody
 
 
 class Obstacle:
@@ -125,12 +120,15 @@ class Obstacle:
     def overlook(self, reach_mm: np.ndarray) -> None:
         """Leave facets as they are until they may have come within reach, or the body has moved.
 
+        A facet that moves by less than it has to spare stays out of reach: see `RigidBody`.
+
         Parameters
         ----------
         reach_mm
             Gap below which it matters, (facets,).
         """
-        self._spare_mm = self.gap_mm.min(axis=1) - np.maximum(reach_mm, _ALWAYS_MM)
+        relied_on = np.minimum(self.gap_mm.min(axis=1), RELIED_ON_MM)
+        self._spare_mm = relied_on - EXCESS_MM - reach_mm
         self._seen_from = self._base.x.array.copy()
 
     def refresh(self) -> None:
@@ -163,7 +161,7 @@ class Obstacle:
             return np.ones(len(u), dtype=bool)
         moved = u - self._seen_from.reshape(u.shape)
         moved_mm = np.sqrt(np.einsum("fpi,fpi->fp", moved, moved).max(axis=1))
-        return self._spare_mm < _STEEPEST * moved_mm
+        return self._spare_mm < moved_mm
 
 
 def _set(function: fem.Function, facets: np.ndarray, values: np.ndarray) -> None:

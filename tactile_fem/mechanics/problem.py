@@ -14,7 +14,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from tactile_fem.errors import MeshError
+from tactile_fem.errors import ConvergenceError, MeshError
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.elasticity import NO_LAWS, Elasticity
@@ -28,8 +28,8 @@ from tactile_fem.mechanics.petsc_options import PetscOption
 from tactile_fem.mechanics.skin import Rounding, parts_of_skin
 from tactile_fem.mechanics.slip import StickMemory
 from tactile_fem.mechanics.state import State
-from tactile_fem.stimulus import RigidBody, make_body
-from tactile_fem.study import Solver, Study, Tissue
+from tactile_fem.stimulus import RigidBody
+from tactile_fem.study import Solver, Tissue
 from tactile_fem.tissue.energies import Law
 
 # Where Newton's method fails: how much wider contact sets in, how soft friction is.
@@ -159,13 +159,6 @@ class FingerProblem:
         is_symmetric = self.elasticity.relaxation is None
         return VirtualWork(tissues, contact, tangent, exact_tangent, is_symmetric)
 
-    @classmethod
-    def of(cls, study: Study, domain: Domain) -> FingerProblem:
-        """Return the problem that a study states, on its finger."""
-        stimulus = study.stimulus
-        body = make_body(stimulus)
-        return cls(domain, study.tissue, body, stimulus.friction, study.solver)
-
     @property
     def u(self) -> fem.Function:
         """The displacement, mm."""
@@ -273,8 +266,16 @@ class FingerProblem:
         ----------
         load
             At the present state, if `load` has been called there; read here otherwise.
+
+        Raises
+        ------
+        ConvergenceError
+            The load is not finite.
         """
         load = load or self.load()
+        if not load.is_finite:
+            reason, place = "the load is not finite", self.state.translation.value
+            raise ConvergenceError(f"a state cannot be accepted: {reason}", place, reason)
         iterations = self.snes.getIterationNumber()
         if iterations:
             self.equilibrium.end_step()

@@ -31,8 +31,6 @@ class StepControl:
         A step below this is refused.
     outputs_s
         Increasing times to be met; the end is always one.
-    largest_s
-        Bound of the step.
 
     Attributes
     ----------
@@ -46,7 +44,6 @@ class StepControl:
     step_s: float
     smallest_s: float
     outputs_s: tuple[float, ...] = ()
-    largest_s: float = math.inf
     easy_iterations: int = 8
     growth: float = 2.0
     patience: int = 4
@@ -78,7 +75,7 @@ class StepControl:
         ahead = [t for t in (*self.outputs_s, self.end_s) if t > self.time_s + self._rounding]
         output = float(min(min(ahead), self.end_s))
         time = output - self.time_s
-        count = math.ceil(time / min(self.step_s, self.largest_s, most_s) - _ROUNDING)
+        count = math.ceil(time / min(self.step_s, most_s) - _ROUNDING)
         return output if count <= 1 else self.time_s + time / count
 
     def accept(self, target_s: float, iterations: int) -> None:
@@ -91,7 +88,7 @@ class StepControl:
             self.wait -= 1
         else:
             # A step cut short by an output does not make the next one shorter.
-            self.step_s = min(max(self.step_s, self.growth * taken), self.largest_s)
+            self.step_s = max(self.step_s, self.growth * taken)
 
     def reject(self, target_s: float) -> None:
         """Halve the step that failed to reach `target_s`.

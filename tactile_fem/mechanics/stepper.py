@@ -22,8 +22,10 @@ from tactile_fem.study import Solver
 logger = logging.getLogger(__name__)
 
 _FORCE_TOLERANCE = 1e-3
-# Solves in which a held force has to be met.
-_MOST_FORCE_SOLVES = 8
+# Solves in which a force has to be met, and after which each halves the bracket and is logged.
+_MOST_FORCE_SOLVES, _SECANT_SOLVES = 12, 4
+# Least share of a step that passes a force at which the force is sought.
+_LEAST_SHARE = 0.05
 # Normal force over depth where nothing is known of it yet.
 _FIRST_STIFFNESS_N_MM = 0.5
 # At this speed or faster a step may not be shorter than `min_step_mm`.
@@ -237,14 +239,14 @@ class Stepper:
         if motion.held_N is None:
             report, load = self._solve(place, dt)
         else:
-            report, load = self._solve_at_force(place, dt, motion.held_N)
+            report, load = self._solve_at_force(place, dt, motion.held_N, self._goes_on_to_mm(dt))
+        if load is not None and motion.until_N is not None and _exceeds(load, motion.until_N):
+            target, report, load = self._solve_press_end(target, load, report, motion.until_N)
+            dt = target - control.time_s
         if load is None:
             self._cut(target, report)
             return None
         _check_balance(load)
-        if motion.until_N is not None and not self._fits_force(target, load, motion.until_N):
-            self._discarded.append(report)
-            return None
         self._note_stiffness(load)
         self.problem.accept(load)
         control.accept(target, report.iterations)
@@ -254,7 +256,10 @@ class Stepper:
     def _solve(self, place: np.ndarray, dt_s: float) -> tuple[SolveReport, Load | None]:
         """Find the equilibrium; return how that ended and the load, None if there is none."""
         report = self.problem.solve(place, dt_s)
-        return report, self.problem.load() if report.converged else None
+        load = self.problem.load() if report.converged else None
+        if load is not None and not load.is_finite:
+            return replace(report, converged=False, reason="the load is not finite"), None
+        return report, load
 
     def _step(self, load: Load, report: SolveReport, dt_s: float, started: float) -> Step:
         """Return the step that was accepted."""
@@ -312,34 +317,72 @@ class Stepper:
 
     # --- forces --------------------------------------------------------------------------------
 
-    def _solve_at_force(
-        self, place: np.ndarray, dt_s: float, force_N: float
-    ) -> tuple[SolveReport, Load | None]:
-        """Find the equilibrium at a normal force, with the body's X and Y as in `place`.
-
-        Its height follows by the secant method. The first guess goes on as in the last step.
-        """
-        state, most = self._state, self._solver.max_press_step_mm
+    def _goes_on_to_mm(self, dt_s: float) -> float:
+        """Return the height of the body if it goes on as in the last step."""
+        state = self._state
         z = state.translation_old.value[-1]
         if state.dt_old_s:
             z += (dt_s / state.dt_old_s) * (z - state.translation_before[-1])
+        return float(z)
+
+    def _solve_at_force(
+        self, place: np.ndarray, dt_s: float, force_N: float, z_mm: float
+    ) -> tuple[SolveReport, Load | None]:
+        """Find the equilibrium at a normal force, with the body's X and Y as in `place`.
+
+        Its height follows from `z_mm` by the secant method, safeguarded by bisection.
+        """
+        z, most = z_mm, self._solver.max_press_step_mm
         stiffness = self._progress.stiffness_N_mm or _FIRST_STIFFNESS_N_MM
-        tried: list[tuple[float, float]] = []
-        for _ in range(_MOST_FORCE_SOLVES):
+        below, above = -np.inf, np.inf
+        last: tuple[float, float] | None = None
+        for number in range(1, _MOST_FORCE_SOLVES + 1):
             report, load = self._solve(np.array([*place[:-1], z]), dt_s)
             if load is None:
                 return report, None
             force = float(load.force_N[-1])
-            if tried and (force - tried[-1][1]) * (z - tried[-1][0]) > 0:
-                stiffness = (force - tried[-1][1]) / (z - tried[-1][0])
+            if last and (force - last[1]) * (z - last[0]) > 0:
+                stiffness = (force - last[1]) / (z - last[0])
             if abs(force - force_N) <= _FORCE_TOLERANCE * force_N:
                 self._progress.stiffness_N_mm = stiffness
                 return report, load
-            tried.append((z, force))
             self._discarded.append(report)
+            slow = number >= _SECANT_SOLVES
+            logger.log(
+                logging.INFO if slow else logging.DEBUG,
+                "%s: %.5g %s at %.5f mm, %.5g are sought",
+                *(self._motion.phase, force, self._plane.force_unit, z, force_N),
+            )
+            last, below, above = (z, force), *((z, above) if force < force_N else (below, z))
+            if above - below < self._solver.min_step_mm:
+                break
             z += float(np.clip((force_N - force) / stiffness, -most, most))
+            if np.isfinite(above - below) and (slow or not below < z < above):
+                z = (below + above) / 2
         self._discarded.pop()
-        return replace(report, converged=False, reason="the held force is not met"), None
+        reason = f"the force is not met: {_sought(below, above)}"
+        return replace(report, converged=False, reason=reason), None
+
+    def _solve_press_end(
+        self, target_s: float, load: Load, report: SolveReport, force_N: float
+    ) -> tuple[float, SolveReport, Load | None]:
+        """Find the end of a press, which a step to `target_s` with that load has passed.
+
+        The time is that at which the force, if linear over the step, is reached. The height is
+        then sought at this duration: over shorter and shorter steps the force need not approach
+        that of the last step, because relaxing tissues are stiffer in them, and the contact with
+        them.
+        """
+        self._discarded.append(report)
+        before, passed = float(self._state.force_old_N[-1]), float(load.force_N[-1])
+        begin_s = self._progress.control.time_s
+        share = max((force_N - before) / (passed - before), _LEAST_SHARE)
+        end_s = begin_s + share * (target_s - begin_s)
+        place = self._plane.within(self._motion.place(end_s))
+        self._note_stiffness(load)
+        self._predict(end_s - begin_s)
+        found = self._solve_at_force(place, end_s - begin_s, force_N, float(place[-1]))
+        return end_s, *found
 
     def _note_stiffness(self, load: Load) -> None:
         """Note how the normal force grew with the depth in a step towards the finger."""
@@ -348,16 +391,6 @@ class Stepper:
         deeper = state.translation.value[-1] - state.translation_old.value[-1]
         if self._motion.held_N is None and gained * deeper > 0:
             self._progress.stiffness_N_mm = float(gained / deeper)
-
-    def _fits_force(self, target_s: float, load: Load, force_N: float) -> bool:
-        """Accept a press that does not overshoot the force; else aim by the secant."""
-        reached, before = float(load.force_N[-1]), float(self._state.force_old_N[-1])
-        if reached <= force_N * (1 + _FORCE_TOLERANCE):
-            return True
-        control = self._progress.control
-        share = (force_N - before) / (reached - before)
-        control.step_s = control.largest_s = max(share, 0.05) * (target_s - control.time_s)
-        return False
 
     def _end_at_force(self) -> None:
         """End a press where its force is reached, which it may be from the start."""
@@ -398,6 +431,19 @@ def stopped(
         stimulator_mm,
         reason,
     )
+
+
+def _exceeds(load: Load, force_N: float) -> bool:
+    """Return whether a load has passed a normal force."""
+    return bool(load.force_N[-1] > force_N * (1 + _FORCE_TOLERANCE))
+
+
+def _sought(below_mm: float, above_mm: float) -> str:
+    """Return in words between which depths a force was sought in vain."""
+    if np.isfinite(above_mm - below_mm):
+        return f"it jumps between depths of {below_mm:.5f} and {above_mm:.5f} mm"
+    side, depth_mm = ("less", below_mm) if np.isfinite(below_mm) else ("more", above_mm)
+    return f"it is still {side} at a depth of {depth_mm:.5f} mm"
 
 
 def _check_balance(load: Load) -> None:

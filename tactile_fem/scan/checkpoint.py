@@ -16,7 +16,7 @@ from tactile_fem.scan.trace import Array
 from tactile_fem.study import Follow, Study
 
 # Counts up when the names or the meaning of a checkpoint's arrays change.
-_FORMAT = 9
+_FORMAT = 10
 # Parts of a study that may change between two runs: they act after the mechanics, or the mesh's
 # hash shows the change.
 _FREE: dict[str, Any] = {
