@@ -58,3 +58,20 @@ def test_what_is_restored_where_it_is_resumable_takes_the_same_iterations(at):
         scale = np.abs(made.u.x.array).max()
         np.testing.assert_allclose(other.u.x.array, made.u.x.array, rtol=0, atol=1e-12 * scale)
         assert other.is_resumable == made.is_resumable
+
+
+@pytest.mark.ranks
+def test_what_is_restored_after_a_step_without_iterations_takes_the_same():
+    made, other = problem(), problem()
+    step(made, PLACES[0])
+    tolerance = made.snes.getTolerances()[1]
+    made.snes.setTolerances(atol=1.0)
+    for _ in range(2):
+        step(made, PLACES[0])
+        assert made.snes.getIterationNumber() == 0
+    made.snes.setTolerances(atol=tolerance)
+    assert made.is_resumable
+    other.restore(made.state.gather(made.order))
+    for place in PLACES[1:3]:
+        assert step(other, place) == step(made, place) > 0
+        assert other.is_resumable == made.is_resumable

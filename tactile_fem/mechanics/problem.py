@@ -276,12 +276,10 @@ class FingerProblem:
         if not load.is_finite:
             reason, place = "the load is not finite", self.state.translation.value
             raise ConvergenceError(f"a state cannot be accepted: {reason}", place, reason)
-        iterations = self.snes.getIterationNumber()
-        if iterations:
-            self.equilibrium.end_step()
+        self.equilibrium.end_step()
         for follow in self.before_accept:
             follow()
-        self.state.accept(load.force_N, load.friction_N, iterations)
+        self.state.accept(load.force_N, load.friction_N)
         return load
 
     @property

@@ -147,8 +147,6 @@ class State:
         Duration of the present and of the last accepted step; 0 before the first.
     force_old_N, friction_old
         Contact force (3,) and nodal forces of friction at the last accepted step, N.
-    iterations
-        Newton's, to the last accepted state.
     histories
         Quantities at quadrature points or nodes.
     progress
@@ -165,7 +163,6 @@ class State:
         self.translation_before = origin.copy()
         self.dt_s = self.dt_old_s = 0.0
         self.force_old_N = origin.copy()
-        self.iterations = 0
         self.histories: list[PointHistory] = []
         self.progress: Progress | None = None
 
@@ -180,7 +177,7 @@ class State:
         self.u.x.array[:] = self.u_old.x.array
         self.translation.value[:] = self.translation_old.value
 
-    def accept(self, force_N: Array, friction: Array, iterations: int) -> None:
+    def accept(self, force_N: Array, friction: Array) -> None:
         """Make the present state the history of the next step; all ranks call.
 
         Parameters
@@ -189,8 +186,6 @@ class State:
             Contact force at the present state, (3,).
         friction
             Nodal forces of friction there, (owned nodes, components), N.
-        iterations
-            Newton's, to the present state.
         """
         present = [history.present() for history in self.histories]  # none of them has moved on
         for history, values in zip(self.histories, present, strict=True):
@@ -199,7 +194,7 @@ class State:
         self.translation_before[:] = self.translation_old.value
         self.force_old_N = force_N
         self.friction_old.x.array[: friction.size] = friction.ravel()
-        self.dt_old_s, self.iterations = self.dt_s, iterations
+        self.dt_old_s = self.dt_s
         self.place(self.translation.value)
 
     def gather(self, order: NodeOrder) -> dict[str, Array]:
@@ -219,7 +214,6 @@ class State:
             "translation_before": self.translation_before.copy(),
             "dt_old_s": np.array(self.dt_old_s),
             "force_N": self.force_old_N,
-            "iterations": np.array(self.iterations),
             "progress": np.array(self.progress.to_json() if self.progress else ""),
         }
 
@@ -234,7 +228,7 @@ class State:
             What it returned, and the node order.
         prepare
             Called with the body's place and the last step's duration, all but `u` being as
-            before that step; not if it took no iteration.
+            before that step; not if there was none.
         """
         place = saved["translation"]
         order.scatter(saved["u_before"], self.u)
@@ -244,9 +238,9 @@ class State:
         for history in self.histories:
             history.scatter(saved[f"{history.name}_before"])
             history.before[:] = history.old.x.array
-        self.dt_old_s, self.iterations = float(saved["dt_old_s"]), int(saved["iterations"])
+        self.dt_old_s = float(saved["dt_old_s"])
         order.scatter(saved["u"], self.u)
-        if self.iterations:
+        if self.dt_old_s:
             prepare(place, self.dt_old_s)
         self.place(place)
         for history in self.histories:
