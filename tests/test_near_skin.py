@@ -13,7 +13,8 @@ from mpi4py import MPI  # isort: skip
 
 from tactile_fem.mechanics.contact import ZERO_BELOW, smooth_positive
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.study import Tissue
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Dots, Text, Tissue
 
 AT_EDGE, IN_MIDDLE = (2.6, 0.0, 0.2), (0.0, 0.0, 0.2)
 
@@ -99,6 +100,33 @@ def test_skin_that_may_have_come_near_is_looked_at_again(size_mm, monkeypatch):
     made.equilibrium._near.begin_solve()
     look(made, IN_MIDDLE)
     np.testing.assert_array_equal(made.obstacle.gap_mm, fresh.obstacle.gap_mm)
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize(
+    "stimulus", [Dots(relief_mm=2.0), Text(text="G", relief_mm=2.0, start_mm=0.0)]
+)
+def test_contact_with_high_reliefs_is_not_overlooked(stimulus):
+    """Skin seen from above the reliefs moves down onto them within a solve."""
+    made = problem()
+    made.obstacle.body = make_body(stimulus)
+    look(made, (0.0, 0.0, -0.55))
+    made.u.interpolate(lambda x: np.array([0 * x[0], 0 * x[0], 0 * x[0] - 0.6]))
+    look(made, (0.0, 0.0, -0.55))
+    lowest = made.domain.comm.allreduce(made.obstacle.gap_mm.min(initial=np.inf), MPI.MIN)
+    assert lowest == pytest.approx(-0.05, abs=1e-6)
+    assert count(made) > 0
+
+
+@pytest.mark.ranks
+def test_the_load_is_of_all_skin():
+    """Whatever a solve overlooked shows in the load, as an imbalance."""
+    made = problem()
+    assert made.solve(np.array(IN_MIDDLE), 0.01).converged
+    balanced = made.load()
+    made.obstacle._gap.x.array[:] = 5.0  # as if the body had been far away
+    made.obstacle.overlook(np.zeros(len(made.obstacle.entities)))
+    np.testing.assert_allclose(made.load().force_N, balanced.force_N, rtol=1e-9)
 
 
 @pytest.mark.ranks

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_fem.stimulus import make_body
+from tactile_fem.stimulus.body import EXCESS_MM
 from tactile_fem.stimulus.height_field import height_map
 from tactile_fem.stimulus.relief import distance_error, levelled, relief_of
 from tactile_fem.stimulus.topography import Topography
@@ -85,6 +86,22 @@ def test_a_cylinder_has_its_distance_near_it():
         gap = body.distance(points - [0, 0, radius]).gap
         # The error is of second order: off^2 times slope and curvature.
         assert np.abs(gap / off - 1).max() < 0.2 * off + 2e-4
+
+
+@pytest.mark.parametrize("way_mm", [0.02, 0.3, 2.0])
+@pytest.mark.parametrize("repeat", ["mirrored", "periodic"])
+def test_a_rough_surface_is_never_farther_than_the_way_to_it(way_mm, repeat):
+    rng = np.random.default_rng(5)
+    rough = sampled(lambda x, y: rng.normal(0, 0.1, (x + y).shape))
+    body = relief_of(rough, surface(low_pass_mm=0.15, repeat=repeat))
+    points = rng.uniform([-3, -4, -1], [3, 4, 4], (20_000, 3))
+    ways = rng.normal(size=points.shape)
+    ways *= way_mm / np.linalg.norm(ways, axis=1)[:, None]
+    here, there = body.distance(points), body.distance(points + ways)
+    outside = (here.gap > 0) & (there.gap > 0)
+    assert np.abs(here.gap - there.gap)[outside].max() <= way_mm + EXCESS_MM
+    assert np.all((here.gap > 0) == (points[:, 2] > body.heights.derivatives(points[:, :2], 0)[0]))
+    assert np.linalg.norm(here.normal, axis=1).min() > 0.01
 
 
 def test_beyond_its_edges_it_is_mirrored_or_repeated():

@@ -210,6 +210,10 @@ class Countable(Spring):
         super().__init__()
         self._law = law
 
+    def solve(self, place: np.ndarray, dt_s: float) -> SolveReport:
+        assert len(self.solves) < 300, "it goes on for ever"
+        return super().solve(place, dt_s)
+
     def load(self) -> Load:
         z, dt_s = self.state.translation.value[-1], self.state.dt_s
         force = np.array([0.0, 0.0, self._law(z, dt_s)])
@@ -218,7 +222,7 @@ class Countable(Spring):
 
 def test_a_press_ends_at_a_force_that_short_steps_pass_at_once():
     """As with tissue that relaxes: the shorter the step, the stiffer is the contact."""
-    problem = Countable(lambda z, dt: max(z, 0.0) ** 1.5 * (1 + 0.01 / (1 + dt / 1e-3)))
+    problem = Countable(lambda z, dt: max(z, 0.0) ** 1.5 * (1 + 0.05 / (1 + dt / 1e-3)))
     steps = list(Stepper(problem, Path((press(3.0, 10.0, until_N=0.4),)), SOLVER))
     assert steps[-1].force_N[2] == pytest.approx(0.4, rel=1e-3)
     assert len(problem.solves) < len(steps) + 12

@@ -81,7 +81,7 @@ def test_the_gap_is_a_distance(name):
 def test_what_is_raised_is_united_with_its_plate_everywhere(relief):
     """Also where neither derivatives nor blend are evaluated, on top and far from the sides."""
     body = Embossed(Letters(Text(text="G")), relief, fillet=0.1)
-    points = np.random.default_rng(5).uniform([-5, -4, -1], [5, 4, 0.49], (40_000, 3))
+    points = np.random.default_rng(5).uniform([-5, -4, -1], [5, 4, 3.0], (40_000, 3))
     plate = HalfSpace(relief).distance(points)
     expected = smooth_minimum(body._extrusion(points), plate, body.blend)
     found = body.distance(points)
@@ -101,6 +101,45 @@ def test_an_outline_need_not_tell_its_distance_alone():
     pair = [Embossed(outline, 0.6, 0.3).distance(points) for outline in (quick, Slow())]
     for name in ("gap", "normal", "hessian"):
         np.testing.assert_array_equal(*(getattr(distance, name) for distance in pair))
+
+
+HIGH = {
+    "text": Text(relief_mm=2.0),
+    "one glyph": Text(text="x", relief_mm=5.0, corner_radius_mm=0.2, fillet_radius_mm=0.2),
+    "grating": Grating(relief_mm=2.0),
+    "dots": Dots(relief_mm=2.0),
+    "braille": Braille(dot_diameter_mm=2.4, dot_height_mm=1.2),
+}
+
+
+@pytest.mark.parametrize("stimulus", [*BODIES.values(), *HIGH.values()], ids=[*BODIES, *HIGH])
+@pytest.mark.parametrize("way_mm", [0.02, 1.0])
+def test_a_distance_changes_by_no_more_than_the_way(stimulus, way_mm):
+    body, rng = make_body(stimulus), np.random.default_rng(5)
+    points = rng.uniform([-9, -14, -3], [9, 14, 5], (20_000, 3))
+    ways = rng.normal(size=points.shape)
+    ways *= way_mm / np.linalg.norm(ways, axis=1)[:, None]
+    here, there = body.distance(points), body.distance(points + ways)
+    outside = (here.gap > 0) & (there.gap > 0)
+    # The spline of a letter's outline swings a little where the nearest wall changes.
+    excess = 0.01 if isinstance(stimulus, Text) else 1e-9
+    assert np.abs(here.gap - there.gap)[outside].max() <= way_mm + excess
+    for values in (here.gap, here.normal, here.hessian):
+        assert np.isfinite(values).all()
+    assert np.linalg.norm(here.normal, axis=1).min() > 1e-4
+
+
+def test_far_from_high_letters_there_is_the_plate():
+    stimulus = Text(text="G", start_mm=0.0, relief_mm=2.0)
+    found = make_body(stimulus).distance(np.array([[7.0, 0.0, -1.9], [0.0, 8.0, -0.5]]))
+    assert found.gap == pytest.approx([0.1, 1.5])
+    assert found.normal == pytest.approx(np.array([[0.0, 0.0, 1.0]] * 2))
+
+
+@pytest.mark.parametrize("stimulus", [Dots(columns=1, rows=1), Sphere(radius_mm=0.7)])
+def test_on_its_axis_a_body_has_a_normal(stimulus):
+    on_axis = np.array([[0.0, 0.0, z] for z in (-0.7, -0.35, 0.1)])
+    assert np.linalg.norm(make_body(stimulus).distance(on_axis).normal, axis=1).min() > 0.5
 
 
 @pytest.mark.parametrize("name", HEIGHTS)
@@ -176,6 +215,16 @@ def test_letters_have_size_order_pitch_and_shift():
     (single,) = outlines(Text(text="G"))
     assert (single.bounds[1] + single.bounds[3]) / 2 == pytest.approx(5, abs=0.01)
     assert [len(outlines(Text(text=t))) for t in ("F H", " FGH ")] == [2, 3]
+
+
+@pytest.mark.parametrize("glyph", ["F", "g", "-", "."])
+def test_a_text_of_one_glyph_is_centred_on_it(glyph):
+    small = {"corner_radius_mm": 0.1, "fillet_radius_mm": 0.1, "start_mm": 0.0}
+    left, bottom, right, top = Letters(Text(text=glyph, **small)).polygons()[0].bounds
+    assert (left + right, bottom + top) == pytest.approx((0, 0), abs=1e-4)
+    # With others it keeps to their line.
+    _, other = Letters(Text(text=f"G{glyph}", **small)).polygons()
+    assert (glyph == "F") == (abs(other.bounds[0] + other.bounds[2]) < 0.2)
 
 
 def test_letters_are_not_mirrored():
@@ -261,6 +310,22 @@ def test_outlines_of_patterns():
 def test_bad_input_is_told_in_a_sentence(stimulus, sentence):
     with pytest.raises(StudyError, match=sentence):
         make_body(stimulus)
+
+
+@pytest.mark.parametrize(
+    "stimulus",
+    [Text(g_width_mm=3.0, text="W"), Text(g_width_mm=3.0, text="FGH", fillet_radius_mm=0.1)],
+)
+def test_the_radius_that_would_fit_stands_in_the_message(stimulus):
+    with pytest.raises(StudyError) as told:
+        make_body(stimulus)
+    message = str(told.value)
+    assert ("corner_radius_mm and fillet_radius_mm must" in message) == (stimulus.text == "W")
+    fits = float(message.rsplit(" ", 1)[1])
+    radii = {"corner_radius_mm": fits, "fillet_radius_mm": min(fits, stimulus.fillet_radius_mm)}
+    make_body(stimulus.model_copy(update=radii))
+    with pytest.raises(StudyError):
+        make_body(stimulus.model_copy(update={**radii, "corner_radius_mm": 1.1 * fits}))
 
 
 def test_a_file_that_is_no_font_is_told(tmp_path):

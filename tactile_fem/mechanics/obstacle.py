@@ -25,6 +25,9 @@ from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.parallel import shared_errors
 from tactile_fem.stimulus.body import EXCESS_MM, RELIED_ON_MM, RigidBody
 
+# Length of a gradient without direction.
+_ZERO = 1e-12
+
 
 class Obstacle:
     """The rigid body as the contact form sees it.
@@ -81,8 +84,8 @@ class Obstacle:
         du = u - self._base
         self.gap: Expr = self._gap + ufl.dot(self._normal, du) + ufl.dot(du, self.hessian * du) / 2
         gradient = self._normal + self.hessian * du
-        # Unit already, but where two surfaces are blended.
-        self.normal: Expr = gradient / ufl.sqrt(ufl.dot(gradient, gradient))
+        # Unit already, but where two surfaces are blended; none where several are equally far.
+        self.normal: Expr = gradient / ufl.sqrt(ufl.dot(gradient, gradient) + _ZERO**2)
 
     @property
     def comm(self) -> MPI.Comm:

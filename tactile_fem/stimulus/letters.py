@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -168,12 +169,13 @@ def _check_radii(shapes: Mapping[str, shapely.Geometry], text: Text) -> None:
 
 
 def _largest_radius(shape: shapely.Geometry, above: float) -> float:
-    """Return the largest radius that fits a shape, rounded down, by bisection below `above` mm."""
+    """Return the largest radius below `above` mm that fits a shape, by bisection, rounded down."""
     fits = 0.0
     for _ in range(_BISECTIONS):
         middle = (fits + above) / 2
         fits, above = (fits, middle) if _rounded(shape, middle) is None else (middle, above)
-    return float(f"{0.99 * fits:.2g}")
+    digit = 10.0 ** (math.floor(math.log10(fits)) - 1) if fits else 1.0
+    return digit * math.floor(fits / digit)
 
 
 @lru_cache(maxsize=64)
