@@ -466,12 +466,30 @@ class Bent:
         return replace(found, normal=found.normal[:, :2])
 
 
+class Steep(Floor):
+    """A body whose distance counts three times as fast as the way."""
+
+    def distance(self, points):
+        found = super().distance(points)
+        return replace(found, gap=3 * found.gap, normal=3 * found.normal)
+
+
+class Walled(Floor):
+    """A body that has no normal where it is farther than a millimetre."""
+
+    def distance(self, points):
+        found = super().distance(points)
+        return replace(found, normal=found.normal * (found.gap < 1)[:, None])
+
+
 @pytest.mark.parametrize(
     ("parts", "sentence"),
     [
         (Parts(laws={"fat": None}), '"fat" is no tissue; allowed: stratum_corneum, epidermis'),
         (Parts(body=Bent()), r"parts.body: .* must give .* but gives .*4900, 2"),
         (Parts(body=Floor(np.nan)), "parts.body: its distance, .* is not finite"),
+        (Parts(body=Steep(-0.1)), r"parts.body: its distance changes by .* over a way of 0.1 mm"),
+        (Parts(body=Walled(-0.1)), "parts.body: its normal is zero at X -6.00, Y -12.00, Z 1.50"),
         (Parts(body=Floor(0.5)), r"starts 0\.4\d+ mm inside the finger"),
         (Parts(path=Path(())), "parts.path: it has no pieces but needs one or more"),
         (

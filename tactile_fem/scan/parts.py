@@ -14,10 +14,11 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger import TISSUES, FingerMesh
 from tactile_fem.neuron import Population
 from tactile_fem.stimulus import Path, RigidBody
+from tactile_fem.stimulus.check import POINTS, check_body, check_lipschitz
 from tactile_fem.study import Tissue
 from tactile_fem.tissue.energies import Law
 
-# Where parts are tried: small deformations of either sign, points above and beside the body.
+# Where laws are tried: small deformations of either sign.
 _DEFORMATIONS = (
     np.eye(3),
     np.array([[1.02, 0.05, 0.0], [0.0, 0.97, 0.01], [0.0, 0.0, 1.01]]),
@@ -32,9 +33,6 @@ _HISTORIES = {
     "stretches": np.array([[[1.0, 1.0, 1.0]], [[0.9, 1.0, 1.1]], [[0.95, 1.0, 1.05]]]),
     "stresses_kPa": np.array([[[0.0, 0.0, 0.0]], [[-10.0, -5.0, 1.0]], [[-5.0, -2.0, 0.0]]]),
 }
-_POINTS = np.stack(
-    np.meshgrid(np.linspace(-6, 6, 25), np.linspace(-12, 12, 49), np.linspace(-0.5, 2.5, 4)), -1
-).reshape(-1, 3)
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class Parts:
         for tissue, law in self.laws.items():
             parts[f"law of {tissue}"] = law, [_energy(law, F) for F in _DEFORMATIONS]
         if self.body is not None:
-            parts["body"] = self.body, self.body.distance(_POINTS).gap
+            parts["body"] = self.body, self.body.distance(POINTS).gap
         if self.path is not None:
             motions = [motion for _, motion in self.path.plan()]
             when = [[m.duration_s, m.until_N or 0.0, m.held_N or 0.0] for m in motions]
@@ -99,16 +97,8 @@ def check_parts(parts: Parts, of_study: Tissue) -> None:
                 "in_shear(a), its energy in the simple shear gamma^2 = a."
             )
     if parts.body is not None:
-        found = parts.body.distance(_POINTS)
-        shapes = [np.shape(found.gap), np.shape(found.normal), np.shape(found.hessian)]
-        count = len(_POINTS)
-        if shapes != [(count,), (count, 3), (count, 3, 3)]:
-            raise StudyError(
-                "parts.body: distance(points) of (n, 3) points must give a gap (n,), a normal "
-                f"(n, 3) and a Hessian (n, 3, 3), but gives {shapes} for n = {count}."
-            )
-        if not all(np.isfinite(part).all() for part in (found.gap, found.normal, found.hessian)):
-            raise StudyError("parts.body: its distance, normal or Hessian is not finite near it.")
+        check_body(parts.body, "parts.body")
+        check_lipschitz(parts.body, "parts.body")
     if parts.path is not None:
         if not parts.path.pieces:
             raise StudyError("parts.path: it has no pieces but needs one or more.")

@@ -31,6 +31,7 @@ from tactile_fem.scan.checks import (
 )
 from tactile_fem.scan.parts import Parts, check_parts
 from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
+from tactile_fem.stimulus.check import check_body
 from tactile_fem.stimulus.cut import in_plane
 from tactile_fem.study import Study, Surface
 
@@ -72,6 +73,7 @@ class Setup:
         finger = on_root(comm, lambda: _finger(study, parts), share=False)
         thickness = on_root(comm, lambda: pad_thickness_mm(finger))
         body = parts.body or make_body(study.stimulus)
+        check_body(body, "stimulus")
         path = parts.path or make_path(study.protocol, DEEPEST * thickness)
         on_root(
             comm,
