@@ -14,7 +14,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.scan.checks import DEEPEST, check_study
 from tactile_fem.stimulus import Motion, Path, make_path
 from tactile_fem.stimulus.path import follow, hold, lift, press, slide
-from tactile_fem.study import Finger, Follow, Hold, Lift, Press, Protocol, Slide, Study
+from tactile_fem.study import Finger, Follow, Hold, Lift, Press, Protocol, Slide, Study, Vibration
 from tactile_fem.study.file import dump_study, load_study
 
 REST = np.zeros(3)
@@ -205,6 +205,21 @@ def test_a_study_keeps_its_path(tmp_path, places_file):
 )
 def test_a_path_that_nobody_can_go_along(piece, sentence):
     assert sentence in refused(Path((piece,)))
+
+
+@pytest.mark.parametrize("piece", [Hold(time_s=1.0, force_N=0.5), Slide(force_N=0.5)])
+def test_a_held_force_does_not_vibrate_along_z(piece):
+    """The held force moves the body in Z, whatever the vibration."""
+    wave = {"frequency_Hz": 50.0, "amplitude_mm": 0.01}
+    for direction in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.5)):
+        vibration = Vibration(**wave, direction=direction)
+        vibrating = piece.model_copy(update={"vibration": vibration})
+        study = Study(protocol=Protocol(path=(Press(force_N=0.5), vibrating)))
+        with pytest.raises(StudyError, match=r"holds a force of 0\.5 .* let it vibrate in X and Y"):
+            check_study(study)
+    across = Vibration(**wave, direction=(1.0, 0.0, 0.0))
+    sideways = piece.model_copy(update={"vibration": across})
+    check_study(Study(protocol=Protocol(path=(Press(force_N=0.5), sideways))))
 
 
 def test_the_piece_that_is_wrong_is_named():

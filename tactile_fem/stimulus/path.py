@@ -275,6 +275,11 @@ def vibrating(
     """Let the body vibrate on top of a piece; steps and outputs follow the wave.
 
     Between 24 places in each period the body moves straight.
+
+    Raises
+    ------
+    StudyError
+        By the piece: it holds a force by moving in Z, and the vibration has a part along Z.
     """
     along = np.asarray(direction, dtype=float)
     swing = amplitude_mm * along / np.linalg.norm(along)
@@ -282,6 +287,12 @@ def vibrating(
 
     def motion(start_mm: Array) -> Motion:
         base = piece(start_mm)
+        if base.held_N is not None and swing[2]:
+            raise StudyError(
+                f"protocol: a {base.phase} holds a force of {base.held_N:g} by moving in Z, so its "
+                f"vibration cannot have the direction {along.tolist()}: let it vibrate in X and Y, "
+                "or hold the depth."
+            )
 
         def place(t: float) -> Array:
             return base.place(t) + np.sin(2 * np.pi * frequency_Hz * t) * swing
