@@ -10,6 +10,7 @@ from tactile_fem.runtime import backend  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
+from dolfinx import fem
 from sphere_on_block import sphere_on_block
 
 from tactile_fem.mechanics.domain import create_domain, roller
@@ -130,6 +131,26 @@ def test_what_one_place_does_to_another_it_does_in_return():
         matrix.append(found.u[places])
     assert abs(matrix[0][1]) > 1e-6
     np.testing.assert_allclose(matrix[0][1], matrix[1][0], rtol=1e-6)
+
+
+def test_whatever_breaks_in_a_vibration_the_state_stays_that_of_the_scan():
+    """Also where cells are so distorted that strains linear in them are none."""
+    relaxing = {layer: {"g": (0.4, 0.3), "tau_s": (0.01, 1.0)} for layer in LAYERS}
+    problem = sphere_on_block(
+        Tissue.model_validate({"set": "proposed", "viscous_time_s": 0.0, **relaxing}),
+        compiler_flags=("-O0",),
+    )
+    for depth in np.linspace(0, 1.8, 19)[1:]:
+        assert problem.solve(np.array([0.0, 0.0, depth]), 0.01).converged
+        tissues = fem.assemble_vector(problem.equilibrium.tissues).array.copy()
+        problem.accept()
+    vibrating = Harmonic(problem, DENSITY)
+    largest = np.abs(tissues).max()
+    for delay in (None, *vibrating.delays):
+        vibrating.stand(delay)
+        found = fem.assemble_vector(problem.equilibrium.tissues).array
+        np.testing.assert_allclose(found, tissues, rtol=0, atol=1e-9 * largest)
+    assert np.isfinite(vibrating.respond(100.0, [0.0, 0.0, 1.0]).force_N).all()
 
 
 @pytest.mark.parametrize(("axis", "friction"), [(0, 0.5), (2, 0.0)])

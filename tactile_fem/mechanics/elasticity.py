@@ -91,7 +91,7 @@ class Elasticity:
         self._F_old = deformation_gradient(u_old)
         series = {name: self._series(name) for name in domain.tissues_of(domain.tissue)}
         relaxing = {name: prony for name, prony in series.items() if prony.g}
-        self.relaxation = Relaxation(domain, relaxing, self._F) if relaxing else None
+        self.relaxation = Relaxation(domain, relaxing, self._F, self._F_old) if relaxing else None
         self._rate = fem.Constant(self._mesh, 0.0)  # viscous time over time step
         N = ufl.FacetNormal(self._mesh)
         self._normal = N if len(N) == 3 else ufl.as_vector([N[0], N[1], 0])
@@ -107,19 +107,21 @@ class Elasticity:
         if self.relaxation:
             self.relaxation.set_time_step(dt_s)
 
-    def linearize(self, share: Callable[[float], float], viscous: float = 0.0) -> None:
-        """Stand at the accepted state, for its linearization; `set_time_step` ends this.
+    def linearize(
+        self, dt_old_s: float, share: Callable[[float], float], viscous: float = 0.0
+    ) -> None:
+        """Freeze coefficients at the accepted state (undone by `set_time_step`).
 
         Parameters
         ----------
-        share
+        dt_old_s, share
             See `Relaxation.linearize`.
         viscous
             Kelvin-Voigt's stress as a multiple of that which a strain of its own size causes.
         """
         self._rate.value = viscous
         if self.relaxation:
-            self.relaxation.linearize(share)
+            self.relaxation.linearize(dt_old_s, share)
 
     def constants(self, tissue: str) -> Polynomial | Elastic:
         """Return the constants of a tissue."""

@@ -114,7 +114,7 @@ class Harmonic:
         self._u = problem.u
         V = self._u.function_space
         problem.state.reset()
-        self._stand_as_accepted()
+        self.stand(None)
         touch = Touch.of(problem.skin, self._u, problem.compile)
         self._forms = self._compile(touch)
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
@@ -138,7 +138,7 @@ class Harmonic:
     def stand(self, delay: Delay | None) -> None:
         """Set the forms to the accepted state, with all of one delay or with none."""
         if delay is None:
-            self._problem.elasticity.linearize(_none)
+            self._problem.elasticity.linearize(self._problem.state.dt_old_s, _none)
         else:
             delay.stand()
 
@@ -208,12 +208,6 @@ class Harmonic:
             [[problem.compile(traction(None, -b, on)) for b in axes] for on in axes],
         )
 
-    def _stand_as_accepted(self) -> None:
-        """Let the forms give the tractions with which the last step ended."""
-        problem = self._problem
-        relaxation, dt_s = problem.elasticity.relaxation, problem.state.dt_old_s
-        problem.elasticity.linearize(partial(relaxation.share, dt_s) if relaxation else _none)
-
     def _assembled(self, delay: Delay | None) -> _Parts:
         self.stand(delay)
         forms, bcs = self._forms, self._problem.bcs
@@ -281,14 +275,14 @@ def _none(tau_s: float) -> float:
 
 
 def _delays(problem: FingerProblem) -> Iterator[Delay]:
-    elasticity = problem.elasticity
+    elasticity, dt_old_s = problem.elasticity, problem.state.dt_old_s
     for tau_s in elasticity.relaxation.times_s() if elasticity.relaxation else []:
         yield Delay(
             partial(lambda tau_s, w: 1 / (1 + 1j * w * tau_s), tau_s),
-            partial(elasticity.linearize, partial(lambda own, time_s: float(time_s == own), tau_s)),
+            partial(elasticity.linearize, dt_old_s, partial(lambda own, t: float(t == own), tau_s)),
         )
     if elasticity.viscous_time_s:
         yield Delay(
             lambda w: 1j * w * elasticity.viscous_time_s,
-            partial(elasticity.linearize, _none, viscous=1.0),
+            partial(elasticity.linearize, dt_old_s, _none, viscous=1.0),
         )

@@ -41,11 +41,11 @@ class Relaxation(PointHistory):
         The finger and where its tissues are.
     series
         Of the tissues that relax, by name; at least one.
-    F
-        Deformation gradient at the present displacement.
+    F, F_old
+        Deformation gradient at the present displacement and at the last accepted step.
     """
 
-    def __init__(self, domain: Domain, series: Mapping[str, Prony], F: Expr) -> None:
+    def __init__(self, domain: Domain, series: Mapping[str, Prony], F: Expr, F_old: Expr) -> None:
         msh = domain.mesh
         self._mesh, self._series = msh, dict(series)
         self._count = max(len(prony.g) for prony in series.values())
@@ -58,22 +58,29 @@ class Relaxation(PointHistory):
         self._cells = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
         tags = domain.tissues_of(domain.tissue)
         self._own = {name: domain.tissue.find(tags[name]) for name in series}
-        # Of each network its stiffness ratio and the weight of the new strain, by tissue.
+        # Of each network its stiffness ratio and the weights of the present and of the accepted
+        # strain at the points themselves, by tissue.
         self._factors = {
-            name: [(fem.Constant(msh, ratio), fem.Constant(msh, 0.0)) for ratio in prony.ratios]
+            name: [[fem.Constant(msh, x) for x in (ratio, 0.0, 0.0)] for ratio in prony.ratios]
             for name, prony in series.items()
         }
+        self._inverse_metric_old = inverse_metric(F_old)
 
     def networks(self, tissue: str, law: ShearLaw) -> list[Network]:
         """Return the networks of a tissue with that elastic law; none if it does not relax."""
         return [
-            Network(law, ratio, (1 - new) * ufl.Identity(3) + _symmetric(self._carried, k), new)
-            for k, (ratio, new) in enumerate(self._factors.get(tissue, []))
+            Network(law, ratio, self._carried_in(k, new, frozen), new)
+            for k, (ratio, new, frozen) in enumerate(self._factors.get(tissue, []))
         ]
+
+    def _carried_in(self, k: int, new: Expr, frozen: Expr) -> Expr:
+        """Return `A` of a network without the weight `new` of the present ``Cbar^-1``."""
+        carried = (1 - new - frozen) * ufl.Identity(3) + _symmetric(self._carried, k)
+        return carried + frozen * self._inverse_metric_old
 
     def stiffening(self, tissue: str) -> Expr | float:
         """Return how much stiffer than in the long run a tissue is over the present step."""
-        return sum(ratio * (1 - new) for ratio, new in self._factors.get(tissue, []))
+        return sum(ratio * (1 - new) for ratio, new, _ in self._factors.get(tissue, []))
 
     def set_time_step(self, dt_s: float) -> None:
         """Carry the history over a step of that duration."""
@@ -83,30 +90,37 @@ class Relaxation(PointHistory):
             strain = old[cells, :, self._count]
             for k, (kept, before, new) in enumerate(prony.weights(dt_s)):
                 carried[cells, :, k] = kept * old[cells, :, k] + before * strain
-                self._factors[name][k][1].value = new
+                self._weigh(name, k, new, 0.0)
         self._put(self._carried.x.array, self._carried, carried)
 
-    def linearize(self, share: Callable[[float], float]) -> None:
-        """Stand at the accepted state, where a further strain breaks chains at once.
+    def linearize(self, dt_old_s: float, share: Callable[[float], float]) -> None:
+        """Freeze the networks at the accepted state, where a further strain breaks chains at once.
+
+        At the accepted displacement `A` is that with which the last step ended, at each point. With
+        the strain that is linear in each tetrahedron in place of the accepted one it would not be,
+        and not even positive definite where cells are much distorted.
 
         Parameters
         ----------
+        dt_old_s
+            Duration of the last step; 0 if there was none.
         share
-            Of a network's chains that do, 0 to 1, by its relaxation time, s.
+            Of a network's chains that break, 0 to 1, by its relaxation time, s.
         """
         old, carried = self._at_cells(self.old), self._at_cells(self._carried)
         for name, prony in self._series.items():
             cells = self._own[name]
             strain = old[cells, :, self._count]
             for k, tau_s in enumerate(prony.tau_s):
-                new = share(tau_s)
-                carried[cells, :, k] = old[cells, :, k] - new * strain
-                self._factors[name][k][1].value = new
+                ended = prony.weights(dt_old_s)[k][2] if dt_old_s else 0.0
+                carried[cells, :, k] = old[cells, :, k] - ended * strain
+                self._weigh(name, k, share(tau_s), ended - share(tau_s))
         self._put(self._carried.x.array, self._carried, carried)
 
-    def share(self, dt_s: float, tau_s: float) -> float:
-        """Return the share of a network's chains that a strain breaks in a step."""
-        return Prony((), (tau_s,)).weights(dt_s)[0][2] if dt_s else 0.0
+    def _weigh(self, tissue: str, k: int, new: float, frozen: float) -> None:
+        """Set the weights of the present and of the accepted strain in a network."""
+        for constant, value in zip(self._factors[tissue][k][1:], (new, frozen), strict=True):
+            constant.value = value
 
     def times_s(self) -> list[float]:
         """Return the relaxation times of all tissues, each once."""
@@ -130,7 +144,7 @@ class Relaxation(PointHistory):
         carried = self._at_cells(self._carried)
         values = np.concatenate([carried, strain], axis=2)
         for name, cells in self._own.items():
-            for k, (_, new) in enumerate(self._factors[name]):
+            for k, (_, new, _) in enumerate(self._factors[name]):
                 values[cells, :, k] += float(new.value) * strain[cells, :, 0]
         found = np.empty_like(self.old.x.array)
         self._put(found, self.old, values)
