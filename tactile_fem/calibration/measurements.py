@@ -15,11 +15,11 @@ along the finger; both sides of the indenter are averaged.
 
 from __future__ import annotations
 
-import csv
 import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
+from tactile_fem.runtime.text import read_rows
 from tactile_fem.study import AnyStimulus, Study
 from tactile_fem.study.explain import explain
 
@@ -117,14 +118,8 @@ def parse_indenter(text: str, where: str) -> AnyStimulus:
 
 
 def _lines(file: Path) -> Iterable[tuple[int, dict[str, str]]]:
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise StudyError(f"{file} cannot be read: {reason}.") from None
-    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
-    names = [name.strip() for name in reader.fieldnames or ()]
-    reader.fieldnames = names
+    rows = read_rows(file, str(file))
+    names = [name.strip() for name in rows[0][1]] if rows else []
     for kind in (FORCE, PROFILE):
         if sorted(names) == sorted([*_COMMON, *kind]):
             break
@@ -133,13 +128,15 @@ def _lines(file: Path) -> Iterable[tuple[int, dict[str, str]]]:
             f"{file}: its columns are {', '.join(names) or 'none'} but must be "
             f"{', '.join([*_COMMON, *FORCE])} or {', '.join([*_COMMON, *PROFILE])}."
         )
-    for cells in reader:
-        yield reader.line_num, cells
+    for line, row in rows[1:]:
+        if len(row) > len(names):
+            raise StudyError(f"{file}, line {line}: it has more cells than there are columns.")
+        yield line, dict(zip_longest(names, row, fillvalue=""))
 
 
-def _row(where: str, cells: Mapping[str, str | None]) -> _Row:
+def _row(where: str, cells: Mapping[str, str]) -> _Row:
     def number(name: str, *, positive: bool = True) -> float:
-        text = (cells[name] or "").strip()
+        text = cells[name].strip()
         try:
             value = float(text)
         except ValueError:
@@ -149,9 +146,7 @@ def _row(where: str, cells: Mapping[str, str | None]) -> _Row:
             raise StudyError(f'{where}: {name} is "{text}" but must be {allowed}.')
         return value
 
-    if None in cells:
-        raise StudyError(f"{where}: it has more cells than there are columns.")
-    indenter = " ".join((cells["indenter"] or "").split())
+    indenter = " ".join(cells["indenter"].split())
     if not indenter:
         raise StudyError(f"{where}: indenter is empty but must be a kind of stimulus.")
     speed, depth = number("speed_mm_s"), number("depth_mm")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path as FilePath
 
 import numpy as np
 
 from tactile_fem.errors import StudyError
+from tactile_fem.runtime.text import read_rows
 from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.path import Path, Piece, follow, hold, lift, press, slide, vibrating
 from tactile_fem.study import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
@@ -79,13 +79,7 @@ def read_places(file: FilePath) -> tuple[Array, Array]:
         It cannot be read, has other columns, less than two rows, a value that is no finite
         number, or times that do not increase.
     """
-    try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream)
-            rows = [(reader.line_num, row) for row in reader if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or "it is no CSV file"
-        raise StudyError(f"protocol.path: {file} cannot be read: {reason}.") from None
+    rows = read_rows(file, f"protocol.path: {file}")
     heading = rows[0][1] if rows else ["empty"]
     if [name.strip() for name in heading] != _COLUMNS:
         raise StudyError(

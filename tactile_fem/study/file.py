@@ -11,6 +11,7 @@ import tomlkit
 from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
+from tactile_fem.runtime.text import read_text
 from tactile_fem.study import Study
 from tactile_fem.study.base import absolute
 from tactile_fem.study.explain import explain, path_in_file
@@ -59,13 +60,11 @@ def load_study(path: Path | str | None = None, overrides: Sequence[str] = ()) ->
 
 
 def _read(path: Path) -> dict[str, Any]:
+    if not path.exists():
+        raise StudyError(f"There is no study file {path}.")
+    text = read_text(path, f"The study file {path}")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise StudyError(f"There is no study file {path}.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise StudyError(f"The study file {path} cannot be read: {reason}.") from None
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise StudyError(f"The study file {path} is not valid TOML: {error}.") from None
 
