@@ -1,16 +1,18 @@
-"""Files that are written whole or not at all, and a lock on the folder of a run."""
+"""Files that are written whole or not at all, read again if they change, and a run's lock."""
 
 from __future__ import annotations
 
 import csv
 import fcntl
+import hashlib
 import logging
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from tactile_fem.errors import StudyError
 
@@ -70,6 +72,47 @@ def write_records(path: Path, records: Sequence[Mapping[str, Any]]) -> None:
         writer = csv.DictWriter(stream, records[0])
         writer.writeheader()
         writer.writerows(records)
+
+
+class _FromFiles(Protocol):
+    def files(self) -> dict[str, Path]: ...
+
+
+def hashes(files: Mapping[str, Path]) -> dict[str, str]:
+    """Return the SHA-256 of each file; it is empty where the file cannot be read."""
+    found = dict.fromkeys(files, "")
+    for key, file in files.items():
+        with suppress(OSError), file.open("rb") as stream:
+            found[key] = hashlib.file_digest(stream, "sha256").hexdigest()
+    return found
+
+
+def check_unchanged(files: Mapping[str, Path], before: Mapping[str, str]) -> None:
+    """Raise StudyError if a file has changed since `hashes` was evaluated."""
+    for key, now in hashes(files).items():
+        if now != before[key]:
+            raise StudyError(f"{files[key]} was changed while it was read: start again.")
+
+
+def cached_by_content[S: _FromFiles, T](
+    maxsize: int,
+) -> Callable[[Callable[[S], T]], Callable[[S], T]]:
+    """Cache a function of a section of a study by the section and the content of its files."""
+
+    def decorate(function: Callable[[S], T]) -> Callable[[S], T]:
+        @lru_cache(maxsize)
+        def cached(section: S, content: tuple[tuple[str, str], ...]) -> T:
+            result = function(section)
+            check_unchanged(section.files(), dict(content))
+            return result
+
+        @wraps(function)
+        def call(section: S) -> T:
+            return cached(section, tuple(hashes(section.files()).items()))
+
+        return call
+
+    return decorate
 
 
 @contextmanager

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from tactile_fem import __version__
 from tactile_fem.errors import StudyError
+from tactile_fem.scan.checks import FILE_CHANGED
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.setup import Setup
 from tactile_fem.scan.trace import Array
-from tactile_fem.study import Follow, Study
 
 # Counts up when the names or the meaning of a checkpoint's arrays change.
 _FORMAT = 10
@@ -38,7 +36,7 @@ class Origin:
     mesh
         Hash of the finger's mesh.
     files
-        SHA-256 of each file that stimulus and path are read from, by its key.
+        SHA-256 of each file that finger, stimulus and path were read from, by its key.
     own_parts
         See `Parts.identity`.
     """
@@ -53,8 +51,7 @@ class Origin:
         """Return what the checkpoints of a scan are made from; on the first rank only."""
         assert setup.finger is not None
         study = setup.study.model_dump_json(exclude=_FREE)
-        files = {key: _hash(file) for key, file in _files(setup.study).items()}
-        return cls(study, setup.finger.hash, files, setup.parts.identity())
+        return cls(study, setup.finger.hash, setup.files, setup.parts.identity())
 
     def stamp(self) -> dict[str, Any]:
         """Return it as arrays of a checkpoint."""
@@ -89,11 +86,8 @@ class Origin:
                 "the study again in another folder."
             )
         for key, then in json.loads(str(saved["files"])).items():
-            if self.files.get(key) != then:
-                raise StudyError(
-                    f"{key} names a file that has changed since {file} was written: bring it back, "
-                    "or run the study again in another folder."
-                )
+            if self.files.get(key) != then and not key.startswith("finger."):  # see the mesh's hash
+                raise StudyError(FILE_CHANGED.format(key=key, file=file))
         self._check_own_parts(json.loads(str(saved["own_parts"])), file)
         return saved
 
@@ -106,19 +100,3 @@ class Origin:
                     f"{file} was written with a {name} that was {then}, now it is {now}: give the "
                     "same parts to resume, or run the scan again in another folder."
                 )
-
-
-def _files(study: Study) -> dict[str, Path]:
-    """Return the files of stimulus and path by their keys; the mesh has a hash of its own."""
-    named = {f"stimulus.{key}": value for key, value in study.stimulus if isinstance(value, Path)}
-    pieces = enumerate(study.protocol.pieces, 1)
-    return named | {
-        f"protocol.path (entry {number}).file": piece.file
-        for number, piece in pieces
-        if isinstance(piece, Follow)
-    }
-
-
-def _hash(file: Path) -> str:
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -28,6 +28,7 @@ from tactile_fem.runtime.logs import log_to
 from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
 from tactile_fem.runtime.signals import StopRequest, signal_handler
 from tactile_fem.scan.checkpoint import Origin
+from tactile_fem.scan.checks import check_files
 from tactile_fem.scan.estimate import announce
 from tactile_fem.scan.parts import Parts
 from tactile_fem.scan.recorder import Recorder
@@ -186,7 +187,9 @@ def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None)
         scan(study, folder, comm=comm)
     elif on_root(comm, lambda: results.study) != study:
         raise StudyError(f"{folder} holds the scan of another study: choose another folder.")
-    elif not on_root(comm, lambda: results.complete):
+    elif on_root(comm, lambda: results.complete):
+        on_root(comm, lambda: check_files(results))
+    else:
         resume(folder, comm=comm)
     return Results(folder)
 

@@ -21,6 +21,7 @@ from tactile_fem.mechanics.stepper import Stepper
 from tactile_fem.neuron import Population, populations_of
 from tactile_fem.receptors import Layout, lay_out
 from tactile_fem.receptors.probe import Probe
+from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.scan.checks import (
     DEEPEST,
@@ -54,6 +55,8 @@ class Setup:
         The receptors.
     populations
         The afferents.
+    files
+        SHA-256 of each file that the parts were read from, by its key.
     """
 
     study: Study
@@ -63,6 +66,7 @@ class Setup:
     path: Path
     layout: Layout
     populations: tuple[Population, ...]
+    files: dict[str, str]
 
     @classmethod
     def of(cls, study: Study, parts: Parts, comm: MPI.Comm) -> Setup:
@@ -70,6 +74,7 @@ class Setup:
         check_options(study.solver)
         check_parts(parts, study.tissue)
         populations = populations_of(study, parts.populations)
+        files = on_root(comm, lambda: hashes(study.files()))
         finger = on_root(comm, lambda: _finger(study, parts), share=False)
         thickness = on_root(comm, lambda: pad_thickness_mm(finger))
         body = parts.body or make_body(study.stimulus)
@@ -80,9 +85,10 @@ class Setup:
             lambda: check_section(study, path, finger.plane, own_body=parts.body is not None),
         )
         check_depth(None if parts.path else study.protocol, path, thickness)
+        check_unchanged(study.files(), files)  # the hashes are those of what each rank has read
         layout = on_root(comm, lambda: lay_out(study, finger))
         on_root(comm, lambda: check_apart(body, path, finger))
-        return cls(study, parts, finger, body, path, layout, populations)
+        return cls(study, parts, finger, body, path, layout, populations, files)
 
     def instruments(self, comm: MPI.Comm) -> Instruments:
         """Compile and distribute the mechanics and the probe."""

@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from matplotlib.font_manager import FontProperties, findfont, get_font
-from matplotlib.textpath import TextPath
+from matplotlib.font_manager import FontProperties, findfont
+from matplotlib.ft2font import FT2Font
+from matplotlib.path import Path as Outline
+from matplotlib.textpath import text_to_path
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 from shapely import affinity
@@ -19,6 +21,7 @@ from shapely import affinity
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array, Distance
 from tactile_fem.study import Text
+from tactile_fem.study.stimulus import is_font_file
 
 _GRID_MM = 0.05
 # The distance from an outline is not told beyond its relief and this, where the plate is nearer.
@@ -112,34 +115,47 @@ class Letters:
         return gap, nearest
 
 
-def _font(name: str) -> FontProperties:
-    """Return the font of a family name or file, without silent replacement."""
-    if Path(name).suffix.lower() in (".ttf", ".otf", ".ttc"):
+def _font(name: str) -> FT2Font:
+    """Return the font of a family name or file, without silent replacement.
+
+    It is read anew: matplotlib keeps fonts by their path, whatever has become of the file.
+    """
+    if is_font_file(name):
         if not Path(name).is_file():
             raise StudyError(f'stimulus.font = "{name}": there is no such file')
         try:
-            get_font(name)
+            font = FT2Font(name)
         except (OSError, RuntimeError) as error:
             raise StudyError(f'stimulus.font = "{name}" cannot be read as a font') from error
-        return FontProperties(fname=name)
+    else:
+        file = _installed(name)
+        number = getattr(file, "face_index", 0)  # of a collection, from matplotlib 3.11 on
+        font = FT2Font(file, **({"face_index": number} if number else {}))
+    font.set_size(text_to_path.FONT_SCALE, text_to_path.DPI)
+    return font
+
+
+def _installed(name: str) -> str:
     # As a list, because a plain name is parsed as a fontconfig pattern ("sans-serif" is invalid).
-    font = FontProperties(family=[name])
     try:
-        findfont(font, fallback_to_default=False)
+        return findfont(FontProperties(family=[name]), fallback_to_default=False)
     except ValueError:
         raise StudyError(
             f'stimulus.font = "{name}": no such font is installed; give a family name or the path '
             "of a .ttf file"
         ) from None
-    return font
 
 
-def _glyph(character: str, font: FontProperties, name: str) -> shapely.Geometry:
+def _glyph(character: str, font: FT2Font, name: str) -> shapely.Geometry:
     """Return a character's outline in the font's units, holes cut out."""
-    known = get_font(findfont(font)).get_char_index(ord(character))
-    if not (known and character.isprintable()):
+    if not (font.get_char_index(ord(character)) and character.isprintable()):
         raise StudyError(f'stimulus.text: the font "{name}" has no glyph for "{character}"')
-    path = TextPath((0, 0), character, size=_TYPE_SIZE, prop=font)
+    try:
+        _, glyphs, _ = text_to_path.get_glyphs_with_font(font, character)
+    except RuntimeError as error:
+        raise StudyError(f'stimulus.font = "{name}" cannot be read as a font') from error
+    ((vertices, codes),) = glyphs.values()
+    path = Outline(vertices * (_TYPE_SIZE / text_to_path.FONT_SCALE), codes)
     shape = shapely.Polygon()
     for ring in path.to_polygons(closed_only=True):
         shape = shape.symmetric_difference(shapely.Polygon(ring).buffer(0))

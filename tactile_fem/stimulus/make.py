@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import shapely
 from shapely import affinity
 
 from tactile_fem.errors import StudyError
+from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.stimulus.body import (
     Ball,
     Domes,
@@ -42,7 +42,7 @@ from tactile_fem.study import (
 _ACROSS = {"x": 1, "y": 0}
 
 
-@lru_cache(maxsize=4)
+@cached_by_content(maxsize=4)
 def make_body(stimulus: AnyStimulus) -> RigidBody:
     """Return the rigid body of a stimulus.
 

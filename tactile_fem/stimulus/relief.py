@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
 
+from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.stimulus.body import EXCESS_MM, Array, Distance
 from tactile_fem.stimulus.spline import GridSpline
 from tactile_fem.stimulus.topography import Topography, read_topography
@@ -82,7 +83,7 @@ class Relief:
         return float(1 / np.sqrt(1 + np.dot(slopes, slopes)))
 
 
-@lru_cache(maxsize=4)
+@cached_by_content(maxsize=4)
 def make_relief(surface: Surface) -> Relief:
     """Return the body of a measured surface; warn if it is too steep for its distance.
 

@@ -7,6 +7,7 @@ Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from pydantic import (
@@ -150,6 +151,17 @@ class Study(Section):
         """The populations; without `afferents` the one of `receptors` and `neuron`."""
         one = Afferents(name=DEFAULT_NAME, receptors=self.receptors, neuron=self.neuron)
         return self.afferents or (one,)
+
+    def files(self) -> dict[str, Path]:
+        """Return the files that finger, stimulus and path are read from, by their keys."""
+        sections: dict[str, Section] = {"finger": self.finger, "stimulus": self.stimulus}
+        for number, piece in enumerate(self.protocol.pieces, 1):
+            sections[f"protocol.path (entry {number})"] = piece
+        return {
+            f"{name}.{key}": file
+            for name, section in sections.items()
+            for key, file in section.files().items()
+        }
 
 
 def _given(section: Any) -> dict[str, Any]:

@@ -45,6 +45,10 @@ class Section(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
+    def files(self) -> dict[str, Path]:
+        """Return the files that it is read from, by their keys."""
+        return {key: value for key, value in self if isinstance(value, Path)}
+
 
 class Either(Section):
     """A section in which some keys, where they are set, take the place of others.

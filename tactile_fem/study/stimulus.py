@@ -19,10 +19,14 @@ from tactile_fem.study.base import (
 )
 
 
+def is_font_file(font: str) -> bool:
+    """Return whether a font is given by its file and not by the name of its family."""
+    return Path(font).suffix.lower() in (".ttf", ".otf", ".ttc")
+
+
 def font_file(font: str, folder: Path | str = "") -> str:
     """Return an absolute path for a font file; return the name of a font family unchanged."""
-    is_file = Path(font).suffix.lower() in (".ttf", ".otf", ".ttc")
-    return str(absolute(font, folder)) if is_file else font
+    return str(absolute(font, folder)) if is_font_file(font) else font
 
 
 class Stimulus(Section):
@@ -61,6 +65,10 @@ class Text(Stimulus):
         "letter's centre; default half way to the second letter (single letter: half a pitch "
         "before it)",
     )
+
+    def files(self) -> dict[str, Path]:
+        """Return the font's file, if it is given by its path."""
+        return {"font": Path(self.font)} if is_font_file(self.font) else {}
 
 
 class Plate(Stimulus):

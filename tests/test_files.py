@@ -1,0 +1,166 @@
+"""What is read from a file is read again when the file has changed, and recorded as it was read."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+from mpi4py import MPI
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from synthetic import make_results
+
+from tactile_fem.calibration.measurements import Experiment, parse_indenter
+from tactile_fem.calibration.model import Task
+from tactile_fem.errors import StudyError
+from tactile_fem.finger.load import MESH_FOLDERS
+from tactile_fem.runtime.files import cached_by_content, check_unchanged, hashes
+from tactile_fem.scan import checks, setup
+from tactile_fem.scan.parts import Parts
+from tactile_fem.stimulus import make_body
+from tactile_fem.stimulus.make import outlines
+from tactile_fem.study import Finger, Mesh, Protocol, Receptors, Study, Surface, Text
+
+FONTS = Path(mpl.get_data_path()) / "fonts" / "ttf"
+
+
+def replace(file, write):
+    """Write a file anew with the same size and times, as a quick rewrite may leave them."""
+    before = file.stat()
+    write(file)
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+def bump(height):
+    heights = np.zeros((20, 20))
+    heights[10, 10] = height
+    return lambda file: np.save(file, heights)
+
+
+def test_a_surface_is_read_again(tmp_path):
+    file = tmp_path / "map.npy"
+    stimulus = Surface(file=file, spacing_mm=0.1, unit_mm=1.0)
+    bump(0.2)(file)
+    low = make_body(stimulus).distance(np.zeros((1, 3))).gap
+    assert make_body(stimulus) is make_body(stimulus)
+    replace(file, bump(0.4))
+    high = make_body(stimulus).distance(np.zeros((1, 3))).gap
+    assert high != pytest.approx(low, abs=1e-3)
+    replace(file, bump(0.2))
+    assert make_body(stimulus).distance(np.zeros((1, 3))).gap == pytest.approx(low)
+
+
+def test_a_font_is_read_again(tmp_path):
+    file = tmp_path / "f.ttf"
+    stimulus = Text(text="I", font=str(file))
+    areas = []
+    for name in ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf"):
+        shutil.copyfile(FONTS / name, file)
+        areas.append(sum(shape.area for shape in outlines(stimulus)))
+        body = make_body(stimulus)
+        shutil.copyfile(FONTS / name, tmp_path / "other.ttf")
+        other = make_body(Text(text="I", font=str(tmp_path / "other.ttf")))
+        points = np.random.default_rng(0).uniform(-2, 0, (50, 3))
+        assert body.distance(points).gap == pytest.approx(other.distance(points).gap)
+    assert areas[1] > 1.2 * areas[0]
+
+
+def test_a_part_is_read_again(tmp_path):
+    pytest.importorskip("igl", reason='pip install "tactile-fem[cad]"')
+    import trimesh
+
+    file = tmp_path / "part.stl"
+    stimulus = Mesh(file=file, grid_mm=0.15, edge_radius_mm=0.4)
+    at = np.array([[1.5, 0.0, -1.0]])
+    trimesh.creation.box([2.0, 2.0, 2.0]).export(file)
+    assert make_body(stimulus).distance(at).gap == pytest.approx(0.5, abs=1e-2)
+    replace(file, lambda f: trimesh.creation.box([4.0, 2.0, 2.0]).export(f))
+    assert make_body(stimulus).distance(at).gap == pytest.approx(-0.5, abs=1e-2)
+
+
+def test_a_mesh_is_read_again(tmp_path):
+    small = next(folder for folder in MESH_FOLDERS if (folder / "small.msh").is_file())
+    file = tmp_path / "mine.msh"
+    shutil.copyfile(small / "small.msh", file)
+    first = checks._loaded(Finger(mesh_file=file))
+    assert checks._loaded(Finger(mesh_file=file)) is first
+    shutil.copyfile(small / "coarse.msh", file)
+    assert checks._loaded(Finger(mesh_file=file)).hash != first.hash
+
+
+def test_a_file_that_changes_while_it_is_read_is_not_kept(tmp_path):
+    file = tmp_path / "map.npy"
+    bump(0.2)(file)
+
+    @cached_by_content(maxsize=4)
+    def read(surface):
+        content = np.load(surface.file)
+        bump(0.4)(file)
+        return content
+
+    with pytest.raises(StudyError, match=r"map\.npy was changed while it was read"):
+        read(Surface(file=file))
+    assert read(Surface(file=file)).max() == 0.4
+
+
+def test_the_hashes_name_every_file_of_a_study(tmp_path):
+    font, way = tmp_path / "f.ttf", tmp_path / "way.csv"
+    font.write_text("a")
+    study = Study(
+        finger=Finger(skin_file=tmp_path / "skin.stl"),
+        stimulus=Text(font=str(font)),
+        protocol=Protocol(path=[{"kind": "press", "depth_mm": 1}, {"kind": "follow", "file": way}]),
+    )
+    found = hashes(study.files())
+    assert list(found) == ["finger.skin_file", "stimulus.font", "protocol.path (entry 2).file"]
+    assert [len(text) for text in found.values()] == [0, 64, 0]
+    way.write_text("new")
+    with pytest.raises(StudyError, match=r"way\.csv was changed"):
+        check_unchanged(study.files(), found)
+    assert Text().files() == {}
+
+
+def test_a_scan_records_what_it_has_read(tmp_path, monkeypatch):
+    file = tmp_path / "map.npy"
+    bump(0.2)(file)
+    stimulus = Surface(file=file, spacing_mm=0.1, unit_mm=1.0)
+    small = Finger(pad_size_mm=3, far_size_mm=6)
+    study = Study(finger=small, stimulus=stimulus, receptors=Receptors(half_width_mm=0.0))
+    made = setup.Setup.of(study, Parts(), MPI.COMM_SELF)
+    assert made.files == hashes({"stimulus.file": file})
+
+    def make_and_change(stimulus):
+        body = make_body(stimulus)
+        bump(0.4)(file)
+        return body
+
+    monkeypatch.setattr(setup, "make_body", make_and_change)
+    with pytest.raises(StudyError, match=r"map\.npy was changed while it was read"):
+        setup.Setup.of(study, Parts(), MPI.COMM_SELF)
+
+
+def test_a_press_that_was_saved_belongs_to_its_files(tmp_path):
+    skin, where = tmp_path / "skin.stl", "a plate"
+    numbers = (np.ones(1), np.full(1, np.nan), np.ones(1), np.ones(1))
+    experiment = Experiment(where, parse_indenter("plate", where), 1.0, *numbers)
+    names = []
+    for content in ("one", "two", "one"):
+        skin.write_text(content)
+        names.append(Task(Study(finger=Finger(skin_file=skin)), experiment, ()).name)
+    assert names[0] == names[2] != names[1]
+
+
+def test_finished_results_belong_to_the_files_they_were_made_from(tmp_path):
+    file = tmp_path / "map.npy"
+    bump(0.2)(file)
+    study = Study(stimulus=Surface(file=file, spacing_mm=0.1, unit_mm=1.0))
+    results = make_results(tmp_path / "r", study)
+    results.save_checkpoint(files=json.dumps(hashes(study.files())))
+    checks.check_files(results)
+    bump(0.4)(file)
+    with pytest.raises(StudyError, match=r"stimulus\.file names a file that has changed since"):
+        checks.check_files(results)
+    file.unlink()
+    checks.check_files(results)
