@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.stimulus.body import EXCESS_MM, Array, Distance
+from tactile_fem.stimulus.plausible import check_relief
 from tactile_fem.stimulus.spline import GridSpline
 from tactile_fem.stimulus.topography import Topography, read_topography
 from tactile_fem.study import Surface
@@ -106,8 +107,15 @@ def make_relief(surface: Surface) -> Relief:
 
 
 def relief_of(topography: Topography, surface: Surface) -> Relief:
-    """Return the body of heights that are levelled and filtered as a study states."""
+    """Return the body of heights that are levelled and filtered as a study states.
+
+    Raises
+    ------
+    StudyError
+        They differ by more than a finger can follow.
+    """
     heights = levelled(topography.heights_mm, ["mean", "plane", "quadratic"].index(surface.level))
+    check_relief(heights, surface.file)
     beyond = _BEYOND[surface.repeat]
     spacing = np.array(topography.spacing_mm)
     if surface.low_pass_mm:

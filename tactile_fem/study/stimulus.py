@@ -201,20 +201,20 @@ class Surface(Stimulus):
     kind: Literal["surface"] = "surface"
     file: File = Field(
         description="heights: .npy, .csv, .txt or .asc, a gray .png or .tif, or an instrument's "
-        "file; rows follow each other along X, columns along Y"
+        "file; rows follow each other along X, columns along Y; an instrument's x and y are X and Y"
     )
     spacing_mm: Positive | None = Field(
-        None, description="between two values; default as an instrument's file states"
+        None, description="between two values; default as the file states"
     )
     unit_mm: Annotated[Finite, AfterValidator(nonzero)] | None = Field(
         None,
         description="height of one unit of the values, such as 0.001 for micrometres; negative if "
-        "small values are high; default as an instrument's file states",
+        "small values are high; default as the file states",
     )
     crop_mm: tuple[NonNegative, NonNegative, Positive, Positive] | None = Field(
         None,
         description="the part that is used, from its least X and Y to its largest, counted from "
-        "the first value; default all",
+        "those of the map; default all",
     )
     level: Literal["mean", "plane", "quadratic"] = Field(
         "plane", description="what is subtracted: the mean, the plane or the paraboloid that fits"

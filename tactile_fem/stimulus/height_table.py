@@ -1,0 +1,184 @@
+"""Heights in text files: rows of numbers, as programs of any language write them."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import logging
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactile_fem.errors import StudyError
+from tactile_fem.runtime.text import read_text
+from tactile_fem.stimulus.body import Array
+
+logger = logging.getLogger(__name__)
+
+_MISSING = {"", "bad", "na", "n/a", "#n/a", "nodata", "-", "--", "---", "***"}
+_NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.I)
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*(,\d+)?([eE][-+]?\d+)?")
+_MARKER = re.compile(r"no.?data(?:.?value)?\s*[:=]?\s*(\S+)", re.I)
+_LONG = 2000  # characters of a line that show what it is
+_STATEMENT = re.compile(r"#.*[:=]")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of numbers, and the lines before and after them."""
+
+    values: Array
+    header: list[str]
+
+
+def is_table(file: Path) -> bool:
+    """Return whether a file is text whose first row has more numbers than three coordinates."""
+    try:
+        lines = read_text(file, "", western=True).split("\n")
+    except StudyError:
+        return False
+    return any(len(_cells(line)) > 3 for line in lines[:100] if _is_row(line))
+
+
+def read_table(file: Path, check: Callable[[tuple[int, int]], None]) -> Table:
+    """Return the numbers of a text file; words for missing numbers become NaN.
+
+    Parameters
+    ----------
+    file
+        Cells are separated by commas, semicolons, tabs or blanks; numbers may have decimal commas.
+    check
+        Is called with the numbers of rows and columns, before they are read.
+
+    Raises
+    ------
+    StudyError
+        It is no text, has no rows of numbers, rows that differ in length, or other words in them.
+    """
+    start = f"stimulus.file = {file}"
+    lines = read_text(file, start, western=True, binary="it is no text").split("\n")
+    first = next((k for k, line in enumerate(lines) if _is_row(line)), None)
+    if first is None:
+        raise StudyError(f"{start} cannot be read: it has no rows of numbers")
+    last = next(k for k in range(len(lines) - 1, first - 1, -1) if _is_row(lines[k]))
+    rows = {
+        k + 1: line.replace('"', "").rstrip(" ")
+        for k, line in enumerate(lines[first : last + 1], first)
+        if line.strip() and not line.lstrip().startswith("#")
+    }
+    header = [line for line in [*lines[:first], *lines[last + 1 :]] if line.strip()]
+    second = next((k for k in range(first, last) if _STATEMENT.match(lines[k].lstrip())), None)
+    if second is not None:
+        raise StudyError(
+            f"{start} holds several maps, the second from line {second + 1} on: keep one"
+        )
+    delimiter, decimal = _dialect(rows.values())
+    if decimal == ",":
+        rows = {number: line.replace(",", ".") for number, line in rows.items()}
+    if delimiter and all(line.endswith(delimiter) for line in rows.values()):
+        rows = {number: line[: -len(delimiter)] for number, line in rows.items()}
+    columns = rows[first + 1].count(delimiter) if delimiter else len(rows[first + 1].split())
+    check((len(rows), columns + bool(delimiter)))
+    values = _numbers(rows, delimiter, start)
+    for line in header:
+        if (found := _MARKER.search(line)) and _NUMBER.fullmatch(found[1]):
+            values[values == float(found[1].replace(",", "."))] = np.nan
+    return Table(values, header)
+
+
+def _is_row(line: str) -> bool:
+    """Return whether a line holds numbers and nothing else but words for missing ones."""
+    cells = _cells(line)
+    numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in cells)
+    return numbers > 0 and numbers + sum(cell.lower() in _MISSING for cell in cells) == len(cells)
+
+
+def _cells(line: str) -> list[str]:
+    """Return the cells of a line, of a long one the first."""
+    cells = re.split(r"[;,\s]+", line[:_LONG].replace('"', "").strip(" \t;,"))
+    return cells if len(line) <= _LONG else cells[:-1]
+
+
+def _dialect(rows: Sequence[str]) -> tuple[str | None, str]:
+    """Return what separates cells, None for blanks and tabs, and the decimal mark."""
+    if any(";" in row for row in rows):
+        return ";", ","
+    row = next((row for row in rows if "," in row), None)
+    if row is None:
+        return None, "."
+    words = row.split()
+    if len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(w) or w.lower() in _MISSING for w in words):
+        return None, ","
+    return ",", "."
+
+
+def _numbers(rows: dict[int, str], delimiter: str | None, start: str) -> Array:
+    try:
+        return np.loadtxt(list(rows.values()), delimiter=delimiter, ndmin=2, dtype=np.float64)
+    except ValueError:
+        pass  # a word for a missing number, or a mistake that is named below
+    found, columns = [], 0
+    for number, line in rows.items():
+        cells = line.partition("#")[0].split(delimiter)
+        columns = columns or len(cells)
+        if len(cells) != columns:
+            raise StudyError(
+                f"{start} cannot be read: line {number} has {len(cells)} numbers, those before it "
+                f"{columns}"
+            )
+        found.append([_number(cell.strip(), number, start) for cell in cells])
+    return np.array(found)
+
+
+def _number(cell: str, line: int, start: str) -> float:
+    try:
+        return math.nan if cell.lower() in _MISSING else float(cell)
+    except ValueError:
+        raise StudyError(
+            f'{start} cannot be read: "{cell[:30]}" in line {line} is no number'
+        ) from None
+
+
+def sizes_of(
+    header: Sequence[str], shape: tuple[int, int], file: Path
+) -> tuple[tuple[float, float] | None, float | None]:
+    """Return the spacing along rows' X and columns' Y and the unit, mm, that a header states.
+
+    SurfaceTopography knows the headers of Gwyddion, SPIP, Wyko, Nova and Attocube; without it they
+    are not known.
+    """
+    header = [re.sub(r"(\d),(\d)", r"\1.\2", line) for line in header]
+    if not any(re.search(r"\d", line) for line in header) or not find_spec("SurfaceTopography"):
+        return None, None
+    library = importlib.import_module("SurfaceTopography.IO")
+    errors = importlib.import_module("SurfaceTopography.Exceptions")
+    convert = importlib.import_module("SurfaceTopography.Support.UnitConversion")
+    rows = [" ".join(["1"] * shape[1])] * shape[0]  # their numbers do not matter
+
+    def parsed(*further: str) -> Any:
+        text = io.StringIO("\n".join([*header, *further, *rows]))
+        with library.open_topography(text, format="asc") as reader:
+            return reader.default_channel
+
+    try:
+        channel, unit_mm = parsed(), None
+        if channel.unit is not None:
+            scale = channel.height_scale_factor or 1.0
+            unit_mm = scale * float(convert.get_unit_conversion_factor(channel.unit, "mm"))
+        elif "xunit" in channel.info["raw_metadata"]:  # it states the unit of lengths only
+            channel = parsed("# Value units: mm")
+    except errors.ReadFileError as error:
+        reason = re.sub(r" from the file '.*?'", "", " ".join(str(error).split()))
+        logger.warning("The header of %s is not used: %s", file, reason)
+        return None, None
+    if channel.unit is None or len(channel.physical_sizes or ()) < 2:
+        return None, unit_mm
+    factor = float(convert.get_unit_conversion_factor(channel.unit, "mm"))
+    along_columns, along_rows = (float(size) * factor for size in channel.physical_sizes)
+    return (along_rows / shape[0], along_columns / shape[1]), unit_mm
