@@ -22,7 +22,7 @@ _SMALL_EXTENT, _SMALL_RELIEF = 1.0, 1e-5
 # Numbers that programs write where nothing was measured.
 _MARKERS = {
     *(sign * number for sign in (-1, 1) for number in (999, 9999, 99999, 999999, 1e10)),
-    *(-32768, -32767, -(2**31), 1 - 2**31, 2**31 - 1, 2**32 - 1),
+    *(-32768, -32767, -(2**31), 1 - 2**31),
 }
 _HUGE = 1e30
 # A marker is this share of the range of all other heights away from them.
@@ -63,7 +63,7 @@ def check_values(values: NDArray[np.generic], kind: np.dtype[np.generic], file: 
             f"stimulus.file = {file} has {at.sum()} heights of {value:g}, the first in row {row}, "
             f"column {column}, far from all others ({low:g} to {high:g})"
         )
-        if abs(value) >= _HUGE or (value in _MARKERS and gap > _APART * spread):
+        if abs(value) >= _HUGE or (value in _MARKERS and spread > 0 and gap > _APART * spread):
             raise StudyError(
                 f"{what}: it marks missing heights; fill them in, or crop them away with "
                 "stimulus.crop_mm"
