@@ -3,10 +3,12 @@
 import codecs
 import logging
 import struct
+import sys
 
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.io import netcdf_file, savemat
 from test_topography import sdf
 
 from tactile_fem.errors import StudyError
@@ -54,12 +56,34 @@ def xyz(file):
     np.savetxt(file, np.column_stack(columns), header="x y z in mm")
 
 
+def netcdf(order, dimensions):
+    """Write a NetCDF file with its axes in some order, Y as it is or downwards."""
+
+    def write(file):
+        heights = {("y", "x"): 1e-3 * ROWS[::-1], ("x", "y"): 1e-3 * ROWS[::-1].T}[dimensions]
+        if order < 0:
+            heights = np.flip(heights, dimensions.index("y"))
+        with netcdf_file(file, "w") as stream:
+            for name, n in zip("xy", ROWS.shape[::-1], strict=True):
+                stream.createDimension(name, n)
+                variable = stream.createVariable(name, "d", (name,))
+                variable[:] = 0.2 * np.arange(n)[:: order if name == "y" else 1]
+                variable.length, variable.unit = 0.2 * n, "mm"
+            stream.createVariable("heights", "d", dimensions)[:] = heights
+            stream.variables["heights"].unit = "mm"
+
+    return write
+
+
 INSTRUMENTS = {
     "f.tmd": (tmd, {}),
     "f.gwy": (lambda file: map_of(1e-3 * ROWS.T).to_gwy(str(file)), {}),
     "f.sdf": (lambda file: sdf(file, 1e-3 * ROWS[::-1]), {"spacing_mm": 0.2, "unit_mm": 1.0}),
     "f.x3p": (upwards(lambda found, file: found.to_x3p(str(file))), {}),
     "f.nc": (upwards(lambda found, file: found.to_netcdf(str(file))), {}),
+    "down.nc": (netcdf(-1, ("x", "y")), {}),
+    "rows.nc": (netcdf(1, ("y", "x")), {}),
+    "both.nc": (netcdf(-1, ("y", "x")), {}),
     "f.xyz": (xyz, {"spacing_mm": 0.2, "unit_mm": 1.0}),
 }
 
@@ -79,8 +103,6 @@ def h5(file):
 
 
 def mat(file):
-    from scipy.io import savemat
-
     savemat(file, {"heights": ROWS, "step": 0.2, "x": np.arange(12.0)})
 
 
@@ -261,6 +283,14 @@ def test_the_header_of_a_table_states_its_sizes(name, encoding, tmp_path):
     found = read_topography(Surface(file=tmp_path / "f.txt"))
     assert found.heights_mm == pytest.approx(1e-3 * ROWS)
     assert found.spacing_mm == pytest.approx((0.2, 0.3))
+
+
+def test_without_the_library_a_header_is_not_known(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "SurfaceTopography.IO", None)
+    (tmp_path / "f.txt").write_text(HEADERS["Gwyddion"] + table())
+    assert read_topography(Surface(file=tmp_path / "f.txt", **SIZES)).spacing_mm == (0.2, 0.2)
+    with pytest.raises(StudyError, match="a header is read by SurfaceTopography: pip install"):
+        read_topography(Surface(file=tmp_path / "f.txt"))
 
 
 def test_a_header_may_state_less(tmp_path, caplog):

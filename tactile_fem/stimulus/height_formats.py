@@ -24,6 +24,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import scipy.io
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
@@ -220,13 +221,30 @@ def _instrument(file: Path) -> Raw:
         stated = channel.physical_sizes is not None
         found = channel.topography(physical_sizes=None if stated else channel.nb_grid_pts)
         values = np.ma.filled(np.ma.asarray(found.heights(), dtype=np.float64), np.nan)
-        if reader.format() not in _RIGHT_HANDED | _ARRAYS:
+        if reader.format() == "nc":
+            values = _by_coordinates(values, file)
+        elif reader.format() not in _RIGHT_HANDED | _ARRAYS:
             values = values[:, ::-1]
         if found.unit is None:
             return Raw(values)
         unit_mm = float(convert.get_unit_conversion_factor(found.unit, "mm"))
-        x, y = (float(step) * unit_mm for step in found.pixel_size)
-        return Raw(values, (x, y) if stated else None, unit_mm)
+        if not stated:
+            return Raw(values, None, unit_mm)
+        x, y = np.array(channel.physical_sizes, dtype=float) * unit_mm / values.shape
+        values = values[:: -1 if x < 0 else 1, :: -1 if y < 0 else 1]
+        return Raw(values, (abs(x), abs(y)), unit_mm)
+
+
+def _by_coordinates(values: NDArray[Any], file: Path) -> NDArray[Any]:
+    """Return heights of a NetCDF file along increasing x and y; the library takes them as such."""
+    with scipy.io.netcdf_file(file, mmap=False) as stream:
+        if stream.variables["heights"].dimensions == ("y", "x"):
+            values = values.T
+        for axis, name in enumerate("xy"):
+            places = stream.variables[name][:] if name in stream.variables else np.arange(2)
+            if places[-1] < places[0]:
+                values = np.flip(values, axis)
+    return values
 
 
 def _only_map(reader: Any, file: Path) -> Any:

@@ -9,8 +9,8 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -145,6 +145,14 @@ def _number(cell: str, line: int, start: str) -> float:
         ) from None
 
 
+def header_library() -> ModuleType | None:
+    """Return the library that knows headers, if it is installed."""
+    try:
+        return importlib.import_module("SurfaceTopography.IO")
+    except ImportError:
+        return None
+
+
 def sizes_of(
     header: Sequence[str], shape: tuple[int, int], file: Path
 ) -> tuple[tuple[float, float] | None, float | None]:
@@ -154,9 +162,9 @@ def sizes_of(
     are not known.
     """
     header = [re.sub(r"(\d),(\d)", r"\1.\2", line) for line in header]
-    if not any(re.search(r"\d", line) for line in header) or not find_spec("SurfaceTopography"):
+    library = header_library()
+    if library is None or not any(re.search(r"\d", line) for line in header):
         return None, None
-    library = importlib.import_module("SurfaceTopography.IO")
     errors = importlib.import_module("SurfaceTopography.Exceptions")
     convert = importlib.import_module("SurfaceTopography.Support.UnitConversion")
     rows = [" ".join(["1"] * shape[1])] * shape[0]  # their numbers do not matter

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.height_formats import FEWEST, Raw, read_raw
+from tactile_fem.stimulus.height_table import header_library
 from tactile_fem.stimulus.plausible import check_sizes, check_values
 from tactile_fem.study import Surface
 
@@ -76,7 +76,7 @@ def read_topography(surface: Surface) -> Topography:
 
 def _hint(file: Path) -> str:
     """Return what would read the sizes in the header of a text file, if it is not there."""
-    if file.suffix.lower() not in _TEXT or find_spec("SurfaceTopography"):
+    if file.suffix.lower() not in _TEXT or header_library():
         return ""
     return " (a header is read by SurfaceTopography: pip install SurfaceTopography)"
 
