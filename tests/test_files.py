@@ -19,6 +19,9 @@ from tactile_fem.finger.load import MESH_FOLDERS
 from tactile_fem.runtime.files import cached_by_content, check_unchanged, hashes
 from tactile_fem.scan import checks, setup
 from tactile_fem.scan.parts import Parts
+from tactile_fem.scan.run import completed
+from tactile_fem.series.members import Member
+from tactile_fem.series.run import run_series
 from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.make import outlines
 from tactile_fem.study import Finger, Mesh, Protocol, Receptors, Study, Surface, Text
@@ -158,9 +161,14 @@ def test_finished_results_belong_to_the_files_they_were_made_from(tmp_path):
     study = Study(stimulus=Surface(file=file, spacing_mm=0.1, unit_mm=1.0))
     results = make_results(tmp_path / "r", study)
     results.save_checkpoint(files=json.dumps(hashes(study.files())))
-    checks.check_files(results)
+    series = [Member("r", study, {})]
+    assert completed(study, tmp_path / "r").complete
+    assert not run_series(series, tmp_path)[0].problem
     bump(0.4)(file)
-    with pytest.raises(StudyError, match=r"stimulus\.file names a file that has changed since"):
-        checks.check_files(results)
+    sentence = r"stimulus\.file names a file that has changed since"
+    with pytest.raises(StudyError, match=sentence):
+        completed(study, tmp_path / "r")
+    with pytest.raises(StudyError, match=sentence):
+        run_series(series, tmp_path)
     file.unlink()
-    checks.check_files(results)
+    assert completed(study, tmp_path / "r").complete
