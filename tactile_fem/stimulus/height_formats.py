@@ -141,8 +141,9 @@ def _tiff(file: Path) -> Raw:
                 _check_gray(image, file)
                 if tags.get(_PHOTOMETRIC) != 1:
                     _refuse_white(file)
-                # Pillow itself turns it as its Orientation says.
-                return Raw(_without_holes(np.asarray(image), tags.get(_NODATA)))
+                image.load()  # some versions of Pillow turn it as its Orientation says, then
+                upright = np.asarray(ImageOps.exif_transpose(image))
+                return Raw(_without_holes(upright, tags.get(_NODATA)))
     except UnidentifiedImageError:
         pass
     return _tiff_of_other_numbers(file)
