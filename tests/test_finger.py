@@ -309,6 +309,74 @@ def test_gmsh_understands_the_file(shipped, tmp_path):
         assert np.sum(again.surface == tag) == np.sum(shipped.surface == tag), name
 
 
+def saved_by_gmsh(path, options, more=lambda gmsh: None):
+    """Save the small finger, with a line in no physical group, as gmsh does with some options."""
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(shipped_file(SHIPPED["small"])))
+        line = gmsh.model.addDiscreteEntity(1, 555)
+        gmsh.model.mesh.addElementsByType(line, 1, [9_000_001], [1, 2])
+        more(gmsh)
+        for name, value in options.items():
+            gmsh.option.setNumber(f"Mesh.{name}", value)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
+def content(mesh):
+    """Return the corners of all cells and facets with their tags, whatever the order."""
+    parts = ((mesh.cells, mesh.tissue), (mesh.facets, mesh.surface))
+    rows = [np.column_stack([tags, mesh.nodes[c].reshape(len(c), -1)]) for c, tags in parts]
+    return [row[np.lexsort(row.T)] for row in rows]
+
+
+def another_group(gmsh):
+    """Put all volumes into one more group, all surfaces into one that has a tissue's name."""
+    volumes, surfaces = ([tag for _, tag in gmsh.model.getEntities(dim)] for dim in (3, 2))
+    gmsh.model.addPhysicalGroup(3, volumes, name="all that's soft")
+    gmsh.model.addPhysicalGroup(2, surfaces, name="bone")
+
+
+def in_parts(gmsh):
+    gmsh.model.mesh.partition(2)
+
+
+@needs_gmsh
+@pytest.mark.parametrize(("version", "binary"), [(2.2, 0), (2.2, 1), (4.0, 0), (4.1, 0), (4.1, 1)])
+def test_files_of_gmsh_are_read_whatever_it_was_told_to_save(version, binary, tmp_path):
+    options = {"MshFileVersion": version, "Binary": binary}
+    ways = [({}, another_group), ({}, in_parts)]
+    if version > 4:  # format 2 loses the groups, format 4.0 puts partitions elsewhere
+        ways += [({"SaveAll": 1}, another_group), ({"SaveAll": 1, "SaveParametric": 1}, in_parts)]
+    elif version == 4:
+        ways = [({"SaveAll": 1, "SaveParametric": 1}, another_group)]
+    expected = content(read_msh(shipped_file(SHIPPED["small"])))
+    for k, (more, change) in enumerate(ways):
+        found = read_msh(saved_by_gmsh(tmp_path / f"{k}.msh", options | more, change))
+        for rows, others in zip(content(found), expected, strict=True):
+            np.testing.assert_allclose(rows, others, atol=1e-12)
+
+
+@needs_gmsh
+def test_groups_that_a_file_lost_or_that_contradict_are_told(tmp_path):
+    lost = saved_by_gmsh(tmp_path / "a.msh", {"MshFileVersion": 2.2, "SaveAll": 1})
+    with pytest.raises(MeshError, match=r"no elements in physical groups: .*Mesh.SaveAll"):
+        read_msh(lost)
+
+    def both(gmsh):
+        gmsh.model.addPhysicalGroup(3, [1], 3)
+
+    for version in (2.2, 4.1):
+        file = saved_by_gmsh(tmp_path / "b.msh", {"MshFileVersion": version}, both)
+        with pytest.raises(MeshError, match="elements in two of the groups stratum_corneum"):
+            read_msh(file)
+
+
 @pytest.mark.parametrize("name", ["interface", "bone", "skin"])
 def test_a_missing_part_is_named(shipped, tmp_path, name):
     tags = TISSUES | SURFACES

@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import meshio
 import numpy as np
+from meshio.gmsh import gmsh_to_meshio_type
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import FLAT, SOLID, SURFACES, TISSUES, FingerMesh
+from tactile_fem.finger.mesh_data import FLAT, SOLID, SURFACES, TISSUES, FingerMesh, Indices
+from tactile_fem.finger.msh_file import Block, MshFile
 from tactile_fem.runtime.files import write_text
+
+_LINEAR = {2: 2, 3: 4}  # gmsh's number of the linear triangle and tetrahedron
 
 
 def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
@@ -30,7 +33,8 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
         The file cannot be read, a part is missing, or its elements are of another order.
     """
     try:
-        raw = meshio.gmsh.read(path)
+        file = MshFile(Path(path))
+        nodes, names, blocks = file.points, file.names, file.blocks()
     except OSError as error:
         raise MeshError(f"cannot read the mesh {path}: {error.strerror}") from error
     except Exception as error:  # a damaged file fails in many ways
@@ -38,54 +42,92 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
         raise MeshError(
             f"cannot read the mesh {path}: it is no .msh file, or damaged ({reason})"
         ) from error
-    kinds = {block.type for block in raw.cells}
-    shape = SOLID if SOLID.cell in kinds else FLAT
-    if not {shape.cell, shape.facet} <= kinds or kinds & {"tetra", "triangle"}:
+    kinds = {block.kind for block in blocks}
+    shape = SOLID if kinds & {SOLID.gmsh_cell, _LINEAR[SOLID.dim]} else FLAT
+    if not {shape.gmsh_cell, shape.gmsh_facet} <= kinds:
+        found = sorted(gmsh_to_meshio_type.get(kind, f"number {kind}") for kind in kinds)
         raise MeshError(
-            f"the mesh {path} has cells of type {', '.join(sorted(kinds)) or 'none'}: ten-node "
+            f"the mesh {path} has cells of type {', '.join(found) or 'none'}: ten-node "
             "tetrahedra and six-node triangles are needed, in a section six-node triangles and "
             "three-node lines (gmsh -order 2)"
         )
-    cells, tissue = _tagged(raw, shape.cell, shape.dim, TISSUES)
-    facets, surface = _tagged(raw, shape.facet, shape.dim - 1, SURFACES)
+    start = f"the mesh {path}"
+    cells, tissue = _tagged(blocks, shape.gmsh_cell, names, shape.dim, TISSUES, start)
+    facets, surface = _tagged(blocks, shape.gmsh_facet, names, shape.dim - 1, SURFACES, start)
+    facets, surface = facets[surface > 0], surface[surface > 0]
     used, flat = np.unique(cells, return_inverse=True)
     mesh = FingerMesh(
-        nodes=np.ascontiguousarray(raw.points[used], dtype=np.float64),
-        cells=flat.reshape(cells.shape)[:, shape.vtk_order].astype(np.int64),
+        nodes=np.ascontiguousarray(nodes[used], dtype=np.float64),
+        cells=flat.reshape(cells.shape).astype(np.int64),
         tissue=tissue,
-        facets=np.searchsorted(used, facets[surface > 0]).astype(np.int64),
-        surface=surface[surface > 0],
+        facets=np.searchsorted(used, facets).astype(np.int64),
+        surface=surface,
     )
-    if mesh.missing:
-        raise MeshError(
-            f"the mesh {path} lacks the physical group{'s' * (len(mesh.missing) > 1)} "
-            f"{', '.join(mesh.missing)}"
-        )
-    if np.any(tissue == 0):
-        raise MeshError(
-            f"{int(np.sum(tissue == 0))} {shape.plural} of {path} belong to no tissue; the "
-            f"physical {'volumes' if shape is SOLID else 'surfaces'} are {', '.join(TISSUES)}"
-        )
-    if not np.all(np.isin(facets[surface > 0], used)):
+    _check_groups(mesh, blocks, start)
+    if not np.all(np.isin(facets, used)):
         raise MeshError(f"the mesh {path} has tagged facets that belong to no {shape.plural}")
     return mesh
 
 
+def _check_groups(mesh: FingerMesh, blocks: list[Block], start: str) -> None:
+    """Raise MeshError if a part is missing or cells belong to none."""
+    shape = mesh.simplex
+    if not any(block.groups.any() for block in blocks):
+        raise MeshError(
+            f"{start} has no elements in physical groups: gmsh leaves them out of format 2.2 with "
+            "Mesh.SaveAll, so save it without that or in format 4.1"
+        )
+    linear = sum(len(b.nodes) for b in blocks if b.kind == _LINEAR[shape.dim] and b.groups.any())
+    if linear:
+        raise MeshError(
+            f"{start} has {linear} linear {shape.plural} beside quadratic ones (gmsh -order 2)"
+        )
+    if mesh.missing:
+        raise MeshError(
+            f"{start} lacks the physical group{'s' * (len(mesh.missing) > 1)} "
+            f"{', '.join(mesh.missing)}"
+        )
+    if np.any(mesh.tissue == 0):
+        raise MeshError(
+            f"{int(np.sum(mesh.tissue == 0))} {shape.plural} of {start[4:]} belong to no tissue; "
+            f"the physical {'volumes' if shape is SOLID else 'surfaces'} are {', '.join(TISSUES)}"
+        )
+
+
 def _tagged(
-    raw: meshio.Mesh, kind: str, dim: int, tags: dict[str, int]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the cells of a type and their tags in this package, 0 for unknown names."""
-    number = {
-        int(value[0]): tags[name]
-        for name, value in raw.field_data.items()
-        if int(value[1]) == dim and name in tags
-    }
-    cells = raw.get_cells_type(kind)
-    groups = np.zeros(len(cells))
-    if "gmsh:physical" in raw.cell_data:
-        groups = raw.get_cell_data("gmsh:physical", kind)
-    tagged = np.array([number.get(int(group), 0) for group in groups], dtype=np.int64)
-    return cells.astype(np.int64), tagged
+    blocks: list[Block],
+    kind: int,
+    names: dict[tuple[int, int], str],
+    dim: int,
+    tags: dict[str, int],
+    start: str,
+) -> tuple[Indices, Indices]:
+    """Return the elements of a type, each once, and their tags in this package, 0 for none.
+
+    Raises
+    ------
+    MeshError
+        An element has two of the tags.
+    """
+    tag_of = {number: tags[n] for (d, number), n in names.items() if d == dim and n in tags}
+    parts = [block for block in blocks if block.kind == kind]
+    cells = np.concatenate([block.nodes for block in parts])
+    _, first, number = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    owner = first[number.ravel()]  # format 2 has an element once for each of its groups
+    least, most = np.full(len(cells), np.iinfo(np.int64).max), np.zeros(len(cells), np.int64)
+    at = 0
+    for block in parts:
+        rows = owner[at : at + len(block.nodes)]
+        at += len(block.nodes)
+        for groups in block.groups.T:
+            numbers, index = np.unique(groups, return_inverse=True)
+            tag = np.array([tag_of.get(number, 0) for number in numbers.tolist()])[index.ravel()]
+            np.minimum.at(least, rows[tag > 0], tag[tag > 0])
+            np.maximum.at(most, rows, tag)
+    if np.any(least < most):
+        raise MeshError(f"{start} has elements in two of the groups {', '.join(tags)}")
+    kept = np.sort(first)
+    return cells[kept], most[kept]
 
 
 def write_msh(path: str | os.PathLike[str], mesh: FingerMesh) -> None:

@@ -1,0 +1,227 @@
+"""Reads Gmsh .msh files 2, 4.0 and 4.1, text and binary, whatever gmsh was told to save.
+
+Elements may belong to no physical group (``Mesh.SaveAll``) or to several, nodes may carry the
+coordinates of their surface (``Mesh.SaveParametric``), and a name may stand for groups of two
+dimensions; meshio reads none of these.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_fem.runtime.numbers import Numbers
+
+Indices = NDArray[np.int64]
+
+_SECTION = re.compile(rb"^[ \t]*\$(\w+)[ \t\r]*\n", re.MULTILINE)
+_GROUP = re.compile(rb'(\d+)\s+(-?\d+)\s+"(.*)"')
+# Of gmsh's types of elements, from the line (1) to the tetrahedron with 56 nodes (31), and higher.
+_NODES = [2, 3, 4, 4, 8, 6, 5, 3, 6, 9, 10, 27, 18, 14, 1, 8, 20, 15, 13, 9, 10, 12, 15, 15, 21, 4]
+_NODES_OF = dict(enumerate([*_NODES, 5, 6, 20, 35, 56], 1)) | {92: 64, 93: 125}
+
+
+@dataclass(frozen=True)
+class Block:
+    """Elements of one type.
+
+    Attributes
+    ----------
+    kind
+        Gmsh's number of the type.
+    nodes
+        (m, n) indices of nodes, in gmsh's order.
+    groups
+        (m, k) numbers of the physical groups of the type's dimension; 0 is none.
+    """
+
+    kind: int
+    nodes: Indices
+    groups: Indices
+
+
+class MshFile:
+    """The content of a .msh file.
+
+    Parameters
+    ----------
+    file
+        Its path.
+
+    Raises
+    ------
+    OSError
+        It cannot be read.
+    ValueError
+        It is no .msh file, cut off, or of another version.
+    """
+
+    def __init__(self, file: Path) -> None:
+        data = file.read_bytes()
+        self._sections: dict[str, bytes] = {}
+        at = 0
+        while found := _SECTION.search(data, at):
+            end = data.find(b"$End" + found[1], found.end())
+            if end < 0:
+                raise ValueError(f"${found[1].decode()} has no end")
+            self._sections.setdefault(found[1].decode(), data[found.end() : end])
+            at = data.find(b"\n", end) + 1 or len(data)
+        head = self._section("MeshFormat")
+        version, binary, size = head.split(maxsplit=3)[:3]
+        self._version, self._text = float(version), binary == b"0"
+        if not 2 <= self._version < 5:
+            raise ValueError(f"its version is {self._version:g}, not 2 or 4")
+        self._order = ">" if head.partition(b"\n")[2][:4] == b"\0\0\0\1" else "<"
+        # Of counts and, in 4.1, of numbers of nodes and elements.
+        self._size = f"u{int(size)}" if self._version > 4 else "u8"
+
+    @property
+    def names(self) -> dict[tuple[int, int], str]:
+        """Names of the physical groups by dimension and number."""
+        lines = _GROUP.findall(self._sections.get("PhysicalNames", b""))
+        return {
+            (int(dim), abs(int(tag))): name.decode(errors="replace") for dim, tag, name in lines
+        }
+
+    @cached_property
+    def _nodes(self) -> tuple[Indices, NDArray[np.float64]]:
+        """Numbers (n,) and coordinates (n, 3) of the nodes."""
+        if self._version >= 4:
+            return self._nodes_4()
+        parametric = "Nodes" not in self._sections
+        count, numbers = self._counted("ParametricNodes" if parametric else "Nodes")
+        if parametric:
+            found = [self._parametric_node(numbers) for _ in range(count)]
+            return np.array([n for n, _ in found]), np.array([x for _, x in found])
+        node = np.dtype([("number", numbers.type_of("i4")), ("x", numbers.type_of("f8"), (3,))])
+        rows = numbers.take(node, count)
+        return rows["number"].astype(np.int64), rows["x"].astype(float)
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """Coordinates of the nodes in the file's order, (n, 3)."""
+        return self._nodes[1]
+
+    def blocks(self) -> list[Block]:
+        """Return the elements in the file's order."""
+        number = self._nodes[0]
+        place = np.full(number.max(initial=0) + 1, -1)
+        place[number] = np.arange(len(number))
+        found = []
+        for kind, nodes, groups in self._blocks_4() if self._version >= 4 else self._blocks_2():
+            known = (nodes >= 0) & (nodes < len(place))
+            index = place[np.where(known, nodes, 0)]
+            if not known.all() or (index < 0).any():
+                raise ValueError("elements have nodes that it does not contain")
+            found.append(Block(kind, index, np.abs(groups)))
+        return found
+
+    # --- version 2 ---------------------------------------------------------------------------
+
+    @staticmethod
+    def _parametric_node(numbers: Numbers) -> tuple[int, NDArray[np.float64]]:
+        (tag,) = numbers.integers("i4")
+        x = numbers.take("f8", 3)
+        dim, _ = numbers.integers("i4", 2)
+        numbers.take("f8", dim if dim < 3 else 0)
+        return tag, x
+
+    def _blocks_2(self) -> Iterator[tuple[int, Indices, Indices]]:
+        count, numbers = self._counted("Elements")
+        while count > 0:
+            if self._text:  # records of a number, type, number of tags, tags and nodes
+                left = numbers.ahead("i4")
+                kind, tags = int(left[1]), left[2]
+                width = 3 + tags + _nodes_of(kind)
+                rows = left[: len(left) // width * width].reshape(-1, width)[:count]
+                same = np.all(rows[:, 1:3] == left[1:3], axis=1)
+                run = len(rows) if same.all() else int(np.argmin(same))
+                rows = numbers.rows("i4", max(run, 1), width)[:, 2:]
+            else:
+                kind, run, tags = numbers.integers("i4", 3).tolist()
+                rows = numbers.rows("i4", run, 1 + tags + _nodes_of(kind))
+            yield kind, rows[:, 1 + tags :], rows[:, 1 : 1 + min(tags, 1)]
+            count -= len(rows)
+
+    # --- version 4 ---------------------------------------------------------------------------
+
+    def _nodes_4(self) -> tuple[Indices, NDArray[np.float64]]:
+        numbers, new = self._numbers("Nodes"), self._version > 4
+        blocks = numbers.integers(self._size, 4 if new else 2)[0]
+        tags, points = [], []
+        for _ in range(blocks):
+            one, other, parametric = numbers.integers("i4", 3)
+            (count,) = numbers.integers(self._size)
+            dim = one if new else other
+            width = 3 + (dim if new and parametric else 0)
+            if new:
+                tags.append(numbers.integers(self._size, count))
+                points.append(numbers.take("f8", count * width).reshape(count, width)[:, :3])
+                continue
+            for _ in range(count):
+                tags.append(numbers.integers("i4"))
+                points.append(numbers.take("f8", 3)[None])
+                numbers.take("f8", dim if parametric and dim < 3 else 0)
+        return np.concatenate(tags), np.concatenate(points)
+
+    def _blocks_4(self) -> Iterator[tuple[int, Indices, Indices]]:
+        groups = self._groups()
+        numbers, new = self._numbers("Elements"), self._version > 4
+        for _ in range(numbers.integers(self._size, 4 if new else 2)[0]):
+            one, other, kind = numbers.integers("i4", 3).tolist()
+            (count,) = numbers.integers(self._size)
+            rows = numbers.rows(self._size if new else "i4", count, 1 + _nodes_of(kind))
+            own = groups.get((one, other) if new else (other, one), np.zeros(0, np.int64))
+            yield kind, rows[:, 1:], np.tile(own, (count, 1))
+
+    def _groups(self) -> dict[tuple[int, int], Indices]:
+        """Return the physical groups of each entity, by its dimension and number."""
+        found = {}
+        for section in {"Entities", "PartitionedEntities"} & self._sections.keys():
+            numbers, parts = self._numbers(section), section == "PartitionedEntities"
+            if parts:
+                _, ghosts = numbers.integers(self._size, 2)
+                numbers.integers("i4", 2 * ghosts)
+            for dim, count in enumerate(numbers.integers(self._size, 4)):
+                for _ in range(count):
+                    (tag,) = numbers.integers("i4")
+                    if parts:
+                        numbers.integers("i4", 2)
+                        self._listed(numbers)
+                    numbers.take("f8", 3 if dim == 0 and self._version > 4 else 6)
+                    found[dim, tag] = self._listed(numbers)
+                    if dim:
+                        self._listed(numbers)
+        return found
+
+    def _listed(self, numbers: Numbers) -> Indices:
+        """Return the integers of a list that begins with their count."""
+        return numbers.integers("i4", numbers.integers(self._size)[0])
+
+    # --- sections ----------------------------------------------------------------------------
+
+    def _section(self, name: str) -> bytes:
+        if name not in self._sections:
+            raise ValueError(f"it has no section ${name}")
+        return self._sections[name]
+
+    def _numbers(self, section: str) -> Numbers:
+        return Numbers(self._section(section), self._text, self._order)
+
+    def _counted(self, section: str) -> tuple[int, Numbers]:
+        """Return the count in the first line of a section, and its numbers."""
+        count, _, data = self._section(section).partition(b"\n")
+        return int(count), Numbers(data, self._text, self._order)
+
+
+def _nodes_of(kind: int) -> int:
+    """Return the number of nodes of a type of elements."""
+    if kind not in _NODES_OF:
+        raise ValueError(f"elements of gmsh's type {kind} are unknown")
+    return _NODES_OF[kind]
