@@ -82,3 +82,81 @@ def test_quads_negative_indices_and_objects_are_read_and_materials_ignored(tmp_p
     file.write_text(text)
     found = read_triangles(file, FIELD, unit_mm=2.0)
     assert len(found.triangles) == 3 and found.points.max() == 2.0
+
+
+L_SHAPE = [(-6, -6), (6, -6), (6, 0), (0, 0), (0, 6), (-6, 6)]
+TURN = np.arange(8) * np.pi / 4
+STAR = np.where(np.arange(8) % 2, 0.6, 2.0)[:, None] * np.column_stack([np.cos(TURN), np.sin(TURN)])
+# A dart of four corners, an L with corners on its sides, one with a hole and a slit to it, a star.
+OUTLINES = {
+    "l": (L_SHAPE, 108.0),
+    "dart": ([(0, 0), (4, 0), (4, 4), (3, 1)], 4.0),
+    "straight": ([(0, 0), (1, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2), (0, 1)], 3.0),
+    "slit": (
+        [(0, 0), (4, 0), (4, 4), (0, 4), (0, 0), (1, 1), (1, 3), (3, 3), (3, 1), (1, 1)],
+        12.0,
+    ),
+    "star": (STAR.tolist(), 4 * np.sin(np.pi / 4) * 2 * 0.6),
+    "convex": ((np.column_stack([np.cos(TURN), np.sin(TURN)])).tolist(), 4 * np.sin(np.pi / 4)),
+}
+
+
+def prism(outline):
+    """Return vertices and faces of a prism, 1 mm high and turned in space, of any outline."""
+    corners = list(dict.fromkeys(map(tuple, outline)))
+    n, number = len(corners), {corner: k for k, corner in enumerate(corners)}
+    ring = [number[tuple(corner)] for corner in outline]
+    sides = list(zip(ring, ring[1:] + ring[:1], strict=True))
+    faces = [ring[::-1], [k + n for k in ring]]
+    faces += [[a, b, b + n, a + n] for a, b in sides if (b, a) not in sides]
+    points = np.array([[x, y, z] for z in (0, 1) for x, y in corners], dtype=float)
+    return trimesh.transform_points(points, trimesh.transformations.euler_matrix(1, 2, 3)), faces
+
+
+def as_obj(points, faces, back=False):
+    lines = [f"v {x} {y} {z}" for x, y, z in points.tolist()] + ["vt 0 0", "vn 0 0 1"]
+    first = -len(points) if back else 1
+    lines += ["f " + " ".join(f"{k + first}/1/1" for k in face) for face in faces]
+    return "\n".join([*lines, *(["v 9 9 9"] * 5 if back else [])]).encode()
+
+
+def as_ply(points, faces, order):
+    kind = {"<": "binary_little_endian", ">": "binary_big_endian", "": "ascii"}[order]
+    head = f"ply\nformat {kind} 1.0\ncomment c\nelement vertex {len(points)}\n"
+    head += "property double x\nproperty double y\nproperty double z\nproperty uchar red\n"
+    head += f"element face {len(faces)}\nproperty list uchar int vertex_index\n"
+    head += "property float quality\nelement edge 1\nproperty int vertex1\nend_header\n"
+    rows = [(3 * "d" + "B", [*point, 255]) for point in points.tolist()]
+    rows += [(f"B{len(face)}if", [len(face), *face, 0.5]) for face in faces] + [("i", [7])]
+    if order:
+        return head.encode() + b"".join(struct.pack(order + kinds, *row) for kinds, row in rows)
+    return (head + "".join(" ".join(map(str, row)) + "\n" for _, row in rows)).encode()
+
+
+@pytest.mark.parametrize("name", OUTLINES)
+def test_faces_of_any_shape_are_divided(name, tmp_path):
+    outline, area = OUTLINES[name]
+    points, faces = prism(outline)
+    files = {"a.obj": as_obj(points, faces), "b.obj": as_obj(points, faces, back=True)}
+    files |= {f"{k}.ply": as_ply(points, faces, order) for k, order in enumerate(("<", ">", ""))}
+    for file, content in files.items():
+        (tmp_path / file).write_bytes(content)
+        found = read_triangles(tmp_path / file, FIELD, unit_mm=1.0)
+        solid = trimesh.Trimesh(found.points, found.triangles, process=False)
+        assert solid.is_watertight and solid.area_faces.min() > 1e-6, file
+        if area is not None:
+            assert solid.volume == pytest.approx(area), file
+
+
+def test_a_bent_quadrilateral_is_two_triangles_that_face_alike(tmp_path):
+    text = SQUARE.replace("v 1 1 0", "v 0.3 0.3 0.1") + "1 2 3 4\n"  # its third corner turns in
+    (tmp_path / "a.obj").write_text(text)
+    found = read_triangles(tmp_path / "a.obj", FIELD, unit_mm=1.0)
+    a, b, c = np.moveaxis(found.points[found.triangles], 1, 0)
+    assert np.all(np.cross(b - a, c - a)[:, 2] > 0.05)
+
+
+def test_a_face_whose_sides_cross_is_told(tmp_path):
+    (tmp_path / "a.obj").write_text(SQUARE.replace("f ", "v 0.5 -1 0\nf ") + "1 3 2 4 5\n")
+    with pytest.raises(StudyError, match=r"damaged \(the sides of its face at .* cross\)"):
+        read_triangles(tmp_path / "a.obj", FIELD, unit_mm=1.0)

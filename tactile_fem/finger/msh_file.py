@@ -136,17 +136,17 @@ class MshFile:
         count, numbers = self._counted("Elements")
         while count > 0:
             if self._text:  # records of a number, type, number of tags, tags and nodes
-                left = numbers.ahead("i4")
-                kind, tags = int(left[1]), left[2]
-                width = 3 + tags + _nodes_of(kind)
-                rows = left[: len(left) // width * width].reshape(-1, width)[:count]
-                same = np.all(rows[:, 1:3] == left[1:3], axis=1)
-                run = len(rows) if same.all() else int(np.argmin(same))
-                rows = numbers.rows("i4", max(run, 1), width)[:, 2:]
+                _, kind, tags = numbers.peek("i4", 3).astype(np.int64).tolist()
+                names, own = ("number", "kind", "tags"), numbers.type_of("i4")
+                fields = [(name, own) for name in names]
+                fields += [("tags and nodes", own, (tags + _nodes_of(kind),))]
+                stated = {"kind": kind, "tags": tags}
+                rows = numbers.alike(np.dtype(fields), count, stated)["tags and nodes"]
+                rows = rows.astype(np.int64)
             else:
                 kind, run, tags = numbers.integers("i4", 3).tolist()
-                rows = numbers.rows("i4", run, 1 + tags + _nodes_of(kind))
-            yield kind, rows[:, 1 + tags :], rows[:, 1 : 1 + min(tags, 1)]
+                rows = numbers.rows("i4", run, 1 + tags + _nodes_of(kind))[:, 1:]
+            yield kind, rows[:, tags:], rows[:, : min(tags, 1)]
             count -= len(rows)
 
     # --- version 4 ---------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,25 @@ class Numbers:
         self._at += found.nbytes
         return found
 
+    def peek(self, kind: str | np.dtype, most: int) -> NDArray:
+        """Return the next numbers or records without taking them: `most`, or what is left."""
+        dtype = np.dtype(self.type_of(kind) if isinstance(kind, str) else kind)
+        at, left = self._at, (len(self._data) - self._at) // dtype.itemsize
+        found = self.take(dtype, min(left, most))
+        self._at = at
+        return found
+
+    def alike(self, dtype: np.dtype, most: int, values: Mapping[str, int]) -> NDArray:
+        """Return the next records that share the first one's `values`, at most so many."""
+        ahead = 1
+        while True:
+            rows = self.peek(dtype, min(ahead, most))
+            same = np.all([rows[name] == value for name, value in values.items()], axis=0)
+            if not np.all(same) or len(rows) < ahead:
+                run = len(rows) if np.all(same) else int(np.argmin(same))
+                return self.take(dtype, max(run, 1))
+            ahead *= 8
+
     def integers(self, kind: str, count: int = 1) -> NDArray[np.int64]:
         """Return the next integers (count,)."""
         return self.take(kind, count).astype(np.int64)
@@ -56,10 +76,3 @@ class Numbers:
     def rows(self, kind: str, count: int, width: int) -> NDArray[np.int64]:
         """Return the next rows (count, width) of integers."""
         return self.integers(kind, count * width).reshape(count, width)
-
-    def ahead(self, kind: str) -> NDArray[np.int64]:
-        """Return all integers that are left, without taking them."""
-        at, left = self._at, len(self._data) - self._at
-        found = self.integers(kind, left // np.dtype(self.type_of(kind)).itemsize)
-        self._at = at
-        return found

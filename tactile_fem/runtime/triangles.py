@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.runtime.polygons import read_obj, read_ply
 
 FORMATS = ("stl", "obj", "ply")
 MOST_TRIANGLES = 500_000  # half a GB of memory while they are read
@@ -48,7 +49,7 @@ class Triangles:
 
 
 def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
-    """Read an STL, OBJ or PLY file; materials, colours and normals are ignored.
+    """Read an STL, OBJ or PLY file; polygons are divided, materials, colours, normals ignored.
 
     Parameters
     ----------
@@ -64,8 +65,6 @@ def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
     StudyError
         The file is missing, damaged, too large or empty, or its coordinates are no lengths.
     """
-    import trimesh  # takes 0.15 s, and most studies have no such file
-
     start = f"{field} = {file}"
     kind = file.suffix.lower().removeprefix(".")
     if kind not in FORMATS:
@@ -75,11 +74,8 @@ def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
         raise StudyError(f"{start} {what}.")
     try:
         _refuse_too_large(file, kind, start)
-        with file.open("rb") as stream:  # without its path trimesh looks for no other files
-            # Unprocessed: trimesh would drop triangles with NaN, and merge in the file's unit.
-            mesh = trimesh.load_mesh(stream, file_type=kind, process=False, skip_materials=True)
-        points = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3) * unit_mm
-        triangles = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
+        points, triangles = (_read_stl if kind == "stl" else _read_polygons)(file)
+        points = points * unit_mm
     except OSError as error:
         raise StudyError(f"{start} cannot be read: {error.strerror}.") from None
     except StudyError:
@@ -90,6 +86,26 @@ def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
             f"{start} cannot be read: it is no .{kind} file, or damaged ({reason})."
         ) from error
     return _merged(points, triangles, start)
+
+
+def _read_stl(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the corners of a file's triangles and, of each triangle, which they are."""
+    import trimesh  # takes 0.15 s, and most studies have no such file
+
+    with file.open("rb") as stream:
+        # Unprocessed: trimesh would drop triangles with NaN, and merge in the file's unit.
+        mesh = trimesh.load_mesh(stream, file_type="stl", process=False)
+    return (
+        np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3),
+        np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3),
+    )
+
+
+def _read_polygons(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the vertices of an OBJ or PLY file, and its faces divided into triangles."""
+    read = read_ply if file.suffix.lower() == ".ply" else read_obj
+    polygons = read(file.read_bytes())
+    return polygons.points, polygons.triangles()
 
 
 def _refuse_too_large(file: Path, kind: str, start: str) -> None:
