@@ -201,6 +201,23 @@ def test_the_highest_point_of_a_piece_is_zero(tmp_path):
     assert at.gap == pytest.approx([0.1, -0.02], abs=1e-4)
 
 
+@pytest.mark.parametrize("aside", [4.0, -1.95, -2.0])
+def test_a_high_place_beside_the_window_takes_no_layers(aside, tmp_path):
+    profile = shapely.Polygon([(-6, -1), (10, -1), (10, 31), (6, 31), (6, 1), (-6, 1)])
+    file = tmp_path / "tower.obj"
+    n, corners = 6, shapely.get_coordinates(profile.exterior)[:-1]
+    lines = [f"v {x} {y} {z}" for y in (3, -3) for x, z in corners.tolist()]
+    faces = [[*range(n, 0, -1)], [*range(n + 1, 2 * n + 1)]]
+    faces += [[k, k % n + 1, k % n + 1 + n, k + n] for k in range(1, n + 1)]
+    file.write_text("\n".join([*lines, *("f " + " ".join(map(str, face)) for face in faces)]))
+    keys = {"window_mm": (4.0, 4.0), "shift_mm": (aside, 0.0)}  # the wall is at X 4 of the part
+    body = make_body.__wrapped__(Mesh(file=file, **keys))
+    points = np.random.default_rng(3).uniform([-1.4, -1.9, -0.3], [1.2, 1.9, 0.4], (1000, 3))
+    at = body.distance(points)
+    assert np.abs(at.gap - points[:, 2]).max() < 0.005
+    assert len(body.body.values[0, 0]) < 60
+
+
 def test_the_unit_scales_a_part(tmp_path):
     ball = trimesh.creation.icosphere(5, 0.002)
     body = body_of(ball, tmp_path, unit_mm=1000.0, reach_mm=1.0)

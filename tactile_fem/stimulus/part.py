@@ -142,12 +142,18 @@ def _piece(solid: Triangles, stimulus: Mesh) -> Piece:
         raise StudyError(
             f"stimulus.grid_mm = {h:g} must not exceed half of edge_radius_mm ({radius / 2:g})"
         )
-    solid, window_low, window_high = _in_window(solid, stimulus)
-    low, high = solid.points.min(axis=0), solid.points.max(axis=0)
-    margin = max(NEAR_MM + 5 * h, radius + 3 * h) + RIM * h
-    low, high = low - margin, high + margin
-    keep = np.maximum(low, window_low - RIM * h), np.minimum(high, window_high + RIM * h)
+    margin = max(NEAR_MM + 5 * h, radius + 3 * h)
+    solid, window_low, window_high = _in_window(solid, stimulus, margin)
     beyond = 4 * radius + (RIM + 4) * h
+    # What lies higher beside the window takes no layers.
+    near = rounding.fine(
+        solid,
+        np.array([*(window_low - beyond)[:2], -_FAR_MM]),
+        np.array([*(window_high + beyond)[:2], _FAR_MM]),
+        np.inf,
+    ).points
+    low, high = near.min(axis=0) - margin - RIM * h, near.max(axis=0) + margin + RIM * h
+    keep = np.maximum(low, window_low - RIM * h), np.minimum(high, window_high + RIM * h)
     low, high = np.maximum(low, window_low - beyond), np.minimum(high, window_high + beyond)
     shape = np.ceil((high - low) / h) + 1
     if math.prod(shape.tolist()) > _MOST_POINTS:
@@ -159,15 +165,18 @@ def _piece(solid: Triangles, stimulus: Mesh) -> Piece:
     return Piece(solid, Lattice(low, h, tuple(shape.astype(int).tolist())), *keep)
 
 
-def _in_window(solid: Triangles, stimulus: Mesh) -> tuple[Triangles, Array, Array]:
+def _in_window(solid: Triangles, stimulus: Mesh, margin: float) -> tuple[Triangles, Array, Array]:
     """Return a part with the highest point of the piece at z = 0, and the corners of its window.
+
+    That ends `margin` above the piece.
 
     Raises
     ------
     StudyError
         No piece lies in the window.
     """
-    low, high = np.array([-np.inf, -np.inf, -stimulus.reach_mm]), np.full(3, np.inf)
+    low, high = np.array([-_FAR_MM, -_FAR_MM, -stimulus.reach_mm]), np.full(3, _FAR_MM)
+    high[2] = margin
     if stimulus.window_mm is None:
         return solid, low, high
     half = np.array(stimulus.window_mm) / 2
@@ -191,7 +200,8 @@ def _rounded(piece: Piece, stimulus: Mesh) -> tuple[Gridded, float]:
         values, core = rounding.rounded_distance(
             piece.solid, lattice, radius, NEAR_MM + 5 * lattice.step
         )
-        core = core[np.all((core > piece.low) & (core < piece.high), axis=1)]
+        inner = RIM * lattice.step  # beside the window, the part may be higher
+        core = core[np.all((core > piece.low + inner) & (core < piece.high - inner), axis=1)]
         if not len(core):
             raise rounding.Nothing
     except rounding.Overlap as error:
