@@ -45,7 +45,7 @@ class Anatomy:
         if scans.skin is None:
             skin, by = skin_shape(finger), _place_of_bone(scans.bone, finger)
         else:
-            skin, by = ScannedSkin.of(scans.skin, finger).on_the_plane()
+            skin, by = ScannedSkin.of(scans.skin, finger, scans.frame).on_the_plane()
         nail = nail_outline(finger, skin.capsule, scans.nail and nail_box(_moved(scans.nail, by)))
         if scans.bone is None:
             return cls(skin, bone_shape(finger, skin), nail)

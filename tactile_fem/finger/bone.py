@@ -57,7 +57,7 @@ class ScannedBone:
                 f"the finger is cut at {cut_y:.1f} mm"
             )
         low = np.maximum(low, [-np.inf, end, -np.inf])
-        surface = SmoothSurface.of(bone, finger.smooth_mm, "finger.bone_file", least_y=end)
+        surface = SmoothSurface.of(bone, finger.smooth_mm, "finger.bone_file", end, closed=True)
         return cls(surface, low, high)
 
     def sample(self, step_mm: float) -> Array:

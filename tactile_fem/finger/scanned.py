@@ -15,6 +15,8 @@ from scipy.optimize import least_squares
 
 from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger.frame import Frame, frame_of
+from tactile_fem.finger.mesh_data import lowest_facet
+from tactile_fem.finger.pieces import beyond, connected, without_islands
 from tactile_fem.finger.shape import STEEPEST, Array, Capsule
 from tactile_fem.finger.smooth import SmoothSurface
 from tactile_fem.runtime.triangles import Triangles, read_triangles
@@ -26,6 +28,10 @@ _SIZES_MM = 4.0, 300.0
 _BEYOND_CUT_MM = 1.0
 # The farthest that the capsule is moved.
 _REACH_MM = 3.0
+# The contact point is so far from the cut and from the tip at least.
+_LEAST_MM = 3.0
+# The widest finger; edges from which its width is measured.
+_WIDEST_MM, _FINE_MM = 45.0, 3.0
 # Of the samples of a fit, and of those that find the lowest point.
 _FIT_STEP_MM, _FINE_STEP_MM = 1.5, 0.25
 
@@ -58,8 +64,10 @@ class Scans:
         for name in ("skin", "bone", "nail"):
             file = getattr(finger, f"{name}_file")
             field = f"finger.{name}_file"
-            found[name] = file and read_triangles(file, field, finger.file_unit_mm).outwards()
-            _check_size(found[name], file, finger.file_unit_mm)
+            surface = file and read_triangles(file, field, finger.file_unit_mm)
+            _check_size(surface, file, finger.file_unit_mm)
+            at = None if finger.contact_mm is None else np.array(finger.contact_mm)
+            found[name] = surface and without_islands(surface, field, at).outwards()
         frame = frame_of(finger, **found)
         return cls(
             **{name: _placed(surface, frame) for name, surface in found.items()}, frame=frame
@@ -74,7 +82,7 @@ class ScannedSkin:
     surface: SmoothSurface
 
     @classmethod
-    def of(cls, skin: Triangles, finger: Finger) -> ScannedSkin:
+    def of(cls, skin: Triangles, finger: Finger, frame: Frame) -> ScannedSkin:
         """Fit the capsule to a scan.
 
         Raises
@@ -82,12 +90,21 @@ class ScannedSkin:
         MeshError
             The scan is too short, has a hole, intersects itself, or is no finger.
         """
+        length = finger.tip_length_mm + finger.straight_length_mm
+        whole, skin = skin, beyond(skin, -length - _BEYOND_CUT_MM - _REACH_MM)
+        if skin is not whole:  # fingers of one hand are apart here
+            skin = connected(skin, np.zeros(3))
         tip = float(skin.points[:, 1].max())
-        cut = tip - finger.tip_length_mm - finger.straight_length_mm
+        cut = tip - length
+        _check_contact(skin, finger, frame, (cut, tip))
         _check_length(skin, cut)
+        skin = beyond(skin, cut - _BEYOND_CUT_MM - _REACH_MM)
         _check_holes(skin, cut)
-        surface = SmoothSurface.of(skin, finger.smooth_mm, "finger.skin_file")
-        return cls(_fitted(_guess(skin, finger, tip, cut), surface), surface)
+        guess = _guess(skin, finger, tip, cut)
+        surface = SmoothSurface.of(
+            skin, finger.smooth_mm, "finger.skin_file", cut - _BEYOND_CUT_MM, closed=False
+        )
+        return cls(_fitted(guess, surface), surface)
 
     def place(self, reference: Array) -> tuple[Array, Array]:
         """Move points of the reference capsule onto the scan; see `Capsule.place`.
@@ -155,7 +172,7 @@ def _check_length(skin: Triangles, cut: float) -> None:
         raise MeshError(
             f"finger.skin_file is {last - first:.1f} mm long, but tip_length_mm and "
             f"straight_length_mm ask for {last - cut:.1f} mm and {_BEYOND_CUT_MM:g} mm more: "
-            "shorten straight_length_mm"
+            "shorten straight_length_mm, or correct tip_direction"
         )
 
 
@@ -171,13 +188,66 @@ def _check_holes(skin: Triangles, cut: float) -> None:
         )
 
 
+def _check_contact(
+    skin: Triangles, finger: Finger, frame: Frame, ends: tuple[float, float]
+) -> None:
+    """Raise PlaceError if the origin is no point of a pad between the cut and the tip."""
+    (cut, tip), place = ends, np.zeros(3)
+    x, y, z = frame.origin
+    if finger.contact_mm is not None:
+        contact = f"finger.contact_mm = {[round(float(c), 3) for c in frame.origin]}"
+        remedy = "correct it, tip_direction or nail_direction"
+    else:
+        lowest = finger.nail_direction is not None
+        contact = "the lowest point below finger.nail_direction" if lowest else "the contact point "
+        contact += "" if lowest else f"contact_from_tip_mm = {finger.contact_from_tip_mm:g}"
+        contact += f", {x:.1f}, {y:.1f}, {z:.1f} mm in finger.skin_file,"
+        remedy = "give contact_mm, a point of the pad, or correct tip_direction or nail_direction"
+    if not cut + _LEAST_MM <= 0 <= tip - _LEAST_MM:
+        raise PlaceError(
+            f"{contact} lies {tip:.1f} mm behind the tip, but it must lie {_LEAST_MM:g} to "
+            f"{tip - cut - _LEAST_MM:g} mm behind it, as the finger is cut at tip_length_mm + "
+            f"straight_length_mm = {tip - cut:g} mm: {remedy}",
+            place,
+        )
+    away = float(np.linalg.norm(skin.points, axis=1).min())
+    found = lowest_facet(0.0, 0.0, skin.points[skin.triangles])
+    if found is not None:
+        facet, weights = found
+        pad = float(weights @ skin.points[skin.triangles[facet], 2])
+        away = min(away, abs(pad))
+        if pad < -_REACH_MM and away <= _REACH_MM:
+            raise PlaceError(
+                f"{contact} lies {-pad:.1f} mm above the pad, on the side of the nail: {remedy}",
+                place,
+            )
+    if away > _REACH_MM:
+        raise PlaceError(f"{contact} lies {away:.1f} mm from the scanned skin: {remedy}", place)
+
+
 def _guess(skin: Triangles, finger: Finger, tip: float, cut: float) -> Capsule:
-    """Return a capsule as wide and high as a scan."""
-    shaft = skin.points[(skin.points[:, 1] > cut) & (skin.points[:, 1] < 0.5 * tip)]
+    """Return a capsule as wide and high as a scan.
+
+    Raises
+    ------
+    MeshError
+        The scan is wider or higher than a finger.
+    """
+    import trimesh  # takes 0.15 s
+
+    # Triangles may be longer than the finger.
+    points, _ = trimesh.remesh.subdivide_to_size(skin.points, skin.triangles, _FINE_MM, 30)
+    shaft = points[(points[:, 1] > cut) & (points[:, 1] < 0.5 * tip)]
     low, high = shaft.min(axis=0), shaft.max(axis=0)
-    height = high[2] - low[2]
+    width, _, height = high - low
+    if max(width, height) > _WIDEST_MM:
+        raise MeshError(
+            f"finger.skin_file is {width:.0f} mm wide and {height:.0f} mm high within the "
+            f"finger's length of {tip - cut:g} mm, at most {_WIDEST_MM:g} mm are a finger: give "
+            "contact_mm, tip_direction and nail_direction of one finger, or cut it out"
+        )
     return Capsule(
-        half_width=(high[0] - low[0]) / 2,
+        half_width=width / 2,
         below=0.55 * height,
         above=0.45 * height,
         axis_z=low[2] + 0.55 * height,

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 
-from tactile_fem.errors import PlaceError, TactileError
+from tactile_fem.errors import MeshError, PlaceError, TactileError
 from tactile_fem.finger.shape import Array
+from tactile_fem.runtime.chunks import in_chunks
 from tactile_fem.runtime.triangles import Triangles
 from tactile_fem.stimulus.spline import GridSpline
 
 _STEP_MM = 0.3
+_MOST_POINTS = 6_000_000  # some 200 bytes each while they are sampled
 _MARGIN_MM = 3.0
 # Winding numbers of points that lie in two solids, or in one that is inside out.
 _DOUBLE, _INVERTED = 1.5, -0.5
@@ -34,7 +37,7 @@ class SmoothSurface:
 
     @classmethod
     def of(
-        cls, surface: Triangles, smooth_mm: float, name: str, least_y: float = -np.inf
+        cls, surface: Triangles, smooth_mm: float, name: str, least_y: float, closed: bool
     ) -> SmoothSurface:
         """Sample the distance on a grid and smooth it by a Gaussian.
 
@@ -47,12 +50,14 @@ class SmoothSurface:
         name
             The key of the surface's file, for messages.
         least_y
-            The body ends here.
+            The body ends here, or is of no interest beyond; it is sampled to 3 mm beyond.
+        closed
+            Whether it ends there in a plane.
 
         Raises
         ------
         MeshError
-            The surface intersects itself.
+            The surface intersects itself, or is too large.
         TactileError
             libigl is missing.
         """
@@ -63,13 +68,24 @@ class SmoothSurface:
                 'Fingers from scanned surfaces need libigl: pip install "tactile-fem[cad]".'
             ) from None
         low = surface.points.min(axis=0) - _MARGIN_MM
-        shape = (
-            np.ceil((np.ptp(surface.points, axis=0) + 2 * _MARGIN_MM) / _STEP_MM).astype(int) + 1
-        )
+        high = surface.points.max(axis=0) + _MARGIN_MM
+        # Whole steps, so that the grid does not depend on how far the scan goes on.
+        low[1] += _STEP_MM * max((least_y - _MARGIN_MM - low[1]) // _STEP_MM, 0)
+        shape = np.ceil((high - low) / _STEP_MM).astype(int) + 1
+        if math.prod(shape.tolist()) > _MOST_POINTS:
+            raise MeshError(
+                f"{name}: what lies in the finger's length is "
+                f"{' x '.join(f'{x:.0f}' for x in high - low - 2 * _MARGIN_MM)} mm large, more "
+                "than a finger: leave out the rest, or check tip_direction and nail_direction"
+            )
         index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1).reshape(-1, 3)
         points = low + _STEP_MM * index
-        winding = igl.fast_winding_number(surface.points, surface.triangles, points)
-        squared = igl.point_mesh_squared_distance(points, surface.points, surface.triangles)[0]
+
+        def signed(some: Array) -> tuple[Array, Array]:
+            found = igl.point_mesh_squared_distance(some, surface.points, surface.triangles)[0]
+            return igl.fast_winding_number(surface.points, surface.triangles, some), found
+
+        winding, squared = in_chunks(signed, points)
         distance = np.sqrt(squared)
         clear = distance > _STEP_MM
         for wrong, what in (
@@ -80,7 +96,8 @@ class SmoothSurface:
                 worst = np.argmax(np.where(wrong, distance, 0.0))
                 raise PlaceError(f"{name}: the surface {what} {{place}}; repair it", points[worst])
         distance[winding > 0.5] *= -1
-        distance = np.maximum(distance, least_y - points[:, 1])
+        if closed:
+            distance = np.maximum(distance, least_y - points[:, 1])
         smoothed = ndimage.gaussian_filter(
             distance.reshape(shape), smooth_mm / _STEP_MM, mode="nearest"
         )

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tactile_fem.runtime.chunks import in_chunks
 from tactile_fem.runtime.triangles import Triangles
 from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.contour import Lattice, level_set
@@ -150,7 +151,9 @@ def _signed(surface: Triangles, lattice: Lattice, value: Array, near: NDArray[np
     flat = np.flatnonzero(near)
     points = lattice.points(flat)
     kind = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
-    found, _, feet, _ = igl.signed_distance(points, surface.points, surface.triangles, kind)
+    found, _, feet, _ = in_chunks(
+        lambda some: igl.signed_distance(some, surface.points, surface.triangles, kind), points
+    )
     value.ravel()[flat] = found
     row = np.full(value.size, -1)
     row[flat] = np.arange(len(flat))
@@ -186,7 +189,10 @@ def _replaced(
     if not len(flat):
         return near
     points = lattice.points(flat)
-    squared, _, feet = igl.point_mesh_squared_distance(points, surface.points, surface.triangles)
+    squared, _, feet = in_chunks(
+        lambda some: igl.point_mesh_squared_distance(some, surface.points, surface.triangles),
+        points,
+    )
     found = sign * np.sqrt(squared)
     value, gradient = near.value.copy(), near.gradient.copy()
     value.ravel()[flat] = found
