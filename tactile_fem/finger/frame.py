@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.shape import Array
@@ -20,8 +21,10 @@ _END = 0.1
 # Bone or nail must be so far above the middle of the skin to tell where the nail is.
 _LEAST_OFFSET_MM = 0.3
 # The pad's height is fitted within this distance of a point, by a paraboloid.
-_FITTED_MM = 3.0
+_FITTED_MM, _COEFFICIENTS = 3.0, 6
 _LEVELLINGS = 5
+# Of the angle between the directions to tip and nail: 10 degrees.
+_LEAST_SINE = 0.17
 
 
 @dataclass(frozen=True)
@@ -64,8 +67,12 @@ def frame_of(
     up = np.array(finger.nail_direction or _towards_nail(skin, nail or bone, tip))
     up = up / np.linalg.norm(up)
     up -= (up @ tip) * tip
-    if np.linalg.norm(up) < 1e-3:
-        raise MeshError("finger.nail_direction must not be parallel to finger.tip_direction")
+    if np.linalg.norm(up) < _LEAST_SINE:
+        given = "given" if finger.tip_direction else "not given: the longest axis of the file"
+        raise MeshError(
+            "finger.nail_direction must not be parallel to finger.tip_direction, which is "
+            f"{[round(float(x), 3) for x in tip]} ({given})"
+        )
     frame = Frame(_axes(tip, up), body.points[np.argmax(body.points @ tip)])
     if skin is None:
         return frame
@@ -131,7 +138,7 @@ def _lowest(frame: Frame, skin: Triangles) -> Array:
     """Return the pad's lowest point, of a smooth surface through its neighbours."""
     points = frame.to_finger(skin.points)
     guess = points[np.argmin(points[:, 2])]
-    height = _paraboloid(points, guess[:2])
+    height = _paraboloid(points, skin.triangles, guess[:2])
     slope, bend = height[1:3], np.array([[2 * height[3], height[4]], [height[4], 2 * height[5]]])
     aside = np.zeros(2)
     if np.all(np.linalg.eigvalsh(bend) > 1e-6):
@@ -150,7 +157,7 @@ def _level(frame: Frame, skin: Triangles, from_tip_mm: float) -> tuple[Frame, Ar
                 f"finger.contact_from_tip_mm = {from_tip_mm:g} lies beyond the scanned skin"
             )
         x = (ring[:, 0].min() + ring[:, 0].max()) / 2
-        z, across, along = _paraboloid(points, np.array([x, y]))[:3]
+        z, across, along = _paraboloid(points, skin.triangles, np.array([x, y]))[:3]
         normal = np.array([-across, -along, 1.0])
         origin = frame.moved(np.array([x, y, z])).origin
         up = normal @ frame.axes
@@ -159,16 +166,28 @@ def _level(frame: Frame, skin: Triangles, from_tip_mm: float) -> tuple[Frame, Ar
     return frame, origin
 
 
-def _paraboloid(points: Array, xy: Array) -> Array:
+def _paraboloid(points: Array, triangles: NDArray[np.int64], xy: Array) -> Array:
     """Return the coefficients of 1, x, y, x^2, xy, y^2 of the pad's height around a place."""
-    aside = points[:, :2] - xy
-    near = np.linalg.norm(aside, axis=1) < _FITTED_MM
-    near &= points[:, 2] < points[near, 2].min(initial=np.inf) + _FITTED_MM
-    if np.count_nonzero(near) < 6:
+    near = _near(points, xy)
+    if np.count_nonzero(near) < _COEFFICIENTS:  # long triangles
+        import trimesh  # takes 0.15 s
+
+        corners = points[triangles, :2]
+        beside = np.maximum(corners.min(axis=1) - xy, xy - corners.max(axis=1))
+        around = triangles[beside.max(axis=1) < _FITTED_MM]
+        points, _ = trimesh.remesh.subdivide_to_size(points, around, _FITTED_MM / 3, 30)
+        near = _near(points, xy)
+    if np.count_nonzero(near) < _COEFFICIENTS:
         raise MeshError(
-            "the scanned skin has fewer than six points within 3 mm of the contact point: it is "
-            "too coarse, or finger.nail_direction points to the pad"
+            "the scanned skin has no surface within 3 mm of the contact point: correct "
+            "finger.nail_direction or finger.tip_direction, or give finger.contact_mm"
         )
-    x, y = aside[near].T
+    x, y = (points[near, :2] - xy).T
     terms = np.column_stack([np.ones_like(x), x, y, x**2, x * y, y**2])
     return np.linalg.lstsq(terms, points[near, 2], rcond=None)[0]
+
+
+def _near(points: Array, xy: Array) -> NDArray[np.bool_]:
+    """Return which points are those of the pad around a place."""
+    near = np.linalg.norm(points[:, :2] - xy, axis=1) < _FITTED_MM
+    return near & (points[:, 2] < points[near, 2].min(initial=np.inf) + _FITTED_MM)

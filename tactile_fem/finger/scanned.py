@@ -29,7 +29,7 @@ _BEYOND_CUT_MM = 1.0
 # The farthest that the capsule is moved.
 _REACH_MM = 3.0
 # The contact point is so far from the cut and from the tip at least.
-_LEAST_MM = 3.0
+_FROM_CUT_MM, _FROM_TIP_MM = 3.0, 1.0
 # The widest finger; edges from which its width is measured.
 _WIDEST_MM, _FINE_MM = 45.0, 3.0
 # Of the samples of a fit, and of those that find the lowest point.
@@ -192,35 +192,35 @@ def _check_contact(
     skin: Triangles, finger: Finger, frame: Frame, ends: tuple[float, float]
 ) -> None:
     """Raise PlaceError if the origin is no point of a pad between the cut and the tip."""
+    import trimesh  # takes 0.15 s
+
     (cut, tip), place = ends, np.zeros(3)
     x, y, z = frame.origin
     if finger.contact_mm is not None:
         contact = f"finger.contact_mm = {[round(float(c), 3) for c in frame.origin]}"
         remedy = "correct it, tip_direction or nail_direction"
     else:
-        lowest = finger.nail_direction is not None
-        contact = "the lowest point below finger.nail_direction" if lowest else "the contact point "
-        contact += "" if lowest else f"contact_from_tip_mm = {finger.contact_from_tip_mm:g}"
-        contact += f", {x:.1f}, {y:.1f}, {z:.1f} mm in finger.skin_file,"
+        contact = f"the contact point (contact_from_tip_mm = {finger.contact_from_tip_mm:g})"
+        if finger.nail_direction is not None:
+            contact = "the lowest point of finger.skin_file along nail_direction"
+        contact += f", at {x:.1f}, {y:.1f}, {z:.1f} mm in the file,"
         remedy = "give contact_mm, a point of the pad, or correct tip_direction or nail_direction"
-    if not cut + _LEAST_MM <= 0 <= tip - _LEAST_MM:
+    if not cut + _FROM_CUT_MM <= 0 <= tip - _FROM_TIP_MM:
         raise PlaceError(
-            f"{contact} lies {tip:.1f} mm behind the tip, but it must lie {_LEAST_MM:g} to "
-            f"{tip - cut - _LEAST_MM:g} mm behind it, as the finger is cut at tip_length_mm + "
+            f"{contact} lies {tip:.1f} mm behind the tip, but it must lie {_FROM_TIP_MM:g} to "
+            f"{tip - cut - _FROM_CUT_MM:g} mm behind it, as the finger is cut at tip_length_mm + "
             f"straight_length_mm = {tip - cut:g} mm: {remedy}",
             place,
         )
-    away = float(np.linalg.norm(skin.points, axis=1).min())
-    found = lowest_facet(0.0, 0.0, skin.points[skin.triangles])
-    if found is not None:
-        facet, weights = found
-        pad = float(weights @ skin.points[skin.triangles[facet], 2])
-        away = min(away, abs(pad))
-        if pad < -_REACH_MM and away <= _REACH_MM:
-            raise PlaceError(
-                f"{contact} lies {-pad:.1f} mm above the pad, on the side of the nail: {remedy}",
-                place,
-            )
+    corners = skin.points[skin.triangles]
+    nearest = trimesh.triangles.closest_point(corners, np.zeros((len(corners), 3)))
+    away = float(np.linalg.norm(nearest, axis=1).min())
+    found = lowest_facet(0.0, 0.0, corners)
+    pad = 0.0 if found is None else float(found[1] @ corners[found[0], :, 2])
+    if pad < -_REACH_MM and away <= _REACH_MM:
+        raise PlaceError(
+            f"{contact} lies {-pad:.1f} mm above the pad, on the side of the nail: {remedy}", place
+        )
     if away > _REACH_MM:
         raise PlaceError(f"{contact} lies {away:.1f} mm from the scanned skin: {remedy}", place)
 
