@@ -41,6 +41,7 @@ from tactile_fem.finger.report import measured_layers_mm
 from tactile_fem.runtime.files import write_text
 from tactile_fem.stimulus import Motion, make_body, make_path
 from tactile_fem.stimulus.height_field import HeightField, height_field
+from tactile_fem.stimulus.whereabouts import miss
 from tactile_fem.study import Elastic, Polynomial, Protocol, Study
 from tactile_fem.tissue.energies import compression_modulus
 
@@ -141,7 +142,8 @@ def write_deck(
     Raises
     ------
     StudyError
-        The path wants a force, nothing of the mesh is held, or CalculiX should relax.
+        The path wants a force, the stimulator does not touch the finger, nothing of the mesh is
+        held, or CalculiX should relax.
     """
     _check_goes_to_places(study.protocol)
     way = make_path(study.protocol, 0.0)
@@ -156,6 +158,11 @@ def write_deck(
     faces = _element_faces(finger.cells, skin)
     contact = penalty or Penalty.of(study, finger)
     body = make_body(study.stimulus)
+    missed = miss(body, way.places_mm(), finger.nodes[skin])
+    if missed is not None:
+        raise StudyError(
+            f"{missed}; a deck needs contact: correct stimulus.shift_mm or the protocol"
+        )
     field = height_field(body, way.places_mm(), finger.nodes[skin], grid_mm)
     field = replace(field, points=field.points + way.start_mm)
 

@@ -23,7 +23,7 @@ from tactile_fem.stimulus.distance_grid import DistanceGrid
 
 SCALE = "viridis"
 _RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
-RELIEF_STYLE = {"scalars": "height_mm", "cmap": _RELIEF, "smooth_shading": True}
+_RELIEF_STYLE = {"scalars": "height_mm", "cmap": _RELIEF, "smooth_shading": True}
 RIM_STYLE = {"color": "black", "line_width": 1.5}
 # Matplotlib rounds pixels / dots per inch * dots per inch down: for some heights to one less.
 _PIXELS, _DOTS_PER_INCH = (1500, 955), 200
@@ -98,7 +98,7 @@ def deformation_figure(
         if shell.n_cells:
             behind = shell.extract_surface(algorithm=None)
             plotter.add_mesh(behind, color=COLOURS[name if name in RIGID else "stratum_corneum"])
-    plotter.add_mesh(stimulator, show_scalar_bar=False, **RELIEF_STYLE)
+    add_stimulator(plotter, stimulator)
     image = picture(plotter, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), half_height=8.4)
     figure = framed(image)
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 3}
@@ -136,14 +136,20 @@ def stimulator_surface(results: Results) -> pv.PolyData:
 
 
 def body_surface(body: RigidBody, places_mm: NDArray[np.float64]) -> pv.PolyData:
-    """Return that surface of a body that comes to places (n, 3), as smooth as the skin feels it."""
+    """Return that surface of a body that comes to places (n, 3), as smooth as the skin feels it.
+
+    It is empty if the body does not come near the finger.
+    """
     surface = zero_level(DistanceGrid.of(body, places_mm))
-    surface.point_data.active_normals = body.distance(surface.points.astype(float)).normal
+    if surface.n_points:
+        surface.point_data.active_normals = body.distance(surface.points.astype(float)).normal
     return surface
 
 
 def zero_level(grid: DistanceGrid) -> pv.PolyData:
     """Return the surface at which a distance vanishes; its normals are the distance's gradient."""
+    if grid.is_empty:
+        return pv.PolyData()
     spacing = (grid.step_mm,) * 3
     image = pv.ImageData(dimensions=grid.gap_mm.shape[::-1], spacing=spacing, origin=grid.origin_mm)
     image["depth_mm"] = -grid.gap_mm.ravel()
@@ -159,6 +165,12 @@ def off_screen(pixels: tuple[int, int] = _PIXELS) -> pv.Plotter:
     plotter.set_background("white")
     plotter.enable_anti_aliasing("ssaa")
     return plotter
+
+
+def add_stimulator(plotter: pv.Plotter, surface: pv.PolyData) -> None:
+    """Add a body's surface with ``height_mm``, unless it is empty."""
+    if surface.n_points:
+        plotter.add_mesh(surface, show_scalar_bar=False, **_RELIEF_STYLE)
 
 
 def picture(

@@ -94,7 +94,7 @@ def _from_the_side(finger: FingerMesh, stimulator: pv.PolyData) -> NDArray[np.ui
         if face.n_points:
             plotter.add_mesh(face, color=colour, lighting=False)
             plotter.add_mesh(drawing.rim(face, (0.03, 0, 0)), **drawing.RIM_STYLE)
-    plotter.add_mesh(stimulator, show_scalar_bar=False, **drawing.RELIEF_STYLE)
+    drawing.add_stimulator(plotter, stimulator)
     return drawing.picture(plotter, (30.0, -9.0, 17.0), (0.0, -0.5, 3.0), half_height=11.0)
 
 
@@ -106,7 +106,7 @@ def _draw_from_above(
     middle = (way.min(axis=0) + way.max(axis=0)) / 2
     half = float(np.ptp(way, axis=0).max() / 2 + _MARGIN_MM)
     plotter = drawing.off_screen(_SQUARE)
-    plotter.add_mesh(surface, show_scalar_bar=False, **drawing.RELIEF_STYLE)
+    drawing.add_stimulator(plotter, surface)
     plotter.camera_position = [(*middle, 100.0), (*middle, 0.0), (0.0, 1.0, 0.0)]
     image = drawing.shot(plotter, half)
     axes = figure.add_axes((0.56, 0.16, 0.42, 0.74))

@@ -274,7 +274,8 @@ def _draw_body(axes: Axes, shape: Shape, gap_of: Callable[[Array], Array], place
     grid = np.stack(np.meshgrid(x, z), axis=-1).reshape(-1, 2)
     gap = gap_of(shape.plane.points(grid) - place_mm).reshape(len(z), len(x))
     axes.contourf(x, z, gap, [-np.inf, 0.0], colors=_STIMULATOR, zorder=3)
-    axes.contour(x, z, gap, [0.0], colors="black", linewidths=0.8, zorder=4)
+    if gap.min() < 0 < gap.max():
+        axes.contour(x, z, gap, [0.0], colors="black", linewidths=0.8, zorder=4)
 
 
 def _frame(axes: Axes, shape: Shape, *, close: bool = False) -> None:

@@ -24,6 +24,7 @@ from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
 from tactile_fem.stimulus.make import outlines
 from tactile_fem.stimulus.relief import make_relief
 from tactile_fem.stimulus.roughness import Roughness
+from tactile_fem.stimulus.whereabouts import miss
 from tactile_fem.study import Finger, Protocol, Study, Surface
 
 logger = logging.getLogger(__name__)
@@ -122,6 +123,13 @@ def check_apart(body: RigidBody, path: Path, finger: FingerMesh) -> None:
             f"stimulus: it starts {-gap[worst]:.3g} mm inside the finger, at X {x:.1f}, Y {y:.1f}, "
             f"Z {z:.1f} mm; the finger must lie above its highest plane, Z = {path.start_mm[2]:g}"
         )
+
+
+def tell_missed(body: RigidBody, path: Path, finger: FingerMesh) -> None:
+    """Warn if the body does not touch the finger on its way: nothing is felt then."""
+    missed = miss(body, path.places_mm(), finger.corners_of("skin"))
+    if missed is not None:
+        logger.warning("%s: correct stimulus.shift_mm or the protocol.", missed)
 
 
 def check_section(study: Study, path: Path, plane: Plane, *, own_body: bool = False) -> None:

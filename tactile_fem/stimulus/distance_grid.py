@@ -34,6 +34,11 @@ class DistanceGrid:
     step_mm: float
     gap_mm: NDArray[np.float32]
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether the body does not come near the finger."""
+        return bool(self.gap_mm.min() >= 0)
+
     def gap(self, points: Array) -> Array:
         """Return the distance at points (n, 3), linear between the grid's; 0.5 mm outside of it."""
         axes = [
