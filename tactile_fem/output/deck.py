@@ -164,6 +164,8 @@ def write_deck(
             f"{missed}; a deck needs contact: correct stimulus.shift_mm or the protocol"
         )
     field = height_field(body, way.places_mm(), finger.nodes[skin], grid_mm)
+    if not len(field.cells):
+        raise StudyError(f"nothing of the stimulator is wider than grid_mm = {list(grid_mm)}")
     field = replace(field, points=field.points + way.start_mm)
 
     present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[deformable] == tag)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -10,8 +10,9 @@ from tactile_fem.stimulus.body import Array, RigidBody
 from tactile_fem.stimulus.height_field import height_map
 
 # Bodies are looked for so far from the way and in such steps, down to this height.
-_SEARCHES_MM, _LOWEST_MM = ((50.0, 0.25), (1000.0, 5.0)), -3.0
-_STEP_MM, _TOUCH_MM = 0.5, 1e-3
+_SEARCHES_MM, _LOWEST_MM = ((100.0, 0.5), (1000.0, 5.0)), -3.0
+# Steps on the way and on the skin, whose facets are divided so often at most.
+_STEP_MM, _SKIN_MM, _MOST_PARTS, _TOUCH_MM = 0.5, 0.25, 20, 1e-3
 
 
 def miss(body: RigidBody, places_mm: Array, skin_mm: Array) -> str | None:
@@ -24,11 +25,11 @@ def miss(body: RigidBody, places_mm: Array, skin_mm: Array) -> str | None:
     places_mm
         Knots of its way, (n, 3).
     skin_mm
-        (..., 3) undeformed points of the skin.
+        Corners of the undeformed skin's facets, (m, 3, 3) or, of a section, (m, 2, 3).
     """
     skin = skin_mm.reshape(-1, 3)
     deepest = float(places_mm[:, 2].max())
-    near = skin[skin[:, 2] < deepest + _TOUCH_MM]
+    near = _points(skin_mm[skin_mm[..., 2].min(axis=1) < deepest + _TOUCH_MM])
     if not len(near):
         return (
             f"the stimulator does not reach the finger on its way, whose deepest place is "
@@ -37,6 +38,15 @@ def miss(body: RigidBody, places_mm: Array, skin_mm: Array) -> str | None:
     if any(body.distance(near - place).gap.min() < _TOUCH_MM for place in _way(places_mm)):
         return None
     return f"the stimulator does not touch the finger on its way: {_where(body, places_mm)}"
+
+
+def _points(facets: Array) -> Array:
+    """Return points (n, 3) of facets (m, d, 3)."""
+    d = facets.shape[1]
+    edges = np.linalg.norm(facets - np.roll(facets, 1, axis=1), axis=2)
+    parts = min(int(np.ceil(edges.max(initial=0) / _SKIN_MM)), _MOST_PARTS) or 1
+    weights = [w for w in product(range(parts + 1), repeat=d) if sum(w) == parts]
+    return np.einsum("wk,mkd->mwd", np.array(weights) / parts, facets).reshape(-1, 3)
 
 
 def _way(knots: Array) -> Array:
