@@ -36,7 +36,7 @@ def missed(stimulus, protocol=PRESS):
     [
         (
             Sphere(shift_mm=(60, 0)),
-            r"lies 57 mm from the contact point, \+57 mm across and \+0 mm al",
+            r"lies 57 mm from the contact point, \+57 mm across and \+0 mm",
         ),
         (Sphere(shift_mm=(0, -40)), r"lies 37 mm from the contact point, \+0 mm across and -37 mm"),
         (Sphere(shift_mm=(0, 500)), r"lies 500 mm .* \+500 mm along"),

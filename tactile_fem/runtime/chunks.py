@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-_POINTS = 200_000  # a second or two
+# A second or two; libigl builds its trees anew for each part, at most a second of that.
+_POINTS = 50_000
 
 
 def in_chunks(
