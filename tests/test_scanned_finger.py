@@ -150,6 +150,20 @@ def test_a_nail_file_tells_where_the_nail_lies(scans, tmp_path):
     assert (across, along) == pytest.approx((9.0, 9.0), abs=0.6)
 
 
+def test_a_direction_away_from_the_nail_is_refused_and_from_the_bone_doubted(
+    scans, tmp_path, caplog
+):
+    nail = trimesh.creation.box([9.0, 9.0, 2.0])
+    file = write(tmp_path / "nail.stl", nail.vertices + np.array([0, 4.0, 12.0]), nail.faces)
+    down = tuple(-np.array(UP))
+    with pytest.raises(MeshError, match="nail_direction points away from the nail in"):
+        Scans.of(Finger(**scans, nail_file=file, nail_direction=down))
+    Scans.of(Finger(**scans, nail_file=file, nail_direction=UP))
+    assert not caplog.records
+    Scans.of(Finger(**scans, nail_direction=down))
+    assert "nail_direction points away from the bone in finger.bone_file" in caplog.text
+
+
 @pytest.mark.parametrize("scale", [0.75, 1.25])
 def test_the_unit_makes_a_child_and_a_large_man(scale, scans):
     lengths = ("tip_length_mm", "contact_from_tip_mm", "nail_width_mm", "nail_length_mm")

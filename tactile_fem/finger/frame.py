@@ -6,6 +6,7 @@ pad is touched. What the study does not give is found from the surfaces.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,8 @@ from tactile_fem.errors import MeshError
 from tactile_fem.finger.shape import Array
 from tactile_fem.runtime.triangles import Triangles
 from tactile_fem.study import Finger
+
+logger = logging.getLogger(__name__)
 
 # Share of a body's length, at its ends, in which its thickness is compared.
 _END = 0.1
@@ -73,6 +76,8 @@ def frame_of(
             "finger.nail_direction must not be parallel to finger.tip_direction, which is "
             f"{[round(float(x), 3) for x in tip]} ({given})"
         )
+    if finger.nail_direction:
+        _check_up(up, tip, skin, bone, nail)
     frame = Frame(_axes(tip, up), body.points[np.argmax(body.points @ tip)])
     if skin is None:
         return frame
@@ -104,6 +109,20 @@ def _towards_tip(body: Triangles) -> Array:
     return axis if thick[0] > thick[1] else -axis
 
 
+def _check_up(
+    up: Array, tip: Array, skin: Triangles | None, bone: Triangles | None, nail: Triangles | None
+) -> None:
+    """Refuse a direction away from the nail, and warn of one away from the bone."""
+    for inner, name in ((nail, "nail"), (bone, "bone")):
+        offset = _offset(skin, inner, tip)
+        if offset is None or offset @ up > -_LEAST_OFFSET_MM * np.linalg.norm(up):
+            continue
+        said = f"finger.nail_direction points away from the {name} in finger.{name}_file"
+        if inner is nail:
+            raise MeshError(f"{said}: turn it round")
+        logger.warning("%s, which lies nearer to the nail than to the pad: turn it round?", said)
+
+
 def _towards_nail(skin: Triangles | None, inner: Triangles | None, tip: Array) -> list[float]:
     """Return the direction from the middle of the skin to the middle of nail or bone.
 
@@ -112,20 +131,28 @@ def _towards_nail(skin: Triangles | None, inner: Triangles | None, tip: Array) -
     MeshError
         It cannot be found.
     """
-    if skin is not None and inner is not None:
-        centre, area = _centres(skin)
-        place, size = _centres(inner)
-        along, ends = centre @ tip, place @ tip
-        around = (along > ends.min()) & (along < ends.max())
-        if around.any():
-            middle = np.average(centre[around], axis=0, weights=area[around])
-            offset = np.average(place, axis=0, weights=size) - middle
-            if np.linalg.norm(offset - (offset @ tip) * tip) > _LEAST_OFFSET_MM:
-                return offset.tolist()
+    offset = _offset(skin, inner, tip)
+    if offset is not None and np.linalg.norm(offset) > _LEAST_OFFSET_MM:
+        return offset.tolist()
     raise MeshError(
         "finger.nail_direction must be given: where the nail is cannot be found without a skin "
         "and a bone or nail that lies off its middle"
     )
+
+
+def _offset(skin: Triangles | None, inner: Triangles | None, tip: Array) -> Array | None:
+    """Return how far nail or bone lie off the middle of the skin around them, (3,)."""
+    if skin is None or inner is None:
+        return None
+    centre, area = _centres(skin)
+    place, size = _centres(inner)
+    along, ends = centre @ tip, place @ tip
+    around = (along > ends.min()) & (along < ends.max())
+    if not around.any():
+        return None
+    middle = np.average(centre[around], axis=0, weights=area[around])
+    offset: Array = np.average(place, axis=0, weights=size) - middle
+    return offset - (offset @ tip) * tip
 
 
 def _centres(surface: Triangles) -> tuple[Array, Array]:
