@@ -23,7 +23,7 @@ from tactile_fem.stimulus.distance_grid import DistanceGrid
 
 SCALE = "viridis"
 _RELIEF = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
-_RELIEF_STYLE = {"scalars": "height_mm", "cmap": _RELIEF, "smooth_shading": True}
+RELIEF_STYLE = {"scalars": "height_mm", "cmap": _RELIEF, "smooth_shading": True}
 RIM_STYLE = {"color": "black", "line_width": 1.5}
 # Matplotlib rounds pixels / dots per inch * dots per inch down: for some heights to one less.
 _PIXELS, _DOTS_PER_INCH = (1500, 955), 200
@@ -170,7 +170,7 @@ def off_screen(pixels: tuple[int, int] = _PIXELS) -> pv.Plotter:
 def add_stimulator(plotter: pv.Plotter, surface: pv.PolyData) -> None:
     """Add a body's surface with ``height_mm``, unless it is empty."""
     if surface.n_points:
-        plotter.add_mesh(surface, show_scalar_bar=False, **_RELIEF_STYLE)
+        plotter.add_mesh(surface, show_scalar_bar=False, **RELIEF_STYLE)
 
 
 def picture(

@@ -38,7 +38,9 @@ class Finger(Either):
         "but kind",
     )
     skin_file: File | None = Field(
-        None, description="a scan of the skin (.stl, .obj, .ply), instead of widths and heights"
+        None,
+        description="a scan of the skin (.stl, .obj, .ply), instead of widths and heights; of a "
+        "hand, the finger at contact_mm is taken",
     )
     bone_file: File | None = Field(
         None,
