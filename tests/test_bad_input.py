@@ -81,7 +81,8 @@ SETTINGS = [
     ("finger.mesh_file=5", "finger.mesh_file is 5 but must be the path of a file."),
     (
         "finger.mesh_file=text.msh",
-        "cannot read the mesh {here}/text.msh: it is no .msh file, or damaged (ReadError).",
+        "cannot read the mesh {here}/text.msh: it is no .msh file, or damaged (it has no section "
+        "$MeshFormat).",
     ),
     (
         "finger.mesh_file=half.msh",
@@ -90,7 +91,8 @@ SETTINGS = [
     ),
     (
         "finger.mesh_file=binary.msh",
-        "cannot read the mesh {here}/binary.msh: it is no .msh file, or damaged (ReadError).",
+        "cannot read the mesh {here}/binary.msh: it is no .msh file, or damaged (it has no section "
+        "$MeshFormat).",
     ),
     (
         "finger.mesh_file=untagged.msh",
