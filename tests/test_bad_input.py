@@ -86,8 +86,8 @@ SETTINGS = [
     ),
     (
         "finger.mesh_file=half.msh",
-        "cannot read the mesh {here}/half.msh: it is no .msh file, or damaged (list index "
-        "out of range).",
+        "cannot read the mesh {here}/half.msh: it is no .msh file, or damaged ($Elements "
+        "has no end).",
     ),
     (
         "finger.mesh_file=binary.msh",

@@ -73,7 +73,7 @@ def test_no_deck_is_written_of_a_stimulator_beside_the_finger(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_scan_of_a_stimulator_beside_the_finger_warns(small_finger, caplog):
+def test_a_stimulator_beside_the_finger_is_warned_of(small_finger, caplog):
     finger, path = read_msh(small_finger), make_path(PRESS, 0.0)
     with caplog.at_level(logging.WARNING):
         tell_missed(make_body(Sphere()), path, finger)
