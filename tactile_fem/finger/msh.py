@@ -13,7 +13,7 @@ from tactile_fem.finger.mesh_data import FLAT, SOLID, SURFACES, TISSUES, FingerM
 from tactile_fem.finger.msh_file import Block, MshFile
 from tactile_fem.runtime.files import write_text
 
-_LINEAR = {2: 2, 3: 4}  # gmsh's number of the linear triangle and tetrahedron
+_LINEAR = {1: 1, 2: 2, 3: 4}  # gmsh's numbers of linear lines, triangles and tetrahedra
 
 
 def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
@@ -77,10 +77,12 @@ def _check_groups(mesh: FingerMesh, blocks: list[Block], start: str) -> None:
             f"{start} has no elements in physical groups: gmsh leaves them out of format 2.2 with "
             "Mesh.SaveAll, so save it without that or in format 4.1"
         )
-    linear = sum(len(b.nodes) for b in blocks if b.kind == _LINEAR[shape.dim] and b.groups.any())
+    kinds = _LINEAR[shape.dim], _LINEAR[shape.dim - 1]
+    linear = sum(len(b.nodes) for b in blocks if b.kind in kinds and b.groups.any())
     if linear:
         raise MeshError(
-            f"{start} has {linear} linear {shape.plural} beside quadratic ones (gmsh -order 2)"
+            f"{start} has {linear} linear elements in physical groups beside quadratic ones "
+            "(gmsh -order 2)"
         )
     if mesh.missing:
         raise MeshError(
