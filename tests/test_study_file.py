@@ -1,14 +1,28 @@
 import json
 import re
 import tomllib
+import types
 from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
+import annotated_types
 import pytest
 from pydantic import ValidationError
+from pydantic.fields import FieldInfo
 
 from tactile_fem.errors import StudyError
-from tactile_fem.study import Afferents, Finger, Protocol, Study, Text
-from tactile_fem.study.explain import KINDS
+from tactile_fem.study import (
+    Afferents,
+    Elastic,
+    Finger,
+    Polynomial,
+    Protocol,
+    Stimulus,
+    Study,
+    Text,
+)
+from tactile_fem.study.base import Section
+from tactile_fem.study.explain import KINDS, PIECES, toml_value
 from tactile_fem.study.file import dump_study, load_study
 from tactile_fem.study.template import commented_template
 
@@ -56,6 +70,85 @@ def test_the_template_mentions_every_key():
 )
 def test_the_template_states_the_allowed_values(line):
     assert line in commented_template().splitlines()
+
+
+LAWS = (Polynomial, Elastic)  # what must be given is that of the set
+LIMITS = {
+    annotated_types.Gt: ("gt", "> {:g}"),
+    annotated_types.Ge: ("ge", ">= {:g}"),
+    annotated_types.Lt: ("lt", "< {:g}"),
+    annotated_types.Le: ("le", "<= {:g}"),
+    annotated_types.MinLen: ("min_length", "at least {} character"),
+    annotated_types.MaxLen: ("max_length", "at most {} characters"),
+}
+
+
+def allowed(annotation: Any, limits: Any = ()) -> set[str]:
+    """Return what the type of a field allows, in the words of the template."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return allowed(inner[0], inner[1:]) | allowed(inner[0], limits)
+    if origin is Literal:
+        return set(map(toml_value, inner))
+    if origin in (Union, types.UnionType):
+        return set().union(*(allowed(part, limits) for part in inner))
+    if origin is tuple:
+        of_entries = [allowed(part) for part in inner if part is not Ellipsis]
+        differ = any(entry != of_entries[0] for entry in of_entries)
+        return {"; ".join(min(e) for e in of_entries)} if differ else of_entries[0]
+    flat = [part for one in limits for part in (getattr(one, "metadata", None) or [one])]
+    known = [(one, *LIMITS[type(one)]) for one in flat if type(one) in LIMITS]
+    return {form.format(getattr(one, name)) for one, name, form in known}
+
+
+def template_blocks():
+    """Return the models of the template, each with the paragraph that describes its keys."""
+    blocks = commented_template().split("\n\n")
+
+    def of(heading: str) -> str:
+        (block,) = (b for b in blocks if re.search(rf"^{re.escape(heading)}", b, re.MULTILINE))
+        return block
+
+    tables = {name: getattr(Study(), name) for name in Study.model_fields if name != "afferents"}
+    tables |= {f"tissue.{key}": v for key, v in Study().tissue if isinstance(v, Section)}
+    found = {f"[{name}]": type(table) for name, table in tables.items()}
+    found |= {f'# or kind = "{kind}"': m for kind, m in KINDS.items() if kind != "text"}
+    found |= {f'# [[protocol.path]] with kind = "{kind}"': model for kind, model in PIECES.items()}
+    return [(model, of(heading)) for heading, model in [*found.items(), ("# [[aff", Afferents)]]
+
+
+@pytest.mark.parametrize(
+    ("model", "block"), template_blocks(), ids=lambda part: getattr(part, "__name__", "")
+)
+def test_the_template_states_what_each_key_allows(model, block):
+    words = " ".join(re.sub(r"^#? +|^#", "", block, flags=re.MULTILINE).split())
+    fields: dict[str, FieldInfo] = dict(model.model_fields)
+    if "vibration" in fields:
+        fields |= get_args(fields["vibration"].annotation)[0].model_fields
+    # Keys that are described elsewhere: those of all stimuli, and a table of its own.
+    elsewhere = {"petsc", *(() if model is Text else Stimulus.model_fields)}
+    for key, field in fields.items():
+        if field.description is None or key in elsewhere:
+            continue
+        expected = allowed(field.annotation, field.metadata)
+        if model is Text and key == "kind":
+            expected = set(map(toml_value, KINDS))
+        listed = re.findall(rf"{re.escape(field.description)}(?: \[((?!afferents).*?)\](?= |$))?", words)
+        assert expected in [set(filter(None, found.split(", "))) for found in listed], key
+        stated = f"{key} must be given: {field.description}" in words
+        assert stated == (field.is_required() and model not in LAWS), key
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "text"])
+def test_a_kind_of_the_template_with_every_line_in_force_is_its_default(kind):
+    (block,) = (b for model, b in template_blocks() if model is KINDS[kind])
+    lines = re.findall(r"^#     (\w+ = .*)$", block, re.MULTILINE)
+    given = {"kind": kind, **({"file": "a.stl"} if "file" in KINDS[kind].model_fields else {})}
+    values = tomllib.loads("\n".join(lines))
+    defaults = Study.model_validate({"stimulus": given}).stimulus
+    assert Study.model_validate({"stimulus": {**given, **values}}).stimulus == defaults
+    kept = defaults.model_dump(exclude={"kind", "friction", "shift_mm", "file"}, exclude_none=True)
+    assert values.keys() == kept.keys()
 
 
 def test_what_is_dumped_loads_to_the_same_study(tmp_path):

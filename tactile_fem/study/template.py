@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel
-from pydantic_core import PydanticUndefined
+from pydantic.fields import FieldInfo
 
 from tactile_fem.study import Afferents, Stimulus, Study
 from tactile_fem.study.explain import KINDS, PIECES, toml_value
@@ -26,6 +26,7 @@ _LIMITS = {
     "minimum": ">= {:g}",
     "exclusiveMaximum": "< {:g}",
     "maximum": "<= {:g}",
+    "minLength": "at least {} character",
     "maxLength": "at most {} characters",
 }
 
@@ -36,7 +37,7 @@ def commented_template() -> str:
     study = Study()
     for name in Study.model_fields:
         if name == "afferents":
-            lines += _described("[[afferents]] once or more", Afferents)
+            lines += [*_described("[[afferents]] once or more", Afferents), ""]
             continue
         values = getattr(study, name)
         lines += _table(name, values, _summary(type(values)))
@@ -50,7 +51,7 @@ def commented_template() -> str:
                     ]
         if name == "protocol":
             for kind, model in PIECES.items():
-                lines += _described(f'[[protocol.path]] with kind = "{kind}"', model)
+                lines += [*_described(f'[[protocol.path]] with kind = "{kind}"', model), ""]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -64,12 +65,14 @@ def _described(heading: str, model: type[BaseModel]) -> Iterator[str]:
         if not field.description:
             yield f"#     [afferents.{key}] has the keys of [{key}]"
             continue
-        default = "" if field.default in (None, PydanticUndefined) else toml_value(field.default)
-        line = f"{key} = {default}" if default else key
-        allowed = _allowed(schema[key])
-        note = f"{field.description} [{allowed}]" if allowed else field.description
-        yield from _comment(f"    {line}: {note}")
-    yield ""
+        note = _with_allowed(field.description, schema[key])
+        if field.is_required() or field.default is None:
+            yield from _comment(f"    {key} {_unset(field)}: {note}")
+        else:
+            yield from _comment(f"    {key} = {toml_value(field.default)}: {note}")
+        for nested in get_args(field.annotation):
+            if isinstance(nested, type) and issubclass(nested, BaseModel):
+                yield from _described(f"    keys of {key}", nested)
 
 
 def _table(name: str, values: BaseModel | dict[str, Any], note: str | None) -> Iterator[str]:
@@ -85,28 +88,42 @@ def _table(name: str, values: BaseModel | dict[str, Any], note: str | None) -> I
 
 
 def _keys(values: BaseModel, mark: str, without: set[str]) -> Iterator[str]:
-    """Write a line for each key, the kind of a stimulus first."""
+    """Write a line for each key, the kind first."""
     schema = type(values).model_json_schema()["properties"]
+    if isinstance(values, Stimulus):
+        schema["kind"] = {"enum": list(KINDS)}
     for key, field in sorted(type(values).model_fields.items(), key=lambda item: item[0] != "kind"):
         if key in without:
             continue
-        value, note = getattr(values, key, None), field.description or ""
-        allowed = _allowed({"enum": list(KINDS)} if key == "kind" else schema[key])
-        note += f" [{allowed}]" if allowed else ""
+        value = getattr(values, key, None)
+        note = _with_allowed(field.description or "", schema[key])
         if value is None:
-            yield from _comment(f"{key} is not set: {note}")
+            yield from _comment(f"{key} {_unset(field)}: {note}")
         else:
             yield from _with_note(f"{mark}{key} = {toml_value(value)}", note)
 
 
+def _unset(field: FieldInfo) -> str:
+    return "must be given" if field.is_required() else "is not set"
+
+
+def _with_allowed(note: str, schema: dict[str, Any]) -> str:
+    allowed = _allowed(schema)
+    return f"{note} [{allowed}]" if allowed else note
+
+
 def _allowed(schema: dict[str, Any]) -> str:
-    """Return the choices or limits of a JSON schema; empty if the type is the only limit."""
-    options = [schema, *schema.get("anyOf", ()), *schema.get("prefixItems", ())[:1]]
-    words = []
-    for part in [*options, *(option.get("items", {}) for option in options)]:
-        words += [toml_value(value) for value in part.get("enum", ())]
-        words += [form.format(part[key]) for key, form in _LIMITS.items() if key in part]
-    return ", ".join(words)
+    """Return the choices or limits of a JSON schema; empty if the type is the only limit.
+
+    Those of a list are those of each entry, where they differ one after the other.
+    """
+    words = [toml_value(value) for value in schema.get("enum", ())]
+    words += [form.format(schema[key]) for key, form in _LIMITS.items() if key in schema]
+    parts = [*schema.get("anyOf", ()), *([schema["items"]] if "items" in schema else [])]
+    words += [_allowed(part) for part in parts]
+    entries = [_allowed(part) for part in schema.get("prefixItems", ())]
+    words += entries[:1] if len(set(entries)) == 1 else ["; ".join(entries)]
+    return ", ".join(filter(None, words))
 
 
 def _summary(model: type[BaseModel]) -> str:
