@@ -133,7 +133,9 @@ def test_the_template_states_what_each_key_allows(model, block):
         expected = allowed(field.annotation, field.metadata)
         if model is Text and key == "kind":
             expected = set(map(toml_value, KINDS))
-        listed = re.findall(rf"{re.escape(field.description)}(?: \[((?!afferents).*?)\](?= |$))?", words)
+        listed = re.findall(
+            rf"{re.escape(field.description)}(?: \[((?!afferents).*?)\](?= |$))?", words
+        )
         assert expected in [set(filter(None, found.split(", "))) for found in listed], key
         stated = f"{key} must be given: {field.description}" in words
         assert stated == (field.is_required() and model not in LAWS), key
@@ -248,6 +250,39 @@ def test_several_problems_are_all_told():
     with pytest.raises(StudyError) as caught:
         load_study(None, ["finger.dermis_mm=0", "stimulus.friction=-1"])
     assert len(str(caught.value).splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("setting", "sentences"),
+    [
+        (
+            'protocol.path=[{kind="slid"}]',
+            'protocol.path (entry 1).kind is "slid", which is no kind of piece; did you mean slide?',
+        ),
+        (
+            'protocol.path=[{kind="hold", time_s=1, vibration={frequency_Hz=9, amplitude=1}}]',
+            "protocol.path (entry 1).vibration.amplitude_mm is missing: "
+            "protocol.path (entry 1).vibration is a table.\nprotocol.path (entry 1).vibration."
+            "amplitude is not a key of [protocol.path (entry 1).vibration]; did you mean "
+            "amplitude_mm?",
+        ),
+        (
+            'protocol.path=[{kind="press", depth_mm=1, time_s=1}]',
+            'protocol.path (entry 1).time_s is not a key of a piece of kind "press"; it goes with '
+            'kind = "hold".',
+        ),
+        (
+            'solver.held=["skin"]',
+            'solver.held (entry 1) is "skin" but must be "bone", "nail" or "cut".',
+        ),
+        ("solver.held=[]", "solver.held is [] but must be a list of at least 1 entry."),
+        ("finger.kind=sphere", 'finger.kind is "sphere" but must be "solid" or "section".'),
+    ],
+)
+def test_a_wrong_entry_is_told_once_with_what_is_allowed_there(setting, sentences):
+    with pytest.raises(StudyError) as caught:
+        load_study(None, [setting])
+    assert str(caught.value) == sentences
 
 
 @pytest.mark.parametrize("content", [b"[finger\n", b"\xff\xfe"])

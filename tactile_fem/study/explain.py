@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from functools import partial
 from typing import Any, get_args
 
 import tomlkit
@@ -48,8 +49,19 @@ _ALLOWED = {
 
 def explain(error: ValidationError) -> str:
     """Return one sentence per problem, each naming the field, its value and what is allowed."""
-    sentences = (_sentence(problem) for problem in error.errors(include_url=False))
+    problems = error.errors(include_url=False)
+    places = [problem["loc"] for problem in problems]
+    sentences = (
+        _sentence(problem)
+        for problem in problems
+        # Entries that are wrong are not counted: then a list is too short as well.
+        if problem["type"] != "too_short" or not any(map(partial(_below, problem["loc"]), places))
+    )
     return "\n".join(dict.fromkeys(sentences))
+
+
+def _below(place: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
+    return len(other) > len(place) and other[: len(place)] == place
 
 
 def toml_value(value: Any) -> str:
@@ -139,16 +151,22 @@ def _unknown(location: tuple[str | int, ...], path: tuple[str | int, ...]) -> st
     word = str(path[-1])
     if len(path) == 1:
         return f"{word} is not a section of the study; {_section_hint(word)}"
-    if location[0] in _WHAT and len(location) != len(path):
-        kind, kinds = (location[1], KINDS) if location[0] == "stimulus" else (location[3], PIECES)
-        return (
-            f'{_dotted(path)} is not a key of a {_WHAT[location[0]]} of kind "{kind}"; '
-            f"{_kinds_with(word, kinds) or suggestion(word, kinds[kind].model_fields)}"
-        )
     model: Any = Study
+    if location[0] in _WHAT and len(location) != len(path):
+        at, kinds = (1, KINDS) if location[0] == "stimulus" else (3, PIECES)
+        model = kinds[location[at]]
+        if len(location) == at + 2:
+            return (
+                f'{_dotted(path)} is not a key of a {_WHAT[location[0]]} of kind "{location[at]}"; '
+                f"{_kinds_with(word, kinds) or suggestion(word, model.model_fields)}"
+            )
+        location = location[at + 1 :]
     for part in location[:-1]:
         if not isinstance(part, int):
-            model = Afferents if part == "afferents" else model.model_fields[part].annotation
+            annotation = Afferents if part == "afferents" else model.model_fields[part].annotation
+            model = next(
+                (m for m in get_args(annotation) if hasattr(m, "model_fields")), annotation
+            )
     hint = suggestion(word, model.model_fields)
     return f"{_dotted(path)} is not a key of [{_dotted(path[:-1])}]; {hint}"
 
