@@ -57,7 +57,11 @@ class Fung:
         J = ufl.det(F)
         distortion = J ** (-2 / 3) * ufl.tr(F.T * F) - 3
         volume = self.bulk / 2 * (J - 1) ** 2
-        return self.shear / (2 * self.b) * (ufl.exp(self.b * distortion) - 1) + volume
+        return self.in_shear(distortion) + volume
+
+    def in_shear(self, a):
+        """Return the energy of the simple shear gamma^2 = a, MPa, for a tissue that relaxes."""
+        return self.shear / (2 * self.b) * (ufl.exp(self.b * a) - 1)
 
 
 # %% [markdown]

@@ -99,9 +99,20 @@ def test_a_length_and_a_constant():
     assert constant.value(other) == pytest.approx(constant.value(study) * np.exp(-0.2))
 
 
+def test_a_tissue_that_relaxes_scales_as_well():
+    study = Study.model_validate({"tissue": {"relaxation": "fingerpad"}})
+    for name in ("skin", "dermis", "bone"):
+        parameter = parse_parameter(name, study)
+        doubled = with_values(study, [parameter], [np.log(2.0)]).tissue.dermis
+        factor = 1 if name == "bone" else 2
+        assert doubled.C10_MPa == pytest.approx(factor * study.tissue.dermis.C10_MPa)
+        assert (doubled.g, doubled.tau_s) == (study.tissue.dermis.g, study.tissue.dermis.tau_s)
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
+        ("dermis.g", "it is () but must be a number above 0."),
         ("subcutaneous.C20", "did you mean subcutaneous.C20_MPa?"),
         ("fat", "there is no such value"),
         ("epidermis.C20_MPa", "it is 0.0 but must be a number above 0."),

@@ -161,15 +161,27 @@ def test_the_recipes_vibration_is_a_study(tmp_path):
     assert study.protocol.pieces[1].vibration.frequency_Hz == 100.0 and study.solver.inertia
 
 
-def test_half_as_stiff_is_half_the_energy():
+@pytest.mark.parametrize("relaxation", ["none", "fingerpad"])
+def test_half_as_stiff_is_half_the_energy(relaxation):
     pytest.importorskip("ufl")
     from tactile_fem.tissue.energies import law_of
 
-    study = run(blocks(RECIPES, "python")[0], RECIPES)["study"]
-    laws = [law_of(one.tissue.epidermis) for one in (Study(), study)]
+    before = Study.model_validate(
+        {"tissue": {"relaxation": relaxation}, "protocol": {"depth_mm": 1.0}}
+    )
+    (code, *_) = blocks(RECIPES, "python")
+    code = shortened(code, "study = Study()", "study = before")
+    names = {"before": before}
+    exec(compile(code, RECIPES.name, "exec"), names)
+    study = names["study"]
+    laws = [law_of(one.tissue.epidermis) for one in (before, study)]
     stretched = np.diag([1.2, 1.0, 0.9])
     usual, soft = (at(law.energy, stretched) for law in laws)
     assert soft == pytest.approx(usual / 2)
+    assert study.tissue.epidermis.g == before.tissue.epidermis.g
+    assert study.tissue.epidermis.tau_s == before.tissue.epidermis.tau_s
+    others = {"tissue": {"epidermis"}}
+    assert study.model_dump(exclude=others) == before.model_dump(exclude=others)
 
 
 def test_the_recipes_plot_and_spikes(tmp_path, monkeypatch, capsys):

@@ -257,7 +257,8 @@ def test_several_problems_are_all_told():
     [
         (
             'protocol.path=[{kind="slid"}]',
-            'protocol.path (entry 1).kind is "slid", which is no kind of piece; did you mean slide?',
+            'protocol.path (entry 1).kind is "slid", which is no kind of piece; did you mean '
+            "slide?",
         ),
         (
             'protocol.path=[{kind="hold", time_s=1, vibration={frequency_Hz=9, amplitude=1}}]',

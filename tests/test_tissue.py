@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import ufl
+from pydantic import ValidationError
 from scipy.optimize import brentq
 
 from tactile_fem.runtime import backend  # noqa: F401
@@ -13,7 +15,7 @@ from mpi4py import MPI  # isort: skip
 from dolfinx import fem, mesh
 from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH, young_modulus
 
-from tactile_fem.study import Elastic, Polynomial, Tissue
+from tactile_fem.study import TISSUE_SETS, Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import (
     compression_modulus,
     law_of,
@@ -139,3 +141,33 @@ def test_named_set_is_nearly_incompressible():
         constants = getattr(tissue, name)
         assert young_modulus(constants) == pytest.approx(E_MPa, rel=1e-12)
         assert E_MPa / (2 * shear_modulus(constants)) - 1 == pytest.approx(0.48, rel=1e-12)
+
+
+@pytest.mark.parametrize("relaxation", ["none", "fingerpad"])
+@pytest.mark.parametrize("name", TISSUE_SETS)
+def test_a_scaled_tissue_has_scaled_energy_and_relaxes_as_before(name, relaxation):
+    tissue = Tissue.model_validate({"set": name, "relaxation": relaxation})
+    F = ufl.as_matrix(np.diag([1.2, 0.9, 0.95]).tolist())
+    for layer, constants in tissue:
+        if not isinstance(constants, Polynomial | Elastic):
+            continue
+        scaled = constants.scaled(0.3)
+        before, after = (float(law_of(one).energy(F)(())) for one in (constants, scaled))
+        assert after == pytest.approx(0.3 * before, rel=1e-12)
+        assert (scaled.g, scaled.tau_s) == (constants.g, constants.tau_s)
+        assert bool(scaled.g) == (relaxation != "none" and layer not in ("bone", "nail"))
+    with pytest.raises(ValidationError):
+        tissue.dermis.scaled(-1.0)
+
+
+def test_a_tissue_made_in_python_relaxes_as_the_same_tables_of_a_file():
+    law = {"C10_MPa": 0.01, "D1_per_MPa": 2.0}
+    own = Polynomial(**law)
+    made = Tissue(relaxation="fingerpad", epidermis=own, nail=Elastic(E_MPa=1.0, nu=0.3))
+    assert made.epidermis.g == made.dermis.g == Tissue(relaxation="fingerpad").dermis.g != ()
+    assert made.epidermis.model_dump(exclude={"g", "tau_s"}) == own.model_dump(
+        exclude={"g", "tau_s"}
+    )  # C30 of the set is not added
+    assert made.nail.g == () and made.viscous_time_s == 0.0
+    elastic = Tissue(relaxation="fingerpad", epidermis=Polynomial(**law, g=(), tau_s=()))
+    assert elastic.epidermis.g == ()

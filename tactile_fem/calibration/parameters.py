@@ -121,11 +121,8 @@ def with_values(study: Study, parameters: Sequence[Parameter], x: ArrayLike) -> 
 
 def _moduli(study: Study, tissue: str) -> dict[tuple[str, ...], float]:
     """Return the keys of a tissue's moduli, whose power is 1, and of their inverses, -1."""
-    return {
-        ("tissue", tissue, name): -1.0 if name.endswith("_per_MPa") else 1.0
-        for name, value in getattr(study.tissue, tissue)
-        if value and name != "nu"
-    }
+    moduli = getattr(study.tissue, tissue).moduli()
+    return {("tissue", tissue, name): float(power) for name, power in moduli.items()}
 
 
 def _get(study: Study, keys: Sequence[str]) -> Any:

@@ -20,6 +20,27 @@ class Relaxing(Section):
     )
     tau_s: tuple[Positive, ...] = Field((), description="times over which they relax, as many")
 
+    def moduli(self) -> dict[str, int]:
+        """Return the names of the moduli, with 1, and of the inverse ones, with -1."""
+        return {
+            name: -1 if name.endswith("_per_MPa") else 1
+            for name, value in self
+            if name.endswith("_MPa") and value
+        }
+
+    def scaled(self, factor: float) -> Self:
+        """Return the tissue so many times as stiff; what relaxes, and when, stays.
+
+        Raises
+        ------
+        ValidationError
+            The factor is not a positive number.
+        """
+        changed = {
+            name: getattr(self, name) * factor**power for name, power in self.moduli().items()
+        }
+        return type(self).model_validate({**self.model_dump(exclude_unset=True), **changed})
+
     @model_validator(mode="after")
     def _leaves_some(self) -> Self:
         if len(self.g) != len(self.tau_s):
@@ -92,12 +113,13 @@ _HARD = {"bone": {"E_MPa": 17_000.0, "nu": 0.3}, "nail": {"E_MPa": 170.0, "nu": 
 
 def _scaled(factor: float) -> dict[str, dict[str, float]]:
     """Return the outer layers with all moduli times a factor."""
+    layers = {layer: Polynomial.model_validate(values) for layer, values in _SKIN.items()}
     return {
         layer: {
-            name: float(f"{value / factor if name == 'D1_per_MPa' else value * factor:.4g}")
-            for name, value in constants.items()
+            name: float(f"{value:.4g}")
+            for name, value in constants.scaled(factor).model_dump(exclude_unset=True).items()
         }
-        for layer, constants in _SKIN.items()
+        for layer, constants in layers.items()
     }
 
 
@@ -187,6 +209,8 @@ class Tissue(Section):
         filled = {"viscous_time_s": 0.0, **data} if series else dict(data)
         for tissue, values in constants.items():
             given = data.get(tissue, {})
+            if isinstance(given, Relaxing):  # complete but for its series
+                given, values = given.model_dump(exclude_unset=True), {}
             if isinstance(given, dict):
                 relaxes = tissue not in _HARD and not {"g", "tau_s"} & given.keys()
                 given = {**values, **(series if relaxes else {}), **given}
