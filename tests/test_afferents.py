@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from synthetic import make_results, make_trace
 
 from tactile_fem.errors import StudyError
@@ -28,6 +29,7 @@ from tactile_fem.series.members import single_fibre
 from tactile_fem.series.report import write_report
 from tactile_fem.series.run import numbers_of
 from tactile_fem.study import Afferents, Neuron, Receptors, Study
+from tactile_fem.study.explain import explain
 from tactile_fem.study.file import dump_study, load_study
 
 NOISY = Neuron(
@@ -308,11 +310,60 @@ def test_drives_and_places_are_checked_before_a_scan(tmp_path):
         populations_of(read(tmp_path, TWO), [Population("PC")])
 
 
+def test_a_drive_that_is_none_is_refused_when_the_study_is_made(tmp_path):
+    sentence = r'^afferents.RA.feels: There is no drive "speed"; there are sed, .*, and their'
+    with pytest.raises(StudyError, match=sentence):
+        read(tmp_path, TWO, "afferents.RA.feels=speed")
+    with pytest.raises(ValidationError, match='There is no drive "speed"'):
+        Study(afferents=[Afferents(name="RA", feels="speed")])
+
+
 def test_a_registered_drive_can_be_named_in_a_study(tmp_path, monkeypatch):
-    study = read(tmp_path, TWO, "afferents.RA.feels=squeeze_rate")
-    monkeypatch.setitem(DRIVES, "squeeze", Drive("Squeeze", "1", lambda h: h["sed_kPa"]))
-    check_study(study)
-    assert populations_of(study)[1].drive.unit == "1/s"
+    with monkeypatch.context() as script:
+        script.setitem(DRIVES, "squeeze", Drive("Squeeze", "1", lambda h: h["sed_kPa"]))
+        study = read(tmp_path, TWO, "afferents.RA.feels=squeeze_rate")
+        check_study(study)
+        assert populations_of(study)[1].drive.unit == "1/s"
+    # Elsewhere its results can be read, though it cannot be scanned.
+    results = make_results(tmp_path / "r", study)
+    assert Results.open(results.folder).study == study
+    with pytest.raises(StudyError, match=r"afferents.RA.feels: .* no drive"):
+        check_study(study)
+
+
+@pytest.mark.parametrize(
+    ("tables", "sentence"),
+    [
+        (
+            {"receptors": {"placement": "papillae"}},
+            'receptors.placement = "papillae" needs a section with papillae',
+        ),
+        (
+            {"finger": {"kind": "section"}, "receptors": {"placement": "grid"}},
+            'receptors.placement = "grid" does not lie in a section',
+        ),
+        (
+            {"finger": {"kind": "section"}, "receptors": {"end_organs": 3}},
+            "receptors.end_organs = 3 do not lie in the plane of a section",
+        ),
+        (
+            {"afferents": [{"name": "a"}, {"name": "b", "receptors": {"placement": "papillae"}}]},
+            'afferents.b.receptors.placement = "papillae" needs a section',
+        ),
+        (
+            {"receptors": {"placement": "grid", "spacing_mm": 0.01}},
+            "receptors: 8e+05 receptors are more than 100,000; choose",
+        ),
+        (
+            {"afferents": [{"name": "a", "receptors": {"spacing_mm": 1e-9}}]},
+            "afferents (entry 1).receptors: 1e+10 receptors are more than 100,000; choose",
+        ),
+    ],
+)
+def test_receptors_that_no_such_finger_has_are_refused_when_the_study_is_made(tables, sentence):
+    with pytest.raises(ValidationError) as caught:
+        Study.model_validate(tables)
+    assert explain(caught.value).startswith(sentence) and "\n" not in explain(caught.value)
 
 
 # --- results --------------------------------------------------------------------------------------
@@ -363,8 +414,10 @@ def test_older_folders_have_one_population(tmp_path):
     assert "spikes_SA1" not in numbers_of(again)
 
 
-def test_figures_are_drawn_for_each_population_and_removed_with_it(tmp_path, caplog):
-    study = read(tmp_path, TWO, "afferents.RA.feels=unheard_of")
+def test_figures_are_drawn_for_each_population_and_removed_with_it(tmp_path, caplog, monkeypatch):
+    with monkeypatch.context() as script:
+        script.setitem(DRIVES, "unheard_of", Drive("", "", lambda h: h["sed_kPa"]))
+        study = read(tmp_path, TWO, "afferents.RA.feels=unheard_of")
     with pytest.raises(StudyError, match="unheard_of"):
         populations_of(study)
     results = two_kinds(tmp_path / "r", read(tmp_path, TWO, "afferents.RA.feels=sed"))

@@ -249,6 +249,25 @@ SETTINGS = [
     ("=5", '"=5" sets nothing: write section.key=value.'),
 ]
 
+# What starts from a study, with what each needs besides.
+_STARTS = {
+    "scan": "",
+    "preview": " -o new.png",
+    "export": " --deck new.inp",
+    "mesh": " -o new.msh",
+    "sweep": " --over protocol.depth_mm=1,2",
+    "fibre": "",
+}
+_SPEED = (
+    'afferents.fast.feels: There is no drive "speed"; there are sed, von_mises, largest_stretch, '
+    "smallest_stretch, largest_stress, smallest_stress, compression, indentation, pressure, and "
+    'their "_rate".'
+)
+_GRID = (
+    'receptors.placement = "grid" does not lie in a section: use "line", "intermediate_ridges" or '
+    '"papillae".'
+)
+
 COMMANDS = [
     (
         "scan --set receptors.placement=afferents --set receptors.density_per_cm2=1e9",
@@ -355,6 +374,22 @@ COMMANDS = [
         "protocol.force_N is 0.5 but a deck knows no force: press to a depth_mm and hold the "
         "depth.",
     ),
+    (
+        "export --deck new.inp --set protocol.depth_mm=1970",
+        "protocol.depth_mm is 1970 but must be less than 5.3, the finger's thickness from skin to "
+        "bone over the contact point.",
+    ),
+    (
+        "export --deck new.inp --set receptors.half_width_mm=30",
+        "receptors: the receptor at X -30, Y 0 mm lies outside the finger; choose a smaller "
+        "extent or another place.",
+    ),
+    *((f"{command} speed.toml{options}", _SPEED) for command, options in _STARTS.items()),
+    *(
+        (f"{command}{options} --set finger.kind=section --set receptors.placement=grid", _GRID)
+        for command, options in _STARTS.items()
+    ),
+    ("fit forces.csv --study speed.toml", _SPEED),
     ("sweep", 'Command "sweep" parameter --over requires an argument.'),
     ("sweep --over protocol.depth_mm=0,1", "protocol.depth_mm is 0 but must be greater than 0."),
     (
@@ -379,6 +414,10 @@ def here(tmp_path_factory) -> Path:
     (folder / "flat.toml").write_text("depth_mm = 1.0\n")
     (folder / "value.toml").write_text("protocol = 3\n")
     (folder / "list.toml").write_text("[[finger]]\ndermis_mm = 1.0\n")
+    (folder / "speed.toml").write_text('[[afferents]]\nname = "fast"\nfeels = "speed"\n')
+    (folder / "forces.csv").write_text(
+        "indenter,speed_mm_s,depth_mm,force_N,sd_N\nplate,0.2,1,0.2,0.1\n"
+    )
     (folder / "binary.toml").write_bytes(b"\xff\xfe")
     (folder / "old.inp").write_text("mine")
     (folder / "full").mkdir()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from needs import needs_graphics
+from needs import needs_gmsh, needs_graphics
 from PIL import Image
 
 from tactile_fem.cli import app as cli
@@ -64,3 +64,26 @@ def test_what_cannot_be_drawn_is_told(options, sentence, tmp_path, monkeypatch, 
     assert cli.main(["preview", *options]) == 2
     message = capsys.readouterr().err
     assert sentence in message and message.count("\n") == 1
+
+
+@needs_graphics
+@pytest.mark.parametrize(
+    ("setting", "sentence"),
+    [
+        ("protocol.depth_mm=1970", "protocol.depth_mm is 1970 but must be less than 5.3"),
+        ("receptors.half_width_mm=30", "receptors: the receptor at X -30, Y 0 mm lies outside"),
+    ],
+)
+def test_what_a_scan_would_refuse_is_not_drawn(setting, sentence, tmp_path, capsys):
+    assert cli.main(["preview", "-o", str(tmp_path / "a.png"), "--set", setting]) == 2
+    message = capsys.readouterr().err
+    assert sentence in message and message.count("tactile-fem: ") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@needs_gmsh
+def test_a_path_that_leaves_the_section_is_not_drawn(tmp_path, capsys):
+    command = ["preview", "-o", str(tmp_path / "a.png"), "--set", "finger.kind=section"]
+    assert cli.main([*command, "--set", "finger.plane=transverse"]) == 2
+    assert "its path leaves the section's plane, Y = 0, by 10 mm" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -188,12 +188,14 @@ def export(
         raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
     from tactile_fem.finger import load_finger
     from tactile_fem.output.deck import write_deck
-    from tactile_fem.scan.checks import check_solid
+    from tactile_fem.scan.checks import check_solid, check_study, check_with_mesh
+    from tactile_fem.stimulus import make_body
 
     check_solid(the_study.finger, "an input deck")
-
+    check_study(the_study)
     logs.set_up()
     finger = load_finger(the_study.finger)
+    check_with_mesh(the_study, make_body(the_study.stimulus), finger)
     try:
         size = write_deck(
             the_study,

@@ -15,14 +15,13 @@ from cyclopts import Parameter, validators
 from tactile_fem.cli.options import Settings, StudyFile
 from tactile_fem.errors import PlaceError, StudyError, TactileError
 from tactile_fem.finger import load_finger
-from tactile_fem.finger.report import pad_thickness_mm
 from tactile_fem.finger.scanned import Scans
 from tactile_fem.output import pictures, section
 from tactile_fem.runtime import logs
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.scan.checks import DEEPEST, tell_missed
+from tactile_fem.scan.checks import check_with_mesh, tell_missed
 from tactile_fem.scan.results import Results
-from tactile_fem.stimulus import make_body, make_path
+from tactile_fem.stimulus import make_body
 from tactile_fem.study.file import load_study
 from tactile_fem.vibration.modes import Modes
 
@@ -125,7 +124,7 @@ def preview(
     logs.set_up()
     if the_study.finger.is_section:
         mesh, body = load_finger(the_study.finger), make_body(the_study.stimulus)
-        tell_missed(body, make_path(the_study.protocol, DEEPEST * pad_thickness_mm(mesh)), mesh)
+        tell_missed(body, check_with_mesh(the_study, body, mesh), mesh)
         write_figure(output, section.layers_figure(mesh, body, (0.0, 0.0, 0.0)))
         print(f"Written to {output}")
         return
@@ -144,7 +143,7 @@ def preview(
             write_figure(output, scans_figure(Scans.of(the_study.finger), error.place_mm))
             print(f"The scans and the place are drawn in {output}")
         raise
-    path = make_path(the_study.protocol, DEEPEST * pad_thickness_mm(finger))
+    path = check_with_mesh(the_study, body, finger)
     tell_missed(body, path, finger)
     write_figure(output, preview_figure(finger, body, path))
     print(f"Written to {output}")

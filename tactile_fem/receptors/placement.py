@@ -10,10 +10,10 @@ import numpy as np
 
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import TISSUES, FingerMesh, lowest_facet
-from tactile_fem.receptors.tips import TIPS, tips
+from tactile_fem.receptors.tips import tips
 from tactile_fem.study import Afferents, Receptors, Study
+from tactile_fem.study.together import TIPS, misplaced
 
-_MOST = 100_000
 _TRIES = 1000
 
 
@@ -111,18 +111,15 @@ def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
     Raises
     ------
     StudyError
-        If a receptor's X, Y lies outside the finger, there are far too many, or they are not laid
-        out in the plane of a section.
+        If a receptor's X, Y lies outside the finger, or they are not laid out in the plane of a
+        section.
     """
-    _check_count(receptors)
+    problem = misplaced(receptors, is_section=not finger.plane.is_space)
+    if problem:
+        raise StudyError(problem)
     facets = _sheet(receptors, finger)
     if not finger.plane.is_space:
         return _along_section(receptors, finger, facets)
-    if receptors.placement in TIPS:
-        raise StudyError(
-            f'receptors.placement = "{receptors.placement}" needs a section with papillae: '
-            'finger.kind = "section" and finger.papilla_depth_mm'
-        )
     if receptors.placement == "afferents":
         spread, extra = _spread(receptors, facets), receptors.extra_mm
         return np.array([*spread, *(_lift(x, y, facets)[0] for x, y in extra)])
@@ -132,20 +129,10 @@ def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
 def _along_section(receptors: Receptors, finger: FingerMesh, facets: np.ndarray) -> np.ndarray:
     """Return the receptors' positions in a section."""
     plane = finger.plane
-    if receptors.end_organs > 1:
-        raise StudyError(
-            f"receptors.end_organs = {receptors.end_organs} do not lie in the plane of a section: "
-            "use 1"
-        )
     along, reach = plane.axes[0], (receptors.half_width_mm, receptors.half_length_mm)
     if receptors.placement in TIPS:
         found = tips(finger, receptors.placement)
         return found[np.abs(found[:, along]) <= reach[along]]
-    if receptors.placement != "line":
-        raise StudyError(
-            f'receptors.placement = "{receptors.placement}" does not lie in a section: '
-            'use "line", "intermediate_ridges" or "papillae"'
-        )
     line = _symmetric(reach[along], receptors.spacing_mm)[:, None]
     xy = np.concatenate([plane.points(np.hstack([line, 0 * line]))[:, :2], _extra(receptors)])
     return np.array([_lift(x, y, facets)[0] for x, y in xy])
@@ -198,22 +185,6 @@ def _layout(receptors: Receptors) -> np.ndarray:
         random = np.random.default_rng(receptors.seed)
         xy = random.uniform(-1, 1, (count, 2)) * half
     return np.concatenate([xy, _extra(receptors)])
-
-
-def _check_count(receptors: Receptors) -> None:
-    """Raise StudyError for more receptors than a fingertip has by far."""
-    across, along = 2 * receptors.half_width_mm, 2 * receptors.half_length_mm
-    rows, columns = across / receptors.spacing_mm, along / receptors.spacing_mm
-    count = max(rows, columns)  # both lines are laid out, whatever the placement
-    if receptors.placement == "grid":
-        count = max(count, rows * columns)
-    elif receptors.placement in ("random", "afferents"):
-        count = max(count, receptors.density_per_cm2 * across * along / 100)
-    if count > _MOST:
-        raise StudyError(
-            f"receptors: {count:.3g} receptors are more than {_MOST:,}; choose a smaller extent, a "
-            "longer spacing_mm or a lower density_per_cm2"
-        )
 
 
 def _symmetric(half: float, spacing: float) -> np.ndarray:

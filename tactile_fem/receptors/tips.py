@@ -7,8 +7,6 @@ import numpy as np
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import SURFACES, FingerMesh
 
-# Placements that follow the interface's shape.
-TIPS = ("intermediate_ridges", "papillae")
 # A tip rises so much above its neighbours, mm: no noise of the mesh, far less than a papilla.
 _LEAST_MM = 0.01
 # The pad ends so much above its lowest point.

@@ -81,13 +81,25 @@ def check_study(study: Study) -> None:
         if finger.is_section:
             section_sizes(finger)
     if finger.mesh_file is not None or shipped_file(finger) is not None:
-        mesh = _loaded(finger)
-        thickness = pad_thickness_mm(mesh)
-        path = make_path(study.protocol, DEEPEST * thickness)
-        check_depth(study.protocol, path, thickness)
-        check_apart(body, path, mesh)
-        check_section(study, path, mesh.plane)
-        place_all(study, mesh)
+        check_with_mesh(study, body, _loaded(finger))
+
+
+def check_with_mesh(study: Study, body: RigidBody, mesh: FingerMesh) -> Path:
+    """Try path, stimulus and receptors with a finger; return the path.
+
+    Raises
+    ------
+    StudyError
+        The body goes too deep, starts in the finger or leaves the plane of a section, or a
+        receptor lies outside.
+    """
+    thickness = pad_thickness_mm(mesh)
+    path = make_path(study.protocol, DEEPEST * thickness)
+    check_depth(study.protocol, path, thickness)
+    check_apart(body, path, mesh)
+    check_section(study, path, mesh.plane)
+    place_all(study, mesh)
+    return path
 
 
 def check_depth(protocol: Protocol | None, path: Path, pad_thickness_mm: float) -> None:

@@ -290,7 +290,7 @@ class Results:
     def study(self) -> Study:
         """The resolved study."""
         try:
-            return load_study(self.folder / "study.toml")
+            return load_study(self.folder / "study.toml", saved=True)
         except StudyError as error:
             raise StudyError(f"The study of {self.folder} cannot be used: {error}") from None
 

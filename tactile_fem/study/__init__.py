@@ -8,7 +8,7 @@ Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from pydantic import (
     BaseModel,
@@ -42,6 +42,7 @@ from tactile_fem.study.stimulus import (
     Text,
 )
 from tactile_fem.study.tissue import TISSUE_SETS, Elastic, Polynomial, Tissue
+from tactile_fem.study.together import disagreements
 
 __all__ = [
     "DEFAULT_NAME",
@@ -138,6 +139,13 @@ class Study(Section):
             if names.count(name) > 1:
                 raise ValueError(f'two populations have the name "{name}"')
         return entries
+
+    @model_validator(mode="after")
+    def _sections_agree(self, info: ValidationInfo) -> Self:
+        found = list(disagreements(self, saved=bool(info.context and info.context.get("saved"))))
+        if found:
+            raise ValueError("\n".join(found))
+        return self
 
     @model_serializer(mode="wrap")
     def _used(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:

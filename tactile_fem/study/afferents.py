@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -10,6 +10,7 @@ from tactile_fem.study.base import Finite, NonNegative, Positive, Section, Whole
 
 # What the one population of a study without [[afferents]] is called.
 DEFAULT_NAME = "SA1"
+_MOST = 100_000
 
 
 # Constants of the models that are not those of the default one. Gains of "hamasaki2020" are fitted
@@ -108,6 +109,23 @@ class Receptors(Section):
     end_organs_radius_mm: Positive = Field(
         1.0, description="proposed: of the circle on which the other end organs lie"
     )
+
+    @model_validator(mode="after")
+    def _are_few(self) -> Self:
+        """Refuse more receptors than a fingertip has by far."""
+        across, along = 2 * self.half_width_mm, 2 * self.half_length_mm
+        rows, columns = across / self.spacing_mm, along / self.spacing_mm
+        count = max(rows, columns)  # both lines are laid out, whatever the placement
+        if self.placement == "grid":
+            count = max(count, rows * columns)
+        elif self.placement in ("random", "afferents"):
+            count = max(count, self.density_per_cm2 * across * along / 100)
+        if count > _MOST:
+            raise ValueError(
+                f"{count:.3g} receptors are more than {_MOST:,}; choose a smaller extent, a longer "
+                "spacing_mm or a lower density_per_cm2"
+            )
+        return self
 
     def shared_with(self, own: dict[str, Any]) -> dict[str, Any]:
         """Return what a population takes over that has some keys of its own: all."""

@@ -23,7 +23,9 @@ _FILES = {"mesh_file", "skin_file", "bone_file", "nail_file", "file"}
 # --- reading -----------------------------------------------------------------------------------
 
 
-def load_study(path: Path | str | None = None, overrides: Sequence[str] = ()) -> Study:
+def load_study(
+    path: Path | str | None = None, overrides: Sequence[str] = (), *, saved: bool = False
+) -> Study:
     """Return the study of a file, or the paper's, with some values overridden.
 
     Parameters
@@ -33,6 +35,8 @@ def load_study(path: Path | str | None = None, overrides: Sequence[str] = ()) ->
     overrides
         ``section.key=value`` each, ``afferents.name.key=value`` for a population. The value is
         TOML, or else plain text: ``stimulus.text=EFG``.
+    saved
+        It is that of a scan's results: a script's own drives need not be known here.
 
     Raises
     ------
@@ -49,12 +53,13 @@ def load_study(path: Path | str | None = None, overrides: Sequence[str] = ()) ->
     if path is not None:
         _resolve_paths(data, Path(path).parent)
     data = _merge(data, changes)
+    context = {"saved": saved}
     try:
-        return Study.model_validate(data)
+        return Study.model_validate(data, context=context)
     except ValidationError as error:
         _use_plain_text(data, texts, error)
     try:
-        return Study.model_validate(data)
+        return Study.model_validate(data, context=context)
     except ValidationError as error:
         raise StudyError(explain(error)) from None
 

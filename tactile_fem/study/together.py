@@ -1,0 +1,59 @@
+"""What the sections of a study have to agree on, beyond what each of them allows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from tactile_fem.errors import StudyError
+from tactile_fem.study.afferents import Receptors
+
+if TYPE_CHECKING:
+    from tactile_fem.study import Study
+
+# Placements at the tips of a section's epidermis-dermis interface.
+TIPS = ("intermediate_ridges", "papillae")
+
+
+def disagreements(study: Study, *, saved: bool) -> Iterator[str]:
+    """Yield a half sentence for each way in which the sections do not go together.
+
+    Parameters
+    ----------
+    saved
+        It is that of a scan's results, whose drives may be a script's own.
+    """
+    for population in study.populations:
+        name = f"afferents.{population.name}." if study.afferents else ""
+        problem = misplaced(population.receptors, is_section=study.finger.is_section)
+        if problem:
+            yield f"{name}{problem}"
+        if study.afferents and not saved:
+            # Imported here because its package uses the study. A script's own drives may join.
+            from tactile_fem.neuron.drives import drive_of
+
+            try:
+                drive_of(population.feels)
+            except StudyError as error:
+                yield f"{name}feels: {error}"
+
+
+def misplaced(receptors: Receptors, *, is_section: bool) -> str:
+    """Return why receptors cannot be placed in a solid or in a section; empty if they can."""
+    placement = receptors.placement
+    if not is_section and placement in TIPS:
+        return (
+            f'receptors.placement = "{placement}" needs a section with papillae: '
+            'finger.kind = "section" and finger.papilla_depth_mm'
+        )
+    if is_section and receptors.end_organs > 1:
+        return (
+            f"receptors.end_organs = {receptors.end_organs} do not lie in the plane of a section: "
+            "use 1"
+        )
+    if is_section and placement not in ("line", *TIPS):
+        return (
+            f'receptors.placement = "{placement}" does not lie in a section: '
+            'use "line", "intermediate_ridges" or "papillae"'
+        )
+    return ""
