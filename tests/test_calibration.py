@@ -141,6 +141,97 @@ def test_a_section_is_fitted_to_no_measured_force(tmp_path, capsys):
     assert 'finger.kind is "section" but must be "solid" for a fit' in capsys.readouterr().err
 
 
+# --- the fit of a formula ------------------------------------------------------------------------
+
+SLOPES = {"plate": np.array([0.02, 0.05]), "sphere": np.array([0.03])}
+FORMULA = FORCE + "plate,0.2,0.5,0.04,0.01\nplate,0.2,1,0.12,0.02\nsphere,0.2,1,0.05,0.01\n"
+NAMES = ["skin", "subcutaneous.C10_MPa:2", "subcutaneous.D1_per_MPa:1.5"]
+
+
+def of_formula(study, experiment, changes=(), comm=None):
+    """Return forces 0.05 + slope ln(C10 of the fat / usual), once the finger is loaded."""
+    from tactile_fem.calibration.press import Prediction
+    from tactile_fem.finger import load_finger
+
+    load_finger(study.finger)
+    slopes = SLOPES[experiment.indenter.kind]
+    grown = np.log(study.tissue.subcutaneous.C10_MPa / Study().tissue.subcutaneous.C10_MPa)
+    powers = [change.get(("subcutaneous", "C10_MPa"), 0.0) for change in changes]
+    return Prediction(0.05 + slopes * grown, np.outer(slopes, powers))
+
+
+@pytest.fixture
+def formula(tmp_path, monkeypatch, capsys):
+    """Fit the formula from the command line; return the folder, what was printed and logged."""
+    pytest.importorskip("tactile_fem.runtime.backend")
+    monkeypatch.setattr("tactile_fem.calibration.model.press", of_formula)
+
+    def run(text=FORMULA):
+        command = ["fit", str(written(tmp_path, text)), "--results", str(tmp_path / "fit")]
+        assert main([*command, *(word for name in NAMES for word in ("--fit", name))]) == 0
+        return tmp_path / "fit", *capsys.readouterr()
+
+    return run
+
+
+def test_a_fit_of_a_formula_has_the_interval_of_its_closed_form(formula):
+    folder, _, _ = formula()
+    slopes, sd = np.concatenate(list(SLOPES.values())), np.array([0.01, 0.02, 0.01])
+    measured, prior = np.array([0.04, 0.12, 0.05]), np.log(2.0)
+    variance = 1 / (np.sum((slopes / sd) ** 2) + 1 / prior**2)
+    x = variance * np.sum(slopes * (measured - 0.05) / sd**2)
+    half = 1.959964 * np.sqrt(variance)
+    usual = Study().tissue.subcutaneous
+    skin, c10, d1 = table(folder / "parameters.csv")
+    assert [row["unit"] for row in (skin, c10, d1)] == ["times its moduli", "MPa", "1/MPa"]
+    for key, at in (("value", x), ("least_95_percent", x - half), ("largest_95_percent", x + half)):
+        assert float(c10[key]) == pytest.approx(usual.C10_MPa * np.exp(at), rel=2e-5)
+    # What the measurements do not depend on stays within what was expected before.
+    for row, start, factor in ((skin, 1.0, 3.0), (d1, usual.D1_per_MPa, 1.5)):
+        assert float(row["value"]) == pytest.approx(start)
+        assert float(row["largest_95_percent"]) == pytest.approx(start * factor**1.959964, rel=1e-4)
+        assert row["identified"] == "no"
+
+
+def test_a_fit_s_constants_have_their_units_and_are_those_of_its_study(formula):
+    folder, _, _ = formula()
+    fitted = tomllib.loads((folder / "study.toml").read_text())
+    rows = table(folder / "constants.csv")
+    assert len(rows) == 3 * 3 + 2  # two moduli and D1 of each layer of the skin; C10 and D1
+    for row in rows:
+        section, tissue, name = row["constant"].split(".")
+        assert row["unit"] == ("1/MPa" if "_per_" in name else "MPa")
+        value = fitted[section][tissue][name]
+        assert float(row["value"]) == pytest.approx(value, rel=1e-4)
+        assert float(row["least_95_percent"]) < value < float(row["largest_95_percent"])
+        assert row["parameter"] == ("skin" if tissue != "subcutaneous" else f"{tissue}.{name}")
+
+
+def test_a_fit_has_one_sum_of_squares_and_one_finger(formula):
+    folder, printed, logged = formula()
+    of_numbers = sum(float(row["deviation_sd"]) ** 2 for row in table(folder / "predicted.csv"))
+    changed = sum(
+        (np.log(float(row["value"]) / float(row["start"])) / np.log(factor)) ** 2
+        for row, factor in zip(table(folder / "parameters.csv"), (3.0, 2.0, 1.5), strict=True)
+    )
+    sentence = (
+        f"sum of squares {of_numbers + changed:.3f}, {of_numbers:.3f} of the measured numbers and "
+        f"{changed:.3f} of the parameters; "
+    )
+    assert sentence + "3 numbers, " in printed
+    assert sentence in logged.splitlines()[-1]
+    assert logged.count("finger from coarse.msh") == 1
+    c10 = float(table(folder / "parameters.csv")[1]["value"])
+    assert f"subcutaneous.C10_MPa {c10:.3g} MPa" in logged.splitlines()[-1]
+    assert f"{c10:10.4g} MPa" in printed and "95 % interval" in printed
+    assert "too narrow" not in printed
+
+
+def test_a_model_that_misses_the_measurements_by_far_is_said(formula):
+    _, printed, _ = formula(FORMULA.replace("0.05,0.01", "0.02,0.001"))
+    assert "the intervals are too narrow" in printed
+
+
 # --- the fit -------------------------------------------------------------------------------------
 
 SMALL = ["finger.pad_size_mm=3", "finger.far_size_mm=6", "solver.max_press_step_mm=0.5"]
@@ -190,9 +281,10 @@ def test_known_constants_lie_in_their_intervals(fitted):
     assert [row["parameter"] for row in rows] == list(TRUE)
     for row in rows:
         true = TRUE[row["parameter"]] * float(row["start"])
-        assert float(row["least"]) < true < float(row["largest"]), row
+        assert float(row["least_95_percent"]) < true < float(row["largest_95_percent"]), row
         assert row["identified"] == "yes"
-        assert float(row["largest"]) < 2.5 * float(row["least"])  # it does say something
+        wide = float(row["largest_95_percent"]) / float(row["least_95_percent"])
+        assert wide < 2.5  # it does say something
     for row in table(folder / "predicted.csv"):
         assert abs(float(row["deviation_sd"])) < 0.5, row
     assert (folder / "fit.png").stat().st_size > 10_000

@@ -25,13 +25,15 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.special import chdtrc, ndtri
 
 from tactile_fem.calibration.measurements import Experiment
-from tactile_fem.calibration.model import Model, deviations
+from tactile_fem.calibration.model import Model, Squares, deviations
 from tactile_fem.calibration.parameters import Parameter, with_values
 from tactile_fem.calibration.press import study_of
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.files import locked
+from tactile_fem.runtime.logs import each_once
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.scan.checks import check_solid, check_study
 from tactile_fem.study import Study
@@ -39,7 +41,9 @@ from tactile_fem.study import Study
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-3
-_CONFIDENCE_SD = 1.96  # 95 %
+# What describes the finger, which is often that of the press before.
+_OF_FINGER = ("finger.load", "finger.build", "mechanics.domain", "scan.setup")
+_CONFIDENCE_SD = float(ndtri(0.975))  # 95 %
 
 
 @dataclass(frozen=True)
@@ -81,10 +85,28 @@ class Fit:
         return deviations(self.experiments, self.predicted)
 
     @property
+    def squares(self) -> Squares:
+        """What was minimized, at `x`."""
+        known = [p.sd for p in self.parameters]
+        return Squares(
+            float(self.deviations @ self.deviations), float(np.sum((self.x / known) ** 2))
+        )
+
+    @property
+    def chance(self) -> float:
+        """Chance of squares as large as these, if the standard deviations of the input are right.
+
+        A linear model's least sum follows chi squared with as many degrees of freedom as there are
+        measured numbers: each parameter adds a square and takes a degree.
+        """
+        return float(chdtrc(len(self.deviations), self.squares.total))
+
+    @property
     def covariance(self) -> Array:
         """Of `x`, (parameters, parameters).
 
-        It takes the deviations as independent of each other, which those of one finger are not.
+        It takes the deviations as independent of each other, which those of one finger are not,
+        and their standard deviations as known: intervals are a normal distribution's.
         """
         known = np.diag([1 / p.sd**2 for p in self.parameters])
         return np.linalg.inv(self.jacobian.T @ self.jacobian + known)
@@ -156,9 +178,9 @@ def fit(
         evaluations.
     """
     comm = comm or MPI.COMM_WORLD
-    _check(study, experiments, parameters, jobs, comm)
-    model = Model(study, experiments, parameters, Path(folder), jobs, comm, evaluations)
-    with ExitStack() as held:
+    with each_once(*_OF_FINGER), ExitStack() as held:
+        _check(study, experiments, parameters, jobs, comm)
+        model = Model(study, experiments, parameters, Path(folder), jobs, comm, evaluations)
         on_root(comm, lambda: held.enter_context(locked(Path(folder))), share=False)
         start = np.zeros(len(parameters))
         if not np.isfinite(model.residuals(start)).all():

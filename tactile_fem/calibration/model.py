@@ -42,6 +42,33 @@ def deviations(experiments: Sequence[Experiment], values: Sequence[Array]) -> Ar
 
 
 @dataclass(frozen=True)
+class Squares:
+    """What a fit minimizes: squares in standard deviations.
+
+    Attributes
+    ----------
+    of_numbers
+        Sum over the measured numbers, model less measurement.
+    of_parameters
+        Sum over the parameters, their logarithms' distance from the study.
+    """
+
+    of_numbers: float
+    of_parameters: float
+
+    @property
+    def total(self) -> float:
+        """What is minimized."""
+        return self.of_numbers + self.of_parameters
+
+    def __str__(self) -> str:
+        return (
+            f"sum of squares {self.total:.3f}, {self.of_numbers:.3f} of the measured numbers and "
+            f"{self.of_parameters:.3f} of the parameters"
+        )
+
+
+@dataclass(frozen=True)
 class Task:
     """A press that is wanted."""
 
@@ -178,16 +205,18 @@ class Model:
                 raise
 
     def _tell(self, x: Array, numbers: Array) -> None:
-        factors = ", ".join(
-            f"{p.name} x {math.exp(at):.3g}" for p, at in zip(self._parameters, x, strict=True)
+        values = ", ".join(
+            f"{p.name} {p.value(self._study) * math.exp(at):.3g} {p.unit}"
+            for p, at in zip(self._parameters, x, strict=True)
         )
+        squares = Squares(float(numbers @ numbers), float(np.sum((x / self._known) ** 2)))
         logger.info(
-            "point %d of at most %d, %s: sum of squares %.3f; %s",
+            "point %d of at most %d, %s: %s; %s",
             len(self._seen),
             self._most,
             self._time_left(),
-            float(numbers @ numbers + np.sum((x / self._known) ** 2)),
-            factors,
+            squares,
+            values,
         )
 
     def _time_left(self) -> str:

@@ -56,11 +56,32 @@ class Parameter:
         """Tissue and name of the constants, and the powers; for `Sensitivities`."""
         return {(keys[1], keys[2]): power for keys, power in self.powers.items()}
 
+    @property
+    def unit(self) -> str:
+        """Unit of its value; that of a factor of several constants says what it multiplies."""
+        if len(self.powers) > 1:
+            return "times its moduli"
+        return unit_of(next(iter(self.powers)))
+
     def value(self, study: Study) -> float:
         """Return its value in a study; 1 for a factor of several constants."""
         if len(self.powers) > 1:
             return 1.0
-        return float(_get(study, next(iter(self.powers))))
+        return float(value_at(study, next(iter(self.powers))))
+
+
+def unit_of(keys: Sequence[str]) -> str:
+    """Return the unit of a value of a study, which its name ends with."""
+    ends = {"_per_MPa": "1/MPa", "_MPa": "MPa", "_mm": "mm"}
+    return next((unit for end, unit in ends.items() if keys[-1].endswith(end)), "1")
+
+
+def value_at(study: Study, keys: Sequence[str]) -> Any:
+    """Return a value of a study; None if there is none."""
+    found: Any = study
+    for key in keys:
+        found = getattr(found, key, None)
+    return found
 
 
 def parse_parameter(text: str, study: Study) -> Parameter:
@@ -89,7 +110,7 @@ def parse_parameter(text: str, study: Study) -> Parameter:
         return Parameter(name, powers, factor)
     section, _, key = name.rpartition(".")
     keys = (section, key) if section == "finger" else ("tissue", section, key)
-    value = _get(study, keys)
+    value = value_at(study, keys)
     if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
         known = ["skin", *_TISSUES, *_constants(study), *_lengths(study)]
         if name in known or value is not None:
@@ -123,13 +144,6 @@ def _moduli(study: Study, tissue: str) -> dict[tuple[str, ...], float]:
     """Return the keys of a tissue's moduli, whose power is 1, and of their inverses, -1."""
     moduli = getattr(study.tissue, tissue).moduli()
     return {("tissue", tissue, name): float(power) for name, power in moduli.items()}
-
-
-def _get(study: Study, keys: Sequence[str]) -> Any:
-    found: Any = study
-    for key in keys:
-        found = getattr(found, key, None)
-    return found
 
 
 def _constants(study: Study) -> list[str]:

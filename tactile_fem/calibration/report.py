@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from tactile_fem.calibration.fit import Fit
 from tactile_fem.calibration.measurements import Experiment
+from tactile_fem.calibration.parameters import unit_of, value_at
 from tactile_fem.runtime.files import write_figure, write_records, write_text
 from tactile_fem.study.file import dump_study
 
@@ -17,17 +18,20 @@ Row = dict[str, str | float]
 
 # Share of the variance that the measurements must take away to call a parameter identified.
 _IDENTIFIED = 0.5
+_UNLIKELY = 0.01  # chance of deviations that are only the measurements' own
 _BLUE, _ORANGE = "#0072B2", "#D55E00"
 
 
 def write_report(fit: Fit, folder: Path) -> None:
     """Write ``study.toml``, tables and the figure of a fit into its folder.
 
-    ``parameters.csv`` (values, 95 % intervals), ``correlation.csv``, ``predicted.csv`` (model and
-    measurement), ``pulls.csv`` (what each measurement changes) and ``fit.png``.
+    ``parameters.csv`` (values, 95 % intervals), ``constants.csv`` (each value of the study that
+    they change), ``correlation.csv``, ``predicted.csv`` (model and measurement), ``pulls.csv``
+    (what each measurement changes) and ``fit.png``.
     """
     write_text(folder / "study.toml", dump_study(fit.study))
     write_records(folder / "parameters.csv", parameters_table(fit))
+    write_records(folder / "constants.csv", constants_table(fit))
     names = [p.name for p in fit.parameters]
     write_records(folder / "correlation.csv", _square(names, fit.correlation))
     write_records(folder / "predicted.csv", predicted_table(fit))
@@ -49,14 +53,36 @@ def parameters_table(fit: Fit) -> list[Row]:
         rows.append(
             {
                 "parameter": parameter.name,
+                "unit": parameter.unit,
                 "start": _short(start),
                 "value": _short(start * np.exp(x)),
-                "least": _short(start * least),
-                "largest": _short(start * largest),
+                "least_95_percent": _short(start * least),
+                "largest_95_percent": _short(start * largest),
                 "learnt": round(float(learnt), 2),
                 "identified": "yes" if learnt >= _IDENTIFIED else "no",
             }
         )
+    return rows
+
+
+def constants_table(fit: Fit) -> list[Row]:
+    """Return each value of the study that a parameter changes, with its 95 % interval."""
+    rows: list[Row] = []
+    for parameter, x, ends in zip(fit.parameters, fit.x, fit.intervals, strict=True):
+        for keys, power in parameter.powers.items():
+            start = value_at(fit.start, keys)
+            least, largest = sorted(start * ends**power)
+            rows.append(
+                {
+                    "constant": ".".join(keys),
+                    "unit": unit_of(keys),
+                    "start": _short(start),
+                    "value": _short(start * np.exp(power * x)),
+                    "least_95_percent": _short(least),
+                    "largest_95_percent": _short(largest),
+                    "parameter": parameter.name,
+                }
+            )
     return rows
 
 
@@ -66,10 +92,10 @@ def predicted_table(fit: Fit) -> list[Row]:
     return [
         {
             **_place(e, k),
-            "model": round(float(value), 4),
+            "model": _short(value),
             "measured": float(e.mean[k]),
             "sd": float(e.sd[k]),
-            "deviation_sd": round(float(deviation), 2),
+            "deviation_sd": _short(deviation),
         }
         for (e, k), value, deviation in zip(_numbers(fit), model, fit.deviations, strict=True)
     ]
@@ -77,20 +103,25 @@ def predicted_table(fit: Fit) -> list[Row]:
 
 def summary(fit: Fit) -> str:
     """Return the result in lines of text."""
-    lines = [f"{'parameter':26} {'value':>10}   95 % interval"]
+    lines = [f"{'parameter':26} {'value':>10} {'unit':14} 95 % interval"]
     for row in parameters_table(fit):
         note = "" if row["identified"] == "yes" else ": not identified"
-        interval = f"{row['least']:.3g} to {row['largest']:.3g}"
-        lines.append(f"{row['parameter']:26} {row['value']:10.4g}   {interval}{note}")
+        interval = f"{row['least_95_percent']:.3g} to {row['largest_95_percent']:.3g}"
+        lines.append(
+            f"{row['parameter']:26} {row['value']:10.4g} {row['unit']:14} {interval}{note}"
+        )
     names = [p.name for p in fit.parameters]
     for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
         if abs(fit.correlation[i, j]) > 0.7:
             lines.append(f"correlation of {names[i]} and {names[j]} {fit.correlation[i, j]:+.2f}")
     for experiment, values in zip(fit.experiments, fit.predicted, strict=True):
         lines += _agreement(experiment, values)
-    squares = float(fit.deviations @ fit.deviations)
-    numbers = len(fit.deviations)
-    lines.append(f"sum of squares {squares:.2f} over {numbers} numbers; {fit.evaluations} points")
+    lines.append(f"{fit.squares}; {len(fit.deviations)} numbers, {fit.evaluations} points")
+    if fit.chance < _UNLIKELY:
+        lines.append(
+            "the model is farther from the measurements than their standard deviations allow: the "
+            "intervals are too narrow"
+        )
     return "\n".join(lines)
 
 

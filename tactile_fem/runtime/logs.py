@@ -52,6 +52,27 @@ def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None 
     package.propagate = False
 
 
+@contextmanager
+def each_once(*modules: str) -> Iterator[None]:
+    """Log what the modules, named without the package, say only once if they repeat it."""
+    said: set[str] = set()
+
+    def is_new(record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        before = text in said
+        said.add(text)
+        return not before
+
+    loggers = [logging.getLogger(f"{PACKAGE}.{module}") for module in modules]
+    for one in loggers:
+        one.addFilter(is_new)
+    try:
+        yield
+    finally:
+        for one in loggers:
+            one.removeFilter(is_new)
+
+
 class _LogFile(logging.FileHandler):
     """A log file without errors of its own: on a full disk the scan itself fails and reports."""
 
