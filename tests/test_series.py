@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import make_results
+from synthetic import make_results, make_trace
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StoppedError, StudyError, TactileError
@@ -16,6 +16,7 @@ from tactile_fem.scan.results import Results
 from tactile_fem.series import (
     Member,
     Outcome,
+    numbers_of,
     run_all,
     run_series,
     share_of,
@@ -98,6 +99,15 @@ def test_complete_scans_are_not_repeated_and_foreign_ones_refused(tmp_path):
     others = sweep(["stimulus.friction=0.1,0.2"], overrides=["protocol.depth_mm=1"])
     with pytest.raises(StudyError, match="another series"):
         run_series(others, tmp_path)
+
+
+def test_the_pressed_force_is_that_at_the_end_of_the_indentation(tmp_path):
+    trace = make_trace()
+    end = np.flatnonzero(trace["displacement_mm"] == 0)[-1]
+    trace["depth_mm"][end + 10] += 0.3  # the body goes deeper where it holds a force
+    trace["force_N"][end + 10, 2] = 0.9
+    numbers = numbers_of(make_results(tmp_path / "r", Study(), trace))
+    assert numbers["pressed_N"] == trace["force_N"][end, 2] == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize(

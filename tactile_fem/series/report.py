@@ -34,10 +34,10 @@ figure { margin: 1.5em 0; } figcaption { color: #555; font-size: 14px; }
 pre { background: #f5f4f0; padding: 1em; overflow-x: auto; font-size: 12px; }
 """
 _CAPTIONS = {
-    "force": "Force on the finger over the indentation and the slide.",
+    "force": "Force on the finger over the indentation and what follows it.",
     "felt": "What the central receptor feels and the outline that passes it.",
     "sed": "Strain energy density of the central receptor and the outline that passes it.",
-    "raster": "Spikes: one dot each, at the displacement and the receptor's position.",
+    "raster": "Spikes: one dot each, over the receptor's position.",
     "firing": "Firing rate.",
     "finger": "The deformed finger.",
 }

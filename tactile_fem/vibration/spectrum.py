@@ -121,13 +121,17 @@ class Spectrum:
         return load_arrays(cls, path)
 
     def write_table(self, path: Path, rates_Hz: Array, amplitude_mm: float) -> None:
-        """Write amplitude and phase of each receptor at each frequency, and its firing rate."""
+        """Write amplitude and phase of each receptor at each frequency, and its firing rate.
+
+        They are those of a vibration of `amplitude_mm`, which is a column of its own.
+        """
         records = []
         for k, frequency in enumerate(self.frequency_Hz):
             for r, name in enumerate(self.population):
                 records.append(
                     {
                         "frequency_Hz": f"{frequency:.6g}",
+                        "amplitude_mm": f"{amplitude_mm:.6g}",
                         "receptor": r,
                         "population": name,
                         **_polar("sed_kPa", amplitude_mm * self.sed_kPa[k, r]),
