@@ -118,12 +118,14 @@ def test_a_tissue_that_relaxes_scales_as_well():
         ("epidermis.C20_MPa", "it is 0.0 but must be a number above 0."),
         ("skin:0.5", 'the factor is "0.5" but must be a number above 1.'),
         ("skin:x", 'the factor is "x" but must be a number above 1.'),
+        ("finger.epidermis_rows", "it is a whole number, which a fit cannot change."),
+        ("finger.papillae_aligned", "it is True but must be a number above 0."),
         ("finger.preset", "it is coarse but must be a number above 0."),
     ],
 )
 def test_bad_parameters_get_one_sentence(text, sentence):
     with pytest.raises(StudyError, match="--fit") as error:
-        parse_parameter(text, Study())
+        parse_parameter(text, Study.model_validate({"finger": {"epidermis_rows": 2}}))
     assert sentence in str(error.value)
 
 

@@ -111,7 +111,9 @@ def parse_parameter(text: str, study: Study) -> Parameter:
     section, _, key = name.rpartition(".")
     keys = (section, key) if section == "finger" else ("tissue", section, key)
     value = value_at(study, keys)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+    if isinstance(value, int) and not isinstance(value, bool):
+        raise StudyError(f"--fit {name}: it is a whole number, which a fit cannot change.")
+    if not isinstance(value, float) or not value > 0:
         known = ["skin", *_TISSUES, *_constants(study), *_lengths(study)]
         if name in known or value is not None:
             raise StudyError(f"--fit {name}: it is {value} but must be a number above 0.")

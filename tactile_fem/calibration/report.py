@@ -103,12 +103,12 @@ def predicted_table(fit: Fit) -> list[Row]:
 
 def summary(fit: Fit) -> str:
     """Return the result in lines of text."""
-    lines = [f"{'parameter':26} {'value':>10} {'unit':14} 95 % interval"]
+    lines = [f"{'parameter':26} {'value':>10} {'unit':17} 95 % interval"]
     for row in parameters_table(fit):
         note = "" if row["identified"] == "yes" else ": not identified"
         interval = f"{row['least_95_percent']:.3g} to {row['largest_95_percent']:.3g}"
         lines.append(
-            f"{row['parameter']:26} {row['value']:10.4g} {row['unit']:14} {interval}{note}"
+            f"{row['parameter']:26} {row['value']:10.4g} {row['unit']:17} {interval}{note}"
         )
     names = [p.name for p in fit.parameters]
     for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
