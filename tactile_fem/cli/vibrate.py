@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,11 +10,15 @@ from cyclopts import Parameter, validators
 
 from tactile_fem.cli.mechanics import with_mechanics
 from tactile_fem.cli.options import Ranks
+from tactile_fem.neuron import Population
 from tactile_fem.runtime import logs
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.scan.results import Results
 from tactile_fem.vibration import Spectrum, frequencies_of
 from tactile_fem.vibration.modes import Modes, few_of, nearest
+from tactile_fem.vibration.spectrum import unfelt
+
+logger = logging.getLogger(__name__)
 
 
 def vibrate(
@@ -66,6 +71,9 @@ def vibrate(
     logs.set_up(rank)
     from tactile_fem.vibration.keeper import ModeKeeper
 
+    for population in map(Population.of, found.study.populations):
+        if reason := unfelt(population):
+            logger.warning("%s afferents: no firing rates, %s", population.name, reason)
     keeper = ModeKeeper(wanted[nearest(wanted, kept)])
     spectrum = module.vibrate(
         results, wanted, at_mm=at_mm, moves=moves, direction=direction, observers=[keeper]
@@ -76,13 +84,12 @@ def vibrate(
 
 
 def _write(results: Results, spectrum: Spectrum, modes: Modes | None, amplitude_mm: float) -> None:
-    from tactile_fem.neuron import populations_of
     from tactile_fem.output.mode_pictures import draw_modes
     from tactile_fem.output.spectrum import spectrum_figure
 
     folder = results.vibration
     folder.mkdir(exist_ok=True)
-    populations = populations_of(results.study)
+    populations = [Population.of(afferents) for afferents in results.study.populations]
     names = [population.name for population in populations]
     rates = spectrum.all_rates_Hz(populations, amplitude_mm)
     spectrum.save(folder / "spectrum.npz")

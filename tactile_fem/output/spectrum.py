@@ -46,7 +46,8 @@ def spectrum_figure(
         _bode(moved, f, spectrum.moved[:, r] @ spectrum.motion, colour, name, "Motion (mm/mm)")
         rate.plot(f, rates_Hz[:, r], "o-", color=colour, markersize=3, label=name)
     rate.plot(f, f, ":", color=INK, linewidth=0.8, label="one spike a period")
-    rate.set_ylim(0, max(50.0, 1.1 * max(line.get_ydata()[:-1].max() for line in rate.lines[:-1])))
+    highest = max(np.nanmax(line.get_ydata(), initial=0.0) for line in rate.lines[:-1])
+    rate.set_ylim(0, max(50.0, 1.1 * highest))
     rate.set_ylabel(f"Spikes/s at {1000 * amplitude_mm:g} µm")
     rate.set_xlabel("Frequency (Hz)")
     for ax in axes:

@@ -92,10 +92,13 @@ class Spectrum:
         )
 
     def all_rates_Hz(self, populations: Iterable[Population], amplitude_mm: float) -> Array:
-        """Return the firing rates of all receptors at all frequencies, (f, r)."""
+        """Return the firing rates of all receptors at all frequencies, (f, r); NaN if `unfelt`."""
         rates = np.zeros((len(self.frequency_Hz), len(self.population)))
         for population in populations:
             own = self.population == population.name
+            if unfelt(population):
+                rates[:, own] = np.nan
+                continue
             for k in range(len(self.frequency_Hz)):
                 rates[k, own] = self.rates_Hz(k, amplitude_mm, population)
         return rates
@@ -141,6 +144,23 @@ class Spectrum:
                     }
                 )
         write_records(path, records)
+
+
+def unfelt(population: Population) -> str:
+    """Return why a vibration does not have what a population feels; empty if it does."""
+    time_s, stretch = np.array([0.0, 0.05, 0.1]), np.array([1.0, 0.9, 0.95])
+    tried = {
+        "time_s": time_s,
+        "population": np.array([population.name]),
+        "moved_mm": np.multiply.outer(time_s, np.ones((1, 3))),
+        "sed_kPa": 10 * time_s[:, None],
+        "stretches": np.stack([stretch, stretch**0, 1 / stretch], axis=-1)[:, None],
+    }
+    try:
+        population.drive.of(tried)
+    except StudyError as error:
+        return str(error)
+    return ""
 
 
 def _polar(name: str, value: complex) -> dict[str, str]:
