@@ -384,6 +384,14 @@ COMMANDS = [
         "receptors: the receptor at X -30, Y 0 mm lies outside the finger; choose a smaller "
         "extent or another place.",
     ),
+    *(
+        (
+            f"{command} --set receptors.side=subcutaneous",
+            "receptors.average_radius_mm = 0.25: no subcutaneous within reach of the receptor at X "
+            "-5, Y 0 mm.",
+        )
+        for command in ("scan", "export --deck new.inp", "sweep --over protocol.depth_mm=1,2")
+    ),
     *((f"{command} speed.toml{options}", _SPEED) for command, options in _STARTS.items()),
     *(
         (f"{command}{options} --set finger.kind=section --set receptors.placement=grid", _GRID)

@@ -129,6 +129,15 @@ def test_bad_parameters_get_one_sentence(text, sentence):
     assert sentence in str(error.value)
 
 
+@pytest.mark.parametrize("file", ["mesh_file", "skin_file"])
+def test_a_length_that_a_file_replaces_cannot_be_fitted(file):
+    study = Study.model_validate({"finger": {file: "a.stl"}})
+    with pytest.raises(StudyError, match="it has no effect on a finger that comes from a file"):
+        parse_parameter("finger.half_width_mm", study)
+    if file == "skin_file":
+        assert parse_parameter("finger.dermis_mm", study).value(study) == 0.8
+
+
 def test_a_constant_cannot_be_fitted_twice(tmp_path, capsys):
     data = written(tmp_path, FORCE + "plate,0.2,1,0.2,0.1\n")
     command = ["fit", str(data), "--fit", "skin", "--fit", "dermis", "--results", str(tmp_path)]

@@ -111,6 +111,8 @@ def parse_parameter(text: str, study: Study) -> Parameter:
     section, _, key = name.rpartition(".")
     keys = (section, key) if section == "finger" else ("tissue", section, key)
     value = value_at(study, keys)
+    if section == "finger" and value is not None and key not in study.finger.model_dump():
+        raise StudyError(f"--fit {name}: it has no effect on a finger that comes from a file.")
     if isinstance(value, int) and not isinstance(value, bool):
         raise StudyError(f"--fit {name}: it is a whole number, which a fit cannot change.")
     if not isinstance(value, float) or not value > 0:

@@ -17,7 +17,7 @@ from tactile_fem.finger.report import facet_size_mm, pad_thickness_mm
 from tactile_fem.finger.section import section_sizes
 from tactile_fem.finger.skin import PRESETS, sizes_of
 from tactile_fem.neuron import populations_of
-from tactile_fem.receptors import place_all
+from tactile_fem.receptors import lay_out
 from tactile_fem.runtime.files import cached_by_content, hashes
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
@@ -91,14 +91,14 @@ def check_with_mesh(study: Study, body: RigidBody, mesh: FingerMesh) -> Path:
     ------
     StudyError
         The body goes too deep, starts in the finger or leaves the plane of a section, or a
-        receptor lies outside.
+        receptor lies outside or far from the tissue that it feels.
     """
     thickness = pad_thickness_mm(mesh)
     path = make_path(study.protocol, DEEPEST * thickness)
     check_depth(study.protocol, path, thickness)
     check_apart(body, path, mesh)
     check_section(study, path, mesh.plane)
-    place_all(study, mesh)
+    lay_out(study, mesh)
     return path
 
 
