@@ -67,32 +67,18 @@ def lay_out(study: Study, finger: FingerMesh) -> Layout:
     StudyError
         As `place` and `sample`, with the name of the population if the study names any.
     """
-    placed = place_all(study, finger)
     names: list[str] = []
-    found = []
-    for afferents, positions in zip(study.populations, placed, strict=True):
+    placed, found = [], []
+    for afferents in study.populations:
         with _naming(afferents, study):
+            positions = place(afferents.receptors, finger)
             own = sample(afferents.receptors, positions, finger)
+        placed.append(positions)
         found.append(replace(own, receptor=own.receptor + len(names)))
         names += [afferents.name] * len(positions)
     columns = zip(*(vars(samples).values() for samples in found), strict=True)
     together = Samples(*map(np.concatenate, columns))
     return Layout(np.concatenate(placed), np.array(names), together)
-
-
-def place_all(study: Study, finger: FingerMesh) -> list[np.ndarray]:
-    """Return the receptors' positions (n, 3) in mm of each population.
-
-    Raises
-    ------
-    StudyError
-        As `place`, with the name of the population if the study names any.
-    """
-    positions = []
-    for afferents in study.populations:
-        with _naming(afferents, study):
-            positions.append(place(afferents.receptors, finger))
-    return positions
 
 
 @contextmanager
