@@ -177,8 +177,14 @@ def formula(tmp_path, monkeypatch, capsys):
     pytest.importorskip("tactile_fem.runtime.backend")
     monkeypatch.setattr("tactile_fem.calibration.model.press", of_formula)
 
-    def run(text=FORMULA):
-        command = ["fit", str(written(tmp_path, text)), "--results", str(tmp_path / "fit")]
+    def run(text=FORMULA, *options):
+        command = [
+            "fit",
+            str(written(tmp_path, text)),
+            "--results",
+            str(tmp_path / "fit"),
+            *options,
+        ]
         assert main([*command, *(word for name in NAMES for word in ("--fit", name))]) == 0
         return tmp_path / "fit", *capsys.readouterr()
 
@@ -240,7 +246,12 @@ def test_a_fit_has_one_sum_of_squares_and_one_finger(formula):
 
 def test_a_model_that_misses_the_measurements_by_far_is_said(formula):
     _, printed, _ = formula(FORMULA.replace("0.05,0.01", "0.02,0.001"))
-    assert "the intervals are too narrow" in printed
+    assert "the intervals are too narrow" in printed and "not converged" not in printed
+
+
+def test_a_fit_that_ran_out_of_points_says_so(formula):
+    _, printed, _ = formula(FORMULA.replace("0.12,0.02", "0.5,0.0001"), "--evaluations", "2")
+    assert "2 points\nnot converged" in printed
 
 
 # --- the fit -------------------------------------------------------------------------------------

@@ -67,6 +67,8 @@ class Fit:
         How many points the optimizer tried.
     message
         Why it ended.
+    converged
+        Whether it ended before the most points were tried.
     """
 
     start: Study
@@ -78,6 +80,7 @@ class Fit:
     jacobian: Array
     evaluations: int
     message: str
+    converged: bool
 
     @property
     def deviations(self) -> Array:
@@ -208,6 +211,7 @@ def fit(
         solution.jac[: -len(parameters)],
         int(solution.nfev),
         str(solution.message),
+        solution.status > 0,
     )
 
 

@@ -117,6 +117,8 @@ def summary(fit: Fit) -> str:
     for experiment, values in zip(fit.experiments, fit.predicted, strict=True):
         lines += _agreement(experiment, values)
     lines.append(f"{fit.squares}; {len(fit.deviations)} numbers, {fit.evaluations} points")
+    if not fit.converged:
+        lines.append("not converged: go on from its study.toml, or allow more points")
     if fit.chance < _UNLIKELY:
         lines.append(
             "the model is farther from the measurements than their standard deviations allow: the "
