@@ -115,6 +115,7 @@ def test_a_tissue_that_relaxes_scales_as_well():
         ("dermis.g", "it is () but must be a number above 0."),
         ("subcutaneous.C20", "did you mean subcutaneous.C20_MPa?"),
         ("fat", "there is no such value"),
+        ("finger.model_dump", "there is no such value"),
         ("epidermis.C20_MPa", "it is 0.0 but must be a number above 0."),
         ("skin:0.5", 'the factor is "0.5" but must be a number above 1.'),
         ("skin:x", 'the factor is "x" but must be a number above 1.'),
@@ -127,6 +128,16 @@ def test_bad_parameters_get_one_sentence(text, sentence):
     with pytest.raises(StudyError, match="--fit") as error:
         parse_parameter(text, Study.model_validate({"finger": {"epidermis_rows": 2}}))
     assert sentence in str(error.value)
+
+
+def test_the_parameters_that_an_error_names_can_be_fitted():
+    study = Study.model_validate({"tissue": {"relaxation": "fingerpad"}})
+    with pytest.raises(StudyError, match="there is no such value; allowed: ") as error:
+        parse_parameter("fat", study)
+    names = str(error.value).split("allowed: ")[1].removesuffix(".").split(", ")
+    assert "dermis.D1_per_MPa" in names and "finger.pad_radius_mm" in names
+    for name in names:
+        assert parse_parameter(name, study).name == name
 
 
 @pytest.mark.parametrize("file", ["mesh_file", "skin_file"])

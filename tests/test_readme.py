@@ -92,6 +92,9 @@ def test_parts_of_ones_own_make_a_scan(small_finger, tmp_path, monkeypatch):
     assert at(lambda F: stiffness(law, F), rest) == pytest.approx(1.0 + 4 / 3 * 0.02)
     a = 1.2**2 + 1 + 1.2**-2 - 3
     assert at(law.energy, stretched) == pytest.approx(0.02 / 4 * np.expm1(2 * a))
+    sheared = np.eye(3) + 0.7 * np.eye(3, k=2)
+    in_shear = at(lambda F: law.in_shear(F[0, 2] ** 2), sheared)
+    assert in_shear == pytest.approx(at(law.energy, sheared))
 
 
 def at(expression, F):

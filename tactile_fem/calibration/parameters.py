@@ -80,7 +80,8 @@ def value_at(study: Study, keys: Sequence[str]) -> Any:
     """Return a value of a study; None if there is none."""
     found: Any = study
     for key in keys:
-        found = getattr(found, key, None)
+        fields = getattr(type(found), "model_fields", ())
+        found = getattr(found, key) if key in fields else None
     return found
 
 
@@ -116,9 +117,9 @@ def parse_parameter(text: str, study: Study) -> Parameter:
     if isinstance(value, int) and not isinstance(value, bool):
         raise StudyError(f"--fit {name}: it is a whole number, which a fit cannot change.")
     if not isinstance(value, float) or not value > 0:
-        known = ["skin", *_TISSUES, *_constants(study), *_lengths(study)]
-        if name in known or value is not None:
+        if value is not None:
             raise StudyError(f"--fit {name}: it is {value} but must be a number above 0.")
+        known = ["skin", *_TISSUES, *_constants(study), *_lengths(study)]
         raise StudyError(f"--fit {name}: there is no such value; {suggestion(name, known)}")
     return Parameter(name, {keys: 1.0}, factor)
 
@@ -151,8 +152,14 @@ def _moduli(study: Study, tissue: str) -> dict[tuple[str, ...], float]:
 
 
 def _constants(study: Study) -> list[str]:
-    return [f"{tissue}.{name}" for tissue in _TISSUES for name, _ in getattr(study.tissue, tissue)]
+    return [
+        f"{tissue}.{name}"
+        for tissue in _TISSUES
+        for name, value in getattr(study.tissue, tissue)
+        if isinstance(value, float) and value > 0
+    ]
 
 
 def _lengths(study: Study) -> list[str]:
-    return [f"finger.{name}" for name in type(study.finger).model_fields if name.endswith("_mm")]
+    lengths = study.finger.model_dump().items()
+    return [f"finger.{name}" for name, value in lengths if isinstance(value, float) and value > 0]

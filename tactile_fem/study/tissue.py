@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from tactile_fem.errors import StudyError
 from tactile_fem.study.base import Finite, NonNegative, Positive, Section
 
 
@@ -33,9 +35,11 @@ class Relaxing(Section):
 
         Raises
         ------
-        ValidationError
+        StudyError
             The factor is not a positive number.
         """
+        if not 0 < factor < math.inf:
+            raise StudyError(f"factor is {factor:g} but must be a number above 0.")
         changed = {
             name: getattr(self, name) * factor**power for name, power in self.moduli().items()
         }
