@@ -118,7 +118,7 @@ def summary(fit: Fit) -> str:
         lines += _agreement(experiment, values)
     lines.append(f"{fit.squares}; {len(fit.deviations)} numbers, {fit.evaluations} points")
     if not fit.converged:
-        lines.append("not converged: go on from its study.toml, or allow more points")
+        lines.append("not converged: allow more points; no press is repeated")
     if fit.chance < _UNLIKELY:
         lines.append(
             "the model is farther from the measurements than their standard deviations allow: the "
