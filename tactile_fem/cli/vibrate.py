@@ -73,7 +73,7 @@ def vibrate(
 
     for population in map(Population.of, found.study.populations):
         if reason := unfelt(population):
-            logger.warning("%s afferents get no firing rates from a vibration: %s", population.name, reason)
+            logger.warning("%s afferents get no firing rates here: %s", population.name, reason)
     keeper = ModeKeeper(wanted[nearest(wanted, kept)])
     spectrum = module.vibrate(
         results, wanted, at_mm=at_mm, moves=moves, direction=direction, observers=[keeper]
