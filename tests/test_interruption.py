@@ -233,7 +233,7 @@ def test_cut_off_between_field_and_checkpoint_the_field_is_not_listed_twice(
     real = Results.save_checkpoint
 
     def save_checkpoint(results, **arrays):
-        if int(arrays["fields"]) == 2:
+        if len(arrays["fields"]) == 2:
             raise PowerCut
         real(results, **arrays)
 

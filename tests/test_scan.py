@@ -16,6 +16,7 @@ from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.neuron import Drive, Population
+from tactile_fem.output.timeline import at_time
 from tactile_fem.runtime import ranks
 from tactile_fem.scan import Parts, resume, scan
 from tactile_fem.scan.fields import read_series
@@ -26,6 +27,7 @@ from tactile_fem.stimulus.path import press, slide
 from tactile_fem.study import (
     Afferents,
     Finger,
+    Follow,
     Hold,
     Lift,
     Neuron,
@@ -357,6 +359,56 @@ def test_a_held_force_and_observers_columns_survive_an_interruption(held, held_w
     assert np.isnan(kept["mean_kPa"][:2]).all() and np.isnan(kept["pull_N"][:2]).all()
     np.testing.assert_array_equal(kept["twice_kPa"][2:], 2 * kept["sed_kPa"][2:])
     np.testing.assert_array_equal(kept["pull_N"][2:], kept["force_N"][2:, :2])
+
+
+@pytest.mark.parametrize(
+    "pieces",
+    [
+        (
+            Press(depth_mm=0.1),
+            Press(depth_mm=0.2),
+            Press(depth_mm=0.3),
+            Hold(time_s=0.01, output_s=0.01),
+            Press(depth_mm=0.35),
+            Slide(by_mm=(0.0, -0.1), output_mm=0.1),
+        ),
+        (Follow(file="down.csv", output_s=0.002), Press(depth_mm=0.3)),
+    ],
+    ids=["presses", "places"],
+)
+def test_fields_and_states_have_the_times_of_their_steps(study, pieces, tmp_path):
+    """Several pieces indent: time 0 is known only at the end of the last."""
+    file = tmp_path / "down.csv"
+    file.write_text("time_s,x_mm,y_mm,z_mm\n0,0,0,0\n0.01,0,0,0.2\n")
+    if isinstance(pieces[0], Follow):
+        pieces = pieces[0].model_copy(update={"file": file}), *pieces[1:]
+    output = Output(pictures=False, fields_mm=0.1, states=True)
+    changed = {"stimulus": Plate(), "protocol": Protocol(path=pieces), "output": output}
+    pressed = study.model_copy(update=changed)
+
+    def check(folder, trace):
+        times, files = read_series(folder / "fields")
+        states = [np.load(path) for path in sorted((folder / "states").glob("*.npz"))]
+        rows = [int(state["rows"]) - 1 for state in states]
+        np.testing.assert_array_equal(times, trace.time_s[rows])
+        assert len(files) == len(states) and np.all(np.diff(times) > 0)
+        depths = [float(state["translation"][2]) for state in states]
+        np.testing.assert_allclose(at_time(trace.arrays(), "depth_mm", times), depths, atol=1e-12)
+        return rows
+
+    whole = scan(pressed, tmp_path / "whole").trace
+    ends = np.flatnonzero(whole.phase[1:] != whole.phase[:-1])[1:]
+    rows = check(tmp_path / "whole", whole)
+    assert {*ends.tolist(), len(whole) - 1} <= set(rows)
+
+    def stop(seen):
+        if seen.step.index == rows[1] + 2:  # within the indentation, after two fields
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        scan(pressed, tmp_path / "cut", observers=[stop])
+    check(tmp_path / "cut", Trace.from_arrays(Results(tmp_path / "cut").trace, rows[1] + 2))
+    assert check(tmp_path / "cut", resume(tmp_path / "cut").trace) == rows
 
 
 def test_a_scan_with_inertia_holds_a_force_and_survives_an_interruption(study, tmp_path):

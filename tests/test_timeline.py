@@ -1,9 +1,12 @@
-"""Histories at the times of pictures and frames."""
+"""Histories at the times of pictures and frames, and states by their places."""
 
 import numpy as np
 import pytest
 
-from tactile_fem.output.timeline import at_time
+from tactile_fem.errors import StudyError
+from tactile_fem.output.plots import DISPLACEMENT
+from tactile_fem.output.timeline import Timeline, at_time
+from tactile_fem.scan.states import choose_state
 
 TRACE = {
     "time_s": np.array([0.0, 1.0, 3.0]),
@@ -23,3 +26,34 @@ def test_histories_are_linear_between_their_times(name, times):
     found = at_time(TRACE, name, times)
     assert found.shape == exact[name].shape
     np.testing.assert_allclose(found, exact[name], atol=1e-14)
+
+
+def test_at_displacement_0_is_the_end_of_the_indentation():
+    times = np.array([-0.2, -0.1, 0.0, 0.1])
+    slid = np.array([0.0, 0.0, 0.0, 2.0])
+    frames = Timeline(times, times - 0.1, slid, DISPLACEMENT, slid)
+    assert [frames.nearest(at_mm) for at_mm in (-1.0, 0.0, 0.9, 1.1)] == [2, 2, 2, 3]
+
+
+# Two presses, a slide of 2 mm, a hold and a lift.
+SLID_MM, TIMES_S = [0.0, 0.0, 2.0, 2.0, 2.0], [-0.1, 0.0, 0.1, 0.35, 0.4]
+
+
+@pytest.mark.parametrize(
+    ("at_mm", "at_s", "number"), [(0, None, 1), (None, -0.1, 0), (0, -0.1, 0), (2, 0.35, 3)]
+)
+def test_a_state_is_chosen_by_its_displacement_or_its_time(at_mm, at_s, number):
+    assert choose_state(SLID_MM, TIMES_S, at_mm, at_s) == number
+
+
+@pytest.mark.parametrize(
+    ("at_mm", "at_s", "sentence"),
+    [
+        (2, None, r"has several states at 2 mm: choose one by at_s, 0\.1, 0\.35, 0\.4 s\."),
+        (1, None, r"has no state at 1 mm: states were kept at 0, 0, 2, 2, 2 mm\."),
+        (2, 0.3, r"has no state at 2 mm and 0\.3 s: states were kept at -0\.1, 0, 0\.1, 0\.35"),
+    ],
+)
+def test_a_state_that_cannot_be_chosen(at_mm, at_s, sentence):
+    with pytest.raises(StudyError, match=sentence):
+        choose_state(SLID_MM, TIMES_S, at_mm, at_s)

@@ -32,6 +32,9 @@ def vibrate(
         float | None,
         Parameter(help="Displacement of a state kept by output.states; default the last state."),
     ] = None,
+    at_s: Annotated[
+        float | None, Parameter(help="Its time, where several states lie at one displacement.")
+    ] = None,
     moves: Annotated[Literal["body", "bone"], Parameter(help="What vibrates.")] = "body",
     direction: Annotated[
         tuple[float, float, float], Parameter(help="X, Y and Z of the vibration.")
@@ -59,11 +62,12 @@ def vibrate(
     wanted = frequencies_of(frequencies)
     kept = few_of(wanted) if shapes is None else frequencies_of(shapes, "--shapes")
     found = Results.open(results)
-    found.load_state(at_mm)  # so that a wrong place is told at once
+    found.load_state(at_mm, at_s)  # so that a wrong place is told at once
     arguments = ["vibrate", str(results), "--frequencies", frequencies, "--moves", moves]
     arguments += ["--direction", *map(str, direction), "--amplitude-um", str(amplitude_um)]
     arguments += [] if shapes is None else ["--shapes", shapes]
-    arguments += [] if at_mm is None else ["--at-mm", str(at_mm)]
+    for option, value in (("--at-mm", at_mm), ("--at-s", at_s)):
+        arguments += [] if value is None else [f"{option}={value}"]
     module = with_mechanics("tactile_fem.vibration.run", ranks_, arguments)
     from mpi4py import MPI
 
@@ -76,7 +80,13 @@ def vibrate(
             logger.warning("%s afferents get no firing rates here: %s", population.name, reason)
     keeper = ModeKeeper(wanted[nearest(wanted, kept)])
     spectrum = module.vibrate(
-        results, wanted, at_mm=at_mm, moves=moves, direction=direction, observers=[keeper]
+        results,
+        wanted,
+        at_mm=at_mm,
+        at_s=at_s,
+        moves=moves,
+        direction=direction,
+        observers=[keeper],
     )
     modes = keeper.modes()
     if rank == 0:

@@ -58,8 +58,12 @@ class Timeline:
         return len(self.times_s)
 
     def nearest(self, value: float) -> int:
-        """Return the number of the frame nearest to a value of `along`."""
-        return int(np.argmin(np.abs(self.along - value)))
+        """Return the number of the frame nearest to a value of `along`.
+
+        The displacement stays 0 during the indentation: the frame at its end is that of 0.
+        """
+        apart = np.abs(self.along - value)
+        return int(np.flatnonzero(apart == apart.min())[-1])
 
     def fired(self, results: Results, k: int) -> NDArray[np.bool_]:
         """Return which receptors have fired since the frame before frame `k`."""

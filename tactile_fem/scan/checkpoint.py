@@ -58,8 +58,10 @@ class Origin:
         texts = {"files": json.dumps(self.files), "own_parts": json.dumps(self.own_parts)}
         return {"format": _FORMAT, "version": __version__, **vars(self), **texts}
 
-    def read(self, results: Results, at_mm: float | None = None) -> dict[str, Array]:
-        """Return the checkpoint of a results folder, or the state it kept at a displacement.
+    def read(
+        self, results: Results, at_mm: float | None = None, at_s: float | None = None
+    ) -> dict[str, Array]:
+        """Return the checkpoint of a results folder, or the state it kept at a place or time.
 
         Raises
         ------
@@ -67,7 +69,7 @@ class Origin:
             There is none, or it belongs to another version, study or mesh, or to other files or
             own parts.
         """
-        saved, file = results.load_state(at_mm), results.checkpoint_file
+        saved, file = results.load_state(at_mm, at_s), results.checkpoint_file
         if int(saved.get("format", 0)) != _FORMAT:
             raise StudyError(
                 f"{file} is from {saved.get('version', 'an older version')}. This is tactile_fem "

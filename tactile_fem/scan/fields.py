@@ -45,13 +45,13 @@ class FieldWriter:
         Parameters
         ----------
         time_s
-            Time in the protocol; the slide starts at 0.
+            Since the end of the indentation, as in the trace.
         displacement_mm
             (n, 3) displacement of the nodes.
         sed_kPa
             (m,) strain energy density of the cells.
         """
-        path = self.folder / f"deformation_{len(self._series):04d}.vtu"
+        path = self.folder / _name(len(self._series))
         mesh = meshio.Mesh(
             self.nodes,
             [(self._shape.cell, self.cells)],
@@ -73,11 +73,15 @@ class FieldWriter:
         """Number of states in the series."""
         return len(self._series)
 
-    def continue_from(self, count: int) -> None:
-        """Continue the series in the folder after its first `count` states."""
-        times, files = read_series(self.folder)
-        pairs = zip(times[:count], files[:count], strict=True)
-        self._series = [(float(t), path.name) for t, path in pairs]
+    def set_times(self, times_s: ArrayLike) -> None:
+        """Let the series be that of the folder's first states, at these times.
+
+        They are counted from the end of the indentation, which moves on with its steps.
+        """
+        times = np.asarray(times_s, dtype=float).tolist()
+        self._series = [(time, _name(number)) for number, time in enumerate(times)]
+        if times:
+            self._write_series()
 
     def _write_series(self) -> None:
         root = ET.Element("VTKFile", type="Collection", version="0.1")
@@ -87,6 +91,10 @@ class FieldWriter:
         ET.indent(root)
         text = '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
         write_text(self.folder / SERIES, text)
+
+
+def _name(number: int) -> str:
+    return f"deformation_{number:04d}.vtu"
 
 
 def read_series(folder: Path) -> tuple[NDArray[np.float64], list[Path]]:

@@ -11,6 +11,7 @@ from typing import Any
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import numpy as np
 from dolfinx import common
 
 from tactile_fem import __version__
@@ -67,6 +68,7 @@ class Recorder:
         self._timers_before = _timers()
         self._memory_MB = 0.0
         self._next_field_mm = 0.0
+        self._field_rows: list[int] = []  # of the trace, on the first rank
         self._mesh = on_root(self._comm, lambda: _measured(finger))
         self._compiled_by = on_root(self._comm, compiled_by)
         self._fields = (
@@ -100,11 +102,14 @@ class Recorder:
             if sed is not None and self._fields is not None:
                 moved = self._problem.domain.plane.vectors(state["u"])
                 self._fields.write(float(trace.time_s[-1]), moved, sed)
+                self._field_rows.append(len(trace) - 1)
+            if step.indenting and self._fields is not None:
+                self._fields.set_times(trace.time_s[self._field_rows])
             self._results.save_trace(**trace.arrays())
             saved = {
                 **self._origin.stamp(),
                 "rows": len(trace),
-                "fields": self._fields.count if self._fields else 0,
+                "fields": np.array(self._field_rows, dtype=int),
                 "next_field_mm": self._next_field_mm,
                 "spent": json.dumps(spent),
                 **state,
@@ -139,7 +144,8 @@ class Recorder:
         self._next_field_mm = float(saved["next_field_mm"])
         self._spend(json.loads(str(saved["spent"])))
         if self._fields is not None:
-            self._fields.continue_from(int(saved["fields"]))
+            self._field_rows = saved["fields"].tolist()
+            self._fields.set_times(trace.time_s[self._field_rows])
         self._save_run("running")
         return trace
 

@@ -32,6 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, to_neo
 from tactile_fem.runtime.files import atomic_write, write_text
+from tactile_fem.scan.states import choose_state
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
@@ -70,7 +71,6 @@ _OWN = (
 )
 _VECTORS = ("stimulator_mm", "force_N", "moment_Nmm")
 _OF_RECEPTORS = ("moved_mm", "sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa")
-_SAME_PLACE_MM = 1e-6
 _TRACE = ("time_s", "displacement_mm", "depth_mm", "force_N", "receptors_mm", "sed_kPa")
 
 
@@ -386,33 +386,33 @@ class Results:
         """Return the arrays of ``checkpoint.npz``."""
         return self._load_npz("checkpoint.npz")
 
-    def load_state(self, at_mm: float | None = None) -> dict[str, NDArray[Any]]:
-        """Return a state: that kept at a displacement of the slide, or the last one.
+    def load_state(
+        self, at_mm: float | None = None, at_s: float | None = None
+    ) -> dict[str, NDArray[Any]]:
+        """Return a state that was kept, by its displacement or its time, or else the last one.
 
         Raises
         ------
         StudyError
-            None was kept there.
+            None was kept there, or several, see `tactile_fem.scan.states.choose_state`.
         """
-        if at_mm is None:
+        if at_mm is None and at_s is None:
             return self.load_checkpoint()
-        displacement, kept = self.trace["displacement_mm"], []
-        for path in sorted(self.states.glob("state_*.npz")):
-            state = self._load_npz(f"states/{path.name}")
-            kept.append(float(displacement[int(state["rows"]) - 1]))
-            if abs(kept[-1] - at_mm) < _SAME_PLACE_MM:
-                return state
-        places = ", ".join(f"{place:g}" for place in kept)
-        raise StudyError(
-            f"{self.folder} has no state at {at_mm:g} mm: "
-            + (f"states were kept at {places} mm." if kept else "set output.states for the scan.")
-        )
+        names = [f"states/{path.name}" for path in sorted(self.states.glob("state_*.npz"))]
+        rows = np.array([self._load_npz(name, "rows")["rows"] - 1 for name in names], dtype=int)
+        slid_mm, time_s = (self.trace[name][rows] for name in ("displacement_mm", "time_s"))
+        try:
+            number = choose_state(slid_mm, time_s, at_mm, at_s)
+        except StudyError as error:
+            raise StudyError(f"{self.folder} {error}") from None
+        return self._load_npz(names[number])
 
-    def _load_npz(self, name: str) -> dict[str, NDArray[Any]]:
+    def _load_npz(self, name: str, *only: str) -> dict[str, NDArray[Any]]:
+        """Return the arrays of a file, or only some of them."""
         path = self.folder / name
         try:
             with np.load(path, allow_pickle=False) as arrays:
-                return dict(arrays)
+                return {key: arrays[key] for key in only or arrays}
         except FileNotFoundError:
             raise StudyError(f"There is no {path}: it has not been written yet.") from None
         except Exception as error:  # a damaged archive fails in many ways

@@ -63,6 +63,7 @@ def vibrate(
     frequencies_Hz: ArrayLike,
     *,
     at_mm: float | None = None,
+    at_s: float | None = None,
     moves: Moves = "body",
     direction: Sequence[float] = (0.0, 0.0, 1.0),
     density_kg_m3: float | None = None,
@@ -78,8 +79,9 @@ def vibrate(
         Of the scan, complete or not.
     frequencies_Hz
         Positive, (f,).
-    at_mm
-        Displacement of the slide where `output.states` kept the state; default the last state.
+    at_mm, at_s
+        Displacement of the slide, or time, at which `output.states` kept the state; default the
+        last state.
     moves
         What vibrates: the body, or the bone with all that is held, while the body rests.
     direction
@@ -110,7 +112,7 @@ def vibrate(
         if on_root(comm, lambda: results.study.finger.is_section):
             raise StudyError(f"{folder} is the scan of a section: only a solid finger can vibrate.")
         setup = Setup.of(on_root(comm, lambda: results.study), parts, comm)
-        saved = on_root(comm, lambda: Origin.of(setup).read(results, at_mm))
+        saved = on_root(comm, lambda: Origin.of(setup).read(results, at_mm, at_s))
         instruments = setup.instruments(comm)
         with closing(instruments.problem):
             instruments.stepper.restore(saved)
