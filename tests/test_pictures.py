@@ -8,6 +8,7 @@ from PIL import Image
 from synthetic import make_fields, make_results, make_trace
 
 from tactile_fem.output import figures, pictures
+from tactile_fem.output.extrema import central_receptor
 from tactile_fem.runtime import doctor
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Dots, Grating, Plate, Sphere, Study, Text
@@ -19,6 +20,19 @@ def test_states_are_those_next_to_the_extrema():
     assert times[chosen] * 20 == pytest.approx([2.4, 5.2, 7.6], abs=0.41)
     quiet = {**make_trace(), "sed_kPa": np.ones((58, 21))}
     assert pictures.choose_states(quiet, times) == [len(times) - 1]
+
+
+def test_the_central_receptor_is_of_the_first_population():
+    places = np.array([[0.2, 0.0, 1.0], [3.0, 0.0, 1.0], [0.0, 0.0, 2.0]])
+    assert central_receptor(places) == 2
+    assert central_receptor(places, ["SA1", "SA1", "PC"]) == 0
+    times = np.arange(0, 10.1, 0.4) / 20
+    flat = np.ones((58, 1))
+    both = {**make_trace(), "receptors_mm": np.vstack([make_trace()["receptors_mm"], [0, 0, 2]])}
+    both["receptors_mm"][10, 0] = 0.1
+    both["sed_kPa"] = np.hstack([make_trace()["sed_kPa"], flat])
+    both["population"] = np.array(["SA1"] * 21 + ["PC"])
+    assert pictures.choose_states(both, times) == pictures.choose_states(make_trace(), times)
 
 
 def test_without_a_graphics_library_pictures_are_skipped_in_one_sentence(

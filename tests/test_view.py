@@ -11,6 +11,7 @@ from tactile_fem.cli import view as cli_view
 from tactile_fem.errors import StudyError
 from tactile_fem.output import pictures
 from tactile_fem.runtime import doctor
+from tactile_fem.study import Study
 
 
 def scan(folder, states=(0.0, 2.5, 5.0)):
@@ -61,6 +62,31 @@ def test_the_interface_has_the_energy_of_the_receptors_side(film):
         np.sort([tets[0], tets[1], tets.mean(), tets.mean()]), rel=1e-5
     )
     assert film.top_kPa == pytest.approx(tets[1], rel=0.01)
+
+
+@needs_graphics
+@pytest.mark.parametrize("kinds", [("PC", "SA1"), ("PC", "RA"), ("PC",)])
+def test_a_population_below_the_interface_leaves_the_interface_its_energy(tmp_path, kinds):
+    """PC feel the subcutaneous tissue, which has no facet there."""
+    from tactile_fem.output.film import Film
+
+    names = np.array(kinds)[np.arange(21) % len(kinds)]
+    trace = {**make_trace(), "population": names}
+    trace["receptors_mm"] = np.tile([0.3, 0.2, 0.5], (21, 1))
+    trace["receptors_mm"][names == "PC", 2] = 2.0
+    study = Study.model_validate({"afferents": [{"name": kind, "kind": kind} for kind in kinds]})
+    results = make_results(tmp_path / "r", study, trace)
+    make_fields(results)
+    deep = Film(results)
+    # Of 18 tetrahedra the first six are the epidermis, the next six the dermis; two of each meet.
+    owners = [6, 7] if "RA" in kinds else [3, 4]
+    energies = deep[0].interface["sed_kPa"]
+    tets = np.linspace(0.01, 5, 18)
+    assert np.unique(deep._interface["owner"]).tolist() == owners
+    assert (energies.min(), energies.max()) == pytest.approx(tets[owners], rel=1e-5)
+    # What is 2 mm high is lifted by 0.5 mm, what is half a millimetre high by 1.25 mm.
+    lifted = (deep[0].receptors_mm - trace["receptors_mm"])[:, 2]
+    assert lifted == pytest.approx(np.where(names == "PC", 0.5, 1.25), abs=1e-5)
 
 
 @needs_graphics

@@ -26,10 +26,14 @@ def extrema(
     return highs, lows
 
 
-def central_receptor(receptors_mm: ArrayLike) -> int:
-    """Return the index of the receptor nearest to X = Y = 0."""
+def central_receptor(receptors_mm: ArrayLike, population: ArrayLike | None = None) -> int:
+    """Return the index of the receptor nearest to X = Y = 0, of the first population if named."""
     places = np.asarray(receptors_mm, dtype=float)
-    return int(np.argmin(np.hypot(places[:, 0], places[:, 1])))
+    apart = np.hypot(places[:, 0], places[:, 1])
+    if population is not None:
+        names = np.asarray(population)
+        apart = np.where(names == names[0], apart, np.inf)
+    return int(np.argmin(apart))
 
 
 def middle_row(receptors_mm: ArrayLike) -> NDArray[np.intp]:

@@ -32,6 +32,8 @@ _BOWL_MM, _MARGIN_MM = 2.3, 0.2
 # Colour and radius in mm.
 _SILENT, _FIRING = ("#101010", 0.07), ("#FFFFFF", 0.1)
 _RIM_SHIFT_MM = (0.0, 0.03, 0.03)
+# Of the interface. The first population that feels one of them tells which is shown.
+_SIDES = ("epidermis", "dermis")
 # Facets of the interface over the pad have a downward normal component of at least this.
 _DOWN = 0.3
 
@@ -102,10 +104,15 @@ class Film:
             raise StudyError(f"There are no field files in {results.fields}: nothing to view.")
         self._results, self._trace = results, results.trace
         self._surface = drawing.stimulator_surface(results)
-        side = results.study.populations[0].receptors.side
-        self._interface = _interface(_read(self._files[0]), side)
+        every = results.study.populations
+        sides = [one.receptors.side for one in every if one.receptors.side in _SIDES]
+        self._interface = _interface(_read(self._files[0]), sides[0] if sides else _SIDES[0])
         places = self._trace["receptors_mm"]
         _, self._feet = self._interface.find_closest_cell(places, return_closest_point=True)
+        for one in every:
+            if one.receptors.below_skin_mm is not None:
+                deep = results.receptors_of(one.name)
+                self._feet[deep] = places[deep]
         self._timeline = timeline = Timeline.of(results, written_s, _BETWEEN)
         self.displacement_mm = timeline.displacement_mm
         self.label, self.along = timeline.label, timeline.along

@@ -118,7 +118,8 @@ def choose_states(
 ) -> list[int]:
     """Return which of the states saved at some times are nearest to extrema of the central SED."""
     slide = trace["time_s"] >= 0
-    sed = trace["sed_kPa"][slide, central_receptor(trace["receptors_mm"])]
+    central = central_receptor(trace["receptors_mm"], trace.get("population"))
+    sed = trace["sed_kPa"][slide, central]
     times = trace["time_s"][slide][np.sort(np.concatenate(extrema(sed)))]
     if not len(times):
         times = times_s[-1:]

@@ -186,14 +186,15 @@ def numbers_of(results: Results) -> dict[str, int | float]:
     """Return cost and results of a scan: forces and SED of the slide, spikes, also by population.
 
     Forces are averaged over the steps of the slide; without a slide the last step is used. Those of
-    a section are per width: their names end in ``N_per_mm``.
+    a section are per width: their names end in ``N_per_mm``. The central receptor is that of the
+    first population.
     """
     trace, spikes = results.trace, results.spikes
     slide = trace["displacement_mm"] > 0
     if not slide.any():
         slide[-1] = True
     force, sed = trace["force_N"][slide], trace["sed_kPa"][slide]
-    central = central_receptor(trace["receptors_mm"])
+    central = central_receptor(trace["receptors_mm"], trace["population"])
     sliding = spikes.time_s >= 0
     by_name = {
         f"spikes_{afferents.name}": int((spikes.population[sliding] == afferents.name).sum())
