@@ -14,7 +14,7 @@ from tactile_fem.runtime.files import atomic_write
 from tactile_fem.scan import results as results_module
 from tactile_fem.scan.fields import FieldWriter, read_series
 from tactile_fem.scan.results import Results
-from tactile_fem.study import Protocol, Study
+from tactile_fem.study import Plate, Protocol, Study
 
 STEPS, RECEPTORS = 5, 3
 
@@ -173,7 +173,7 @@ def test_folders_are_made_with_what_is_in_them(tmp_path):
     def folders():
         return sorted(path.name for path in (tmp_path / "r").iterdir() if path.is_dir())
 
-    results = make_results(tmp_path / "r")
+    results = make_results(tmp_path / "r", Study(stimulus=Plate()))  # which names no file
     assert folders() == []
     make_fields(results)
     assert folders() == ["fields"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import ufl
+from matplotlib.font_manager import findfont
 
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
@@ -18,7 +20,7 @@ from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.neuron import Drive, Population
 from tactile_fem.output.timeline import at_time
 from tactile_fem.runtime import ranks
-from tactile_fem.scan import Parts, resume, scan
+from tactile_fem.scan import Parts, completed, resume, scan
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.trace import Trace
@@ -153,6 +155,36 @@ def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
     steps_s = resumed.trace.wall_s  # of both parts, and so are the run's
     assert steps_s.sum() < run["wall_s"]
     assert 0 < steps_s.sum() - run["timers_s"]["solve"] < steps_s[:9].sum()
+
+
+def test_a_scan_cut_off_and_moved_needs_no_file_of_its_study(study, tmp_path):
+    away = tmp_path / "away"
+    away.mkdir()
+    font = shutil.copy(findfont("DejaVu Sans"), away / "mine.ttf")
+    mesh = shutil.copy(study.finger.mesh_file, away / "mine.msh")
+    brief = {
+        "finger": Finger(mesh_file=mesh),
+        "stimulus": Text(text="F", font=str(font)),
+        "protocol": Protocol(depth_mm=0.15, distance_mm=0),
+    }
+
+    def stop(seen):
+        if seen.step.index == 2:
+            raise Stopped
+
+    of_files = study.model_copy(update=brief)
+    with pytest.raises(Stopped):
+        scan(of_files, tmp_path / "r", observers=[stop])
+    with pytest.raises(StudyError, match=r"not empty: choose another folder, or overwrite=True"):
+        scan(study, tmp_path / "r")
+    shutil.rmtree(away)
+    shutil.move(tmp_path / "r", tmp_path / "moved")
+    steps = []
+    resume(tmp_path / "moved", observers=[lambda seen: steps.append(seen.step.index)])
+    assert steps[0] == 2
+    found = completed(of_files, tmp_path / "moved")
+    assert found.complete and found.run["files"].keys() == {"stimulus.font"}
+    assert len(list((found.folder / "inputs").iterdir())) == 2
 
 
 def test_two_populations_share_a_scan_that_is_cut_off(finished, study, tmp_path):

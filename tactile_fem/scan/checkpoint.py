@@ -12,6 +12,7 @@ from tactile_fem.scan.checks import FILE_CHANGED
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.setup import Setup
 from tactile_fem.scan.trace import Array
+from tactile_fem.study.kept import with_files
 
 # Counts up when the names or the meaning of a checkpoint's arrays change.
 _FORMAT = 10
@@ -32,11 +33,11 @@ class Origin:
     Attributes
     ----------
     study
-        JSON of those parts of the study that must not change.
+        JSON of those parts of the study that must not change, without the names of its files.
     mesh
         Hash of the finger's mesh.
     files
-        SHA-256 of each file that finger, stimulus and path were read from, by its key.
+        SHA-256 of each file that finger, stimulus, font and path were read from, by its key.
     own_parts
         See `Parts.identity`.
     """
@@ -50,7 +51,7 @@ class Origin:
     def of(cls, setup: Setup) -> Origin:
         """Return what the checkpoints of a scan are made from; on the first rank only."""
         assert setup.finger is not None
-        study = setup.study.model_dump_json(exclude=_FREE)
+        study = with_files(setup.study, lambda _: "file").model_dump_json(exclude=_FREE)
         return cls(study, setup.finger.hash, setup.files, setup.parts.identity())
 
     def stamp(self) -> dict[str, Any]:

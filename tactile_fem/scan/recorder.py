@@ -30,6 +30,7 @@ from tactile_fem.scan.setup import Instruments, Setup
 from tactile_fem.scan.trace import Array, Trace
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import Mesh
+from tactile_fem.study.kept import keep_files
 
 _TIMERS = (
     "solve",
@@ -79,9 +80,11 @@ class Recorder:
 
     def begin(self, trace: Trace) -> None:
         """Save the state at rest, so that a scan that fails at once leaves a complete folder."""
+        study, folder = self._study, self._results.folder
+        on_root(self._comm, lambda: keep_files(study, folder, afresh=False))  # if cut off before
         on_root(self._comm, lambda: self._results.save_trace(**trace.arrays()))
-        from_file = isinstance(self._setup.study.stimulus, Mesh)  # it may be gone later
-        if self._setup.parts.body is not None or from_file:
+        is_part = isinstance(study.stimulus, Mesh)  # which takes long to make
+        if self._setup.parts.body is not None or is_part:
             grid = DistanceGrid.of(self._setup.body, self._setup.path.places_mm())
             on_root(self._comm, lambda: self._results.save_stimulator(grid))
         self._save_run("running")

@@ -2,6 +2,7 @@
 
 ===================  =====================================================================
 ``study.toml``       the resolved study
+``inputs/``          copies of the files that it names, and of its font
 ``run.json``         versions, mesh, options, ranks, timings, status
 ``trace.npz``        histories: see `Results.save_trace`
 ``spikes.csv``       ``receptor,time_s,displacement_mm,population``
@@ -36,6 +37,7 @@ from tactile_fem.scan.states import choose_state
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
+from tactile_fem.study.kept import keep_files, usable, with_files
 
 if TYPE_CHECKING:
     import neo
@@ -100,7 +102,8 @@ class Results:
         folder
             Created with its parents if needed.
         overwrite
-            Remove what an earlier scan left there; other files stay.
+            Remove what an earlier scan left there; other files stay, and `save_study` replaces
+            the files that its study named.
 
         Raises
         ------
@@ -133,8 +136,8 @@ class Results:
             if path.is_dir():
                 if _has_files(path) and not overwrite:
                     raise StudyError(
-                        f"The results folder {folder} is not empty: choose another name with "
-                        "--results, or --overwrite to replace the scan in it."
+                        f"The results folder {folder} is not empty: choose another folder, or "
+                        "overwrite=True to replace the scan in it."
                     )
             elif path.exists() or path.is_symlink():
                 raise StudyError(f"The results folder {folder} is a file: choose another name.")
@@ -166,12 +169,35 @@ class Results:
 
     @classmethod
     def unfinished(cls, folder: Path | str, study: Study) -> bool:
-        """Return whether the folder holds an incomplete scan of this study."""
+        """Return whether the folder holds an incomplete scan of this study.
+
+        Raises
+        ------
+        StudyError
+            A file that the study names has changed since that scan began.
+        """
         results = cls(folder)
         try:
-            return results.study == study and not results.complete
+            if results.complete or not results.is_of(study, though_changed=True):
+                return False
+            is_same = results.is_of(study)
         except StudyError:
             return False
+        if not is_same:
+            raise StudyError(
+                f"A file that the study names has changed since the scan in {folder} began: bring "
+                "it back, or choose another folder."
+            )
+        return True
+
+    def is_of(self, study: Study, *, though_changed: bool = False) -> bool:
+        """Return whether this is the scan of a study.
+
+        Files that are gone count as the same; those that have changed only with `though_changed`.
+        """
+        folder = self.folder
+        same = with_files(study, lambda file: usable(file, folder, though_changed=though_changed))
+        return self.study == same
 
     @property
     def complete(self) -> bool:
@@ -211,8 +237,9 @@ class Results:
     # --- writing --------------------------------------------------------------------------
 
     def save_study(self, study: Study) -> None:
-        """Write ``study.toml``."""
+        """Write ``study.toml``, and copy the files that it names."""
         write_text(self.folder / "study.toml", dump_study(study))
+        keep_files(study, self.folder, afresh=True)
         self.__dict__.pop("study", None)
 
     def save_run(self, run: Mapping[str, Any]) -> None:
@@ -288,7 +315,7 @@ class Results:
 
     @cached_property
     def study(self) -> Study:
-        """The resolved study."""
+        """The resolved study; files that are gone or have changed are the copies in the folder."""
         try:
             return load_study(self.folder / "study.toml", saved=True)
         except StudyError as error:

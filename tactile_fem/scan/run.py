@@ -185,7 +185,7 @@ def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None)
     results = Results(folder)
     if not on_root(comm, lambda: (results.folder / "study.toml").exists()):
         scan(study, folder, comm=comm)
-    elif on_root(comm, lambda: results.study) != study:
+    elif not on_root(comm, lambda: results.is_of(study)):
         raise StudyError(f"{folder} holds the scan of another study: choose another folder.")
     elif on_root(comm, lambda: results.complete):
         on_root(comm, lambda: check_files(results))

@@ -15,6 +15,7 @@ from tactile_fem.runtime.text import read_text
 from tactile_fem.study import Study
 from tactile_fem.study.base import absolute
 from tactile_fem.study.explain import explain, path_in_file
+from tactile_fem.study.kept import usable
 from tactile_fem.study.stimulus import font_file
 
 # Keys of files, whose relative paths start from the study's folder.
@@ -31,7 +32,8 @@ def load_study(
     Parameters
     ----------
     path
-        TOML file; None is the paper's study. Relative paths in it start from its folder.
+        TOML file; None is the paper's study. Relative paths in it start from its folder. In a
+        results folder, files that are gone or have changed are read from the copies kept there.
     overrides
         ``section.key=value`` each, ``afferents.name.key=value`` for a population. The value is
         TOML, or else plain text: ``stimulus.text=EFG``.
@@ -142,13 +144,13 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
     """Make the paths of files absolute."""
     stimulus, protocol = data.get("stimulus"), data.get("protocol")
     if isinstance(stimulus, dict) and isinstance(stimulus.get("font"), str):
-        stimulus["font"] = font_file(stimulus["font"], folder)
+        stimulus["font"] = usable(font_file(stimulus["font"], folder), folder)
     pieces = protocol.get("path") if isinstance(protocol, dict) else None
     tables = [data.get("finger"), stimulus, *(pieces if isinstance(pieces, list) else [])]
     for table in tables:
         for key in _FILES & table.keys() if isinstance(table, dict) else ():
             if isinstance(table[key], str):
-                table[key] = str(absolute(table[key], folder))
+                table[key] = usable(str(absolute(table[key], folder)), folder)
 
 
 # --- writing -----------------------------------------------------------------------------------

@@ -29,6 +29,19 @@ def font_file(font: str, folder: Path | str = "") -> str:
     return str(absolute(font, folder)) if is_font_file(font) else font
 
 
+def find_font(font: str) -> Path | None:
+    """Return the file of a font, None if no family of this name is installed."""
+    if is_font_file(font):
+        return Path(font)
+    from matplotlib.font_manager import FontProperties, findfont  # takes a while
+
+    try:
+        # As a list, because a plain name is parsed as a fontconfig pattern.
+        return Path(findfont(FontProperties(family=[font]), fallback_to_default=False))
+    except ValueError:
+        return None
+
+
 class Stimulus(Section):
     """Keys of every rigid body, which translates along the protocol without rotation."""
 
@@ -67,8 +80,9 @@ class Text(Stimulus):
     )
 
     def files(self) -> dict[str, Path]:
-        """Return the font's file, if it is given by its path."""
-        return {"font": Path(self.font)} if is_font_file(self.font) else {}
+        """Return the font's file, if there is one."""
+        file = find_font(self.font)
+        return {} if file is None else {"font": file}
 
 
 class Plate(Stimulus):

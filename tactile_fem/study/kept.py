@@ -1,0 +1,122 @@
+"""Files that a study names, copied beside it: who reads it there needs no other file.
+
+A copy's name ends in a hash of what the study calls the file. So a study file that is edited to
+name another one finds no copy of it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from tactile_fem.runtime.files import atomic_write
+from tactile_fem.study.stimulus import Text, find_font
+
+# Subfolder of the copies.
+INPUTS = "inputs"
+_DIGITS = 8
+_LONGEST = 100  # of a copy's name
+
+
+def named_files(part: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """Yield key and name of each file of a study: absolute paths, and a font's path or family."""
+    if isinstance(part, Path):
+        yield key, str(part)
+    elif isinstance(part, tuple):
+        for number, entry in enumerate(part, 1):
+            yield from named_files(entry, f"{key} (entry {number})")
+    elif isinstance(part, BaseModel):
+        for name, value in part:
+            yield from named_files(value, f"{key}.{name}".lstrip("."))
+        if isinstance(part, Text):
+            yield f"{key}.font", part.font
+
+
+def with_files[T](part: T, change: Callable[[str], str]) -> T:
+    """Return a study, or a part of it, with other names of its files."""
+    new: Any = part
+    if isinstance(part, Path):
+        new = Path(change(str(part)))
+    elif isinstance(part, tuple):
+        new = tuple(with_files(entry, change) for entry in part)
+    elif isinstance(part, BaseModel):
+        values = {name: with_files(value, change) for name, value in part}
+        if isinstance(part, Text):
+            values["font"] = change(part.font)
+        changed = {name: value for name, value in values.items() if value != getattr(part, name)}
+        new = part.model_copy(update=changed)
+    return new
+
+
+def file_of(named: str) -> Path | None:
+    """Return the file of an absolute path or of a font family; None if there is none."""
+    path = Path(named) if Path(named).is_absolute() else find_font(named)
+    if path is None:
+        return None
+    try:
+        return path if path.is_file() else None
+    except OSError:  # in a folder that may not be read
+        return None
+
+
+def usable(named: str, folder: Path, *, though_changed: bool = True) -> str:
+    """Return what to read for a file that the study in `folder` names.
+
+    It is the file itself, or its copy if the file is gone, or has changed since and
+    `though_changed` is true.
+    """
+    kept = _copy_of(named, folder)
+    if kept is None:
+        return named
+    file = file_of(named)
+    try:
+        is_same = file is not None and sha256(file) == sha256(kept)
+    except OSError:
+        file, is_same = None, False
+    return named if is_same or (file is not None and not though_changed) else str(kept)
+
+
+def keep_files(study: BaseModel, folder: Path, *, afresh: bool) -> None:
+    """Copy the files that a study names, and its font, into a subfolder of `folder`.
+
+    Files that are not there, as where a script gives its own body, are left out. With `afresh`
+    copies for an earlier study are replaced; without, what is missing is added.
+    """
+    inputs, written = folder / INPUTS, set()
+    for _, named in named_files(study):
+        file = file_of(named)
+        is_kept = _copy_of(named, folder) is not None
+        if file is None or (not afresh and (is_kept or file.parent == inputs)):
+            continue
+        inputs.mkdir(exist_ok=True)
+        copy = inputs / f"{file.stem[:_LONGEST]}-{_digits(named)}{file.suffix}"
+        with atomic_write(copy) as part:
+            shutil.copyfile(file, part)
+        written.add(copy)
+    if not afresh or not inputs.is_dir():
+        return
+    for copy in set(inputs.glob(f"*-{_DIGITS * '[0-9a-f]'}*")) - written:
+        copy.unlink()
+    if not any(inputs.iterdir()):
+        inputs.rmdir()
+
+
+def sha256(file: Path) -> str:
+    """Return the hash of a file's content."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _copy_of(named: str, folder: Path) -> Path | None:
+    digits = _digits(named)
+    found = (folder / INPUTS).glob(f"*-{digits}*")
+    return next((path.absolute() for path in found if path.stem.endswith(digits)), None)
+
+
+def _digits(named: str) -> str:
+    return hashlib.sha256(named.encode(errors="surrogateescape")).hexdigest()[:_DIGITS]
