@@ -125,7 +125,7 @@ def test_a_tissue_that_relaxes_scales_as_well():
     ],
 )
 def test_bad_parameters_get_one_sentence(text, sentence):
-    with pytest.raises(StudyError, match="--fit") as error:
+    with pytest.raises(StudyError, match=r"^parameter ") as error:
         parse_parameter(text, Study.model_validate({"finger": {"epidermis_rows": 2}}))
     assert sentence in str(error.value)
 
@@ -147,6 +147,12 @@ def test_a_length_that_a_file_replaces_cannot_be_fitted(file):
         parse_parameter("finger.half_width_mm", study)
     if file == "skin_file":
         assert parse_parameter("finger.dermis_mm", study).value(study) == 0.8
+
+
+def test_the_command_names_its_option(tmp_path, capsys):
+    data = written(tmp_path, FORCE + "plate,0.2,1,0.2,0.1\n")
+    assert main(["fit", str(data), "--fit", "fat", "--results", str(tmp_path / "r")]) == 2
+    assert "tactile-fem: --fit fat: there is no such value" in capsys.readouterr().err
 
 
 def test_a_constant_cannot_be_fitted_twice(tmp_path, capsys):

@@ -31,13 +31,13 @@ def scans(monkeypatch):
     """Replace the scan by one that keeps what it was asked and leaves made-up results."""
     calls = []
 
-    def scan(study, folder, *, overwrite, observers):
+    def scan(study, folder, *, overwrite):
         calls.append((study, Path(folder), overwrite))
         make_results(folder, study)
 
     module = types.ModuleType("tactile_fem.scan.run")
     module.scan = scan
-    module.resume = lambda folder, *, observers: calls.append(Path(folder))
+    module.resume = lambda folder: calls.append(Path(folder))
     monkeypatch.setitem(sys.modules, "tactile_fem.scan.run", module)
     return calls
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 from tactile_fem.runtime import logs
@@ -79,6 +80,64 @@ def test_a_terminal_gets_a_bar():
     console = Console(file=io.StringIO(), force_terminal=True, width=140)
     text = run(console)
     assert "100 %" in text and "something to say" in text
+
+
+def configure_nothing(monkeypatch):
+    """Take away the handlers with which pytest captures the log of the test that calls."""
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    monkeypatch.setattr(logging.getLogger(logs.PACKAGE), "handlers", [])
+    monkeypatch.setattr(logging.getLogger(logs.PACKAGE), "propagate", True)
+
+
+@logs.shown()
+def long_work():
+    package = logging.getLogger(logs.PACKAGE)
+    with progress(every_s=0.0) as show:
+        for step in STEPS:
+            show(SimpleNamespace(step=step))
+        with progress() as inner:  # a script's own: the steps are told once
+            inner(SimpleNamespace(step=STEPS[0]))
+    logging.getLogger("tactile_fem.scan").info("something to say")
+    return len(package.handlers)
+
+
+def test_without_configured_logging_long_work_is_shown(monkeypatch, capsys):
+    configure_nothing(monkeypatch)
+    package = logging.getLogger(logs.PACKAGE)
+    before = package.level
+    for _ in range(2):  # it leaves nothing behind
+        assert long_work() == 1
+        captured = capsys.readouterr()
+        assert captured.err.count("step ") == 3 and "something to say" in captured.err
+        assert captured.out == ""
+        assert (package.handlers, package.level, package.propagate) == ([], before, True)
+
+
+@pytest.mark.parametrize("name", ["", logs.PACKAGE])
+def test_where_logging_is_configured_it_alone_decides(monkeypatch, capsys, name):
+    configure_nothing(monkeypatch)
+    text = io.StringIO()
+    configured = logging.getLogger(name)
+    configured.addHandler(logging.StreamHandler(text))
+    logging.getLogger(logs.PACKAGE).setLevel(logging.INFO)
+    assert long_work() == len(logging.getLogger(logs.PACKAGE).handlers)
+    assert text.getvalue().count("step ") == 3 and "something to say" in text.getvalue()
+    configured.handlers[:] = [logging.NullHandler()]
+    long_work()
+    assert capsys.readouterr() == ("", "")
+
+
+def test_counting_tells_how_far_it_is():
+    plain, terminal = (
+        Console(file=io.StringIO(), force_terminal=is_terminal, width=100)
+        for is_terminal in (False, True)
+    )
+    for console in (plain, terminal):
+        logs.set_up(console=console)
+        assert list(logs.counted("abc", "letters to draw", every_s=0.0)) == ["a", "b", "c"]
+    assert "3 letters to draw" in plain.file.getvalue()
+    assert "2 of 3 letters to draw, 0 s left" in plain.file.getvalue()
+    assert "100%" in terminal.file.getvalue()
 
 
 def test_the_log_file_has_every_step(tmp_path):

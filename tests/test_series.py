@@ -80,7 +80,7 @@ def test_tasks_share_a_series():
     assert sorted(m.name for share in shares for m in share) == sorted(m.name for m in members)
     assert {len(share) for share in shares} == {3, 4}
     for text in ("0/3", "4/3", "a/b", "2", "-1/2"):
-        with pytest.raises(StudyError, match="K from 1 to N"):
+        with pytest.raises(StudyError, match=r"^task is .* K from 1 to N"):
             share_of(members, text)
 
 
@@ -163,7 +163,7 @@ def test_command_line_tells_what_is_wrong(capsys, tmp_path):
     assert cli.main(["sweep", "--over", "stimulus.friction=x", *folder]) == 2
     assert 'stimulus.friction is "x"' in capsys.readouterr().err
     assert cli.main(["fibre", "--task", "3/2", *folder]) == 2
-    assert "K from 1 to N" in capsys.readouterr().err
+    assert '--task is "3/2" but must be K/N with K from 1 to N' in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
 
 

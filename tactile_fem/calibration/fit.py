@@ -33,7 +33,7 @@ from tactile_fem.calibration.parameters import Parameter, with_values
 from tactile_fem.calibration.press import study_of
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.files import locked
-from tactile_fem.runtime.logs import each_once
+from tactile_fem.runtime.logs import each_once, shown
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.scan.checks import check_solid, check_study
 from tactile_fem.study import Study
@@ -143,6 +143,7 @@ class Fit:
         return (self.jacobian @ self.covariance) / self.sd
 
 
+@shown()
 def fit(
     study: Study,
     experiments: Sequence[Experiment],

@@ -104,7 +104,7 @@ def parse_parameter(text: str, study: Study) -> Parameter:
     except ValueError:
         factor = math.nan
     if not (math.isfinite(factor) and factor > 1):
-        raise StudyError(f'--fit {text}: the factor is "{given}" but must be a number above 1.')
+        raise StudyError(f'parameter {text}: the factor is "{given}" but must be a number above 1.')
     if name == "skin" or name in _TISSUES:
         tissues = SKIN if name == "skin" else (name,)
         powers = {key: power for tissue in tissues for key, power in _moduli(study, tissue).items()}
@@ -113,14 +113,14 @@ def parse_parameter(text: str, study: Study) -> Parameter:
     keys = (section, key) if section == "finger" else ("tissue", section, key)
     value = value_at(study, keys)
     if section == "finger" and value is not None and key not in study.finger.model_dump():
-        raise StudyError(f"--fit {name}: it has no effect on a finger that comes from a file.")
+        raise StudyError(f"parameter {name}: it has no effect on a finger that comes from a file.")
     if isinstance(value, int) and not isinstance(value, bool):
-        raise StudyError(f"--fit {name}: it is a whole number, which a fit cannot change.")
+        raise StudyError(f"parameter {name}: it is a whole number, which a fit cannot change.")
     if not isinstance(value, float) or not value > 0:
         if value is not None:
-            raise StudyError(f"--fit {name}: it is {value} but must be a number above 0.")
+            raise StudyError(f"parameter {name}: it is {value} but must be a number above 0.")
         known = ["skin", *_TISSUES, *_constants(study), *_lengths(study)]
-        raise StudyError(f"--fit {name}: there is no such value; {suggestion(name, known)}")
+        raise StudyError(f"parameter {name}: there is no such value; {suggestion(name, known)}")
     return Parameter(name, {keys: 1.0}, factor)
 
 

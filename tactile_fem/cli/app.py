@@ -22,13 +22,12 @@ from tactile_fem.cli import vibrate as cli_vibrate
 from tactile_fem.cli import view as cli_view
 from tactile_fem.cli.entry import exit_code_of
 from tactile_fem.cli.mechanics import with_mechanics
-from tactile_fem.cli.options import Ranks, Settings, StudyFile
+from tactile_fem.cli.options import Ranks, Settings, StudyFile, as_options
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime import doctor as diagnosis
 from tactile_fem.runtime import logs, ranks
 from tactile_fem.runtime.files import write_text
 from tactile_fem.runtime.signals import raise_stopped, signal_handler
-from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Study
 from tactile_fem.study.file import load_study
@@ -43,6 +42,8 @@ Without a study file the paper's scan is run: F G H, 1.97 mm deep, 10 mm long.
     tactile-fem scan study.toml --set stimulus.text=EFG --ranks 2
 """
 
+
+_OVERWRITE = {"another folder": "another name with --results", "overwrite=True": "--overwrite"}
 
 app = App(name="tactile-fem", help=HELP, version=__version__, help_format="plaintext")
 app.command(cli_series.sweep)
@@ -82,7 +83,8 @@ def scan(
     the_study = load_study(study, settings or ())
     first = ranks.launched_rank() in (None, 0)
     if first and (overwrite or not Results.unfinished(results, the_study)):
-        Results.check(results, overwrite=overwrite)
+        with as_options(_OVERWRITE):
+            Results.check(results, overwrite=overwrite)
     arguments = ["scan", *([str(study)] if study else [])]
     arguments += [word for setting in settings or () for word in ("--set", setting)]
     arguments += ["--results", str(results), *(["--overwrite"] if overwrite else [])]
@@ -111,14 +113,13 @@ def _prepared(study: Study, ranks_: int, arguments: list[str]) -> ModuleType:
 
 
 def _run(start: Callable[..., object], folder: Path) -> None:
-    """Scan or resume on all ranks; the first one shows progress and draws."""
+    """Scan or resume on all ranks; the first one draws."""
     from mpi4py import MPI
 
     rank = MPI.COMM_WORLD.rank
-    console = logs.stderr_console()
-    logs.set_up(rank, console=console)
-    with signal_handler(raise_stopped), progress(rank, console=console) as show:
-        start(observers=[show])
+    logs.set_up(rank)
+    with signal_handler(raise_stopped):
+        start()
     if rank == 0:
         found = Results.open(folder)
         if found.study.output.pictures:

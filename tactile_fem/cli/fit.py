@@ -11,7 +11,7 @@ from cyclopts import Parameter, validators
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.parameters import parse_parameter
 from tactile_fem.cli.mechanics import with_mechanics
-from tactile_fem.cli.options import Ranks, Settings
+from tactile_fem.cli.options import Ranks, Settings, as_options
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime import logs, ranks
 from tactile_fem.runtime.signals import raise_stopped, signal_handler
@@ -57,7 +57,8 @@ def fit(
     """
     start = load_study(study, settings or ())
     experiments = read_measurements(measured)
-    chosen = [parse_parameter(text, start) for text in parameters or _DEFAULT]
+    with as_options({"parameter ": "--fit "}):
+        chosen = [parse_parameter(text, start) for text in parameters or _DEFAULT]
     if jobs > 1 and ranks_ > 1:
         raise StudyError(f"--jobs is {jobs} and --ranks {ranks_}, but one of them must be 1.")
     words = _arguments(measured, study, settings, parameters, results)

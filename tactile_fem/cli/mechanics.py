@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from types import ModuleType
 
-from tactile_fem.errors import TactileError
+from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime import doctor, ranks
 
 
@@ -18,12 +18,15 @@ def with_mechanics(module: str, count: int, arguments: Sequence[str]) -> ModuleT
     Raises
     ------
     TactileError
-        The compiler or a library of the mechanics is missing.
+        The compiler or a library of the mechanics is missing; or this is one of several ranks and
+        `count` is not 1.
     """
     finding = doctor.compiler_finding()
     if finding is not None:
         raise TactileError(str(finding))
     if count > 1:
+        if ranks.launched_rank() is not None:
+            raise StudyError("--ranks does not go together with mpiexec: use one of them.")
         ranks.restart(count, arguments)
     try:
         return import_module(module)

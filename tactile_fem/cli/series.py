@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, validators
 
-from tactile_fem.cli.options import Ranks, Settings, StudyFile
+from tactile_fem.cli.options import Ranks, Settings, StudyFile, as_options
 from tactile_fem.errors import TactileError
 from tactile_fem.runtime import logs
 from tactile_fem.study.file import load_study
@@ -79,7 +79,8 @@ def _run(members: Sequence[Member], folder: Path, jobs: int, ranks: int, task: s
     from tactile_fem.series import run_series, write_summary
 
     logs.set_up()
-    outcomes = run_series(members, folder, jobs=jobs, ranks=ranks, task=task)
+    with as_options({"task is": "--task is"}):
+        outcomes = run_series(members, folder, jobs=jobs, ranks=ranks, task=task)
     print(f"Written to {write_summary(members, folder)}")
     failed = [outcome for outcome in outcomes if outcome.problem]
     if failed:

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter, validators
 
 from tactile_fem.cli.mechanics import with_mechanics
-from tactile_fem.cli.options import Ranks
+from tactile_fem.cli.options import Ranks, as_options
 from tactile_fem.neuron import Population
 from tactile_fem.runtime import logs
 from tactile_fem.runtime.files import write_figure
@@ -59,10 +59,11 @@ def vibrate(
     Writes what receptors feel and how they fire over the frequency, and the finger's shape at some
     frequencies, into the folder's vibration/.
     """
-    wanted = frequencies_of(frequencies)
+    wanted = frequencies_of(frequencies, "--frequencies")
     kept = few_of(wanted) if shapes is None else frequencies_of(shapes, "--shapes")
     found = Results.open(results)
-    found.load_state(at_mm, at_s)  # so that a wrong place is told at once
+    with as_options({"by at_s": "by --at-s"}):
+        found.load_state(at_mm, at_s)  # so that a wrong place is told at once
     arguments = ["vibrate", str(results), "--frequencies", frequencies, "--moves", moves]
     arguments += ["--direction", *map(str, direction), "--amplitude-um", str(amplitude_um)]
     arguments += [] if shapes is None else ["--shapes", shapes]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import logging
 import os
 import sys
 from collections.abc import Sequence
@@ -24,6 +25,8 @@ from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import make_body
 from tactile_fem.study.file import load_study
 from tactile_fem.vibration.modes import Modes
+
+logger = logging.getLogger(__name__)
 
 _ENDINGS = (".gif", ".mp4", ".html")
 _OF_SECTION = (".gif", ".png")
@@ -59,6 +62,7 @@ def view(
     with --save, which needs no display.
     """
     found = Results.open(results)
+    logs.set_up()
     if vibration is None and found.study.finger.is_section:
         _view_section(found, save, at_mm)
         return
@@ -66,7 +70,6 @@ def view(
     if vibration is not None and at_mm is not None:
         raise StudyError("--at-mm does not go with --vibration: its state was chosen by `vibrate`.")
     modes = None if vibration is None else _modes(found)
-    logs.set_up()
     if save is not None:
         os.environ.pop("DISPLAY", None)  # it might be unreachable
     import pyvista
@@ -145,6 +148,7 @@ def preview(
         raise
     path = check_with_mesh(the_study, body, finger)
     tell_missed(body, path, finger)
+    logger.info("drawing finger and stimulator")
     write_figure(output, preview_figure(finger, body, path))
     print(f"Written to {output}")
 

@@ -57,6 +57,7 @@ def draw(results: Results | Path | str) -> list[Path]:
 
 def draw_plots(results: Results) -> list[Path]:
     """Draw the figures that need no graphics library."""
+    logger.info("drawing the figures of %s", results.folder)
     over = Abscissa.of(results)
     figures: dict[str, Figure | None] = {"force": _force(results, over)}
     if len(over.values) > 1:

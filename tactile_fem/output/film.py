@@ -20,6 +20,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import TISSUES, facets_of
 from tactile_fem.output import drawing
 from tactile_fem.output.timeline import Timeline, at_time
+from tactile_fem.runtime.logs import counted
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
 
@@ -119,7 +120,8 @@ class Film:
         self.cut_mm = float(places[:, 1].min()) - _BEHIND_MM
         highest = float(places[:, 2].max()) + _MARGIN_MM
         self.rim_mm = max(self._interface.bounds.z_min + _BOWL_MM, highest)
-        tops = [np.percentile(self._felt(_read(p))["sed_kPa"], 99.8) for p in self._files]
+        files = counted(self._files, "saved states to read")
+        tops = [np.percentile(self._felt(_read(file))["sed_kPa"], 99.8) for file in files]
         self.top_kPa = max(*tops, 1e-6)
         focus = (0.0, self.cut_mm + 0.5, 3.6)
         self.camera = (9.0, self.cut_mm + 28.0, 24.0), focus, 9.6

@@ -68,6 +68,7 @@ def drawn_apart(module: str, *arguments: str) -> list[Path]:
     if reason is not None:
         logger.warning("%s", reason)
         return []
+    logger.info("drawing 3-D pictures, which can take some minutes")
     command = [sys.executable, "-m", module, *arguments]
     try:
         done = subprocess.run(

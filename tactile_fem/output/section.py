@@ -28,6 +28,7 @@ from tactile_fem.output.colours import COLOURS, is_soft
 from tactile_fem.output.gif import write_gif
 from tactile_fem.output.plots import TIME, styled
 from tactile_fem.output.timeline import Timeline, at_time
+from tactile_fem.runtime.logs import counted
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
@@ -163,7 +164,7 @@ class SectionFilm:
         self.shape = Shape.read(self._files[0])
         body = results.stimulator
         self.gap = body.gap if body else _gap_of(make_body(results.study.stimulus))
-        fields = [meshio.read(file) for file in self._files]
+        fields = [meshio.read(file) for file in counted(self._files, "saved states to read")]
         self._moved = [
             self.shape.plane.within(f.point_data["displacement_mm"]).astype(float) for f in fields
         ]
@@ -233,7 +234,7 @@ def moment_figure(film: SectionFilm, k: int, *, dots_per_inch: int = 200) -> Fig
 
 def images(film: SectionFilm) -> Iterator[Image.Image]:
     """Yield a film's images."""
-    for k in range(len(film)):
+    for k in counted(range(len(film)), "frames to draw"):
         canvas = FigureCanvasAgg(moment_figure(film, k, dots_per_inch=110))
         canvas.draw()
         yield Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")

@@ -24,6 +24,7 @@ from scipy.spatial import cKDTree
 from tactile_fem.output import drawing
 from tactile_fem.output.gif import PER_SECOND, write_gif
 from tactile_fem.runtime.files import atomic_write, write_text
+from tactile_fem.runtime.logs import counted
 
 logger = logging.getLogger(__name__)
 
@@ -151,6 +152,7 @@ def _window_plotter(film: Frames, *, off_screen: bool) -> pv.Plotter:
 
 def save_html(film: Frames, k: int, path: Path) -> None:
     """Write frame `k` as an HTML page on which it can be rotated and zoomed."""
+    logger.info("drawing the page at: %s", film.title(k))
     scene = Scene(film)
     scene.show(k)
     page = scene.plotter.trame.export_html(None).read()
@@ -206,10 +208,9 @@ def frames(
 ) -> Iterator[Image.Image]:
     """Yield images of all frames, or of some, with title, colour bar and legend."""
     chosen = range(len(film)) if which is None else which
-    logger.info("%d frames to draw", len(chosen))
     scene = Scene(film)
     scene.add_legend()
-    for k in chosen:
+    for k in counted(chosen, "frames to draw"):
         scene.show(k)
         scene.plotter.add_text(film.title(k), font_size=10, name="title")
         image = Image.fromarray(scene.plotter.screenshot(return_img=True))

@@ -1,23 +1,29 @@
-"""Log lines on a terminal and in a file."""
+"""Log lines and progress on a terminal, in a notebook and in a file."""
 
 from __future__ import annotations
 
 import logging
 import os
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 from rich.console import Console
 from rich.logging import RichHandler
+from rich.progress import track
 
-from tactile_fem.runtime.ranks import TERMINAL_VARIABLE
+from tactile_fem.runtime.ranks import TERMINAL_VARIABLE, launched_rank
+
+logger = logging.getLogger(__name__)
 
 PACKAGE = "tactile_fem"
 _FORMAT = "%(asctime)s %(levelname)-7s %(message)s"
 _TERMINAL = f"{PACKAGE}.terminal"
 _TIME = "%H:%M:%S"
+_consoles: dict[logging.Handler, Console] = {}
 
 
 def stderr_console() -> Console:
@@ -45,8 +51,8 @@ def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None 
     handler.setLevel(level)
     package = logging.getLogger(PACKAGE)
     handler.name = _TERMINAL
-    for old in [h for h in package.handlers if h.name == _TERMINAL]:
-        package.removeHandler(old)
+    _remove_terminal()
+    _consoles[handler] = console
     package.addHandler(handler)
     package.setLevel(level)
     package.propagate = False
@@ -71,6 +77,60 @@ def each_once(*modules: str) -> Iterator[None]:
     finally:
         for one in loggers:
             one.removeFilter(is_new)
+
+
+def _remove_terminal() -> None:
+    package = logging.getLogger(PACKAGE)
+    for old in [h for h in package.handlers if h.name == _TERMINAL]:
+        package.removeHandler(old)
+        _consoles.pop(old, None)
+
+
+@contextmanager
+def shown() -> Iterator[None]:
+    """Show the package's log on stderr for a while, unless logging is configured.
+
+    It is where the root logger or that of ``tactile_fem`` has a handler, even a
+    `logging.NullHandler`, which therefore keeps the package quiet. Also a decorator.
+    """
+    package = logging.getLogger(PACKAGE)
+    if package.hasHandlers():
+        yield
+        return
+    before = package.level, package.propagate
+    set_up(launched_rank() or 0)
+    try:
+        yield
+    finally:
+        _remove_terminal()
+        package.setLevel(before[0])
+        package.propagate = before[1]
+
+
+def live_console() -> Console | None:
+    """Return the console of the log if it can draw a bar: on a terminal or in a notebook."""
+    for handler in logging.getLogger(PACKAGE).handlers:
+        console = _consoles.get(handler)
+        if console is not None:
+            in_notebook = console.is_jupyter and find_spec("ipywidgets") is not None
+            return console if console.is_terminal or in_notebook else None
+    return None
+
+
+def counted[T](items: Sequence[T], what: str, *, every_s: float = 15.0) -> Iterator[T]:
+    """Yield items and show how many are done: a bar, or else a log line now and then."""
+    logger.info("%d %s", len(items), what)
+    console, begun = live_console(), time.perf_counter()
+    if console is not None and len(items) > 1:
+        yield from track(items, what, console=console, transient=True)
+        return
+    told = begun
+    for number, item in enumerate(items):
+        now = time.perf_counter()
+        if number and now - told >= every_s:
+            told, left_s = now, (now - begun) / number * (len(items) - number)
+            logger.info("%d of %d %s, %.0f s left", number, len(items), what, left_s)
+        yield item
 
 
 class _LogFile(logging.FileHandler):

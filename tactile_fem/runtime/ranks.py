@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.errors import TactileError
 
 TERMINAL_VARIABLE = "TACTILE_FEM_TERMINAL"
 # Open MPI (from version 5 on, and 4) needs these to run more ranks than cores; MPICH does not.
@@ -41,20 +41,12 @@ def launcher() -> str:
             if found := shutil.which(name, path=path):
                 return found
     raise TactileError(
-        "There is no mpiexec next to this Python or on the path: start without --ranks."
+        "There is no mpiexec next to this Python or on the path: only one rank can be started."
     )
 
 
 def restart(ranks: int, arguments: Sequence[str]) -> None:
-    """Replace this process by `ranks` processes of the package's command line.
-
-    Raises
-    ------
-    StudyError
-        This process is itself one of several ranks.
-    """
-    if launched_rank() is not None:
-        raise StudyError("--ranks does not go together with mpiexec: use one of them.")
+    """Replace this process by `ranks` processes of the package's command line."""
     command = [launcher(), "-n", str(ranks), sys.executable, "-m", "tactile_fem", *arguments]
     environment = {"OMP_NUM_THREADS": "1", **SHARED_CORES, **os.environ}
     if sys.stderr.isatty():  # behind mpiexec this is not visible

@@ -16,13 +16,15 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from tactile_fem.runtime.logs import stderr_console
+from tactile_fem.runtime.logs import live_console, stderr_console
 
 if TYPE_CHECKING:
     from tactile_fem.mechanics.stepper import Step
     from tactile_fem.scan.run import Observation
 
 logger = logging.getLogger(__name__)
+
+_active: list[Progress] = []
 
 
 def describe_step(step: Step) -> str:
@@ -40,19 +42,25 @@ def describe_step(step: Step) -> str:
 def progress(
     rank: int = 0, *, console: Console | None = None, every_s: float = 15.0
 ) -> Iterator[Callable[[Observation], None]]:
-    """Provide an observer that shows how far a scan is: a bar on a terminal, else some lines.
+    """Provide an observer that shows how far a scan is: a bar, or else some lines of the log.
+
+    Within another one it shows nothing. `tactile_fem.scan.scan` uses one itself.
 
     Parameters
     ----------
     rank
         MPI rank; only rank 0 shows progress.
     console
-        Default stderr.
+        Default that of the log, see `tactile_fem.runtime.logs.live_console`.
     every_s
-        Minimum time between two lines if there is no terminal.
+        Minimum time between two lines if there is no bar.
     """
-    console = console or stderr_console()
-    # Also without a terminal: it estimates the time left from the last minutes, because a
+    if rank != 0 or _active:
+        yield lambda seen: None
+        return
+    live = live_console() if console is None else console
+    has_bar = live is not None and (live.is_terminal or live.is_jupyter)
+    # Also without a bar on the screen: it estimates the time left from the last minutes, because a
     # resumed scan does not begin at 0 % and the press is faster than the slide.
     bar = Progress(
         TextColumn("{task.description}"),
@@ -61,7 +69,7 @@ def progress(
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
-        console=console,
+        console=live or stderr_console(),
         speed_estimate_period=900.0,
     )
     task = bar.add_task("first touch", total=1.0)
@@ -69,19 +77,21 @@ def progress(
 
     def show(seen: Observation) -> None:
         nonlocal last_line_s
-        if rank != 0:
-            return
         step = seen.step
         line, now, level = describe_step(step), bar.get_time(), logging.DEBUG
         bar.update(task, completed=step.fraction, description=line)
         due = now - last_line_s >= every_s or step.fraction >= 1.0 or step.index == 1
-        if due and not console.is_terminal:
+        if due and not has_bar:
             last_line_s, level = now, logging.INFO
             line += f"  {100 * step.fraction:3.0f} %{_time_left(bar)}"
         logger.log(level, "%s", line)
 
-    with bar if console.is_terminal and rank == 0 else nullcontext():
-        yield show
+    _active.append(bar)
+    try:
+        with bar if has_bar else nullcontext():
+            yield show
+    finally:
+        _active.remove(bar)
 
 
 def _time_left(bar: Progress) -> str:

@@ -24,13 +24,14 @@ from tactile_fem.mechanics.stepper import Step, stopped
 from tactile_fem.neuron import Population, Response, fire_all
 from tactile_fem.receptors.probe import ReceptorState
 from tactile_fem.runtime.files import locked
-from tactile_fem.runtime.logs import log_to
+from tactile_fem.runtime.logs import log_to, shown
 from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
 from tactile_fem.runtime.signals import StopRequest, signal_handler
 from tactile_fem.scan.checkpoint import Origin
 from tactile_fem.scan.checks import check_files
 from tactile_fem.scan.estimate import announce
 from tactile_fem.scan.parts import Parts
+from tactile_fem.scan.progress import progress
 from tactile_fem.scan.recorder import Recorder
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.setup import Instruments, Setup
@@ -86,6 +87,7 @@ class ScanResult:
     folder: Path | None
 
 
+@shown()
 def scan(
     study: Study,
     folder: Path | str | None = None,
@@ -96,6 +98,10 @@ def scan(
     parts: Parts = _NO_PARTS,
 ) -> ScanResult:
     """Run a study: move the body along its path, evaluate the receptors, compute the spikes.
+
+    Its log and progress appear on stderr, a bar on a terminal and in a notebook that has
+    ipywidgets, else some lines; but if logging is configured, they only go to its handlers, each
+    step as DEBUG (see `tactile_fem.runtime.logs.shown`).
 
     Parameters
     ----------
@@ -146,6 +152,7 @@ def scan(
         return _run(setup, Results(place), comm, observers, proceed=proceed)
 
 
+@shown()
 def resume(
     folder: Path | str,
     *,
@@ -235,9 +242,13 @@ def _run_steps(
     """Step to the end of the path; save what was computed if that fails."""
     problem = instruments.problem
     comm = problem.domain.comm
-    observers = tuple(observers)
     try:
-        with abort_if_one_fails(comm), _stopping(problem, comm) as stop:
+        with (
+            abort_if_one_fails(comm),
+            _stopping(problem, comm) as stop,
+            progress(comm.rank) as show,
+        ):
+            observers = (show, *observers)
             for step in instruments.stepper:
                 seen = Observation(step, instruments.probe.read(), problem.state)
                 _check_sound(step, seen.receptors, trace.receptors_mm)

@@ -19,6 +19,7 @@ from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.finger.plane import Plane
 from tactile_fem.output.extrema import central_receptor
 from tactile_fem.runtime.files import write_records, write_text
+from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.signals import signal_handler
 from tactile_fem.scan.checks import check_files, check_study
 from tactile_fem.scan.results import Results
@@ -58,7 +59,7 @@ def share_of(members: Sequence[Member], task: str) -> list[Member]:
     """
     first, _, last = task.partition("/")
     if not (first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last)):
-        raise StudyError(f'--task is "{task}" but must be K/N with K from 1 to N.')
+        raise StudyError(f'task is "{task}" but must be K/N with K from 1 to N.')
     return list(members[int(first) - 1 :: int(last)])
 
 
@@ -67,6 +68,7 @@ def folder_of(member: Member, folder: Path) -> Path:
     return folder / member.name
 
 
+@shown()
 def run_series(
     members: Sequence[Member],
     folder: Path | str,

@@ -20,6 +20,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger import FingerMesh
 from tactile_fem.mechanics.harmonic import Harmonic, Response
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
 from tactile_fem.scan.checkpoint import Origin
 from tactile_fem.scan.parts import Parts
@@ -58,6 +59,7 @@ class About:
 Observer = Callable[[About, Response], None]
 
 
+@shown()
 def vibrate(
     folder: Path | str,
     frequencies_Hz: ArrayLike,

@@ -168,10 +168,10 @@ def _polar(name: str, value: complex) -> dict[str, str]:
     return {name: f"{abs(value):.6g}", f"{name}_phase_deg": f"{phase:.4g}"}
 
 
-def frequencies_of(text: str, option: str = "--frequencies") -> Array:
+def frequencies_of(text: str, name: str = "frequencies") -> Array:
     """Return the frequencies of ``low:high:count``, evenly spaced in their logarithm, or of a list.
 
-    Errors name the `option`.
+    Errors say that it is the value of `name`.
 
     Raises
     ------
@@ -191,7 +191,7 @@ def frequencies_of(text: str, option: str = "--frequencies") -> Array:
             raise ValueError
     except ValueError:
         raise StudyError(
-            f'{option} is "{text}" but must be low:high:count or a list such as 10,50,250, '
+            f'{name} is "{text}" but must be low:high:count or a list such as 10,50,250, '
             "in Hz and greater than 0."
         ) from None
     return found
