@@ -14,7 +14,7 @@ from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StudyError
-from tactile_fem.study import Cylinder, Dots, Plate, Study
+from tactile_fem.study import Cylinder, Dots, Finger, Plate, Study
 
 FORCE = "indenter,speed_mm_s,depth_mm,force_N,sd_N\n"
 PROFILE = "indenter,speed_mm_s,depth_mm,place_mm,deflection_mm,sd_mm\n"
@@ -153,6 +153,19 @@ def test_the_command_names_its_option(tmp_path, capsys):
     data = written(tmp_path, FORCE + "plate,0.2,1,0.2,0.1\n")
     assert main(["fit", str(data), "--fit", "fat", "--results", str(tmp_path / "r")]) == 2
     assert "tactile-fem: --fit fat: there is no such value" in capsys.readouterr().err
+
+
+def test_a_saved_press_is_that_of_its_fingers_file(tmp_path):
+    """Whatever the file's name: one that changed is pressed again."""
+    from tactile_fem.calibration.model import Task  # which needs DOLFINx
+
+    (experiment, *_) = read_measurements([written(tmp_path, FORCE + "plate,0.2,1,0.2,0.1\n")])
+    names = []
+    for name, content in (("a.msh", "one"), ("a.msh", "two"), ("b.msh", "one")):
+        (tmp_path / name).write_text(content)
+        study = Study(finger=Finger(mesh_file=tmp_path / name))
+        names.append(Task(study, experiment, ()).name)
+    assert names[0] == names[2] != names[1]
 
 
 def test_a_constant_cannot_be_fitted_twice(tmp_path, capsys):

@@ -295,6 +295,20 @@ def test_a_step_has_the_traces_names(study):
         np.testing.assert_array_equal(values, trace[name][1:], err_msg=name)
 
 
+def test_a_scan_in_a_script_shows_and_logs_its_steps(study, tmp_path, monkeypatch, capsys):
+    for name in ("", "tactile_fem"):  # as pytest configures logging, and no script need
+        monkeypatch.setattr(logging.getLogger(name), "handlers", [])
+    brief = study.model_copy(update={"protocol": Protocol(depth_mm=0.2, distance_mm=0)})
+    steps = len(scan(brief, tmp_path / "r").trace) - 1
+    shown = capsys.readouterr()
+    assert shown.out == "" and "step   1  press" in shown.err and "100 %" in shown.err
+    logged = Results(tmp_path / "r").log_file.read_text()
+    assert all(f"step {number:3d}  press" in logged for number in range(1, steps + 1))
+    monkeypatch.setattr(logging.getLogger("tactile_fem"), "handlers", [logging.NullHandler()])
+    scan(brief, tmp_path / "r", overwrite=True)
+    assert capsys.readouterr() == ("", "")
+
+
 def test_seconds_are_of_the_scan_alone(finished, study, tmp_path):
     """DOLFINx's timers go on from scan to scan of a process."""
     del finished

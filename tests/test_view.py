@@ -123,7 +123,9 @@ def test_an_animation_is_written_without_a_display(tmp_path, monkeypatch, capsys
     scan(tmp_path / "r", (0.0, 2.5))
     path = tmp_path / "scan.gif"
     assert cli.main(["view", str(tmp_path / "r"), "--save", str(path)]) == 0
-    assert capsys.readouterr().out == f"Written to {path}\n"
+    captured = capsys.readouterr()
+    assert captured.out == f"Written to {path}\n"
+    assert "2 saved states to read" in captured.err and "5 frames to draw" in captured.err
     with Image.open(path) as gif:
         assert (gif.n_frames, gif.size, gif.info["duration"]) == (5, (840, 534), 50)
         first = np.asarray(gif.convert("RGB"))

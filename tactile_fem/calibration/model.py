@@ -23,10 +23,11 @@ from tactile_fem.calibration.parameters import Parameter, with_values
 from tactile_fem.calibration.press import Prediction, press, study_of
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.mechanics.sensitivity import Change
-from tactile_fem.runtime.files import atomic_write, hashes, write_text
+from tactile_fem.runtime.files import atomic_write, write_text
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.study import Study
 from tactile_fem.study.file import dump_study
+from tactile_fem.study.kept import content_of, with_files
 
 logger = logging.getLogger(__name__)
 
@@ -79,12 +80,10 @@ class Task:
     @property
     def name(self) -> str:
         """A name for its file that says what it was made from."""
-        study = study_of(self.study, self.experiment)
-        files = hashes(study.files())
+        pressed = dump_study(with_files(study_of(self.study, self.experiment), content_of))
         wanted = [self.experiment.depth_mm, self.experiment.place_mm]
         changes = [sorted(change.items()) for change in self.changes]
-        text = dump_study(study) + repr([array.tolist() for array in wanted]) + repr(changes)
-        text += repr(files) if files else ""
+        text = pressed + repr([array.tolist() for array in wanted]) + repr(changes)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

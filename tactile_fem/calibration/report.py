@@ -13,6 +13,7 @@ from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.parameters import unit_of, value_at
 from tactile_fem.runtime.files import write_figure, write_records, write_text
 from tactile_fem.study.file import dump_study
+from tactile_fem.study.kept import keep_files
 
 Row = dict[str, str | float]
 
@@ -30,6 +31,7 @@ def write_report(fit: Fit, folder: Path) -> None:
     (what each measurement changes) and ``fit.png``.
     """
     write_text(folder / "study.toml", dump_study(fit.study))
+    keep_files(fit.study, folder, afresh=True)
     write_records(folder / "parameters.csv", parameters_table(fit))
     write_records(folder / "constants.csv", constants_table(fit))
     names = [p.name for p in fit.parameters]

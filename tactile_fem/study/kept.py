@@ -112,6 +112,12 @@ def sha256(file: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
+def content_of(named: str) -> str:
+    """Return the hash of a named file's content, or its name where there is none."""
+    file = file_of(named)
+    return named if file is None else sha256(file)
+
+
 def _copy_of(named: str, folder: Path) -> Path | None:
     digits = _digits(named)
     found = (folder / INPUTS).glob(f"*-{digits}*")
