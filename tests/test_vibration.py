@@ -187,6 +187,12 @@ def test_the_command_writes_table_and_figure(scanned, capsys):
     assert "spectrum.csv" in capsys.readouterr().out
 
 
+def test_one_frequency_about_a_state_chosen_by_its_time(scanned, capsys):
+    options = ["--frequencies", "10", "--at-s", "0"]
+    assert main(["vibrate", str(scanned), *options]) == 0
+    assert "spectrum.png" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

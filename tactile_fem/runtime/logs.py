@@ -119,7 +119,8 @@ def live_console() -> Console | None:
 
 def counted[T](items: Sequence[T], what: str, *, every_s: float = 15.0) -> Iterator[T]:
     """Yield items and show how many are done: a bar, or else a log line now and then."""
-    logger.info("%d %s", len(items), what)
+    if len(items) > 1:
+        logger.info("%d %s", len(items), what)
     console, begun = live_console(), time.perf_counter()
     if console is not None and len(items) > 1:
         yield from track(items, what, console=console, transient=True)

@@ -90,6 +90,8 @@ def progress(
     try:
         with bar if has_bar else nullcontext():
             yield show
+            if has_bar:
+                bar.refresh()  # in a notebook the end is not drawn otherwise
     finally:
         _active.remove(bar)
 
