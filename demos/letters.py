@@ -29,7 +29,6 @@ from tactile_fem.output.extrema import central_receptor
 from tactile_fem.output.figures import draw
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import scan
-from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Protocol, Study, Text
 
@@ -50,8 +49,7 @@ def main(folder: Path, *, text: str = "FGH", depth: float = 1.97, distance: floa
     )
     rank = MPI.COMM_WORLD.rank
     set_up(rank)
-    with progress(rank) as show:
-        result = scan(study, folder, observers=[show])
+    result = scan(study, folder)
     if rank == 0:
         print_results(result)
         for path in draw(folder):

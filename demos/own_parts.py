@@ -25,7 +25,6 @@ from tactile_fem.neuron.segment import Segment
 from tactile_fem.output.figures import draw
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import Parts, scan
-from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import Distance, Motion, Path
 from tactile_fem.stimulus.path import hold, lift, press
@@ -197,9 +196,7 @@ def main(folder: FilePath, *, depth: float = 1.2, radius: float = 1.5, speed: fl
     )
     comm = MPI.COMM_WORLD
     set_up(comm.rank)
-    with progress(comm.rank) as show:
-        observers = [show, centre_of_pressure, FarthestNode(comm)]
-        result = scan(study, folder, observers=observers, parts=parts)
+    result = scan(study, folder, observers=[centre_of_pressure, FarthestNode(comm)], parts=parts)
     if comm.rank == 0:
         tell(result)
         for file in draw(folder):

@@ -49,7 +49,6 @@ from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import atomic_write
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import Parts, scan
-from tactile_fem.scan.progress import progress
 from tactile_fem.scan.trace import Trace
 from tactile_fem.stimulus.body import Distance, Embossed
 from tactile_fem.study import (
@@ -205,8 +204,7 @@ def main(
     known = experiments(preset, depth, step)
     for name in stimuli or known:
         one = known[name]
-        with progress(rank) as show:
-            trace = scan(one.study, observers=[show], parts=one.parts).trace
+        trace = scan(one.study, parts=one.parts).trace
         if rank == 0:
             keep(folder / f"{name}.npz", trace)
             print(

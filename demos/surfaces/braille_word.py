@@ -22,7 +22,6 @@ from tactile_fem.cli.entry import run
 from tactile_fem.output.figures import draw
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import scan
-from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Braille, Finger, Protocol, Receptors, Study
 
@@ -61,8 +60,7 @@ def main(
         ),
         receptors=Receptors(half_width_mm=4.0, spacing_mm=0.2),
     )
-    with progress(comm.rank) as show:
-        result = scan(study, folder, observers=[show])
+    result = scan(study, folder)
     if comm.rank == 0:
         tell(word, result)
         for figure in draw(folder):

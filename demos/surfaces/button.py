@@ -23,7 +23,6 @@ from tactile_fem.cli.entry import run
 from tactile_fem.output.figures import draw
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import scan
-from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
 from tactile_fem.study import Finger, Mesh, Protocol, Receptors, Study
 
@@ -98,8 +97,7 @@ def main(folder: Path, *, depth: float = 1.0, distance: float = 9.0) -> None:
         write_button(file)
     comm.barrier()
     set_up(comm.rank)
-    with progress(comm.rank) as show:
-        result = scan(study_of(file, depth, distance), folder / "scan", observers=[show])
+    result = scan(study_of(file, depth, distance), folder / "scan")
     if comm.rank == 0:
         tell(result)
         for figure in draw(folder / "scan"):

@@ -29,7 +29,6 @@ from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.scan import scan
-from tactile_fem.scan.progress import progress
 from tactile_fem.scan.results import Results
 from tactile_fem.series import numbers_of
 from tactile_fem.stimulus.relief import make_relief
@@ -123,8 +122,7 @@ def main(
             ),
             protocol=Protocol(force_N=force, hold="force", distance_mm=distance),
         )
-        with progress(comm.rank) as show:
-            scans[name] = scan(study, folder / name, observers=[show])
+        scans[name] = scan(study, folder / name)
     if comm.rank:
         return
     rows = [row(name, Results.open(folder / name)) for name in scans]

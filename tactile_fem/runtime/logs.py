@@ -108,10 +108,10 @@ def shown() -> Iterator[None]:
 
 
 def live_console() -> Console | None:
-    """Return the console of the log if it can draw a bar: on a terminal or in a notebook."""
+    """Return the log's console if it may draw a bar: on a terminal or in a notebook."""
     for handler in logging.getLogger(PACKAGE).handlers:
         console = _consoles.get(handler)
-        if console is not None:
+        if console is not None and handler.level <= logging.INFO:
             in_notebook = console.is_jupyter and find_spec("ipywidgets") is not None
             return console if console.is_terminal or in_notebook else None
     return None
