@@ -25,7 +25,7 @@ from tactile_fem.series import (
     write_summary,
 )
 from tactile_fem.series.run import folder_of
-from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Text
+from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Surface, Text
 
 RESULTS_PAGE = Path(__file__).resolve().parents[1] / "demos" / "pages" / "results.md"
 
@@ -156,6 +156,20 @@ def test_a_failed_scan_loses_no_other(small_study, tmp_path):
     assert (folder_of(members[0], tmp_path) / "trace.npz").stat().st_mtime_ns == before
     shapes = {Results.open(folder_of(m, tmp_path)).trace["sed_kPa"].shape[1] for m in members}
     assert shapes == {1}
+
+
+def test_a_series_with_a_file_that_changed_is_another_one(tmp_path):
+    heights = tmp_path / "map.csv"
+    np.savetxt(heights, np.zeros((9, 9)), delimiter=",")
+    surface = Surface(file=heights, spacing_mm=1.0, unit_mm=0.001)
+    members = single_fibre(Study(stimulus=surface), spacing_mm=5.0)
+    for member in members:
+        make_results(folder_of(member, tmp_path / "series"), member.study)
+    for _ in range(2):
+        assert {outcome.wall_s for outcome in run_series(members, tmp_path / "series")} == {0.0}
+    np.savetxt(heights, np.ones((9, 9)), delimiter=",")
+    with pytest.raises(StudyError, match="a file that it names has changed"):
+        run_series(members, tmp_path / "series")
 
 
 def test_command_line_tells_what_is_wrong(capsys, tmp_path):

@@ -25,6 +25,7 @@ from tactile_fem.scan.checks import check_files, check_study
 from tactile_fem.scan.results import Results
 from tactile_fem.series.members import Member
 from tactile_fem.study.file import dump_study, load_study
+from tactile_fem.study.kept import keep_files
 
 logger = logging.getLogger(__name__)
 
@@ -245,15 +246,19 @@ def _study_file(member: Member, folder: Path) -> Path:
 
 
 def _save_study(member: Member, folder: Path) -> None:
-    """Write a member's study file, or check that the existing one is the same."""
+    """Write a member's study file and keep what it names, or check that it is the same."""
     path = _study_file(member, folder)
     try:
         if path.is_file():
             if load_study(path) != member.study:
-                raise StudyError(f"{path} belongs to another series: choose another folder.")
+                raise StudyError(
+                    f"{path} belongs to another series, or a file that it names has changed: "
+                    "choose another folder."
+                )
             return
         folder.mkdir(parents=True, exist_ok=True)
         write_text(path, dump_study(member.study))
+        keep_files(member.study, folder, afresh=False)
     except OSError as error:
         raise StudyError(f"The folder {folder} cannot be used: {error.strerror}.") from None
 
