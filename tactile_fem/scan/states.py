@@ -40,7 +40,7 @@ def choose_state(
         there &= np.abs(slid - at_mm) < _SAME_MM
         wanted.append(f"{at_mm:g} mm")
     if at_s is not None:
-        there &= np.abs(times - at_s) < _SAME_S
+        there &= np.isclose(times, at_s, rtol=1e-5, atol=_SAME_S)  # as messages round it
         wanted.append(f"{at_s:g} s")
     elif (there & (times > -_SAME_S)).any():
         there &= times > -_SAME_S
