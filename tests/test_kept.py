@@ -101,7 +101,6 @@ def test_moved_results_are_drawn_and_have_their_body(kind, away, monkeypatch, ca
     study = studies(away)[kind]
     before = make_body(study.stimulus).distance(POINTS).gap
     there = moved(make_results(away.parent / "r", study), away, monkeypatch)
-    make_body.cache_clear()
     np.testing.assert_array_equal(make_body(there.study.stimulus).distance(POINTS).gap, before)
     assert main(["plot", "here"]) == main(["report", "here"]) == 0
     assert "sed.png" in capsys.readouterr().out
@@ -125,7 +124,6 @@ def test_a_file_that_changed_is_not_the_scans(away):
     before = make_body(study.stimulus).distance(POINTS).gap
     heights(away, 0.2)
     (again := Results.open(results.folder)).save_run({"status": "stopped"})
-    make_body.cache_clear()
     np.testing.assert_array_equal(make_body(again.study.stimulus).distance(POINTS).gap, before)
     assert not again.is_of(study)
     with pytest.raises(StudyError, match=r"has changed since the scan in .* began: bring it"):

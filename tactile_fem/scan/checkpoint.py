@@ -8,7 +8,6 @@ from typing import Any
 
 from tactile_fem import __version__
 from tactile_fem.errors import StudyError
-from tactile_fem.scan.checks import FILE_CHANGED
 from tactile_fem.scan.results import Results
 from tactile_fem.scan.setup import Setup
 from tactile_fem.scan.trace import Array
@@ -90,7 +89,10 @@ class Origin:
             )
         for key, then in json.loads(str(saved["files"])).items():
             if self.files.get(key) != then and not key.startswith("finger."):  # see the mesh's hash
-                raise StudyError(FILE_CHANGED.format(key=key, file=file))
+                raise StudyError(
+                    f"{key} names a file that has changed since {file} was written: bring it back, "
+                    "or run the study again in another folder."
+                )
         self._check_own_parts(json.loads(str(saved["own_parts"])), file)
         return saved
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 
 import numpy as np
@@ -18,8 +17,7 @@ from tactile_fem.finger.section import section_sizes
 from tactile_fem.finger.skin import PRESETS, sizes_of
 from tactile_fem.neuron import populations_of
 from tactile_fem.receptors import lay_out
-from tactile_fem.runtime.files import cached_by_content, hashes
-from tactile_fem.scan.results import Results
+from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
 from tactile_fem.stimulus.make import outlines
 from tactile_fem.stimulus.relief import make_relief
@@ -35,21 +33,6 @@ _TOUCH_TOLERANCE_MM = 1e-3
 # A quadratic edge can take the shape of half a wave, within 6 % of its height.
 _EDGES_PER_WAVE = 2
 _WELL_FOLLOWED = 0.9
-FILE_CHANGED = (
-    "{key} names a file that has changed since {file} was written: bring it back, or run the study "
-    "again in another folder."
-)
-
-
-def check_files(results: Results) -> None:
-    """Raise StudyError if a file of a finished scan has changed; one that is gone is not needed."""
-    found = hashes(results.study.files())
-    if not found or not results.checkpoint_file.exists():
-        return
-    then = json.loads(str(results.load_checkpoint().get("files", "{}")))
-    for key, now in found.items():
-        if now and then.get(key, now) != now:
-            raise StudyError(FILE_CHANGED.format(key=key, file=results.checkpoint_file))
 
 
 def check_solid(finger: Finger, purpose: str) -> None:

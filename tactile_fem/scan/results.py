@@ -180,15 +180,18 @@ class Results:
         try:
             if results.complete or not results.is_of(study, though_changed=True):
                 return False
-            is_same = results.is_of(study)
         except StudyError:
             return False
-        if not is_same:
-            raise StudyError(
-                f"A file that the study names has changed since the scan in {folder} began: bring "
-                "it back, or choose another folder."
-            )
+        results.check_files(study)
         return True
+
+    def check_files(self, study: Study) -> None:
+        """Raise StudyError if a file that its study names has changed since the scan began."""
+        if not self.is_of(study):
+            raise StudyError(
+                f"A file that the study names has changed since the scan in {self.folder} began: "
+                "bring it back, or choose another folder."
+            )
 
     def is_of(self, study: Study, *, though_changed: bool = False) -> bool:
         """Return whether this is the scan of a study.

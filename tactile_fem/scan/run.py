@@ -28,7 +28,6 @@ from tactile_fem.runtime.logs import log_to, shown
 from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
 from tactile_fem.runtime.signals import StopRequest, signal_handler
 from tactile_fem.scan.checkpoint import Origin
-from tactile_fem.scan.checks import check_files
 from tactile_fem.scan.estimate import announce
 from tactile_fem.scan.parts import Parts
 from tactile_fem.scan.progress import progress
@@ -192,12 +191,12 @@ def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None)
     results = Results(folder)
     if not on_root(comm, lambda: (results.folder / "study.toml").exists()):
         scan(study, folder, comm=comm)
-    elif not on_root(comm, lambda: results.is_of(study)):
+    elif not on_root(comm, lambda: results.is_of(study, though_changed=True)):
         raise StudyError(f"{folder} holds the scan of another study: choose another folder.")
-    elif on_root(comm, lambda: results.complete):
-        on_root(comm, lambda: check_files(results))
     else:
-        resume(folder, comm=comm)
+        on_root(comm, lambda: results.check_files(study))
+        if not on_root(comm, lambda: results.complete):
+            resume(folder, comm=comm)
     return Results(folder)
 
 

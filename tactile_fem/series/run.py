@@ -21,7 +21,7 @@ from tactile_fem.output.extrema import central_receptor
 from tactile_fem.runtime.files import write_records, write_text
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.signals import signal_handler
-from tactile_fem.scan.checks import check_files, check_study
+from tactile_fem.scan.checks import check_study
 from tactile_fem.scan.results import Results
 from tactile_fem.series.members import Member
 from tactile_fem.study.file import dump_study, load_study
@@ -106,9 +106,6 @@ def run_series(
         check_study(member.study)
         _save_study(member, folder)
     left = [member for member in mine if not is_complete(member, folder)]
-    for member in mine:
-        if member not in left:
-            check_files(Results(folder_of(member, folder)))
     outcomes = {member.name: Outcome(member, "", 0.0) for member in mine}
     logger.info("%d scans, %d of them complete", len(mine), len(mine) - len(left))
     begun, done = time.perf_counter(), 0
