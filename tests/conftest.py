@@ -6,6 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hidden import (  # noqa: F401
+    pytest_collection,
+    pytest_collection_modifyitems,
+    pytest_fixture_setup,
+    pytest_runtest_protocol,
+    pytest_runtest_setup,
+)
 
 from tactile_fem.finger.load import shipped_file
 from tactile_fem.runtime import ranks

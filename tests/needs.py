@@ -19,6 +19,6 @@ def gmsh_problem() -> str | None:
     return None
 
 
-NO_GMSH, NO_PICTURES = gmsh_problem(), pictures.can_draw()
-needs_gmsh = pytest.mark.skipif(NO_GMSH is not None, reason=str(NO_GMSH))
-needs_graphics = pytest.mark.skipif(NO_PICTURES is not None, reason=str(NO_PICTURES))
+# By mark: why the library cannot be used here, None if it can. `hidden` skips what cannot run.
+MISSING = {"needs_gmsh": gmsh_problem(), "needs_graphics": pictures.can_draw()}
+needs_gmsh, needs_graphics = pytest.mark.needs_gmsh, pytest.mark.needs_graphics

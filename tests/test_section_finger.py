@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from needs import needs_gmsh
 from synthetic import make_results
 
 from tactile_fem.errors import MeshError, StudyError
@@ -24,18 +25,16 @@ SMOOTH = Finger(kind="section")
 
 @pytest.fixture(scope="module")
 def sagittal():
-    pytest.importorskip("gmsh", exc_type=ImportError)
     return load_finger(SMOOTH)
 
 
 @pytest.fixture(scope="module")
 def ridged():
-    pytest.importorskip("gmsh", exc_type=ImportError)
     return load_finger(RIDGED)
 
 
+@needs_gmsh
 def test_a_section_across_has_the_areas_of_its_ellipses():
-    pytest.importorskip("gmsh", exc_type=ImportError)
     mesh = load_finger(Finger(kind="section", plane="transverse", pad_size_mm=0.1, far_size_mm=0.2))
     area = volumes(mesh.plane.within(mesh.nodes), mesh.cells)
     assert area.min() > 0 and mesh.plane == Plane((0, 2), 0.0)
@@ -47,8 +46,8 @@ def test_a_section_across_has_the_areas_of_its_ellipses():
     assert area[mesh.tissue == TISSUES["bone"]].sum() == pytest.approx(bone, rel=0.03)
 
 
+@needs_gmsh
 def test_a_section_across_from_a_file_is_checked_in_its_own_plane(tmp_path):
-    pytest.importorskip("gmsh", exc_type=ImportError)
     own = Finger(kind="section", plane="transverse", pad_size_mm=0.6, far_size_mm=3.0)
     write_msh(tmp_path / "across.msh", load_finger(own))
     protocol = Protocol(path=({"kind": "press", "force_N": 0.02},))
@@ -59,6 +58,7 @@ def test_a_section_across_from_a_file_is_checked_in_its_own_plane(tmp_path):
     check_study(study.model_copy(update={"protocol": protocol}))
 
 
+@needs_gmsh
 def test_a_section_is_written_and_read(sagittal, tmp_path):
     write_msh(tmp_path / "section.msh", sagittal)
     assert read_msh(tmp_path / "section.msh").hash == sagittal.hash
@@ -68,6 +68,7 @@ def test_a_section_is_written_and_read(sagittal, tmp_path):
         load_finger(Finger(mesh_file=tmp_path / "section.msh"))
 
 
+@needs_gmsh
 def test_ridges_have_their_pitch_and_height(ridged):
     skin = ridged.nodes[np.unique(ridged.facets[ridged.surface == SURFACES["skin"]])]
     near = skin[np.abs(skin[:, 1]) < 1.2 * RIDGED.ridge_pitch_mm]
@@ -77,6 +78,7 @@ def test_ridges_have_their_pitch_and_height(ridged):
     np.testing.assert_allclose(groove, 0.1, atol=0.01)
 
 
+@needs_gmsh
 def test_how_well_the_mesh_resolves_ridges_is_told(ridged, sagittal):
     assert edges_per_ridge(sagittal, SMOOTH) is None
     assert edges_per_ridge(ridged, RIDGED) == pytest.approx(8.0, rel=0.1)
@@ -112,6 +114,7 @@ def test_a_papilla_is_as_wide_as_it_should_at_half_its_height():
     np.testing.assert_allclose(ridges.interface(s), [0.1, -0.1, 0.0, 0.0], atol=1e-12)
 
 
+@needs_gmsh
 @pytest.mark.parametrize(("placement", "per_pitch"), [("papillae", 2), ("intermediate_ridges", 1)])
 def test_receptors_lie_at_the_tips(ridged, placement, per_pitch):
     places = place(Receptors(placement=placement, half_length_mm=3.0), ridged)
@@ -123,6 +126,7 @@ def test_receptors_lie_at_the_tips(ridged, placement, per_pitch):
     assert np.all(below < -0.05) if per_pitch == 2 else np.all(below > 0.05)
 
 
+@needs_gmsh
 def test_tips_need_papillae(sagittal):
     with pytest.raises(StudyError, match="papilla_depth_mm"):
         place(Receptors(placement="papillae"), sagittal)
@@ -162,9 +166,9 @@ def test_what_does_not_fit_a_section_is_told_at_once(study, says):
         check_study(study)
 
 
+@needs_gmsh
 @pytest.mark.ranks
 def test_a_section_is_scanned(tmp_path):
-    pytest.importorskip("gmsh", exc_type=ImportError)
     from mpi4py import MPI
 
     from tactile_fem.scan import scan

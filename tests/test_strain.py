@@ -1,8 +1,8 @@
 """Strain of the layers against a block whose deformation is known."""
 
 import numpy as np
-import pytest
 from blocks import block_mesh
+from needs import needs_gmsh
 
 from tactile_fem.finger import load_finger
 from tactile_fem.finger.strain import deformation_gradients, principal_strains, under_contact
@@ -24,8 +24,8 @@ def test_a_quadratic_displacement_is_exact_at_the_centres():
     assert 0 < near.sum() < len(near) and np.abs(centre[near, :2]).max() < 0.5
 
 
+@needs_gmsh
 def test_in_a_section_it_is_that_of_the_plane():
-    pytest.importorskip("gmsh", exc_type=ImportError)
     finger = load_finger(Finger(kind="section", pad_size_mm=0.6, far_size_mm=3.0))
     _, z = finger.plane.within(finger.nodes).T
     moved = np.column_stack([0.2 * z, -0.1 * z])  # shear, and a tenth less high

@@ -210,6 +210,7 @@ def test_bad_input_gets_one_sentence(scanned, options, sentence, capsys):
     assert sentence in " ".join(told.split()) and "Traceback" not in told
 
 
+@needs_graphics
 def test_a_view_of_no_vibration_says_what_to_run(scanned, tmp_path, capsys):
     assert main(["view", str(scanned), "--vibration", "50", "--at-mm", "1"]) == 2
     study = Results.create(tmp_path / "other")

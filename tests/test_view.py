@@ -2,7 +2,7 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from needs import NO_PICTURES, needs_graphics
+from needs import needs_graphics
 from PIL import Image
 from synthetic import make_fields, make_results, make_trace
 
@@ -22,13 +22,12 @@ def scan(folder, states=(0.0, 2.5, 5.0)):
 
 @pytest.fixture(scope="module")
 def film(tmp_path_factory):
-    if NO_PICTURES is not None:
-        pytest.skip(NO_PICTURES)
     from tactile_fem.output.film import Film
 
     return Film(scan(tmp_path_factory.mktemp("film") / "r"))
 
 
+@needs_graphics
 def test_between_written_states_fields_are_linear_in_time(film):
     assert len(film) == 9
     assert film.displacement_mm == pytest.approx(np.arange(9) * 0.625)
@@ -38,6 +37,7 @@ def test_between_written_states_fields_are_linear_in_time(film):
     assert film.nearest(3.0) == 5
 
 
+@needs_graphics
 def test_receptors_go_along_with_the_interface(film):
     places = make_trace()["receptors_mm"]
     # The block at the interface, 0.5 mm high, is lifted by 1.25 mm.
@@ -46,12 +46,14 @@ def test_receptors_go_along_with_the_interface(film):
     )
 
 
+@needs_graphics
 def test_receptors_light_up_in_the_frame_after_their_spike(film):
     # They all fire at 1, 3 and 5 mm; frames are 0.625 mm apart.
     assert [k for k in range(9) if film[k].fired.any()] == [2, 5, 8]
     assert film[2].fired.all()
 
 
+@needs_graphics
 def test_the_interface_has_the_energy_of_the_receptors_side(film):
     interface = film[0].interface
     assert interface.area == pytest.approx(64.0, rel=1e-6)
@@ -101,6 +103,7 @@ def test_what_cannot_be_shown_is_told(tmp_path):
         Film(results)
 
 
+@needs_graphics
 def test_the_slider_moves_the_finger(film):
     from tactile_fem.output import view
 
