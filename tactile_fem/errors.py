@@ -70,16 +70,23 @@ class ConvergenceError(TactileError):
 
 
 class StoppedError(TactileError):
-    """A signal ended the scan; the exit code is 128 plus its number, as in a shell."""
+    """A signal ended the work; the exit code is 128 plus its number, as in a shell.
 
-    def __init__(self, number: int) -> None:
-        self.number = number
+    Parameters
+    ----------
+    number
+        The signal.
+    kept
+        What was saved, in words; empty if that is not known.
+    """
+
+    def __init__(self, number: int, kept: str = "") -> None:
+        self.number, self.kept = number, kept
         self.exit_code = 128 + number
         super().__init__(
-            f"stopped by {signal.Signals(number).name}: everything up to the last step is saved; "
-            "start it again to continue"
+            f"stopped by {signal.Signals(number).name}" + (f": {kept}" if kept else "")
         )
 
-    def __reduce__(self) -> tuple[type[StoppedError], tuple[int]]:
+    def __reduce__(self) -> tuple[type[StoppedError], tuple[int, str]]:
         """Allow pickling, to send the error to other ranks."""
-        return type(self), (self.number,)
+        return type(self), (self.number, self.kept)

@@ -17,7 +17,9 @@ from tactile_fem.runtime import backend, ranks  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 
+from tactile_fem import neuron
 from tactile_fem.errors import StoppedError
+from tactile_fem.runtime.signals import raise_stopped, signal_handler
 from tactile_fem.scan import resume, scan
 from tactile_fem.scan.fields import read_series
 from tactile_fem.scan.results import Results
@@ -196,6 +198,77 @@ def test_a_signal_is_heeded_within_a_step(study, tmp_path):
         signal.signal(signal.SIGALRM, before)
     assert caught.value.exit_code == 130
     assert signal.getsignal(signal.SIGINT) is interrupted
+    end = "stopped by SIGINT: everything up to the last step is saved; start it again to continue"
+    assert str(caught.value) == end
+
+
+# --- several signals ---------------------------------------------------------------------------
+
+
+def interrupt() -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.fixture
+def quick(study) -> Study:
+    """A scan of two steps."""
+    protocol = Protocol(depth_mm=0.1, distance_mm=0.05, output_mm=0.05)
+    return study.model_copy(update={"protocol": protocol, "output": Output(pictures=False)})
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_a_second_signal_does_not_cut_off_the_saving(quick, tmp_path, monkeypatch, last):
+    """Also where another handler waits around the scan, as the command line's does."""
+
+    def fire_all(*arguments):
+        interrupt()
+        return neuron.fire_all(*arguments)
+
+    def observe(seen):
+        if not last:
+            interrupt()
+
+    monkeypatch.setattr("tactile_fem.scan.run.fire_all", fire_all)
+    said = "the scan is complete" if last else "everything up to the last step is saved; start it"
+    with pytest.raises(StoppedError, match=f"stopped by SIGINT: {said}"):
+        with signal_handler(raise_stopped):
+            scan(quick, tmp_path / "r", observers=[observe])
+    results = Results(tmp_path / "r")
+    assert results.run["status"] == ("complete" if last else "stopped")
+    assert (results.folder / "spikes.csv").is_file()
+    assert len(results.trace["time_s"]) >= 2
+
+
+def test_signals_after_the_stop_do_not_cut_off_what_unwinds():
+    unwound = []
+    with pytest.raises(StoppedError), signal_handler(raise_stopped):
+        try:
+            with signal_handler(lambda number: None):
+                raise StoppedError(signal.SIGINT)
+        finally:
+            interrupt()
+            unwound.append("all")
+    assert unwound == ["all"]
+
+
+def test_a_handler_raises_once():
+    with pytest.raises(StoppedError, match=r"^stopped by SIGTERM$"), signal_handler(raise_stopped):
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+        finally:
+            interrupt()
+
+
+def test_what_was_not_saved_is_not_said_to_be(quick, tmp_path, monkeypatch):
+    with pytest.raises(StoppedError, match="nothing is saved, because there is no results folder"):
+        scan(quick, observers=[lambda seen: interrupt()])
+
+    def fail(*arguments):
+        raise OSError(28, "No space left on device", "spikes.csv")
+
+    monkeypatch.setattr(Results, "save_spikes", fail)
+    with pytest.raises(StoppedError, match=r"could not be saved \(.*No space left on device"):
+        scan(quick, tmp_path / "r", observers=[lambda seen: interrupt()])
 
 
 # --- power cuts between the writes -------------------------------------------------------------

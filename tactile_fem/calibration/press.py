@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.calibration.measurements import Experiment
-from tactile_fem.errors import TactileError
+from tactile_fem.errors import StoppedError, TactileError
 from tactile_fem.finger.surface import SkinSurface
+from tactile_fem.mechanics.faults import stopping
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.sensitivity import Change, Sensitivities
 from tactile_fem.runtime.parallel import on_root
@@ -99,8 +100,11 @@ def press(
 
         problem.before_accept.append(record)
         try:
-            for _ in instruments.stepper:
-                pass
+            with stopping(problem.snes, comm) as stop:
+                for _ in instruments.stepper:
+                    stop.check()
+        except StoppedError:
+            raise
         except TactileError as error:  # also: no sensitivities where the skin is about to snap
             logger.warning("%s: %s", experiment.name, error)
     return found

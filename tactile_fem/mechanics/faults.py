@@ -1,4 +1,4 @@
-"""Turns errors of compiler, cache and PETSc into one sentence."""
+"""Turns errors of compiler, cache and PETSc into one sentence, and signals into StoppedError."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from cffi import VerificationError
 from dolfinx import jit
 
 from tactile_fem.errors import TactileError
+from tactile_fem.runtime.signals import StopRequest, signal_handler
 
 
 @contextmanager
@@ -41,6 +43,22 @@ def _free_incomplete(error: Exception) -> None:
     hook, sys.unraisablehook = sys.unraisablehook, lambda unraisable: None
     traceback.clear_frames(error.__traceback__)
     sys.unraisablehook = hook
+
+
+@contextmanager
+def stopping(snes: PETSc.SNES, comm: MPI.Comm) -> Iterator[StopRequest]:
+    """Stop at signals between Newton iterations and where it is checked; explain PETSc's errors."""
+    stop = StopRequest(comm)
+    snes.setMonitor(stop.check)
+    try:
+        with signal_handler(stop.request):
+            yield stop
+    except PETSc.Error as error:
+        if error.__cause__:  # a monitor's or an assembly's own
+            raise error.__cause__ from None
+        raise TactileError(f"PETSc failed ({last_line(error)})") from error
+    finally:
+        snes.cancelMonitor()
 
 
 def last_line(error: PETSc.Error) -> str:

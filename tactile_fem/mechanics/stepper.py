@@ -427,7 +427,7 @@ def stopped(
     """Return the error of a path that goes no further, at the last accepted place."""
     return ConvergenceError(
         f"the {phase} stopped at a depth of {stimulator_mm[2]:.4f} mm, {slid_mm:.4f} mm across "
-        f"({reason}); everything up to there is saved; try {advice}",
+        f"({reason}); try {advice}",
         stimulator_mm,
         reason,
     )

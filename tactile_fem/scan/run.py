@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StoppedError, StudyError, TactileError
-from tactile_fem.mechanics.faults import last_line
+from tactile_fem.mechanics.faults import stopping
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.stepper import Step, stopped
@@ -42,6 +41,7 @@ logger = logging.getLogger(__name__)
 # Mean distance of pressed skin from the body, as a share of the depth, that is worth a warning.
 _GAP_ERROR = 0.01
 _NO_PARTS = Parts()
+_NOTHING_KEPT = "nothing is saved, because there is no results folder"
 
 
 @dataclass(frozen=True)
@@ -238,30 +238,36 @@ def _run_steps(
     observers: Iterable[Observer],
     populations: Sequence[Population],
 ) -> Response:
-    """Step to the end of the path; save what was computed if that fails."""
+    """Step to the end of the path; save what was computed if that fails or is stopped."""
     problem = instruments.problem
     comm = problem.domain.comm
-    try:
-        with (
-            abort_if_one_fails(comm),
-            _stopping(problem, comm) as stop,
-            progress(comm.rank) as show,
-        ):
-            observers = (show, *observers)
-            for step in instruments.stepper:
-                seen = Observation(step, instruments.probe.read(), problem.state)
-                _check_sound(step, seen.receptors, trace.receptors_mm)
-                trace.add(step, seen.receptors, _observed(observers, seen))
-                if recorder:
-                    recorder.step(step, trace)
-                stop.check()
-    except Exception as error:
-        if recorder:
-            with suppress(OSError, TactileError):  # writing may be what failed
-                _conclude(recorder, trace, populations, _status(error))
-        raise
-    _log_contact(trace)
-    return _conclude(recorder, trace, populations, "complete")
+    # A signal while the end is saved is heeded afterwards.
+    end = StopRequest(comm, "the scan is complete" if recorder else _NOTHING_KEPT)
+    with signal_handler(end.request):
+        try:
+            with (
+                abort_if_one_fails(comm),
+                stopping(problem.snes, comm) as stop,
+                progress(comm.rank) as show,
+            ):
+                observers = (show, *observers)
+                for step in instruments.stepper:
+                    seen = Observation(step, instruments.probe.read(), problem.state)
+                    _check_sound(step, seen.receptors, trace.receptors_mm)
+                    trace.add(step, seen.receptors, _observed(observers, seen))
+                    if recorder:
+                        recorder.step(step, trace)
+                    stop.check()
+        except Exception as error:
+            kept = _keep(recorder, trace, populations, error)
+            if isinstance(error, StoppedError):
+                raise StoppedError(error.number, kept) from None
+            logger.info("%s", kept)
+            raise
+        _log_contact(trace)
+        response = _conclude(recorder, trace, populations, "complete")
+        end.check()
+    return response
 
 
 def _observed(observers: Iterable[Observer], seen: Observation) -> dict[str, ArrayLike]:
@@ -289,8 +295,19 @@ def _conclude(
     return response
 
 
-def _status(error: Exception) -> str:
-    return "stopped" if isinstance(error, StoppedError) else f"failed: {error}"
+def _keep(
+    recorder: Recorder | None, trace: Trace, populations: Sequence[Population], error: Exception
+) -> str:
+    """Save a scan that an error or a signal ends; return in words what is kept."""
+    if not recorder:
+        return _NOTHING_KEPT
+    stopped_ = isinstance(error, StoppedError)
+    try:
+        _conclude(recorder, trace, populations, "stopped" if stopped_ else f"failed: {error}")
+    except (OSError, TactileError) as failure:  # writing may be what failed
+        return f"how the scan ended could not be saved ({failure})"
+    saved = "everything up to the last step is saved"
+    return f"{saved}; start it again to continue" if stopped_ else saved
 
 
 def _check_sound(step: Step, felt: ReceptorState, positions: Array) -> None:
@@ -308,24 +325,6 @@ def _check_sound(step: Step, felt: ReceptorState, positions: Array) -> None:
             f"there the tissue at the receptor at X {x:.1f}, Y {y:.1f} mm is turned inside out",
             "less depth, stiffer tissue or a finer mesh",
         )
-
-
-@contextmanager
-def _stopping(problem: FingerProblem, comm: MPI.Comm) -> Iterator[StopRequest]:
-    """Stop at signals between steps and Newton iterations; explain PETSc's errors."""
-    stop = StopRequest(comm)
-    problem.snes.setMonitor(stop.check)
-    try:
-        with signal_handler(stop.request):
-            yield stop
-    except PETSc.Error as error:
-        if error.__cause__:  # a monitor's or an assembly's own
-            raise error.__cause__ from None
-        raise TactileError(
-            f"PETSc failed ({last_line(error)}): everything up to the last step is saved."
-        ) from error
-    finally:
-        problem.snes.cancelMonitor()
 
 
 def _has_checkpoint(results: Results) -> bool:

@@ -31,6 +31,7 @@ logger = logging.getLogger(__name__)
 
 _POLL_S = 0.3
 _END_S = 1e-12  # of the indentation, with what rounding leaves
+_KEPT = "scans that ran are saved up to their last steps; start it again to continue"
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def run_series(
                     running.append(_Scan(waiting.pop(0), folder, ranks))
                 time.sleep(_POLL_S)
                 if signals:
-                    raise StoppedError(signals[0])
+                    raise StoppedError(signals[0], _KEPT)
                 for scan in [scan for scan in running if scan.process.poll() is not None]:
                     running.remove(scan)
                     outcomes[scan.member.name] = outcome = scan.outcome()
