@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import os
+import signal
 import tomllib
 from pathlib import Path
 
@@ -13,7 +15,8 @@ from needs import needs_gmsh
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.cli.app import main
-from tactile_fem.errors import StudyError
+from tactile_fem.errors import StoppedError, StudyError
+from tactile_fem.runtime.signals import raise_stopped, signal_handler
 from tactile_fem.study import Cylinder, Dots, Finger, Plate, Study
 
 FORCE = "indenter,speed_mm_s,depth_mm,force_N,sd_N\n"
@@ -323,6 +326,21 @@ def fitted(tmp_path_factory):
 
 def table(path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
+def test_a_signal_is_not_taken_for_a_press_that_diverges(small_finger, tmp_path, monkeypatch):
+    from tactile_fem.calibration import press
+
+    def interrupted(*arguments):
+        os.kill(os.getpid(), signal.SIGINT)
+        return reading(*arguments)
+
+    reading = press._reading
+    monkeypatch.setattr(press, "_reading", interrupted)
+    study = Study(finger=Finger(mesh_file=small_finger))
+    (experiment,) = read_measurements([written(tmp_path, FORCE + "plate,0.2,0.1,0.2,0.1\n")])
+    with pytest.raises(StoppedError), signal_handler(raise_stopped):
+        press.press(study, experiment)
 
 
 @pytest.mark.slow
