@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import traceback
 from collections.abc import Iterator
@@ -68,9 +69,11 @@ def last_line(error: PETSc.Error) -> str:
 
 def _of_compilation(error: Exception) -> str:
     if "CompileError" in str(error) or "LinkError" in str(error):
+        reason = re.sub(r"[Cc]ommand '.*' (?=returned|failed)", "its command ", str(error))
         return (
-            "The C compiler failed, see its message above: check solver.compiler_flags and run "
-            "tactile-fem doctor."
+            f"The C compiler failed ({reason.strip('. ')}); what it said is above. Check "
+            "solver.compiler_flags and the variables CC, CFLAGS and LDFLAGS, and run tactile-fem "
+            "doctor."
         )
     folder = jit.get_options()["cache_dir"]
     return (

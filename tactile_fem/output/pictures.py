@@ -72,7 +72,12 @@ def drawn_apart(module: str, *arguments: str) -> list[Path]:
     command = [sys.executable, "-m", module, *arguments]
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, timeout=_LONGEST_S, env=_environment()
+            command,
+            capture_output=True,
+            encoding="utf-8",
+            errors="surrogateescape",  # as Python takes names of files that are not UTF-8
+            timeout=_LONGEST_S,
+            env=_environment(),
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         logger.warning("3-D pictures are skipped: %s.", error)
@@ -111,7 +116,7 @@ def _environment() -> dict[str, str]:
     mpi = ("PMI_", "PMIX_", "OMPI_", "MPI_", "HYD")
     environment = {name: value for name, value in os.environ.items() if not name.startswith(mpi)}
     environment.pop("DISPLAY", None)
-    return environment
+    return {**environment, "PYTHONIOENCODING": "utf-8:surrogateescape"}
 
 
 def choose_states(

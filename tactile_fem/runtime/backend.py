@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import os
 import shlex
+import sys
+import tempfile
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tactile_fem.errors import TactileError
 from tactile_fem.runtime.doctor import compiler
 
 # The only release that the tests run with; each release changes the interface.
@@ -46,16 +50,51 @@ def load() -> str:
     """
     if find_spec("dolfinx_solver") is not None:
         import dolfinx_solver  # noqa: F401  (loads MPI before the compiled modules)
-    if command := compiler():
-        os.environ.setdefault("CC", shlex.join(command))  # for the forms that DOLFINx compiles
+    _prepare_compilation()
+    arguments = sys.argv
+    # DOLFINx refuses arguments that are not UTF-8.
+    sys.argv = [word.encode(errors="replace").decode() for word in arguments]
     try:
         import dolfinx
     except ImportError as error:
         raise ImportError(f"tactile_fem needs DOLFINx ({error}). {_ROUTES}") from error
+    finally:
+        sys.argv = arguments
     if not dolfinx.has_petsc4py:
         raise ImportError(f"tactile_fem needs a DOLFINx built with petsc4py. {_ROUTES}")
     check(dolfinx.__version__, dolfinx.default_scalar_type)
     return str(dolfinx.__version__)
+
+
+def _prepare_compilation() -> None:
+    """Set what DOLFINx and the compiler of its forms take from the environment, where it is wrong.
+
+    Raises
+    ------
+    TactileError
+        There is no working directory, or no folder for the cache of compiled forms.
+    """
+    try:
+        os.getcwd()  # PETSc asks for it
+    except OSError as error:
+        raise TactileError(
+            f"The working directory cannot be used ({error.strerror}): change to another."
+        ) from None
+    os.environ["TMPDIR"] = tempfile.gettempdir()  # Python has tried to write there
+    if command := compiler():
+        os.environ["CC"] = shlex.join(command)
+    if not os.environ.get("XDG_CACHE_HOME"):  # empty is unset, which DOLFINx does not know
+        os.environ.pop("XDG_CACHE_HOME", None)
+    try:
+        Path.home()
+    except RuntimeError:  # DOLFINx asks for it even if it uses another folder
+        cache = os.environ.get("XDG_CACHE_HOME")
+        if not cache:
+            raise TactileError(
+                "This user has no home folder for the cache of compiled forms: set HOME or "
+                "XDG_CACHE_HOME to a folder that can be written."
+            ) from None
+        os.environ["HOME"] = cache
 
 
 DOLFINX_VERSION = load()

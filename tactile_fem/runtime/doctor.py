@@ -48,7 +48,8 @@ class Finding:
 
     def __str__(self) -> str:
         """Return the sentence, and the command that installs what is missing."""
-        return f"{self.sentence} On Debian or Ubuntu: {install_line([self])}"
+        line = install_line([self])
+        return f"{self.sentence} On Debian or Ubuntu: {line}" if line else self.sentence
 
 
 def has_library(name: str) -> bool:
@@ -65,12 +66,20 @@ def compiler() -> list[str]:
 
     The compiler that Python was built with need not be installed; any other can be used.
     """
-    named = os.environ.get("CC") or (sysconfig.get_config_var("CC") or "cc").split()[0]
-    for command in (named, "gcc", "cc", "clang"):
-        words = shlex.split(command)
-        if words and shutil.which(words[0]):
+    built_with = (sysconfig.get_config_var("CC") or "cc").split()[0]
+    for command in (os.environ.get("CC", ""), built_with, "gcc", "cc", "clang"):
+        if words := _program(command):
             return words
     return []
+
+
+def _program(command: str) -> list[str]:
+    """Return the words of a command; none if it cannot be run."""
+    try:
+        words = shlex.split(command)
+    except ValueError:  # a quotation that does not end
+        return []
+    return words if words and shutil.which(words[0]) else []
 
 
 def compiler_finding() -> Finding | None:
@@ -78,27 +87,49 @@ def compiler_finding() -> Finding | None:
     words, library = compiler(), ("gcc", "libc6-dev")
     if not words:
         return Finding("There is no C compiler, which DOLFINx needs to run.", library, fatal=True)
-    if not _compiles(words, "#include <stdio.h>\n#include <math.h>\n"):
+    if problem := _problem(words, "int nothing;\n"):
+        what = f"The C compiler {shlex.join(words)} does not work ({problem})"
+        if words == _program(os.environ.get("CC", "")):
+            return Finding(f"{what}: unset the variable CC, or name another.", (), fatal=True)
+        return Finding(f"{what}.", library, fatal=True)
+    if _problem(words, "#include <stdio.h>\n#include <math.h>\n"):
         what = f"The C compiler {words[0]} does not compile: headers of the C library are missing."
         return Finding(what, library, fatal=True)
-    if not _compiles(words, "#include <Python.h>\n"):
+    if _problem(words, "#include <Python.h>\n"):
         python = f"{sys.version_info.major}.{sys.version_info.minor}"
         what = f"The headers of Python {python} are missing, which DOLFINx needs to run."
         return Finding(what, (f"python{python}-dev",), fatal=True)
     return None
 
 
-def _compiles(compiler: list[str], code: str) -> bool:
+def _problem(compiler: list[str], code: str) -> str:
+    """Return why code does not compile, in the compiler's words; nothing if it does."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "probe.c"
         source.write_text(code)
         # As in setuptools: an environment may provide headers that its Python lacks.
         folders = [f"-I{sys.prefix}/include", f"-I{sysconfig.get_path('include')}"]
         command = [*compiler, "-c", *folders, str(source), "-o", f"{source}.o"]
+        # A compiler does not look, as Python has, whether it can write into TMPDIR.
+        environment = {**os.environ, "TMPDIR": tempfile.gettempdir()}
         try:
-            return subprocess.run(command, capture_output=True, timeout=60).returncode == 0
-        except (OSError, subprocess.TimeoutExpired):
-            return False
+            done = subprocess.run(
+                command, capture_output=True, env=environment, timeout=60, errors="replace"
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return str(error)
+        if done.returncode == 0 and Path(f"{source}.o").exists():
+            return ""
+        said = done.stderr.strip().splitlines()
+        return said[-1] if said else f"exit code {done.returncode}, and nothing compiled"
+
+
+def variable_finding() -> Finding | None:
+    """Check that the variable CC, if it is set, names a program."""
+    named, words = os.environ.get("CC"), compiler()
+    if not named or not words or _program(named):
+        return None
+    return Finding(f'CC is "{named}", which cannot be run: {words[0]} is used instead.', ())
 
 
 def gmsh_finding() -> Finding | None:
@@ -125,7 +156,7 @@ def picture_finding() -> Finding | None:
 
 def findings() -> list[Finding]:
     """Return all that is missing."""
-    found = (compiler_finding(), gmsh_finding(), picture_finding())
+    found = (compiler_finding(), variable_finding(), gmsh_finding(), picture_finding())
     return [finding for finding in found if finding is not None]
 
 
@@ -140,8 +171,8 @@ def main() -> int:
     missing = findings()
     for finding in missing:
         print(f"{'Error' if finding.fatal else 'Warning'}: {finding.sentence}")
-    if missing:
-        print(f"On Debian or Ubuntu:  {install_line(missing)}")
+    if line := install_line(missing):
+        print(f"On Debian or Ubuntu:  {line}")
     return 1 if any(finding.fatal for finding in missing) else 0
 
 

@@ -36,8 +36,17 @@ def nonzero(value: float) -> float:
     return value
 
 
+def in_utf8(path: Path) -> Path:
+    """Return a path that can be written into a study file."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise ValueError(f"{str(path)!a} is no path in UTF-8: rename the file or folder") from None
+    return path
+
+
 # Absolute, so that it refers to the same file in the study saved in a results folder.
-File = Annotated[Path, AfterValidator(absolute)]
+File = Annotated[Path, AfterValidator(absolute), AfterValidator(in_utf8)]
 
 
 class Section(BaseModel):
