@@ -289,6 +289,28 @@ def test_the_module_ends_with_the_code():
     assert done.stderr == "tactile-fem: There is no study file none.toml.\n"
 
 
+def test_a_name_that_is_not_utf8_is_printed_as_far_as_possible():
+    command = [sys.executable, "-m", "tactile_fem", "init", b"f\xfcr.toml"]
+    environment = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert (done.stdout, done.stderr) == ("Written to f\\udcfcr.toml\n", "")
+    assert done.returncode == 0 and Path("f\udcfcr.toml").is_file()
+
+
+def test_a_file_whose_name_is_not_utf8_is_refused_before_the_scan(capsys):
+    said = sentence_of(capsys, ["scan", "--set", "finger.mesh_file=f\udcfcr.msh"])
+    assert said.startswith("finger.mesh_file") and r"f\udcfcr.msh' is no path in UTF-8" in said
+
+
+def test_an_output_that_nobody_reads_is_no_error():
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "tactile_fem", "init"]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, "")
+
+
 def test_without_dolfinx_a_scan_says_where_to_get_it(tmp_path):
     code = (
         "import sys\n"

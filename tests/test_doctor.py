@@ -1,12 +1,27 @@
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tactile_fem.errors import TactileError
 from tactile_fem.runtime import backend, doctor
 
 ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(autouse=True)
+def environment_restored():
+    """Restore what is changed for the compiler."""
+    before = dict(os.environ)
+    yield
+    os.environ.clear()
+    os.environ.update(before)
 
 
 def test_this_machine_can_compile():
@@ -27,13 +42,77 @@ def test_any_c_compiler_will_do(monkeypatch, names):
 
 
 def test_headers_that_are_missing_name_their_package(monkeypatch):
-    monkeypatch.setattr(doctor, "_compiles", lambda compiler, code: "Python.h" not in code)
+    found = "Python.h"
+    monkeypatch.setattr(doctor, "_problem", lambda compiler, code: "none" if found in code else "")
     finding = doctor.compiler_finding()
     assert finding is not None and finding.fatal
     assert finding.packages[0].startswith("python3.") and finding.packages[0].endswith("-dev")
-    monkeypatch.setattr(doctor, "_compiles", lambda compiler, code: False)
+    found = "stdio.h"
     finding = doctor.compiler_finding()
     assert finding is not None and finding.packages == ("gcc", "libc6-dev")
+
+
+@pytest.mark.parametrize("command", ["false", "true", "sh -c 'echo no licence >&2; exit 3'"])
+def test_a_compiler_that_does_not_work_is_told_from_missing_headers(monkeypatch, command):
+    monkeypatch.setenv("CC", command)
+    finding = doctor.compiler_finding()
+    assert finding is not None and finding.fatal
+    said = f"The C compiler {command} does not work ("
+    assert str(finding).startswith(said) and "unset the variable CC" in str(finding)
+    assert "headers" not in str(finding) and "apt-get" not in str(finding)
+    assert ("no licence" in str(finding)) == ("licence" in command)
+
+
+@pytest.mark.parametrize("command", ["/nonexistent/gcc -O2", "gcc 'x"])
+def test_a_compiler_that_cannot_be_run_is_told_and_another_compiles(monkeypatch, capsys, command):
+    monkeypatch.setenv("CC", command)
+    assert doctor.compiler() and doctor.compiler_finding() is None
+    assert f'Warning: CC is "{command}", which cannot be run: ' in said_by_doctor(capsys)
+    backend._prepare_compilation()  # or the forms would be compiled by the former
+    assert os.environ["CC"] == shlex.join(doctor.compiler())
+    assert "CC is" not in said_by_doctor(capsys)
+
+
+def said_by_doctor(capsys) -> str:
+    assert doctor.main() == 0
+    return capsys.readouterr().out
+
+
+def test_where_the_compiler_cannot_write_another_folder_is_taken(monkeypatch):
+    monkeypatch.setenv("TMPDIR", "/proc")
+    monkeypatch.setattr(tempfile, "tempdir", None)  # what Python has found before
+    assert doctor.compiler_finding() is None
+    backend._prepare_compilation()
+    assert os.environ["TMPDIR"] == tempfile.gettempdir() != "/proc"
+
+
+def test_a_user_without_home_needs_a_cache(monkeypatch, tmp_path):
+    def home():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setenv("HOME", "/none")
+    monkeypatch.setattr(Path, "home", home)
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    with pytest.raises(TactileError, match=r"no home folder .* set HOME or XDG_CACHE_HOME to"):
+        backend._prepare_compilation()
+    assert "XDG_CACHE_HOME" not in os.environ  # DOLFINx would take the working directory
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    backend._prepare_compilation()
+    assert os.environ["HOME"] == str(tmp_path)
+
+
+def test_a_working_directory_that_was_removed_is_told(monkeypatch, tmp_path):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(TactileError, match=r"working directory cannot be used \(No such file"):
+        backend._prepare_compilation()
+
+
+def test_dolfinx_is_loaded_whatever_the_arguments_are():
+    code = "import sys; from tactile_fem.runtime import backend; print(ascii(sys.argv[1]))"
+    done = subprocess.run([sys.executable, "-c", code, b"f\xfcr"], capture_output=True, text=True)
+    assert done.stdout == "'f\\udcfcr'\n", done.stderr
 
 
 def test_missing_graphics_is_a_warning_and_a_missing_compiler_an_error(monkeypatch, capsys):

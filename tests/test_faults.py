@@ -15,15 +15,17 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from cffi import VerificationError
 
 from tactile_fem.runtime import backend, ranks  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 from dolfinx import jit  # isort: skip
 
-from tactile_fem.errors import ConvergenceError, StudyError
+from tactile_fem.errors import ConvergenceError, StudyError, TactileError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.mechanics.compile import clean_cache, jit_options
+from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.runtime.files import locked
 from tactile_fem.scan import resume, scan
@@ -279,7 +281,15 @@ def test_a_cache_that_cannot_be_written(run_with_cache, tmp_path):
 
 def test_compiler_flags_that_the_compiler_refuses(run_with_cache, tmp_path):
     sentence = run_with_cache(tmp_path / "cache", "--set", 'solver.compiler_flags=["-nonsense"]')
-    assert "The C compiler failed" in sentence and "solver.compiler_flags" in sentence
+    assert "The C compiler failed (CompileError: its command returned non-zero exit" in sentence
+    assert "solver.compiler_flags" in sentence and len(sentence) < 300
+
+
+def test_a_program_of_the_compiler_that_is_missing_is_named():
+    error = VerificationError("LinkError: [Errno 2] No such file or directory: '/none/ld'")
+    with pytest.raises(TactileError, match=r"compiler failed \(LinkError: .* '/none/ld'\); .* CC,"):
+        with compilation_errors():
+            raise error
 
 
 @pytest.mark.parametrize("others", [True, False])

@@ -1,4 +1,5 @@
 import logging
+import os
 import subprocess
 
 import numpy as np
@@ -53,6 +54,16 @@ def test_without_pyvista_pictures_are_skipped(monkeypatch):
     monkeypatch.setattr(pictures, "find_spec", lambda name: None)
     reason = pictures.can_draw()
     assert reason is not None and "tactile-fem[pictures]" in reason
+
+
+def test_files_whose_names_are_not_utf8_are_drawn(tmp_path, monkeypatch):
+    file = tmp_path / "f\udcfcr.png"
+    file.touch()
+    (tmp_path / "painter.py").write_text("import sys\nprint(sys.argv[1])\n")
+    monkeypatch.setattr(pictures, "can_draw", lambda: None)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setenv("PYTHONIOENCODING", "utf-8:strict")
+    assert pictures.drawn_apart("painter", str(file)) == [file]
 
 
 def test_a_crash_while_drawing_does_not_end_the_scan(tmp_path, monkeypatch, caplog):
