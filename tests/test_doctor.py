@@ -1,13 +1,17 @@
 import os
+import re
+import runpy
 import shlex
 import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from packaging.requirements import Requirement
 
 from tactile_fem.errors import TactileError
 from tactile_fem.runtime import backend, doctor
@@ -161,3 +165,44 @@ def test_pip_and_conda_bring_the_tested_dolfinx():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     assert project["project"]["optional-dependencies"]["solver"] == [f"dolfinx-solver-real{bounds}"]
     assert f"- fenics-dolfinx {bounds}\n" in (ROOT / "docker" / "environment.yml").read_text()
+
+
+# Of the extras, conda brings all but the page for the browser, and the image those of its file.
+IN_CONDA = {
+    "dolfinx-solver-real": "fenics-dolfinx",
+    "gmsh": "python-gmsh",
+    "libigl": "igl",
+    "matplotlib": "matplotlib-base",
+    "neo": "python-neo",
+}
+
+
+def required(extras: Iterable[str]) -> list[Requirement]:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    of_extras = [line for e in extras for line in project["optional-dependencies"][e]]
+    return [Requirement(line) for line in (*project["dependencies"], *of_extras)]
+
+
+def test_conda_brings_what_pip_does():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    text = (ROOT / "docker" / "environment.yml").read_text()
+    lines = dict(re.findall(r"^ +- ([\w-]+) ?([<>=][^\s#]*)", text, re.MULTILINE))
+    wanted = required(project["optional-dependencies"].keys() - {"html"})
+    found = {r.name: lines.get(IN_CONDA.get(r.name, r.name)) for r in wanted}
+    assert found == {r.name: ",".join(sorted(str(r.specifier).split(","), reverse=True))
+                     for r in wanted}  # fmt: skip
+
+
+def test_the_image_pins_what_it_installs():
+    (extras,) = re.findall(r"^ARG EXTRAS=(\S+)$", (ROOT / "docker/Dockerfile").read_text(), re.M)
+    pins = dict(re.findall(r"^([\w-]+)==(\S+)$", (ROOT / "docker/pins.txt").read_text(), re.M))
+    for wanted in required(extras.split(",")):
+        assert wanted.name in pins and wanted.specifier.contains(pins[wanted.name]), wanted
+
+
+def test_an_older_python_is_refused_before_pip_looks_for_packages(monkeypatch):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    monkeypatch.setattr(sys, "version_info", (3, 11, 7))
+    with pytest.raises(SystemExit, match=r"^tactile-fem needs Python >= 3\.12: this is 3\.11\.$"):
+        runpy.run_path(str(ROOT / "setup.py"))
+    assert project["requires-python"] == ">=3.12"

@@ -281,7 +281,7 @@ def test_a_cache_that_cannot_be_written(run_with_cache, tmp_path):
 
 def test_compiler_flags_that_the_compiler_refuses(run_with_cache, tmp_path):
     sentence = run_with_cache(tmp_path / "cache", "--set", 'solver.compiler_flags=["-nonsense"]')
-    assert "The C compiler failed (CompileError: its command returned non-zero exit" in sentence
+    assert "The C compiler failed (CompileError: its command " in sentence
     assert "solver.compiler_flags" in sentence and len(sentence) < 300
 
 
