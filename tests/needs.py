@@ -1,4 +1,7 @@
-"""Marks of tests that want libraries which pip does not bring; they are skipped with the reason."""
+"""Marks of tests that need libraries which pip does not bring: they are skipped with the reason.
+
+From tests without these marks the libraries are hidden, see `hidden`.
+"""
 
 from __future__ import annotations
 

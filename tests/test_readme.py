@@ -119,6 +119,7 @@ def test_neurons_run_on_their_own(tmp_path, monkeypatch, capsys):
 
 
 def test_the_recipes_commands_are_studies_that_can_be_scanned():
+    pytest.importorskip("igl")
     studies = {}
     for line in "".join(blocks(RECIPES, "sh")).splitlines():
         program, *arguments = shlex.split(line)
