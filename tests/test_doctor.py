@@ -68,12 +68,15 @@ def test_a_compiler_that_does_not_work_is_told_from_missing_headers(monkeypatch,
 
 
 @pytest.mark.parametrize("command", ["/nonexistent/gcc -O2", "gcc 'x"])
-def test_a_compiler_that_cannot_be_run_is_told_and_another_compiles(monkeypatch, capsys, command):
+def test_a_compiler_that_cannot_be_run_is_told_and_another_compiles(
+    monkeypatch, capsys, caplog, command
+):
     monkeypatch.setenv("CC", command)
     assert doctor.compiler() and doctor.compiler_finding() is None
     assert f'Warning: CC is "{command}", which cannot be run: ' in said_by_doctor(capsys)
     backend._prepare_compilation()  # or the forms would be compiled by the former
     assert os.environ["CC"] == shlex.join(doctor.compiler())
+    assert f'CC is "{command}", which cannot be run' in caplog.text
     assert "CC is" not in said_by_doctor(capsys)
 
 

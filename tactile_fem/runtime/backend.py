@@ -7,6 +7,7 @@ system does not.
 
 from __future__ import annotations
 
+import logging
 import os
 import shlex
 import sys
@@ -18,7 +19,10 @@ from typing import Any
 import numpy as np
 
 from tactile_fem.errors import TactileError
-from tactile_fem.runtime.doctor import compiler
+from tactile_fem.runtime import ranks
+from tactile_fem.runtime.doctor import compiler, variable_finding
+
+logger = logging.getLogger(__name__)
 
 # The only release that the tests run with; each release changes the interface.
 DOLFINX_RELEASE = (0, 11)
@@ -81,6 +85,9 @@ def _prepare_compilation() -> None:
             f"The working directory cannot be used ({error.strerror}): change to another."
         ) from None
     os.environ["TMPDIR"] = tempfile.gettempdir()  # Python has tried to write there
+    finding = variable_finding()
+    if finding and ranks.launched_rank() in (None, 0):
+        logger.warning("%s", finding.sentence)
     if command := compiler():
         os.environ["CC"] = shlex.join(command)
     if not os.environ.get("XDG_CACHE_HOME"):  # empty is unset, which DOLFINx does not know
