@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from tactile_fem.runtime import backend, ranks  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from tactile_fem.cli.app import main
-from tactile_fem.errors import StudyError
+from tactile_fem.errors import StoppedError, StudyError
 from tactile_fem.finger import TISSUES
 from tactile_fem.neuron import populations_of
 from tactile_fem.scan import scan
@@ -164,6 +166,18 @@ def test_a_kept_state_is_that_of_its_place(scanned):
     kept = vibrate(scanned, [SLOW_HZ], at_mm=0.0, comm=MPI.COMM_SELF)
     row = int(np.flatnonzero(trace["displacement_mm"] == 0.0)[-1])
     np.testing.assert_allclose(kept.still_sed_kPa, trace["sed_kPa"][row], rtol=1e-6)
+
+
+def test_a_signal_stops_between_frequencies(scanned):
+    seen = []
+
+    def observe(about, response):
+        seen.append(response)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(StoppedError, match="SIGINT: nothing of the vibration is saved"):
+        vibrate(scanned, [1.0, 2.0], observers=[observe], comm=MPI.COMM_SELF)
+    assert len(seen) == 1
 
 
 def test_the_spectrum_fires_and_can_be_read_again(spectrum, tmp_path):

@@ -22,6 +22,7 @@ from tactile_fem.mechanics.harmonic import Harmonic, Response
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
+from tactile_fem.runtime.signals import StopRequest, signal_handler
 from tactile_fem.scan.checkpoint import Origin
 from tactile_fem.scan.parts import Parts
 from tactile_fem.scan.results import Results
@@ -104,6 +105,8 @@ def vibrate(
         No such state or scan; a frequency, a direction or a density that is none.
     TactileError
         The linear equations could not be solved.
+    StoppedError
+        SIGTERM or SIGINT came.
     """
     comm = comm or MPI.COMM_WORLD
     frequencies, along = _checked(frequencies_Hz, direction)
@@ -123,7 +126,10 @@ def vibrate(
             harmonic = Harmonic(instruments.problem, density)
             body, bone = (along, 0 * along) if moves == "body" else (0 * along, along)
             about = About(setup.finger, instruments.problem, body, bone)
-            return _spectrum(setup, instruments, harmonic, frequencies, about, observers)
+            stop = StopRequest(comm, "nothing of the vibration is saved")
+            with signal_handler(stop.request):
+                observers = (*observers, lambda *_: stop.check())
+                return _spectrum(setup, instruments, harmonic, frequencies, about, observers)
 
 
 def _spectrum(
