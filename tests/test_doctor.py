@@ -207,5 +207,5 @@ def test_an_older_python_is_refused_before_pip_looks_for_packages(monkeypatch):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     monkeypatch.setattr(sys, "version_info", (3, 11, 7))
     with pytest.raises(SystemExit, match=r"^tactile-fem needs Python >= 3\.12: this is 3\.11\.$"):
-        runpy.run_path(str(ROOT / "setup.py"))
+        runpy.run_module("tactile_fem.runtime.build")
     assert project["requires-python"] == ">=3.12"
