@@ -11,6 +11,7 @@ import numpy as np
 
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.finger.plane import SPACE, Plane
+from tactile_fem.mechanics.force_search import TOLERANCE, ForceSearch
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.newton import SolveReport
 from tactile_fem.mechanics.problem import FingerProblem
@@ -21,9 +22,6 @@ from tactile_fem.study import Solver
 
 logger = logging.getLogger(__name__)
 
-_FORCE_TOLERANCE = 1e-3
-# Solves in which a force has to be met, and after which each halves the bracket and is logged.
-_MOST_FORCE_SOLVES, _SECANT_SOLVES = 12, 4
 # Least share of a step that passes a force at which the force is sought.
 _LEAST_SHARE = 0.05
 # Normal force over depth where nothing is known of it yet.
@@ -246,7 +244,7 @@ class Stepper:
         if load is None:
             self._cut(target, report)
             return None
-        _check_balance(load)
+        _check_balance(load, self._plane.force_unit)
         self._note_stiffness(load)
         self.problem.accept(load)
         control.accept(target, report.iterations)
@@ -330,38 +328,28 @@ class Stepper:
     ) -> tuple[SolveReport, Load | None]:
         """Find the equilibrium at a normal force, with the body's X and Y as in `place`.
 
-        Its height follows from `z_mm` by the secant method, safeguarded by bisection.
+        Its height is sought from `z_mm` on, see `ForceSearch`.
         """
-        z, most = z_mm, self._solver.max_press_step_mm
+        s = self._solver
         stiffness = self._progress.stiffness_N_mm or _FIRST_STIFFNESS_N_MM
-        below, above = -np.inf, np.inf
-        last: tuple[float, float] | None = None
-        for number in range(1, _MOST_FORCE_SOLVES + 1):
+        search = ForceSearch(force_N, z_mm, stiffness, s.max_press_step_mm, s.min_step_mm)
+        while True:
+            z = search.z_mm
             report, load = self._solve(np.array([*place[:-1], z]), dt_s)
             if load is None:
                 return report, None
             force = float(load.force_N[-1])
-            if last and (force - last[1]) * (z - last[0]) > 0:
-                stiffness = (force - last[1]) / (z - last[0])
-            if abs(force - force_N) <= _FORCE_TOLERANCE * force_N:
-                self._progress.stiffness_N_mm = stiffness
+            if search.is_met(force):
+                self._progress.stiffness_N_mm = search.stiffness_N_mm
                 return report, load
-            self._discarded.append(report)
-            slow = number >= _SECANT_SOLVES
             logger.log(
-                logging.INFO if slow else logging.DEBUG,
+                logging.INFO if search.is_slow else logging.DEBUG,
                 "%s: %.5g %s at %.5f mm, %.5g are sought",
                 *(self._motion.phase, force, self._plane.force_unit, z, force_N),
             )
-            last, below, above = (z, force), *((z, above) if force < force_N else (below, z))
-            if above - below < self._solver.min_step_mm:
-                break
-            z += float(np.clip((force_N - force) / stiffness, -most, most))
-            if np.isfinite(above - below) and (slow or not below < z < above):
-                z = (below + above) / 2
-        self._discarded.pop()
-        reason = f"the force is not met: {_sought(below, above)}"
-        return replace(report, converged=False, reason=reason), None
+            if search.has_failed:
+                return replace(report, converged=False, reason=search.reason), None
+            self._discarded.append(report)
 
     def _solve_press_end(
         self, target_s: float, load: Load, report: SolveReport, force_N: float
@@ -400,7 +388,7 @@ class Stepper:
 
     def _short_of(self, force_N: float) -> bool:
         """Return whether the normal force of the last accepted step is less."""
-        return bool(self._state.force_old_N[-1] < force_N * (1 - _FORCE_TOLERANCE))
+        return bool(self._state.force_old_N[-1] < force_N * (1 - TOLERANCE))
 
     # --- reports -------------------------------------------------------------------------------
 
@@ -435,21 +423,14 @@ def stopped(
 
 def _exceeds(load: Load, force_N: float) -> bool:
     """Return whether a load has passed a normal force."""
-    return bool(load.force_N[-1] > force_N * (1 + _FORCE_TOLERANCE))
+    return bool(load.force_N[-1] > force_N * (1 + TOLERANCE))
 
 
-def _sought(below_mm: float, above_mm: float) -> str:
-    """Return in words between which depths a force was sought in vain."""
-    if np.isfinite(above_mm - below_mm):
-        return f"it jumps between depths of {below_mm:.5f} and {above_mm:.5f} mm"
-    side, depth_mm = ("less", below_mm) if np.isfinite(below_mm) else ("more", above_mm)
-    return f"it is still {side} at a depth of {depth_mm:.5f} mm"
-
-
-def _check_balance(load: Load) -> None:
+def _check_balance(load: Load, unit: str) -> None:
     """Warn if contact force and reaction of the fixed parts differ."""
-    if load.imbalance_N > _BALANCE_N:
+    if not load.imbalance_N <= _BALANCE_N:
         logger.warning(
-            "contact force and held reaction differ by %.1e N: the step is not in equilibrium",
+            "contact force and held reaction differ by %.1e %s: the step is not in equilibrium",
             load.imbalance_N,
+            unit,
         )
