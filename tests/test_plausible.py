@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from needs import needs_graphics
 
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StudyError
@@ -36,7 +37,7 @@ def with_hole(value, kind=float):
 def test_a_number_for_nothing_measured_is_no_height(value, kind, tmp_path):
     values = with_hole(value, kind)
     sentence = (
-        rf"has 1 heights of {value:g}, the first in row 3, column 5, .* missing heights; fill"
+        rf"has the height {value:g} at 1 of its points, the first in row 3, column 5, .* missing"
     )
     for unit in (1e-3, 1e-6):
         with pytest.raises(StudyError, match=sentence.replace("+", r"\+")):
@@ -98,9 +99,10 @@ def test_a_steep_plane_is_no_relief(tmp_path):
         read(tmp_path, ramp, level="mean")
 
 
+@needs_graphics
 def test_the_command_line_refuses_it(tmp_path, capsys):
     np.savetxt(tmp_path / "f.csv", with_hole(-9999), delimiter=",")
     words = ["kind=surface", f"file={tmp_path}/f.csv", "spacing_mm=0.1", "unit_mm=0.001"]
     arguments = [part for word in words for part in ("--set", f"stimulus.{word}")]
     assert main(["preview", *arguments, "-o", str(tmp_path / "out.png")]) == 2
-    assert "1 heights of -9999" in capsys.readouterr().err
+    assert "the height -9999 at 1 of its points" in capsys.readouterr().err
