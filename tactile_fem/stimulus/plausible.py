@@ -60,8 +60,8 @@ def check_values(values: NDArray[np.generic], kind: np.dtype[np.generic], file: 
         gap, spread = max(low - value, value - high), high - low
         row, column = np.argwhere(at)[0]
         what = (
-            f"stimulus.file = {file} has the height {value:g} at {at.sum()} of its points, the first "
-            f"in row {row}, column {column}, far from all others ({low:g} to {high:g})"
+            f"stimulus.file = {file} has the height {value:g} at {at.sum()} of its points, the "
+            f"first in row {row}, column {column}, far from all others ({low:g} to {high:g})"
         )
         if abs(value) >= _HUGE or (value in _MARKERS and spread > 0 and gap > _APART * spread):
             raise StudyError(
