@@ -147,7 +147,7 @@ def test_whatever_breaks_in_a_vibration_the_state_stays_that_of_the_scan():
     vibrating = Harmonic(problem, DENSITY)
     largest = np.abs(tissues).max()
     for delay in (None, *vibrating.delays):
-        vibrating.stand(delay)
+        vibrating.freeze(delay)
         found = fem.assemble_vector(problem.equilibrium.tissues).array
         np.testing.assert_allclose(found, tissues, rtol=0, atol=1e-9 * largest)
     assert np.isfinite(vibrating.respond(100.0, [0.0, 0.0, 1.0]).force_N).all()

@@ -47,12 +47,12 @@ class Delay:
     ----------
     amount
         Its coefficient at an angular frequency, 1/s.
-    stand
-        Sets the forms to the accepted state with all of it and nothing of the others.
+    freeze
+        Freezes the forms at the accepted state, with this delay fully relaxed and no other.
     """
 
     amount: Callable[[float], complex]
-    stand: Callable[[], None]
+    freeze: Callable[[], None]
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Harmonic:
         self._u = problem.u
         V = self._u.function_space
         problem.state.reset()
-        self.stand(None)
+        self.freeze(None)
         touch = Touch.of(problem.skin, self._u, problem.compile)
         self._forms = self._compile(touch)
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
@@ -135,12 +135,12 @@ class Harmonic:
         """What depends on the frequency besides inertia."""
         return self._delays
 
-    def stand(self, delay: Delay | None) -> None:
+    def freeze(self, delay: Delay | None) -> None:
         """Set the forms to the accepted state, with all of one delay or with none."""
         if delay is None:
             self._problem.elasticity.linearize(self._problem.state.dt_old_s, _none)
         else:
-            delay.stand()
+            delay.freeze()
 
     def respond(
         self,
@@ -209,7 +209,7 @@ class Harmonic:
         )
 
     def _assembled(self, delay: Delay | None) -> _Parts:
-        self.stand(delay)
+        self.freeze(delay)
         forms, bcs = self._forms, self._problem.bcs
         with common.Timer("tactile: harmonic tangent"):
             K = fem_petsc.assemble_matrix(forms.stiffness, bcs)

@@ -169,7 +169,7 @@ class LoadCell:
         )
         held = self._held[self._held < owned]
         reaction = tissues[held].sum(axis=0)
-        if self._inertia_form:  # what the reaction has to hold less
+        if self._inertia_form:  # inertia force, subtracted from the reaction
             reaction -= _nodal(self._inertia_form).sum(axis=0)
         return np.concatenate([contact.sum(axis=0), moment.sum(axis=0), reaction])
 

@@ -41,13 +41,13 @@ class Felt:
         at_once = self._difference(response.u)
         total = at_once.copy()
         for delay in delays:
-            self._harmonic.stand(delay)
+            self._harmonic.freeze(delay)
             total += delay.amount(w) * (self._difference(response.u) - at_once)
-        self._harmonic.stand(None)
+        self._harmonic.freeze(None)
         return total[:, :3], total[:, 3], total[:, 4:]
 
     def _difference(self, u: Array) -> Array:
-        """Return the change with a displacement, (receptors, 7), as the forms stand."""
+        """Return the change with a displacement, (receptors, 7), with the present coefficients."""
         return self._along(u.real) + 1j * self._along(u.imag)
 
     def _along(self, direction: Array) -> Array:

@@ -141,7 +141,7 @@ def _spectrum(
     observers: Sequence[Observer],
 ) -> Spectrum:
     problem, probe = instruments.problem, instruments.probe
-    harmonic.stand(None)
+    harmonic.freeze(None)
     still, felt = probe.read(), Felt(problem, probe, harmonic)
     answers, forces = [], []
     for number, frequency in enumerate(frequencies, 1):
