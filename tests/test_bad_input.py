@@ -164,8 +164,9 @@ SETTINGS = [
     ("stimulus.font=no.ttf", 'stimulus.font = "{here}/no.ttf" cannot be read as a font.'),
     (
         "stimulus.g_width_mm=0.5",
-        'stimulus.corner_radius_mm = 0.3: strokes or gaps of "F" in "DejaVu Sans" are too '
-        "thin for it; it must be less than half of each.",
+        'stimulus.corner_radius_mm = 0.3: strokes or gaps of "FGH" in "DejaVu Sans" are too '
+        "thin for it, which must be less than half of each: corner_radius_mm and "
+        "fillet_radius_mm must not exceed 0.031.",
     ),
     ("stimulus.g_width_mm=1e9", "stimulus.g_width_mm is 1000000000.0 but must be at most 100."),
     (

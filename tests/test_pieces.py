@@ -1,10 +1,6 @@
 """Which part of a scan is the finger: bent fingers, whole hands, dirt, tables, coarse triangles."""
 
 import logging
-import os
-import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -13,6 +9,7 @@ import trimesh
 
 from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger.scanned import ScannedSkin, Scans
+from tactile_fem.runtime.chunks import in_chunks
 from tactile_fem.study import Finger
 
 pytest.importorskip("igl")
@@ -137,23 +134,19 @@ def test_triangles_longer_than_the_finger_will_do(tmp_path):
     assert frame.origin[2] == pytest.approx(0.0, abs=0.05)
 
 
-def test_sampling_can_be_interrupted(tmp_path):
-    mesh = capsule(40).apply_scale([2.9, 1, 2.9]).subdivide_to_size(0.7)
-    finger = study(mesh, tmp_path, contact_mm=(0, 0, 0))
-    code = (
-        "import sys, tactile_fem.finger.scanned as s; from tactile_fem.study import Finger\n"
-        "finger = Finger.model_validate_json(sys.argv[1]); scans = s.Scans.of(finger)\n"
-        "print('sampling', flush=True); s.ScannedSkin.of(scans.skin, finger, scans.frame)"
-    )
-    command = [sys.executable, "-c", code, finger.model_dump_json()]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as run:
-        run.stdout.readline()
-        time.sleep(2.0)
-        assert run.poll() is None
-        os.kill(run.pid, signal.SIGINT)
-        start = time.monotonic()
-        assert run.wait(timeout=60) != 0
-    assert time.monotonic() - start < 6
+def test_long_evaluations_are_divided_so_that_signals_are_answered():
+    points, sizes = np.arange(240_000.0).reshape(-1, 2), []
+
+    def evaluate(part):
+        sizes.append(len(part))
+        return part[:, 0], 2 * part
+
+    first, second = in_chunks(evaluate, points)
+    np.testing.assert_array_equal(first, points[:, 0])
+    np.testing.assert_array_equal(second, 2 * points)
+    assert max(sizes) <= 50_000 and sum(sizes) == len(points)
+    nothing, _ = in_chunks(evaluate, points[:0])
+    assert len(nothing) == 0
 
 
 def test_a_contact_point_that_is_none_has_a_place(tmp_path):

@@ -60,7 +60,7 @@ class Spring:
         return Load(force, np.zeros(3), *8 * [0.0], np.zeros((0, 3)))
 
     def accept(self, load: Load) -> None:
-        self.state.accept(load.force_N, load.friction_N)
+        self.state.accept(load.force_N, load.friction_N, 3)
 
     def restore(self, saved) -> None:
         self.state.restore(saved, self.order, lambda place, dt_s: None)

@@ -276,10 +276,12 @@ class FingerProblem:
         if not load.is_finite:
             reason, place = "the load is not finite", self.state.translation.value
             raise ConvergenceError(f"a state cannot be accepted: {reason}", place, reason)
-        self.equilibrium.end_step()
+        iterations = self.snes.getIterationNumber()
+        if iterations or self.state.iterations:
+            self.equilibrium.end_step()
         for follow in self.before_accept:
             follow()
-        self.state.accept(load.force_N, load.friction_N)
+        self.state.accept(load.force_N, load.friction_N, iterations)
         return load
 
     @property

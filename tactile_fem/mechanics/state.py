@@ -147,6 +147,8 @@ class State:
         Duration of the present and of the last accepted step; 0 before the first.
     force_old_N, friction_old
         Contact force (3,) and nodal forces of friction at the last accepted step, N.
+    iterations
+        Newton's, that led to the accepted states so far; without any there is no tangent yet.
     histories
         Quantities at quadrature points or nodes.
     progress
@@ -163,6 +165,7 @@ class State:
         self.translation_before = origin.copy()
         self.dt_s = self.dt_old_s = 0.0
         self.force_old_N = origin.copy()
+        self.iterations = 0
         self.histories: list[PointHistory] = []
         self.progress: Progress | None = None
 
@@ -177,7 +180,7 @@ class State:
         self.u.x.array[:] = self.u_old.x.array
         self.translation.value[:] = self.translation_old.value
 
-    def accept(self, force_N: Array, friction: Array) -> None:
+    def accept(self, force_N: Array, friction: Array, iterations: int) -> None:
         """Make the present state the history of the next step; all ranks call.
 
         Parameters
@@ -186,6 +189,8 @@ class State:
             Contact force at the present state, (3,).
         friction
             Nodal forces of friction there, (owned nodes, components), N.
+        iterations
+            Newton's, to the present state.
         """
         present = [history.present() for history in self.histories]  # none of them has moved on
         for history, values in zip(self.histories, present, strict=True):
@@ -195,6 +200,7 @@ class State:
         self.force_old_N = force_N
         self.friction_old.x.array[: friction.size] = friction.ravel()
         self.dt_old_s = self.dt_s
+        self.iterations += iterations
         self.place(self.translation.value)
 
     def gather(self, order: NodeOrder) -> dict[str, Array]:
@@ -214,6 +220,7 @@ class State:
             "translation_before": self.translation_before.copy(),
             "dt_old_s": np.array(self.dt_old_s),
             "force_N": self.force_old_N,
+            "iterations": np.array(self.iterations),
             "progress": np.array(self.progress.to_json() if self.progress else ""),
         }
 
@@ -228,7 +235,7 @@ class State:
             What it returned, and the node order.
         prepare
             Called with the body's place and the last step's duration, all but `u` being as
-            before that step; not if there was none.
+            before that step; not if no step took an iteration.
         """
         place = saved["translation"]
         order.scatter(saved["u_before"], self.u)
@@ -238,9 +245,9 @@ class State:
         for history in self.histories:
             history.scatter(saved[f"{history.name}_before"])
             history.before[:] = history.old.x.array
-        self.dt_old_s = float(saved["dt_old_s"])
+        self.dt_old_s, self.iterations = float(saved["dt_old_s"]), int(saved["iterations"])
         order.scatter(saved["u"], self.u)
-        if self.dt_old_s:
+        if self.iterations:
             prepare(place, self.dt_old_s)
         self.place(place)
         for history in self.histories:
