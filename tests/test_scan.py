@@ -183,7 +183,7 @@ def test_a_scan_cut_off_and_moved_needs_no_file_of_its_study(study, tmp_path):
     resume(tmp_path / "moved", observers=[lambda seen: steps.append(seen.step.index)])
     assert steps[0] == 2
     found = completed(of_files, tmp_path / "moved")
-    assert found.complete and found.run["files"].keys() == {"stimulus.font"}
+    assert found.complete and found.run["files"].keys() == {"finger.mesh_file", "stimulus.font"}
     assert len(list((found.folder / "inputs").iterdir())) == 2
 
 
