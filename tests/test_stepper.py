@@ -235,7 +235,8 @@ def test_a_force_that_jumps_ends_in_a_sentence(held, caplog, monkeypatch):
     piece = hold(0.1, 0.05, held_N=0.7) if held else press(3.0, 10.0, until_N=0.7)
     with caplog.at_level(logging.INFO, "tactile_fem"), pytest.raises(ConvergenceError) as error:
         list(Stepper(problem, Path((press(0.4, 10.0), piece)), SOLVER))
-    assert "the force is not met: it jumps between depths of 0.4" in str(error.value)
+    assert "the force is not met: it jumps within" in str(error.value)
+    assert "at a depth of 0.5000 mm" in str(error.value)
     assert len(problem.solves) < 150
     assert "0.7 are sought" in caplog.text
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 TOLERANCE = 1e-3
-# Solves in which a force has to be met; after the first ones each halves the bracket.
-_MOST_SOLVES, _SECANT_SOLVES = 12, 4
+# Solves in which a force has to be met, and how many are usual.
+_MOST_SOLVES, _USUAL_SOLVES = 12, 4
+# Once there is a bracket every so many solves halve it, whatever the force.
+_HALVING = 3
 
 
 @dataclass
 class ForceSearch:
-    """The secant method, safeguarded by bisection.
+    """The secant method, then regula falsi (Illinois) safeguarded by bisection.
 
     Parameters
     ----------
@@ -24,13 +25,9 @@ class ForceSearch:
         Normal force over depth, as far as it is known.
     most_mm
         Longest way between two solves.
-    least_mm
-        Width of a bracket within which the force is taken to jump.
 
     Attributes
     ----------
-    below_mm, above_mm
-        The bracket: heights with less and with more than the force.
     solves
         Their number so far.
     """
@@ -39,48 +36,58 @@ class ForceSearch:
     z_mm: float
     stiffness_N_mm: float
     most_mm: float
-    least_mm: float
-    below_mm: float = -math.inf
-    above_mm: float = math.inf
     solves: int = 0
     _last: tuple[float, float] | None = None
+    # Heights with less and with more than the force, and the force there less that which is sought.
+    _below: tuple[float, float] | None = None
+    _above: tuple[float, float] | None = None
 
     def is_met(self, force_N: float) -> bool:
         """Return whether the force at `z_mm` is the wanted one; if it is not, move `z_mm`."""
-        z, self.solves = self.z_mm, self.solves + 1
-        if self._last and (force_N - self._last[1]) * (z - self._last[0]) > 0:
-            self.stiffness_N_mm = (force_N - self._last[1]) / (z - self._last[0])
-        if abs(force_N - self.force_N) <= TOLERANCE * self.force_N:
+        z, excess, self.solves = self.z_mm, force_N - self.force_N, self.solves + 1
+        if self._last and (excess - self._last[1]) * (z - self._last[0]) > 0:
+            self.stiffness_N_mm = (excess - self._last[1]) / (z - self._last[0])
+        if abs(excess) <= TOLERANCE * self.force_N:
             return True
-        self._last = z, force_N
-        if force_N < self.force_N:
-            self.below_mm = z
+        again = self._last is not None and self._last[1] * excess > 0
+        if excess < 0:
+            self._below, self._above = (z, excess), _halved(self._above, again)
         else:
-            self.above_mm = z
-        way = (self.force_N - force_N) / self.stiffness_N_mm
-        self.z_mm = z + min(max(way, -self.most_mm), self.most_mm)
-        inside = self.below_mm < self.z_mm < self.above_mm
-        if math.isfinite(self.above_mm - self.below_mm) and (self.is_slow or not inside):
-            self.z_mm = (self.below_mm + self.above_mm) / 2
+            self._below, self._above = _halved(self._below, again), (z, excess)
+        self._last = z, excess
+        self.z_mm = self._next(z, excess)
         return False
+
+    def _next(self, z: float, excess: float) -> float:
+        if self._below is None or self._above is None:
+            way = -excess / self.stiffness_N_mm
+            return z + min(max(way, -self.most_mm), self.most_mm)
+        (low, less), (high, more) = self._below, self._above
+        if self.solves % _HALVING == 0:
+            return (low + high) / 2
+        return (low * more - high * less) / (more - less)
 
     @property
     def is_slow(self) -> bool:
         """Whether it takes more solves than usual."""
-        return self.solves >= _SECANT_SOLVES
+        return self.solves >= _USUAL_SOLVES
 
     @property
     def has_failed(self) -> bool:
-        """Whether further solves are in vain."""
-        return self.solves >= _MOST_SOLVES or self.above_mm - self.below_mm < self.least_mm
+        """Whether it has taken too many solves."""
+        return self.solves >= _MOST_SOLVES
 
     @property
     def reason(self) -> str:
         """Why the force is not met, in words."""
-        below, above = self.below_mm, self.above_mm
-        if math.isfinite(above - below):
-            return (
-                f"the force is not met: it jumps between depths of {below:.5f} and {above:.5f} mm"
-            )
-        side, depth_mm = ("less", below) if math.isfinite(below) else ("more", above)
+        if self._below and self._above:
+            at, width = self._below[0], abs(self._above[0] - self._below[0])
+            return f"the force is not met: it jumps within {width:.1g} mm at a depth of {at:.4f} mm"
+        side, end = ("less", self._below) if self._below else ("more", self._above)
+        depth_mm = end[0] if end else self.z_mm
         return f"the force is not met: it is still {side} at a depth of {depth_mm:.5f} mm"
+
+
+def _halved(end: tuple[float, float] | None, again: bool) -> tuple[float, float] | None:
+    """Return the end of a bracket that is kept, with half of its excess if it is so `again`."""
+    return (end[0], end[1] / 2) if end and again else end

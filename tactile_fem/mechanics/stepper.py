@@ -330,9 +330,8 @@ class Stepper:
 
         Its height is sought from `z_mm` on, see `ForceSearch`.
         """
-        s = self._solver
         stiffness = self._progress.stiffness_N_mm or _FIRST_STIFFNESS_N_MM
-        search = ForceSearch(force_N, z_mm, stiffness, s.max_press_step_mm, s.min_step_mm)
+        search = ForceSearch(force_N, z_mm, stiffness, self._solver.max_press_step_mm)
         while True:
             z = search.z_mm
             report, load = self._solve(np.array([*place[:-1], z]), dt_s)
