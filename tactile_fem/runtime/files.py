@@ -78,12 +78,18 @@ class _FromFiles(Protocol):
     def files(self) -> dict[str, Path]: ...
 
 
+def sha256(file: Path) -> str:
+    """Return the hash of a file's content."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
 def hashes(files: Mapping[str, Path]) -> dict[str, str]:
     """Return the SHA-256 of each file; it is empty where the file cannot be read."""
     found = dict.fromkeys(files, "")
     for key, file in files.items():
-        with suppress(OSError), file.open("rb") as stream:
-            found[key] = hashlib.file_digest(stream, "sha256").hexdigest()
+        with suppress(OSError):
+            found[key] = sha256(file)
     return found
 
 

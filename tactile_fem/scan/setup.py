@@ -78,7 +78,8 @@ class Setup:
         finger = on_root(comm, lambda: _finger(study, parts), share=False)
         thickness = on_root(comm, lambda: pad_thickness_mm(finger))
         body = parts.body or make_body(study.stimulus)
-        check_body(body, "stimulus")
+        if parts.body is None:  # an own one has been tried
+            check_body(body, "stimulus")
         path = parts.path or make_path(study.protocol, DEEPEST * thickness)
         on_root(
             comm,

@@ -14,7 +14,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from tactile_fem.runtime.files import atomic_write
+from tactile_fem.runtime.files import atomic_write, sha256
 from tactile_fem.study.stimulus import Text, find_font
 
 # Subfolder of the copies.
@@ -104,12 +104,6 @@ def keep_files(study: BaseModel, folder: Path, *, afresh: bool) -> None:
         copy.unlink()
     if not any(inputs.iterdir()):
         inputs.rmdir()
-
-
-def sha256(file: Path) -> str:
-    """Return the hash of a file's content."""
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def content_of(named: str) -> str:
