@@ -14,9 +14,9 @@ from tactile_fem.errors import StudyError
 from tactile_fem.scan.checks import DEEPEST, check_study
 from tactile_fem.stimulus import Motion, Path, make_path
 from tactile_fem.stimulus.path import follow, hold, lift, press, slide
+from tactile_fem.stimulus.protocol import Vibration
 from tactile_fem.study import Finger, Follow, Hold, Lift, Press, Protocol, Slide, Study
 from tactile_fem.study.file import dump_study, load_study
-from tactile_fem.study.protocol import Vibration
 
 REST = np.zeros(3)
 HEADING = "time_s,x_mm,y_mm,z_mm\n"

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from tactile_fem.errors import StudyError
+from tactile_fem.runtime.settings import Section
 from tactile_fem.study import (
     Afferents,
     Elastic,
@@ -21,7 +22,6 @@ from tactile_fem.study import (
     Study,
     Text,
 )
-from tactile_fem.study.base import Section
 from tactile_fem.study.explain import KINDS, PIECES, toml_value
 from tactile_fem.study.file import dump_study, load_study
 from tactile_fem.study.template import commented_template

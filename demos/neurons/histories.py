@@ -51,6 +51,7 @@ from tactile_fem.runtime.logs import set_up
 from tactile_fem.scan import Parts, scan
 from tactile_fem.scan.trace import Trace
 from tactile_fem.stimulus.body import Distance, Embossed
+from tactile_fem.stimulus.settings import AnyStimulus
 from tactile_fem.study import (
     Cylinder,
     Dots,
@@ -66,7 +67,6 @@ from tactile_fem.study import (
     Sphere,
     Study,
 )
-from tactile_fem.study.stimulus import AnyStimulus
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 

@@ -10,10 +10,10 @@ from tactile_fem.errors import MeshError
 from tactile_fem.finger.bone import ScannedBone
 from tactile_fem.finger.mesh_data import lowest_facet
 from tactile_fem.finger.scanned import ScannedSkin, Scans, nail_box
+from tactile_fem.finger.settings import Finger
 from tactile_fem.finger.shape import Array, Capsule, bone_shape, check_depth_of_bone, skin_shape
 from tactile_fem.finger.skin import NailOutline, nail_outline
 from tactile_fem.runtime.triangles import Triangles
-from tactile_fem.study import Finger
 
 # Of the points at which a scanned bone's distance from the skin is measured.
 _BONE_STEP_MM = 0.4

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger.session import gmsh_model, simplices
+from tactile_fem.finger.settings import Finger
 from tactile_fem.finger.shape import Array
 from tactile_fem.finger.smooth import SmoothSurface
 from tactile_fem.runtime.triangles import Triangles
-from tactile_fem.study import Finger
 
 # A bone that ends here stays clear of the cut, so that it can be closed.
 _FROM_CUT_MM = 1.5

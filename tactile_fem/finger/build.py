@@ -21,6 +21,7 @@ from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_o
 from tactile_fem.finger.report import check_mesh
 from tactile_fem.finger.scanned import ScannedSkin
 from tactile_fem.finger.session import gmsh_model, simplices
+from tactile_fem.finger.settings import Finger
 from tactile_fem.finger.shape import Array, Capsule
 from tactile_fem.finger.skin import (
     Sizes,
@@ -29,7 +30,6 @@ from tactile_fem.finger.skin import (
     sizes_of,
     triangulate,
 )
-from tactile_fem.study import Finger
 
 logger = logging.getLogger(__name__)
 

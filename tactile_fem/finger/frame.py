@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError
+from tactile_fem.finger.settings import Finger
 from tactile_fem.finger.shape import Array
 from tactile_fem.runtime.triangles import Triangles
-from tactile_fem.study import Finger
 
 logger = logging.getLogger(__name__)
 

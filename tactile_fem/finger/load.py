@@ -12,7 +12,7 @@ from tactile_fem.finger.mesh_data import SOLID, FingerMesh
 from tactile_fem.finger.msh import read_msh
 from tactile_fem.finger.report import check_mesh
 from tactile_fem.finger.section import build_section
-from tactile_fem.study import Finger
+from tactile_fem.finger.settings import Finger
 
 logger = logging.getLogger(__name__)
 

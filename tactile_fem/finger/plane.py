@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.study import Finger
+from tactile_fem.finger.settings import Finger
 
 Array = NDArray[np.float64]
 # Name of the plane and its axes.

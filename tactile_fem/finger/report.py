@@ -18,7 +18,7 @@ from tactile_fem.finger.mesh_data import (
     lowest_facet,
 )
 from tactile_fem.finger.ridges import Ridges
-from tactile_fem.study import Finger
+from tactile_fem.finger.settings import Finger
 
 LAYERS = ("stratum_corneum", "epidermis", "dermis")
 _SMALLEST_MM, _LARGEST_MM = 1.0, 1000.0

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_fem.errors import MeshError
+from tactile_fem.finger.settings import Finger
 from tactile_fem.finger.shape import Array
-from tactile_fem.study import Finger
 
 # Over so many pitches ridges fade out at the end of the ridged skin.
 _FADES = 1.0

@@ -17,10 +17,10 @@ from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger.frame import Frame, frame_of
 from tactile_fem.finger.mesh_data import lowest_facet
 from tactile_fem.finger.pieces import beyond, connected, without_islands
+from tactile_fem.finger.settings import Finger
 from tactile_fem.finger.shape import STEEPEST, Array, Capsule
 from tactile_fem.finger.smooth import SmoothSurface
 from tactile_fem.runtime.triangles import Triangles, read_triangles
-from tactile_fem.study import Finger
 
 # Of skin, bone and nail.
 _SIZES_MM = 4.0, 300.0

@@ -27,9 +27,9 @@ from tactile_fem.finger.mesh_data import TISSUES, FingerMesh, Indices
 from tactile_fem.finger.plane import PLANES, Plane
 from tactile_fem.finger.report import edges_per_ridge, volumes
 from tactile_fem.finger.ridges import Ridges
+from tactile_fem.finger.settings import Finger
 from tactile_fem.finger.shape import Array, Capsule
 from tactile_fem.finger.skin import NailOutline, Size, Sizes, bone_size, pad_size, sizes_of
-from tactile_fem.study import Finger
 
 logger = logging.getLogger(__name__)
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError, PlaceError
-from tactile_fem.study import Finger
+from tactile_fem.finger.settings import Finger
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.session import gmsh_model, simplices
+from tactile_fem.finger.settings import Finger
 from tactile_fem.finger.shape import Array, Capsule, Skin
-from tactile_fem.study import Finger
 
 PATCH_MM = (4.5, 6.0)  # half width (X) and half length (Y) of the finely meshed patch
 NAIL_FROM_TIP_MM = 1.0

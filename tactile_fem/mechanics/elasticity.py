@@ -13,7 +13,7 @@ from ufl.core.expr import Expr
 from tactile_fem.finger import TISSUES
 from tactile_fem.mechanics.domain import Domain
 from tactile_fem.mechanics.relaxation import Relaxation
-from tactile_fem.study import Elastic, Polynomial, Tissue
+from tactile_fem.tissue.constants import Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import (
     Law,
     VolumeChange,

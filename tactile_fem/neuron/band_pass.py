@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.neuron.segment import Segment
-from tactile_fem.study import Neuron
+from tactile_fem.neuron.settings import Neuron
 
 Array = NDArray[Any]
 # Of the period of the centre frequency: straight lines are then off by at most 1.2 % there.

@@ -14,8 +14,8 @@ from scipy.special import stdtrit
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.drives import checked
+from tactile_fem.neuron.settings import Neuron
 from tactile_fem.neuron.transduction import intercept_pA, transduction_of
-from tactile_fem.study import Neuron
 
 Array = NDArray[Any]
 _SHARE, _TIME, _ANY = (0.0, 1.0), (1e-3, 1e3), (-np.inf, np.inf)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.exponentials import ExponentialSum, root
 from tactile_fem.neuron.segment import Segment
+from tactile_fem.neuron.settings import Neuron
 from tactile_fem.neuron.variability import Variability
-from tactile_fem.study import Neuron
 
 Array = NDArray[Any]
 

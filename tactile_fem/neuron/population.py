@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,9 +14,13 @@ from tactile_fem.neuron.drives import Drive, Histories, checked_sed, drive_of
 from tactile_fem.neuron.membrane import Membrane
 from tactile_fem.neuron.response import Response
 from tactile_fem.neuron.segment import Transduction
+from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.neuron.transduction import transduction_of
 from tactile_fem.neuron.variability import Variability
-from tactile_fem.study import DEFAULT_NAME, Afferents, Neuron, Study
+
+if TYPE_CHECKING:
+    from tactile_fem.study import Study
+    from tactile_fem.study.afferents import Afferents
 
 Array = NDArray[Any]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactile_fem.neuron.band_pass import BandPass
 from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.neuron.segment import Segment, Transduction
-from tactile_fem.study import Neuron
+from tactile_fem.neuron.settings import Neuron
 
 Array = NDArray[Any]
 _CHORD = 0.002  # how far a logarithm may be from straight lines, as a share of its scale

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_fem.study import Neuron
+from tactile_fem.neuron.settings import Neuron
 
 Array = NDArray[Any]
 _GAINS, _DISTANCES = 0, 1

@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import TISSUES, FingerMesh, lowest_facet
+from tactile_fem.receptors.settings import TIPS, Receptors, misplaced
 from tactile_fem.receptors.tips import tips
-from tactile_fem.study import Afferents, Receptors, Study
-from tactile_fem.study.together import TIPS, misplaced
+
+if TYPE_CHECKING:
+    from tactile_fem.study import Study
+    from tactile_fem.study.afferents import Afferents
 
 _TRIES = 1000
 

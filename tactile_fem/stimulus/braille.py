@@ -7,7 +7,7 @@ import numpy as np
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.patterns import Row
-from tactile_fem.study import Braille
+from tactile_fem.stimulus.settings import Braille
 
 # Unicode's Braille patterns: the bits of a cell are its dots 1 to 8.
 _BLANK = 0x2800

@@ -20,8 +20,7 @@ from shapely import affinity
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array, Distance
-from tactile_fem.study import Text
-from tactile_fem.study.stimulus import is_font_file
+from tactile_fem.stimulus.settings import Text, is_font_file
 
 _GRID_MM = 0.05
 # The distance from an outline is not told beyond its relief and this, where the plate is nearer.

@@ -24,7 +24,7 @@ from tactile_fem.stimulus.braille import dots
 from tactile_fem.stimulus.letters import Letters
 from tactile_fem.stimulus.patterns import Discs, Ridges, Row
 from tactile_fem.stimulus.relief import make_relief
-from tactile_fem.study import (
+from tactile_fem.stimulus.settings import (
     AnyStimulus,
     Braille,
     Cylinder,

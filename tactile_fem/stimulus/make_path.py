@@ -10,7 +10,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import read_rows
 from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.path import Path, Piece, follow, hold, lift, press, slide, vibrating
-from tactile_fem.study import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
+from tactile_fem.stimulus.protocol import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
 
 _COLUMNS = ["time_s", "x_mm", "y_mm", "z_mm"]
 # Shares of the whole between two outputs.

@@ -14,7 +14,7 @@ from tactile_fem.runtime.triangles import Triangles, read_triangles
 from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.contour import Lattice
 from tactile_fem.stimulus.gridded import NEAR_MM, RIM, Gridded
-from tactile_fem.study import Mesh
+from tactile_fem.stimulus.settings import Mesh
 
 try:
     from tactile_fem.stimulus import rounding

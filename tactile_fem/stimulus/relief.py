@@ -12,9 +12,9 @@ from scipy import ndimage
 from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.stimulus.body import EXCESS_MM, Array, Distance
 from tactile_fem.stimulus.plausible import check_relief
+from tactile_fem.stimulus.settings import Surface
 from tactile_fem.stimulus.spline import GridSpline
 from tactile_fem.stimulus.topography import Topography, read_topography
-from tactile_fem.study import Surface
 
 logger = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.height_formats import FEWEST, Raw, read_raw
 from tactile_fem.stimulus.height_table import header_library
 from tactile_fem.stimulus.plausible import check_sizes, check_values
-from tactile_fem.study import Surface
+from tactile_fem.stimulus.settings import Surface
 
 logger = logging.getLogger(__name__)
 

@@ -19,15 +19,13 @@ from pydantic import (
     model_validator,
 )
 
-from tactile_fem.study.afferents import DEFAULT_NAME, Afferents, Neuron, Receptors, of_kind
-from tactile_fem.study.base import Section
-from tactile_fem.study.parts import (
-    Finger,
-    Output,
-    Solver,
-)
-from tactile_fem.study.protocol import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
-from tactile_fem.study.stimulus import (
+from tactile_fem.finger.settings import Finger
+from tactile_fem.mechanics.settings import Solver
+from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
+from tactile_fem.receptors.settings import Receptors
+from tactile_fem.runtime.settings import Section
+from tactile_fem.stimulus.protocol import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
+from tactile_fem.stimulus.settings import (
     AnyStimulus,
     Braille,
     Cylinder,
@@ -41,8 +39,10 @@ from tactile_fem.study.stimulus import (
     Surface,
     Text,
 )
-from tactile_fem.study.tissue import TISSUE_SETS, Elastic, Polynomial, Tissue
+from tactile_fem.study.afferents import Afferents, of_kind
+from tactile_fem.study.output import Output
 from tactile_fem.study.together import disagreements
+from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissue
 
 __all__ = [
     "DEFAULT_NAME",

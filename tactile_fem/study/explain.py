@@ -10,7 +10,9 @@ from typing import Any, get_args
 import tomlkit
 from pydantic import BaseModel, ValidationError
 
-from tactile_fem.study import Afferents, AnyPiece, Study
+from tactile_fem.stimulus.protocol import AnyPiece
+from tactile_fem.study import Study
+from tactile_fem.study.afferents import Afferents
 
 
 def _by_kind(union: Any) -> dict[str, type[BaseModel]]:

@@ -11,12 +11,12 @@ import tomlkit
 from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
+from tactile_fem.runtime.settings import absolute
 from tactile_fem.runtime.text import read_text
+from tactile_fem.stimulus.settings import font_file
 from tactile_fem.study import Study
-from tactile_fem.study.base import absolute
 from tactile_fem.study.explain import explain, path_in_file
 from tactile_fem.study.kept import usable
-from tactile_fem.study.stimulus import font_file
 
 # Keys of files, whose relative paths start from the study's folder.
 _FILES = {"mesh_file", "skin_file", "bone_file", "nail_file", "file"}

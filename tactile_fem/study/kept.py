@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from tactile_fem.runtime.files import atomic_write, sha256
-from tactile_fem.study.stimulus import Text, find_font
+from tactile_fem.stimulus.settings import Text, find_font
 
 # Subfolder of the copies.
 INPUTS = "inputs"

@@ -6,13 +6,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from tactile_fem.errors import StudyError
-from tactile_fem.study.afferents import Receptors
+from tactile_fem.receptors.settings import misplaced
 
 if TYPE_CHECKING:
     from tactile_fem.study import Study
-
-# Placements at the tips of a section's epidermis-dermis interface.
-TIPS = ("intermediate_ridges", "papillae")
 
 
 def disagreements(study: Study, *, saved: bool) -> Iterator[str]:
@@ -36,24 +33,3 @@ def disagreements(study: Study, *, saved: bool) -> Iterator[str]:
                 drive_of(population.feels)
             except StudyError as error:
                 yield f"{name}feels: {error}"
-
-
-def misplaced(receptors: Receptors, *, is_section: bool) -> str:
-    """Return why receptors cannot be placed in a solid or in a section; empty if they can."""
-    placement = receptors.placement
-    if not is_section and placement in TIPS:
-        return (
-            f'receptors.placement = "{placement}" needs a section with papillae: '
-            'finger.kind = "section" and finger.papilla_depth_mm'
-        )
-    if is_section and receptors.end_organs > 1:
-        return (
-            f"receptors.end_organs = {receptors.end_organs} do not lie in the plane of a section: "
-            "use 1"
-        )
-    if is_section and placement not in ("line", *TIPS):
-        return (
-            f'receptors.placement = "{placement}" does not lie in a section: '
-            'use "line", "intermediate_ridges" or "papillae"'
-        )
-    return ""

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import ufl
 from ufl.core.expr import Expr
 
-from tactile_fem.study import Elastic, Polynomial
+from tactile_fem.tissue.constants import Elastic, Polynomial
 
 
 class Law(Protocol):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from tactile_fem.study.base import (
+from tactile_fem.runtime.settings import (
     File,
     Finite,
     NonNegative,

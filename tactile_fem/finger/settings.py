@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from tactile_fem.study.base import Either, File, Finite, NonNegative, Positive, Section, Whole
+from tactile_fem.runtime.settings import Either, File, Finite, NonNegative, Positive, Whole
 
 
 def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -174,85 +174,3 @@ class Finger(Either):
     def pad_thickness_mm(self) -> float:
         """Skin surface to bone under the contact point, of the parametric finger."""
         return self.stratum_corneum_mm + self.epidermis_mm + self.dermis_mm + self.subcutaneous_mm
-
-
-class Solver(Section):
-    """Discretization of the contact and control of the steps."""
-
-    nitsche_gamma: Positive = Field(
-        1.2,
-        description="gamma_h = gamma (K + 4 G/3)/h of the deformed skin: a small one is inexact, "
-        "a large one slow",
-    )
-    nitsche_theta: Literal[-1, 0, 1] = Field(
-        0, description="0 incomplete; 1 symmetric and -1 skew need a gamma of 40"
-    )
-    contact_width_MPa: NonNegative = Field(
-        0.005, description="pressure over which contact sets in smoothly; 0 is a kink"
-    )
-    bulk_degree: Annotated[Whole, Field(ge=1, le=12)] = Field(
-        4, description="quadrature degree; with 3 large elements fold where they are bent sharply"
-    )
-    locking_ratio: Positive = Field(
-        25.0,
-        description="K/G of a tissue up to which its volume change is integrated so; what is "
-        "stiffer, at the elements' centres, lest large elements lock. 1e9: all at every point",
-    )
-    contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
-        10, description="quadrature degree"
-    )
-    inertia: bool = Field(
-        False,
-        strict=True,
-        description="tissue.density_kg_m3 counts: waves and resonances, which vibration above "
-        "50 Hz excites; off, the finger is in equilibrium at every moment",
-    )
-    held: Annotated[tuple[Literal["bone", "nail", "cut"], ...], Field(min_length=1)] = Field(
-        ("bone", "nail", "cut"), description="parts that are fixed; the others deform"
-    )
-    first_step_mm: Positive = Field(
-        0.05, description="first step of a piece of the path, towards the finger"
-    )
-    max_press_step_mm: Positive = Field(
-        0.1,
-        description="longest step towards the finger; longer ones can catch the skin on an edge",
-    )
-    first_slide_step_mm: Positive = Field(
-        0.02,
-        description="first step of a piece of the path, across: stick turns to slip everywhere",
-    )
-    max_slide_step_mm: Positive = Field(0.2, description="longest step across the finger")
-    min_step_mm: Positive = Field(
-        0.0005,
-        description="a step that fails at this length ends the scan; shorter in proportion where "
-        "the motion is slower than 20 mm/s",
-    )
-    tangent_iterations: Annotated[Whole, Field(ge=1)] = Field(
-        5,
-        description="Newton iterations that use the tissues' part of the Jacobian before it is "
-        "assembled anew; the contact's part always is",
-    )
-    compiler_flags: tuple[str, ...] = Field(
-        ("-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"),
-        description="C flags for the compiled forms; none leaves DOLFINx's own",
-    )
-    linear: Literal["multigrid", "direct"] = Field(
-        "multigrid",
-        description="linear solver; direct (MUMPS), the default of ridged sections, needs much "
-        "more time and memory for a solid finger",
-    )
-    petsc: dict[str, str | int | float | bool] = Field(
-        default_factory=dict, description="PETSc options without the prefix tactile_"
-    )
-
-
-class Output(Section):
-    """What is written besides the receptors' histories."""
-
-    fields_mm: Positive = Field(0.4, description="slide between two written fields (VTU)")
-    states: bool = Field(
-        False,
-        strict=True,
-        description="keep the state with each of them, for vibration there",
-    )
-    pictures: bool = Field(True, strict=True, description="draw the figures at the end")

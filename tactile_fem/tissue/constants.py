@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from tactile_fem.errors import StudyError
-from tactile_fem.study.base import Finite, NonNegative, Positive, Section
+from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Section
 
 
 class Relaxing(Section):

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tactile_fem.study.base import Either, File, Finite, NonNegative, Positive, Section
+from tactile_fem.runtime.settings import Either, File, Finite, NonNegative, Positive, Section
 
 Speed = Annotated[Positive, Field(description="speed of the body")]
 _HELD = "normal force to be held by moving in Z; not set: the depth is held"
