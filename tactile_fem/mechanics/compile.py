@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import importlib.util
+import itertools
 import platform
 import subprocess
 import tempfile
@@ -18,10 +19,15 @@ from typing import IO, Any
 
 import cffi
 import numpy as np
+import ufl
 from dolfinx import fem, jit
 from ufl.core.expr import Expr
 
 from tactile_fem.runtime.doctor import compiler
+
+# UFL sorts the constants of a form by their numbers as text, so one that counts from 9 to 10 gets
+# another signature, and would be compiled again. Numbers of equal length sort as they count.
+ufl.Constant._counter = itertools.count(10**9)
 
 # How long to wait for another process that compiles the same form.
 _WAIT_S = 300
