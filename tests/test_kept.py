@@ -11,7 +11,7 @@ from synthetic import make_fields, make_results
 
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.settings import Section
+from tactile_fem.runtime.settings import Settings
 from tactile_fem.scan.results import Results
 from tactile_fem.stimulus import letters, make_body
 from tactile_fem.study import Finger, Follow, Mesh, Plate, Press, Protocol, Study, Surface, Text
@@ -162,5 +162,5 @@ def test_the_study_file_knows_all_keys_of_files():
     def kinds(of):
         return [kind for one in of.__subclasses__() for kind in (one, *kinds(one))]
 
-    fields = [pair for kind in kinds(Section) for pair in kind.model_fields.items()]
+    fields = [pair for kind in kinds(Settings) for pair in kind.model_fields.items()]
     assert {name for name, field in fields if "Path" in str(field.annotation)} == _FILES

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.settings import Section
+from tactile_fem.runtime.settings import Settings
 from tactile_fem.study import (
     Afferents,
     Elastic,
@@ -110,7 +110,7 @@ def template_blocks():
         return block
 
     tables = {name: getattr(Study(), name) for name in Study.model_fields if name != "afferents"}
-    tables |= {f"tissue.{key}": v for key, v in Study().tissue if isinstance(v, Section)}
+    tables |= {f"tissue.{key}": v for key, v in Study().tissue if isinstance(v, Settings)}
     found = {f"[{name}]": type(table) for name, table in tables.items()}
     found |= {f'# or kind = "{kind}"': m for kind, m in KINDS.items() if kind != "text"}
     found |= {f'# [[protocol.path]] with kind = "{kind}"': model for kind, model in PIECES.items()}

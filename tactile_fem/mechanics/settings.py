@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from tactile_fem.runtime.settings import NonNegative, Positive, Section, Whole
+from tactile_fem.runtime.settings import NonNegative, Positive, Settings, Whole
 
 
-class Solver(Section):
+class Solver(Settings):
     """Discretization of the contact and control of the steps."""
 
     nitsche_gamma: Positive = Field(

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Section, Whole
+from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Settings, Whole
 
 # What the one population of a study without [[afferents]] is called.
 DEFAULT_NAME = "SA1"
@@ -22,7 +22,7 @@ _CONSTANTS: dict[Any, dict[str, float]] = {
 }
 
 
-class Neuron(Section):
+class Neuron(Settings):
     """Transduction current and membrane; gains are per kPa, or per unit of what else is felt."""
 
     model: Literal["logarithmic", "hamasaki2020", "gerling2018", "band_pass"] = Field(

@@ -6,14 +6,14 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Section, Whole
+from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Settings, Whole
 
 _MOST = 100_000
 # Placements at the tips of a section's epidermis-dermis interface.
 TIPS = ("intermediate_ridges", "papillae")
 
 
-class Receptors(Section):
+class Receptors(Settings):
     """End organs on the epidermis-dermis interface or anywhere below the skin."""
 
     placement: Literal["line", "grid", "random", "afferents", "intermediate_ridges", "papillae"] = (

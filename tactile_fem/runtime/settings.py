@@ -1,4 +1,4 @@
-"""Base classes and types for the sections of a study."""
+"""Base classes and types for the tables of a study."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def in_utf8(path: Path) -> Path:
 File = Annotated[Path, AfterValidator(absolute), AfterValidator(in_utf8)]
 
 
-class Section(BaseModel):
+class Settings(BaseModel):
     """A frozen group of values without unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
@@ -59,8 +59,8 @@ class Section(BaseModel):
         return {key: value for key, value in self if isinstance(value, Path)}
 
 
-class Either(Section):
-    """A section in which some keys, where they are set, take the place of others.
+class Either(Settings):
+    """Settings of which some keys, where they are set, take the place of others.
 
     The others are refused beside them, and left out of what is dumped.
     """

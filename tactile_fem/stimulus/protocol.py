@@ -6,13 +6,13 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tactile_fem.runtime.settings import Either, File, Finite, NonNegative, Positive, Section
+from tactile_fem.runtime.settings import Either, File, Finite, NonNegative, Positive, Settings
 
 Speed = Annotated[Positive, Field(description="speed of the body")]
 _HELD = "normal force to be held by moving in Z; not set: the depth is held"
 
 
-class Press(Section):
+class Press(Settings):
     """Press into the pad to a depth, or to a force."""
 
     kind: Literal["press"] = "press"
@@ -31,7 +31,7 @@ class Press(Section):
         return self
 
 
-class Vibration(Section):
+class Vibration(Settings):
     """A vibration of the body on top of a piece of the path; for inertia see `Solver`."""
 
     frequency_Hz: Positive = Field(description="of the vibration, which begins at its middle")
@@ -50,7 +50,7 @@ class Vibration(Section):
 _VIBRATES = "small vibration of the body on top: frequency_Hz, amplitude_mm, direction"
 
 
-class Hold(Section):
+class Hold(Settings):
     """Stay."""
 
     kind: Literal["hold"] = "hold"
@@ -62,7 +62,7 @@ class Hold(Section):
     vibration: Vibration | None = Field(None, description=_VIBRATES)
 
 
-class Slide(Section):
+class Slide(Settings):
     """Slide across the pad."""
 
     kind: Literal["slide"] = "slide"
@@ -81,7 +81,7 @@ class Slide(Section):
         return self
 
 
-class Lift(Section):
+class Lift(Settings):
     """Lift the body off."""
 
     kind: Literal["lift"] = "lift"
@@ -91,7 +91,7 @@ class Lift(Section):
     speed_mm_s: Speed = 20.0
 
 
-class Follow(Section):
+class Follow(Settings):
     """Follow places in a file.
 
     Its columns are ``time_s,x_mm,y_mm,z_mm``, linear in between. The first row of a path's first

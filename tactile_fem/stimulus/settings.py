@@ -12,7 +12,7 @@ from tactile_fem.runtime.settings import (
     Finite,
     NonNegative,
     Positive,
-    Section,
+    Settings,
     Whole,
     absolute,
     nonzero,
@@ -42,7 +42,7 @@ def find_font(font: str) -> Path | None:
         return None
 
 
-class Stimulus(Section):
+class Stimulus(Settings):
     """Keys of every rigid body, which translates along the protocol without rotation."""
 
     friction: NonNegative = Field(0.3, description="paper: Coulomb friction (nylon)")

@@ -23,7 +23,7 @@ from tactile_fem.finger.settings import Finger
 from tactile_fem.mechanics.settings import Solver
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.receptors.settings import Receptors
-from tactile_fem.runtime.settings import Section
+from tactile_fem.runtime.settings import Settings
 from tactile_fem.stimulus.protocol import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
 from tactile_fem.stimulus.settings import (
     AnyStimulus,
@@ -68,7 +68,7 @@ __all__ = [
     "Press",
     "Protocol",
     "Receptors",
-    "Section",
+    "Settings",
     "Slide",
     "Solver",
     "Sphere",
@@ -84,7 +84,7 @@ __all__ = [
 _SECTION_FORCE_N_MM = 0.06
 
 
-class Study(Section):
+class Study(Settings):
     """A complete, resolved study."""
 
     finger: Finger = Finger()
@@ -162,7 +162,7 @@ class Study(Section):
 
     def files(self) -> dict[str, Path]:
         """Return the files that finger, stimulus and path are read from, by their keys."""
-        sections: dict[str, Section] = {"finger": self.finger, "stimulus": self.stimulus}
+        sections: dict[str, Settings] = {"finger": self.finger, "stimulus": self.stimulus}
         for number, piece in enumerate(self.protocol.pieces, 1):
             sections[f"protocol.path (entry {number})"] = piece
         return {

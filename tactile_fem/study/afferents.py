@@ -8,7 +8,7 @@ from pydantic import Field
 
 from tactile_fem.neuron.settings import Neuron
 from tactile_fem.receptors.settings import Receptors
-from tactile_fem.runtime.settings import Section
+from tactile_fem.runtime.settings import Settings
 
 # What the kinds are that is not as in SA1. Densities: Johansson and Vallbo 1979 (RA 140, PC 21 per
 # cm2). RA end in dermal papillae, PC at about 2 mm depth. Filters, gains, spread, refractoriness:
@@ -56,7 +56,7 @@ def of_kind(kind: Any) -> dict[str, Any]:
     return _KINDS.get(kind if isinstance(kind, str) else None, {})
 
 
-class Afferents(Section):
+class Afferents(Settings):
     """A population; it takes what its own tables lack from `[receptors]` and `[neuron]`."""
 
     name: Annotated[str, Field(pattern="^[A-Za-z0-9_-]+$", max_length=40)] = Field(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from tactile_fem.runtime.settings import Positive, Section
+from tactile_fem.runtime.settings import Positive, Settings
 
 
-class Output(Section):
+class Output(Settings):
     """What is written besides the receptors' histories."""
 
     fields_mm: Positive = Field(0.4, description="slide between two written fields (VTU)")

@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Section
+from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Settings
 
 
-class Relaxing(Section):
+class Relaxing(Settings):
     """How a tissue's resistance to a change of shape relaxes: a Prony series.
 
     The other constants are those of the long run.
@@ -175,7 +175,7 @@ RELAXATIONS: dict[str, dict[str, tuple[float, ...]]] = {
 }
 
 
-class Tissue(Section):
+class Tissue(Settings):
     """Constants of the tissues; tables and keys that are left out come from the named set."""
 
     set: Literal["fitted", "plate", "proposed", "maeno1998", "gerling2014"] = Field(
