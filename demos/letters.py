@@ -28,8 +28,8 @@ from tactile_fem.cli.entry import run
 from tactile_fem.output.extrema import central_receptor
 from tactile_fem.output.figures import draw
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan import scan
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation import scan
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Protocol, Study, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

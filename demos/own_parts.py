@@ -24,8 +24,8 @@ from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.neuron.segment import Segment
 from tactile_fem.output.figures import draw
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan import Parts, scan
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation import Parts, scan
+from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import Distance, Motion, Path
 from tactile_fem.stimulus.path import hold, lift, press
 from tactile_fem.study import Finger, Output, Receptors, Study

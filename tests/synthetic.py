@@ -3,8 +3,8 @@
 import numpy as np
 
 from tactile_fem.finger.mesh_data import TISSUES
-from tactile_fem.scan.fields import FieldWriter
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.fields import FieldWriter
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Study
 
 SPEED = 20.0

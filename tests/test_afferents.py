@@ -22,12 +22,12 @@ from tactile_fem.neuron import (
 from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.neuron.segment import Segment
 from tactile_fem.output.figures import draw_plots
-from tactile_fem.scan.checks import check_study
-from tactile_fem.scan.results import Results
 from tactile_fem.series import fibre_image
 from tactile_fem.series.members import single_fibre
 from tactile_fem.series.report import write_report
 from tactile_fem.series.run import numbers_of
+from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Afferents, Neuron, Receptors, Study
 from tactile_fem.study.explain import explain
 from tactile_fem.study.file import dump_study, load_study

@@ -35,10 +35,10 @@ def scans(monkeypatch):
         calls.append((study, Path(folder), overwrite))
         make_results(folder, study)
 
-    module = types.ModuleType("tactile_fem.scan.run")
+    module = types.ModuleType("tactile_fem.simulation.run")
     module.scan = scan
     module.resume = lambda folder: calls.append(Path(folder))
-    monkeypatch.setitem(sys.modules, "tactile_fem.scan.run", module)
+    monkeypatch.setitem(sys.modules, "tactile_fem.simulation.run", module)
     return calls
 
 
@@ -86,7 +86,7 @@ def test_divergence_has_its_own_code(capsys, scans, monkeypatch):
             "the slide stopped at 3.1 mm (too many iterations)", (0, 0, 3.1), "reason"
         )
 
-    monkeypatch.setattr(sys.modules["tactile_fem.scan.run"], "scan", diverge)
+    monkeypatch.setattr(sys.modules["tactile_fem.simulation.run"], "scan", diverge)
     assert "stopped at 3.1 mm" in sentence_of(capsys, ["scan"], code=3)
 
 
@@ -224,7 +224,9 @@ def test_resume_goes_on(scans, monkeypatch):
 
 def test_a_scan_started_again_goes_on_but_only_with_the_same_study(capsys, scans, monkeypatch):
     made = []
-    monkeypatch.setattr(sys.modules["tactile_fem.scan.run"], "scan", lambda *a, **k: made.append(a))
+    monkeypatch.setattr(
+        sys.modules["tactile_fem.simulation.run"], "scan", lambda *a, **k: made.append(a)
+    )
     monkeypatch.setattr(cli, "_draw", lambda results: None)
     results = make_results("r")
     assert "not empty" in sentence_of(capsys, ["scan", "--results", "r"])
@@ -240,7 +242,7 @@ def test_a_file_that_cannot_be_written_is_one_sentence(capsys, scans, monkeypatc
     def fail(*args, **kwargs):
         raise OSError(28, "No space left on device", "r/trace.npz")
 
-    monkeypatch.setattr(sys.modules["tactile_fem.scan.run"], "scan", fail)
+    monkeypatch.setattr(sys.modules["tactile_fem.simulation.run"], "scan", fail)
     sentence = sentence_of(capsys, ["scan"], code=1)
     assert sentence == "r/trace.npz cannot be read or written: No space left on device."
 
@@ -249,7 +251,7 @@ def test_a_signal_has_its_own_code(capsys, scans, monkeypatch):
     def stop(*args, **kwargs):
         os.kill(os.getpid(), signal.SIGTERM)
 
-    monkeypatch.setattr(sys.modules["tactile_fem.scan.run"], "scan", stop)
+    monkeypatch.setattr(sys.modules["tactile_fem.simulation.run"], "scan", stop)
     assert "stopped by SIGTERM" in sentence_of(capsys, ["scan"], code=143)
 
 

@@ -18,7 +18,7 @@ from test_multigrid import pressed
 
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.scan import scan
+from tactile_fem.simulation import scan
 from tactile_fem.study import Finger, Solver, Study
 
 

@@ -20,8 +20,8 @@ import pytest
 from needs import needs_gmsh
 
 from tactile_fem.runtime import ranks
-from tactile_fem.scan.results import Results
 from tactile_fem.series import run_series, single_fibre
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Neuron
 from tactile_fem.study.file import load_study
 

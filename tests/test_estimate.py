@@ -13,8 +13,8 @@ from tactile_fem.runtime import backend  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 
-from tactile_fem.scan import estimate as module
-from tactile_fem.scan.estimate import announce, available_memory_MB, estimate
+from tactile_fem.simulation import estimate as module
+from tactile_fem.simulation.estimate import announce, available_memory_MB, estimate
 from tactile_fem.stimulus import make_path
 from tactile_fem.study import Finger, Protocol, Solver, Study
 

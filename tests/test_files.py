@@ -16,11 +16,11 @@ from tactile_fem.calibration.model import Task
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.load import MESH_FOLDERS
 from tactile_fem.runtime.files import cached_by_content, check_unchanged, hashes
-from tactile_fem.scan import checks, setup
-from tactile_fem.scan.parts import Parts
-from tactile_fem.scan.run import completed
 from tactile_fem.series.members import Member
 from tactile_fem.series.run import run_series
+from tactile_fem.simulation import checks, setup
+from tactile_fem.simulation.parts import Parts
+from tactile_fem.simulation.run import completed
 from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.make import outlines
 from tactile_fem.study import Finger, Mesh, Protocol, Receptors, Study, Surface, Text

@@ -20,9 +20,9 @@ from mpi4py import MPI  # isort: skip
 from tactile_fem import neuron
 from tactile_fem.errors import StoppedError
 from tactile_fem.runtime.signals import raise_stopped, signal_handler
-from tactile_fem.scan import resume, scan
-from tactile_fem.scan.fields import read_series
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation import resume, scan
+from tactile_fem.simulation.fields import read_series
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Neuron, Output, Protocol, Receptors, Solver, Study, Text
 from tactile_fem.study.file import dump_study
 
@@ -228,7 +228,7 @@ def test_a_second_signal_does_not_cut_off_the_saving(quick, tmp_path, monkeypatc
         if not last:
             interrupt()
 
-    monkeypatch.setattr("tactile_fem.scan.run.fire_all", fire_all)
+    monkeypatch.setattr("tactile_fem.simulation.run.fire_all", fire_all)
     said = "the scan is complete" if last else "everything up to the last step is saved; start it"
     with pytest.raises(StoppedError, match=f"stopped by SIGINT: {said}"):
         with signal_handler(raise_stopped):

@@ -12,7 +12,7 @@ from synthetic import make_fields, make_results
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.settings import Settings
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import letters, make_body
 from tactile_fem.study import Finger, Follow, Mesh, Plate, Press, Protocol, Study, Surface, Text
 from tactile_fem.study.file import _FILES, load_study

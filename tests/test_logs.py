@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from tactile_fem.runtime import logs
-from tactile_fem.scan.progress import progress
+from tactile_fem.simulation.progress import progress
 
 
 @dataclass
@@ -35,7 +35,7 @@ def run(console, rank=0, every_s=0.0):
     with progress(rank, console=console, every_s=every_s) as show:
         for step in STEPS:
             show(SimpleNamespace(step=step))
-        logging.getLogger("tactile_fem.scan").info("something to say")
+        logging.getLogger("tactile_fem.simulation").info("something to say")
     return console.file.getvalue()
 
 
@@ -72,7 +72,7 @@ def test_lines_are_rare_between_first_and_last():
 def test_other_ranks_are_silent_but_for_errors():
     console = Console(file=io.StringIO())
     assert run(console, rank=1) == ""
-    logging.getLogger("tactile_fem.scan").error("broken")
+    logging.getLogger("tactile_fem.simulation").error("broken")
     assert "broken" in console.file.getvalue()
 
 
@@ -97,7 +97,7 @@ def long_work():
             show(SimpleNamespace(step=step))
         with progress() as inner:  # a script's own: the steps are told once
             inner(SimpleNamespace(step=STEPS[0]))
-    logging.getLogger("tactile_fem.scan").info("something to say")
+    logging.getLogger("tactile_fem.simulation").info("something to say")
     return len(package.handlers)
 
 
@@ -146,10 +146,10 @@ def test_the_log_file_has_every_step(tmp_path):
     with logs.log_to(tmp_path / "log.txt"), progress(console=console) as show:
         for step in STEPS:
             show(SimpleNamespace(step=step))
-        logging.getLogger("tactile_fem.scan").info("something to say")
+        logging.getLogger("tactile_fem.simulation").info("something to say")
     text = (tmp_path / "log.txt").read_text()
     assert text.count("step ") == 3 and "something to say" in text
-    logging.getLogger("tactile_fem.scan").info("afterwards")
+    logging.getLogger("tactile_fem.simulation").info("afterwards")
     assert "afterwards" not in (tmp_path / "log.txt").read_text()
 
 

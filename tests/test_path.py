@@ -11,7 +11,7 @@ import pytest
 from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
-from tactile_fem.scan.checks import DEEPEST, check_study
+from tactile_fem.simulation.checks import DEEPEST, check_study
 from tactile_fem.stimulus import Motion, Path, make_path
 from tactile_fem.stimulus.path import follow, hold, lift, press, slide
 from tactile_fem.stimulus.protocol import Vibration

@@ -17,7 +17,7 @@ from tactile_fem.output.plots import (
     raster_figure,
     sed_figure,
 )
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Cylinder, Dots, Protocol, Study, Text
 
 SQUARE = np.array([[-3.0, 2.0], [3.0, 2.0], [3.0, 8.0], [-3.0, 8.0]])

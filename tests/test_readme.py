@@ -11,7 +11,7 @@ from synthetic import SLIDE, make_results
 
 from tactile_fem.cli import app as cli
 from tactile_fem.neuron import populations_of
-from tactile_fem.scan.checks import check_study
+from tactile_fem.simulation.checks import check_study
 from tactile_fem.stimulus import make_body, outlines
 from tactile_fem.study import Finger, Protocol, Receptors, Study, Text
 from tactile_fem.study.file import load_study

@@ -25,7 +25,7 @@ from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.receptors import place, sample
 from tactile_fem.receptors.probe import CellEnergy, Probe
 from tactile_fem.runtime import ranks
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Plate, Receptors, Solver, Tissue
 

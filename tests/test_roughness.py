@@ -7,7 +7,7 @@ import pytest
 
 from tactile_fem.finger.load import load_finger
 from tactile_fem.finger.report import facet_size_mm
-from tactile_fem.scan.checks import tell_resolution
+from tactile_fem.simulation.checks import tell_resolution
 from tactile_fem.stimulus.roughness import Roughness
 from tactile_fem.stimulus.spline import GridSpline
 from tactile_fem.study import Finger, Surface

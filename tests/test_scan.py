@@ -20,10 +20,10 @@ from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.neuron import Drive, Population
 from tactile_fem.output.timeline import at_time
 from tactile_fem.runtime import ranks
-from tactile_fem.scan import Parts, completed, resume, scan
-from tactile_fem.scan.fields import read_series
-from tactile_fem.scan.results import Results
-from tactile_fem.scan.trace import Trace
+from tactile_fem.simulation import Parts, completed, resume, scan
+from tactile_fem.simulation.fields import read_series
+from tactile_fem.simulation.results import Results
+from tactile_fem.simulation.trace import Trace
 from tactile_fem.stimulus import Distance, Path
 from tactile_fem.stimulus.path import press, slide
 from tactile_fem.study import (
@@ -601,7 +601,7 @@ class Walled(Floor):
     ],
 )
 def test_bad_parts_are_found_before_any_long_work(study, parts, sentence, monkeypatch):
-    monkeypatch.setattr("tactile_fem.scan.setup.create_domain", None)
+    monkeypatch.setattr("tactile_fem.simulation.setup.create_domain", None)
     with pytest.raises(StudyError, match=sentence):
         scan(study, parts=parts)
 
@@ -614,7 +614,7 @@ class Soft:
 
 
 def test_an_own_law_of_a_tissue_that_relaxes_must_know_shear(study, monkeypatch):
-    monkeypatch.setattr("tactile_fem.scan.setup.create_domain", None)
+    monkeypatch.setattr("tactile_fem.simulation.setup.create_domain", None)
     relaxing = study.model_copy(update={"tissue": Tissue(relaxation="fingerpad")})
     with pytest.raises(StudyError, match=r"dermis relaxes .* needs a method in_shear"):
         scan(relaxing, parts=Parts(laws={"dermis": Soft()}))

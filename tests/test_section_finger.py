@@ -13,8 +13,8 @@ from tactile_fem.finger.plane import Plane
 from tactile_fem.finger.report import describe, edges_per_ridge, volumes
 from tactile_fem.finger.ridges import Ridges
 from tactile_fem.receptors import place
-from tactile_fem.scan.checks import check_study
 from tactile_fem.series import numbers_of
+from tactile_fem.simulation.checks import check_study
 from tactile_fem.stimulus.body import Ball
 from tactile_fem.stimulus.cut import Cut
 from tactile_fem.study import Finger, Grating, Plate, Protocol, Receptors, Solver, Study, Text
@@ -171,7 +171,7 @@ def test_what_does_not_fit_a_section_is_told_at_once(study, says):
 def test_a_section_is_scanned(tmp_path):
     from mpi4py import MPI
 
-    from tactile_fem.scan import scan
+    from tactile_fem.simulation import scan
 
     study = Study(
         finger=Finger(kind="section", pad_size_mm=0.6, far_size_mm=3.0),

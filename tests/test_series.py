@@ -12,7 +12,6 @@ from synthetic import make_results, make_trace
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StoppedError, StudyError, TactileError
-from tactile_fem.scan.results import Results
 from tactile_fem.series import (
     Member,
     Outcome,
@@ -25,6 +24,7 @@ from tactile_fem.series import (
     write_summary,
 )
 from tactile_fem.series.run import folder_of
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Surface, Text
 
 RESULTS_PAGE = Path(__file__).resolve().parents[1] / "demos" / "pages" / "results.md"

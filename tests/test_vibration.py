@@ -21,8 +21,8 @@ from tactile_fem.cli.app import main
 from tactile_fem.errors import StoppedError, StudyError
 from tactile_fem.finger import TISSUES
 from tactile_fem.neuron import populations_of
-from tactile_fem.scan import scan
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation import scan
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Study
 from tactile_fem.vibration import Spectrum, frequencies_of
 from tactile_fem.vibration.keeper import ModeKeeper

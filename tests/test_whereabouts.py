@@ -16,7 +16,7 @@ from tactile_fem.finger import load_finger, read_msh
 from tactile_fem.output import pictures
 from tactile_fem.output.deck import write_deck
 from tactile_fem.output.section import layers_figure
-from tactile_fem.scan.checks import tell_missed
+from tactile_fem.simulation.checks import tell_missed
 from tactile_fem.stimulus import make_body, make_path
 from tactile_fem.stimulus.whereabouts import miss
 from tactile_fem.study import Cylinder, Edge, Finger, Plate, Protocol, Sphere, Study, Text

@@ -24,8 +24,8 @@ import numpy as np
 
 from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import write_table, write_text
-from tactile_fem.scan.results import Results
 from tactile_fem.series import Member, run_all
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Output, Protocol, Solver, Study
 
 # %% [markdown]

@@ -32,8 +32,8 @@ from tactile_fem.mechanics.stepper import Step, Stepper
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.scan import Observation, scan
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation import Observation, scan
+from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import make_body, make_path
 from tactile_fem.study import Finger, Output, Solver, Study, Text
 

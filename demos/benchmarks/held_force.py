@@ -15,7 +15,7 @@
 # %%
 from tactile_fem.cli.entry import run
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan import scan
+from tactile_fem.simulation import scan
 from tactile_fem.study import Finger, Protocol, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -18,8 +18,8 @@ from statistics import median
 from typing import Literal
 
 from tactile_fem.cli.entry import run
-from tactile_fem.scan.results import Results
 from tactile_fem.series import Member, run_all
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Output, Protocol, Study, Text, Tissue
 
 RELAXATIONS: tuple[Literal["none", "fingerpad"], ...] = ("none", "fingerpad")

@@ -27,7 +27,7 @@ import numpy as np
 from tactile_fem.cli.entry import run
 from tactile_fem.errors import TactileError
 from tactile_fem.runtime.files import write_table
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 
 
 @dataclass(frozen=True)

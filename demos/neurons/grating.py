@@ -33,8 +33,8 @@ from tactile_fem.neuron import populations_of
 from tactile_fem.output.plots import BLUE, DISPLACEMENT, GREEN, PAPER, VERMILION, styled
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan import completed
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation import completed
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Study
 from tactile_fem.study.file import load_study
 

@@ -48,8 +48,8 @@ import numpy as np
 from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import atomic_write
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan import Parts, scan
-from tactile_fem.scan.trace import Trace
+from tactile_fem.simulation import Parts, scan
+from tactile_fem.simulation.trace import Trace
 from tactile_fem.stimulus.body import Distance, Embossed
 from tactile_fem.stimulus.settings import AnyStimulus
 from tactile_fem.study import (

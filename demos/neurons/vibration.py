@@ -34,7 +34,7 @@ from tactile_fem.neuron import Population, populations_of
 from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan import completed
+from tactile_fem.simulation import completed
 from tactile_fem.study import Dots, Finger, Hold, Neuron, Press, Protocol, Study, Tissue
 from tactile_fem.vibration import Spectrum
 from tactile_fem.vibration.run import vibrate

@@ -21,8 +21,8 @@ from tactile_fem.output.plots import (
     draw_rates,
     styled,
 )
-from tactile_fem.scan.results import Results
 from tactile_fem.series import RateImage, rate_image
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Neuron
 
 _COLUMNS = 9  # of letters

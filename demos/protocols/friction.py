@@ -28,7 +28,6 @@ from tactile_fem.output.extrema import central_receptor
 from tactile_fem.output.plots import BLUE, DISPLACEMENT, GREEN, INK, VERMILION
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan.results import Results
 from tactile_fem.series import (
     complete_scans,
     numbers_of,
@@ -36,6 +35,7 @@ from tactile_fem.series import (
     sweep,
     write_summary,
 )
+from tactile_fem.simulation.results import Results
 
 _FRICTIONS = (0.0, 0.1, 0.3, 0.6, 1.0)
 

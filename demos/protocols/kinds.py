@@ -28,7 +28,7 @@ from tactile_fem.cli.entry import run
 from tactile_fem.output.abscissa import rings
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan import completed
+from tactile_fem.simulation import completed
 from tactile_fem.study import Study
 from tactile_fem.study.file import load_study
 

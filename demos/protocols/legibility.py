@@ -48,7 +48,6 @@ from tactile_fem.cli.entry import run
 from tactile_fem.output.abscissa import rings
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan.results import Results
 from tactile_fem.series import (
     RateImage,
     complete_scans,
@@ -58,6 +57,7 @@ from tactile_fem.series import (
     sweep,
     write_summary,
 )
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Neuron
 
 _TOLD = 8  # how many letters and pairs are printed

@@ -18,7 +18,7 @@ import numpy as np
 
 from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import atomic_write
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 
 # The histories that the demos of this folder use.
 KEPT = (

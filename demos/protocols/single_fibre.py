@@ -31,7 +31,6 @@ from tactile_fem.cli.entry import run
 from tactile_fem.output.abscissa import rings
 from tactile_fem.runtime.files import write_figure, write_records
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan.results import Results
 from tactile_fem.series import (
     Member,
     RateImage,
@@ -42,6 +41,7 @@ from tactile_fem.series import (
     write_summary,
 )
 from tactile_fem.series.run import folder_of
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Study
 from tactile_fem.study.file import load_study
 

@@ -30,8 +30,8 @@ from tactile_fem.output.extrema import central_receptor, extrema
 from tactile_fem.output.plots import BLUE, DISPLACEMENT, VERMILION
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan.results import Results
 from tactile_fem.series import Member, complete_scans, run_series
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Study
 
 Array = NDArray[np.float64]

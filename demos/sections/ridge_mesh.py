@@ -23,8 +23,8 @@ from fingerprints import PITCH_MM, RIDGED, Scan, near
 from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan.results import Results
 from tactile_fem.series import Member, complete_scans, run_series
+from tactile_fem.simulation.results import Results
 
 
 @dataclass(frozen=True)

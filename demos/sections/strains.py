@@ -37,7 +37,7 @@ from tactile_fem.finger.strain import (
 )
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan import completed
+from tactile_fem.simulation import completed
 from tactile_fem.study import Finger, Study
 
 Array = NDArray[np.float64]

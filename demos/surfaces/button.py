@@ -22,8 +22,8 @@ import numpy as np
 from tactile_fem.cli.entry import run
 from tactile_fem.output.figures import draw
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan import scan
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation import scan
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Mesh, Protocol, Receptors, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -33,8 +33,8 @@ from tactile_fem.output.plots import INK
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.scan import completed
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation import completed
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Output, Protocol, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

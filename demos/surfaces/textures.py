@@ -28,9 +28,9 @@ from tactile_fem.output.plots import DISPLACEMENT, INK
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.scan import scan
-from tactile_fem.scan.results import Results
 from tactile_fem.series import numbers_of
+from tactile_fem.simulation import scan
+from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus.relief import make_relief
 from tactile_fem.stimulus.roughness import Roughness
 from tactile_fem.study import Finger, Protocol, Study, Surface

@@ -30,8 +30,8 @@ from matplotlib.figure import Figure
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import write_table
-from tactile_fem.scan import scan
-from tactile_fem.scan.trace import Trace
+from tactile_fem.simulation import scan
+from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -25,7 +25,7 @@ from tactile_fem.cli.entry import run
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.stepper import Step
 from tactile_fem.runtime.files import write_table
-from tactile_fem.scan import scan
+from tactile_fem.simulation import scan
 from tactile_fem.study import Protocol, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

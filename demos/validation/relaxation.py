@@ -29,8 +29,8 @@ from letters_force import DEPTH_MM
 from predictions import Row, letters, said, tabulate
 
 from tactile_fem.cli.entry import run
-from tactile_fem.scan import scan
-from tactile_fem.scan.trace import Trace
+from tactile_fem.simulation import scan
+from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import (
     AnyPiece,
     Finger,

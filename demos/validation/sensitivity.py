@@ -26,8 +26,8 @@ from flat_plate import plate_study
 from tactile_fem.cli.entry import run
 from tactile_fem.mechanics.sensitivity import Change, Sensitivities
 from tactile_fem.runtime.files import write_table
-from tactile_fem.scan.parts import Parts
-from tactile_fem.scan.setup import Setup
+from tactile_fem.simulation.parts import Parts
+from tactile_fem.simulation.setup import Setup
 from tactile_fem.study import Finger, Polynomial, Protocol, Study, Tissue
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -39,8 +39,8 @@ from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.finger.surface import SkinSurface
 from tactile_fem.runtime.files import write_table
-from tactile_fem.scan import scan
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation import scan
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Edge, Finger, Output, Protocol, Receptors, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -35,8 +35,8 @@ from tactile_fem.cli.entry import run
 from tactile_fem.finger import FingerMesh, load_finger
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.runtime.files import write_table
-from tactile_fem.scan.parts import Parts
-from tactile_fem.scan.setup import Setup
+from tactile_fem.simulation.parts import Parts
+from tactile_fem.simulation.setup import Setup
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -43,9 +43,9 @@ from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.scan import completed
-from tactile_fem.scan.fields import read_series
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation import completed
+from tactile_fem.simulation.fields import read_series
+from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Output, Protocol, Solver, Study
 

@@ -22,8 +22,8 @@ import numpy as np
 from tactile_fem.cli.entry import run
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.scan import completed
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation import completed
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Study
 from tactile_fem.vibration import Spectrum
 from tactile_fem.vibration.run import vibrate

@@ -35,14 +35,14 @@ from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import each_once, shown
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.scan.checks import check_solid, check_study
+from tactile_fem.simulation.checks import check_solid, check_study
 from tactile_fem.study import Study
 
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-3
 # What describes the finger, which is often that of the press before.
-_OF_FINGER = ("finger.load", "finger.build", "mechanics.domain", "scan.setup")
+_OF_FINGER = ("finger.load", "finger.build", "mechanics.domain", "simulation.setup")
 _CONFIDENCE_SD = float(ndtri(0.975))  # 95 %
 
 

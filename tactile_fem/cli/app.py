@@ -28,7 +28,7 @@ from tactile_fem.runtime import doctor as diagnosis
 from tactile_fem.runtime import logs, ranks
 from tactile_fem.runtime.files import write_text
 from tactile_fem.runtime.signals import raise_stopped, signal_handler
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Study
 from tactile_fem.study.file import load_study
 from tactile_fem.study.template import commented_template
@@ -106,10 +106,10 @@ def resume(
 
 def _prepared(study: Study, ranks_: int, arguments: list[str]) -> ModuleType:
     """Return the module that scans, on all ranks; raise first what would stop a scan later."""
-    from tactile_fem.scan.checks import check_study
+    from tactile_fem.simulation.checks import check_study
 
     check_study(study)
-    return with_mechanics("tactile_fem.scan.run", ranks_, arguments)
+    return with_mechanics("tactile_fem.simulation.run", ranks_, arguments)
 
 
 def _run(start: Callable[..., object], folder: Path) -> None:
@@ -189,7 +189,7 @@ def export(
         raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
     from tactile_fem.finger import load_finger
     from tactile_fem.output.deck import write_deck
-    from tactile_fem.scan.checks import check_solid, check_study, check_with_mesh
+    from tactile_fem.simulation.checks import check_solid, check_study, check_with_mesh
     from tactile_fem.stimulus import make_body
 
     check_solid(the_study.finger, "an input deck")

@@ -13,7 +13,7 @@ from tactile_fem.cli.options import Ranks, as_options
 from tactile_fem.neuron import Population
 from tactile_fem.runtime import logs
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 from tactile_fem.vibration import Spectrum, frequencies_of
 from tactile_fem.vibration.modes import Modes, few_of, nearest
 from tactile_fem.vibration.spectrum import unfelt

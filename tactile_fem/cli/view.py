@@ -20,8 +20,8 @@ from tactile_fem.finger.scanned import Scans
 from tactile_fem.output import pictures, section
 from tactile_fem.runtime import logs
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.scan.checks import check_with_mesh, tell_missed
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.checks import check_with_mesh, tell_missed
+from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import make_body
 from tactile_fem.study.file import load_study
 from tactile_fem.vibration.modes import Modes

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from tactile_fem.output.plots import DISPLACEMENT, TIME, Outlines
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import outlines
 from tactile_fem.study import AnyStimulus
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.output.colours import COLOURS, RIGID, is_soft
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 

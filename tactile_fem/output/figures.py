@@ -25,7 +25,7 @@ from tactile_fem.output.plots import (
     sed_figure,
 )
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Afferents
 
 logger = logging.getLogger(__name__)

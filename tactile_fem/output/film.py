@@ -21,8 +21,8 @@ from tactile_fem.finger.mesh_data import TISSUES, facets_of
 from tactile_fem.output import drawing
 from tactile_fem.output.timeline import Timeline, at_time
 from tactile_fem.runtime.logs import counted
-from tactile_fem.scan.fields import read_series
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.fields import read_series
+from tactile_fem.simulation.results import Results
 
 # Frames from one saved state to the next.
 _BETWEEN = 4

@@ -15,7 +15,7 @@ from tactile_fem.finger.mesh_data import VTK_ORDER
 from tactile_fem.output import drawing
 from tactile_fem.output.colours import is_soft
 from tactile_fem.output.film import Piece
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 from tactile_fem.vibration.modes import Modes
 
 _FRAMES = 24

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from tactile_fem.output.pictures import drawn_apart
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 from tactile_fem.vibration.modes import Modes
 
 

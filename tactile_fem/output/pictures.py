@@ -25,8 +25,8 @@ from tactile_fem.output.plots import TIME
 from tactile_fem.output.timeline import at_time
 from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.scan.fields import read_series
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.fields import read_series
+from tactile_fem.simulation.results import Results
 
 logger = logging.getLogger(__name__)
 

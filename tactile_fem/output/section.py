@@ -29,8 +29,8 @@ from tactile_fem.output.gif import write_gif
 from tactile_fem.output.plots import TIME, styled
 from tactile_fem.output.timeline import Timeline, at_time
 from tactile_fem.runtime.logs import counted
-from tactile_fem.scan.fields import read_series
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.fields import read_series
+from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import RigidBody, make_body
 
 Array = NDArray[np.float64]

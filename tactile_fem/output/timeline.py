@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.plots import TIME
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 
 Array = NDArray[np.float64]
 

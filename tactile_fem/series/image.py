@@ -15,7 +15,7 @@ from tactile_fem.neuron.population import fire
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.extrema import central_receptor
 from tactile_fem.output.plots import DISPLACEMENT
-from tactile_fem.scan.results import Results
+from tactile_fem.simulation.results import Results
 from tactile_fem.study import Neuron
 
 logger = logging.getLogger(__name__)

@@ -18,9 +18,9 @@ from tactile_fem.output.abscissa import rings
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.output.plots import firing_figure, raster_figure
 from tactile_fem.runtime.files import write_text
-from tactile_fem.scan.results import Results
 from tactile_fem.series.image import fibre_image
 from tactile_fem.series.run import numbers_of
+from tactile_fem.simulation.results import Results
 from tactile_fem.study.file import dump_study
 
 _STYLE = """

@@ -21,9 +21,9 @@ from tactile_fem.output.extrema import central_receptor
 from tactile_fem.runtime.files import write_records, write_text
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.signals import signal_handler
-from tactile_fem.scan.checks import check_study
-from tactile_fem.scan.results import Results
 from tactile_fem.series.members import Member
+from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.results import Results
 from tactile_fem.study.file import dump_study, load_study
 from tactile_fem.study.kept import keep_files
 

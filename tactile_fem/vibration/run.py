@@ -23,10 +23,10 @@ from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
 from tactile_fem.runtime.signals import StopRequest, signal_handler
-from tactile_fem.scan.checkpoint import Origin
-from tactile_fem.scan.parts import Parts
-from tactile_fem.scan.results import Results
-from tactile_fem.scan.setup import Instruments, Setup
+from tactile_fem.simulation.checkpoint import Origin
+from tactile_fem.simulation.parts import Parts
+from tactile_fem.simulation.results import Results
+from tactile_fem.simulation.setup import Instruments, Setup
 from tactile_fem.vibration.felt import Felt
 from tactile_fem.vibration.spectrum import Spectrum
 
@@ -94,7 +94,7 @@ def vibrate(
     comm
         Communicator; all its ranks must call. Default: all ranks.
     parts
-        The scan's own parts, see `tactile_fem.scan.scan`.
+        The scan's own parts, see `tactile_fem.simulation.scan`.
     observers
         Called with the answer to each frequency, such as
         `tactile_fem.vibration.keeper.ModeKeeper`.

@@ -23,11 +23,11 @@ from tactile_fem.neuron import Response
 from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.scan.checkpoint import Origin
-from tactile_fem.scan.fields import FieldWriter
-from tactile_fem.scan.results import Results
-from tactile_fem.scan.setup import Instruments, Setup
-from tactile_fem.scan.trace import Array, Trace
+from tactile_fem.simulation.checkpoint import Origin
+from tactile_fem.simulation.fields import FieldWriter
+from tactile_fem.simulation.results import Results
+from tactile_fem.simulation.setup import Instruments, Setup
+from tactile_fem.simulation.trace import Array, Trace
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import Mesh
 from tactile_fem.study.kept import keep_files

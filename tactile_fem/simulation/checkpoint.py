@@ -8,9 +8,9 @@ from typing import Any
 
 from tactile_fem import __version__
 from tactile_fem.errors import StudyError
-from tactile_fem.scan.results import Results
-from tactile_fem.scan.setup import Setup
-from tactile_fem.scan.trace import Array
+from tactile_fem.simulation.results import Results
+from tactile_fem.simulation.setup import Setup
+from tactile_fem.simulation.trace import Array
 from tactile_fem.study.kept import with_files
 
 # Counts up when the names or the meaning of a checkpoint's arrays change.

@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tactile_fem.scan.run import (
+    from tactile_fem.simulation.run import (
         Observation,
         Observer,
         Parts,
@@ -23,7 +23,7 @@ __all__ = ["Observation", "Observer", "Parts", "ScanResult", "completed", "resum
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name from `tactile_fem.scan.run`."""
+    """Import a name from `tactile_fem.simulation.run`."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("tactile_fem.scan.run"), name)
+    return getattr(import_module("tactile_fem.simulation.run"), name)

@@ -23,14 +23,14 @@ from tactile_fem.receptors import Layout, lay_out
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.scan.checks import (
+from tactile_fem.simulation.checks import (
     DEEPEST,
     check_apart,
     check_depth,
     check_section,
     tell_resolution,
 )
-from tactile_fem.scan.parts import Parts, check_parts
+from tactile_fem.simulation.parts import Parts, check_parts
 from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
 from tactile_fem.stimulus.check import check_body
 from tactile_fem.stimulus.cut import in_plane

@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, to_neo
 from tactile_fem.runtime.files import atomic_write, write_text
-from tactile_fem.scan.states import choose_state
+from tactile_fem.simulation.states import choose_state
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
@@ -424,7 +424,7 @@ class Results:
         Raises
         ------
         StudyError
-            None was kept there, or several, see `tactile_fem.scan.states.choose_state`.
+            None was kept there, or several, see `tactile_fem.simulation.states.choose_state`.
         """
         if at_mm is None and at_s is None:
             return self.load_checkpoint()

@@ -26,14 +26,14 @@ from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import log_to, shown
 from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
 from tactile_fem.runtime.signals import StopRequest, signal_handler
-from tactile_fem.scan.checkpoint import Origin
-from tactile_fem.scan.estimate import announce
-from tactile_fem.scan.parts import Parts
-from tactile_fem.scan.progress import progress
-from tactile_fem.scan.recorder import Recorder
-from tactile_fem.scan.results import Results
-from tactile_fem.scan.setup import Instruments, Setup
-from tactile_fem.scan.trace import Array, Trace
+from tactile_fem.simulation.checkpoint import Origin
+from tactile_fem.simulation.estimate import announce
+from tactile_fem.simulation.parts import Parts
+from tactile_fem.simulation.progress import progress
+from tactile_fem.simulation.recorder import Recorder
+from tactile_fem.simulation.results import Results
+from tactile_fem.simulation.setup import Instruments, Setup
+from tactile_fem.simulation.trace import Array, Trace
 from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)

@@ -20,7 +20,7 @@ from tactile_fem.runtime.logs import live_console, stderr_console
 
 if TYPE_CHECKING:
     from tactile_fem.mechanics.stepper import Step
-    from tactile_fem.scan.run import Observation
+    from tactile_fem.simulation.run import Observation
 
 logger = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ def progress(
 ) -> Iterator[Callable[[Observation], None]]:
     """Provide an observer that shows how far a scan is: a bar, or else some lines of the log.
 
-    Within another one it shows nothing. `tactile_fem.scan.scan` uses one itself.
+    Within another one it shows nothing. `tactile_fem.simulation.scan` uses one itself.
 
     Parameters
     ----------
