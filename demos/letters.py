@@ -25,8 +25,8 @@ from pathlib import Path
 import numpy as np
 
 from tactile_fem.cli.entry import run
-from tactile_fem.output.extrema import central_receptor
 from tactile_fem.output.figures import draw
+from tactile_fem.output.histories import central_receptor
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.simulation import scan
 from tactile_fem.simulation.results import Results

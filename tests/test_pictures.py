@@ -9,7 +9,7 @@ from PIL import Image
 from synthetic import make_fields, make_results, make_trace
 
 from tactile_fem.output import figures, pictures
-from tactile_fem.output.extrema import central_receptor
+from tactile_fem.output.histories import central_receptor
 from tactile_fem.runtime import doctor
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Dots, Grating, Plate, Sphere, Study, Text

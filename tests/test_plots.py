@@ -6,17 +6,9 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 from synthetic import make_results, make_spikes, make_trace
 
-from tactile_fem.output import abscissa, figures
-from tactile_fem.output.extrema import central_receptor, extrema
-from tactile_fem.output.plots import (
-    DISPLACEMENT,
-    PAPER,
-    TIME,
-    firing_figure,
-    force_figure,
-    raster_figure,
-    sed_figure,
-)
+from tactile_fem.output import figures, histories
+from tactile_fem.output.histories import DISPLACEMENT, TIME, central_receptor, extrema
+from tactile_fem.output.plots import PAPER, firing_figure, force_figure, raster_figure, sed_figure
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Cylinder, Dots, Protocol, Study, Text
 
@@ -207,7 +199,7 @@ def test_a_press_without_a_slide_has_its_forces(tmp_path):
 
 def test_a_path_that_is_no_straight_slide_is_drawn_over_time(tmp_path):
     trace = make_trace()
-    straight = abscissa.Abscissa.of(make_results(tmp_path / "straight", trace=trace))
+    straight = histories.Abscissa.of(make_results(tmp_path / "straight", trace=trace))
     assert straight.label == DISPLACEMENT and straight.outlines
     assert straight.values.tolist() == trace["displacement_mm"][trace["time_s"] >= 0].tolist()
     for change in ("across", "held"):
@@ -217,7 +209,7 @@ def test_a_path_that_is_no_straight_slide_is_drawn_over_time(tmp_path):
         else:
             other["displacement_mm"][-1] = other["displacement_mm"][-2]
             other["stimulator_mm"][-1] = other["stimulator_mm"][-2]
-        over = abscissa.Abscissa.of(make_results(tmp_path / change, trace=other))
+        over = histories.Abscissa.of(make_results(tmp_path / change, trace=other))
         assert over.label == TIME and not len(over.outlines)
         assert over.values.tolist() == trace["time_s"][trace["time_s"] >= 0].tolist()
         paths = figures.draw_plots(Results.open(tmp_path / change))
@@ -229,10 +221,10 @@ def test_letters_have_holes():
         x, y = ring.T
         return 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
 
-    rings = abscissa.rings(Text(text="O"))
+    rings = histories.rings(Text(text="O"))
     assert len(rings) == 2
     assert area(rings[0][:-1]) > 0 > area(rings[1][:-1])
-    assert abscissa.rings(Cylinder()) == []
+    assert histories.rings(Cylinder()) == []
     # Drawn, the O has a stroke, and its middle is as white as what is around it.
     around, middle = rings[0].min(axis=0) - 0.2, rings[1].mean(axis=0)
     stroke = (rings[0][rings[0][:, 0].argmin()] + rings[1][rings[1][:, 0].argmin()]) / 2
@@ -250,7 +242,7 @@ def test_letters_have_holes():
 def test_spikes_of_the_synthetic_folder_are_all_drawn(tmp_path):
     trace = make_trace()
     results = make_results(tmp_path / "r", trace=trace)
-    figure = figures._raster(results, np.arange(21), abscissa.Abscissa.of(results))
+    figure = figures._raster(results, np.arange(21), histories.Abscissa.of(results))
     dots = next(one for one in figure.axes[0].lines if one.get_gid() == "spikes")
     assert len(dots.get_xdata()) == sum(map(len, make_spikes(trace)))
     assert np.unique(dots.get_xdata()) == pytest.approx([1, 3, 5, 7, 9])

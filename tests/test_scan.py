@@ -18,7 +18,7 @@ from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.neuron import Drive, Population
-from tactile_fem.output.timeline import at_time
+from tactile_fem.output.histories import at_time
 from tactile_fem.runtime import ranks
 from tactile_fem.simulation import Parts, completed, resume, scan
 from tactile_fem.simulation.fields import read_series

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tactile_fem.errors import StudyError
-from tactile_fem.output.plots import DISPLACEMENT
-from tactile_fem.output.timeline import Timeline, at_time
+from tactile_fem.output.histories import DISPLACEMENT, at_time
+from tactile_fem.output.timeline import Timeline
 from tactile_fem.simulation.states import choose_state
 
 TRACE = {

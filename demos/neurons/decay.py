@@ -37,7 +37,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, Window, respond
 from tactile_fem.neuron.drives import Histories
 from tactile_fem.neuron.fit import mean_rates
-from tactile_fem.output.extrema import central_receptor
+from tactile_fem.output.histories import central_receptor
 from tactile_fem.runtime.files import write_figure, write_records
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import Member, run_all

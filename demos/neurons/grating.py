@@ -30,7 +30,8 @@ from matplotlib.figure import Figure
 
 from tactile_fem.cli.entry import run
 from tactile_fem.neuron import populations_of
-from tactile_fem.output.plots import BLUE, DISPLACEMENT, GREEN, PAPER, VERMILION, styled
+from tactile_fem.output.histories import DISPLACEMENT
+from tactile_fem.output.plots import BLUE, GREEN, PAPER, VERMILION, styled
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.simulation import completed

@@ -11,16 +11,8 @@ from matplotlib.figure import Figure
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population, Response
-from tactile_fem.output.extrema import middle_row
-from tactile_fem.output.plots import (
-    ACROSS,
-    DISPLACEMENT,
-    INK,
-    Outlines,
-    draw_outlines,
-    draw_rates,
-    styled,
-)
+from tactile_fem.output.histories import DISPLACEMENT, Outlines, middle_row
+from tactile_fem.output.plots import ACROSS, INK, draw_outlines, draw_rates, styled
 from tactile_fem.series import RateImage, rate_image
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Neuron

@@ -28,7 +28,7 @@ from legibility import print_found, realized, save
 from letter_recognition import confusion_figure, recognise
 
 from tactile_fem.cli.entry import run
-from tactile_fem.output.abscissa import rings
+from tactile_fem.output.histories import rings
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import complete_scans, run_series, sweep, write_summary
 

@@ -24,8 +24,8 @@ from letter_recognition import outline_correlation
 from matplotlib.figure import Figure
 
 from tactile_fem.cli.entry import run
-from tactile_fem.output.extrema import central_receptor
-from tactile_fem.output.plots import BLUE, DISPLACEMENT, GREEN, INK, VERMILION
+from tactile_fem.output.histories import DISPLACEMENT, central_receptor
+from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import (

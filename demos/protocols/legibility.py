@@ -45,7 +45,7 @@ from letter_recognition import (
 from matplotlib.figure import Figure
 
 from tactile_fem.cli.entry import run
-from tactile_fem.output.abscissa import rings
+from tactile_fem.output.histories import rings
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import (

@@ -28,7 +28,7 @@ from firing_images import population_image, side_by_side
 from letter_recognition import outline_correlation
 
 from tactile_fem.cli.entry import run
-from tactile_fem.output.abscissa import rings
+from tactile_fem.output.histories import rings
 from tactile_fem.runtime.files import write_figure, write_records
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import (

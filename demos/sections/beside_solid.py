@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from tactile_fem.cli.entry import run
 from tactile_fem.errors import StudyError
-from tactile_fem.output.extrema import central_receptor, extrema
-from tactile_fem.output.plots import BLUE, DISPLACEMENT, VERMILION
+from tactile_fem.output.histories import DISPLACEMENT, central_receptor, extrema
+from tactile_fem.output.plots import BLUE, VERMILION
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import Member, complete_scans, run_series

@@ -29,8 +29,8 @@ from scipy.signal import find_peaks
 
 from tactile_fem.cli.entry import run
 from tactile_fem.errors import StudyError
-from tactile_fem.output.extrema import central_receptor
-from tactile_fem.output.plots import BLUE, DISPLACEMENT, VERMILION
+from tactile_fem.output.histories import DISPLACEMENT, central_receptor
+from tactile_fem.output.plots import BLUE, VERMILION
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import Member, complete_scans, run_series

@@ -28,7 +28,7 @@ from tactile_fem.finger import load_finger
 from tactile_fem.finger.report import gammas, layer_thickness
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.skin import triangulate
-from tactile_fem.output.extrema import central_receptor
+from tactile_fem.output.histories import central_receptor
 from tactile_fem.output.plots import INK
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up

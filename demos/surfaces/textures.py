@@ -23,8 +23,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_fem.cli.entry import run
-from tactile_fem.output.extrema import central_receptor
-from tactile_fem.output.plots import DISPLACEMENT, INK
+from tactile_fem.output.histories import DISPLACEMENT, central_receptor
+from tactile_fem.output.plots import INK
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root

@@ -37,7 +37,7 @@ from tactile_fem.cli.entry import run
 from tactile_fem.finger import load_finger
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.output.extrema import central_receptor
+from tactile_fem.output.histories import central_receptor
 from tactile_fem.receptors import place, sample
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.files import write_table

@@ -76,8 +76,8 @@ def view(
 
     from tactile_fem.output import view as viewing
     from tactile_fem.output.film import Film
+    from tactile_fem.output.histories import DISPLACEMENT
     from tactile_fem.output.mode_film import ModeFilm
-    from tactile_fem.output.plots import DISPLACEMENT
 
     pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
     film: Film | ModeFilm

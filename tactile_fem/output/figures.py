@@ -13,17 +13,9 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.plane import Plane
 from tactile_fem.neuron import Response, drive_of
-from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.extrema import central_receptor, middle_row
+from tactile_fem.output.histories import DISPLACEMENT, TIME, Abscissa, central_receptor, middle_row
 from tactile_fem.output.pictures import draw_pictures
-from tactile_fem.output.plots import (
-    DISPLACEMENT,
-    TIME,
-    firing_figure,
-    force_figure,
-    raster_figure,
-    sed_figure,
-)
+from tactile_fem.output.plots import firing_figure, force_figure, raster_figure, sed_figure
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Afferents

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import TISSUES, facets_of
 from tactile_fem.output import drawing
-from tactile_fem.output.timeline import Timeline, at_time
+from tactile_fem.output.histories import at_time
+from tactile_fem.output.timeline import Timeline
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results

@@ -19,10 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_fem.output import section
-from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.extrema import central_receptor, extrema
-from tactile_fem.output.plots import TIME
-from tactile_fem.output.timeline import at_time
+from tactile_fem.output.histories import TIME, Abscissa, at_time, central_receptor, extrema
 from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.simulation.fields import read_series

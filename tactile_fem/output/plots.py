@@ -7,7 +7,7 @@ point at Y = d. The Y axis of an outline is therefore also the displacement.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
@@ -20,13 +20,10 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Curve
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.output.extrema import extrema
-
-Outlines = Sequence[NDArray[np.float64]]
+from tactile_fem.output.histories import DISPLACEMENT, Outlines, extrema
 
 # Okabe and Ito's colours, which colour-blind readers can distinguish.
 BLUE, VERMILION, GREEN, INK, PAPER = "#0072B2", "#D55E00", "#009E73", "#222222", "#E6E3DC"
-DISPLACEMENT, TIME = "Stimulator displacement (mm)", "Time (s)"
 _LONG = 2.0  # maps that are longer than wide by this factor get flat figures
 ACROSS = "Receptor position across the finger, X (mm)"
 _STYLE: Any = {

@@ -26,8 +26,9 @@ from tactile_fem.finger.mesh_data import FLAT, TISSUES, FingerMesh, facets_of
 from tactile_fem.finger.plane import AXES, Plane
 from tactile_fem.output.colours import COLOURS, is_soft
 from tactile_fem.output.gif import write_gif
-from tactile_fem.output.plots import TIME, styled
-from tactile_fem.output.timeline import Timeline, at_time
+from tactile_fem.output.histories import TIME, at_time
+from tactile_fem.output.plots import styled
+from tactile_fem.output.timeline import Timeline
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tactile_fem.output.extrema import central_receptor
+from tactile_fem.output.histories import central_receptor
 from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
 from tactile_fem.vibration.spectrum import Spectrum
 

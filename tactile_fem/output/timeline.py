@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.plots import TIME
+from tactile_fem.output.histories import TIME, Abscissa, at_time
 from tactile_fem.simulation.results import Results
 
 Array = NDArray[np.float64]
-
-
-def at_time(trace: Mapping[str, Array], name: str, time_s: ArrayLike) -> Array:
-    """Return a history's value at a time or at many, linear in between; times come last."""
-    values = trace[name]
-    columns = values.reshape(len(values), -1).T
-    found = np.array([np.interp(time_s, trace["time_s"], column) for column in columns])
-    return found.reshape(values.shape[1:] + np.shape(time_s))
 
 
 @dataclass(frozen=True)

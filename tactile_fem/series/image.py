@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population, Response
 from tactile_fem.neuron.population import fire
-from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.extrema import central_receptor
-from tactile_fem.output.plots import DISPLACEMENT
+from tactile_fem.output.histories import DISPLACEMENT, Abscissa, central_receptor
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Neuron
 

@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_fem.errors import StudyError
-from tactile_fem.output.abscissa import rings
 from tactile_fem.output.figures import draw_plots
+from tactile_fem.output.histories import rings
 from tactile_fem.output.plots import firing_figure, raster_figure
 from tactile_fem.runtime.files import write_text
 from tactile_fem.series.image import fibre_image

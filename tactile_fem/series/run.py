@@ -17,7 +17,7 @@ import numpy as np
 
 from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.finger.plane import Plane
-from tactile_fem.output.extrema import central_receptor
+from tactile_fem.output.histories import central_receptor
 from tactile_fem.runtime.files import write_records, write_text
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.signals import signal_handler
