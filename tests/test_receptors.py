@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,12 +23,22 @@ from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.neuron import (
+    DRIVES,
+    Drive,
+    Field,
+    Population,
+    fields_of,
+    fire_all,
+    populations_of,
+)
 from tactile_fem.receptors import place, sample
 from tactile_fem.receptors.probe import CellEnergy, Probe
 from tactile_fem.runtime import ranks
 from tactile_fem.simulation.results import Results
+from tactile_fem.simulation.trace import Trace
 from tactile_fem.stimulus import make_body
-from tactile_fem.study import Finger, Plate, Receptors, Solver, Tissue
+from tactile_fem.study import Finger, Plate, Receptors, Solver, Study, Tissue
 
 DEPTHS = np.array([0.0, 0.5, 1.0, 2.0])
 
@@ -45,6 +56,13 @@ def layered_block() -> FingerMesh:
     triangles = np.concatenate([finger.facets, np.hstack([face, face])])
     surface = np.concatenate([finger.surface, np.full(len(face), SURFACES["interface"])])
     return FingerMesh(finger.nodes, finger.cells, finger.tissue, triangles, surface)
+
+
+def block_problem() -> tuple[FingerProblem, FingerMesh]:
+    finger = layered_block()
+    domain = create_domain(finger, MPI.COMM_WORLD, ("cut",))
+    tissue, settings = Tissue.model_validate({}), Solver(held=("cut",))
+    return FingerProblem(domain, tissue, make_body(Plate()), 0.3, settings), finger
 
 
 def test_line_lies_on_the_fingers_interface():
@@ -150,13 +168,10 @@ def test_end_organs_share_a_receptors_mean():
 @pytest.mark.ranks
 @pytest.mark.parametrize("radius", [0.0, 0.25])
 def test_probe_reads_a_homogeneous_state_exactly(radius):
-    finger = layered_block()
+    problem, finger = block_problem()
     wanted = Receptors(half_width_mm=1, spacing_mm=1, average_radius_mm=radius)
     positions = place(wanted, finger)
-    domain = create_domain(finger, MPI.COMM_WORLD, ("cut",))
     tissue = Tissue.model_validate({})
-    settings = Solver(held=("cut",))
-    problem = FingerProblem(domain, tissue, make_body(Plate()), 0.3, settings)
     stretch, before = np.array([0.8, 1.1, 1.05]), np.array([0.9, 1.05, 1.0])
     for u, now in ((problem.u, stretch), (problem.state.u_before, before)):
         u.interpolate(lambda x, now=now: (now - 1)[:, None] * x)
@@ -183,6 +198,67 @@ def test_probe_reads_a_homogeneous_state_exactly(radius):
     np.testing.assert_allclose(felt.stresses_kPa, np.tile(np.sort(stresses), (3, 1)), rtol=1e-8)
     cells = CellEnergy(problem).gather()
     np.testing.assert_allclose(cells[finger.tissue == 2], 1000 * energy, rtol=1e-9)
+
+
+def test_a_drive_with_a_field_of_its_own_is_one_file(monkeypatch):
+    """Named in a study, it reaches probe, trace and spikes with no other edit."""
+
+    def strain(point):
+        F = point.deformation_gradient
+        return (F.T * F - ufl.Identity(3)) / 2
+
+    def largest_shear(E):
+        low, _, high = np.linalg.eigvalsh(E).T
+        return (high - low) / 2
+
+    shear = Field("shear_strain", strain, of_mean=largest_shear)
+    tension = Field("mean_stress_kPa", lambda point: 1000 * ufl.tr(point.cauchy_MPa) / 3)
+    for field, unit in ((shear, "1"), (tension, "kPa")):
+        name = field.name
+        drive = Drive(name, unit, lambda h, name=name: h[name], fields=(field,))
+        monkeypatch.setitem(DRIVES, name, drive)
+    gain = {"static_gain_pA_per_kPa": 1e4}
+    study = Study(
+        afferents=(
+            {"name": "RA", "feels": "shear_strain_rate", "neuron": gain},
+            {"name": "SA1", "feels": "mean_stress_kPa"},
+        )
+    )
+    populations = populations_of(study)
+    problem, finger = block_problem()
+    positions = place(Receptors(half_width_mm=1, spacing_mm=1), finger)
+    samples = sample(Receptors(), positions, finger)
+    probe = Probe(problem, samples, len(positions), fields_of(populations))
+    names = np.array(["RA", "RA", "SA1"])
+    trace = Trace(positions, names, fields=probe.fields)
+    step = {name: column[0] for name, column in trace.arrays().items()} | {"indenting": True}
+    for number, amount in enumerate((0.05, 0.15), 1):
+        problem.u.interpolate(lambda x, a=amount: np.array([a * x[2], 0 * x[0], 0 * x[0]]))
+        trace.add(SimpleNamespace(**step | {"clock_s": 0.1 * number}), probe.read(), {})
+    # The principal strains of simple shear, (a^2 ± a sqrt(a^2 + 4))/4.
+    a = np.array([0.0, 0.05, 0.15])[:, None] * np.ones(3)
+    np.testing.assert_allclose(trace.shear_strain, a * np.sqrt(a**2 + 4) / 4, atol=1e-12)
+    assert trace.mean_stress_kPa.shape == trace.sed_kPa.shape == (3, 3)
+    np.testing.assert_allclose(trace.mean_stress_kPa, trace.stresses_kPa.mean(axis=2), atol=1e-9)
+    counts = fire_all(populations, trace.arrays()).counts()
+    assert counts[0] == counts[1] > 0
+
+    saved = trace.arrays()
+    again = Trace.from_arrays(saved, 2, probe.fields)
+    np.testing.assert_array_equal(again.shear_strain, saved["shear_strain"][:2])
+    del saved["shear_strain"]
+    with pytest.raises(StudyError, match=r"it lacks columns shear_strain\."):
+        Trace.from_arrays(saved, 2, probe.fields)
+
+
+def test_fields_have_names_of_their_own():
+    felt = [Field("x", lambda point: point.energy_MPa) for _ in range(2)]
+    drives = [Drive("Touch", "1", lambda h: h["x"], fields=(field,)) for field in felt]
+    with pytest.raises(StudyError, match="Touch: there is another field x: choose another name"):
+        fields_of([Population(feels=drive) for drive in drives])
+    force = Field("force_N", lambda point: point.energy_MPa)
+    with pytest.raises(StudyError, match="has a column force_N: choose another name for the"):
+        Trace(np.zeros((1, 3)), np.array(["SA1"]), fields=(force,))
 
 
 def test_probe_finds_its_points_in_a_curved_mesh():

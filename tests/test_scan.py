@@ -491,6 +491,7 @@ def test_a_scan_with_inertia_holds_a_force_and_survives_an_interruption(study, t
 def test_a_column_that_cannot_be(column, sentence):
     trace = Trace(np.zeros((2, 3)), np.array(["SA1", "SA1"]))
     seen = SimpleNamespace(**{name: 0.0 for name in trace.arrays()}, indenting=True)
+    seen.columns = vars(seen)
     trace.add(seen, seen, {"y": np.zeros(3)})
     with pytest.raises(StudyError, match=sentence):
         trace.add(seen, seen, column)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.neuron.fields import Field
 
 Array = NDArray[Any]
 Histories = Mapping[str, Array]
@@ -27,11 +28,14 @@ class Drive:
     value
         Takes the arrays of a trace, ``time_s`` (t,) and those of the receptors (t, receptors, ...)
         among them, and returns the quantity, (t, receptors).
+    fields
+        Columns of the receptors that it needs besides those of every trace.
     """
 
     label: str
     unit: str
     value: Callable[[Histories], Array]
+    fields: tuple[Field, ...] = ()
 
     def of(self, histories: Histories) -> tuple[Array, Array]:
         """Return times, s, (t,), and the quantity, (t, receptors).
@@ -59,7 +63,8 @@ class Drive:
             order = min(2, len(time_s) - 1)
             return np.gradient(self.value(histories), time_s, axis=0, edge_order=order)
 
-        return Drive(f"Rate of {self.label[0].lower()}{self.label[1:]}", f"{self.unit}/s", value)
+        label = f"Rate of {self.label[0].lower()}{self.label[1:]}"
+        return Drive(label, f"{self.unit}/s", value, self.fields)
 
 
 def checked_sed(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.drives import Drive, Histories, checked_sed, drive_of
+from tactile_fem.neuron.fields import STANDARD, Field
 from tactile_fem.neuron.membrane import Membrane
 from tactile_fem.neuron.response import Response
 from tactile_fem.neuron.segment import Transduction
@@ -151,6 +152,25 @@ def fire_all(populations: Iterable[Population], histories: Histories) -> Respons
         for k, times in zip(np.flatnonzero(names == population.name), fired.spikes, strict=True):
             spikes[k] = times
     return Response(spikes, float(time[0]), float(time[-1]))
+
+
+def fields_of(populations: Iterable[Population]) -> tuple[Field, ...]:
+    """Return the fields of every trace and those that the drives of populations need besides.
+
+    Raises
+    ------
+    StudyError
+        Two of them have the same name.
+    """
+    found = {field.name: field for field in STANDARD}
+    for population in populations:
+        for wanted in population.drive.fields:
+            if found.setdefault(wanted.name, wanted) != wanted:
+                raise StudyError(
+                    f"{population.drive.label}: there is another field {wanted.name}: choose "
+                    "another name."
+                )
+    return tuple(found.values())
 
 
 def populations_of(study: Study, own: Sequence[Population] = ()) -> tuple[Population, ...]:

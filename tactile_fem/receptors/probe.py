@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -12,16 +14,15 @@ import numpy as np
 import scipy.sparse
 import ufl
 from dolfinx import common
-from ufl.core.expr import Expr
 
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.elasticity import deformation_gradient
 from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.neuron.fields import STANDARD, Field, MaterialPoint
 from tactile_fem.receptors import Samples
 
 _KPA_PER_MPA = 1000.0
-_COUNT = 17
 
 
 @dataclass(frozen=True)
@@ -30,25 +31,24 @@ class ReceptorState:
 
     Attributes
     ----------
-    moved_mm
-        Displacement, (receptors, 3).
-    sed_kPa, von_mises_kPa
-        Strain energy density and Cauchy's von Mises stress, (receptors,).
-    stretches
-        Principal stretches in increasing order, (receptors, 3).
-    stresses_kPa
-        Principal Cauchy stresses in increasing order, tension positive, (receptors, 3).
+    columns
+        Value of each field by its name, (receptors,) or (receptors, n): ``sed_kPa``,
+        ``von_mises_kPa``, ``stretches``, ``stresses_kPa``, ``moved_mm`` and those that the drives
+        of the populations need. They are attributes as well.
     """
 
-    moved_mm: np.ndarray
-    sed_kPa: np.ndarray
-    von_mises_kPa: np.ndarray
-    stretches: np.ndarray
-    stresses_kPa: np.ndarray
+    columns: Mapping[str, np.ndarray]
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        """Return a column."""
+        columns = self.__dict__.get("columns", {})
+        if name in columns:
+            return columns[name]
+        raise AttributeError(f"the receptors have no {name}, only {', '.join(columns)}")
 
 
 class Probe:
-    """Evaluates the fields at the receptors: located once, then one small product per step.
+    """Evaluates fields at the receptors: points located once, one small product for each step.
 
     Within a cell the fields are interpolated at cubic nodes, so a reading is a fixed linear
     combination of nodal values.
@@ -59,6 +59,8 @@ class Probe:
         The finger, whose last step was accepted when it is read.
     samples, count
         Points to be averaged, and the number of receptors.
+    fields
+        What is evaluated.
 
     Attributes
     ----------
@@ -70,10 +72,16 @@ class Probe:
         Share of each cell's nodes in the readings, (receptors, cells x nodes).
     """
 
-    def __init__(self, problem: FingerProblem, samples: Samples, count: int) -> None:
+    def __init__(
+        self,
+        problem: FingerProblem,
+        samples: Samples,
+        count: int,
+        fields: Sequence[Field] = STANDARD,
+    ) -> None:
+        self.fields = tuple(fields)
         self._comm = problem.domain.comm
         self._mesh = problem.domain.mesh
-        self._plane = problem.domain.plane
         cell = self._mesh.topology.cell_name()
         element = basix.ufl.element("DG", cell, 3).basix_element
         self.nodes = element.points
@@ -84,18 +92,22 @@ class Probe:
         mine = np.array([int(c) in owner for c in samples.cell], dtype=bool)
         local = np.array([owner[int(c)] for c in samples.cell[mine]], dtype=np.int32)
         self.cells, column = np.unique(local, return_inverse=True)
-        basis = self._basis(element, local, self._plane.within(samples.point[mine]))
+        basis = self._basis(element, local, problem.domain.plane.within(samples.point[mine]))
         rows = np.repeat(samples.receptor[mine], count_in_cell)
         columns = (column[:, None] * count_in_cell + np.arange(count_in_cell)).ravel()
         weights = (samples.weight[mine, None] * basis).ravel()
         shape = count, len(self.cells) * count_in_cell
         self.weights = scipy.sparse.csr_array((weights, (rows, columns)), shape=shape)
 
-        self._fields = []
+        self._compiled = []
         for name, tag in TISSUES.items():
             if tag in samples.tissue:
+                point = material_point(problem, name)
+                values = [ufl.as_ufl(field.at(point)) for field in self.fields]
+                self._shapes = [value.ufl_shape for value in values]
+                flat = [v[i] if i else v for v in values for i in np.ndindex(v.ufl_shape)]
                 own = np.unique(column[samples.tissue[mine] == tag])
-                self._fields.append((expression(_fields(problem, name), self.nodes), own))
+                self._compiled.append((expression(ufl.as_vector(flat), self.nodes), own))
 
     def _basis(self, element: object, cells: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the nodal basis at physical points, (points, nodes)."""
@@ -110,55 +122,34 @@ class Probe:
 
     def read(self) -> ReceptorState:
         """Return what the receptors feel at the problem's present displacement."""
+        sizes = [math.prod(shape) for shape in self._shapes]
         with common.Timer("tactile: probe"):
-            count = _COUNT + len(self._plane.axes)
-            nodal = np.zeros((len(self.cells), len(self.nodes), count))
-            for fields, own in self._fields:
+            nodal = np.zeros((len(self.cells), len(self.nodes), sum(sizes)))
+            for compiled, own in self._compiled:
                 if len(own):
-                    nodal[own] = fields.eval(self._mesh, self.cells[own]).reshape(
-                        len(own), -1, count
-                    )
-            values = self.weights @ nodal.reshape(-1, count)
-            self._comm.Allreduce(MPI.IN_PLACE, values)
-        C = values[:, 2:11].reshape(-1, 3, 3)
-        stretches = np.sqrt(np.linalg.eigvalsh((C + np.swapaxes(C, 1, 2)) / 2))
-        stresses = _principal(values[:, 11:17])
-        moved = self._plane.vectors(values[:, _COUNT:])
-        return ReceptorState(moved, values[:, 0], values[:, 1], stretches, stresses)
+                    values = compiled.eval(self._mesh, self.cells[own])
+                    nodal[own] = values.reshape(len(own), *nodal.shape[1:])
+            means = self.weights @ nodal.reshape(-1, sum(sizes))
+            self._comm.Allreduce(MPI.IN_PLACE, means)
+        parts = np.split(means, np.cumsum(sizes)[:-1], axis=1)
+        return ReceptorState(
+            {
+                field.name: field.of_mean(part.reshape(-1, *shape))
+                for field, part, shape in zip(self.fields, parts, self._shapes, strict=True)
+            }
+        )
 
 
-def _fields(problem: FingerProblem, tissue: str) -> Expr:
-    """Return what is felt in a tissue, `_COUNT` numbers and the displacement's components.
-
-    Energy, von Mises stress, C (9), Cauchy's stress (6).
-    """
+def material_point(problem: FingerProblem, tissue: str) -> MaterialPoint:
+    """Return the state of a tissue after an accepted step; viscosity acts over that step."""
     F = deformation_gradient(problem.u)
-    W = problem.elasticity.energy(tissue)
-    # Read after a step was accepted: viscosity acts over that step.
     P = problem.elasticity.stress(tissue, problem.state.u_before)
-    sigma = P * F.T / ufl.det(F)
-    deviator = ufl.dev(sigma)
-    von_mises = ufl.sqrt(1.5 * ufl.inner(deviator, deviator) + 1e-30)
-    C = F.T * F
-    return ufl.as_vector(
-        [
-            _KPA_PER_MPA * W,
-            _KPA_PER_MPA * von_mises,
-            *(C[i, j] for i in range(3) for j in range(3)),
-            *(_KPA_PER_MPA * sigma[i, j] for i in range(3) for j in range(i + 1)),
-            *(problem.u[i] for i in range(len(problem.u))),
-        ]
+    displacement = [ufl.as_ufl(0)] * 3
+    for component, axis in enumerate(problem.domain.plane.axes):
+        displacement[axis] = problem.u[component]
+    return MaterialPoint(
+        ufl.as_vector(displacement), F, problem.elasticity.energy(tissue), P * F.T / ufl.det(F)
     )
-
-
-def _principal(lower: np.ndarray) -> np.ndarray:
-    """Return the eigenvalues of symmetric matrices of which the lower halves are given, (n, 6)."""
-    matrices = np.zeros((len(lower), 3, 3))
-    matrices[:, *np.tril_indices(3)] = lower
-    sound = np.isfinite(lower).all(axis=1)
-    values = np.full((len(lower), 3), np.nan)
-    values[sound] = np.linalg.eigvalsh(matrices[sound])
-    return values
 
 
 class CellEnergy:

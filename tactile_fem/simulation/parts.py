@@ -12,7 +12,8 @@ import ufl
 
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import TISSUES, FingerMesh
-from tactile_fem.neuron import Population
+from tactile_fem.neuron import Population, fields_of
+from tactile_fem.neuron.fields import trial_histories
 from tactile_fem.stimulus import Path, RigidBody
 from tactile_fem.stimulus.check import POINTS, check_body, check_lipschitz
 from tactile_fem.study import Tissue
@@ -24,15 +25,6 @@ _DEFORMATIONS = (
     np.array([[1.02, 0.05, 0.0], [0.0, 0.97, 0.01], [0.0, 0.0, 1.01]]),
     np.array([[0.95, 0.0, 0.02], [0.03, 1.04, 0.0], [0.0, -0.04, 1.02]]),
 )
-# What a receptor may feel in a tenth of a second.
-_HISTORIES = {
-    "time_s": np.array([0.0, 0.05, 0.1]),
-    "moved_mm": np.array([[[0.0, 0.0, 0.0]], [[0.0, 0.1, 0.2]], [[0.0, 0.0, 0.1]]]),
-    "sed_kPa": np.array([[0.0], [1.0], [0.5]]),
-    "von_mises_kPa": np.array([[0.0], [10.0], [5.0]]),
-    "stretches": np.array([[[1.0, 1.0, 1.0]], [[0.9, 1.0, 1.1]], [[0.95, 1.0, 1.05]]]),
-    "stresses_kPa": np.array([[[0.0, 0.0, 0.0]], [[-10.0, -5.0, 1.0]], [[-5.0, -2.0, 0.0]]]),
-}
 
 
 @dataclass(frozen=True)
@@ -104,7 +96,7 @@ def check_parts(parts: Parts, of_study: Tissue) -> None:
             raise StudyError("parts.path: it has no pieces but needs one or more.")
         parts.path.check()
     for population in parts.populations:
-        population.fire(_HISTORIES)
+        population.fire(trial_histories(fields_of([population])))
 
 
 def _energy(law: Law, F: np.ndarray) -> float:

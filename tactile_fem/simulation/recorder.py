@@ -61,6 +61,7 @@ class Recorder:
         self._results, self._setup, self._study = results, setup, setup.study
         self._stepper = instruments.stepper
         self._problem = problem = instruments.problem
+        self._of_receptors = instruments.probe.fields
         finger = setup.finger
         self._comm = problem.domain.comm
         self._energy = CellEnergy(problem)
@@ -142,7 +143,7 @@ class Recorder:
             The trace is shorter than the checkpoint says.
         """
         arrays = on_root(self._comm, lambda: self._results.trace)
-        trace = Trace.from_arrays(arrays, int(saved["rows"]))
+        trace = Trace.from_arrays(arrays, int(saved["rows"]), self._of_receptors)
         self._stepper.restore(saved)
         self._next_field_mm = float(saved["next_field_mm"])
         self._spend(json.loads(str(saved["spent"])))

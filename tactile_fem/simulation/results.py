@@ -72,7 +72,6 @@ _OWN = (
     "figures/.*.part",
 )
 _VECTORS = ("stimulator_mm", "force_N", "moment_Nmm")
-_OF_RECEPTORS = ("moved_mm", "sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa")
 _TRACE = ("time_s", "displacement_mm", "depth_mm", "force_N", "receptors_mm", "sed_kPa")
 
 
@@ -260,7 +259,8 @@ class Results:
             ``time_s`` and ``displacement_mm`` (steps; the slide from 0, the indentation at
             negative times), ``stimulator_mm``, ``force_N`` and ``moment_Nmm`` (steps, 3; on the
             finger), ``receptors_mm`` (receptors, 3), ``population`` (receptors,), names,
-            ``sed_kPa`` (steps, receptors) and further fields of that shape.
+            ``sed_kPa`` (steps, receptors), and further fields and observers' columns, a row for
+            each step.
         """
         trace = {name: np.asarray(array) for name, array in arrays.items()}
         _check_trace(trace)
@@ -461,8 +461,7 @@ def _check_trace(trace: dict[str, NDArray[Any]]) -> None:
     if len(steps) != 1:
         raise ValueError(f"time_s has shape {steps}, not (steps,)")
     shapes = {"population": (receptors,), "receptors_mm": (receptors, 3)}
-    shapes |= {name: (*steps, 3) for name in _VECTORS}
-    shapes |= {name: (*steps, receptors) for name in _OF_RECEPTORS}
+    shapes |= {"sed_kPa": (*steps, receptors)} | {name: (*steps, 3) for name in _VECTORS}
     for name, array in trace.items():
         expected = shapes.get(name, steps)
         if array.shape[: len(expected)] != expected:

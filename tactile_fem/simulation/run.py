@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.mechanics.faults import stopping
-from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.stepper import Step, stopped
 from tactile_fem.neuron import Population, Response, fire_all
@@ -218,14 +217,17 @@ def _run(
             if recorder and saved:
                 trace = recorder.restore(saved)
             else:
-                trace = _begin(setup, instruments.problem, recorder)
+                trace = _begin(setup, instruments, recorder)
             response = _run_steps(instruments, trace, recorder, observers, setup.populations)
     return ScanResult(trace, response, results.folder if results else None)
 
 
-def _begin(setup: Setup, problem: FingerProblem, recorder: Recorder | None) -> Trace:
+def _begin(setup: Setup, instruments: Instruments, recorder: Recorder | None) -> Trace:
+    problem, layout = instruments.problem, setup.layout
     announce(setup.study, setup.path, problem.unknowns, problem.domain.comm)
-    trace = Trace(setup.layout.positions_mm, setup.layout.population, setup.path.start_mm)
+    trace = Trace(
+        layout.positions_mm, layout.population, setup.path.start_mm, instruments.probe.fields
+    )
     if recorder:
         recorder.begin(trace)
     return trace

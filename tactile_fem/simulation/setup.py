@@ -18,7 +18,7 @@ from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.mechanics.petsc_options import check_options
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Stepper
-from tactile_fem.neuron import Population, populations_of
+from tactile_fem.neuron import Population, fields_of, populations_of
 from tactile_fem.receptors import Layout, lay_out
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.files import check_unchanged, hashes
@@ -106,7 +106,12 @@ class Setup:
                 laws=self.parts.laws,
             )
             _ = problem.load_cell  # compiled here, not in the first step
-            probe = Probe(problem, self.layout.samples, len(self.layout.positions_mm))
+            probe = Probe(
+                problem,
+                self.layout.samples,
+                len(self.layout.positions_mm),
+                fields_of(self.populations),
+            )
             stepper = Stepper(problem, self.path, study.solver, domain.plane)
         logger.info(
             "%d cells that deform, %d unknowns, %d receptors, %d ranks",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.neuron.fields import STANDARD, Field
 
 Array = NDArray[Any]
 
@@ -24,6 +25,8 @@ class Trace:
         Positions, (receptors, 3), and names of their populations, (receptors,).
     start_mm
         Where the body starts, (3,).
+    fields
+        Of the receptors; each is a column.
 
     Attributes
     ----------
@@ -44,22 +47,21 @@ class Trace:
     receptors_mm, population
         (receptors, 3), (receptors,).
     moved_mm, sed_kPa, von_mises_kPa, stretches, stresses_kPa
-        (steps, receptors), displacement and principal values (steps, receptors, 3).
+        (steps, receptors), displacement and principal values (steps, receptors, 3). Further
+        fields follow, as drives need them.
     """
 
     def __init__(
-        self, receptors_mm: Array, population: Array, start_mm: ArrayLike = (0.0, 0.0, 0.0)
+        self,
+        receptors_mm: Array,
+        population: Array,
+        start_mm: ArrayLike = (0.0, 0.0, 0.0),
+        fields: Sequence[Field] = STANDARD,
     ) -> None:
         count, start = len(receptors_mm), np.asarray(start_mm, dtype=float)
         self.receptors_mm, self.population = receptors_mm, population
         self._indented_s = 0.0
-        self._of_receptors: dict[str, list[Any]] = {
-            "moved_mm": [np.zeros((count, 3))],
-            "sed_kPa": [np.zeros(count)],
-            "von_mises_kPa": [np.zeros(count)],
-            "stretches": [np.ones((count, 3))],
-            "stresses_kPa": [np.zeros((count, 3))],
-        }
+        self._of_receptors = {field.name: [field.at_rest(count)] for field in fields}
         self._of_step: dict[str, list[Any]] = {
             "phase": ["rest"],
             "stimulator_mm": [start],
@@ -70,9 +72,13 @@ class Trace:
             **{name: [0.0] for name in _SCALARS},
         }
         self._own: dict[str, list[Any]] = {}
+        for name in {*self._of_step, *self._fixed, "time_s"} & self._of_receptors.keys():
+            raise StudyError(f"The trace has a column {name}: choose another name for the field.")
 
     @classmethod
-    def from_arrays(cls, saved: Mapping[str, Array], rows: int) -> Trace:
+    def from_arrays(
+        cls, saved: Mapping[str, Array], rows: int, fields: Sequence[Field] = STANDARD
+    ) -> Trace:
         """Return the first `rows` rows of a saved trace.
 
         Raises
@@ -80,7 +86,7 @@ class Trace:
         StudyError
             It has fewer rows or columns.
         """
-        trace = cls(saved["receptors_mm"], saved["population"])
+        trace = cls(saved["receptors_mm"], saved["population"], fields=fields)
         known = {**trace._of_receptors, **trace._of_step}
         missing = [name for name in known if name not in saved]
         if missing or len(saved["time_s"]) < rows:
@@ -100,9 +106,10 @@ class Trace:
     def add(self, step: Any, receptors: Any, own: Mapping[str, ArrayLike]) -> None:
         """Append a row: a step, the state of the receptors, and the observers' own columns."""
         rows, values = len(self), self._checked(own)
-        for source, columns in ((receptors, self._of_receptors), (step, self._of_step)):
-            for name, column in columns.items():
-                column.append(getattr(source, name))
+        for name, column in self._of_receptors.items():
+            column.append(receptors.columns[name])
+        for name, column in self._of_step.items():
+            column.append(getattr(step, name))
         for name, value in values.items():
             self._own.setdefault(name, [np.full_like(value, np.nan)] * rows).append(value)
         for name in set(self._own) - set(values):

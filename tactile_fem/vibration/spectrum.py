@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population
+from tactile_fem.neuron.fields import MOVED, SED, STRETCHES, trial_histories
 from tactile_fem.runtime.files import write_records
 from tactile_fem.vibration.archive import load_arrays, save_arrays
 
@@ -148,16 +149,8 @@ class Spectrum:
 
 def unfelt(population: Population) -> str:
     """Return why a vibration does not have what a population feels; empty if it does."""
-    time_s, stretch = np.array([0.0, 0.05, 0.1]), np.array([1.0, 0.9, 0.95])
-    tried = {
-        "time_s": time_s,
-        "population": np.array([population.name]),
-        "moved_mm": np.multiply.outer(time_s, np.ones((1, 3))),
-        "sed_kPa": 10 * time_s[:, None],
-        "stretches": np.stack([stretch, stretch**0, 1 / stretch], axis=-1)[:, None],
-    }
     try:
-        population.drive.of(tried)
+        population.drive.of(trial_histories((MOVED, SED, STRETCHES)))
     except StudyError as error:
         return str(error)
     return ""
