@@ -83,6 +83,7 @@ def test_parts_of_ones_own_make_a_scan(small_finger, tmp_path, monkeypatch):
     time_s, sed_kPa = np.array([0.0, 0.05, 1.0]), np.array([[0.0], [1.0], [1.0]])
     (spikes,) = names["ra"].fire({"time_s": time_s, "sed_kPa": sed_kPa}).spikes
     assert names["DRIVES"].pop("root") is names["root"]
+    assert names["DRIVES"].pop("shear").fields[0].name == "shear_strain_yz"
     assert len(spikes) > 5 and spikes[-1] <= 0.05
     from tactile_fem.tissue.energies import stiffness
 
