@@ -23,11 +23,11 @@ from tactile_fem.neuron import Population
 from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.neuron.segment import Segment
 from tactile_fem.output.figures import draw
+from tactile_fem.path import Hold, Lift, Motion, Path, Press
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.simulation import Parts, scan
 from tactile_fem.simulation.results import Results
-from tactile_fem.stimulus import Distance, Motion, Path
-from tactile_fem.stimulus.path import hold, lift, press
+from tactile_fem.stimulus import Distance
 from tactile_fem.study import Finger, Output, Receptors, Study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -187,7 +187,12 @@ def main(folder: FilePath, *, depth: float = 1.2, radius: float = 1.5, speed: fl
         receptors=Receptors(half_width_mm=4.0, spacing_mm=0.5),
         output=Output(fields_mm=1.0),
     )
-    pieces = press(depth, speed), hold(0.05, 0.01), circles(radius, 1, speed), lift(0.0, speed)
+    pieces = (
+        Press(depth_mm=depth, speed_mm_s=speed),
+        Hold(time_s=0.05, output_s=0.01),
+        circles(radius, 1, speed),
+        Lift(speed_mm_s=speed),
+    )
     parts = Parts(
         laws={"subcutaneous": Fung(shear=0.8e-3, bulk=0.02, b=2.0)},
         body=Ring(radius=2.0, wire=0.8),

@@ -16,7 +16,7 @@ from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH
 from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.output.deck import Penalty, material_lines, write_deck
-from tactile_fem.stimulus import make_body, make_path
+from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.height_field import height_field
 from tactile_fem.study import (
     Cylinder,
@@ -36,7 +36,7 @@ LINE = np.linspace(-3.0, 3.0, 4)
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0, 4.0])
 BLOCK = block_mesh(LINE, LINE, DEPTHS, [*LAYERS, "bone"])
 PRESS = Protocol(depth_mm=0.3, distance_mm=0.4)
-PATH = make_path(PRESS, 0.0)
+PATH = PRESS.route(0.0)
 STUDY = Study(stimulus=Plate(friction=0.3), protocol=PRESS)
 # After Abaqus' manual, counted from 1: ends of the edges with nodes 5 to 10; corners of S1 to S4.
 EDGES = np.array([[1, 2], [2, 3], [3, 1], [1, 4], [2, 4], [3, 4]]) - 1

@@ -15,7 +15,6 @@ from mpi4py import MPI  # isort: skip
 
 from tactile_fem.simulation import estimate as module
 from tactile_fem.simulation.estimate import announce, available_memory_MB, estimate
-from tactile_fem.stimulus import make_path
 from tactile_fem.study import Finger, Protocol, Solver, Study
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "demos" / "benchmarks" / "README.md"
@@ -33,7 +32,7 @@ def measured(row: str) -> list[float]:
 
 def of(study: Study, unknowns: float, ranks: float) -> module.Estimate:
     """Return what a study on the default finger needs; a press to a force goes 4 mm deep."""
-    return estimate(study, make_path(study.protocol, 4.0), int(unknowns), int(ranks))
+    return estimate(study, study.protocol.route(4.0), int(unknowns), int(ranks))
 
 
 UNKNOWNS = [count for count in measured("unknowns") for _ in (1, 2)]
@@ -97,7 +96,7 @@ def test_too_little_memory_is_said(caplog, monkeypatch, free, warned):
     package = logging.getLogger("tactile_fem")
     monkeypatch.setattr(package, "propagate", True)
     with caplog.at_level(logging.INFO, logger="tactile_fem"):
-        announce(Study(), make_path(Protocol(), 4.0), PAPER, MPI.COMM_SELF)
+        announce(Study(), Protocol().route(4.0), PAPER, MPI.COMM_SELF)
     assert "expect about" in caplog.text
     assert ("are free" in caplog.text) == warned
 

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path as FilePath
+from typing import Literal
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from tactile_fem.errors import StudyError
+from tactile_fem.path import Motion, Path, Piece, Vibration
+from tactile_fem.runtime.settings import Positive
 from tactile_fem.simulation.checks import DEEPEST, check_study
-from tactile_fem.stimulus import Motion, Path, make_path
-from tactile_fem.stimulus.path import follow, hold, lift, press, slide
-from tactile_fem.stimulus.protocol import Vibration
 from tactile_fem.study import Finger, Follow, Hold, Lift, Press, Protocol, Slide, Study
 from tactile_fem.study.file import dump_study, load_study
+from tactile_fem.study.template import commented_template
 
 REST = np.zeros(3)
+STAY = Hold(time_s=1.0, output_s=1.0)
 HEADING = "time_s,x_mm,y_mm,z_mm\n"
 
 
@@ -32,6 +35,13 @@ def circle(radius_mm: float, lasts_s: float) -> Motion:
     return Motion("circle", lasts_s, place)
 
 
+def follow(folder: FilePath, times_s, places_mm, output_s: float) -> Follow:
+    """Return a piece that follows places."""
+    rows = np.column_stack([times_s, places_mm])
+    np.savetxt(folder / "follow.csv", rows, delimiter=",", header=HEADING.strip(), comments="")
+    return Follow(file=folder / "follow.csv", output_s=output_s)
+
+
 def refused(path: Path) -> str:
     with pytest.raises(StudyError) as caught:
         path.check()
@@ -43,7 +53,7 @@ def refused(path: Path) -> str:
 
 
 def test_a_press_goes_straight_in_from_where_the_body_is():
-    motion = press(1.5, 2.0)(np.array([0.3, -0.2, 0.5]))
+    motion = Press(depth_mm=1.5, speed_mm_s=2.0)(np.array([0.3, -0.2, 0.5]))
     assert motion.duration_s == pytest.approx(0.5)
     np.testing.assert_allclose(motion.place(0.25), [0.3, -0.2, 1.0])
     np.testing.assert_array_equal(motion.place(motion.duration_s), [0.3, -0.2, 1.5])
@@ -53,7 +63,7 @@ def test_a_press_goes_straight_in_from_where_the_body_is():
 
 
 def test_a_slide_hits_its_outputs_and_keeps_its_depth():
-    motion = slide((0.3, -0.4), 5.0, 0.2)(np.array([0.0, 0.0, 1.0]))
+    motion = Slide(by_mm=(0.3, -0.4), speed_mm_s=5.0, output_mm=0.2)(np.array([0.0, 0.0, 1.0]))
     assert motion.duration_s == pytest.approx(0.1)
     assert motion.outputs_s == pytest.approx([0.04, 0.08])
     assert [motion.slid_mm(t) for t in motion.outputs_s] == pytest.approx([0.2, 0.4])
@@ -63,14 +73,14 @@ def test_a_slide_hits_its_outputs_and_keeps_its_depth():
 
 @pytest.mark.parametrize(("output_mm", "outputs"), [(0.1, 3), (0.3, 1), (0.31, 0)])
 def test_rounding_loses_no_output(output_mm, outputs):
-    motion = slide((0.0, -0.3), 20.0, output_mm)(REST)
+    motion = Slide(by_mm=(0.0, -0.3), output_mm=output_mm)(REST)
     assert len(motion.outputs_s) == outputs
-    Path((slide((0.0, -0.3), 20.0, output_mm),)).check()
+    Path((Slide(by_mm=(0.0, -0.3), output_mm=output_mm),)).check()
 
 
 def test_a_hold_stays_and_a_lift_leaves():
     at = np.array([0.0, -1.0, 0.8])
-    held, lifted = hold(2.0, 0.5)(at), lift(-0.2, 10.0)(at)
+    held, lifted = Hold(time_s=2.0, output_s=0.5)(at), Lift(depth_mm=-0.2, speed_mm_s=10.0)(at)
     np.testing.assert_array_equal(held.places_mm, [at, at])
     assert held.outputs_s == pytest.approx([0.5, 1.0, 1.5, 2.0])
     assert held.fastest_mm_s == held.slid_mm(2.0) == held.pressed_mm(2.0) == 0
@@ -79,9 +89,9 @@ def test_a_hold_stays_and_a_lift_leaves():
     assert not held.indents and not lifted.indents
 
 
-def test_following_starts_where_the_body_is():
+def test_following_starts_where_the_body_is(tmp_path):
     places = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.5], [1.0, 0.0, 0.5]])
-    motion = follow(np.array([10.0, 10.1, 10.3]), places, 0.1)(np.array([0.0, 0.0, 1.0]))
+    motion = follow(tmp_path, [10.0, 10.1, 10.3], places, 0.1)(np.array([0.0, 0.0, 1.0]))
     assert motion.duration_s == pytest.approx(0.3)
     np.testing.assert_allclose(motion.place(0.05), [0.0, 0.0, 1.25])
     np.testing.assert_allclose(motion.place(0.2), [0.0, -0.5, 1.5])
@@ -89,12 +99,12 @@ def test_following_starts_where_the_body_is():
     assert motion.fastest_mm_s == pytest.approx(5.0)
     assert motion.outputs_s == pytest.approx([0.1, 0.2, 0.3])
     assert not motion.indents
-    assert follow(np.array([0.0, 1.0]), places[:2], 1.0)(REST).indents
+    assert follow(tmp_path, [0.0, 1.0], places[:2], 1.0)(REST).indents
 
 
 @pytest.mark.parametrize("force_N", [None, 0.5])
 def test_a_held_force_indents_nothing(force_N):
-    motion = replace(press(1.0, 1.0)(REST), held_N=force_N)
+    motion = replace(Press(depth_mm=1.0, speed_mm_s=1.0)(REST), held_N=force_N)
     assert motion.indents == (force_N is None)
 
 
@@ -110,10 +120,10 @@ def test_time_within_on_a_circle():
     assert motion.least_steps(0.1, 9.0) == pytest.approx(20 * math.pi, rel=1e-5)
 
 
-def test_time_within_on_a_path_with_a_pause():
+def test_time_within_on_a_path_with_a_pause(tmp_path):
     """1 mm in 1 s, a pause of 2 s, 1 mm deeper in 4 s."""
     places = np.array([[0, 0, 0], [0, -1, 0], [0, -1, 0], [0, -1, 1]], dtype=float)
-    motion = follow(np.array([0.0, 1.0, 3.0, 7.0]), places, 1.0)(REST)
+    motion = follow(tmp_path, [0.0, 1.0, 3.0, 7.0], places, 1.0)(REST)
     assert motion.time_within(0.5, 0.25, 9.0) == pytest.approx(0.25)
     assert motion.time_within(0.5, 0.6, 0.25) == pytest.approx(3.5)  # over the pause
     assert motion.time_within(2.0, 0.1, 0.5) == pytest.approx(3.0)
@@ -124,20 +134,20 @@ def test_time_within_on_a_path_with_a_pause():
 
 
 def test_a_protocol_is_a_press_and_a_slide():
-    path = make_path(Protocol(depth_mm=1.0, distance_mm=2.0, output_mm=0.5), 4.0)
+    path = Protocol(depth_mm=1.0, distance_mm=2.0, output_mm=0.5).route(4.0)
     (start, pressed), (middle, slid) = path.plan()
     np.testing.assert_array_equal([start, middle], [REST, (0.0, 0.0, 1.0)])
     assert [pressed.phase, slid.phase] == ["press", "slide"]
     assert slid.outputs_s == pytest.approx(np.arange(1, 5) * 0.5 / 20)
     np.testing.assert_allclose(path.places_mm()[-1], [0.0, -2.0, 1.0])
-    assert [m.phase for _, m in make_path(Protocol(distance_mm=0.0), 4.0).plan()] == ["press"]
+    assert [m.phase for _, m in Protocol(distance_mm=0.0).route(4.0).plan()] == ["press"]
 
 
 def test_a_press_to_a_force_goes_as_deep_as_it_may_and_the_slide_may_hold_it():
-    (_, pressed), (at, slid) = make_path(Protocol(force_N=0.5, hold="force"), 4.0).plan()
+    (_, pressed), (at, slid) = Protocol(force_N=0.5, hold="force").route(4.0).plan()
     assert (pressed.until_N, pressed.held_N, slid.held_N) == (0.5, None, 0.5)
     assert pressed.place(pressed.duration_s)[2] == 4.0 > at[2] > 3.0
-    assert make_path(Protocol(force_N=0.5), 4.0).pieces[1](REST).held_N is None
+    assert Protocol(force_N=0.5).route(4.0).pieces[1](REST).held_N is None
 
 
 def test_pieces_follow_each_other():
@@ -147,7 +157,7 @@ def test_pieces_follow_each_other():
         Slide(by_mm=(1.0, 0.0), force_N=0.2),
         Lift(depth_mm=-0.5),
     )
-    plan = list(make_path(Protocol(path=pieces), 4.0).plan())
+    plan = list(Protocol(path=pieces).route(4.0).plan())
     assert [motion.phase for _, motion in plan] == ["press", "hold", "slide", "lift"]
     starts = [start.tolist() for start, _ in plan]
     assert starts == [[0, 0, 0], [0, 0, 1], [0, 0, 1], [1, 0, 1]]
@@ -164,12 +174,12 @@ def places_file(tmp_path) -> FilePath:
 
 
 def test_a_file_that_comes_first_says_where_the_body_starts(places_file):
-    path = make_path(Protocol(path=(Follow(file=places_file),)), 4.0)
+    path = Protocol(path=(Follow(file=places_file),)).route(4.0)
     np.testing.assert_array_equal(path.start_mm, [0.5, 0.0, -0.1])
     ((_, motion),) = path.plan()
     assert len(motion.outputs_s) == 100
     np.testing.assert_allclose(motion.place(2.0), [0.5, -0.5, 1.0])
-    later = make_path(Protocol(path=(Press(depth_mm=0.4), Follow(file=places_file))), 4.0)
+    later = Protocol(path=(Press(depth_mm=0.4), Follow(file=places_file))).route(4.0)
     (_, (start, motion)) = later.plan()
     np.testing.assert_array_equal([later.start_mm, start], [REST, (0.0, 0.0, 0.4)])
     np.testing.assert_allclose(motion.place(3.0), [0.0, -1.0, 1.5])
@@ -182,26 +192,75 @@ def test_a_study_keeps_its_path(tmp_path, places_file):
     assert load_study(tmp_path / "s.toml") == study
 
 
+class Zigzag(Piece):
+    """A piece of one's own."""
+
+    kind: Literal["zigzag"] = "zigzag"
+    width_mm: Positive = Field(0.5, description="from side to side")
+
+    def motion(self, start_mm):
+        way = np.array([[0.0, 0.0], [self.width_mm, -1.0], [0.0, -2.0]])
+
+        def place(t):
+            return start_mm + np.array(
+                [np.interp(-2.0 * t, way[::-1, 1], way[::-1, 0]), -2.0 * t, 0]
+            )
+
+        return Motion("zigzag", 1.0, place, knots_s=np.array([0.0, 0.5, 1.0]))
+
+
+@pytest.fixture
+def zigzag():
+    Piece.kinds["zigzag"] = Zigzag
+    yield
+    del Piece.kinds["zigzag"]
+
+
+del Piece.kinds["zigzag"]  # other tests know the package's pieces only
+
+
+def test_a_piece_of_ones_own_joins_the_study(tmp_path, zigzag):
+    study = Study(protocol=Protocol(path=(Press(depth_mm=1.0), Zigzag(width_mm=0.7))))
+    (tmp_path / "s.toml").write_text(dump_study(study))
+    assert load_study(tmp_path / "s.toml") == study
+    np.testing.assert_allclose(study.protocol.route(4.0).places_mm()[-2], [0.7, -1.0, 1.0])
+    check_study(study)
+    for setting, sentence in {
+        '{kind="zigzag", width=1}': 'width is not a key of a piece of kind "zigzag"; did you mean',
+        '{kind="zigzag", width_mm=0}': "width_mm is 0 but must be greater than 0",
+        '{kind="zigzak"}': "no kind of piece; did you mean zigzag?",
+    }.items():
+        with pytest.raises(StudyError, match=re.escape(sentence)):
+            load_study(None, [f"protocol.path=[{setting}]"])
+    assert "# width_mm = 0.5: from side to side [> 0]" in " ".join(commented_template().split())
+
+
 # --- refusals ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("piece", "sentence"),
     [
-        (lift(0.0, 20.0), "piece 1 of its path (lift) takes 0 s but must take a finite time"),
-        (hold(math.inf, 1.0), "takes inf s but must take a finite time"),
-        (hold(1.0, 1e-9), "has an output every 1e-09 s, more than 100,000 in all: raise output_mm"),
-        (hold(1e6, 1e5), "its path lasts 1e+06 s but may last 100,000 s at most"),
+        (Lift(depth_mm=0.0), "piece 1 of its path (lift) takes 0 s but must take a finite time"),
+        (
+            lambda _: replace(STAY(REST), duration_s=math.inf),
+            "takes inf s but must take a finite time",
+        ),
+        (
+            Hold(time_s=1.0, output_s=1e-9),
+            "has an output every 1e-09 s, more than 100,000 in all: raise output_mm",
+        ),
+        (Hold(time_s=1e6, output_s=1e5), "its path lasts 1e+06 s but may last 100,000 s at most"),
         (lambda _: Motion("x", 1.0, lambda t: np.full(3, np.nan)), "(x) is not three finite"),
         (lambda _: Motion("x", 1.0, lambda t: np.zeros(2)), "(x) is not three finite numbers"),
-        (lambda _: replace(hold(1.0, 1.0)(REST), outputs_s=(0.0, 1.0)), "outputs_s must increase"),
-        (lambda _: replace(hold(1.0, 1.0)(REST), outputs_s=(0.5, 0.5)), "outputs_s must increase"),
-        (lambda _: replace(hold(1.0, 1.0)(REST), outputs_s=(1.1,)), "to at most 1 s"),
+        (lambda _: replace(STAY(REST), outputs_s=(0.0, 1.0)), "outputs_s must increase"),
+        (lambda _: replace(STAY(REST), outputs_s=(0.5, 0.5)), "outputs_s must increase"),
+        (lambda _: replace(STAY(REST), outputs_s=(1.1,)), "to at most 1 s"),
         (
-            lambda _: replace(hold(1.0, 1.0)(REST), knots_s=[0.0, 0.5]),
+            lambda _: replace(STAY(REST), knots_s=[0.0, 0.5]),
             "knots_s must increase from 0",
         ),
-        (lambda _: hold(1.0, 1.0)(np.array([0, 0, 0.5])), "begins 0.5 mm from where the body is"),
+        (lambda _: STAY(np.array([0, 0, 0.5])), "begins 0.5 mm from where the body is"),
     ],
 )
 def test_a_path_that_nobody_can_go_along(piece, sentence):
@@ -225,9 +284,9 @@ def test_a_held_force_does_not_vibrate_along_z(piece):
 
 def test_the_piece_that_is_wrong_is_named():
     def beside(start):
-        return replace(hold(1.0, 1.0)(start + np.array([0.1, 0.0, 0.0])), phase="turn")
+        return replace(STAY(start + np.array([0.1, 0.0, 0.0])), phase="turn")
 
-    told = refused(Path((press(1.0, 1.0), beside)))
+    told = refused(Path((Press(depth_mm=1.0, speed_mm_s=1.0), beside)))
     assert "piece 2 of its path (turn) begins 0.1 mm from where the body is then" in told
     assert told.endswith("its first place must be X 0, Y 0, Z 1 mm.")
 
@@ -280,7 +339,7 @@ def test_pieces_that_cannot_be(pieces, sentence):
 
 def test_a_press_to_a_force_may_go_on_until_the_bone_is_near():
     check_study(Study(protocol=Protocol(path=(Press(force_N=1.0), Slide(force_N=1.0)))))
-    (_, motion) = next(make_path(Protocol(force_N=1.0), DEEPEST * THICKNESS).plan())
+    (_, motion) = next(Protocol(force_N=1.0).route(DEEPEST * THICKNESS).plan())
     assert motion.place(motion.duration_s)[2] == pytest.approx(0.8 * THICKNESS)
 
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 from tactile_fem.cli import app as cli
 from tactile_fem.finger import read_msh
-from tactile_fem.stimulus import make_body, make_path
+from tactile_fem.stimulus import make_body
 from tactile_fem.study import Protocol, Text
 from tactile_fem.study.explain import KINDS
 
@@ -43,7 +43,7 @@ def test_every_kind_of_stimulus_is_drawn(kind, tmp_path, capsys):
 def test_the_way_of_the_contact_point_leads_over_the_letters(small_finger):
     from tactile_fem.output.preview import preview_figure
 
-    path = make_path(Protocol(distance_mm=4.0), 3.0)
+    path = Protocol(distance_mm=4.0).route(3.0)
     figure = preview_figure(read_msh(small_finger), make_body(Text()), path)
     finger, way, start = figure.axes[1].lines
     np.testing.assert_allclose(way.get_xydata()[[0, -1]], [[0, 0], [0, 4.0]], atol=1e-12)

@@ -70,7 +70,7 @@ def test_parts_of_ones_own_make_a_scan(small_finger, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = PAGES / "extending.md"
     code = "\n".join(blocks(page, "python"))
-    code = shortened(code, "press(depth_mm=1.0", "press(depth_mm=0.2")
+    code = shortened(code, "Press(depth_mm=1.0", "Press(depth_mm=0.2")
     code = shortened(code, "zigzag(2.0, 0.5, 0.2)", "zigzag(0.2, 0.1, 0.02)")
     code = shortened(code, "Finger()", f"Finger(mesh_file={str(small_finger)!r})")
     names = run(code, page)

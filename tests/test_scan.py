@@ -19,13 +19,13 @@ from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.neuron import Drive, Population
 from tactile_fem.output.histories import at_time
+from tactile_fem.path import Path
 from tactile_fem.runtime import ranks
 from tactile_fem.simulation import Parts, completed, resume, scan
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.trace import Trace
-from tactile_fem.stimulus import Distance, Path
-from tactile_fem.stimulus.path import press, slide
+from tactile_fem.stimulus import Distance
 from tactile_fem.study import (
     Afferents,
     Finger,
@@ -514,7 +514,7 @@ def test_parts_that_do_what_the_studys_do_give_the_same(study, tmp_path):
     flat = {"stimulus": Plate(), "protocol": Protocol(depth_mm=0.2, distance_mm=0.1)}
     of_study = scan(study.model_copy(update=flat)).trace
     law = law_of(study.tissue.dermis)
-    path = Path((press(0.2, 20.0), slide((0.0, -0.1), 20.0, 0.1)))
+    path = Path((Press(depth_mm=0.2), Slide(by_mm=(0.0, -0.1))))
     parts = Parts(laws={"dermis": law}, body=Floor(), path=path)
 
     def stop(seen):
@@ -533,7 +533,7 @@ def test_parts_that_do_what_the_studys_do_give_the_same(study, tmp_path):
             replace(parts, body=Floor(-0.1)),
             r"with a body that was \S+Floor \w+, now it is \S+Floor",
         ),
-        (replace(parts, path=Path((press(0.2, 20.0),))), "with a path that was"),
+        (replace(parts, path=Path((Press(depth_mm=0.2),))), "with a path that was"),
         (replace(parts, laws={**parts.laws, "epidermis": law}), "with a law of epidermis that was"),
     ]:
         with pytest.raises(StudyError, match=sentence) as caught:
@@ -554,7 +554,7 @@ def test_an_own_path_through_the_bone_is_the_parts_fault(study):
     with pytest.raises(
         StudyError, match=r"parts\.path \(piece 1\) goes 9 mm deep but must be less"
     ):
-        scan(study, parts=Parts(path=Path((press(9.0, 20.0),))))
+        scan(study, parts=Parts(path=Path((Press(depth_mm=9.0),))))
 
 
 class Bent:

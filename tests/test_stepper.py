@@ -21,18 +21,25 @@ from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.newton import SolveReport
 from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.stepper import Step, Stepper
-from tactile_fem.stimulus import Motion, Path, make_path
-from tactile_fem.stimulus.path import hold, lift, press, slide
-from tactile_fem.study import Press, Protocol, Solver
+from tactile_fem.path import Hold, Lift, Motion, Path, Press, Protocol, Slide
+from tactile_fem.study import Solver
 
 SOLVER = Solver(first_step_mm=0.1, max_press_step_mm=0.2)
 CORNERS = np.array([0.0, 1.0])
+
+
+def press(depth_mm, until_N=None):
+    if until_N is None:
+        return Press(depth_mm=depth_mm, speed_mm_s=10.0)
+    return Press(force_N=until_N, speed_mm_s=10.0).resolved(depth_mm)
+
+
 TO_FORCE = Path(
     (
-        press(3.0, 10.0, until_N=0.4),
-        hold(0.1, 0.05, held_N=0.4),
-        slide((0.0, -1.0), 20.0, 0.25, held_N=0.4),
-        lift(-0.1, 20.0),
+        press(3.0, until_N=0.4),
+        Hold(time_s=0.1, output_s=0.05, force_N=0.4),
+        Slide(by_mm=(0.0, -1.0), output_mm=0.25, force_N=0.4),
+        Lift(depth_mm=-0.1),
     )
 )
 
@@ -75,7 +82,7 @@ def of(steps: list[Step], phase: str) -> list[Step]:
 
 
 def test_the_papers_path_is_pressed_and_slid():
-    path = make_path(Protocol(depth_mm=1.0, distance_mm=1.0, output_mm=0.25), 4.0)
+    path = Protocol(depth_mm=1.0, distance_mm=1.0, output_mm=0.25).route(4.0)
     steps = steps_of(path)
     assert [step.index for step in steps] == list(range(1, len(steps) + 1))
     assert sum(step.dt_s for step in steps) == pytest.approx(0.1)
@@ -94,7 +101,7 @@ def test_the_papers_path_is_pressed_and_slid():
 def test_presses_go_on_from_force_to_force():
     forces = 0.1, 0.2, 0.4
     pieces = tuple(Press(force_N=force) for force in forces)
-    steps = steps_of(make_path(Protocol(path=pieces), 3.0))
+    steps = steps_of(Protocol(path=pieces).route(3.0))
     ends = [step for step in steps if step.ends_piece]
     assert [step.force_N[2] for step in ends] == pytest.approx(forces, rel=1e-3)
     assert [step.depth_mm for step in ends] == pytest.approx(np.power(forces, 2 / 3), rel=1e-3)
@@ -137,7 +144,7 @@ def test_what_is_interrupted_goes_on_the_same():
 
 def test_a_force_that_is_there_already_ends_the_press(monkeypatch, caplog):
     monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)
-    path = Path((press(0.8, 10.0), press(3.0, 10.0, until_N=0.4), lift(0.0, 20.0)))
+    path = Path((press(0.8), press(3.0, until_N=0.4), Lift(depth_mm=0.0)))
     with caplog.at_level(logging.INFO, "tactile_fem"):
         steps = steps_of(path)
     deepest = max(step.depth_mm for step in steps)
@@ -149,7 +156,7 @@ def test_a_force_that_is_there_already_ends_the_press(monkeypatch, caplog):
 def test_a_force_that_is_not_reached_stops_where_the_press_ends():
     where = r"the press stopped at a depth of 0\.5000 mm"
     with pytest.raises(ConvergenceError, match=where) as error:
-        steps_of(Path((press(0.5, 10.0, until_N=0.4),)))
+        steps_of(Path((press(0.5, until_N=0.4),)))
     assert "the force is not reached" in str(error.value)
     assert error.value.stimulator_mm == (0.0, 0.0, 0.5)
 
@@ -184,7 +191,7 @@ def test_a_path_of_ones_own_is_stepped_within_its_bounds():
 
 def test_a_hold_begins_with_steps_as_brief_as_the_last():
     """What relaxes does so as fast as the press went."""
-    steps = steps_of(Path((press(0.5, 10.0), hold(1.0, 1.0))))
+    steps = steps_of(Path((press(0.5), Hold(time_s=1.0, output_s=1.0))))
     pressed, held = (of(steps, phase) for phase in ("press", "hold"))
     assert held[0].dt_s <= pressed[-1].dt_s * (1 + 1e-9)
     assert held[-1].dt_s > 10 * held[0].dt_s
@@ -197,7 +204,7 @@ def test_a_slow_motion_may_step_as_briefly_as_a_fast_one(speed, briefest, monkey
     problem = Spring()
     failed = SolveReport(False, 1, 1, 1.0, "always")
     monkeypatch.setattr(Spring, "solve", lambda p, place, dt: p.solves.append(dt) or failed)
-    path = make_path(Protocol(press_speed_mm_s=speed), 1.0)
+    path = Protocol(press_speed_mm_s=speed).route(1.0)
     with pytest.raises(ConvergenceError):
         list(Stepper(problem, path, Solver(min_step_mm=0.01)))
     assert briefest <= speed * min(problem.solves) < 2 * briefest
@@ -223,7 +230,7 @@ class Countable(Spring):
 def test_a_press_ends_at_a_force_that_short_steps_pass_at_once():
     """As with tissue that relaxes: the shorter the step, the stiffer is the contact."""
     problem = Countable(lambda z, dt: max(z, 0.0) ** 1.5 * (1 + 0.05 / (1 + dt / 1e-3)))
-    steps = list(Stepper(problem, Path((press(3.0, 10.0, until_N=0.4),)), SOLVER))
+    steps = list(Stepper(problem, Path((press(3.0, until_N=0.4),)), SOLVER))
     assert steps[-1].force_N[2] == pytest.approx(0.4, rel=1e-3)
     assert len(problem.solves) < len(steps) + 12
 
@@ -232,9 +239,9 @@ def test_a_press_ends_at_a_force_that_short_steps_pass_at_once():
 def test_a_force_that_jumps_ends_in_a_sentence(held, caplog, monkeypatch):
     monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)
     problem = Countable(lambda z, dt: max(z, 0.0) if z < 0.5 else 1.0)
-    piece = hold(0.1, 0.05, held_N=0.7) if held else press(3.0, 10.0, until_N=0.7)
+    piece = Hold(time_s=0.1, output_s=0.05, force_N=0.7) if held else press(3.0, until_N=0.7)
     with caplog.at_level(logging.INFO, "tactile_fem"), pytest.raises(ConvergenceError) as error:
-        list(Stepper(problem, Path((press(0.4, 10.0), piece)), SOLVER))
+        list(Stepper(problem, Path((press(0.4), piece)), SOLVER))
     assert "the force is not met: it jumps within" in str(error.value)
     assert "at a depth of 0.5000 mm" in str(error.value)
     assert len(problem.solves) < 150
@@ -244,7 +251,7 @@ def test_a_force_that_jumps_ends_in_a_sentence(held, caplog, monkeypatch):
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_load_that_is_not_finite_is_not_accepted(value):
     problem = Countable(lambda z, dt: z if z < 0.5 else value)
-    stepper = Stepper(problem, Path((press(1.0, 10.0),)), SOLVER)
+    stepper = Stepper(problem, Path((press(1.0),)), SOLVER)
     steps = []
     with pytest.raises(ConvergenceError, match="the load is not finite"):
         steps.extend(stepper)

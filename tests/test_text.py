@@ -6,8 +6,8 @@ import pytest
 
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.errors import StudyError
+from tactile_fem.path.follow import read_places
 from tactile_fem.runtime.text import read_rows, read_text
-from tactile_fem.stimulus.make_path import read_places
 from tactile_fem.study.file import load_study
 
 ENCODINGS = {

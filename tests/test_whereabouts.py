@@ -17,7 +17,7 @@ from tactile_fem.output import pictures
 from tactile_fem.output.deck import write_deck
 from tactile_fem.output.section import layers_figure
 from tactile_fem.simulation.checks import tell_missed
-from tactile_fem.stimulus import make_body, make_path
+from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.whereabouts import miss
 from tactile_fem.study import Cylinder, Edge, Finger, Plate, Protocol, Sphere, Study, Text
 
@@ -28,7 +28,7 @@ PRESS = Protocol(depth_mm=0.3, distance_mm=0.0)
 
 
 def missed(stimulus, protocol=PRESS):
-    return miss(make_body(stimulus), make_path(protocol, 0.0).places_mm(), SKIN)
+    return miss(make_body(stimulus), protocol.route(0.0).places_mm(), SKIN)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_where_a_body_lies_that_the_finger_misses(stimulus, words):
 
 def test_a_path_that_ends_below_the_skin_is_told():
     assert missed(Plate()) is None
-    path = make_path(PRESS, 0.0).places_mm() - [0, 0, 2.0]
+    path = PRESS.route(0.0).places_mm() - [0, 0, 2.0]
     found = miss(make_body(Plate()), path, SKIN)
     assert found.endswith("whose deepest place is -1.7 mm, 1.7 mm below the skin")
 
@@ -74,7 +74,7 @@ def test_no_deck_is_written_of_a_stimulator_beside_the_finger(tmp_path):
 
 
 def test_a_stimulator_beside_the_finger_is_warned_of(small_finger, caplog):
-    finger, path = read_msh(small_finger), make_path(PRESS, 0.0)
+    finger, path = read_msh(small_finger), PRESS.route(0.0)
     with caplog.at_level(logging.WARNING):
         tell_missed(make_body(Sphere()), path, finger)
         assert not caplog.records

@@ -34,7 +34,7 @@ from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.simulation import Observation, scan
 from tactile_fem.simulation.results import Results
-from tactile_fem.stimulus import make_body, make_path
+from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Output, Solver, Study, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -209,7 +209,7 @@ def replay(
     body = make_body(study.stimulus)
     problem = FingerProblem(domain, study.tissue, body, study.stimulus.friction, solver)
     for name, results in states.items():
-        stepper = Stepper(problem, make_path(study.protocol, 0.0), solver)
+        stepper = Stepper(problem, study.protocol.route(0.0), solver)
         stepper.restore(on_root(comm, results.load_checkpoint))
         started = time.perf_counter()
         taken = []

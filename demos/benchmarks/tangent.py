@@ -24,7 +24,7 @@ from tactile_fem.finger import load_finger
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Step, Stepper
-from tactile_fem.stimulus import make_body, make_path
+from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Protocol, Solver, Study, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -66,7 +66,7 @@ def main(
             problem = FingerProblem(
                 domain, study.tissue, make_body(stimulus), stimulus.friction, study.solver
             )
-            path = make_path(study.protocol, DEEPEST_MM)
+            path = study.protocol.route(DEEPEST_MM)
             note(runs, list(Stepper(problem, path, study.solver)))
             problem.close()
     if MPI.COMM_WORLD.rank == 0:

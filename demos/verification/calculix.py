@@ -54,7 +54,7 @@ from tactile_fem.receptors import Samples, place, sample
 from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend  # noqa: F401  (brings DOLFINx, before MPI)
 from tactile_fem.runtime.files import write_table
-from tactile_fem.stimulus import make_body, make_path
+from tactile_fem.stimulus import make_body
 from tactile_fem.study import (
     AnyStimulus,
     Cylinder,
@@ -215,7 +215,7 @@ def ours(study: Study, finger: FingerMesh, samples: Samples, size: DeckSize) -> 
     energy = CellEnergy(problem)
     cpu = time.process_time()
     steps, sed = [], []
-    for step in Stepper(problem, make_path(study.protocol, 0.0), study.solver):
+    for step in Stepper(problem, study.protocol.route(0.0), study.solver):
         steps.append(step)
         sed.append(read_at(samples, energy.gather()))
     cpu = comm.allreduce(time.process_time() - cpu)

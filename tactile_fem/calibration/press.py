@@ -20,10 +20,10 @@ from tactile_fem.finger.surface import SkinSurface
 from tactile_fem.mechanics.faults import stopping
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.sensitivity import Change, Sensitivities
+from tactile_fem.path import Motion, Path, straight
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.simulation.parts import Parts
 from tactile_fem.simulation.setup import Setup
-from tactile_fem.stimulus.path import Motion, Path, straight
 from tactile_fem.study import Protocol, Study
 
 logger = logging.getLogger(__name__)

@@ -18,7 +18,7 @@ from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.state import Progress
 from tactile_fem.mechanics.step_control import StepControl, StepTooSmallError
-from tactile_fem.stimulus.path import Motion, Path
+from tactile_fem.path import Motion, Path
 
 logger = logging.getLogger(__name__)
 

@@ -38,8 +38,9 @@ from tactile_fem.finger.mesh_data import (
     held_parts,
 )
 from tactile_fem.finger.report import measured_layers_mm
+from tactile_fem.path import Motion
 from tactile_fem.runtime.files import write_text
-from tactile_fem.stimulus import Motion, make_body, make_path
+from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.height_field import HeightField, height_field
 from tactile_fem.stimulus.whereabouts import miss
 from tactile_fem.study import Elastic, Polynomial, Protocol, Study
@@ -146,7 +147,7 @@ def write_deck(
         held, or CalculiX should relax.
     """
     _check_goes_to_places(study.protocol)
-    way = make_path(study.protocol, 0.0)
+    way = study.protocol.route(0.0)
     motions = [motion for _, motion in way.plan()]
     rigid, fixed = held_parts(finger, study.solver.held)
     deformable = np.flatnonzero(~rigid)

@@ -17,7 +17,8 @@ from scipy.spatial import ConvexHull
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.scanned import Scans
 from tactile_fem.output import drawing
-from tactile_fem.stimulus import Path, RigidBody
+from tactile_fem.path import Path
+from tactile_fem.stimulus import RigidBody
 
 # Shown around the way of the contact point, from above.
 _MARGIN_MM = 11.0

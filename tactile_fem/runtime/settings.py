@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import json
 import os
+from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self, Union
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
     SerializerFunctionWrapHandler,
+    TypeAdapter,
+    ValidationInfo,
     model_serializer,
     model_validator,
 )
+from pydantic_core import CoreSchema, core_schema
 
 # Strict: text such as "0.2 mm" and true or false are not accepted as numbers.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -57,6 +63,57 @@ class Settings(BaseModel):
     def files(self) -> dict[str, Path]:
         """Return the files that it is read from, by their keys."""
         return {key: value for key, value in self if isinstance(value, Path)}
+
+
+class Kind(Settings):
+    """Settings of one of several kinds, which their key `kind` names.
+
+    A class directly below this one is a family, such as `Stimulus`; a class below that one which
+    states a `kind` joins it. A field of the family's type takes any of its kinds, in a study file
+    too, once the module that defines it has been imported:
+
+        class Wave(Stimulus):
+            kind: Literal["wave"] = "wave"
+    """
+
+    kinds: ClassVar[dict[str, type[Kind]]] = {}
+
+    def __init_subclass__(cls) -> None:
+        if Kind in cls.__bases__:
+            cls.kinds = {}
+
+    @classmethod
+    def __pydantic_init_subclass__(cls) -> None:
+        if "kind" in cls.__annotations__:
+            name = cls.model_fields["kind"].default
+            known = cls.kinds.get(name, cls)
+            if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+                raise TypeError(f'kind = "{name}" is taken by {known.__module__}.{known.__name__}')
+            cls.kinds[name] = cls
+
+    @classmethod
+    def __get_pydantic_core_schema__(
+        cls, source: type[BaseModel], handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        if "kinds" not in vars(cls):
+            return handler(source)
+        return core_schema.with_info_plain_validator_function(cls._one_of_the_kinds)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {} if "kinds" in vars(cls) else handler(schema)
+
+    @classmethod
+    def _one_of_the_kinds(cls, value: Any, info: ValidationInfo) -> Kind:
+        adapter = _adapter_of(tuple(cls.kinds.values()))
+        return adapter.validate_python(value, context=info.context)
+
+
+@lru_cache
+def _adapter_of(kinds: tuple[type[Kind], ...]) -> TypeAdapter[Any]:
+    return TypeAdapter(Annotated[Union[kinds], Field(discriminator="kind")])  # noqa: UP007
 
 
 class Either(Settings):

@@ -16,9 +16,10 @@ from tactile_fem.finger.report import facet_size_mm, pad_thickness_mm
 from tactile_fem.finger.section import section_sizes
 from tactile_fem.finger.skin import PRESETS, sizes_of
 from tactile_fem.neuron import populations_of
+from tactile_fem.path import Path
 from tactile_fem.receptors import lay_out
 from tactile_fem.runtime.files import cached_by_content
-from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
+from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.stimulus.make import outlines
 from tactile_fem.stimulus.relief import make_relief
 from tactile_fem.stimulus.roughness import Roughness
@@ -58,7 +59,7 @@ def check_study(study: Study) -> None:
         layering(finger, sizes_of(finger).epidermis_rows)
         if not finger.is_scanned:
             thickness = finger.pad_thickness_mm
-            path = make_path(study.protocol, DEEPEST * thickness)
+            path = study.protocol.route(DEEPEST * thickness)
             check_depth(study.protocol, path, thickness)
             check_section(study, path, Plane.of(finger))
         if finger.is_section:
@@ -77,7 +78,7 @@ def check_with_mesh(study: Study, body: RigidBody, mesh: FingerMesh) -> Path:
         receptor lies outside or far from the tissue that it feels.
     """
     thickness = pad_thickness_mm(mesh)
-    path = make_path(study.protocol, DEEPEST * thickness)
+    path = study.protocol.route(DEEPEST * thickness)
     check_depth(study.protocol, path, thickness)
     check_apart(body, path, mesh)
     check_section(study, path, mesh.plane)

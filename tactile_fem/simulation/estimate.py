@@ -13,7 +13,7 @@ from pathlib import Path as FilePath
 
 from mpi4py import MPI
 
-from tactile_fem.stimulus import Path
+from tactile_fem.path import Path
 from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)

@@ -14,7 +14,8 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger import TISSUES, FingerMesh
 from tactile_fem.neuron import Population, fields_of
 from tactile_fem.neuron.fields import trial_histories
-from tactile_fem.stimulus import Path, RigidBody
+from tactile_fem.path import Path
+from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.check import POINTS, check_body, check_lipschitz
 from tactile_fem.study import Tissue
 from tactile_fem.tissue.energies import Law

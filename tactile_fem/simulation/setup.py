@@ -19,6 +19,7 @@ from tactile_fem.mechanics.petsc_options import check_options
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Stepper
 from tactile_fem.neuron import Population, fields_of, populations_of
+from tactile_fem.path import Path
 from tactile_fem.receptors import Layout, lay_out
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.files import check_unchanged, hashes
@@ -31,7 +32,7 @@ from tactile_fem.simulation.checks import (
     tell_resolution,
 )
 from tactile_fem.simulation.parts import Parts, check_parts
-from tactile_fem.stimulus import Path, RigidBody, make_body, make_path
+from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.stimulus.check import check_body
 from tactile_fem.stimulus.cut import in_plane
 from tactile_fem.study import Study, Surface
@@ -80,7 +81,7 @@ class Setup:
         body = parts.body or make_body(study.stimulus)
         if parts.body is None:  # an own one has been tried
             check_body(body, "stimulus")
-        path = parts.path or make_path(study.protocol, DEEPEST * thickness)
+        path = parts.path or study.protocol.route(DEEPEST * thickness)
         on_root(
             comm,
             lambda: check_section(study, path, finger.plane, own_body=parts.body is not None),

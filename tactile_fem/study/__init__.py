@@ -22,9 +22,9 @@ from pydantic import (
 from tactile_fem.finger.settings import Finger
 from tactile_fem.mechanics.settings import Solver
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
+from tactile_fem.path import Follow, Hold, Lift, Piece, Press, Protocol, Slide
 from tactile_fem.receptors.settings import Receptors
 from tactile_fem.runtime.settings import Settings
-from tactile_fem.stimulus.protocol import AnyPiece, Follow, Hold, Lift, Press, Protocol, Slide
 from tactile_fem.stimulus.settings import (
     AnyStimulus,
     Braille,
@@ -48,7 +48,6 @@ __all__ = [
     "DEFAULT_NAME",
     "TISSUE_SETS",
     "Afferents",
-    "AnyPiece",
     "AnyStimulus",
     "Braille",
     "Cylinder",
@@ -63,6 +62,7 @@ __all__ = [
     "Mesh",
     "Neuron",
     "Output",
+    "Piece",
     "Plate",
     "Polynomial",
     "Press",

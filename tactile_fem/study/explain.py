@@ -10,7 +10,7 @@ from typing import Any, get_args
 import tomlkit
 from pydantic import BaseModel, ValidationError
 
-from tactile_fem.stimulus.protocol import AnyPiece
+from tactile_fem.path import Piece
 from tactile_fem.study import Study
 from tactile_fem.study.afferents import Afferents
 
@@ -20,7 +20,7 @@ def _by_kind(union: Any) -> dict[str, type[BaseModel]]:
 
 
 KINDS = _by_kind(Study.model_fields["stimulus"].annotation)
-PIECES = _by_kind(get_args(AnyPiece)[0])
+PIECES = Piece.kinds
 # What the kinds of a section are kinds of.
 _WHAT = {"stimulus": "stimulus", "protocol": "piece"}
 

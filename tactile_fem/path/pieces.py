@@ -1,0 +1,108 @@
+"""Pieces that go straight or stay: press, hold, slide, lift."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from tactile_fem.path.motion import Array, Motion, multiples, straight
+from tactile_fem.path.piece import Piece, Vibration
+from tactile_fem.runtime.settings import Finite, Positive
+
+Speed = Annotated[Positive, Field(description="speed of the body")]
+_OUTPUT_SHARE = 0.1  # of a hold, between two outputs
+_HELD = "normal force to be held by moving in Z; not set: the depth is held"
+_VIBRATES = "small vibration of the body on top: frequency_Hz, amplitude_mm, direction"
+
+
+class Press(Piece):
+    """Press into the pad to a depth, or to a force."""
+
+    kind: Literal["press"] = "press"
+    depth_mm: Positive | None = Field(
+        None, description="where it ends: indentation of the undeformed pad's lowest point"
+    )
+    force_N: Positive | None = Field(
+        None, description="normal force that ends it, instead of depth_mm"
+    )
+    speed_mm_s: Speed = 20.0
+
+    @model_validator(mode="after")
+    def _has_one_end(self) -> Self:
+        if (self.depth_mm is None) == (self.force_N is None):
+            raise ValueError("a press needs depth_mm or force_N, one of the two")
+        return self
+
+    def resolved(self, deepest_mm: float) -> Press:
+        """Return a press to a force that also has the depth at which it is given up."""
+        return self if self.depth_mm else self.model_copy(update={"depth_mm": deepest_mm})
+
+    def motion(self, start_mm: Array) -> Motion:
+        """Return a straight press; one to a force must be `resolved`."""
+        if self.depth_mm is None:
+            raise ValueError("a press to a force needs the depth at which it is given up")
+        end = np.array([start_mm[0], start_mm[1], self.depth_mm])
+        return straight("press", start_mm, end, self.speed_mm_s, until_N=self.force_N)
+
+
+class Hold(Piece):
+    """Stay."""
+
+    kind: Literal["hold"] = "hold"
+    time_s: Positive = Field(description="how long")
+    output_s: Positive | None = Field(
+        None, description="time between two outputs; not set: a tenth of time_s"
+    )
+    force_N: Positive | None = Field(None, description=_HELD)
+    vibration: Vibration | None = Field(None, description=_VIBRATES)
+
+    def motion(self, start_mm: Array) -> Motion:
+        """Return a stay, at the depth or at a held normal force."""
+        outputs = multiples(self.output_s or _OUTPUT_SHARE * self.time_s, self.time_s)
+        knots = np.array([0.0, self.time_s])
+        held = self.force_N
+        base = Motion("hold", self.time_s, lambda t: start_mm, outputs, knots, held_N=held)
+        return self.vibration.added_to(base) if self.vibration else base
+
+
+class Slide(Piece):
+    """Slide across the pad."""
+
+    kind: Literal["slide"] = "slide"
+    by_mm: tuple[Finite, Finite] = Field(
+        (0.0, -10.0), description="how far across (X) and along (Y; towards the palm is negative)"
+    )
+    speed_mm_s: Speed = 20.0
+    output_mm: Positive = Field(0.1, description="positions that are hit exactly")
+    force_N: Positive | None = Field(None, description=_HELD)
+    vibration: Vibration | None = Field(None, description=_VIBRATES)
+
+    @model_validator(mode="after")
+    def _moves(self) -> Self:
+        if not any(self.by_mm):
+            raise ValueError("by_mm = [0, 0] is no slide: use a hold")
+        return self
+
+    def motion(self, start_mm: Array) -> Motion:
+        """Return a slide at a held depth or normal force."""
+        by, speed = np.array([*self.by_mm, 0.0]), self.speed_mm_s
+        outputs = multiples(self.output_mm, float(np.linalg.norm(by))) / speed
+        base = straight("slide", start_mm, start_mm + by, speed, outputs, held_N=self.force_N)
+        return self.vibration.added_to(base) if self.vibration else base
+
+
+class Lift(Piece):
+    """Lift the body off."""
+
+    kind: Literal["lift"] = "lift"
+    depth_mm: Finite = Field(
+        0.0, description="where it ends: 0 just touches the undeformed pad, less is clear of it"
+    )
+    speed_mm_s: Speed = 20.0
+
+    def motion(self, start_mm: Array) -> Motion:
+        """Return a straight lift."""
+        end = np.array([start_mm[0], start_mm[1], self.depth_mm])
+        return straight("lift", start_mm, end, self.speed_mm_s)
