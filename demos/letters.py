@@ -24,13 +24,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem.cli.entry import run
-from tactile_fem.output.figures import draw
+from tactile_fem import Results, Study, draw, run_script, scan
 from tactile_fem.output.histories import central_receptor
-from tactile_fem.runtime.logs import set_up
-from tactile_fem.simulation import scan
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Protocol, Study, Text
+from tactile_fem.study import Protocol, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -48,7 +44,6 @@ def main(folder: Path, *, text: str = "FGH", depth: float = 1.97, distance: floa
         protocol=Protocol(depth_mm=depth, distance_mm=distance),
     )
     rank = MPI.COMM_WORLD.rank
-    set_up(rank)
     result = scan(study, folder)
     if rank == 0:
         print_results(result)
@@ -83,4 +78,4 @@ def print_results(result) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -18,17 +18,22 @@ from pathlib import Path as FilePath
 import numpy as np
 import ufl
 
-from tactile_fem.cli.entry import run
-from tactile_fem.neuron import Population
+from tactile_fem import (
+    Distance,
+    Motion,
+    Parts,
+    Path,
+    Population,
+    Results,
+    Study,
+    draw,
+    run_script,
+    scan,
+)
 from tactile_fem.neuron.exponentials import ExponentialSum
 from tactile_fem.neuron.segment import Segment
-from tactile_fem.output.figures import draw
-from tactile_fem.path import Hold, Lift, Motion, Path, Press
-from tactile_fem.runtime.logs import set_up
-from tactile_fem.simulation import Parts, scan
-from tactile_fem.simulation.results import Results
-from tactile_fem.stimulus import Distance
-from tactile_fem.study import Finger, Output, Receptors, Study
+from tactile_fem.path import Hold, Lift, Press
+from tactile_fem.study import Finger, Output, Receptors
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -200,7 +205,6 @@ def main(folder: FilePath, *, depth: float = 1.2, radius: float = 1.5, speed: fl
         populations=(Population(transduction=ChangeDetector(gain=30.0)),),
     )
     comm = MPI.COMM_WORLD
-    set_up(comm.rank)
     result = scan(study, folder, observers=[centre_of_pressure, FarthestNode(comm)], parts=parts)
     if comm.rank == 0:
         tell(result)
@@ -225,4 +229,4 @@ def tell(result) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -1,8 +1,115 @@
-"""Finger mechanics and SA1 afferents: the response of a finger that strokes a surface."""
+"""Finger mechanics and SA1 afferents: the response of a finger that strokes a surface.
 
-from importlib.metadata import PackageNotFoundError, version
+What scripts use is here; names are imported when they are first used, DOLFINx only by those that
+compute mechanics:
 
-try:
-    __version__ = version("tactile-fem")
-except PackageNotFoundError:
-    __version__ = "unknown (not installed)"
+- ``Study``, ``load_study``: the input. Its tables (``Finger``, ``Text``, ``Protocol``, …) are in
+  `tactile_fem.study`.
+- ``scan``, ``resume``, ``completed``, ``vibrate``: computations.
+- ``Results``, ``draw``: what they leave in a folder.
+- ``Parts`` and what it takes: ``load_finger`` makes a mesh, a ``Law`` is a tissue, a ``RigidBody``
+  (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a ``Population`` the
+  afferents.
+- ``StudyError``, ``MeshError``, ``ConvergenceError``, ``StoppedError``, and their base
+  ``TactileError``.
+- ``run_script``: the program around a script's ``main``.
+
+The lists of `tactile_fem.study`, `tactile_fem.neuron` and `tactile_fem.series` are public too.
+Everything else may change from release to release.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from tactile_fem.errors import (
+    ConvergenceError,
+    MeshError,
+    StoppedError,
+    StudyError,
+    TactileError,
+)
+
+if TYPE_CHECKING:
+    from tactile_fem.cli.app import run_script
+    from tactile_fem.finger import load_finger
+    from tactile_fem.neuron import Population
+    from tactile_fem.output.figures import draw
+    from tactile_fem.path import Motion, Path
+    from tactile_fem.simulation.parts import Parts
+    from tactile_fem.simulation.results import Results
+    from tactile_fem.simulation.run import completed, resume, scan
+    from tactile_fem.stimulus.body import Distance, Embossed, RigidBody
+    from tactile_fem.study import Study
+    from tactile_fem.study.file import load_study
+    from tactile_fem.tissue.energies import Law
+    from tactile_fem.vibration.run import vibrate
+
+    __version__: str
+
+__all__ = [
+    "ConvergenceError",
+    "Distance",
+    "Embossed",
+    "Law",
+    "MeshError",
+    "Motion",
+    "Parts",
+    "Path",
+    "Population",
+    "Results",
+    "RigidBody",
+    "StoppedError",
+    "Study",
+    "StudyError",
+    "TactileError",
+    "completed",
+    "draw",
+    "load_finger",
+    "load_study",
+    "resume",
+    "run_script",
+    "scan",
+    "vibrate",
+]
+
+# Where the names are that are imported on demand.
+_MODULES = {
+    "cli.app": ("run_script",),
+    "finger": ("load_finger",),
+    "neuron": ("Population",),
+    "output.figures": ("draw",),
+    "path": ("Motion", "Path"),
+    "simulation.parts": ("Parts",),
+    "simulation.results": ("Results",),
+    "simulation.run": ("completed", "resume", "scan"),
+    "stimulus.body": ("Distance", "Embossed", "RigidBody"),
+    "study": ("Study",),
+    "study.file": ("load_study",),
+    "tissue.energies": ("Law",),
+    "vibration.run": ("vibrate",),
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name, or read the version."""
+    if name == "__version__":
+        return _version()
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("tactile-fem")
+    except PackageNotFoundError:
+        return "unknown (not installed)"

@@ -308,13 +308,11 @@ COMMANDS = [
     ("scan full", "The study file full cannot be read: Is a directory."),
     (
         "scan --results full",
-        "The results folder full is not empty: choose another name with --results, or "
-        "--overwrite to replace the scan in it.",
+        "The results folder full is not empty: choose another one, or overwrite the scan in it.",
     ),
     (
         "scan --results done",
-        "The results folder done is not empty: choose another name with --results, or "
-        "--overwrite to replace the scan in it.",
+        "The results folder done is not empty: choose another one, or overwrite the scan in it.",
     ),
     ("scan --results no.ttf", "The results folder no.ttf is a file: choose another name."),
     (

@@ -155,7 +155,7 @@ def test_a_length_that_a_file_replaces_cannot_be_fitted(file):
 def test_the_command_names_its_option(tmp_path, capsys):
     data = written(tmp_path, FORCE + "plate,0.2,1,0.2,0.1\n")
     assert main(["fit", str(data), "--fit", "fat", "--results", str(tmp_path / "r")]) == 2
-    assert "tactile-fem: --fit fat: there is no such value" in capsys.readouterr().err
+    assert "tactile-fem: parameter fat: there is no such value" in capsys.readouterr().err
 
 
 def test_a_saved_press_is_that_of_its_fingers_file(tmp_path):

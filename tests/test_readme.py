@@ -135,9 +135,9 @@ def test_the_recipes_commands_are_studies_that_can_be_scanned():
             assert few_of(np.geomspace(1, 1000, 25)).min() < bound.arguments["vibration"]
             continue
         assert command.__name__ in ("scan", "mesh")
-        if "settings" not in bound.arguments:
+        if "changes" not in bound.arguments:
             continue  # of a study file, the next test's
-        study = load_study(None, bound.arguments["settings"])
+        study = load_study(None, bound.arguments["changes"])
         check_study(study)
         studies[str(bound.arguments.get("results", command.__name__))] = study
     assert studies["results/thick"] == studies["mesh"]

@@ -147,7 +147,7 @@ def test_no_module_of_the_package_unpickles():
 
 def test_a_folder_with_something_in_it_needs_overwrite(tmp_path):
     (tmp_path / "notes.md").write_text("mine")
-    with pytest.raises(StudyError, match=r"not empty: choose another folder, or overwrite=True to"):
+    with pytest.raises(StudyError, match=r"not empty: choose another one, or overwrite the scan"):
         Results.create(tmp_path)
 
 

@@ -175,7 +175,7 @@ def test_a_scan_cut_off_and_moved_needs_no_file_of_its_study(study, tmp_path):
     of_files = study.model_copy(update=brief)
     with pytest.raises(Stopped):
         scan(of_files, tmp_path / "r", observers=[stop])
-    with pytest.raises(StudyError, match=r"not empty: choose another folder, or overwrite=True"):
+    with pytest.raises(StudyError, match=r"not empty: choose another one, or overwrite"):
         scan(study, tmp_path / "r")
     shutil.rmtree(away)
     shutil.move(tmp_path / "r", tmp_path / "moved")

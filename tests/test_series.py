@@ -177,7 +177,7 @@ def test_command_line_tells_what_is_wrong(capsys, tmp_path):
     assert cli.main(["sweep", "--over", "stimulus.friction=x", *folder]) == 2
     assert 'stimulus.friction is "x"' in capsys.readouterr().err
     assert cli.main(["fibre", "--task", "3/2", *folder]) == 2
-    assert '--task is "3/2" but must be K/N with K from 1 to N' in capsys.readouterr().err
+    assert 'task is "3/2" but must be K/N with K from 1 to N' in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from synthetic import make_results
 
-from tactile_fem.cli.vibrate import _write
+from tactile_fem.cli.compute import write_vibration
 from tactile_fem.neuron import DRIVES, Drive, Population
 from tactile_fem.output.spectrum import spectrum_figure
 from tactile_fem.study import Study
@@ -58,7 +58,7 @@ def test_afferents_that_feel_something_else_have_no_rates_and_lose_none(
             {"afferents": [{"name": name, "feels": what} for name, what in FELT.items()]}
         )
     results = make_results(tmp_path / "r", study)
-    _write(results, made_up(), None, 0.01)
+    write_vibration(results, made_up(), None, 0.01)
     assert {path.name for path in results.vibration.iterdir()} == {
         "spectrum.npz",
         "spectrum.csv",

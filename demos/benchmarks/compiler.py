@@ -18,14 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem.cli.entry import run
-from tactile_fem.finger import load_finger
+from tactile_fem import Study, load_finger, run_script
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.stimulus import make_body
-from tactile_fem.study import Finger, Solver, Study
+from tactile_fem.study import Finger, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -148,4 +147,4 @@ def relative_difference(values: np.ndarray, reference: np.ndarray) -> float:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -22,11 +22,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Results, Study, run_script
 from tactile_fem.runtime.files import write_table, write_text
 from tactile_fem.series import Member, run_all
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Finger, Output, Protocol, Solver, Study
+from tactile_fem.study import Finger, Output, Protocol, Solver
 
 # %% [markdown]
 # One row of the table. Seconds are wall time of the first rank.
@@ -176,4 +175,4 @@ def keep(folder: Path, costs: list[Cost]) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -23,19 +23,16 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from tactile_fem.cli.entry import run
-from tactile_fem.errors import ConvergenceError, StudyError
-from tactile_fem.finger import load_finger
+from tactile_fem import ConvergenceError, Results, Study, StudyError, load_finger, run_script, scan
 from tactile_fem.mechanics.domain import Domain, create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Step, Stepper
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.simulation import Observation, scan
-from tactile_fem.simulation.results import Results
+from tactile_fem.simulation import Observation
 from tactile_fem.stimulus import make_body
-from tactile_fem.study import Finger, Output, Solver, Study, Text
+from tactile_fem.study import Finger, Output, Solver, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -132,7 +129,7 @@ def main(
     moments, strategies
         Names of those wanted; default all.
     """
-    set_up(MPI.COMM_WORLD.rank, level=logging.ERROR)
+    set_up(level=logging.ERROR)
     study = Study(
         finger=Finger(preset=preset),
         stimulus=Text(friction=friction, fillet_radius_mm=fillet),
@@ -246,4 +243,4 @@ def print_results(outcome: Outcome, heading: bool) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -13,10 +13,8 @@
 #     python demos/benchmarks/held_force.py --distance 0.2 --pad-size 3 --far-size 6   # small
 
 # %%
-from tactile_fem.cli.entry import run
-from tactile_fem.runtime.logs import set_up
-from tactile_fem.simulation import scan
-from tactile_fem.study import Finger, Protocol, Study
+from tactile_fem import Study, run_script, scan
+from tactile_fem.study import Finger, Protocol
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -31,7 +29,6 @@ def main(
 ) -> None:
     """Press the letters to a force, slide at the depth or at the force, and compare."""
     rank = MPI.COMM_WORLD.rank
-    set_up(rank)
     finger = Finger(pad_size_mm=pad_size, far_size_mm=far_size)
     if rank == 0:
         print("held   steps  solves  Newton  linear    s  force N          depth mm")
@@ -67,4 +64,4 @@ def print_row(hold: str, slide: list) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -11,8 +11,7 @@
 # %%
 import numpy as np
 
-from tactile_fem.cli.entry import run
-from tactile_fem.finger import load_finger
+from tactile_fem import load_finger, run_script
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.runtime.parallel import on_root
@@ -54,4 +53,4 @@ def main(*, preset: str = "coarse") -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

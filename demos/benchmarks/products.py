@@ -16,8 +16,7 @@ from collections.abc import Callable
 import numpy as np
 import ufl
 
-from tactile_fem.cli.entry import run
-from tactile_fem.finger import load_finger
+from tactile_fem import load_finger, run_script
 from tactile_fem.mechanics.block_products import BlockProduct
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import create_domain
@@ -150,4 +149,4 @@ def main(*, preset: str = "coarse", times: int = 50) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

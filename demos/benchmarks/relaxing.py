@@ -17,10 +17,9 @@ from pathlib import Path
 from statistics import median
 from typing import Literal
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Results, Study, run_script
 from tactile_fem.series import Member, run_all
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Finger, Output, Protocol, Study, Text, Tissue
+from tactile_fem.study import Finger, Output, Protocol, Text, Tissue
 
 RELAXATIONS: tuple[Literal["none", "fingerpad"], ...] = ("none", "fingerpad")
 
@@ -90,4 +89,4 @@ def told(values: Sequence[float]) -> str:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

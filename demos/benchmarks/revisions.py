@@ -24,10 +24,8 @@ from statistics import median
 
 import numpy as np
 
-from tactile_fem.cli.entry import run
-from tactile_fem.errors import TactileError
+from tactile_fem import Results, TactileError, run_script
 from tactile_fem.runtime.files import write_table
-from tactile_fem.simulation.results import Results
 
 
 @dataclass(frozen=True)
@@ -125,4 +123,4 @@ def difference(before: Results, after: Results) -> str:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -17,11 +17,11 @@ import time
 
 import numpy as np
 
+from tactile_fem import Study, run_script
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.calibration.press import press
-from tactile_fem.cli.entry import run
-from tactile_fem.study import Finger, Plate, Solver, Study
+from tactile_fem.study import Finger, Plate, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -65,4 +65,4 @@ def timed(study: Study, experiment: Experiment, changes: list):
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -19,13 +19,12 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from tactile_fem.cli.entry import run
-from tactile_fem.finger import load_finger
+from tactile_fem import Study, load_finger, run_script
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Step, Stepper
 from tactile_fem.stimulus import make_body
-from tactile_fem.study import Finger, Protocol, Solver, Study, Text
+from tactile_fem.study import Finger, Protocol, Solver, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -95,4 +94,4 @@ def tell(found: dict[int, Runs]) -> None:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

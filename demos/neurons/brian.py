@@ -29,7 +29,7 @@ from time import process_time
 
 import numpy as np
 
-from tactile_fem.cli.entry import run
+from tactile_fem import run_script
 from tactile_fem.neuron import Response, respond
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.ranks import launched_rank
@@ -173,4 +173,4 @@ def compared(
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -33,7 +33,7 @@ from letter_firing import LetterFiring
 from rates_figure import rates_figure
 from recordings import HOLD_S, RAMP, RAMP_S, Array, measured
 
-from tactile_fem.cli.entry import run
+from tactile_fem import run_script
 from tactile_fem.neuron import Drive, Fit, Recording, Window, drive_of
 from tactile_fem.neuron.fit import mean_rates, r_squared
 from tactile_fem.runtime.files import write_figure, write_table
@@ -244,4 +244,4 @@ def letter_rows(how: str, drive: Drive, neuron: Neuron) -> Iterator[Row]:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

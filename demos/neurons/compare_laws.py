@@ -23,7 +23,7 @@ import recordings
 from laws import LAWS, Law, explained, modelled, rates_of
 from recordings import Recording
 
-from tactile_fem.cli.entry import run
+from tactile_fem import run_script
 from tactile_fem.neuron import DRIVES, Drive
 from tactile_fem.runtime.ranks import launched_rank
 
@@ -103,4 +103,4 @@ def started(law: Law, spheres: list[Recording]) -> Law:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -32,14 +32,12 @@ from cyclopts import Parameter
 from decay_figures import elapsed, hold_figure, middle_sed, slide_figure, speed_figure
 from scipy.optimize import brentq
 
-from tactile_fem.cli.entry import run
-from tactile_fem.errors import StudyError
+from tactile_fem import Study, StudyError, run_script
 from tactile_fem.neuron import Response, Window, respond
 from tactile_fem.neuron.drives import Histories
 from tactile_fem.neuron.fit import mean_rates
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.runtime.files import write_figure, write_records
-from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import Member, run_all
 from tactile_fem.study import (
     Cylinder,
@@ -52,7 +50,6 @@ from tactile_fem.study import (
     Protocol,
     Receptors,
     Solver,
-    Study,
     Text,
     Tissue,
 )
@@ -122,7 +119,6 @@ def main(
     jobs
         Parallel scans.
     """
-    set_up()
     if SLIDE_MM_S not in speeds:
         raise StudyError(f"speeds: {SLIDE_MM_S:g} mm/s must be among them.")
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
@@ -369,4 +365,4 @@ def at_speeds(
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -28,16 +28,11 @@ import numpy as np
 from cyclopts import Parameter
 from matplotlib.figure import Figure
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Results, Study, completed, load_study, run_script
 from tactile_fem.neuron import populations_of
 from tactile_fem.output.histories import DISPLACEMENT
 from tactile_fem.output.plots import BLUE, GREEN, PAPER, VERMILION, styled
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.logs import set_up
-from tactile_fem.simulation import completed
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Study
-from tactile_fem.study.file import load_study
 
 COLOURS = {"SA1": BLUE, "RA": VERMILION, "PC": GREEN}
 SLIPS_MM = 1.0
@@ -85,7 +80,6 @@ def main(
     set_
         Further values of the study, ``section.key=value``.
     """
-    set_up()
     scans = {
         speed: completed(grating(speed, period, force, distance, set_), folder / f"{speed:g}_mm_s")
         for speed in speeds
@@ -234,4 +228,4 @@ def grating_figure(scans: dict[float, Results], period: float) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

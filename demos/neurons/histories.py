@@ -45,12 +45,9 @@ from typing import Literal
 
 import numpy as np
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Distance, Embossed, Parts, Study, run_script, scan
 from tactile_fem.runtime.files import atomic_write
-from tactile_fem.runtime.logs import set_up
-from tactile_fem.simulation import Parts, scan
 from tactile_fem.simulation.trace import Trace
-from tactile_fem.stimulus.body import Distance, Embossed
 from tactile_fem.stimulus.settings import AnyStimulus
 from tactile_fem.study import (
     Cylinder,
@@ -65,7 +62,6 @@ from tactile_fem.study import (
     Receptors,
     Solver,
     Sphere,
-    Study,
 )
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -199,7 +195,6 @@ def main(
 ) -> None:
     """Press each stimulus, all unless named, and save what the receptors feel; lengths in mm."""
     rank = MPI.COMM_WORLD.rank
-    set_up(rank)
     folder.mkdir(parents=True, exist_ok=True)
     known = experiments(preset, depth, step)
     for name in stimuli or known:
@@ -233,4 +228,4 @@ def keep(path: Path, trace: Trace) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

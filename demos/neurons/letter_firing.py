@@ -9,9 +9,10 @@ import numpy as np
 import shapely
 from recordings import HISTORIES, Array
 
+from tactile_fem import Study
 from tactile_fem.neuron import Drive, Response, respond
 from tactile_fem.stimulus import outlines
-from tactile_fem.study import Neuron, Study
+from tactile_fem.study import Neuron
 
 STUDY = Study()
 # Spikes further apart belong to different bursts: 33 spikes/s at 20 mm/s.

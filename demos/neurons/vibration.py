@@ -29,15 +29,12 @@ from matplotlib.ticker import NullFormatter
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
-from tactile_fem.cli.entry import run
-from tactile_fem.neuron import Population, populations_of
+from tactile_fem import Population, Study, completed, run_script, vibrate
+from tactile_fem.neuron import populations_of
 from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.logs import set_up
-from tactile_fem.simulation import completed
-from tactile_fem.study import Dots, Finger, Hold, Neuron, Press, Protocol, Study, Tissue
+from tactile_fem.study import Dots, Finger, Hold, Neuron, Press, Protocol, Tissue
 from tactile_fem.vibration import Spectrum
-from tactile_fem.vibration.run import vibrate
 
 # Amplitudes in µm and spikes/s, by kind and frequency in Hz.
 RATES: dict[str, dict[float, list[tuple[float, float]]]] = {
@@ -108,7 +105,6 @@ def main(
     depth, hold
         Of the probe, mm, and how long it is held before, s.
     """
-    set_up()
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     study = probed(finger, depth, hold)
     completed(study, folder / "scan")
@@ -389,4 +385,4 @@ def rates_figure(spectrum: Spectrum, neurons: Mapping[str, Neuron]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -9,12 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Population, Response
+from tactile_fem import Population, Results, StudyError
+from tactile_fem.neuron import Response
 from tactile_fem.output.histories import DISPLACEMENT, Outlines, middle_row
 from tactile_fem.output.plots import ACROSS, INK, draw_outlines, draw_rates, styled
 from tactile_fem.series import RateImage, rate_image
-from tactile_fem.simulation.results import Results
 from tactile_fem.study import Neuron
 
 _COLUMNS = 9  # of letters

@@ -27,9 +27,8 @@ from firing_images import letters_figure, population_image
 from legibility import print_found, realized, save
 from letter_recognition import confusion_figure, recognise
 
-from tactile_fem.cli.entry import run
+from tactile_fem import run_script
 from tactile_fem.output.histories import rings
-from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import complete_scans, run_series, sweep, write_summary
 
 
@@ -69,7 +68,6 @@ def main(
     jobs
         Parallel scans.
     """
-    set_up()
     overrides = [
         f"stimulus.kind={kind}",
         # Embossed letters start half a pitch away by default.
@@ -109,4 +107,4 @@ def main(
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -23,11 +23,10 @@ from firing_images import population_image
 from letter_recognition import outline_correlation
 from matplotlib.figure import Figure
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Results, run_script
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor
 from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import (
     complete_scans,
     numbers_of,
@@ -35,7 +34,6 @@ from tactile_fem.series import (
     sweep,
     write_summary,
 )
-from tactile_fem.simulation.results import Results
 
 _FRICTIONS = (0.0, 0.1, 0.3, 0.6, 1.0)
 
@@ -74,7 +72,6 @@ def main(
     jobs
         Scans at a time.
     """
-    set_up()
     overrides = [
         f"finger.preset={preset}",
         f"stimulus.text={text}",
@@ -149,4 +146,4 @@ def draw(scans: list[Results], rows: list[Row]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -24,13 +24,9 @@ from cyclopts import Parameter
 from firing_images import population_image, side_by_side
 from letter_recognition import outline_correlation
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Study, completed, load_study, run_script
 from tactile_fem.output.histories import rings
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.runtime.logs import set_up
-from tactile_fem.simulation import completed
-from tactile_fem.study import Study
-from tactile_fem.study.file import load_study
 
 KINDS = "SA1", "RA", "PC"
 
@@ -55,7 +51,6 @@ def main(
     set_
         Further values of the study, ``section.key=value``.
     """
-    set_up()
     study = load_study(
         overrides=[
             "finger.preset=coarse",
@@ -82,4 +77,4 @@ def main(
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

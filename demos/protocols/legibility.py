@@ -44,10 +44,9 @@ from letter_recognition import (
 )
 from matplotlib.figure import Figure
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Results, run_script
 from tactile_fem.output.histories import rings
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import (
     RateImage,
     complete_scans,
@@ -57,7 +56,6 @@ from tactile_fem.series import (
     sweep,
     write_summary,
 )
-from tactile_fem.simulation.results import Results
 from tactile_fem.study import Neuron
 
 _TOLD = 8  # how many letters and pairs are printed
@@ -122,7 +120,6 @@ def main(
     jobs
         Parallel scans.
     """
-    set_up()
     overrides = [
         f"finger.preset={preset}",
         f"protocol.depth_mm={depth}" if force is None else f"protocol.force_N={force}",
@@ -237,4 +234,4 @@ def print_found(protocol: str, width: float, recognition: Recognition) -> None:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import bisect
 
-from tactile_fem.errors import StudyError
+from tactile_fem import StudyError
 from tactile_fem.output.plots import styled
 from tactile_fem.series.image import Array, RateImage
 from tactile_fem.stimulus import outlines

@@ -16,9 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Results, run_script
 from tactile_fem.runtime.files import atomic_write
-from tactile_fem.simulation.results import Results
 
 # The histories that the demos of this folder use.
 KEPT = (
@@ -67,4 +66,4 @@ def reduced(scan: Results) -> bytes:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -27,10 +27,9 @@ from cyclopts import Parameter
 from firing_images import population_image, side_by_side
 from letter_recognition import outline_correlation
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Results, Study, load_study, run_script
 from tactile_fem.output.histories import rings
 from tactile_fem.runtime.files import write_figure, write_records
-from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import (
     Member,
     RateImage,
@@ -41,9 +40,6 @@ from tactile_fem.series import (
     write_summary,
 )
 from tactile_fem.series.run import folder_of
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Study
-from tactile_fem.study.file import load_study
 
 # Spikes further apart belong to different bundles: 33 spikes/s at 20 mm/s.
 GAP_MM = 0.6
@@ -81,7 +77,6 @@ def main(
     jobs
         Parallel scans.
     """
-    set_up()
     study = load_study(
         overrides=[
             f"finger.preset={preset}",
@@ -128,4 +123,4 @@ def print_results(images: dict[str, RateImage], study: Study, folder: Path) -> N
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -24,15 +24,11 @@ from cyclopts import Parameter
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tactile_fem.cli.entry import run
-from tactile_fem.errors import StudyError
+from tactile_fem import Results, Study, StudyError, run_script
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor, extrema
 from tactile_fem.output.plots import BLUE, VERMILION
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import Member, complete_scans, run_series
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Study
 
 Array = NDArray[np.float64]
 
@@ -80,7 +76,6 @@ def main(
     jobs
         Scans at a time.
     """
-    set_up()
     if unknown := set(stimuli) - STIMULI.keys():
         raise StudyError(f"stimuli = {sorted(unknown)}: known are {', '.join(STIMULI)}")
     members = []
@@ -175,4 +170,4 @@ def draw(pairs: dict[str, list[Results]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

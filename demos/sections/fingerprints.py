@@ -27,15 +27,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from tactile_fem.cli.entry import run
-from tactile_fem.errors import StudyError
+from tactile_fem import Results, Study, StudyError, run_script
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor
 from tactile_fem.output.plots import BLUE, VERMILION
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import Member, complete_scans, run_series
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Study
 
 Array = NDArray[np.float64]
 
@@ -163,7 +159,6 @@ def main(
     jobs
         Scans at a time.
     """
-    set_up()
     if unknown := set(scans) - SCANS.keys():
         raise StudyError(f"scans = {sorted(unknown)}: known are {', '.join(SCANS)}")
     members = [
@@ -306,4 +301,4 @@ def draw_scan(row_: NDArray[Any], results: Results, skin: str, place: int) -> No
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

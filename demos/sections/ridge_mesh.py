@@ -20,11 +20,9 @@ import numpy as np
 from cyclopts import Parameter
 from fingerprints import PITCH_MM, RIDGED, Scan, near
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Results, run_script
 from tactile_fem.runtime.files import write_table
-from tactile_fem.runtime.logs import set_up
 from tactile_fem.series import Member, complete_scans, run_series
-from tactile_fem.simulation.results import Results
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,6 @@ def main(
     jobs
         Scans at a time.
     """
-    set_up()
     members = [
         Member(
             f"edges_{count:g}",
@@ -104,4 +101,4 @@ def row(count: float, results: Results, finest: Results) -> Row:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -27,8 +27,8 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from tactile_fem.cli.entry import run
-from tactile_fem.finger import SURFACES, TISSUES, FingerMesh, load_finger
+from tactile_fem import Study, completed, load_finger, run_script
+from tactile_fem.finger import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.strain import (
     centres,
     deformation_gradients,
@@ -36,9 +36,7 @@ from tactile_fem.finger.strain import (
     under_contact,
 )
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.logs import set_up
-from tactile_fem.simulation import completed
-from tactile_fem.study import Finger, Study
+from tactile_fem.study import Finger
 
 Array = NDArray[np.float64]
 
@@ -85,7 +83,6 @@ def main(
     pad_size: float = 0.06,
 ) -> None:
     """Press a plate and an edge on smooth and ridged skin; forces in N/mm, element edge in mm."""
-    set_up()
     rows, sides, drawn = [], [], {}
     for name, skin in SKINS.items():
         finger = Finger(kind="section", pad_size_mm=pad_size, **skin)
@@ -196,4 +193,4 @@ def draw(states: dict[str, tuple[FingerMesh, Array]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -18,12 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem.cli.entry import run
-from tactile_fem.output.figures import draw
-from tactile_fem.runtime.logs import set_up
-from tactile_fem.simulation import scan
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Braille, Finger, Protocol, Receptors, Study
+from tactile_fem import Results, Study, draw, run_script, scan
+from tactile_fem.study import Braille, Finger, Protocol, Receptors
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -50,7 +46,6 @@ def main(
 ) -> None:
     """Stroke a word with a held force, N, over a distance in mm; all of it by default."""
     comm = MPI.COMM_WORLD
-    set_up(comm.rank)
     whole = CELL_MM * (len(word) - 1) + 2 * AHEAD_MM
     study = Study(
         finger=Finger(pad_size_mm=pad_size, far_size_mm=far_size),
@@ -94,4 +89,4 @@ def tell(word: str, result) -> None:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -19,12 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem.cli.entry import run
-from tactile_fem.output.figures import draw
-from tactile_fem.runtime.logs import set_up
-from tactile_fem.simulation import scan
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Finger, Mesh, Protocol, Receptors, Study
+from tactile_fem import Results, Study, draw, run_script, scan
+from tactile_fem.study import Finger, Mesh, Protocol, Receptors
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -96,7 +92,6 @@ def main(folder: Path, *, depth: float = 1.0, distance: float = 9.0) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         write_button(file)
     comm.barrier()
-    set_up(comm.rank)
     result = scan(study_of(file, depth, distance), folder / "scan")
     if comm.rank == 0:
         tell(result)
@@ -124,4 +119,4 @@ def tell(result) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -23,19 +23,15 @@ import trimesh
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from tactile_fem.cli.entry import run
-from tactile_fem.finger import load_finger
+from tactile_fem import Results, Study, completed, load_finger, run_script
 from tactile_fem.finger.report import gammas, layer_thickness
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.skin import triangulate
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.output.plots import INK
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.simulation import completed
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Finger, Output, Protocol, Study
+from tactile_fem.study import Finger, Output, Protocol
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -130,7 +126,6 @@ def main(
         Names of the fingers; all if none is given.
     """
     comm = MPI.COMM_WORLD
-    set_up(comm.rank)
     on_root(comm, lambda: folder.mkdir(parents=True, exist_ok=True))
     if on_root(comm, lambda: not (folder / "skin.stl").is_file()):
         on_root(comm, lambda: write_scans(folder))
@@ -206,4 +201,4 @@ def figure_of(traces: dict[str, dict[str, np.ndarray]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

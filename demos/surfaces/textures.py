@@ -22,18 +22,15 @@ from typing import Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Results, Study, run_script, scan
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor
 from tactile_fem.output.plots import INK
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.series import numbers_of
-from tactile_fem.simulation import scan
-from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus.relief import make_relief
 from tactile_fem.stimulus.roughness import Roughness
-from tactile_fem.study import Finger, Protocol, Study, Surface
+from tactile_fem.study import Finger, Protocol, Surface
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -105,7 +102,6 @@ def main(
 ) -> None:
     """Stroke both textures with a force that is held, N, over a distance in mm."""
     comm = MPI.COMM_WORLD
-    set_up(comm.rank)
     maps = {"sandpaper": sandpaper(1.0, 60.0), "cloth": cloth(2.4, 350.0)}
     scans = {}
     for name, heights in maps.items():
@@ -198,4 +194,4 @@ def draw(folder: Path, scans: dict[str, object]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -16,7 +16,7 @@ import numpy as np
 from relaxation import FALLS, OUTPUTS, TAP_LOSS, TAP_S, fall, relaxing, tap_loss
 from scipy.optimize import least_squares
 
-from tactile_fem.cli.entry import run
+from tactile_fem import run_script
 from tactile_fem.runtime.files import write_records
 from tactile_fem.study import Finger
 
@@ -81,4 +81,4 @@ def main(
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

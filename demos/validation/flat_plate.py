@@ -27,12 +27,11 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.figure import Figure
 
+from tactile_fem import Study, run_script, scan
 from tactile_fem.calibration.measurements import read_measurements
-from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import write_table
-from tactile_fem.simulation import scan
 from tactile_fem.simulation.trace import Trace
-from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Study
+from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -134,4 +133,4 @@ def draw(trace: Trace, picture: Path) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -21,11 +21,9 @@ import numpy as np
 from flat_plate import BLUE, ORANGE, State, plate_study
 from matplotlib.figure import Figure
 
-from tactile_fem.cli.entry import run
-from tactile_fem.errors import ConvergenceError
+from tactile_fem import ConvergenceError, run_script, scan
 from tactile_fem.mechanics.stepper import Step
 from tactile_fem.runtime.files import write_table
-from tactile_fem.simulation import scan
 from tactile_fem.study import Protocol, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -114,4 +112,4 @@ def draw(states: list[State], picture: Path) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

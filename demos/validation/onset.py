@@ -21,11 +21,11 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
+from tactile_fem import Study, run_script
 from tactile_fem.calibration.measurements import Experiment, read_measurements
 from tactile_fem.calibration.press import press
-from tactile_fem.cli.entry import run
 from tactile_fem.runtime.files import write_records
-from tactile_fem.study import Finger, Solver, Study
+from tactile_fem.study import Finger, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -118,4 +118,4 @@ def told(name: str, experiment: Experiment, force: PchipInterpolator, shift: flo
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

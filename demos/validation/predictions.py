@@ -34,16 +34,14 @@ from onset import MEASURED, up_to
 from slip import Drag, full_slip, tangential_stiffness
 from slip import drag as drag_plate
 
+from tactile_fem import Results, Study, load_finger, run_script, scan
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.press import press
 from tactile_fem.calibration.report import r_squared
-from tactile_fem.cli.entry import run
-from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.strain import principal_strains, under_contact
 from tactile_fem.runtime.files import write_table
-from tactile_fem.simulation import scan
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Study, Text, Tissue
+from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Text, Tissue
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -303,4 +301,4 @@ def slip_rows(steps: list[Drag], normal: float) -> list[Row]:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

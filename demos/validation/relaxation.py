@@ -28,8 +28,7 @@ import numpy as np
 from letters_force import DEPTH_MM
 from predictions import Row, letters, said, tabulate
 
-from tactile_fem.cli.entry import run
-from tactile_fem.simulation import scan
+from tactile_fem import Study, run_script, scan
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import (
     AnyPiece,
@@ -40,7 +39,6 @@ from tactile_fem.study import (
     Press,
     Protocol,
     Receptors,
-    Study,
     Tissue,
 )
 
@@ -246,4 +244,4 @@ def half_time(time_s: np.ndarray, values: np.ndarray) -> float:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

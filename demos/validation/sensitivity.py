@@ -23,12 +23,11 @@ from typing import Literal
 import numpy as np
 from flat_plate import plate_study
 
-from tactile_fem.cli.entry import run
+from tactile_fem import Parts, Study, run_script
 from tactile_fem.mechanics.sensitivity import Change, Sensitivities
 from tactile_fem.runtime.files import write_table
-from tactile_fem.simulation.parts import Parts
 from tactile_fem.simulation.setup import Setup
-from tactile_fem.study import Finger, Polynomial, Protocol, Study, Tissue
+from tactile_fem.study import Finger, Polynomial, Protocol, Tissue
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -162,4 +161,4 @@ def followed(study: Study, changes: list[Change]) -> Followed:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -33,15 +33,13 @@ from flat_plate import BLUE, ORANGE
 from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
 
+from tactile_fem import Results, Study, load_finger, run_script, scan
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.report import r_squared
-from tactile_fem.cli.entry import run
-from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.surface import SkinSurface
 from tactile_fem.runtime.files import write_table
-from tactile_fem.simulation import scan
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Edge, Finger, Output, Protocol, Receptors, Study
+from tactile_fem.study import Edge, Finger, Output, Protocol, Receptors
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -149,4 +147,4 @@ def draw(place: np.ndarray, deflection: np.ndarray, picture: Path, *, measured: 
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -44,8 +44,8 @@ from pad import half_ellipsoid
 from run_deck import is_installed, run_deck
 from two_codes import Cost, Way, compare, print_cost
 
-from tactile_fem.cli.entry import run
-from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem import Study, load_finger, run_script
+from tactile_fem.finger import FingerMesh
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Stepper
@@ -64,7 +64,6 @@ from tactile_fem.study import (
     Protocol,
     Receptors,
     Solver,
-    Study,
     Text,
     Tissue,
 )
@@ -249,4 +248,4 @@ def theirs(
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -24,7 +24,6 @@
 # Complete scans in the folder are not repeated; interrupted ones continue.
 
 # %%
-import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,21 +32,17 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from tactile_fem.cli.entry import run
-from tactile_fem.finger import load_finger
+from tactile_fem import Results, Study, completed, load_finger, run_script
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.receptors import place, sample
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.files import write_table
-from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.parallel import on_root
-from tactile_fem.simulation import completed
 from tactile_fem.simulation.fields import read_series
-from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import make_body
-from tactile_fem.study import Finger, Output, Protocol, Solver, Study
+from tactile_fem.study import Finger, Output, Protocol, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -102,7 +97,6 @@ def main(
     depth, distance
         Of the press and of the slide, in mm.
     """
-    set_up(COMM.rank, level=logging.INFO)
     meshes = meshes or ["coarse", "medium", "paper"]
     studies = {name: study_of(name, depth, distance) for name in meshes}
     studies[f"{meshes[0]}, half the step"] = halved(studies[meshes[0]])
@@ -281,4 +275,4 @@ def draw(scans: dict[str, Results], meshes: list[str], picture: Path) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

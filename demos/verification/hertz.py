@@ -44,8 +44,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
-from tactile_fem.cli.entry import run
-from tactile_fem.errors import ConvergenceError
+from tactile_fem import ConvergenceError, run_script
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
 from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.mechanics.domain import create_domain, roller
@@ -393,4 +392,4 @@ def main(
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

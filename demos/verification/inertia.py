@@ -19,14 +19,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tactile_fem.cli.entry import run
-from tactile_fem.errors import StudyError
-from tactile_fem.runtime.logs import set_up
-from tactile_fem.simulation import completed
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Finger, Study
+from tactile_fem import Results, Study, StudyError, completed, run_script, vibrate
+from tactile_fem.study import Finger
 from tactile_fem.vibration import Spectrum
-from tactile_fem.vibration.run import vibrate
 
 FITTED_PERIODS = 2
 
@@ -57,7 +52,6 @@ def main(
     frequency, amplitude, periods
         Of the vibration, Hz and mm, and how many periods, two at least.
     """
-    set_up()
     if periods < FITTED_PERIODS:
         raise StudyError(f"--periods is {periods} but must be at least {FITTED_PERIODS}.")
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
@@ -135,4 +129,4 @@ def told(value: complex) -> str:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -21,13 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
+from tactile_fem import Study, load_finger, run_script
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.calibration.press import press
-from tactile_fem.cli.entry import run
-from tactile_fem.finger import load_finger
 from tactile_fem.runtime.files import write_table
-from tactile_fem.study import Finger, Plate, Solver, Study
+from tactile_fem.study import Finger, Plate, Solver
 from tactile_fem.tissue.energies import bulk_over_shear
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -111,4 +110,4 @@ def print_results(rows: list[Row]) -> None:
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -15,7 +15,7 @@
 # %%
 import numpy as np
 
-from tactile_fem.cli.entry import run
+from tactile_fem import run_script
 from tactile_fem.finger import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.mesh_data import facets_of, quadratic
 from tactile_fem.finger.session import gmsh_model, simplices
@@ -68,4 +68,4 @@ def main(*, size: float = 1.2) -> None:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

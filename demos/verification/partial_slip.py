@@ -36,8 +36,7 @@ from hertz import COMM, NU, TISSUE, E_MPa, body_mesh, symmetry
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
-from tactile_fem.cli.entry import run
-from tactile_fem.errors import ConvergenceError
+from tactile_fem import ConvergenceError, run_script
 from tactile_fem.finger.mesh_data import FingerMesh, quadratic
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.load import Load
@@ -338,4 +337,4 @@ def main(
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

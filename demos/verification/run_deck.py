@@ -25,8 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem.cli.entry import run
-from tactile_fem.errors import StudyError
+from tactile_fem import StudyError, run_script
 
 KPA_PER_MPA = 1000.0
 
@@ -146,4 +145,4 @@ def main(deck: Path, *, cores: int = 1, timeout: float = 3600.0) -> None:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -31,7 +31,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
-from tactile_fem.cli.entry import run
+from tactile_fem import run_script
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
 from tactile_fem.mechanics.domain import Domain, create_domain
 from tactile_fem.mechanics.problem import FingerProblem
@@ -213,4 +213,4 @@ def main(
 
 # %%
 if __name__ == "__main__":
-    run(main)
+    run_script(main)

@@ -1,38 +1,72 @@
-"""Arguments and options shared by several commands."""
+"""What several commands share: their options, how they start the mechanics and write a file."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated
 
 from cyclopts import Parameter, validators
 
-from tactile_fem.errors import StudyError
+from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.runtime import doctor, ranks
 
+Count = Annotated[int, Parameter(validator=validators.Number(gte=1))]
+PositiveFloat = Annotated[float, Parameter(validator=validators.Number(gt=0))]
 StudyFile = Annotated[Path | None, Parameter(help="Study file in TOML; default the paper's.")]
-Settings = Annotated[
-    list[str] | None,
+Changes = Annotated[
+    tuple[str, ...],
     Parameter(
-        name="--set",
-        negative="",
-        consume_multiple=False,
-        help="Change a value: section.key=value. May be repeated.",
+        name="--set", show_default=False, help="Change a value: section.key=value. May be repeated."
     ),
 ]
-Ranks = Annotated[
-    int, Parameter(name="--ranks", help="MPI processes.", validator=validators.Number(gte=1))
-]
+ScanFolder = Annotated[Path, Parameter(help="Folder of a scan.")]
+Ranks = Annotated[Count, Parameter(name="--ranks", help="MPI processes.")]
+Written = Annotated[Path, Parameter(name=["--output", "-o"])]
+Overwrite = Annotated[bool, Parameter(show_default=False)]
+
+# The words of the command that runs.
+command_line: ContextVar[Sequence[str]] = ContextVar("command_line", default=())
+
+
+def with_mechanics(module: str, count: int) -> ModuleType:
+    """Return a module that computes mechanics, on `count` ranks, which run this command again.
+
+    Raises
+    ------
+    TactileError
+        The compiler or a library of the mechanics is missing; or this is one of several ranks and
+        `count` is not 1.
+    """
+    if finding := doctor.compiler_finding():
+        raise TactileError(str(finding))
+    if count > 1:
+        if ranks.launched_rank() is not None:
+            raise StudyError("--ranks does not go together with mpiexec: use one of them.")
+        ranks.restart(count, _without_ranks(command_line.get()))
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise TactileError(str(error)) from error
+
+
+def _without_ranks(words: Sequence[str]) -> list[str]:
+    kept = [word for word in words if not word.startswith("--ranks=")]
+    while "--ranks" in kept:
+        at = kept.index("--ranks")
+        del kept[at : at + 2]
+    return kept
 
 
 @contextmanager
-def as_options(words: dict[str, str]) -> Iterator[None]:
-    """Let errors name options, instead of what they are called in Python."""
+def written(file: Path) -> Iterator[None]:
+    """Print that a file was written, or raise StudyError if it cannot be."""
     try:
         yield
-    except StudyError as error:
-        message = str(error)
-        for word, option in words.items():
-            message = message.replace(word, option)
-        raise StudyError(message) from None
+    except OSError as error:
+        raise StudyError(f"{file} cannot be written: {error.strerror}.") from None
+    print(f"Written to {file}")

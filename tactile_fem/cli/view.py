@@ -9,135 +9,40 @@ import sys
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter, validators
+from cyclopts import Parameter
 
-from tactile_fem.cli.options import Settings, StudyFile
+from tactile_fem.cli.options import Changes, PositiveFloat, ScanFolder, StudyFile, Written
 from tactile_fem.errors import PlaceError, StudyError, TactileError
-from tactile_fem.finger import load_finger
-from tactile_fem.finger.scanned import Scans
-from tactile_fem.output import pictures, section
-from tactile_fem.runtime import logs
-from tactile_fem.runtime.files import write_figure
-from tactile_fem.simulation.checks import check_with_mesh, tell_missed
-from tactile_fem.simulation.results import Results
-from tactile_fem.stimulus import make_body
-from tactile_fem.study.file import load_study
-from tactile_fem.vibration.modes import Modes
+
+if TYPE_CHECKING:
+    from tactile_fem import Results
 
 logger = logging.getLogger(__name__)
 
-_ENDINGS = (".gif", ".mp4", ".html")
-_OF_SECTION = (".gif", ".png")
 
+def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = ()) -> None:
+    """Draw finger and stimulator before a scan, and where the contact point goes.
 
-def view(
-    results: Annotated[Path, Parameter(help="Folder of a scan.")],
-    /,
-    *,
-    save: Annotated[
-        Path | None,
-        Parameter(help="Write an animation, .gif or .mp4, or a page for the browser, .html."),
-    ] = None,
-    at_mm: Annotated[
-        float | None,
-        Parameter(help="Displacement of a slide shown on the page; default at the largest SED."),
-    ] = None,
-    vibration: Annotated[
-        float | None,
-        Parameter(
-            help="Show not the scan but its vibration: at the frequency in Hz that is nearest of "
-            "those whose shape `vibrate` kept, over one period.",
-            validator=validators.Number(gt=0),
-        ),
-    ] = None,
-    amplitude_um: Annotated[
-        float, Parameter(help="Amplitude of the vibration.", validator=validators.Number(gt=0))
-    ] = 10.0,
-) -> None:
-    """Show the finger cut open, the strain energy density and the firing receptors.
-
-    Opens a window with a slider for the displacement, the time or the phase, or writes a file
-    with --save, which needs no display.
+    Parameters
+    ----------
+    output
+        Write this .png file.
     """
-    found = Results.open(results)
-    logs.set_up()
-    if vibration is None and found.study.finger.is_section:
-        _view_section(found, save, at_mm)
-        return
-    _check(save, at_mm)
-    if vibration is not None and at_mm is not None:
-        raise StudyError("--at-mm does not go with --vibration: its state was chosen by `vibrate`.")
-    modes = None if vibration is None else _modes(found)
-    if save is not None:
-        os.environ.pop("DISPLAY", None)  # it might be unreachable
-    import pyvista
+    from tactile_fem import load_finger, load_study
+    from tactile_fem.finger.scanned import Scans
+    from tactile_fem.output.section import layers_figure
+    from tactile_fem.runtime.files import write_figure
+    from tactile_fem.simulation.checks import check_with_mesh, tell_missed
+    from tactile_fem.stimulus import make_body
 
-    from tactile_fem.output import view as viewing
-    from tactile_fem.output.film import Film
-    from tactile_fem.output.histories import DISPLACEMENT
-    from tactile_fem.output.mode_film import ModeFilm
-
-    pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
-    film: Film | ModeFilm
-    if modes is not None and vibration is not None:
-        film = ModeFilm(found, modes, modes.nearest(vibration), amplitude_um / 1000)
-    else:
-        film = Film(found)
-    if at_mm is not None and film.label != DISPLACEMENT:
-        raise StudyError(f"--at-mm is {at_mm:g} but the path in {results} is no straight slide.")
-    if save is None:
-        viewing.window(film)
-        return
-    if save.suffix == ".html":
-        k = film.strongest if at_mm is None else film.nearest(at_mm)
-        viewing.save_html(film, k, save)
-    elif save.suffix == ".mp4":
-        viewing.save_mp4(film, save)
-    else:
-        viewing.save_gif(film, save)
-    print(f"Written to {save}")
-
-
-def _view_section(results: Results, save: Path | None, at_mm: float | None) -> None:
-    """Write the film of a section, or a picture of one moment."""
-    if save is None:
-        raise StudyError(f"A section needs --save with a name in {' or '.join(_OF_SECTION)}.")
-    _check_file("--save", save, _OF_SECTION)
-    film = section.SectionFilm(results)
-    if save.suffix == ".gif":
-        section.save_gif(film, save)
-    else:
-        k = film.strongest if at_mm is None else film.nearest(at_mm)
-        write_figure(save, section.moment_figure(film, k))
-    print(f"Written to {save}")
-
-
-def preview(
-    study: StudyFile = None,
-    /,
-    *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"], help="Write this .png file.")],
-    settings: Settings = None,
-) -> None:
-    """Draw finger and stimulator before a scan, and where the contact point goes."""
-    the_study = load_study(study, settings or ())
+    the_study = load_study(study, changes)
     _check_file("--output", output, (".png",))
-    logs.set_up()
-    if the_study.finger.is_section:
-        mesh, body = load_finger(the_study.finger), make_body(the_study.stimulus)
-        tell_missed(body, check_with_mesh(the_study, body, mesh), mesh)
-        write_figure(output, section.layers_figure(mesh, body, (0.0, 0.0, 0.0)))
-        print(f"Written to {output}")
-        return
-    _check_drawing()
-    os.environ.pop("DISPLAY", None)  # it might be unreachable
-    import pyvista
-
-    from tactile_fem.output.preview import preview_figure, scans_figure
-
-    pyvista.vtk_verbosity("off")  # as in `view`
+    is_section = the_study.finger.is_section
+    if not is_section:
+        _load_pyvista()
+        from tactile_fem.output.preview import preview_figure, scans_figure
     body = make_body(the_study.stimulus)
     try:
         finger = load_finger(the_study.finger)
@@ -149,22 +54,125 @@ def preview(
     path = check_with_mesh(the_study, body, finger)
     tell_missed(body, path, finger)
     logger.info("drawing finger and stimulator")
-    write_figure(output, preview_figure(finger, body, path))
+    if is_section:
+        figure = layers_figure(finger, body, (0.0, 0.0, 0.0))
+    else:
+        figure = preview_figure(finger, body, path)
+    write_figure(output, figure)
     print(f"Written to {output}")
 
 
-def _check_drawing() -> None:
-    """Raise TactileError if a graphics library is missing, before one is loaded."""
-    reason = pictures.can_draw()
-    if reason is not None:
-        raise TactileError(reason)
+def view(
+    results: ScanFolder,
+    /,
+    *,
+    save: Path | None = None,
+    at_mm: float | None = None,
+    vibration: Annotated[
+        PositiveFloat | None,
+        Parameter(
+            help="Show not the scan but its vibration: at the frequency in Hz that is nearest of "
+            "those whose shape `vibrate` kept, over one period."
+        ),
+    ] = None,
+    amplitude_um: PositiveFloat = 10.0,
+) -> None:
+    """Show the finger cut open, the strain energy density and the firing receptors.
+
+    Opens a window with a slider for the displacement, the time or the phase, or writes a file
+    with --save, which needs no display.
+
+    Parameters
+    ----------
+    save
+        Write an animation, .gif or .mp4, or a page for the browser, .html.
+    at_mm
+        Displacement of a slide shown on the page; default at the largest SED.
+    amplitude_um
+        Amplitude of the vibration.
+    """
+    from tactile_fem import Results
+
+    found = Results.open(results)
+    if vibration is None and found.study.finger.is_section:
+        _view_section(found, save, at_mm)
+    else:
+        _view_solid(found, save, at_mm, vibration, amplitude_um / 1000)
+    if save is not None:
+        print(f"Written to {save}")
 
 
-def _modes(results: Results) -> Modes:
-    path = results.vibration / "modes.npz"
-    if not path.exists():
-        raise StudyError(f"{path} is missing: run tactile-fem vibrate {results.folder} first.")
-    return Modes.load(path)
+def _view_section(results: Results, save: Path | None, at_mm: float | None) -> None:
+    """Write the film of a section, or a picture of one moment."""
+    from tactile_fem.output import section
+    from tactile_fem.runtime.files import write_figure
+
+    if save is None:
+        raise StudyError("A section needs --save with a name in .gif or .png.")
+    _check_file("--save", save, (".gif", ".png"))
+    film = section.SectionFilm(results)
+    if save.suffix == ".gif":
+        section.save_gif(film, save)
+    else:
+        k = film.strongest if at_mm is None else film.nearest(at_mm)
+        write_figure(save, section.moment_figure(film, k))
+
+
+def _view_solid(
+    results: Results,
+    save: Path | None,
+    at_mm: float | None,
+    frequency_Hz: float | None,
+    amplitude_mm: float,
+) -> None:
+    """Open a window or write a file of a scan, or of its vibration at a frequency."""
+    _check_options(save, at_mm, frequency_Hz)
+    modes_file = results.vibration / "modes.npz"
+    if frequency_Hz is not None and not modes_file.exists():
+        raise StudyError(
+            f"{modes_file} is missing: run tactile-fem vibrate {results.folder} first."
+        )
+    _load_pyvista(in_window=save is None)
+    from tactile_fem.output import view as viewing
+    from tactile_fem.output.film import Film
+    from tactile_fem.output.histories import DISPLACEMENT
+    from tactile_fem.output.mode_film import ModeFilm
+    from tactile_fem.vibration.modes import Modes
+
+    film: Film | ModeFilm
+    if frequency_Hz is not None:
+        modes = Modes.load(modes_file)
+        film = ModeFilm(results, modes, modes.nearest(frequency_Hz), amplitude_mm)
+    else:
+        film = Film(results)
+    if at_mm is not None and film.label != DISPLACEMENT:
+        raise StudyError(
+            f"--at-mm is {at_mm:g} but the path in {results.folder} is no straight slide."
+        )
+    if save is None:
+        viewing.window(film)
+    elif save.suffix == ".html":
+        k = film.strongest if at_mm is None else film.nearest(at_mm)
+        viewing.save_html(film, k, save)
+    elif save.suffix == ".mp4":
+        viewing.save_mp4(film, save)
+    else:
+        viewing.save_gif(film, save)
+
+
+def _check_options(save: Path | None, at_mm: float | None, frequency_Hz: float | None) -> None:
+    """Raise errors that can be detected before a graphics library is loaded."""
+    if save is not None:
+        _check_file("--save", save, (".gif", ".mp4", ".html"))
+    kind = None if save is None else save.suffix
+    if at_mm is not None and kind != ".html":
+        raise StudyError("--at-mm goes with --save to an .html file.")
+    if at_mm is not None and frequency_Hz is not None:
+        raise StudyError("--at-mm does not go with --vibration: its state was chosen by `vibrate`.")
+    if kind == ".html" and find_spec("trame_pyvista") is None:
+        raise TactileError('An .html file needs trame: pip install "tactile-fem[html]".')
+    if kind == ".mp4" and find_spec("imageio_ffmpeg") is None:
+        raise TactileError("An .mp4 file needs ffmpeg: pip install imageio-ffmpeg, or save a .gif.")
 
 
 def _check_file(option: str, file: Path, endings: Sequence[str]) -> None:
@@ -175,21 +183,21 @@ def _check_file(option: str, file: Path, endings: Sequence[str]) -> None:
         raise StudyError(f'{option} is "{file}" but there is no folder {file.parent}.')
 
 
-def _check(save: Path | None, at_mm: float | None) -> None:
-    """Raise errors that can be detected before a graphics library is loaded."""
-    if save is not None:
-        _check_file("--save", save, _ENDINGS)
-    if at_mm is not None and (save is None or save.suffix != ".html"):
-        raise StudyError("--at-mm goes with --save to an .html file.")
-    _check_drawing()
-    if save is None and not has_display():
+def _load_pyvista(*, in_window: bool = False) -> None:
+    """Import PyVista; raise TactileError first if it, a library or the display is missing."""
+    from tactile_fem.output import pictures
+
+    if reason := pictures.can_draw():
+        raise TactileError(reason)
+    if in_window and not has_display():
         raise TactileError(
             "There is no display for a window: write a file instead, --save scan.gif or scan.html."
         )
-    if save is not None and save.suffix == ".html" and find_spec("trame_pyvista") is None:
-        raise TactileError('An .html file needs trame: pip install "tactile-fem[html]".')
-    if save is not None and save.suffix == ".mp4" and find_spec("imageio_ffmpeg") is None:
-        raise TactileError("An .mp4 file needs ffmpeg: pip install imageio-ffmpeg, or save a .gif.")
+    if not in_window:
+        os.environ.pop("DISPLAY", None)  # it might be unreachable
+    import pyvista
+
+    pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
 
 
 def has_display() -> bool:
@@ -202,3 +210,6 @@ def has_display() -> bool:
         return False
     x.XOpenDisplay.restype = ctypes.c_void_p
     return x.XOpenDisplay(None) is not None
+
+
+COMMANDS = (preview, view)

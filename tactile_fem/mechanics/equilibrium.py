@@ -29,9 +29,9 @@ from tactile_fem.mechanics.newton import (
     weakly,
 )
 from tactile_fem.mechanics.petsc_options import clear_options, options_of, set_options
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.tangent import Tangent
+from tactile_fem.study import Solver
 
 # Steps that begin with the same tangent and preconditioner; then the contact zone has moved on.
 _STEPS = 2

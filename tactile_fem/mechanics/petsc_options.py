@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from tactile_fem.errors import StudyError
 from tactile_fem.mechanics.faults import last_line
 from tactile_fem.mechanics.multigrid import MULTIGRID_OPTIONS
-from tactile_fem.mechanics.settings import Solver
+from tactile_fem.study import Solver
 
 PetscOption = str | int | float | bool
 USER_PREFIX = "tactile_"

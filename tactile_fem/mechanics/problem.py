@@ -25,11 +25,11 @@ from tactile_fem.mechanics.near_skin import NearSkin
 from tactile_fem.mechanics.newton import SolveReport
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.petsc_options import PetscOption
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.skin import Rounding, parts_of_skin
 from tactile_fem.mechanics.slip import StickMemory
 from tactile_fem.mechanics.state import State
 from tactile_fem.stimulus import RigidBody
+from tactile_fem.study import Solver
 from tactile_fem.tissue.constants import Tissue
 from tactile_fem.tissue.energies import Law
 

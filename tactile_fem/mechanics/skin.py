@@ -14,7 +14,7 @@ from tactile_fem.mechanics.contact import ZERO_BELOW, Contact, SkinPart
 from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.inertia import Inertia
 from tactile_fem.mechanics.obstacle import Obstacle
-from tactile_fem.mechanics.settings import Solver
+from tactile_fem.study import Solver
 
 # Share of its outermost tetrahedron's height by which skin is pulled out at most. Traction that
 # does this would be a third of the skin's modulus.

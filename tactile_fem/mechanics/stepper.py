@@ -15,10 +15,10 @@ from tactile_fem.mechanics.force_search import TOLERANCE, ForceSearch
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.newton import SolveReport
 from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.state import Progress
 from tactile_fem.mechanics.step_control import StepControl, StepTooSmallError
 from tactile_fem.path import Motion, Path
+from tactile_fem.study import Solver
 
 logger = logging.getLogger(__name__)
 

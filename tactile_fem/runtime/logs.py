@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.logging import RichHandler
 from rich.progress import track
 
-from tactile_fem.runtime.ranks import TERMINAL_VARIABLE, launched_rank
+from tactile_fem.runtime.ranks import TERMINAL_VARIABLE, is_first
 
 logger = logging.getLogger(__name__)
 
@@ -34,10 +34,13 @@ def stderr_console() -> Console:
     return Console(stderr=True)
 
 
-def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None = None) -> None:
+def set_up(
+    rank: int | None = None, *, level: int = logging.INFO, console: Console | None = None
+) -> None:
     """Send the package's log to stderr: rich on a terminal, plain lines elsewhere.
 
-    `level` is the lowest that is shown; MPI ranks other than 0 report errors only.
+    `level` is the lowest that is shown; MPI ranks other than the first report errors only. Without
+    `rank` this is one of them or not as its launcher and MPI say.
     """
     console = console or stderr_console()
     handler: logging.Handler
@@ -47,7 +50,7 @@ def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None 
     else:
         handler = logging.StreamHandler(console.file)
         handler.setFormatter(logging.Formatter(_FORMAT, datefmt=_TIME))
-    handler.addFilter(lambda record: rank == 0 or record.levelno >= logging.ERROR)
+    handler.addFilter(lambda record: record.levelno >= logging.ERROR or _is_first(rank))
     handler.setLevel(level)
     package = logging.getLogger(PACKAGE)
     handler.name = _TERMINAL
@@ -56,6 +59,10 @@ def set_up(rank: int = 0, *, level: int = logging.INFO, console: Console | None 
     package.addHandler(handler)
     package.setLevel(level)
     package.propagate = False
+
+
+def _is_first(rank: int | None) -> bool:
+    return is_first() if rank is None else rank == 0
 
 
 @contextmanager
@@ -98,7 +105,7 @@ def shown() -> Iterator[None]:
         yield
         return
     before = package.level, package.propagate
-    set_up(launched_rank() or 0)
+    set_up()
     try:
         yield
     finally:

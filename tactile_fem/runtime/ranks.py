@@ -27,6 +27,14 @@ def launched_rank(environment: Mapping[str, str] = os.environ) -> int | None:
     return None
 
 
+def is_first() -> bool:
+    """Return whether this process is the first rank, or the only one."""
+    rank = launched_rank()
+    if rank is None and "mpi4py.MPI" in sys.modules:  # a launcher that is not known
+        rank = sys.modules["mpi4py.MPI"].COMM_WORLD.rank
+    return not rank
+
+
 def launcher() -> str:
     """Return the mpiexec next to this Python, else the one on the path.
 

@@ -135,8 +135,8 @@ class Results:
             if path.is_dir():
                 if _has_files(path) and not overwrite:
                     raise StudyError(
-                        f"The results folder {folder} is not empty: choose another folder, or "
-                        "overwrite=True to replace the scan in it."
+                        f"The results folder {folder} is not empty: choose another one, or "
+                        "overwrite the scan in it."
                     )
             elif path.exists() or path.is_symlink():
                 raise StudyError(f"The results folder {folder} is a file: choose another name.")

@@ -50,7 +50,7 @@ def choose_state(
     where = " and ".join(wanted)
     if len(found):
         listed = ", ".join(f"{time:.6g}" for time in times[found])
-        raise StudyError(f"has several states at {where}: choose one by at_s, {listed} s.")
+        raise StudyError(f"has several states at {where}: choose one by its time, {listed} s.")
     values, unit = (slid, "mm") if at_s is None else (times, "s")
     kept = ", ".join(f"{value:.6g}" for value in values)
     kept = f"states were kept at {kept} {unit}" if kept else "set output.states for the scan"

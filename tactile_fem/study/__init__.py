@@ -20,7 +20,6 @@ from pydantic import (
 )
 
 from tactile_fem.finger.settings import Finger
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.path import Follow, Hold, Lift, Piece, Press, Protocol, Slide
 from tactile_fem.receptors.settings import Receptors
@@ -41,6 +40,7 @@ from tactile_fem.stimulus.settings import (
 )
 from tactile_fem.study.afferents import Afferents, of_kind
 from tactile_fem.study.output import Output
+from tactile_fem.study.solver import Solver
 from tactile_fem.study.together import disagreements
 from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissue
 

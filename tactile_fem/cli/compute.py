@@ -1,0 +1,337 @@
+"""The commands that compute: scans, series of them, fits and vibrations."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter, validators
+
+from tactile_fem.cli.options import (
+    Changes,
+    Count,
+    Overwrite,
+    PositiveFloat,
+    Ranks,
+    ScanFolder,
+    StudyFile,
+    with_mechanics,
+)
+from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.runtime import ranks
+from tactile_fem.runtime.signals import raise_stopped, signal_handler
+
+if TYPE_CHECKING:
+    from tactile_fem import Results
+    from tactile_fem.series import Member
+    from tactile_fem.vibration import Spectrum
+    from tactile_fem.vibration.modes import Modes
+
+logger = logging.getLogger(__name__)
+
+_FITTED = ("skin", "subcutaneous.C10_MPa", "subcutaneous.C20_MPa", "subcutaneous.D1_per_MPa")
+
+
+def scan(
+    study: StudyFile = None,
+    /,
+    *,
+    changes: Changes = (),
+    results: Path = Path("results/scan"),
+    ranks_: Ranks = 1,
+    overwrite: Overwrite = False,
+) -> None:
+    """Run a study and write data and pictures into a folder.
+
+    An interrupted scan continues from its last checkpoint when started again.
+    Options that start with -tactile_ are passed to PETSc: -tactile_snes_rtol 1e-8.
+
+    Parameters
+    ----------
+    results
+        Folder for data and pictures.
+    overwrite
+        Replace the scan in the folder; other files stay.
+    """
+    from tactile_fem import Results, load_study
+    from tactile_fem.simulation.checks import check_study
+
+    the_study = load_study(study, changes)
+    if ranks.is_first() and (overwrite or not Results.unfinished(results, the_study)):
+        Results.check(results, overwrite=overwrite)
+    check_study(the_study)
+    module = with_mechanics("tactile_fem.simulation.run", ranks_)
+    with signal_handler(raise_stopped):
+        module.scan(the_study, results, overwrite=overwrite)
+    _finish(results)
+
+
+def resume(results: Path, /, *, ranks_: Ranks = 1) -> None:
+    """Continue a scan from its last checkpoint, on any number of ranks.
+
+    Parameters
+    ----------
+    results
+        Folder of an interrupted scan.
+    """
+    from tactile_fem import Results
+    from tactile_fem.simulation.checks import check_study
+
+    check_study(Results.open(results).study)
+    module = with_mechanics("tactile_fem.simulation.run", ranks_)
+    with signal_handler(raise_stopped):
+        module.resume(results)
+    _finish(results)
+
+
+def _finish(folder: Path) -> None:
+    """Draw the figures of a scan on the first rank."""
+    if not ranks.is_first():
+        return
+    from tactile_fem import Results, draw
+
+    found = Results.open(folder)
+    if found.study.output.pictures:
+        for path in draw(found):
+            print(path)
+    print(f"Data and pictures are in {folder}")
+
+
+# --- series --------------------------------------------------------------------------------------
+
+_SeriesFolder = Annotated[Path, Parameter(help="Folder for the scans' folders and summary.csv.")]
+_Jobs = Annotated[Count, Parameter(help="Parallel scans.")]
+_Share = Annotated[
+    str, Parameter(help="Run only the K-th of N shares, K/N; for schedulers' job arrays.")
+]
+
+
+def sweep(
+    study: StudyFile = None,
+    /,
+    *,
+    over: list[str],
+    changes: Changes = (),
+    results: _SeriesFolder = Path("results/sweep"),
+    jobs: _Jobs = 1,
+    ranks_: Ranks = 1,
+    task: _Share = "1/1",
+) -> None:
+    """Scan with every combination of the given values, and tabulate the results.
+
+    Started again, it completes the missing scans. Each scan has its own folder and process.
+
+    Parameters
+    ----------
+    over
+        Values to combine: section.key=value,value,... May be repeated.
+    """
+    from tactile_fem import series
+
+    _run_series(series.sweep(over, study, changes), results, jobs, ranks_, task)
+
+
+def fibre(
+    study: StudyFile = None,
+    /,
+    *,
+    spacing_mm: float = 0.2,
+    half_width_mm: float = 5.0,
+    changes: Changes = (),
+    results: _SeriesFolder = Path("results/fibre"),
+    jobs: _Jobs = 1,
+    ranks_: Ranks = 1,
+    task: _Share = "1/1",
+) -> None:
+    """Scan in passes over one receptor, with the stimulator shifted across the finger each time.
+
+    Started again, it completes the missing passes. Each pass has its own folder and process.
+
+    Parameters
+    ----------
+    spacing_mm
+        Shift between two passes.
+    half_width_mm
+        Largest shift to either side.
+    """
+    from tactile_fem import load_study, series
+
+    members = series.single_fibre(
+        load_study(study, changes), spacing_mm=spacing_mm, half_width_mm=half_width_mm
+    )
+    _run_series(members, results, jobs, ranks_, task)
+
+
+def _run_series(members: Sequence[Member], folder: Path, jobs: int, ranks_: int, task: str) -> None:
+    from tactile_fem import series
+
+    outcomes = series.run_series(members, folder, jobs=jobs, ranks=ranks_, task=task)
+    print(f"Written to {series.write_summary(members, folder)}")
+    failed = [outcome.member.name for outcome in outcomes if outcome.problem]
+    if failed:
+        raise TactileError(f"{len(failed)} of {len(outcomes)} scans failed: {', '.join(failed)}")
+
+
+# --- fit -----------------------------------------------------------------------------------------
+
+
+def fit(
+    *measured: Path,
+    study: Path | None = None,
+    changes: Changes = (),
+    parameters: Annotated[
+        list[str] | None,
+        Parameter(
+            name="--fit",
+            help="What to fit: a tissue, skin, a constant or a length, with how far it may be "
+            "from the study's: subcutaneous.C20_MPa:3 is within a factor of 3 at one standard "
+            "deviation. May be repeated. Default skin and the constants of subcutaneous tissue.",
+        ),
+    ] = None,
+    results: Path = Path("results/fit"),
+    evaluations: Annotated[int, Parameter(validator=validators.Number(gte=2))] = 12,
+    jobs: Count = 1,
+    ranks_: Ranks = 1,
+) -> None:
+    """Fit tissues, and the finger's shape, to measurements of somebody's finger.
+
+    A CSV file has the columns indenter, speed_mm_s, depth_mm, force_N, sd_N, or indenter,
+    speed_mm_s, depth_mm, place_mm, deflection_mm, sd_mm. Started again, it repeats no press.
+
+    Parameters
+    ----------
+    measured
+        CSV files with forces over depth or profiles of the skin.
+    study
+        Study file to start from; default values without one.
+    results
+        Folder for presses, tables and figure.
+    evaluations
+        Most points to try.
+    jobs
+        Parallel presses.
+    """
+    from tactile_fem import load_study
+    from tactile_fem.calibration.measurements import read_measurements
+    from tactile_fem.calibration.parameters import parse_parameter
+
+    start = load_study(study, changes)
+    experiments = read_measurements(measured)
+    chosen = [parse_parameter(text, start) for text in parameters or _FITTED]
+    if jobs > 1 and ranks_ > 1:
+        raise StudyError(f"--jobs is {jobs} and --ranks {ranks_}, but one of them must be 1.")
+    module = with_mechanics("tactile_fem.calibration.fit", ranks_)
+    with signal_handler(raise_stopped):
+        found = module.fit(start, experiments, chosen, results, jobs=jobs, evaluations=evaluations)
+    if ranks.is_first():
+        from tactile_fem.calibration import report
+
+        report.write_report(found, results)
+        print(report.summary(found))
+        print(f"Tables, figure and study.toml are in {results}")
+
+
+# --- vibrate -------------------------------------------------------------------------------------
+
+
+def vibrate(
+    results: ScanFolder,
+    /,
+    *,
+    frequencies: str = "1:1000:25",
+    at_mm: float | None = None,
+    at_s: float | None = None,
+    moves: Literal["body", "bone"] = "body",
+    direction: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    amplitude_um: PositiveFloat = 10.0,
+    shapes: Annotated[
+        str | None,
+        Parameter(
+            help="Frequencies in Hz at which the finger's shape is kept and drawn: of those "
+            "computed the nearest. Default the lowest, the middle and the highest."
+        ),
+    ] = None,
+    ranks_: Ranks = 1,
+) -> None:
+    """Let the body or the bone vibrate about a state of a scan.
+
+    Writes what receptors feel and how they fire over the frequency, and the finger's shape at some
+    frequencies, into the folder's vibration/.
+
+    Parameters
+    ----------
+    frequencies
+        In Hz: low:high:count, evenly spaced in their logarithm, or a list.
+    at_mm
+        Displacement of a state kept by output.states; default the last state.
+    at_s
+        Its time, where several states lie at one displacement.
+    moves
+        What vibrates.
+    direction
+        X, Y and Z of the vibration.
+    amplitude_um
+        Amplitude for the table and the firing rates.
+    """
+    from tactile_fem import Population, Results
+    from tactile_fem.vibration import frequencies_of
+    from tactile_fem.vibration.modes import few_of, nearest
+    from tactile_fem.vibration.spectrum import unfelt
+
+    wanted = frequencies_of(frequencies, "--frequencies")
+    shaped = few_of(wanted) if shapes is None else frequencies_of(shapes, "--shapes")
+    found = Results.open(results)
+    found.load_state(at_mm, at_s)  # raises here if there is no such state
+    module = with_mechanics("tactile_fem.vibration.run", ranks_)
+    from tactile_fem.vibration.keeper import ModeKeeper
+
+    for population in map(Population.of, found.study.populations):
+        if reason := unfelt(population):
+            logger.warning("%s afferents get no firing rates here: %s", population.name, reason)
+    keeper = ModeKeeper(wanted[nearest(wanted, shaped)])
+    spectrum = module.vibrate(
+        results,
+        wanted,
+        at_mm=at_mm,
+        at_s=at_s,
+        moves=moves,
+        direction=direction,
+        observers=[keeper],
+    )
+    modes = keeper.modes()
+    if ranks.is_first():
+        write_vibration(found, spectrum, modes, amplitude_um / 1000)
+
+
+def write_vibration(
+    results: Results, spectrum: Spectrum, modes: Modes | None, amplitude_mm: float
+) -> None:
+    """Write data, tables and figures of a vibration into the folder of its scan, name each."""
+    from tactile_fem import Population
+    from tactile_fem.output.mode_pictures import draw_modes
+    from tactile_fem.output.spectrum import spectrum_figure
+    from tactile_fem.runtime.files import write_figure
+
+    folder = results.vibration
+    folder.mkdir(exist_ok=True)
+    populations = [Population.of(afferents) for afferents in results.study.populations]
+    names = [population.name for population in populations]
+    rates = spectrum.all_rates_Hz(populations, amplitude_mm)
+    files = [folder / f"spectrum.{kind}" for kind in ("npz", "csv", "png")]
+    spectrum.save(files[0])
+    spectrum.write_table(files[1], rates, amplitude_mm)
+    write_figure(files[2], spectrum_figure(spectrum, names, rates, amplitude_mm))
+    if modes is not None:
+        for earlier in folder.glob("shape_*_Hz.png"):
+            earlier.unlink()
+        files.append(folder / "modes.npz")
+        modes.save(files[-1])
+        if results.study.output.pictures:
+            files += draw_modes(results, amplitude_mm)
+    for file in files:
+        print(file)
+
+
+COMMANDS = (scan, resume, sweep, fibre, fit, vibrate)

@@ -1,0 +1,162 @@
+"""The commands that write files: studies, meshes, decks, figures, reports; and `doctor`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from tactile_fem.cli.options import (
+    Changes,
+    Overwrite,
+    PositiveFloat,
+    ScanFolder,
+    StudyFile,
+    Written,
+    written,
+)
+from tactile_fem.errors import StudyError
+from tactile_fem.runtime import doctor as diagnosis
+
+
+def init(file: Path = Path("study.toml"), /) -> None:
+    """Write a study file with every value commented out at its default.
+
+    Parameters
+    ----------
+    file
+        Name of the new file.
+    """
+    from tactile_fem.runtime.files import write_text
+    from tactile_fem.study.template import commented_template
+
+    if file.exists():
+        raise StudyError(f"{file} exists already: choose another name.")
+    with written(file):
+        write_text(file, commented_template())
+
+
+def mesh(
+    study: StudyFile = None, /, *, changes: Changes = (), output: Written | None = None
+) -> None:
+    """Mesh the finger and print its sizes, volumes, layers and quality.
+
+    Parameters
+    ----------
+    output
+        Write the mesh to this .msh file.
+    """
+    from tactile_fem import load_finger, load_study
+    from tactile_fem.finger import describe, write_msh
+
+    finger = load_study(study, changes).finger
+    if output is not None and output.suffix != ".msh":
+        raise StudyError(f'--output is "{output}" but must end in .msh.')
+    the_mesh = load_finger(finger)
+    print(describe(the_mesh, finger))
+    if output is not None:
+        with written(output):
+            write_msh(output, the_mesh)
+
+
+def export(
+    study: StudyFile = None,
+    /,
+    *,
+    deck: Path,
+    changes: Changes = (),
+    format_: Annotated[Literal["calculix", "abaqus"], Parameter(name="--format")] = "calculix",
+    press_step_mm: PositiveFloat | None = None,
+    slide_step_mm: PositiveFloat | None = None,
+    grid_mm: PositiveFloat = 0.1,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write mesh, materials, contact and steps as an input deck for CalculiX or Abaqus.
+
+    Lengths in mm. Increments default to the study's longest steps.
+
+    Parameters
+    ----------
+    deck
+        Write the deck to this .inp file.
+    format_
+        Dialect of the deck; they differ in three lines.
+    press_step_mm
+        Increments of the indentation.
+    slide_step_mm
+        Increments of the slide.
+    grid_mm
+        Spacing of the stimulator's height field.
+    overwrite
+        Replace the file.
+    """
+    from tactile_fem import load_finger, load_study
+    from tactile_fem.output.deck import write_deck
+    from tactile_fem.simulation.checks import check_solid, check_study, check_with_mesh
+    from tactile_fem.stimulus import make_body
+
+    the_study = load_study(study, changes)
+    if deck.suffix != ".inp":
+        raise StudyError(f'--deck is "{deck}" but must end in .inp.')
+    if deck.exists() and not overwrite:
+        raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
+    check_solid(the_study.finger, "an input deck")
+    check_study(the_study)
+    finger = load_finger(the_study.finger)
+    check_with_mesh(the_study, make_body(the_study.stimulus), finger)
+    with written(deck):
+        size = write_deck(
+            the_study,
+            finger,
+            deck,
+            press_step_mm=press_step_mm,
+            slide_step_mm=slide_step_mm,
+            grid_mm=(grid_mm, grid_mm),
+            code=format_,
+        )
+        print(
+            f"{size.cells} tetrahedra, {size.unknowns} unknowns, "
+            f"{size.skin_facets} faces of the skin"
+        )
+
+
+def plot(results: ScanFolder, /) -> None:
+    """Draw all figures of a scan again."""
+    from tactile_fem import Results, draw
+
+    for path in draw(Results.open(results)):
+        print(path)
+
+
+def report(
+    results: Annotated[Path, Parameter(help="Folder of a scan or of a series.")],
+    /,
+    *,
+    output: Path | None = None,
+) -> None:
+    """Write one HTML file with the figures, numbers and parameters.
+
+    Parameters
+    ----------
+    output
+        Default report.html in the folder.
+    """
+    from tactile_fem.series.report import write_report
+
+    print(f"Written to {write_report(results, output=output)}")
+
+
+def doctor() -> int:
+    """Check compiler and libraries that pip cannot install, and name their packages."""
+    code = diagnosis.main()
+    try:
+        from tactile_fem.runtime import backend
+    except ImportError as error:
+        print(f"Error: {error}")
+        return 1
+    print(f"DOLFINx {backend.DOLFINX_VERSION}")
+    return code
+
+
+COMMANDS = (init, mesh, export, plot, report, doctor)
