@@ -31,10 +31,10 @@ from predictions import Row, letters, said, tabulate
 from tactile_fem import Study, run_script, scan
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import (
-    AnyPiece,
     Finger,
     Hold,
     Lift,
+    Piece,
     Plate,
     Press,
     Protocol,
@@ -108,7 +108,7 @@ def relaxing(g: Sequence[float]) -> Tissue:
     return Tissue.model_validate({"relaxation": "fingerpad", **series})
 
 
-def moved(finger: Finger, tissue: Tissue, pieces: Sequence[AnyPiece]) -> Trace:
+def moved(finger: Finger, tissue: Tissue, pieces: Sequence[Piece]) -> Trace:
     """Return the history of a plate that moves along pieces of a path."""
     study = Study(
         finger=finger,
