@@ -16,7 +16,7 @@ from tactile_fem.neuron import (
     Population,
     drive_of,
     fire_all,
-    populations_of,
+    replaced,
     respond,
 )
 from tactile_fem.neuron.exponentials import ExponentialSum
@@ -255,7 +255,7 @@ def test_without_afferents_there_is_one_population_and_no_word_of_it():
     (one,) = study.populations
     assert (one.name, one.feels, one.neuron) == ("SA1", "sed", NOISY)
     assert "afferents" not in study.model_dump() and "[[" not in dump_study(study)
-    assert populations_of(study) == (Population("SA1", NOISY, "sed"),)
+    assert one.population() == Population("SA1", NOISY, "sed")
 
 
 @pytest.mark.parametrize(
@@ -307,7 +307,7 @@ def test_drives_and_places_are_checked_before_a_scan(tmp_path):
     with pytest.raises(StudyError, match=r"afferents.RA.receptors: .* X 30, Y 0 mm lies outside"):
         check_study(read(tmp_path, TWO, "afferents.RA.receptors.extra_mm=[[30.0, 0.0]]"))
     with pytest.raises(StudyError, match='no afferents "PC", only SA1, RA'):
-        populations_of(read(tmp_path, TWO), [Population("PC")])
+        replaced([Population("SA1"), Population("RA")], [Population("PC")])
 
 
 def test_a_drive_that_is_none_is_refused_when_the_study_is_made(tmp_path):
@@ -323,7 +323,7 @@ def test_a_registered_drive_can_be_named_in_a_study(tmp_path, monkeypatch):
         script.setitem(DRIVES, "squeeze", Drive("Squeeze", "1", lambda h: h["sed_kPa"]))
         study = read(tmp_path, TWO, "afferents.RA.feels=squeeze_rate")
         check_study(study)
-        assert populations_of(study)[1].drive.unit == "1/s"
+        assert study.populations[1].population().drive.unit == "1/s"
     # Elsewhere its results can be read, though it cannot be scanned.
     results = make_results(tmp_path / "r", study)
     assert Results.open(results.folder).study == study
@@ -381,7 +381,8 @@ def two_kinds(folder, study):
         "stretches": np.stack([1 / stretch, stretch**0, stretch], axis=-1),
     }
     results = make_results(folder, study, trace)
-    results.save_spikes(fire_all(populations_of(study), results.trace).spikes)
+    populations = [afferents.population() for afferents in study.populations]
+    results.save_spikes(fire_all(populations, results.trace).spikes)
     return results
 
 
@@ -419,7 +420,7 @@ def test_figures_are_drawn_for_each_population_and_removed_with_it(tmp_path, cap
         script.setitem(DRIVES, "unheard_of", Drive("", "", lambda h: h["sed_kPa"]))
         study = read(tmp_path, TWO, "afferents.RA.feels=unheard_of")
     with pytest.raises(StudyError, match="unheard_of"):
-        populations_of(study)
+        study.populations[1].population()
     results = two_kinds(tmp_path / "r", read(tmp_path, TWO, "afferents.RA.feels=sed"))
     kinds = ("felt", "raster", "firing")
     wanted = {"force.png"} | {f"{kind}_{name}.png" for kind in kinds for name in ("SA1", "RA")}

@@ -10,7 +10,6 @@ import pytest
 from synthetic import SLIDE, make_results
 
 from tactile_fem.cli import app as cli
-from tactile_fem.neuron import populations_of
 from tactile_fem.simulation.checks import check_study
 from tactile_fem.stimulus import make_body, outlines
 from tactile_fem.study import Finger, Protocol, Receptors, Study, Text
@@ -114,7 +113,7 @@ def test_neurons_run_on_their_own(tmp_path, monkeypatch, capsys):
     (toml,) = blocks(page, "toml")
     Path("study.toml").write_text(toml)
     study = load_study("study.toml")
-    assert [population.name for population in populations_of(study)] == ["SA1", "RA"]
+    assert [afferents.population().name for afferents in study.populations] == ["SA1", "RA"]
     assert study.populations[1].receptors.placement == "afferents"
     assert Path("spikes.npz").is_file() and Path("spikes.png").is_file()
 
@@ -160,7 +159,7 @@ def test_the_recipes_vibration_is_a_study(tmp_path):
     )
     (tmp_path / "study.toml").write_text(first + second)
     study = load_study(tmp_path / "study.toml")
-    assert [population.name for population in populations_of(study)] == ["SA1", "RA", "PC"]
+    assert [afferents.population().name for afferents in study.populations] == ["SA1", "RA", "PC"]
     ra, pc = study.populations[1:]
     assert (ra.feels, pc.receptors.side) == ("compression", "subcutaneous")
     assert study.protocol.pieces[1].vibration.frequency_Hz == 100.0 and study.solver.inertia

@@ -30,7 +30,6 @@ from tactile_fem.neuron import (
     Population,
     fields_of,
     fire_all,
-    populations_of,
 )
 from tactile_fem.receptors import place, sample
 from tactile_fem.receptors.probe import CellEnergy, Probe
@@ -224,7 +223,7 @@ def test_a_drive_with_a_field_of_its_own_is_one_file(monkeypatch):
             {"name": "SA1", "feels": "mean_stress_kPa"},
         )
     )
-    populations = populations_of(study)
+    populations = [afferents.population() for afferents in study.populations]
     problem, finger = block_problem()
     positions = place(Receptors(half_width_mm=1, spacing_mm=1), finger)
     samples = sample(Receptors(), positions, finger)

@@ -20,7 +20,6 @@ from mpi4py import MPI  # isort: skip
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StoppedError, StudyError
 from tactile_fem.finger import TISSUES
-from tactile_fem.neuron import populations_of
 from tactile_fem.simulation import scan
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Study
@@ -184,7 +183,7 @@ def test_the_spectrum_fires_and_can_be_read_again(spectrum, tmp_path):
     spectrum.save(tmp_path / "spectrum.npz")
     again = Spectrum.load(tmp_path / "spectrum.npz")
     np.testing.assert_array_equal(again.sed_kPa, spectrum.sed_kPa)
-    _, ra, pc = populations_of(STUDY)
+    ra, pc = (afferents.population() for afferents in STUDY.populations[1:])
     weak, strong = (again.rates_Hz(1, amplitude, ra).max() for amplitude in (1e-6, 0.5))
     assert weak == 0 and strong >= 30 - 1
     assert again.rates_Hz(2, 0.1, pc).max() > 0

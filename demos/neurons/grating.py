@@ -29,7 +29,6 @@ from cyclopts import Parameter
 from matplotlib.figure import Figure
 
 from tactile_fem import Results, Study, completed, load_study, run_script
-from tactile_fem.neuron import populations_of
 from tactile_fem.output.histories import DISPLACEMENT
 from tactile_fem.output.plots import BLUE, GREEN, PAPER, VERMILION, styled
 from tactile_fem.runtime.files import write_figure, write_table
@@ -176,7 +175,7 @@ def spectrum(scan: Results, kind: str, period: float) -> tuple[np.ndarray, np.nd
 
     Over the last whole number of periods once the skin slips; a parabola is taken away.
     """
-    populations = {population.name: population for population in populations_of(scan.study)}
+    populations = {each.name: each.population() for each in scan.study.populations}
     _, felt = populations[kind].drive.of(scan.trace)
     along = scan.trace["displacement_mm"]
     length = max(int((along[-1] - SLIPS_MM) / period), 1) * period

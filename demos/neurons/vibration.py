@@ -30,7 +30,6 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from tactile_fem import Population, Study, completed, run_script, vibrate
-from tactile_fem.neuron import populations_of
 from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.study import Dots, Finger, Hold, Neuron, Press, Protocol, Tissue
@@ -110,7 +109,7 @@ def main(
     completed(study, folder / "scan")
     spectrum = computed(folder, "spectrum")
     print_waves(spectrum, computed(folder, "massless", density_kg_m3=0.0))
-    populations = {population.name: population for population in populations_of(study)}
+    populations = {each.name: each.population() for each in study.populations}
     fitted = {"SA1": populations["SA1"].neuron}
     for kind in THRESHOLDS_UM:
         neuron = with_filter(spectrum, kind, populations[kind].neuron)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tactile_fem import Population, Results, StudyError
+from tactile_fem import Results, StudyError
 from tactile_fem.neuron import Response
 from tactile_fem.output.histories import DISPLACEMENT, Outlines, middle_row
 from tactile_fem.output.plots import ACROSS, INK, draw_outlines, draw_rates, styled
@@ -33,7 +33,7 @@ def population_image(
     """
     trace, study = results.trace, results.study
     named = {population.name: population for population in study.populations}
-    afferents = Population.of(named[name] if name else study.populations[0])
+    afferents = (named[name] if name else study.populations[0]).population()
     own = results.receptors_of(afferents.name)
     row = own[middle_row(trace["receptors_mm"][own])]
     across = trace["receptors_mm"][row, 0]

@@ -275,7 +275,7 @@ def vibrate(
     amplitude_um
         Amplitude for the table and the firing rates.
     """
-    from tactile_fem import Population, Results
+    from tactile_fem import Results
     from tactile_fem.vibration import frequencies_of
     from tactile_fem.vibration.modes import few_of, nearest
     from tactile_fem.vibration.spectrum import unfelt
@@ -287,7 +287,7 @@ def vibrate(
     module = with_mechanics("tactile_fem.vibration.run", ranks_)
     from tactile_fem.vibration.keeper import ModeKeeper
 
-    for population in map(Population.of, found.study.populations):
+    for population in [afferents.population() for afferents in found.study.populations]:
         if reason := unfelt(population):
             logger.warning("%s afferents get no firing rates here: %s", population.name, reason)
     keeper = ModeKeeper(wanted[nearest(wanted, shaped)])
@@ -309,14 +309,13 @@ def write_vibration(
     results: Results, spectrum: Spectrum, modes: Modes | None, amplitude_mm: float
 ) -> None:
     """Write data, tables and figures of a vibration into the folder of its scan, name each."""
-    from tactile_fem import Population
     from tactile_fem.output.mode_pictures import draw_modes
     from tactile_fem.output.spectrum import spectrum_figure
     from tactile_fem.runtime.files import write_figure
 
     folder = results.vibration
     folder.mkdir(exist_ok=True)
-    populations = [Population.of(afferents) for afferents in results.study.populations]
+    populations = [afferents.population() for afferents in results.study.populations]
     names = [population.name for population in populations]
     rates = spectrum.all_rates_Hz(populations, amplitude_mm)
     files = [folder / f"spectrum.{kind}" for kind in ("npz", "csv", "png")]

@@ -9,7 +9,7 @@ from tactile_fem.neuron.population import (
     Population,
     fields_of,
     fire_all,
-    populations_of,
+    replaced,
     respond,
 )
 from tactile_fem.neuron.response import Response
@@ -31,7 +31,7 @@ __all__ = [
     "fit",
     "load",
     "pool",
-    "populations_of",
+    "replaced",
     "respond",
     "save",
     "to_neo",

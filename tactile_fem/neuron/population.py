@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,10 +18,6 @@ from tactile_fem.neuron.segment import Transduction
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.neuron.transduction import transduction_of
 from tactile_fem.neuron.variability import Variability
-
-if TYPE_CHECKING:
-    from tactile_fem.study import Study
-    from tactile_fem.study.afferents import Afferents
 
 Array = NDArray[Any]
 
@@ -112,11 +108,6 @@ class Population:
     feels: str | Drive = "sed"
     transduction: Transduction | None = None
 
-    @classmethod
-    def of(cls, afferents: Afferents) -> Population:
-        """Return the population that a study describes."""
-        return cls(afferents.name, afferents.neuron, afferents.feels)
-
     @property
     def drive(self) -> Drive:
         """What it feels."""
@@ -173,24 +164,21 @@ def fields_of(populations: Iterable[Population]) -> tuple[Field, ...]:
     return tuple(found.values())
 
 
-def populations_of(study: Study, own: Sequence[Population] = ()) -> tuple[Population, ...]:
-    """Return the study's populations, those of your own in the place of their namesakes.
+def replaced(
+    populations: Iterable[Population], own: Iterable[Population]
+) -> tuple[Population, ...]:
+    """Return the populations, each of one's own in the place of its namesake.
 
     Raises
     ------
     StudyError
-        A population of your own is none of the study's, or a drive is not known.
+        One of one's own has no namesake.
     """
-    found = {afferents.name: Population.of(afferents) for afferents in study.populations}
+    found = {population.name: population for population in populations}
     for population in own:
         if population.name not in found:
             raise StudyError(
                 f'The study has no afferents "{population.name}", only {", ".join(found)}.'
             )
         found[population.name] = population
-    for population in found.values():
-        try:
-            _ = population.drive
-        except StudyError as error:
-            raise StudyError(f"afferents.{population.name}.feels: {error}") from None
     return tuple(found.values())

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,11 +12,7 @@ from tactile_fem.finger.mesh_data import TISSUES, FingerMesh, lowest_facet
 from tactile_fem.receptors.settings import TIPS, Receptors, misplaced
 from tactile_fem.receptors.tips import tips
 
-if TYPE_CHECKING:
-    from tactile_fem.study import Study
-    from tactile_fem.study.afferents import Afferents
-
-_TRIES = 1000
+_BATCH = 1000  # random points that are tried at a time
 
 
 @dataclass(frozen=True)
@@ -30,7 +24,7 @@ class Samples:
     receptor, cell
         Index of the receptor and of the cell in the mesh, (samples,).
     tissue
-        Tag of the tissue that is felt, (samples,).
+        Tag of the tissue, (samples,).
     point
         Position, (samples, 3) mm.
     weight
@@ -46,7 +40,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class Layout:
-    """The receptors of a study, one population after the other.
+    """Receptors of one or more populations, one population after the other.
 
     Attributes
     ----------
@@ -62,37 +56,25 @@ class Layout:
     population: np.ndarray
     samples: Samples
 
+    @classmethod
+    def of(cls, receptors: Receptors, finger: FingerMesh, population: str) -> Layout:
+        """Return the layout of one population; raises what `place` and `sample` raise."""
+        positions = place(receptors, finger)
+        names = np.array([population] * len(positions))
+        return cls(positions, names, sample(receptors, positions, finger))
 
-def lay_out(study: Study, finger: FingerMesh) -> Layout:
-    """Place the receptors of all populations and find the points that they average.
-
-    Raises
-    ------
-    StudyError
-        As `place` and `sample`, with the name of the population if the study names any.
-    """
-    names: list[str] = []
-    placed, found = [], []
-    for afferents in study.populations:
-        with _naming(afferents, study):
-            positions = place(afferents.receptors, finger)
-            own = sample(afferents.receptors, positions, finger)
-        placed.append(positions)
-        found.append(replace(own, receptor=own.receptor + len(names)))
-        names += [afferents.name] * len(positions)
-    columns = zip(*(vars(samples).values() for samples in found), strict=True)
-    together = Samples(*map(np.concatenate, columns))
-    return Layout(np.concatenate(placed), np.array(names), together)
-
-
-@contextmanager
-def _naming(afferents: Afferents, study: Study) -> Iterator[None]:
-    """Name the population in errors, if the study names any."""
-    try:
-        yield
-    except StudyError as error:
-        prefix = f"afferents.{afferents.name}." if study.afferents else ""
-        raise StudyError(f"{prefix}{error}") from None
+    @classmethod
+    def joined(cls, layouts: Sequence[Layout]) -> Layout:
+        """Return the receptors of several layouts, numbered on from one to the next."""
+        counts = [len(layout.positions_mm) for layout in layouts]
+        first = np.repeat(np.cumsum([0, *counts[:-1]]), [len(a.samples.cell) for a in layouts])
+        columns = [vars(layout.samples).values() for layout in layouts]
+        receptor, *others = (np.concatenate(part) for part in zip(*columns, strict=True))
+        return cls(
+            np.concatenate([layout.positions_mm for layout in layouts]),
+            np.concatenate([layout.population for layout in layouts]),
+            Samples(receptor + first, *others),
+        )
 
 
 def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
@@ -101,89 +83,70 @@ def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
     Raises
     ------
     StudyError
-        If a receptor's X, Y lies outside the finger, or they are not laid out in the plane of a
-        section.
+        A receptor's X, Y lies outside the finger, or the placement does not suit the finger.
     """
     problem = misplaced(receptors, is_section=not finger.plane.is_space)
     if problem:
         raise StudyError(problem)
-    facets = _sheet(receptors, finger)
-    if not finger.plane.is_space:
-        return _along_section(receptors, finger, facets)
-    if receptors.placement == "afferents":
-        spread, extra = _spread(receptors, facets), receptors.extra_mm
-        return np.array([*spread, *(_lift(x, y, facets)[0] for x, y in extra)])
-    return np.array([_lift(x, y, facets)[0] for x, y in _layout(receptors)])
-
-
-def _along_section(receptors: Receptors, finger: FingerMesh, facets: np.ndarray) -> np.ndarray:
-    """Return the receptors' positions in a section."""
-    plane = finger.plane
-    along, reach = plane.axes[0], (receptors.half_width_mm, receptors.half_length_mm)
+    half = np.array([receptors.half_width_mm, receptors.half_length_mm])
     if receptors.placement in TIPS:
-        found = tips(finger, receptors.placement)
-        return found[np.abs(found[:, along]) <= reach[along]]
-    line = _symmetric(reach[along], receptors.spacing_mm)[:, None]
-    xy = np.concatenate([plane.points(np.hstack([line, 0 * line]))[:, :2], _extra(receptors)])
-    return np.array([_lift(x, y, facets)[0] for x, y in xy])
+        found, along = tips(finger, receptors.placement), finger.plane.axes[0]
+        return found[np.abs(found[:, along]) <= half[along]]
+    facets = _sheet(receptors, finger)
+    if receptors.placement == "afferents":
+        placed, xy = _poisson_disc(receptors, half, facets), np.empty((0, 2))
+    else:
+        placed, xy = [], _layout(receptors, half, finger)
+    xy = np.concatenate([xy, np.reshape(receptors.extra_mm, (-1, 2))])
+    return np.array([*placed, *(_lift(x, y, facets)[0] for x, y in xy)])
 
 
-def _extra(receptors: Receptors) -> np.ndarray:
-    """Return X, Y of the receptors that are given one by one, (n, 2)."""
-    return np.reshape(receptors.extra_mm, (-1, 2))
+def _layout(receptors: Receptors, half: np.ndarray, finger: FingerMesh) -> np.ndarray:
+    """Return X, Y of the receptors on a line, on a grid or at random, (n, 2)."""
+    if receptors.placement == "random":
+        count = max(1, round(receptors.density_per_cm2 * 4 * half[0] * half[1] / 100))
+        return np.random.default_rng(receptors.seed).uniform(-1, 1, (count, 2)) * half
+    counts = [int(h / receptors.spacing_mm + 1e-9) for h in half]
+    lines = [np.arange(-n, n + 1) * receptors.spacing_mm for n in counts]
+    if receptors.placement == "grid":
+        return np.stack(np.meshgrid(*lines, indexing="ij"), -1).reshape(-1, 2)
+    plane = finger.plane
+    along = plane.axes[0]
+    xy = np.full((len(lines[along]), 2), 0.0 if plane.is_space else plane.at_mm)
+    xy[:, along] = lines[along]
+    return xy
 
 
-def _spread(receptors: Receptors, facets: np.ndarray) -> list[np.ndarray]:
-    """Return places on the interface by density, none close to another (Poisson-disc).
+def _poisson_disc(receptors: Receptors, half: np.ndarray, facets: np.ndarray) -> list[np.ndarray]:
+    """Return places on the interface by density, none close to another.
 
-    Darts are thrown evenly over the interface's area, and stay where they keep their distance. It
-    is 0.75/sqrt(density), which darts can fill (they jam at 0.83), and less where they cannot.
+    Random points, evenly distributed over the interface's area, are accepted if they keep a
+    distance of 0.75/sqrt(density) from all others. Points jam at 0.83/sqrt(density); where they
+    cannot keep it, the distance is shortened.
     """
-    half = receptors.half_width_mm, receptors.half_length_mm
     random = np.random.default_rng(receptors.seed)
-    tries = [_lift(x, y, facets) for x, y in random.uniform(-1, 1, (_TRIES, 2)) * half]
+    tries = [_lift(x, y, facets) for x, y in random.uniform(-1, 1, (_BATCH, 2)) * half]
     area_mm2 = 4 * half[0] * half[1] * np.mean([stretch for _, stretch in tries])
     count = max(1, round(receptors.density_per_cm2 * area_mm2 / 100))
     distance = 7.5 / np.sqrt(receptors.density_per_cm2)
-    steepest = max(stretch for _, stretch in tries)
+    largest = max(stretch for _, stretch in tries)
     found: list[np.ndarray] = []
     while len(found) < count:
-        for _ in range(_TRIES):
+        for _ in range(_BATCH):
             (x, y), chance = random.uniform(-1, 1, 2) * half, random.uniform()
-            place, stretch = _lift(x, y, facets)
-            if chance * steepest > stretch:
+            point, stretch = _lift(x, y, facets)
+            if chance * largest > stretch:
                 continue
-            if not found or np.linalg.norm(np.array(found) - place, axis=1).min() >= distance:
-                found.append(place)
+            if not found or np.linalg.norm(np.array(found) - point, axis=1).min() >= distance:
+                found.append(point)
                 if len(found) == count:
                     break
         distance *= 0.95
     return found
 
 
-def _layout(receptors: Receptors) -> np.ndarray:
-    """Return X, Y of the receptors, (n, 2)."""
-    half = receptors.half_width_mm, receptors.half_length_mm
-    lines = [_symmetric(h, receptors.spacing_mm) for h in half]
-    if receptors.placement == "line":
-        xy = np.column_stack([lines[0], np.zeros_like(lines[0])])
-    elif receptors.placement == "grid":
-        xy = np.stack(np.meshgrid(*lines, indexing="ij"), -1).reshape(-1, 2)
-    else:
-        area_cm2 = 4 * half[0] * half[1] / 100
-        count = max(1, round(receptors.density_per_cm2 * area_cm2))
-        random = np.random.default_rng(receptors.seed)
-        xy = random.uniform(-1, 1, (count, 2)) * half
-    return np.concatenate([xy, _extra(receptors)])
-
-
-def _symmetric(half: float, spacing: float) -> np.ndarray:
-    count = int(half / spacing + 1e-9)
-    return np.arange(-count, count + 1) * spacing
-
-
 def _lift(x: float, y: float, facets: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the lowest point of the interface over (x, y), and its area per area in X and Y."""
+    """Return the lowest point of the facets over (x, y), and their area per area in X and Y."""
     found = lowest_facet(x, y, facets)
     if found is None:
         raise StudyError(
@@ -193,7 +156,7 @@ def _lift(x: float, y: float, facets: np.ndarray) -> tuple[np.ndarray, float]:
     facet, weights = found
     corners = facets[facet]
     edges = corners[1:] - corners[0]
-    # Of a section's line it is the length per length along the plane.
+    # In a section: length per length along the plane.
     stretch = np.sqrt(np.linalg.det(edges @ edges.T) / np.linalg.det(edges[:, :2] @ edges[:, :2].T))
     return np.array([x, y, weights @ corners[:, 2]]), float(stretch)
 
@@ -201,13 +164,17 @@ def _lift(x: float, y: float, facets: np.ndarray) -> tuple[np.ndarray, float]:
 def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> Samples:
     """Return the points of one tissue within the receptors' balls, and their cells.
 
-    Points lie on a cubic lattice of a third of the radius, in a section on a square one; with
-    radius 0 the receptor itself is the only point. Where cells meet, the one with the lowest index
-    counts, so that the answer does not depend on the partition.
+    Points lie on a cubic lattice (in a section a square one) with a spacing of a third of the
+    radius; with radius 0 the receptor itself is the only point. A point on the boundary of several
+    cells belongs to the one with the lowest index, whatever the partition.
+
+    Raises
+    ------
+    StudyError
+        A receptor is too far from the tissue.
     """
-    tag = TISSUES[receptors.side]
+    tag, plane = TISSUES[receptors.side], finger.plane
     cells = np.flatnonzero(finger.tissue == tag)
-    plane = finger.plane
     corners = plane.within(finger.nodes[finger.cells[cells, : finger.simplex.corners]])
     low, high = corners.min(axis=1), corners.max(axis=1)
     radius = receptors.average_radius_mm
@@ -219,8 +186,7 @@ def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> S
             np.all((low <= at + radius + 1e-6) & (high >= at - radius - 1e-6), axis=1)
         )
         points = at + offsets
-        least = _least_barycentric(points, corners[near])
-        inside = least >= -1e-6
+        inside = _least_barycentric(points, corners[near]) >= -1e-6
         hit = inside.any(axis=1)
         if not hit.any():
             x, y = position[:2]
@@ -251,11 +217,10 @@ def _end_organs(
 def _sheet(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
     """Return the corners (m, 3, 3) or (m, 2, 3) of the facets on which receptors lie.
 
-    They are those of the epidermis-dermis interface, or the skin's, moved by the depth.
+    They are those of the epidermis-dermis interface, or the skin's moved inwards by the depth.
     """
     name = "interface" if receptors.below_skin_mm is None else "skin"
-    depth = receptors.below_skin_mm or 0.0
-    return finger.corners_of(name) + np.array([0.0, 0.0, depth])
+    return finger.corners_of(name) + np.array([0.0, 0.0, receptors.below_skin_mm or 0.0])
 
 
 def _lattice(radius: float, dim: int) -> np.ndarray:

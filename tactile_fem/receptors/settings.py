@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Settings, Whole
+
+if TYPE_CHECKING:
+    from tactile_fem.finger.mesh_data import FingerMesh
+    from tactile_fem.receptors.placement import Layout
 
 _MOST = 100_000
 # Placements at the tips of a section's epidermis-dermis interface.
@@ -73,6 +77,19 @@ class Receptors(Settings):
     def shared_with(self, own: dict[str, Any]) -> dict[str, Any]:
         """Return what a population takes over that has some keys of its own: all."""
         return self.model_dump()
+
+    def lay_out(self, finger: FingerMesh, population: str) -> Layout:
+        """Place the receptors of a population and find the points that they average.
+
+        Raises
+        ------
+        StudyError
+            A receptor lies outside the finger or far from the tissue, or the placement does not
+            suit the finger.
+        """
+        from tactile_fem.receptors.placement import Layout
+
+        return Layout.of(self, finger, population)
 
 
 def misplaced(receptors: Receptors, *, is_section: bool) -> str:

@@ -110,7 +110,7 @@ def fibre_image(
     across, rows = _with_gaps(np.array([-one.study.stimulus.shift_mm[0] for one in passes]))
     traces = [results.trace for results in passes]
     known = {one.name: one for one in passes[0].study.populations}
-    afferents = Population.of(known[population or next(iter(known))])
+    afferents = known[population or next(iter(known))].population()
     # Each pass has its own steps; histories are linear between them.
     time = np.unique(np.concatenate([trace["time_s"] for trace in traces]).round(12))
     felt = np.zeros((len(time), len(across)))

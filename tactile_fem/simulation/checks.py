@@ -15,9 +15,7 @@ from tactile_fem.finger.plane import AXES, Plane
 from tactile_fem.finger.report import facet_size_mm, pad_thickness_mm
 from tactile_fem.finger.section import section_sizes
 from tactile_fem.finger.skin import PRESETS, sizes_of
-from tactile_fem.neuron import populations_of
 from tactile_fem.path import Path
-from tactile_fem.receptors import lay_out
 from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.stimulus import RigidBody, make_body
 from tactile_fem.stimulus.make import outlines
@@ -52,7 +50,8 @@ def check_study(study: Study) -> None:
         lies outside it ...
     """
     body = make_body(study.stimulus)
-    populations_of(study)
+    for afferents in study.populations:
+        afferents.population()
     finger = study.finger
     if finger.mesh_file is None:
         _anatomy(finger)
@@ -82,7 +81,7 @@ def check_with_mesh(study: Study, body: RigidBody, mesh: FingerMesh) -> Path:
     check_depth(study.protocol, path, thickness)
     check_apart(body, path, mesh)
     check_section(study, path, mesh.plane)
-    lay_out(study, mesh)
+    study.lay_out(mesh)
     return path
 
 

@@ -18,9 +18,9 @@ from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.mechanics.petsc_options import check_options
 from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.mechanics.stepper import Stepper
-from tactile_fem.neuron import Population, fields_of, populations_of
+from tactile_fem.neuron import Population, fields_of, replaced
 from tactile_fem.path import Path
-from tactile_fem.receptors import Layout, lay_out
+from tactile_fem.receptors import Layout
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.parallel import on_root
@@ -74,7 +74,8 @@ class Setup:
         """Make all parts that can fail on bad input; all ranks call."""
         check_options(study.solver)
         check_parts(parts, study.tissue)
-        populations = populations_of(study, parts.populations)
+        of_study = [afferents.population() for afferents in study.populations]
+        populations = replaced(of_study, parts.populations)
         files = on_root(comm, lambda: hashes(study.files()))
         finger = on_root(comm, lambda: _finger(study, parts), share=False)
         thickness = on_root(comm, lambda: pad_thickness_mm(finger))
@@ -88,7 +89,7 @@ class Setup:
         )
         check_depth(None if parts.path else study.protocol, path, thickness)
         check_unchanged(study.files(), files)  # the hashes are those of what each rank has read
-        layout = on_root(comm, lambda: lay_out(study, finger))
+        layout = on_root(comm, lambda: study.lay_out(finger))
         on_root(comm, lambda: check_apart(body, path, finger))
         return cls(study, parts, finger, body, path, layout, populations, files)
 

@@ -8,7 +8,7 @@ Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import (
     BaseModel,
@@ -19,6 +19,7 @@ from pydantic import (
     model_validator,
 )
 
+from tactile_fem.errors import StudyError
 from tactile_fem.finger.settings import Finger
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.path import Follow, Hold, Lift, Piece, Press, Protocol, Slide
@@ -43,6 +44,10 @@ from tactile_fem.study.output import Output
 from tactile_fem.study.solver import Solver
 from tactile_fem.study.together import disagreements
 from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissue
+
+if TYPE_CHECKING:
+    from tactile_fem.finger import FingerMesh
+    from tactile_fem.receptors import Layout
 
 __all__ = [
     "DEFAULT_NAME",
@@ -159,6 +164,22 @@ class Study(Settings):
         """The populations; without `afferents` the one of `receptors` and `neuron`."""
         one = Afferents(name=DEFAULT_NAME, receptors=self.receptors, neuron=self.neuron)
         return self.afferents or (one,)
+
+    def table_of(self, afferents: Afferents) -> str:
+        """Return the start of the keys of a population, empty without `afferents`."""
+        return f"afferents.{afferents.name}." if self.afferents else ""
+
+    def lay_out(self, finger: FingerMesh) -> Layout:
+        """Place the receptors of all populations, see `Receptors.lay_out`."""
+        from tactile_fem.receptors import Layout
+
+        layouts = []
+        for afferents in self.populations:
+            try:
+                layouts.append(afferents.receptors.lay_out(finger, afferents.name))
+            except StudyError as error:
+                raise StudyError(f"{self.table_of(afferents)}{error}") from None
+        return Layout.joined(layouts)
 
     def files(self) -> dict[str, Path]:
         """Return the files that finger, stimulus and path are read from, by their keys."""

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
+from tactile_fem.errors import StudyError
 from tactile_fem.neuron.settings import Neuron
 from tactile_fem.receptors.settings import Receptors
 from tactile_fem.runtime.settings import Settings
+
+if TYPE_CHECKING:
+    from tactile_fem.neuron import Population
 
 # What the kinds are that is not as in SA1. Densities: Johansson and Vallbo 1979 (RA 140, PC 21 per
 # cm2). RA end in dermal papillae, PC at about 2 mm depth. Filters, gains, spread, refractoriness:
@@ -72,3 +76,19 @@ class Afferents(Settings):
     )
     receptors: Receptors = Receptors()
     neuron: Neuron = Neuron()
+
+    def population(self) -> Population:
+        """Return the afferents, which fire.
+
+        Raises
+        ------
+        StudyError
+            There is no such drive.
+        """
+        from tactile_fem.neuron import Population, drive_of
+
+        try:
+            drive_of(self.feels)
+        except StudyError as error:
+            raise StudyError(f"afferents.{self.name}.feels: {error}") from None
+        return Population(self.name, self.neuron, self.feels)

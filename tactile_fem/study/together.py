@@ -21,15 +21,12 @@ def disagreements(study: Study, *, saved: bool) -> Iterator[str]:
         It is that of a scan's results, whose drives may be a script's own.
     """
     for population in study.populations:
-        name = f"afferents.{population.name}." if study.afferents else ""
+        name = study.table_of(population)
         problem = misplaced(population.receptors, is_section=study.finger.is_section)
         if problem:
             yield f"{name}{problem}"
         if study.afferents and not saved:
-            # Imported here because its package uses the study. A script's own drives may join.
-            from tactile_fem.neuron.drives import drive_of
-
             try:
-                drive_of(population.feels)
+                population.population()
             except StudyError as error:
-                yield f"{name}feels: {error}"
+                yield str(error)
