@@ -7,8 +7,8 @@ With the measured numbers ``m_k`` and their standard deviations ``s_k``, the mod
 
 where ``x_i`` is the logarithm of how much parameter i differs from the study. The second sum says
 what is known without the measurements; where they say nothing, x stays 0. Derivatives along
-constants of the tissues come with each press, see `mechanics.sensitivity`; those along the finger's
-lengths from a press of a finger with another length.
+constants of the tissues come with each press, see `calibration.sensitivity`; those along the
+finger's lengths from a press of a finger with another length.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-3
 # What describes the finger, which is often that of the press before.
-_OF_FINGER = ("finger.load", "finger.build", "mechanics.domain", "simulation.setup")
+_OF_FINGER = ("finger.load", "finger.build", "mechanics.domain", "simulation.simulation")
 _CONFIDENCE_SD = float(ndtri(0.975))  # 95 %
 
 

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.parameters import Parameter, with_values
 from tactile_fem.calibration.press import Prediction, press, study_of
+from tactile_fem.calibration.sensitivity import Change
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.mechanics.sensitivity import Change
 from tactile_fem.runtime.files import atomic_write, write_text
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.study import Study

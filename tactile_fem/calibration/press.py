@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.calibration.measurements import Experiment
+from tactile_fem.calibration.sensitivity import Change, Sensitivities
 from tactile_fem.errors import StoppedError, TactileError
 from tactile_fem.finger.surface import SkinSurface
 from tactile_fem.mechanics.faults import stopping
-from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.mechanics.sensitivity import Change, Sensitivities
 from tactile_fem.path import Motion, Path, straight
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.simulation.parts import Parts
-from tactile_fem.simulation.setup import Setup
+from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.study import Protocol, Study
 
 logger = logging.getLogger(__name__)
@@ -80,28 +79,23 @@ def press(
     comm = comm or MPI.COMM_WORLD
     depths = np.unique(experiment.depth_mm)
     parts = Parts(path=Path((lambda start: _press(start, depths, experiment.speed_mm_s),)))
-    setup = Setup.of(study_of(study, experiment), parts, comm)
-    skin = on_root(comm, lambda: _line_of_skin(setup, experiment))
+    simulation = Simulation(study_of(study, experiment), parts, comm)
+    skin = on_root(comm, lambda: _line_of_skin(simulation, experiment))
     found = Prediction(
         np.full(len(experiment.mean), np.nan), np.full((len(experiment.mean), len(changes)), np.nan)
     )
-    instruments = setup.instruments(comm)
-    problem = instruments.problem
-    with closing(problem):
-        sensitivities = Sensitivities(problem, changes) if changes else None
-
-        def record() -> None:
-            here = np.isclose(experiment.depth_mm, problem.state.translation.value[2])
-            if here.any():
-                read = _reading(problem, experiment, here, skin)
-                found.values[here] = read()
-                if sensitivities:
-                    found.derivatives[here] = sensitivities.derivative(read).T
-
-        problem.before_accept.append(record)
+    with closing(simulation):
+        problem = simulation.problem
+        sensitivities = Sensitivities(problem, changes)
         try:
-            with stopping(problem.snes, comm) as stop:
-                for _ in instruments.stepper:
+            with stopping(problem.solver.snes, comm) as stop:
+                for step in simulation.steps():
+                    sensitivities.follow()
+                    here = np.isclose(experiment.depth_mm, step.depth_mm)
+                    if here.any():
+                        read = _reading(simulation, experiment, here, skin)
+                        found.values[here] = read()
+                        found.derivatives[here] = sensitivities.derivative(read).T
                     stop.check()
         except StoppedError:
             raise
@@ -121,21 +115,21 @@ def _axis(experiment: Experiment) -> int:
     return 0 if getattr(experiment.indenter, "along", "x") == "y" else 1
 
 
-def _line_of_skin(setup: Setup, experiment: Experiment) -> SkinSurface | None:
+def _line_of_skin(simulation: Simulation, experiment: Experiment) -> SkinSurface | None:
     """Return the points of the profile; None if only forces were measured."""
     if experiment.is_force.all():
         return None
     xy = np.zeros((_PROFILE_POINTS, 2))
     xy[:, _axis(experiment)] = np.linspace(-_PROFILE_MM, _PROFILE_MM, _PROFILE_POINTS)
-    return SkinSurface(setup.finger, xy)
+    return SkinSurface(simulation.finger, xy)
 
 
 def _reading(
-    problem: FingerProblem, experiment: Experiment, here: Array, skin: SkinSurface | None
+    simulation: Simulation, experiment: Experiment, here: Array, skin: SkinSurface | None
 ) -> Callable[[], Array]:
     """Return a function that gives the chosen numbers of the present state."""
     is_force, places = experiment.is_force[here], experiment.place_mm[here]
-    axis = _axis(experiment)
+    axis, problem = _axis(experiment), simulation.problem
 
     def read() -> Array:
         values = np.empty(len(places))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from petsc4py import PETSc
@@ -12,11 +12,10 @@ import ufl
 from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 
-from tactile_fem.mechanics.contact import SkinPart
-from tactile_fem.mechanics.elasticity import Elasticity, deformation_gradient
-from tactile_fem.mechanics.inertia import Inertia
-from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.state import State
+from tactile_fem.mechanics.terms.contact import Contact
+from tactile_fem.mechanics.terms.term import Term
+from tactile_fem.mechanics.tissues import Tissues
 
 # Skin that is nearer to the body than this touches it, as ink on the finger would. Less would
 # show the noise of the gap on coarse meshes, one or two micrometres.
@@ -32,7 +31,7 @@ class Load:
     force_N, moment_Nmm
         Of the contact traction on the finger, (3,); the moment about the origin.
     imbalance_N
-        What the contact force, the reaction at the held boundary and inertia differ by.
+        Difference of the contact force and the forces of all other terms on nodes that may move.
     contact_area_mm2
         Skin within a hundredth of a millimetre of the body, as it is deformed.
     gap_error_mm
@@ -78,77 +77,69 @@ class LoadCell:
     ----------
     state
         Displacement and body, and the load at the last accepted step.
-    elasticity
-        The tissues.
-    obstacle
-        The rigid body.
-    skin
-        The parts of the skin that may touch.
-    tissues
-        The compiled residual of the tissues, without boundary conditions.
+    tissues, bulk, contact
+        The tissues and the terms of the virtual work.
+    bulk_residual
+        Virtual work of the terms `bulk`.
     held
         This rank's dofs (blocks) of the nodes that do not move.
-    compile_
-        Compiles a form that may use the obstacle.
-    inertia
-        Of the tissues; None if the residual has none.
     """
 
     def __init__(
         self,
         state: State,
-        elasticity: Elasticity,
-        obstacle: Obstacle,
-        skin: Sequence[SkinPart],
-        tissues: fem.Form,
+        tissues: Tissues,
+        bulk: Sequence[Term],
+        contact: Contact,
+        bulk_residual: ufl.Form,
         held: np.ndarray,
-        compile_: Callable[[ufl.Form], fem.Form],
-        inertia: Inertia | None = None,
     ) -> None:
-        self._obstacle, self._tissues_form, self._held = obstacle, tissues, held
-        self._state = state
-        self._comm = elasticity.domain.comm
+        self._state, self._obstacle = state, contact.obstacle
+        self._comm = tissues.domain.comm
         dim = len(state.u)
         # Of the moment; a section has the one out of its plane.
         self._planes = ((1, 2), (2, 0), (0, 1)) if dim == 3 else ((0, 1),)
         self._splits = dim, dim + len(self._planes)
         V = state.u.function_space
+        owned = V.dofmap.index_map.size_local
+        self._is_free = np.ones(owned, dtype=bool)
+        self._is_free[held[held < owned]] = False
         v = ufl.TestFunction(V)
         pressure = friction = 0
-        for part in skin:
-            s_n, s_t = part.contact.tractions(part.t, state.u, state.u_old)
-            pressure += s_n * ufl.dot(obstacle.normal, v) * part.ds
+        for part in contact.parts:
+            s_n, s_t = part.law.tractions(part.t, state.u, state.u_old)
+            pressure += s_n * ufl.dot(self._obstacle.normal, v) * part.ds
             friction += ufl.dot(s_t, v) * part.ds
+        compile_ = self._obstacle.compile
         self._pressure_form = compile_(pressure)
         self._friction_form = compile_(friction)
-        self._inertia_form = compile_(inertia.residual(v)) if inertia else None
-        self._integrals_form = compile_(_integrals(elasticity, obstacle, skin))
+        self._bulk_form = compile_(bulk_residual)
+        self._integrals_form = compile_(_integrals(tissues, bulk, contact))
 
     def read(self) -> Load:
         """Return the load at the present displacement, of all skin."""
         with common.Timer("tactile: load"):
-            self._obstacle.look_everywhere()
+            self._obstacle.evaluate_everywhere()
             self._obstacle.refresh()
-            pressure, friction, tissues = (
-                _nodal(form)
-                for form in (self._pressure_form, self._friction_form, self._tissues_form)
+            pressure, friction, bulk = (
+                _nodal(form) for form in (self._pressure_form, self._friction_form, self._bulk_form)
             )
             integrals = _nodal(self._integrals_form).sum(axis=0)
         state = self._state
         advance = state.translation.value - state.translation_old.value
         here = [
-            self._forces(pressure + friction, tissues),
+            self._forces(pressure + friction, bulk),
             [self._heat(friction, advance)],
             integrals,
         ]
         whole = self._comm.allreduce(np.concatenate(here))
-        force, moment, reaction = np.split(whole[:-8], self._splits)
+        force, moment, resistance = np.split(whole[:-8], self._splits)
         heat, area, normal, distance, traction, stored, volume, rest = whole[-8:].tolist()
         pressed = normal if normal > 0 else 1.0
         return Load(
             force,
             moment,
-            float(np.linalg.norm(force + reaction)),
+            float(np.linalg.norm(force - resistance)),
             area,
             distance / pressed,
             (traction - normal) / pressed,
@@ -159,19 +150,16 @@ class LoadCell:
             friction,
         )
 
-    def _forces(self, contact: np.ndarray, tissues: np.ndarray) -> np.ndarray:
-        """Return this rank's contact force, its moment, and the reaction less inertia."""
+    def _forces(self, contact: np.ndarray, bulk: np.ndarray) -> np.ndarray:
+        """Return this rank's contact force, its moment, and the resistance of nodes that move."""
         owned = len(contact)
         u = self._state.u
         place = u.function_space.tabulate_dof_coordinates()[:owned, : len(u)] + _owned(u, owned)
         moment = np.column_stack(
             [place[:, i] * contact[:, j] - place[:, j] * contact[:, i] for i, j in self._planes]
         )
-        held = self._held[self._held < owned]
-        reaction = tissues[held].sum(axis=0)
-        if self._inertia_form:  # inertia force, subtracted from the reaction
-            reaction -= _nodal(self._inertia_form).sum(axis=0)
-        return np.concatenate([contact.sum(axis=0), moment.sum(axis=0), reaction])
+        resistance = bulk[self._is_free].sum(axis=0)
+        return np.concatenate([contact.sum(axis=0), moment.sum(axis=0), resistance])
 
     def _heat(self, friction: np.ndarray, advance: np.ndarray) -> float:
         """Return this rank's heat of friction since the last accepted step, in mJ."""
@@ -184,25 +172,27 @@ class LoadCell:
 _COUNT = 7
 
 
-def _integrals(elasticity: Elasticity, obstacle: Obstacle, skin: Sequence[SkinPart]) -> ufl.Form:
+def _integrals(tissues: Tissues, bulk: Sequence[Term], contact: Contact) -> ufl.Form:
     """Return the integrals over skin and tissue, one for each component of a DG0 test function.
 
     So one kernel computes them all, cell by cell: contact area, pressure, pressure times
     gap, traction of the tissue; strain energy, volume now and at rest.
     """
-    msh = elasticity.domain.mesh
-    w = ufl.TestFunction(fem.functionspace(msh, ("DG", 0, (_COUNT,))))
-    F = deformation_gradient(elasticity.u)
-    J = ufl.det(F)
-    stretch = elasticity.area_stretch()
-    touching = ufl.conditional(ufl.lt(obstacle.gap, _TOUCHING_MM), 1.0, 0.0)
-    form = 0
-    for part in skin:
-        s_n, _ = part.contact.tractions(part.t, elasticity.u, elasticity.u_old)
-        distance = s_n * abs(obstacle.gap)
-        values = touching * stretch, s_n, distance, touching * ufl.dot(part.t, obstacle.normal)
+    w = ufl.TestFunction(fem.functionspace(tissues.domain.mesh, ("DG", 0, (_COUNT,))))
+    gap, normal = contact.obstacle.gap, contact.obstacle.normal
+    touching = ufl.conditional(ufl.lt(gap, _TOUCHING_MM), 1.0, 0.0)
+    form = ufl.Form([])
+    for part in contact.parts:
+        s_n, _ = part.law.tractions(part.t, tissues.u, tissues.state.u_old)
+        values = (
+            touching * tissues.area_stretch(),
+            s_n,
+            s_n * abs(gap),
+            touching * ufl.dot(part.t, normal),
+        )
         form += sum(value * w[i] for i, value in enumerate(values)) * part.ds
-    return form + elasticity.stored(w[4]) + (J * w[5] + w[6]) * elasticity.measure()
+    form += sum((term.stored(w[4]) for term in bulk), ufl.Form([]))
+    return form + (ufl.det(tissues.F) * w[5] + w[6]) * tissues.dx
 
 
 def _nodal(form: fem.Form) -> np.ndarray:

@@ -20,12 +20,13 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import expression
+from tactile_fem.mechanics.compile import expression, jit_options
+from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.parallel import shared_errors
 from tactile_fem.stimulus.body import EXCESS_MM, RELIED_ON_MM, RigidBody
 
-# Length of a gradient without direction.
+# Added to the length of gradients, which may vanish.
 _ZERO = 1e-12
 
 
@@ -40,8 +41,8 @@ class Obstacle:
         Displacement of the finger and place of the body.
     facets
         This rank's facets that may touch.
-    degree
-        Quadrature degree on the facets.
+    solver
+        Quadrature degree on the facets, and the compiler's flags.
 
     Attributes
     ----------
@@ -56,12 +57,14 @@ class Obstacle:
         Cell and local facet of each facet of this rank, ghosts included, (facets, 2).
     """
 
-    def __init__(self, body: RigidBody, state: State, facets: np.ndarray, degree: int) -> None:
+    def __init__(self, body: RigidBody, state: State, facets: np.ndarray, solver: Solver) -> None:
+        degree = solver.contact_degree
+        self._jit = jit_options(solver.compiler_flags)
         self.body = body
         self.u = u = state.u
         parent = u.function_space.mesh
         self._at: tuple[np.ndarray, ...] = ()  # displacement and place of the last expansion
-        self._spare_mm: np.ndarray | None = None  # of a facet's gap, beyond what matters
+        self._margin_mm: np.ndarray | None = None  # of a facet's gap beyond its reach
         self.translation, self.translation_old = state.translation, state.translation_old
         dim = parent.topology.dim
         submesh, entity_map = mesh.create_submesh(parent, dim - 1, facets)[:2]
@@ -86,6 +89,10 @@ class Obstacle:
         gradient = self._normal + self.hessian * du
         # Unit already, but where two surfaces are blended; none where several are equally far.
         self.normal: Expr = gradient / ufl.sqrt(ufl.dot(gradient, gradient) + _ZERO**2)
+
+    def compile(self, form: ufl.Form) -> fem.Form:
+        """Compile a form that may use the body."""
+        return fem.form(form, jit_options=self._jit, entity_maps=self.entity_maps)
 
     @property
     def comm(self) -> MPI.Comm:
@@ -116,23 +123,23 @@ class Obstacle:
         """The signed distance as it was last expanded, (facets, points)."""
         return self._gap.x.array.reshape(len(self.entities), self._points_per_facet)
 
-    def look_everywhere(self) -> None:
+    def evaluate_everywhere(self) -> None:
         """Expand the distance of all facets at the next `refresh`."""
-        self._spare_mm, self._at = None, ()
+        self._margin_mm, self._at = None, ()
 
-    def overlook(self, reach_mm: np.ndarray) -> None:
-        """Leave facets as they are until they may have come within reach, or the body has moved.
+    def skip_distant(self, reach_mm: np.ndarray) -> None:
+        """Skip facets at `refresh` until they may have come within reach or the body has moved.
 
-        A facet that moves by less than it has to spare stays out of reach: see `RigidBody`.
+        A facet that moves by less than its margin stays out of reach: see `RigidBody`.
 
         Parameters
         ----------
         reach_mm
-            Gap below which it matters, (facets,).
+            Gap below which a facet has to be evaluated, (facets,).
         """
         relied_on = np.minimum(self.gap_mm.min(axis=1), RELIED_ON_MM)
-        self._spare_mm = relied_on - EXCESS_MM - reach_mm
-        self._seen_from = self._base.x.array.copy()
+        self._margin_mm = relied_on - EXCESS_MM - reach_mm
+        self._displacement_then = self._base.x.array.copy()
 
     def refresh(self) -> None:
         """Expand the signed distance anew at the current displacement; all ranks must call."""
@@ -146,7 +153,7 @@ class Obstacle:
         if self._at and all(map(np.array_equal, now, self._at)):
             return  # the Jacobian follows a residual at the same place
         if self._at and not np.array_equal(now[1], self._at[1]):
-            self._spare_mm = None
+            self._margin_mm = None
         u = self._at_points(self._displacement)
         near = self._may_be_near(u)
         y = self.points_mm.reshape(u.shape)[near] + u[near] - self.translation.value
@@ -160,11 +167,44 @@ class Obstacle:
 
     def _may_be_near(self, u: np.ndarray) -> np.ndarray:
         """Return which facets the body may be near, all if that is not known; (facets,)."""
-        if self._spare_mm is None:
+        if self._margin_mm is None:
             return np.ones(len(u), dtype=bool)
-        moved = u - self._seen_from.reshape(u.shape)
+        moved = u - self._displacement_then.reshape(u.shape)
         moved_mm = np.sqrt(np.einsum("fpi,fpi->fp", moved, moved).max(axis=1))
-        return self._spare_mm < moved_mm
+        return self._margin_mm < moved_mm
+
+
+class PointValues:
+    """Evaluates an expression of the contact at its quadrature points.
+
+    Parameters
+    ----------
+    obstacle
+        Its quadrature points are used.
+    values
+        The expression on each part of the skin, with the part's measure; all of one shape, which
+        is that of a vector or a scalar.
+    """
+
+    def __init__(
+        self,
+        obstacle: Obstacle,
+        values: Sequence[tuple[Expr, ufl.Measure]],
+    ) -> None:
+        self._obstacle = obstacle
+        shape = values[0][0].ufl_shape
+        # Tested with the quadrature element, a form is the value at each point times its weight.
+        at_points = ufl.TestFunction(obstacle.quadrature_function(shape).function_space)
+        entries = [at_points[i] for i in range(len(at_points))] if shape else [at_points]
+        self._form = obstacle.compile(sum(ufl.inner(value, at_points) * ds for value, ds in values))
+        one = obstacle.compile(sum(sum(entries) * ds for _, ds in values))
+        weight = fem.assemble_vector(one).array
+        self._weight = np.where(weight > 0, weight, np.inf)  # of other ranks' facets
+
+    def read(self) -> np.ndarray:
+        """Return the values at the present state as an array of a quadrature function."""
+        self._obstacle.refresh()
+        return fem.assemble_vector(self._form).array / self._weight
 
 
 def _set(function: fem.Function, facets: np.ndarray, values: np.ndarray) -> None:

@@ -1,16 +1,15 @@
 """The state of finger and body that one accepted step passes to the next.
 
-Nothing else in the mechanics stores a history. A quantity at points, of the contact, of the tissue
-or of its motion, is a `PointHistory` in the list of the state's histories; it is then accepted,
-saved and restored with everything else.
+Nothing else in the mechanics stores a history. A quantity at quadrature points or nodes, of the
+contact, of the tissue or of its motion, is a `PointHistory` of the term that needs it; it is
+accepted, saved and restored with everything else.
 """
 
 from __future__ import annotations
 
-import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from mpi4py import MPI
 
@@ -19,7 +18,6 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from tactile_fem.mechanics.domain import NodeOrder
-from tactile_fem.mechanics.step_control import StepControl
 
 Array = np.ndarray
 _SAME_POINT_MM = 1e-6
@@ -31,7 +29,7 @@ class PointHistory(ABC):
     Parameters
     ----------
     name
-        Of the quantity, with its unit.
+        Its name and unit.
     old
         Function with its values there (shape, also of no more than one component) at the last
         accepted step; for use in forms.
@@ -72,61 +70,16 @@ class PointHistory(ABC):
         parts = self._comm.allgather(np.hstack([points[nonzero], rows[nonzero]]))
         return np.concatenate([part for part in parts if len(part)] or parts[:1])
 
-    def scatter(self, saved: Array) -> None:
-        """Set `old` to what `gather` returned, on any number of ranks."""
-        self.old.x.array[:] = 0.0
+    def scatter(self, saved: Array, values: Array) -> None:
+        """Set an array like that of `old` to what `gather` returned, on any number of ranks."""
+        values[:] = 0.0
         points = self.points_mm()
         if len(points) and len(saved):
-            rows = self.old.x.array.reshape(len(points), -1)
+            rows = values.reshape(len(points), -1)
             dim = points.shape[1]
             distance, place = cKDTree(points).query(saved[:, :dim])
             own = distance < _SAME_POINT_MM
             rows[place[own]] = saved[own, dim:]
-
-
-@dataclass
-class Progress:
-    """How far the path is gone; plain numbers.
-
-    Attributes
-    ----------
-    piece
-        Index of the piece of the path.
-    start_mm
-        Where the body was when the piece began.
-    start_s, slid_mm
-        Time and length of the path across the finger when it began.
-    indenting
-        Whether the steps so far belong to the indentation.
-    index
-        Number of accepted steps.
-    control
-        Control of the steps along the piece.
-    stiffness_N_mm
-        Normal force over depth, as last seen; 0 if not known.
-    """
-
-    piece: int
-    start_mm: tuple[float, float, float]
-    start_s: float
-    slid_mm: float
-    indenting: bool
-    index: int
-    control: StepControl
-    stiffness_N_mm: float = 0.0
-
-    def to_json(self) -> str:
-        """Return it as text; the outputs are the path's to know."""
-        values = asdict(self)
-        del values["control"]["outputs_s"]
-        return json.dumps(values)
-
-    @classmethod
-    def from_json(cls, text: str) -> Progress:
-        """Return what `to_json` wrote."""
-        values = json.loads(text)
-        control, start = StepControl(**values.pop("control")), tuple(values.pop("start_mm"))
-        return cls(**values, start_mm=start, control=control)
 
 
 class State:
@@ -142,17 +95,17 @@ class State:
     u, u_old, u_before
         Displacement (mm): now, at the last accepted step and at the one before.
     translation, translation_old, translation_before
-        Place of the body (3,), mm, likewise.
-    dt_s, dt_old_s
-        Duration of the present and of the last accepted step; 0 before the first.
+        Position of the body (3,), mm, likewise.
+    time_step
+        Duration of the present step, s; the only constant of it in all forms.
+    dt_old_s
+        Duration of the last accepted step; 0 if nothing is to be extrapolated from it.
     force_old_N, friction_old
         Contact force (3,) and nodal forces of friction at the last accepted step, N.
     iterations
-        Newton's, that led to the accepted states so far; without any there is no tangent yet.
+        Newton iterations of all accepted steps; without any there is no tangent to restart from.
     histories
         Quantities at quadrature points or nodes.
-    progress
-        How far the path is gone; None where nobody steps along one.
     """
 
     def __init__(self, V: fem.FunctionSpace) -> None:
@@ -163,14 +116,19 @@ class State:
         self.translation = fem.Constant(msh, origin)
         self.translation_old = fem.Constant(msh, origin)
         self.translation_before = origin.copy()
-        self.dt_s = self.dt_old_s = 0.0
+        self.time_step = fem.Constant(msh, 1.0)
+        self.dt_old_s = 0.0
         self.force_old_N = origin.copy()
         self.iterations = 0
-        self.histories: list[PointHistory] = []
-        self.progress: Progress | None = None
+        self.histories: Sequence[PointHistory] = ()
+
+    @property
+    def dt_s(self) -> float:
+        """Duration of the present step, s."""
+        return float(self.time_step.value)
 
     def place(self, translation: Array) -> None:
-        """Take the present displacement, with the body at `translation` (3,), as a start."""
+        """Start from the present displacement, with the body at `translation` (3,)."""
         self.u_old.x.array[:] = self.u.x.array
         self.translation.value[:] = translation
         self.translation_old.value[:] = translation
@@ -190,9 +148,9 @@ class State:
         friction
             Nodal forces of friction there, (owned nodes, components), N.
         iterations
-            Newton's, to the present state.
+            Newton iterations of the step.
         """
-        present = [history.present() for history in self.histories]  # none of them has moved on
+        present = [history.present() for history in self.histories]  # before any of them moves on
         for history, values in zip(self.histories, present, strict=True):
             history.accept(values)
         self.u_before.x.array[:] = self.u_old.x.array
@@ -202,6 +160,26 @@ class State:
         self.dt_old_s = self.dt_s
         self.iterations += iterations
         self.place(self.translation.value)
+
+    @contextmanager
+    def reopened(self) -> Iterator[None]:
+        """Return to the end of the last accepted step, before it was accepted, within the context.
+
+        Displacement and body are those that were accepted; all old values are those with which the
+        step began.
+        """
+        accepted = [history.old.x.array.copy() for history in self.histories]
+        for history in self.histories:
+            history.old.x.array[:] = history.before
+        self.u_old.x.array[:] = self.u_before.x.array
+        self.translation_old.value[:] = self.translation_before
+        self.time_step.value = self.dt_old_s
+        try:
+            yield
+        finally:
+            for history, values in zip(self.histories, accepted, strict=True):
+                history.old.x.array[:] = values
+            self.place(self.translation.value)
 
     def gather(self, order: NodeOrder) -> dict[str, Array]:
         """Return the accepted state by name, independent of the number of ranks, on every rank.
@@ -221,45 +199,19 @@ class State:
             "dt_old_s": np.array(self.dt_old_s),
             "force_N": self.force_old_N,
             "iterations": np.array(self.iterations),
-            "progress": np.array(self.progress.to_json() if self.progress else ""),
         }
 
-    def restore(
-        self, saved: dict[str, Array], order: NodeOrder, prepare: Callable[[Array, float], None]
-    ) -> None:
-        """Restore what `gather` returned.
-
-        Parameters
-        ----------
-        saved, order
-            What it returned, and the node order.
-        prepare
-            Called with the body's place and the last step's duration, all but `u` being as
-            before that step; not if no step took an iteration.
-        """
-        place = saved["translation"]
-        order.scatter(saved["u_before"], self.u)
-        self.u_before.x.array[:] = self.u.x.array
+    def restore(self, saved: dict[str, Array], order: NodeOrder) -> None:
+        """Restore what `gather` returned."""
+        for name, function in self._nodal().items():
+            order.scatter(saved[name], function)
+        for history in self.histories:
+            history.scatter(saved[history.name], history.old.x.array)
+            history.scatter(saved[f"{history.name}_before"], history.before)
+        self.place(saved["translation"])
         self.translation_before[:] = saved["translation_before"]
-        self.place(self.translation_before)
-        for history in self.histories:
-            history.scatter(saved[f"{history.name}_before"])
-            history.before[:] = history.old.x.array
         self.dt_old_s, self.iterations = float(saved["dt_old_s"]), int(saved["iterations"])
-        order.scatter(saved["u"], self.u)
-        if self.iterations:
-            prepare(place, self.dt_old_s)
-        self.place(place)
-        for history in self.histories:
-            history.scatter(saved[history.name])
-        order.scatter(saved["friction"], self.friction_old)
         self.force_old_N = np.array(saved["force_N"])
-        progress = str(saved["progress"])
-        self.progress = Progress.from_json(progress) if progress else None
 
     def _nodal(self) -> dict[str, fem.Function]:
-        return {
-            "u": self.u,
-            "u_before": self.u_before,
-            "friction": self.friction_old,
-        }
+        return {"u": self.u, "u_before": self.u_before, "friction": self.friction_old}

@@ -17,8 +17,7 @@ from dolfinx import common
 
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.mechanics.compile import expression
-from tactile_fem.mechanics.elasticity import deformation_gradient
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.mechanics.problem import Problem
 from tactile_fem.neuron.fields import STANDARD, Field, MaterialPoint
 from tactile_fem.receptors import Samples
 
@@ -74,7 +73,7 @@ class Probe:
 
     def __init__(
         self,
-        problem: FingerProblem,
+        problem: Problem,
         samples: Samples,
         count: int,
         fields: Sequence[Field] = STANDARD,
@@ -140,15 +139,15 @@ class Probe:
         )
 
 
-def material_point(problem: FingerProblem, tissue: str) -> MaterialPoint:
+def material_point(problem: Problem, tissue: str) -> MaterialPoint:
     """Return the state of a tissue after an accepted step; viscosity acts over that step."""
-    F = deformation_gradient(problem.u)
-    P = problem.elasticity.stress(tissue, problem.state.u_before)
+    F, state = problem.tissues.F, problem.state
+    P = ufl.replace(problem.stress(tissue), {state.u_old: state.u_before})
     displacement = [ufl.as_ufl(0)] * 3
     for component, axis in enumerate(problem.domain.plane.axes):
         displacement[axis] = problem.u[component]
     return MaterialPoint(
-        ufl.as_vector(displacement), F, problem.elasticity.energy(tissue), P * F.T / ufl.det(F)
+        ufl.as_vector(displacement), F, problem.energy(tissue), P * F.T / ufl.det(F)
     )
 
 
@@ -161,7 +160,7 @@ class CellEnergy:
         The finger; cells of held tissues have no energy.
     """
 
-    def __init__(self, problem: FingerProblem) -> None:
+    def __init__(self, problem: Problem) -> None:
         domain = problem.domain
         self._comm, self._mesh = domain.comm, domain.mesh
         self._count = domain.cell_count
@@ -173,7 +172,7 @@ class CellEnergy:
         for name, tag in domain.tissues_of(domain.tissue).items():
             cells = domain.tissue.find(tag)
             cells = cells[cells < len(owned)]
-            energy = expression(problem.elasticity.energy(name), points)
+            energy = expression(problem.energy(name), points)
             self._parts.append((energy, cells, owned[cells]))
 
     def gather(self) -> np.ndarray:

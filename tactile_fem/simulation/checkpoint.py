@@ -9,12 +9,12 @@ from typing import Any
 from tactile_fem import __version__
 from tactile_fem.errors import StudyError
 from tactile_fem.simulation.results import Results
-from tactile_fem.simulation.setup import Setup
+from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.simulation.trace import Array
 from tactile_fem.study.kept import with_files
 
 # Counts up when the names or the meaning of a checkpoint's arrays change.
-_FORMAT = 10
+_FORMAT = 11
 # Parts of a study that may change between two runs: they act after the mechanics, or the mesh's
 # hash shows the change.
 _FREE: dict[str, Any] = {
@@ -47,11 +47,12 @@ class Origin:
     own_parts: dict[str, str]
 
     @classmethod
-    def of(cls, setup: Setup) -> Origin:
+    def of(cls, simulation: Simulation) -> Origin:
         """Return what the checkpoints of a scan are made from; on the first rank only."""
-        assert setup.finger is not None
-        study = with_files(setup.study, lambda _: "file").model_dump_json(exclude=_FREE)
-        return cls(study, setup.finger.hash, setup.files, setup.parts.identity())
+        own = simulation
+        assert own.finger is not None
+        study = with_files(own.study, lambda _: "file").model_dump_json(exclude=_FREE)
+        return cls(study, own.finger.hash, own.files, own.parts.identity())
 
     def stamp(self) -> dict[str, Any]:
         """Return it as arrays of a checkpoint."""

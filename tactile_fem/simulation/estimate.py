@@ -14,6 +14,7 @@ from pathlib import Path as FilePath
 from mpi4py import MPI
 
 from tactile_fem.path import Path
+from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)
@@ -61,9 +62,10 @@ def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Estimate:
     return Estimate(memory, newton * _NEWTON_PER_STEP * steps * ranks**-0.7)
 
 
-def announce(study: Study, path: Path, unknowns: int, comm: MPI.Comm) -> None:
+def announce(simulation: Simulation) -> None:
     """Log the expected cost; warn if this machine has too little memory."""
-    needed = estimate(study, path, unknowns, comm.size)
+    comm = simulation.comm
+    needed = estimate(simulation.study, simulation.path, simulation.problem.unknowns, comm.size)
     minutes = math.ceil(needed.wall_s / 60)
     logger.info("expect about %d min and %.1f GB for all ranks", minutes, needed.memory_MB / 1000)
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)

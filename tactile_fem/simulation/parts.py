@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,6 +28,10 @@ _DEFORMATIONS = (
 )
 
 
+# Makes a term of the virtual work of `tactile_fem.mechanics.tissues.Tissues`.
+MakeTerm = Callable[[Any], Any]
+
+
 @dataclass(frozen=True)
 class Parts:
     """Own parts of a scan; what is not given is made from the study.
@@ -44,7 +48,9 @@ class Parts:
     body
         The stimulator.
     path
-        Its way.
+        Its motion.
+    terms
+        Make further terms of the virtual work, such as gravity, of the tissues.
     populations
         Afferents with another drive or transduction than a study can name, in place of the study's
         of the same name; no part of the mechanics, so a scan may go on with others.
@@ -54,6 +60,7 @@ class Parts:
     laws: Mapping[str, Law] = field(default_factory=dict)
     body: RigidBody | None = None
     path: Path | None = None
+    terms: tuple[MakeTerm, ...] = ()
     populations: tuple[Population, ...] = ()
 
     def identity(self) -> dict[str, str]:
@@ -67,7 +74,13 @@ class Parts:
             motions = [motion for _, motion in self.path.plan()]
             when = [[m.duration_s, m.until_N or 0.0, m.held_N or 0.0] for m in motions]
             parts["path"] = self.path, np.concatenate([when, *(m.places_mm for m in motions)])
-        return {name: f"{_name(part)} {_hash(does)}" for name, (part, does) in parts.items()}
+        found = {name: f"{_name(part)} {_hash(does)}" for name, (part, does) in parts.items()}
+        for number, term in enumerate(self.terms, 1):
+            found[f"term {number}"] = getattr(term, "__qualname__", type(term).__qualname__)
+        return found
+
+
+NO_PARTS = Parts()
 
 
 def check_parts(parts: Parts, of_study: Tissue) -> None:
@@ -87,7 +100,7 @@ def check_parts(parts: Parts, of_study: Tissue) -> None:
         if getattr(of_study, tissue).g and not hasattr(law, "in_shear"):
             raise StudyError(
                 f"parts.laws: {tissue} relaxes (tissue.{tissue}.g), so its law needs a method "
-                "in_shear(a), its energy in the simple shear gamma^2 = a."
+                "in_shear(a, X), its energy in the simple shear gamma^2 = a."
             )
     if parts.body is not None:
         check_body(parts.body, "parts.body")
@@ -102,7 +115,8 @@ def check_parts(parts: Parts, of_study: Tissue) -> None:
 
 def _energy(law: Law, F: np.ndarray) -> float:
     """Return the energy density of a law at a deformation gradient, (3, 3)."""
-    return float(law.energy(ufl.as_matrix(F.tolist()))(()))
+    origin = ufl.as_vector([0.0, 0.0, 0.0])
+    return float(law.energy(ufl.as_matrix(F.tolist()), origin)(()))
 
 
 def _name(part: object) -> str:

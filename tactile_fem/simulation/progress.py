@@ -19,23 +19,11 @@ from rich.progress import (
 from tactile_fem.runtime.logs import live_console, stderr_console
 
 if TYPE_CHECKING:
-    from tactile_fem.mechanics.stepper import Step
-    from tactile_fem.simulation.run import Observation
+    from tactile_fem.simulation.simulation import Observation
 
 logger = logging.getLogger(__name__)
 
 _active: list[Progress] = []
-
-
-def describe_step(step: Step) -> str:
-    """Return one line that describes a step."""
-    normal = round(float(step.force_N[2]), 4) + 0.0  # no -0.0000
-    tangential = (step.force_N[0] ** 2 + step.force_N[1] ** 2) ** 0.5
-    return (
-        f"step {step.index:3d}  {step.phase:5s} {step.displacement_mm:6.3f} mm  "
-        f"depth {step.depth_mm:.3f} mm  normal {normal:.4f} {step.force_unit}  "
-        f"tangential {tangential:.4f} {step.force_unit}  {step.newton_iterations:2d} iterations"
-    )
 
 
 @contextmanager
@@ -78,7 +66,7 @@ def progress(
     def show(seen: Observation) -> None:
         nonlocal last_line_s
         step = seen.step
-        line, now, level = describe_step(step), bar.get_time(), logging.DEBUG
+        line, now, level = str(step), bar.get_time(), logging.DEBUG
         bar.update(task, completed=step.fraction, description=line)
         due = now - last_line_s >= every_s or step.fraction >= 1.0 or step.index == 1
         if due and not has_bar:

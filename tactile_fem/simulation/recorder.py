@@ -18,7 +18,6 @@ from tactile_fem import __version__
 from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.report import measured_layers_mm, pad_thickness_mm
 from tactile_fem.mechanics.compile import compiled_by
-from tactile_fem.mechanics.stepper import Step
 from tactile_fem.neuron import Response
 from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend
@@ -26,7 +25,8 @@ from tactile_fem.runtime.parallel import on_root
 from tactile_fem.simulation.checkpoint import Origin
 from tactile_fem.simulation.fields import FieldWriter
 from tactile_fem.simulation.results import Results
-from tactile_fem.simulation.setup import Instruments, Setup
+from tactile_fem.simulation.simulation import Observation, Simulation
+from tactile_fem.simulation.step import Step
 from tactile_fem.simulation.trace import Array, Trace
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import Mesh
@@ -47,22 +47,25 @@ _TIMERS = (
 class Recorder:
     """Writes a scan into its results folder; all ranks call, rank 0 writes.
 
+    An observer of a simulation's steps.
+
     Parameters
     ----------
     results
         Where to write.
-    setup, origin, instruments
-        What is run, what its checkpoints are made from, and the state to save.
+    simulation, origin
+        What is run, and what its checkpoints are made from.
+    trace
+        Its histories, which observe each step before.
     """
 
     def __init__(
-        self, results: Results, setup: Setup, origin: Origin, instruments: Instruments
+        self, results: Results, simulation: Simulation, origin: Origin, trace: Trace
     ) -> None:
-        self._results, self._setup, self._study = results, setup, setup.study
-        self._stepper = instruments.stepper
-        self._problem = problem = instruments.problem
-        self._of_receptors = instruments.probe.fields
-        finger = setup.finger
+        self._results, self._simulation, self._study = results, simulation, simulation.study
+        self._trace = trace
+        self._problem = problem = simulation.problem
+        finger = simulation.finger
         self._comm = problem.domain.comm
         self._energy = CellEnergy(problem)
         self._origin = origin
@@ -79,28 +82,22 @@ class Recorder:
             else None
         )
 
-    def begin(self, trace: Trace) -> None:
+    def begin(self) -> None:
         """Save the state at rest, so that a scan that fails at once leaves a complete folder."""
-        study, folder = self._study, self._results.folder
+        study, simulation, folder = self._study, self._simulation, self._results.folder
         on_root(self._comm, lambda: keep_files(study, folder, afresh=False))  # if cut off before
-        on_root(self._comm, lambda: self._results.save_trace(**trace.arrays()))
+        on_root(self._comm, lambda: self._results.save_trace(**self._trace.arrays()))
         is_part = isinstance(study.stimulus, Mesh)  # which takes long to make
-        if self._setup.parts.body is not None or is_part:
-            grid = DistanceGrid.of(self._setup.body, self._setup.path.places_mm())
+        if simulation.parts.body is not None or is_part:
+            grid = DistanceGrid.of(simulation.body, simulation.path.places_mm())
             on_root(self._comm, lambda: self._results.save_stimulator(grid))
         self._save_run("running")
 
-    def step(self, step: Step, trace: Trace) -> None:
-        """Save an accepted step.
-
-        A checkpoint is written where the scan would go on from it in the same way, and at the end.
-        """
+    def __call__(self, seen: Observation) -> None:
+        """Save an accepted step: trace, checkpoint, and a field where one is due."""
+        step, trace = seen.step, self._trace
         sed = self._energy.gather() if self._field_due(step) else None
-        is_checkpoint = self._problem.is_resumable or self._stepper.is_at_end
-        state: dict[str, Array] = {}
-        if is_checkpoint or sed is not None:
-            state = self._problem.state.gather(self._problem.order)
-        spent = self._spent()
+        state, spent = self._simulation.gather(), self._spent()
 
         def write() -> None:
             if sed is not None and self._fields is not None:
@@ -118,8 +115,7 @@ class Recorder:
                 "spent": json.dumps(spent),
                 **state,
             }
-            if is_checkpoint:
-                self._results.save_checkpoint(**saved)
+            self._results.save_checkpoint(**saved)
             if sed is not None and self._fields and self._study.output.states:
                 self._results.save_state(self._fields.count - 1, **saved)
 
@@ -134,8 +130,8 @@ class Recorder:
         self._next_field_mm = step.displacement_mm + self._study.output.fields_mm
         return True
 
-    def restore(self, saved: dict[str, Array]) -> Trace:
-        """Set the state to a checkpoint; return the trace up to it.
+    def restore(self, saved: dict[str, Array]) -> None:
+        """Go back to a checkpoint, and to the trace up to it.
 
         Raises
         ------
@@ -143,22 +139,18 @@ class Recorder:
             The trace is shorter than the checkpoint says.
         """
         arrays = on_root(self._comm, lambda: self._results.trace)
-        trace = Trace.from_arrays(arrays, int(saved["rows"]), self._of_receptors)
-        self._stepper.restore(saved)
+        self._trace.restore(arrays, int(saved["rows"]))
+        self._simulation.restore(saved)
         self._next_field_mm = float(saved["next_field_mm"])
         self._spend(json.loads(str(saved["spent"])))
         if self._fields is not None:
             self._field_rows = saved["fields"].tolist()
-            self._fields.set_times(trace.time_s[self._field_rows])
+            self._fields.set_times(self._trace.time_s[self._field_rows])
         self._save_run("running")
-        return trace
 
-    def spikes(self, response: Response) -> None:
-        """Save the spikes."""
-        on_root(self._comm, lambda: self._results.save_spikes(response.spikes))
-
-    def finish(self, status: str) -> None:
-        """Save how the scan ended."""
+    def finish(self, status: str, response: Response) -> None:
+        """Save the spikes, and how the scan ended."""
+        on_root(self._comm, lambda: self._results.save_spikes(response.spikes, self._trace))
         self._save_run(status)
 
     def _spent(self) -> dict[str, Any]:
@@ -194,7 +186,7 @@ class Recorder:
             "mesh": {**self._mesh, "unknowns": self._problem.unknowns},
             "ranks": self._comm.size,
             "compiler": {"flags": self._study.solver.compiler_flags, **self._compiled_by},
-            "petsc_options": self._problem.options,
+            "petsc_options": self._problem.solver.options,
             "files": self._origin.files,
             "own_parts": self._origin.own_parts,
             **self._spent(),

@@ -34,6 +34,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, to_neo
 from tactile_fem.runtime.files import atomic_write, write_text
 from tactile_fem.simulation.states import choose_state
+from tactile_fem.simulation.trace import Trace
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
@@ -281,16 +282,18 @@ class Results:
         self._save_npz("stimulator.npz", vars(grid), np.savez_compressed)
         self.__dict__.pop("stimulator", None)
 
-    def save_spikes(self, spikes: Sequence[ArrayLike]) -> None:
+    def save_spikes(self, spikes: Sequence[ArrayLike], trace: Trace) -> None:
         """Write ``spikes.csv``.
 
         Parameters
         ----------
         spikes
-            Spike times in s of each receptor; the trace, written before, gives the displacements.
+            Spike times in s of each receptor.
+        trace
+            Gives displacements and populations.
         """
-        time, displacement = self.trace["time_s"], self.trace["displacement_mm"]
-        population = self.trace["population"].tolist()
+        time, displacement = trace.time_s, trace.displacement_mm
+        population = trace.population.tolist()
         with (
             atomic_write(self.folder / "spikes.csv") as part,
             part.open("w", newline="", encoding="utf-8") as stream,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,57 +13,31 @@ from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it
 from mpi4py import MPI
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.mechanics.faults import stopping
-from tactile_fem.mechanics.state import State
-from tactile_fem.mechanics.stepper import Step, stopped
-from tactile_fem.neuron import Population, Response, fire_all
-from tactile_fem.receptors.probe import ReceptorState
+from tactile_fem.neuron import Response, fire_all
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import log_to, shown
 from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
 from tactile_fem.runtime.signals import StopRequest, signal_handler
 from tactile_fem.simulation.checkpoint import Origin
 from tactile_fem.simulation.estimate import announce
-from tactile_fem.simulation.parts import Parts
+from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.progress import progress
 from tactile_fem.simulation.recorder import Recorder
 from tactile_fem.simulation.results import Results
-from tactile_fem.simulation.setup import Instruments, Setup
-from tactile_fem.simulation.trace import Array, Trace
+from tactile_fem.simulation.simulation import Observation, Observer, Simulation
+from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import Study
+
+__all__ = ["Observation", "Observer", "Parts", "ScanResult", "completed", "resume", "scan"]
 
 logger = logging.getLogger(__name__)
 
 # Mean distance of pressed skin from the body, as a share of the depth, that is worth a warning.
 _GAP_ERROR = 0.01
-_NO_PARTS = Parts()
 _NOTHING_KEPT = "nothing is saved, because there is no results folder"
-
-
-@dataclass(frozen=True)
-class Observation:
-    """An accepted step as an observer sees it.
-
-    Attributes
-    ----------
-    step
-        Place of the body, forces, cost.
-    receptors
-        State of the receptors.
-    state
-        Displacement (`state.u`) and all other history variables; read only.
-    """
-
-    step: Step
-    receptors: ReceptorState
-    state: State
-
-
-# Called on every rank; what it returns joins the trace, a column by each name.
-Observer = Callable[[Observation], Mapping[str, ArrayLike] | None]
 
 
 @dataclass(frozen=True)
@@ -93,7 +67,7 @@ def scan(
     overwrite: bool = False,
     comm: MPI.Comm | None = None,
     observers: Iterable[Observer] = (),
-    parts: Parts = _NO_PARTS,
+    parts: Parts = NO_PARTS,
 ) -> ScanResult:
     """Run a study: move the body along its path, evaluate the receptors, compute the spikes.
 
@@ -129,25 +103,24 @@ def scan(
     OSError
         A file cannot be written; likewise.
     """
-    comm = comm or MPI.COMM_WORLD
-    with abort_if_one_fails(comm), ExitStack() as held:
-        setup = Setup.of(study, parts, comm)
+    with abort_if_one_fails(comm or MPI.COMM_WORLD), ExitStack() as held:
+        simulation = held.enter_context(closing(Simulation(study, parts, comm)))
         if folder is None:
-            return _run(setup, None, comm, observers, proceed=False)
-        place = Path(folder)
+            return _run(simulation, None, observers)
+        results = Results(folder)
 
         def begin() -> bool:
-            if overwrite or not Results.unfinished(place, study):
-                Results.check(place, overwrite=overwrite)
-            held.enter_context(locked(place))
-            if not overwrite and Results.unfinished(place, study):
-                logger.info("continuing the scan in %s", place)
+            if overwrite or not Results.unfinished(folder, study):
+                Results.check(folder, overwrite=overwrite)
+            held.enter_context(locked(results.folder))
+            if not overwrite and Results.unfinished(folder, study):
+                logger.info("continuing the scan in %s", folder)
                 return True
-            Results.create(place, overwrite=overwrite).save_study(study)
+            Results.create(folder, overwrite=overwrite).save_study(study)
             return False
 
-        proceed = on_root(comm, begin)
-        return _run(setup, Results(place), comm, observers, proceed=proceed)
+        proceed = on_root(simulation.comm, begin)
+        return _run(simulation, results, observers, proceed=proceed)
 
 
 @shown()
@@ -156,7 +129,7 @@ def resume(
     *,
     comm: MPI.Comm | None = None,
     observers: Iterable[Observer] = (),
-    parts: Parts = _NO_PARTS,
+    parts: Parts = NO_PARTS,
 ) -> ScanResult:
     """Continue the scan in `folder` from its last checkpoint, on any number of ranks.
 
@@ -171,9 +144,9 @@ def resume(
     with abort_if_one_fails(comm), ExitStack() as held:
         results = on_root(comm, lambda: Results.open(folder))
         study = on_root(comm, lambda: results.study)
-        setup = Setup.of(study, parts, comm)
+        simulation = held.enter_context(closing(Simulation(study, parts, comm)))
         on_root(comm, lambda: held.enter_context(locked(results.folder)), share=False)
-        return _run(setup, results, comm, observers, proceed=True)
+        return _run(simulation, results, observers, proceed=True)
 
 
 def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None) -> Results:
@@ -200,133 +173,86 @@ def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None)
 
 
 def _run(
-    setup: Setup,
+    simulation: Simulation,
     results: Results | None,
-    comm: MPI.Comm,
     observers: Iterable[Observer],
     *,
-    proceed: bool,
+    proceed: bool = False,
 ) -> ScanResult:
-    origin, saved = on_root(comm, lambda: Origin.of(setup)), None
+    """Run or continue a scan."""
+    comm, saved = simulation.comm, None
+    origin = on_root(comm, lambda: Origin.of(simulation))
     if results and proceed and on_root(comm, lambda: _has_checkpoint(results)):
         saved = on_root(comm, lambda: origin.read(results))
     with log_to(results.log_file, comm.rank) if results else nullcontext():
-        instruments = setup.instruments(comm)
-        with closing(instruments.problem):
-            recorder = Recorder(results, setup, origin, instruments) if results else None
-            if recorder and saved:
-                trace = recorder.restore(saved)
-            else:
-                trace = _begin(setup, instruments, recorder)
-            response = _run_steps(instruments, trace, recorder, observers, setup.populations)
+        trace = Trace.of(simulation)
+        recorder = Recorder(results, simulation, origin, trace) if results else None
+        if recorder and saved:
+            recorder.restore(saved)
+        else:
+            announce(simulation)
+            if recorder:
+                recorder.begin()
+        response = _step_to_end(simulation, trace, recorder, observers)
     return ScanResult(trace, response, results.folder if results else None)
 
 
-def _begin(setup: Setup, instruments: Instruments, recorder: Recorder | None) -> Trace:
-    problem, layout = instruments.problem, setup.layout
-    announce(setup.study, setup.path, problem.unknowns, problem.domain.comm)
-    trace = Trace(
-        layout.positions_mm, layout.population, setup.path.start_mm, instruments.probe.fields
-    )
-    if recorder:
-        recorder.begin(trace)
-    return trace
-
-
-def _run_steps(
-    instruments: Instruments,
+def _step_to_end(
+    simulation: Simulation,
     trace: Trace,
     recorder: Recorder | None,
     observers: Iterable[Observer],
-    populations: Sequence[Population],
 ) -> Response:
     """Step to the end of the path; save what was computed if that fails or is stopped."""
-    problem = instruments.problem
-    comm = problem.domain.comm
+    comm = simulation.comm
     # A signal while the end is saved is heeded afterwards.
     end = StopRequest(comm, "the scan is complete" if recorder else _NOTHING_KEPT)
     with signal_handler(end.request):
         try:
             with (
                 abort_if_one_fails(comm),
-                stopping(problem.snes, comm) as stop,
+                stopping(simulation.problem.solver.snes, comm) as stop,
                 progress(comm.rank) as show,
             ):
-                observers = (show, *observers)
-                for step in instruments.stepper:
-                    seen = Observation(step, instruments.probe.read(), problem.state)
-                    _check_sound(step, seen.receptors, trace.receptors_mm)
-                    trace.add(step, seen.receptors, _observed(observers, seen))
-                    if recorder:
-                        recorder.step(step, trace)
-                    stop.check()
+                all_ = (show, *observers, trace, *([recorder] if recorder else []), stop.check)
+                for _ in simulation.observed(all_):
+                    pass
         except Exception as error:
-            kept = _keep(recorder, trace, populations, error)
+            kept = _keep(simulation, trace, recorder, error)
             if isinstance(error, StoppedError):
                 raise StoppedError(error.number, kept) from None
             logger.info("%s", kept)
             raise
         _log_contact(trace)
-        response = _conclude(recorder, trace, populations, "complete")
+        response = _conclude(simulation, trace, recorder, "complete")
         end.check()
     return response
 
 
-def _observed(observers: Iterable[Observer], seen: Observation) -> dict[str, ArrayLike]:
-    """Return what the observers add to the trace."""
-    columns: dict[str, ArrayLike] = {}
-    for observer in observers:
-        found = observer(seen) or {}
-        twice = sorted(columns.keys() & found.keys())
-        if twice:
-            raise StudyError(f"observers: two of them return {twice[0]}: choose another name.")
-        columns.update(found)
-    return columns
-
-
 def _conclude(
-    recorder: Recorder | None, trace: Trace, populations: Sequence[Population], status: str
+    simulation: Simulation, trace: Trace, recorder: Recorder | None, status: str
 ) -> Response:
     """Return the afferents' spikes so far; save them and the status."""
     response = Response([np.empty(0)] * len(trace.receptors_mm), 0.0, 0.0)
     if len(trace) > 1:
-        response = fire_all(populations, trace.arrays())
+        response = fire_all(simulation.populations, trace.arrays())
     if recorder:
-        recorder.spikes(response)
-        recorder.finish(status)
+        recorder.finish(status, response)
     return response
 
 
-def _keep(
-    recorder: Recorder | None, trace: Trace, populations: Sequence[Population], error: Exception
-) -> str:
+def _keep(simulation: Simulation, trace: Trace, recorder: Recorder | None, error: Exception) -> str:
     """Save a scan that an error or a signal ends; return in words what is kept."""
     if not recorder:
         return _NOTHING_KEPT
-    stopped_ = isinstance(error, StoppedError)
+    is_stopped = isinstance(error, StoppedError)
+    status = "stopped" if is_stopped else f"failed: {error}"
     try:
-        _conclude(recorder, trace, populations, "stopped" if stopped_ else f"failed: {error}")
+        _conclude(simulation, trace, recorder, status)
     except (OSError, TactileError) as failure:  # writing may be what failed
         return f"how the scan ended could not be saved ({failure})"
     saved = "everything up to the last step is saved"
-    return f"{saved}; start it again to continue" if stopped_ else saved
-
-
-def _check_sound(step: Step, felt: ReceptorState, positions: Array) -> None:
-    """Raise ConvergenceError where a receptor feels no number: a cell is turned inside out there.
-
-    The quadrature points that the solver sees may still be right way round.
-    """
-    lost = ~np.isfinite(felt.sed_kPa + felt.von_mises_kPa + felt.stretches.sum(axis=1))
-    if lost.any():
-        x, y, _ = positions[lost][0]
-        raise stopped(
-            step.phase,
-            step.stimulator_mm,
-            step.displacement_mm,
-            f"there the tissue at the receptor at X {x:.1f}, Y {y:.1f} mm is turned inside out",
-            "less depth, stiffer tissue or a finer mesh",
-        )
+    return f"{saved}; start it again to continue" if is_stopped else saved
 
 
 def _has_checkpoint(results: Results) -> bool:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.fields import STANDARD, Field
+
+if TYPE_CHECKING:
+    from tactile_fem.simulation.simulation import Observation, Simulation
 
 Array = NDArray[Any]
 
@@ -76,38 +79,41 @@ class Trace:
             raise StudyError(f"The trace has a column {name}: choose another name for the field.")
 
     @classmethod
-    def from_arrays(
-        cls, saved: Mapping[str, Array], rows: int, fields: Sequence[Field] = STANDARD
-    ) -> Trace:
-        """Return the first `rows` rows of a saved trace.
+    def of(cls, simulation: Simulation) -> Trace:
+        """Return the trace of a simulation at rest; an observer of its steps."""
+        layout, start_mm = simulation.layout, simulation.path.start_mm
+        fields = simulation.receptors.fields
+        return cls(layout.positions_mm, layout.population, start_mm, fields)
+
+    def restore(self, saved: Mapping[str, Array], rows: int) -> None:
+        """Take the first `rows` rows of a saved trace.
 
         Raises
         ------
         StudyError
             It has fewer rows or columns.
         """
-        trace = cls(saved["receptors_mm"], saved["population"], fields=fields)
-        known = {**trace._of_receptors, **trace._of_step}
+        known = {**self._of_receptors, **self._of_step}
         missing = [name for name in known if name not in saved]
         if missing or len(saved["time_s"]) < rows:
             lack = f"columns {', '.join(missing)}" if missing else f"rows: {rows} are needed"
             raise StudyError(f"The trace does not belong to its checkpoint: it lacks {lack}.")
-        for columns in (trace._of_receptors, trace._of_step):
+        for columns in (self._of_receptors, self._of_step):
             columns.update({name: list(saved[name][:rows]) for name in columns})
-        own = set(saved) - {*known, *trace._fixed, "time_s"}
-        trace._own = {name: list(saved[name][:rows]) for name in sorted(own)}
-        trace._indented_s = float(saved["clock_s"][0] - saved["time_s"][0])
-        return trace
+        own = set(saved) - {*known, *self._fixed, "time_s"}
+        self._own = {name: list(saved[name][:rows]) for name in sorted(own)}
+        self._indented_s = float(saved["clock_s"][0] - saved["time_s"][0])
 
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self._of_step["clock_s"])
 
-    def add(self, step: Any, receptors: Any, own: Mapping[str, ArrayLike]) -> None:
-        """Append a row: a step, the state of the receptors, and the observers' own columns."""
-        rows, values = len(self), self._checked(own)
+    def __call__(self, seen: Observation) -> None:
+        """Append a row: the step, what the receptors feel, and the observers' own columns."""
+        step, rows = seen.step, len(self)
+        values = self._checked(seen.columns)
         for name, column in self._of_receptors.items():
-            column.append(receptors.columns[name])
+            column.append(seen.columns[name])
         for name, column in self._of_step.items():
             column.append(getattr(step, name))
         for name, value in values.items():
@@ -121,7 +127,9 @@ class Trace:
         """Return an observer's values as arrays; raise StudyError where they make no column."""
         values = {}
         for name, value in own.items():
-            if name in {*self._of_step, *self._of_receptors, *self._fixed, "time_s"}:
+            if name in self._of_receptors:
+                continue
+            if name in {*self._of_step, *self._fixed, "time_s"}:
                 raise StudyError(f"observers: the trace has a column {name}: choose another name.")
             try:
                 values[name] = np.asarray(value, dtype=float)

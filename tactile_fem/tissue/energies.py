@@ -1,7 +1,8 @@
 """Strain energies of the tissues, in UFL.
 
-A law is a small frozen dataclass that defines only its energy `W(F)` in MPa (mJ/mm3). `stress`
-derives the first Piola stress, and the tangent is UFL's derivative of the residual.
+A law is a small frozen dataclass that defines only its energy `W(F, X)` in MPa (mJ/mm3), where `X`
+is the undeformed position: constants and directions of fibres may vary in space. `stress` derives
+the first Piola stress, and the tangent is UFL's derivative of the residual.
 """
 
 from __future__ import annotations
@@ -19,8 +20,16 @@ from tactile_fem.tissue.constants import Elastic, Polynomial
 class Law(Protocol):
     """A hyperelastic law, defined by its energy."""
 
-    def energy(self, F: Expr) -> Expr:
-        """Return the strain energy density of the deformation gradient `F`, in MPa."""
+    def energy(self, F: Expr, X: Expr) -> Expr:
+        """Return the strain energy density, in MPa.
+
+        Parameters
+        ----------
+        F
+            Deformation gradient, (3, 3).
+        X
+            Undeformed position in the finger's axes, mm, (3,).
+        """
 
 
 @dataclass(frozen=True)
@@ -42,8 +51,9 @@ class PolynomialEnergy:
     constants: Polynomial
     values: Any = None
 
-    def energy(self, F: Expr) -> Expr:
-        """Return the strain energy density of `F`, in MPa."""
+    def energy(self, F: Expr, X: Expr) -> Expr:
+        """Return the strain energy density of `F`, in MPa; the same everywhere."""
+        del X
         terms, (J, a, b) = self.constants, _invariants(F)
         c = self.values or terms
         W = self._of_shape(a, b)
@@ -52,8 +62,9 @@ class PolynomialEnergy:
             W += (J - 1) ** 4 / c.D2_per_MPa
         return W
 
-    def in_shear(self, a: Expr) -> Expr:
+    def in_shear(self, a: Expr, X: Expr) -> Expr:
         """Return the energy in the simple shear ``gamma^2 = a``, where both invariants are `a`."""
+        del X
         return self._of_shape(a, a)
 
     def _of_shape(self, a: Expr, b: Expr) -> Expr:
@@ -81,16 +92,18 @@ class StVenantKirchhoff:
     constants: Elastic
     values: Any = None
 
-    def energy(self, F: Expr) -> Expr:
-        """Return the strain energy density of `F`, in MPa."""
+    def energy(self, F: Expr, X: Expr) -> Expr:
+        """Return the strain energy density of `F`, in MPa; the same everywhere."""
+        del X
         c = self.values or self.constants
         lame = c.E_MPa * c.nu / ((1 + c.nu) * (1 - 2 * c.nu))
         shear = shear_modulus(self.constants, c)
         E = (F.T * F - ufl.Identity(3)) / 2
         return lame / 2 * ufl.tr(E) ** 2 + shear * ufl.inner(E, E)
 
-    def in_shear(self, a: Expr) -> Expr:
+    def in_shear(self, a: Expr, X: Expr) -> Expr:
         """Return the energy in the simple shear ``gamma^2 = a`` as far as it is linear in `a`."""
+        del X
         return shear_modulus(self.constants, self.values or self.constants) / 2 * a
 
 
@@ -100,9 +113,9 @@ class VolumeChange:
 
     law: Law
 
-    def energy(self, F: Expr) -> Expr:
+    def energy(self, F: Expr, X: Expr) -> Expr:
         """Return ``W(J^(1/3) I)``, in MPa."""
-        return self.law.energy(ufl.det(F) ** (1 / 3) * ufl.Identity(3))
+        return self.law.energy(ufl.det(F) ** (1 / 3) * ufl.Identity(3), X)
 
 
 def _invariants(F: Expr) -> tuple[Expr, Expr, Expr]:
@@ -113,30 +126,34 @@ def _invariants(F: Expr) -> tuple[Expr, Expr, Expr]:
     return J, J ** (-2 / 3) * I1 - 3, J ** (-4 / 3) * I2 - 3
 
 
-def stress(law: Law, F: Expr) -> Expr:
-    """Return the first Piola stress ``dW/dF`` of `law`, in MPa."""
+def stress(law: Law, F: Expr, X: Expr) -> Expr:
+    """Return the first Piola stress ``dW/dF`` of `law` at the position `X`, in MPa."""
     variable = ufl.variable(F)
-    return ufl.diff(law.energy(variable), variable)
+    return ufl.diff(law.energy(variable, X), variable)
 
 
-def stiffness(law: Law, F: Expr, hardening: Expr | float = 1.0) -> Expr:
-    """Return the stiffness ``K + 4 G/3`` of `law` at `F`, in MPa, with `G` times `hardening`.
+def stiffness(law: Law, F: Expr, X: Expr) -> Expr:
+    """Return the stiffness ``K + 4 G/3`` of `law` at `F` and the position `X`, in MPa.
 
-    `K` is the slope of the pressure in a pure volume change to the volume of `F`. `G` is the slope
-    of the shear stress in a simple shear with the distortion of `F`, ``gamma^2 = I1bar - 3``.
+    `K` is the slope of the pressure in a pure volume change to the volume of `F`, `G` that of
+    `shear_stiffness`.
     """
-    volume, distortion, _ = _invariants(F)
-    J = ufl.variable(volume)
-    K = ufl.diff(ufl.diff(law.energy(J ** (1 / 3) * ufl.Identity(3)), J), J)
-    G = tangent_shear_modulus(law, ufl.sqrt(ufl.max_value(distortion, 0.0)))
-    return K + 4 * hardening * G / 3
+    J = ufl.variable(ufl.det(F))
+    K = ufl.diff(ufl.diff(law.energy(J ** (1 / 3) * ufl.Identity(3), X), J), J)
+    return K + 4 * shear_stiffness(law, F, X) / 3
 
 
-def tangent_shear_modulus(law: Law, shear: Expr) -> Expr:
+def shear_stiffness(law: Law, F: Expr, X: Expr) -> Expr:
+    """Return the slope of the shear stress at the distortion of `F`, ``gamma^2 = I1bar - 3``."""
+    distortion = _invariants(F)[1]
+    return tangent_shear_modulus(law, ufl.sqrt(ufl.max_value(distortion, 0.0)), X)
+
+
+def tangent_shear_modulus(law: Law, shear: Expr, X: Expr) -> Expr:
     """Return the slope of the shear stress in simple `shear`, in MPa."""
     gamma = ufl.variable(shear)
     across = ufl.as_matrix([[0, 1, 0], [0, 0, 0], [0, 0, 0]])
-    return ufl.diff(ufl.diff(law.energy(ufl.Identity(3) + gamma * across), gamma), gamma)
+    return ufl.diff(ufl.diff(law.energy(ufl.Identity(3) + gamma * across, X), gamma), gamma)
 
 
 def shear_modulus(constants: Polynomial | Elastic, values: Any = None) -> Any:

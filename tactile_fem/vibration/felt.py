@@ -6,9 +6,9 @@ from mpi4py import MPI
 
 import numpy as np
 
-from tactile_fem.mechanics.harmonic import Harmonic, Response
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.mechanics.problem import Problem
 from tactile_fem.receptors.probe import Probe
+from tactile_fem.vibration.harmonic import Harmonic, Response
 
 Array = np.ndarray
 # Largest displacement of the central differences, mm: small against strains that matter, large
@@ -20,7 +20,7 @@ class Felt:
     """Complex amplitudes of the receptors' quantities for a vibration of 1 mm.
 
     With `q` a quantity, ``dq = q_u û + sum_j c_j (dq_j - dq_0)``: like the tangent it is that with
-    no chain broken and what each delay adds (`tactile_fem.mechanics.harmonic`). The derivatives
+    no chain broken and what each delay adds (`tactile_fem.vibration.harmonic`). The derivatives
     are central differences of the probe's readings.
 
     Parameters
@@ -31,7 +31,7 @@ class Felt:
         Its linearization.
     """
 
-    def __init__(self, problem: FingerProblem, probe: Probe, harmonic: Harmonic) -> None:
+    def __init__(self, problem: Problem, probe: Probe, harmonic: Harmonic) -> None:
         self._problem, self._probe, self._harmonic = problem, probe, harmonic
 
     def amplitudes(self, response: Response) -> tuple[Array, Array, Array]:

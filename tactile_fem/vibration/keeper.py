@@ -10,8 +10,7 @@ from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.finger import FingerMesh
-from tactile_fem.mechanics.harmonic import Response
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.vibration.harmonic import Response
 from tactile_fem.vibration.modes import Modes
 from tactile_fem.vibration.run import About
 
@@ -37,7 +36,7 @@ class ModeKeeper:
         if response.frequency_Hz not in np.asarray(self.frequencies_Hz):
             return
         if self._about is None:
-            problem = about.problem
+            problem = about.simulation.problem
             self._about = about, problem.order.gather(problem.u).astype(np.float32)
         self._kept.append((response.frequency_Hz, _everywhere(about, response)))
 
@@ -46,7 +45,7 @@ class ModeKeeper:
         if self._about is None:
             return None
         about, still = self._about
-        finger: FingerMesh | None = about.finger
+        finger: FingerMesh | None = about.simulation.finger
         if finger is None:
             return None
         frequencies, moved = zip(*self._kept, strict=True)
@@ -57,14 +56,14 @@ class ModeKeeper:
             finger.nodes.astype(np.float32),
             finger.cells.astype(np.int32),
             finger.tissue.astype(np.int32),
-            about.problem.state.translation_old.value.copy(),
+            about.simulation.state.translation_old.value.copy(),
             about.body,
         )
 
 
 def _everywhere(about: About, response: Response) -> Array:
     """Return the displacement of all nodes, (n, 3); rigid tissues outside the space go along."""
-    problem: FingerProblem = about.problem
+    problem = about.simulation.problem
     values = fem.Function(problem.u.function_space)
 
     def gathered(of_space: ArrayLike) -> Array:

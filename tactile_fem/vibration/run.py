@@ -17,23 +17,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger import FingerMesh
-from tactile_fem.mechanics.harmonic import Harmonic, Response
-from tactile_fem.mechanics.problem import FingerProblem
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
 from tactile_fem.runtime.signals import StopRequest, signal_handler
 from tactile_fem.simulation.checkpoint import Origin
-from tactile_fem.simulation.parts import Parts
+from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.results import Results
-from tactile_fem.simulation.setup import Instruments, Setup
+from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.vibration.felt import Felt
+from tactile_fem.vibration.harmonic import Harmonic, Response
 from tactile_fem.vibration.spectrum import Spectrum
 
 logger = logging.getLogger(__name__)
 
 Moves = Literal["body", "bone"]
-_NO_PARTS = Parts()
 
 
 @dataclass(frozen=True)
@@ -42,16 +39,13 @@ class About:
 
     Attributes
     ----------
-    finger
-        The mesh, on the first rank; None on the others.
-    problem
+    simulation
         In the state about which it vibrates.
     body, bone
         How the body and what is held vibrate, (3,): one is a unit vector, the other 0.
     """
 
-    finger: FingerMesh | None
-    problem: FingerProblem
+    simulation: Simulation
     body: np.ndarray
     bone: np.ndarray
 
@@ -71,7 +65,7 @@ def vibrate(
     direction: Sequence[float] = (0.0, 0.0, 1.0),
     density_kg_m3: float | None = None,
     comm: MPI.Comm | None = None,
-    parts: Parts = _NO_PARTS,
+    parts: Parts = NO_PARTS,
     observers: Sequence[Observer] = (),
 ) -> Spectrum:
     """Return how the finger of a scan answers to vibrations about one of its states.
@@ -116,31 +110,24 @@ def vibrate(
         results = on_root(comm, lambda: Results.open(folder))
         if on_root(comm, lambda: results.study.finger.is_section):
             raise StudyError(f"{folder} is the scan of a section: only a solid finger can vibrate.")
-        setup = Setup.of(on_root(comm, lambda: results.study), parts, comm)
-        saved = on_root(comm, lambda: Origin.of(setup).read(results, at_mm, at_s))
-        instruments = setup.instruments(comm)
-        with closing(instruments.problem):
-            instruments.stepper.restore(saved)
-            own = setup.study.tissue.density_kg_m3
-            density = own if density_kg_m3 is None else density_kg_m3
-            harmonic = Harmonic(instruments.problem, density)
+        simulation = Simulation(on_root(comm, lambda: results.study), parts, comm)
+        saved = on_root(comm, lambda: Origin.of(simulation).read(results, at_mm, at_s))
+        with closing(simulation):
+            simulation.restore(saved)
+            own = simulation.study.tissue.density_kg_m3
+            harmonic = Harmonic(simulation.problem, own if density_kg_m3 is None else density_kg_m3)
             body, bone = (along, 0 * along) if moves == "body" else (0 * along, along)
-            about = About(setup.finger, instruments.problem, body, bone)
+            about = About(simulation, body, bone)
             stop = StopRequest(comm, "nothing of the vibration is saved")
             with signal_handler(stop.request):
                 observers = (*observers, lambda *_: stop.check())
-                return _spectrum(setup, instruments, harmonic, frequencies, about, observers)
+                return _spectrum(harmonic, frequencies, about, observers)
 
 
 def _spectrum(
-    setup: Setup,
-    instruments: Instruments,
-    harmonic: Harmonic,
-    frequencies: np.ndarray,
-    about: About,
-    observers: Sequence[Observer],
+    harmonic: Harmonic, frequencies: np.ndarray, about: About, observers: Sequence[Observer]
 ) -> Spectrum:
-    problem, probe = instruments.problem, instruments.probe
+    problem, probe = about.simulation.problem, about.simulation.receptors
     harmonic.freeze(None)
     still, felt = probe.read(), Felt(problem, probe, harmonic)
     answers, forces = [], []
@@ -158,7 +145,7 @@ def _spectrum(
             response.iterations,
         )
     moved, sed, stretches = (np.array(values) for values in zip(*answers, strict=True))
-    layout = setup.layout
+    layout = about.simulation.layout
     return Spectrum(
         frequencies,
         about.body + about.bone,

@@ -17,8 +17,6 @@ import scipy.sparse
 from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 
-from tactile_fem.mechanics.newton import solves_slowly
-
 MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "pc_type": "mg",
     "pc_mg_levels": 2,
@@ -75,14 +73,9 @@ class TwoLevel:
         smoother.setPythonContext(self._smoother)
         self._fine = PETSc.Mat()  # the Jacobian in AIJ format, for the coarse operator
         self._coarse: PETSc.Mat | None = None
-        # `Equilibrium` decides about set-ups; Newton's method would set up with each Jacobian.
+        # `FastSolver` decides about set-ups; Newton's method would set up with each Jacobian.
         PETSc.Options(snes.getOptionsPrefix())["snes_lag_preconditioner"] = -2
         snes.setFromOptions()
-
-    @property
-    def is_outdated(self) -> bool:
-        """Whether it has to be set up, for the first time or because it has become inefficient."""
-        return not self.is_set_up or solves_slowly(self._snes)
 
     @property
     def is_set_up(self) -> bool:

@@ -1,4 +1,4 @@
-"""How far the transient networks of the tissues have followed the strain: their history.
+"""Transient networks of the tissues: their stress, and their history.
 
 The inverse metrics `A` in which a network's chains formed
 (`tactile_fem.tissue.relaxation`) are linear in each tetrahedron, as its strains are. So they are
@@ -9,7 +9,7 @@ definite matrices, hence positive definite themselves.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import basix.ufl
 import numpy as np
@@ -18,58 +18,97 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.compile import expression
-from tactile_fem.mechanics.domain import Domain
+from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.state import PointHistory
-from tactile_fem.tissue.relaxation import Network, Prony, ShearLaw, inverse_metric
+from tactile_fem.mechanics.terms.term import Delay, StressTerm
+from tactile_fem.mechanics.tissues import Tissues
+from tactile_fem.tissue.energies import shear_stiffness
+from tactile_fem.tissue.relaxation import Network, Prony, inverse_metric
 
 # A symmetric matrix as a vector.
 _ENTRIES = (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)
 _SIZE = len(_ENTRIES)
-# Corners that several tetrahedra share are told apart a little inside of each.
-_INSIDE = 0.1
+# Corners that several tetrahedra share are shifted towards each centre to tell them apart.
+_SHIFT = 0.1
 
 
-class Relaxation(PointHistory):
-    """Networks of all tissues between two states.
+class Relaxation(StressTerm, PointHistory):
+    """Networks of all tissues that relax.
 
-    `old` holds, at the corners of each tetrahedron, how far `A` of each network and then
-    ``Cbar^-1`` are from the identity, six components each.
-
-    Parameters
-    ----------
-    domain
-        The finger and where its tissues are.
-    series
-        Of the tissues that relax, by name; at least one.
-    F, F_old
-        Deformation gradient at the present displacement and at the last accepted step.
+    `old` holds, at the corners of each tetrahedron, the deviation of `A` of each network and then
+    of ``Cbar^-1`` from the identity, six components each.
     """
 
-    def __init__(self, domain: Domain, series: Mapping[str, Prony], F: Expr, F_old: Expr) -> None:
-        msh = domain.mesh
-        self._mesh, self._series = msh, dict(series)
+    # Over a step that lets them relax, stress does not derive from a potential.
+    is_symmetric = False
+
+    def __init__(self, tissues: Tissues, series: dict[str, Prony]) -> None:
+        StressTerm.__init__(self, tissues)
+        domain = tissues.domain
+        self._mesh = msh = domain.mesh
+        self._series = series
         self._count = max(len(prony.g) for prony in series.values())
-        super().__init__("formed", self._function(self._count + 1), domain.comm)
+        PointHistory.__init__(self, "formed", self._function(self._count + 1), domain.comm)
+        self.histories = [self]
         self._carried = self._function(self._count)
-        strain = inverse_metric(F) - ufl.Identity(3)
+        strain = inverse_metric(tissues.F) - ufl.Identity(3)
         corners = self._carried.function_space.element.interpolation_points
         self._strain = expression(ufl.as_vector([strain[i, j] for i, j in _ENTRIES]), corners)
         cells = msh.topology.index_map(msh.topology.dim)
         self._cells = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
-        tags = domain.tissues_of(domain.tissue)
-        self._own = {name: domain.tissue.find(tags[name]) for name in series}
-        # Of each network its stiffness ratio and the weights of the present and of the accepted
+        self._own = {name: domain.tissue.find(tissues.tags[name]) for name in series}
+        # For each network its stiffness ratio and the weights of the present and of the accepted
         # strain at the points themselves, by tissue.
         self._factors = {
             name: [[fem.Constant(msh, x) for x in (ratio, 0.0, 0.0)] for ratio in prony.ratios]
             for name, prony in series.items()
         }
-        self._inverse_metric_old = inverse_metric(F_old)
+        self._inverse_metric_old = inverse_metric(tissues.F_old)
+        times_s = sorted({tau_s for prony in series.values() for tau_s in prony.tau_s})
+        self._delay_of = {tau_s: Delay(_broken_share(tau_s)) for tau_s in times_s}
+        self.delays = list(self._delay_of.values())
 
-    def networks(self, tissue: str, law: ShearLaw) -> list[Network]:
-        """Return the networks of a tissue with that elastic law; none if it does not relax."""
+    @classmethod
+    def of(cls, tissues: Tissues, solver: Solver) -> list[Relaxation]:
+        """Return the term, if any tissue of the finger relaxes."""
+        del solver
+        constants = {name: getattr(tissues.constants, name) for name in tissues.tags}
+        series = {name: Prony(c.g, c.tau_s) for name, c in constants.items() if c.g}
+        return [cls(tissues, series)] if series else []
+
+    def stress(self, tissue: str) -> Expr | None:
+        """Return the stress of a tissue's networks, MPa; None if it does not relax."""
+        networks = [network.stress(self.tissues.F) for network in self._networks(tissue)]
+        return sum(networks[1:], networks[0]) if networks else None
+
+    def energy(self, tissue: str) -> Expr | None:
+        """Return what a tissue's networks store, MPa; None if it does not relax."""
+        networks = [network.energy(self.tissues.F) for network in self._networks(tissue)]
+        return sum(networks[1:], networks[0]) if networks else None
+
+    def stored(self, w: Expr) -> ufl.Form:
+        """Return what all networks store, weighted with `w`."""
+        form = ufl.Form([])
+        for name, dx in self.tissues.parts(self.tissues.dx).items():
+            energy = self.energy(name)
+            if energy is not None:
+                form += energy * w * dx
+        return form
+
+    def skin_stiffness(self, tissue: str, gamma: Expr, height: Expr) -> Expr | None:
+        """Return ``gamma 4 G/3/h`` of the chains that do not break in the step, MPa/mm."""
+        factors, own = self._factors.get(tissue), self.tissues
+        if factors is None:
+            return None
+        unbroken = sum(ratio * (1 - new) for ratio, new, _ in factors)
+        G = shear_stiffness(own.law(tissue), own.F_old, own.X)
+        return gamma * 4 * unbroken * G / 3 / height
+
+    def _networks(self, tissue: str) -> list[Network]:
+        """Return the networks of a tissue; none if it does not relax."""
+        law, X = self.tissues.law(tissue), self.tissues.X
         return [
-            Network(law, ratio, self._carried_in(k, new, frozen), new)
+            Network(law, ratio, X, self._carried_in(k, new, frozen), new)
             for k, (ratio, new, frozen) in enumerate(self._factors.get(tissue, []))
         ]
 
@@ -78,12 +117,9 @@ class Relaxation(PointHistory):
         carried = (1 - new - frozen) * ufl.Identity(3) + _symmetric(self._carried, k)
         return carried + frozen * self._inverse_metric_old
 
-    def stiffening(self, tissue: str) -> Expr | float:
-        """Return how much stiffer than in the long run a tissue is over the present step."""
-        return sum(ratio * (1 - new) for ratio, new, _ in self._factors.get(tissue, []))
-
-    def set_time_step(self, dt_s: float) -> None:
-        """Carry the history over a step of that duration."""
+    def begin_step(self) -> None:
+        """Carry the history over the state's time step."""
+        dt_s = self.tissues.state.dt_s
         old, carried = self._at_cells(self.old), self._at_cells(self._carried)
         for name, prony in self._series.items():
             cells = self._own[name]
@@ -93,20 +129,14 @@ class Relaxation(PointHistory):
                 self._weigh(name, k, new, 0.0)
         self._put(self._carried.x.array, self._carried, carried)
 
-    def linearize(self, dt_old_s: float, share: Callable[[float], float]) -> None:
-        """Freeze the networks at the accepted state, where a further strain breaks chains at once.
+    def freeze(self, delay: Delay | None) -> None:
+        """Freeze the networks at the accepted state; further strain breaks the chains of `delay`.
 
         At the accepted displacement `A` is that with which the last step ended, at each point. With
         the strain that is linear in each tetrahedron in place of the accepted one it would not be,
         and not even positive definite where cells are much distorted.
-
-        Parameters
-        ----------
-        dt_old_s
-            Duration of the last step; 0 if there was none.
-        share
-            Of a network's chains that break, 0 to 1, by its relaxation time, s.
         """
+        dt_old_s = self.tissues.state.dt_old_s
         old, carried = self._at_cells(self.old), self._at_cells(self._carried)
         for name, prony in self._series.items():
             cells = self._own[name]
@@ -114,7 +144,8 @@ class Relaxation(PointHistory):
             for k, tau_s in enumerate(prony.tau_s):
                 ended = prony.weights(dt_old_s)[k][2] if dt_old_s else 0.0
                 carried[cells, :, k] = old[cells, :, k] - ended * strain
-                self._weigh(name, k, share(tau_s), ended - share(tau_s))
+                broken = float(self._delay_of[tau_s] is delay)
+                self._weigh(name, k, broken, ended - broken)
         self._put(self._carried.x.array, self._carried, carried)
 
     def _weigh(self, tissue: str, k: int, new: float, frozen: float) -> None:
@@ -122,17 +153,13 @@ class Relaxation(PointHistory):
         for constant, value in zip(self._factors[tissue][k][1:], (new, frozen), strict=True):
             constant.value = value
 
-    def times_s(self) -> list[float]:
-        """Return the relaxation times of all tissues, each once."""
-        return sorted({tau_s for prony in self._series.values() for tau_s in prony.tau_s})
-
     def points_mm(self) -> np.ndarray:
         """Return places of the values on this rank, (points, dimension)."""
         dim = self._mesh.geometry.dim
         V = self.old.function_space
         corners = V.tabulate_dof_coordinates()[:, :dim]
         in_cells = corners[V.dofmap.list]
-        inside = (1 - _INSIDE) * in_cells + _INSIDE * in_cells.mean(axis=1, keepdims=True)
+        inside = (1 - _SHIFT) * in_cells + _SHIFT * in_cells.mean(axis=1, keepdims=True)
         places = np.empty_like(corners)
         places[V.dofmap.list] = inside
         return places
@@ -165,6 +192,11 @@ class Relaxation(PointHistory):
         """Set an array of the function's coefficients to values (cells, corners, matrices, 6)."""
         dofmap = like.function_space.dofmap
         array.reshape(-1, dofmap.bs // _SIZE, _SIZE)[dofmap.list] = values
+
+
+def _broken_share(tau_s: float) -> Callable[[float], complex]:
+    """Return the share of chains that break in a vibration, by its angular frequency."""
+    return lambda w: 1 / (1 + 1j * w * tau_s)
 
 
 def _symmetric(function: fem.Function, k: int) -> Expr:

@@ -13,8 +13,8 @@ from petsc4py import PETSc
 
 from tactile_fem.errors import StudyError
 from tactile_fem.mechanics.faults import last_line
-from tactile_fem.mechanics.multigrid import MULTIGRID_OPTIONS
-from tactile_fem.study import Solver
+from tactile_fem.mechanics.settings import Solver
+from tactile_fem.solvers.multigrid import MULTIGRID_OPTIONS
 
 PetscOption = str | int | float | bool
 USER_PREFIX = "tactile_"
@@ -31,6 +31,11 @@ NEWTON: dict[str, PetscOption] = {
     "snes_error_if_not_converged": False,
     "snes_max_linear_solve_fail": 1000,
 }
+PLAIN: dict[str, PetscOption] = {
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+}
 LINEAR: dict[str, dict[str, PetscOption]] = {
     "multigrid": {
         "ksp_type": "fgmres",
@@ -41,11 +46,7 @@ LINEAR: dict[str, dict[str, PetscOption]] = {
         "snes_ksp_ew_rtolmax": 0.3,
         **MULTIGRID_OPTIONS,
     },
-    "direct": {
-        "ksp_type": "preonly",
-        "pc_type": "lu",
-        "pc_factor_mat_solver_type": "mumps",
-    },
+    "direct": PLAIN,
 }
 _latest = 0  # number in the latest prefix
 

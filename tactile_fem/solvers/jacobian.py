@@ -1,4 +1,4 @@
-"""The Jacobian as the sum of the tissues' and the contact's part, and products with it."""
+"""The Jacobian as the sum of two parts, bulk and contact, and products with it."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import common, fem, la
 
-from tactile_fem.mechanics.block_products import BlockProduct
-from tactile_fem.mechanics.near_skin import NearForm
+from tactile_fem.solvers.block_products import BlockProduct
+from tactile_fem.solvers.near_skin import NearForm
 
 
 class Jacobian:
     """The derivative of the residual, a matrix of PETSc's Python type.
 
-    Without relaxation the tissues' part derives from a potential and is symmetric. The contact's
-    part is not, but concerns only the skin. Assembled and multiplied apart, the first may be kept
-    while the second changes.
+    Without relaxation the bulk's part derives from a potential and is symmetric. The contact's
+    part is not, but concerns only the skin. As they are assembled and multiplied apart, the first
+    may be lagged.
 
     Parameters
     ----------
-    tissues, contact
+    bulk, contact
         The parts as forms, the contact's over the skin that is near now.
     bcs
         Dirichlet conditions.
     matrix
-        PETSc's matrix for the tissues' form.
+        PETSc's matrix for the bulk's form.
     jit_options
         Of the compiler.
     is_symmetric
-        Whether the tissues' part is.
+        Whether the bulk's part is.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Jacobian:
 
     def __init__(
         self,
-        tissues: fem.Form,
+        bulk: fem.Form,
         contact: NearForm,
         bcs: Sequence[fem.DirichletBC],
         matrix: PETSc.Mat,
@@ -51,9 +51,9 @@ class Jacobian:
         *,
         is_symmetric: bool,
     ) -> None:
-        self._tissues, self._contact, self._bcs = tissues, contact, bcs
+        self._bulk_form, self._contact, self._bcs = bulk, contact, bcs
         self.matrix = matrix
-        self._bulk = fem.create_matrix(tissues, block_mode=la.BlockMode.compact)
+        self._bulk = fem.create_matrix(bulk, block_mode=la.BlockMode.compact)
         self._skin = _matrix_with_diagonal(contact.over_all_skin(), bcs)
         self._bulk_product = BlockProduct(self._bulk, jit_options, is_symmetric=is_symmetric)
         self._skin_product = BlockProduct(self._skin, jit_options)
@@ -66,11 +66,11 @@ class Jacobian:
         operator.setUp()
         return operator
 
-    def assemble_tissues(self, form: fem.Form | None = None) -> None:
-        """Assemble the tissues' part at the present displacement, of another form if given."""
-        with common.Timer("tactile: tangent of the tissues"):
+    def assemble_bulk(self, form: fem.Form | None = None) -> None:
+        """Assemble the bulk's part at the present displacement, of another form if given."""
+        with common.Timer("tactile: tangent of the bulk"):
             self._bulk.set_value(0.0)
-            fem.assemble_matrix(self._bulk, form or self._tissues, self._bcs)
+            fem.assemble_matrix(self._bulk, form or self._bulk_form, self._bcs)
             self._bulk.scatter_reverse()
             self._bulk_product.take()
 
@@ -82,13 +82,13 @@ class Jacobian:
         self._skin_product.take()
 
     @contextmanager
-    def kept_tissues(self) -> Iterator[None]:
-        """Have the same tissues' part after the context as before."""
-        kept = self._bulk.data.copy()
+    def restored(self) -> Iterator[None]:
+        """Restore the bulk's part after the context."""
+        before = self._bulk.data.copy()
         try:
             yield
         finally:
-            self._bulk.data[:] = kept
+            self._bulk.data[:] = before
             self._bulk_product.take()
 
     def fill(self) -> None:

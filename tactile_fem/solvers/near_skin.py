@@ -6,86 +6,70 @@ digit of the forms, and about half of the skin is far from the body at any momen
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem
 
-from tactile_fem.mechanics.contact import SkinPart
-from tactile_fem.mechanics.obstacle import Obstacle
-from tactile_fem.mechanics.point_values import PointValues
+from tactile_fem.mechanics.obstacle import PointValues
+from tactile_fem.mechanics.terms.contact import Contact
 
-# How much farther than needed skin is taken in, so that the forms do not change at each iterate.
-_AMPLE = 1.5
+# Skin within this multiple of its reach is included, so that the forms do not change at each
+# iterate.
+_REACH_FACTOR = 1.5
 
 
 class NearSkin:
     """Which facets the body is near.
 
-    Parameters
-    ----------
-    obstacle
-        The rigid body.
-    facets
-        Of the skin, by the tissue behind them.
-    skin
-        The parts of the skin that may touch.
-    compile_
-        Compiles a form that uses the obstacle.
-
     Attributes
     ----------
     obstacle
-        As given.
+        The body.
     all, chosen
         By the tag of each tissue: cell and local facet in turn, of the facets that may touch and of
         those that are near.
     """
 
-    def __init__(
-        self,
-        obstacle: Obstacle,
-        facets: mesh.MeshTags,
-        skin: Sequence[SkinPart],
-        compile_: Callable[[ufl.Form], fem.Form],
-    ) -> None:
-        self.obstacle = obstacle
+    def __init__(self, contact: Contact) -> None:
+        self.obstacle = obstacle = contact.obstacle
         topology = obstacle.u.function_space.mesh.topology
         row = {tuple(pair): i for i, pair in enumerate(obstacle.entities.tolist())}
         self.all: dict[int, np.ndarray] = {}
         self._rows: dict[int, np.ndarray] = {}  # of the obstacle's facets
-        for part in skin:
+        for part in contact.parts:
             tag = part.ds.subdomain_id()
             pairs = fem.compute_integration_domains(
-                fem.IntegralType.exterior_facet, topology, facets.find(tag)
+                fem.IntegralType.exterior_facet, topology, contact.facets.find(tag)
             ).reshape(-1, 2)
             self.all[tag] = pairs.ravel()
             self._rows[tag] = np.array(
                 [row[tuple(pair)] for pair in pairs.tolist()], dtype=np.int64
             )
-        self._reach = PointValues(obstacle, [(part.reach, part.ds) for part in skin], compile_)
+        self._reach = PointValues(obstacle, [(part.reach, part.ds) for part in contact.parts])
         self._reach_mm: np.ndarray | None = None
         self._is_chosen = np.zeros(len(obstacle.entities), dtype=bool)
         self.chosen: dict[int, np.ndarray] = {}
 
     def begin_solve(self) -> None:
-        """Choose anew at the next `update`: skin's stiffness or rounding may have changed."""
+        """Choose anew at the next `update`: stiffness or regularization may have changed."""
         self._reach_mm = None
         self._is_chosen[:] = False
-        self.obstacle.look_everywhere()
+        self.obstacle.evaluate_everywhere()
 
     def update(self) -> None:
-        """Choose more facets if the body, at its present place, is near one that is not chosen."""
+        """Evaluate the gap at the present displacement, and choose facets that are near now."""
+        self.obstacle.refresh()
         gap_mm = self.obstacle.gap_mm
         begins = self._reach_mm is None
         if self._reach_mm is None:
             self._reach_mm = self._reach.read().reshape(gap_mm.shape)
-            self.obstacle.overlook(self._reach_mm.max(axis=1, initial=0.0))
+            self.obstacle.skip_distant(self._reach_mm.max(axis=1, initial=0.0))
         near = np.any(gap_mm < self._reach_mm, axis=1)
         if begins or np.any(near & ~self._is_chosen):
-            self._is_chosen |= np.any(gap_mm < _AMPLE * self._reach_mm, axis=1)
+            self._is_chosen |= np.any(gap_mm < _REACH_FACTOR * self._reach_mm, axis=1)
             self.chosen = {
                 tag: pairs.reshape(-1, 2)[self._is_chosen[self._rows[tag]]].ravel()
                 for tag, pairs in self.all.items()

@@ -5,7 +5,7 @@ frictional contact, for one deformable body. With the Piola traction ``t = P N``
 the obstacle's outward normal `nu`, ``p = t.nu`` (compression positive) and ``t_t = t - p nu``:
 
     s_n = [p - gamma_h g]_+                                 non-penetration, smoothed
-    s_t = Coulomb(t_t - d_old - gamma_h slip; mu s_n)       friction, see `StickMemory`
+    s_t = Coulomb(t_t - d_old - gamma_h slip; mu s_n)       friction, see `terms.contact`
     residual -= Int s.v + theta/gamma_h (t - s).Dt[v] dA,   s = s_n nu + s_t
 """
 
@@ -23,7 +23,7 @@ _TINY_MPa = 1e-12
 # Where the smoothed positive part is zero, in widths.
 ZERO_BELOW = 250
 # Share of Coulomb's bound over which sticking turns to sliding.
-_ROUND = 0.2
+_TRANSITION = 0.2
 
 
 def smooth_positive(x: Expr, width: Expr | float) -> Expr:
@@ -47,16 +47,18 @@ def smooth_coulomb(q: Expr, bound: Expr, softness: Expr | float) -> Expr:
     converges where sticking changes to sliding.
     """
     size = ufl.sqrt(ufl.dot(q, q) + _TINY_MPa**2)
-    rounded = bound - ((1 + _ROUND) * bound - size) ** 2 / (4 * _ROUND * (bound + _TINY_MPa))
-    sliding = ufl.conditional(ufl.ge(size, (1 + _ROUND) * bound), bound, rounded)
-    sharp = ufl.conditional(ufl.le(size, (1 - _ROUND) * bound), size, sliding)
+    rounded = bound - ((1 + _TRANSITION) * bound - size) ** 2 / (
+        4 * _TRANSITION * (bound + _TINY_MPa)
+    )
+    sliding = ufl.conditional(ufl.ge(size, (1 + _TRANSITION) * bound), bound, rounded)
+    sharp = ufl.conditional(ufl.le(size, (1 - _TRANSITION) * bound), size, sliding)
     soft = bound * size / ufl.sqrt(size**2 + bound**2)
     return (sharp + softness * (soft - sharp)) * q / size
 
 
 @dataclass(frozen=True)
-class Contact:
-    """Contact traction between the finger and a rigid body.
+class ContactLaw:
+    """Traction between the finger and a rigid body.
 
     Parameters
     ----------
@@ -69,9 +71,9 @@ class Contact:
     width
         Pressure over which contact sets in, in MPa.
     softness
-        Of the friction law, 0 to 1; see `smooth_coulomb`.
-    unmatched_old
-        ``t_t - s_t`` of the last accepted step, in MPa; see `StickMemory`.
+        Regularization of friction, 0 to 1; see `smooth_coulomb`.
+    untransmitted_old
+        ``d = t_t - s_t`` of the last accepted step, MPa; see `tactile_fem.mechanics.terms.contact`.
     theta
         0 incomplete, 1 symmetric, -1 skew-symmetric Nitsche.
     """
@@ -81,7 +83,7 @@ class Contact:
     stiffness: Expr | float
     width: Expr | float
     softness: Expr | float
-    unmatched_old: Expr
+    untransmitted_old: Expr
     theta: int = 0
 
     def tractions(self, t: Expr, u: Expr, u_old: Expr) -> tuple[Expr, Expr]:
@@ -90,7 +92,7 @@ class Contact:
         p = ufl.dot(t, nu)
         s_n = smooth_positive(p - self.stiffness * g, self.width)
         advance = self.obstacle.translation - self.obstacle.translation_old
-        trial = t - self.unmatched_old - self.stiffness * ((u - u_old) - advance)
+        trial = t - self.untransmitted_old - self.stiffness * ((u - u_old) - advance)
         trial -= ufl.dot(trial, nu) * nu
         s_t = smooth_coulomb(trial, self.friction * s_n, self.softness)
         return s_n, s_t
@@ -100,7 +102,7 @@ class Contact:
         x = ufl.variable(ufl.dot(t, self.obstacle.normal) - self.stiffness * self.obstacle.gap)
         return ufl.diff(smooth_positive(x, self.width), x)
 
-    def unmatched(self, t: Expr, u: Expr, u_old: Expr) -> Expr:
+    def untransmitted(self, t: Expr, u: Expr, u_old: Expr) -> Expr:
         """Return ``d = t_t - s_t`` in MPa; zero without contact."""
         nu = self.obstacle.normal
         s_n, s_t = self.tractions(t, u, u_old)
@@ -116,28 +118,3 @@ class Contact:
             Dt = ufl.derivative(t, u, v)
             residual -= self.theta / self.stiffness * ufl.dot(t - s, Dt)
         return residual
-
-
-@dataclass(frozen=True)
-class SkinPart:
-    """Skin of one tissue.
-
-    Attributes
-    ----------
-    tissue
-        Its name.
-    contact
-        Its contact law.
-    t
-        The tissue's elastic Piola traction.
-    ds
-        Measure of its facets.
-    reach
-        Gap (mm) at which skin that is not compressed carries no traction yet.
-    """
-
-    tissue: str
-    contact: Contact
-    t: Expr
-    ds: ufl.Measure
-    reach: Expr

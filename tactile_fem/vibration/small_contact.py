@@ -13,15 +13,16 @@ the body, ``dt`` the change of the tissue's traction and `H` the curvature of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.contact import Contact, SkinPart
-from tactile_fem.mechanics.point_values import PointValues
+from tactile_fem.mechanics.contact_law import ContactLaw
+from tactile_fem.mechanics.obstacle import PointValues
+from tactile_fem.mechanics.terms.contact import Contact, SkinPart
 
 # Share of Coulomb's bound from which on skin slides.
 _SLIDES = 0.99
@@ -45,48 +46,46 @@ class Touch:
     friction: fem.Function
 
     @classmethod
-    def of(
-        cls, skin: Sequence[SkinPart], u: fem.Function, compile_: Callable[[ufl.Form], fem.Form]
-    ) -> Touch:
+    def of(cls, contact: Contact) -> Touch:
         """Read it at the accepted state, which the forms have to be at."""
-        obstacle = skin[0].contact.obstacle
+        obstacle, u = contact.obstacle, contact.tissues.u
         scalars = [obstacle.quadrature_function(()) for _ in range(2)]
         touch = cls(*scalars, obstacle.quadrature_function(obstacle.u.ufl_shape))
         wanted: list[tuple[fem.Function, Callable[[SkinPart], Expr]]] = [
-            (touch.pressure, lambda part: part.contact.tractions(part.t, u, u)[0]),
-            (touch.closed, lambda part: part.contact.closed(part.t)),
+            (touch.pressure, lambda part: part.law.tractions(part.t, u, u)[0]),
+            (touch.closed, lambda part: part.law.closed(part.t)),
             (touch.friction, _transmitted),
         ]
         for function, of in wanted:
-            values = [(of(part), part.ds) for part in skin]
-            found = PointValues(obstacle, values, compile_).read()
+            values = [(of(part), part.ds) for part in contact.parts]
+            found = PointValues(obstacle, values).read()
             function.x.array[: len(found)] = found
         return touch
 
-    def change(self, contact: Contact, dt: Expr, motion: Expr) -> Expr:
+    def change(self, law: ContactLaw, dt: Expr, motion: Expr) -> Expr:
         """Return how the traction `s` on the finger changes.
 
         Parameters
         ----------
-        contact
-            Its law.
+        law
+            That of the skin.
         dt
             Change of the tissue's traction, MPa.
         motion
             Of the skin relative to the body, mm.
         """
-        nu, stiffness = contact.obstacle.normal, contact.stiffness
+        nu, stiffness = law.obstacle.normal, law.stiffness
         q = dt - stiffness * motion
         ds_n = self.closed * ufl.dot(q, nu)
         size = ufl.sqrt(ufl.dot(self.friction, self.friction) + _TINY_MPa**2)
-        slides = ufl.ge(size, _SLIDES * contact.friction * self.pressure)
-        follows = contact.friction * ds_n * self.friction / size
+        slides = ufl.ge(size, _SLIDES * law.friction * self.pressure)
+        follows = law.friction * ds_n * self.friction / size
         ds_t = ufl.conditional(slides, follows, q - ufl.dot(q, nu) * nu)
-        ds = ds_n * nu + self.pressure * (contact.obstacle.hessian * motion) + ds_t
+        ds = ds_n * nu + self.pressure * (law.obstacle.hessian * motion) + ds_t
         return ufl.conditional(ufl.gt(self.pressure, 0.0), ds, 0.0 * ds)
 
 
 def _transmitted(part: SkinPart) -> Expr:
-    """Return the friction that the last accepted step ended with, in MPa; see `StickMemory`."""
-    nu = part.contact.obstacle.normal
-    return part.t - ufl.dot(part.t, nu) * nu - part.contact.unmatched_old
+    """Return the friction that the last accepted step ended with, in MPa; see `terms.contact`."""
+    nu = part.law.obstacle.normal
+    return part.t - ufl.dot(part.t, nu) * nu - part.law.untransmitted_old

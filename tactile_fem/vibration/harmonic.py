@@ -10,16 +10,14 @@ with
 (`tactile_fem.tissue.relaxation`: ``dA/dt`` is linear in `A`), so ``D_j`` is how the tangent changes
 if all of them break. Kelvin and Voigt's viscosity adds ``c = i w tau_v``. Together these are the
 complex moduli of the tissues at their present strain. Contact is that of the state
-(`tactile_fem.mechanics.small_contact`).
+(`tactile_fem.vibration.small_contact`).
 
-They are solved with one factorization per frequency (`tactile_fem.mechanics.complex_solver`).
+They are solved with one factorization per frequency (`tactile_fem.vibration.complex_solver`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 from petsc4py import PETSc
 
@@ -29,30 +27,13 @@ from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import ArrayLike
 
-from tactile_fem.mechanics.complex_solver import complex_solver
-from tactile_fem.mechanics.contact import SkinPart
-from tactile_fem.mechanics.elasticity import Elasticity
-from tactile_fem.mechanics.inertia import mass_density
-from tactile_fem.mechanics.problem import FingerProblem
-from tactile_fem.mechanics.small_contact import Touch
+from tactile_fem.mechanics.problem import Problem
+from tactile_fem.mechanics.terms.inertia import mass_density
+from tactile_fem.mechanics.terms.term import Delay
+from tactile_fem.vibration.complex_solver import complex_solver
+from tactile_fem.vibration.small_contact import Touch
 
 Array = np.ndarray
-
-
-@dataclass(frozen=True)
-class Delay:
-    """A part of the tissues' resistance that follows a strain with a delay.
-
-    Attributes
-    ----------
-    amount
-        Its coefficient at an angular frequency, 1/s.
-    freeze
-        Freezes the forms at the accepted state, with this delay fully relaxed and no other.
-    """
-
-    amount: Callable[[float], complex]
-    freeze: Callable[[], None]
 
 
 @dataclass(frozen=True)
@@ -109,23 +90,23 @@ class Harmonic:
         Of all tissues.
     """
 
-    def __init__(self, problem: FingerProblem, density_kg_m3: float) -> None:
+    def __init__(self, problem: Problem, density_kg_m3: float) -> None:
         self._problem, self._comm = problem, problem.domain.comm
         self._u = problem.u
         V = self._u.function_space
         problem.state.reset()
         self.freeze(None)
-        touch = Touch.of(problem.skin, self._u, problem.compile)
-        self._forms = self._compile(touch)
+        self._compile_form = compile_ = problem.contact.obstacle.compile
+        self._forms = self._compile(Touch.of(problem.contact))
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
         density = mass_density(V.mesh, density_kg_m3)
-        dx, dim = problem.elasticity.measure(), V.mesh.geometry.dim
-        mass = problem.compile(density * ufl.inner(u, v) * dx)
-        pulls = [problem.compile(density * v[k] * dx) for k in range(dim)]
+        dx, dim = problem.tissues.dx, V.mesh.geometry.dim
+        mass = compile_(density * ufl.inner(u, v) * dx)
+        pulls = [compile_(density * v[k] * dx) for k in range(dim)]
         self._inertia = [self._vector(pull, problem.bcs) for pull in pulls]
         self._mass = fem_petsc.assemble_matrix(mass, problem.bcs, diag=0.0)
         self._mass.assemble()
-        self._delays = list(_delays(problem))
+        self._delays = [delay for term in problem.bulk for delay in term.delays]
         self._at_once = self._assembled(None)
         self._late = [self._without_at_once(self._assembled(delay)) for delay in self._delays]
         self._field = fem.Function(V)
@@ -137,10 +118,8 @@ class Harmonic:
 
     def freeze(self, delay: Delay | None) -> None:
         """Set the forms to the accepted state, with all of one delay or with none."""
-        if delay is None:
-            self._problem.elasticity.linearize(self._problem.state.dt_old_s, _none)
-        else:
-            delay.freeze()
+        for term in self._problem.terms:
+            term.freeze(delay)
 
     def respond(
         self,
@@ -190,22 +169,24 @@ class Harmonic:
         dim = V.mesh.geometry.dim
         axes = [ufl.as_vector([float(i == k) for i in range(dim)]) for k in range(dim)]
         still = ufl.as_vector([0.0] * dim)
-        skin = [_with_viscosity(part, problem.elasticity) for part in problem.skin]
+        # Here the viscous stress pulls at the skin as well, and the contact is as much stiffer.
+        skin = problem.contact.skin(problem.bulk)
 
         def traction(of_skin: ufl.core.expr.Expr | None, motion, on) -> ufl.Form:
             """Return the work of the change of traction in `on`."""
             form = ufl.Form([])
             for part in skin:
                 dt = still if of_skin is None else ufl.derivative(part.t, self._u, of_skin)
-                form += ufl.dot(touch.change(part.contact, dt, motion), on) * part.ds
+                form += ufl.dot(touch.change(part.law, dt, motion), on) * part.ds
             return form
 
-        stiffness = ufl.derivative(problem.elasticity.residual(v), self._u, u)
+        residual = sum((term.static_residual(v) for term in problem.bulk), ufl.Form([]))
+        stiffness, compile_ = ufl.derivative(residual, self._u, u), self._compile_form
         return _Forms(
-            problem.compile(stiffness - traction(u, u, v)),
-            [problem.compile(traction(None, -axis, v)) for axis in axes],
-            [problem.compile(traction(v, v, axis)) for axis in axes],
-            [[problem.compile(traction(None, -b, on)) for b in axes] for on in axes],
+            compile_(stiffness - traction(u, u, v)),
+            [compile_(traction(None, -axis, v)) for axis in axes],
+            [compile_(traction(v, v, axis)) for axis in axes],
+            [[compile_(traction(None, -b, on)) for b in axes] for on in axes],
         )
 
     def _assembled(self, delay: Delay | None) -> _Parts:
@@ -260,29 +241,3 @@ class Harmonic:
         self._field.x.array[: len(owned)] = owned
         self._field.x.scatter_forward()
         return self._field.x.array.copy()
-
-
-def _with_viscosity(part: SkinPart, elasticity: Elasticity) -> SkinPart:
-    """Return skin whose traction includes Kelvin and Voigt's; the contact is as much stiffer."""
-    stiffer = 1 + elasticity.viscous_stiffness(part.tissue) / elasticity.stiffness(part.tissue)
-    contact = replace(part.contact, stiffness=stiffer * part.contact.stiffness)
-    return replace(part, contact=contact, t=elasticity.whole_traction(part.tissue))
-
-
-def _none(tau_s: float) -> float:
-    del tau_s
-    return 0.0
-
-
-def _delays(problem: FingerProblem) -> Iterator[Delay]:
-    elasticity, dt_old_s = problem.elasticity, problem.state.dt_old_s
-    for tau_s in elasticity.relaxation.times_s() if elasticity.relaxation else []:
-        yield Delay(
-            partial(lambda tau_s, w: 1 / (1 + 1j * w * tau_s), tau_s),
-            partial(elasticity.linearize, dt_old_s, partial(lambda own, t: float(t == own), tau_s)),
-        )
-    if elasticity.viscous_time_s:
-        yield Delay(
-            lambda w: 1j * w * elasticity.viscous_time_s,
-            partial(elasticity.linearize, dt_old_s, _none, viscous=1.0),
-        )

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 
 Array = np.ndarray
 # A change of the constants' logarithms: small against where contact begins (displacements move by
@@ -46,11 +46,12 @@ class _Derivatives:
 class Sensitivities:
     """Derivatives along changes of the constants, carried from step to step.
 
+    An observer: `follow` is to be called after each accepted step, from the first on.
+
     Parameters
     ----------
     problem
-        Its accepted steps are followed, from the first on; without own laws in the place of the
-        constants that change.
+        Without own laws in the place of the constants that change.
     changes
         What to differentiate along.
     """
@@ -61,7 +62,6 @@ class Sensitivities:
         self._along = [
             _Derivatives(self._zero(), self._zeros(), self._zero(), self._zeros()) for _ in changes
         ]
-        problem.before_accept.append(self._follow)
 
     def derivative(self, of: Callable[[], Array]) -> Array:
         """Return the derivatives (changes, k) of what `of` returns at the present state.
@@ -69,15 +69,15 @@ class Sensitivities:
         Parameters
         ----------
         of
-            Returns numbers (k,), such as forces. To be called in `problem.before_accept`, after
-            the sensitivities; all ranks call.
+            Returns numbers (k,), such as forces, at the end of the last accepted step; all ranks
+            call.
         """
-        return np.array(
-            [
+        with self._problem.reopened():
+            found = [
                 self._difference(change, along, of)
                 for change, along in zip(self._changes, self._along, strict=True)
             ]
-        )
+        return np.array(found).reshape(len(found), -1)
 
     def _zero(self) -> Array:
         return np.zeros_like(self._state.u.x.array)
@@ -85,13 +85,15 @@ class Sensitivities:
     def _zeros(self) -> list[Array]:
         return [np.zeros_like(history.old.x.array) for history in self._state.histories]
 
-    def _follow(self) -> None:
-        """Differentiate the present state, which is converged."""
-        with self._problem.linearized() as solve:
+    def follow(self) -> None:
+        """Differentiate the last accepted step."""
+        if not self._changes:
+            return
+        with self._problem.reopened(), self._problem.solver.linearized() as solve:
             for change, along in zip(self._changes, self._along, strict=True):
                 along.u_old, along.histories_old = along.u, along.histories
                 along.u = self._zero()  # at a held displacement
-                along.u = solve(-self._difference(change, along, self._problem.residual))
+                along.u = solve(-self._difference(change, along, self._problem.solver.residual))
                 along.histories = [
                     self._difference(change, along, history.present)
                     for history in self._state.histories
@@ -112,20 +114,19 @@ class Sensitivities:
         arrays = [state.u.x.array, state.u_old.x.array]
         arrays += [history.old.x.array for history in state.histories]
         saved = [array.copy() for array in arrays]
-        values = self._problem.elasticity.values
+        values = self._problem.tissues.values
         constants = [getattr(values[tissue], name) for tissue, name in change]
         numbers = [float(constant.value) for constant in constants]
         for array, by in zip(arrays, (along.u, along.u_old, *along.histories_old), strict=True):
             array += amount * by
         for constant, power in zip(constants, change.values(), strict=True):
             constant.value *= np.exp(amount * power)
-        carry_history = self._problem.elasticity.set_time_step
-        carry_history(state.dt_s)
+        self._problem.carry_histories()
         try:
             yield
         finally:
             for array, before in zip(arrays, saved, strict=True):
                 array[:] = before
-            carry_history(state.dt_s)
+            self._problem.carry_histories()
             for constant, number in zip(constants, numbers, strict=True):
                 constant.value = number

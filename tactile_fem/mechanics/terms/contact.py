@@ -1,0 +1,179 @@
+"""Nitsche's contact of the skin with the rigid body: the term, and the history of sticking skin.
+
+Nitsche's method holds sticking skin with ``t_t - gamma_h slip``. The tissue's traction `t_t` has a
+discretization error. If slip were measured from the last step only, the skin would creep by this
+error in every step. As in the return mapping of plasticity, slip is therefore measured from where
+the skin began to stick: the part of the traction that the contact did not transmit in the last
+accepted step,
+
+    d = t_t - s_t        (gamma_h times the elastic slip),
+
+is subtracted in the present step. Since it is a traction, it remains valid if `gamma_h` changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from ufl.classes import FacetJacobianDeterminant
+from ufl.core.expr import Expr
+
+from tactile_fem.mechanics.contact_law import ZERO_BELOW, ContactLaw
+from tactile_fem.mechanics.obstacle import Obstacle, PointValues
+from tactile_fem.mechanics.settings import Solver
+from tactile_fem.mechanics.state import PointHistory
+from tactile_fem.mechanics.terms.term import Term
+from tactile_fem.mechanics.tissues import Tissues
+from tactile_fem.stimulus.body import RigidBody
+
+# Share of its outermost tetrahedron's height by which skin may be pulled out; the traction that
+# does this would be a third of the skin's modulus.
+_PULL_OUT = 0.25
+_EVERYWHERE_MM = 1e6
+
+
+@dataclass(frozen=True)
+class SkinPart:
+    """Skin of one tissue.
+
+    Attributes
+    ----------
+    law
+        Its contact law.
+    t
+        The tissue's Piola traction.
+    ds
+        Measure of its facets.
+    reach
+        Gap (mm) beyond which skin that is not compressed carries no traction.
+    """
+
+    law: ContactLaw
+    t: Expr
+    ds: ufl.Measure
+    reach: Expr
+
+
+class Contact(Term):
+    """Contact and friction between the skin and the body.
+
+    Parameters
+    ----------
+    tissues
+        Displacement and tissues.
+    bulk
+        The other terms: what they pull at the skin, and how stiff they make it.
+    body, friction
+        The rigid body and Coulomb's coefficient.
+    solver
+        Discretization of the contact.
+
+    Attributes
+    ----------
+    obstacle
+        The rigid body in UFL.
+    facets
+        The skin, tagged with its tissues.
+    parts
+        The skin that may touch, by tissue.
+    """
+
+    is_symmetric = False
+
+    def __init__(
+        self,
+        tissues: Tissues,
+        bulk: Sequence[Term],
+        body: RigidBody,
+        friction: float,
+        solver: Solver,
+    ) -> None:
+        super().__init__(tissues)
+        msh = tissues.u.function_space.mesh
+        self.facets = tissues.domain.skin_by_tissue()
+        self.obstacle = Obstacle(body, tissues.state, np.sort(self.facets.indices), solver)
+        self._solver = solver
+        self._friction = fem.Constant(msh, friction)
+        self._gamma = fem.Constant(msh, solver.nitsche_gamma)
+        self._width, self._softness = (
+            fem.Constant(msh, solver.contact_width_MPa),
+            fem.Constant(msh, 0.0),
+        )
+        self._untransmitted = self.obstacle.quadrature_function(tissues.u.ufl_shape)
+        self.parts = self.skin([term for term in bulk if term.pulls_at_skin])
+        u, u_old = tissues.u, tissues.state.u_old
+        values = [(part.law.untransmitted(part.t, u, u_old), part.ds) for part in self.parts]
+        self.histories = [
+            _Stick(self._untransmitted, self.obstacle, PointValues(self.obstacle, values))
+        ]
+
+    def skin(self, bulk: Sequence[Term]) -> list[SkinPart]:
+        """Return the parts of the skin, pulled at and stiffened by the terms `bulk`."""
+        own, solver = self.tissues, self._solver
+        msh = own.u.function_space.mesh
+        # Height of the cell over its facet; point by point where the mesh is curved.
+        height = abs(ufl.JacobianDeterminant(msh)) / FacetJacobianDeterminant(msh)
+        metadata = {"quadrature_degree": solver.contact_degree}
+        ds = ufl.Measure("ds", msh, subdomain_data=self.facets, metadata=metadata)
+        parts = []
+        for tissue, tag in own.domain.tissues_of(self.facets).items():
+            stiffness = sum_of(term.skin_stiffness(tissue, self._gamma, height) for term in bulk)
+            law = ContactLaw(
+                self.obstacle,
+                self._friction,
+                stiffness,
+                self._width,
+                self._softness,
+                self._untransmitted,
+                solver.nitsche_theta,
+            )
+            reach = ZERO_BELOW * self._width / stiffness + _PULL_OUT * height
+            if solver.nitsche_theta:  # the form has terms where nothing touches as well
+                reach = fem.Constant(msh, _EVERYWHERE_MM)
+            t = own.on_surface(sum_of(term.stress(tissue) for term in bulk))
+            parts.append(SkinPart(law, t, ds(tag), reach))
+        return parts
+
+    def residual(self, v: Expr) -> ufl.Form:
+        """Return the virtual work of the contact tractions in `v`."""
+        u, u_old, form = self.tissues.u, self.tissues.state.u_old, ufl.Form([])
+        for part in self.parts:
+            form += part.law.residual(part.t, u, u_old, v) * part.ds
+        return form
+
+    @contextmanager
+    def regularized(self, width: float, softness: float) -> Iterator[None]:
+        """Have contact set in over `width` times the pressure, and softer friction."""
+        own_width = float(self._width.value)
+        self._width.value, self._softness.value = width * own_width, softness
+        try:
+            yield
+        finally:
+            self._width.value, self._softness.value = own_width, 0.0
+
+
+class _Stick(PointHistory):
+    """Tangential traction that the contact did not transmit in the last accepted step, MPa."""
+
+    def __init__(self, old: fem.Function, obstacle: Obstacle, values: PointValues) -> None:
+        super().__init__("unmatched_MPa", old, obstacle.comm)
+        self._obstacle, self._values = obstacle, values
+
+    def points_mm(self) -> np.ndarray:
+        """Return the undeformed contact quadrature points of this rank, (points, dimension)."""
+        return self._obstacle.points_mm
+
+    def present(self) -> np.ndarray:
+        """Return the traction that the contact does not transmit at the present state."""
+        return self._values.read()
+
+
+def sum_of(values: Iterator[Expr | None]) -> Expr:
+    """Return the sum of those expressions that there are, at least one."""
+    first, *others = [value for value in values if value is not None]
+    return sum(others, first)

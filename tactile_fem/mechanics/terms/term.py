@@ -1,0 +1,129 @@
+"""What a term of the virtual work states.
+
+The virtual work of a finger is the sum of its terms. A new physics, such as gravity, fibres or
+active tissue, is one more term: a file of its own, which nothing else has to know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import ufl
+from ufl.core.expr import Expr
+
+from tactile_fem.mechanics.state import PointHistory
+from tactile_fem.mechanics.tissues import Tissues
+
+
+@dataclass(frozen=True)
+class Delay:
+    """A resistance that follows a strain with a delay, as small vibrations see it.
+
+    Attributes
+    ----------
+    amount
+        Its complex coefficient at an angular frequency, 1/s.
+    """
+
+    amount: Callable[[float], complex]
+
+
+class Term:
+    """A part of the virtual work; what a subclass does not state, it does not have.
+
+    Parameters
+    ----------
+    tissues
+        Displacement, tissues and state.
+
+    Attributes
+    ----------
+    is_symmetric
+        Whether the tangent is symmetric.
+    pulls_at_skin
+        Whether `stress` belongs to the traction with which Nitsche's method holds the skin.
+    histories
+        What it carries from step to step.
+    delays
+        How it follows small vibrations.
+    """
+
+    is_symmetric = True
+    pulls_at_skin = True
+    histories: Sequence[PointHistory] = ()
+    delays: Sequence[Delay] = ()
+
+    def __init__(self, tissues: Tissues) -> None:
+        self.tissues = tissues
+
+    def residual(self, v: Expr) -> ufl.Form:
+        """Return the virtual work in `v`."""
+        raise NotImplementedError
+
+    def tangent(self, v: Expr) -> ufl.Form:
+        """Return the derivative of `residual`; a cheaper quadrature may do."""
+        return ufl.derivative(self.residual(v), self.tissues.u)
+
+    def static_residual(self, v: Expr) -> ufl.Form:
+        """Return the virtual work in `v` without that of inertia."""
+        return self.residual(v)
+
+    def stress(self, tissue: str) -> Expr | None:
+        """Return the first Piola stress in a tissue, MPa, (3, 3)."""
+        del tissue
+
+    def energy(self, tissue: str) -> Expr | None:
+        """Return the strain energy density that a tissue stores, MPa."""
+        del tissue
+
+    def stored(self, w: Expr) -> ufl.Form:
+        """Return the stored energy of all tissues, weighted with `w`."""
+        del w
+        return ufl.Form([])
+
+    def skin_stiffness(self, tissue: str, gamma: Expr, height: Expr) -> Expr | None:
+        """Return by how much it stiffens the contact, MPa/mm.
+
+        Parameters
+        ----------
+        tissue
+            At the surface.
+        gamma, height
+            Nitsche's constant, and height of the cell behind the facet, mm.
+        """
+        del tissue, gamma, height
+
+    def begin_step(self) -> None:
+        """Take the state's time step over; called before a step is solved."""
+
+    def freeze(self, delay: Delay | None) -> None:
+        """Take the values at the accepted state, undone by `begin_step`.
+
+        Parameters
+        ----------
+        delay
+            The one that has fully relaxed; all others have not begun to.
+        """
+        del delay
+
+
+class StressTerm(Term):
+    """A term that is given by its stress alone."""
+
+    def residual(self, v: Expr) -> ufl.Form:
+        """Return the virtual work of the stress in `v`."""
+        return self._work(v, self.tissues.dx)
+
+    def tangent(self, v: Expr) -> ufl.Form:
+        """Return the derivative of `residual`, integrated at fewer points."""
+        return ufl.derivative(self._work(v, self.tissues.dx_of_tangent), self.tissues.u)
+
+    def _work(self, v: Expr, dx: ufl.Measure) -> ufl.Form:
+        gradient = self.tissues.gradient(v)
+        form = ufl.Form([])
+        for name, part in self.tissues.parts(dx).items():
+            stress = self.stress(name)
+            if stress is not None:
+                form += ufl.inner(stress, gradient) * part
+        return form

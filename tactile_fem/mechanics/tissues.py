@@ -1,0 +1,122 @@
+"""Deformation and constitutive laws of the layered tissue, in UFL: what all terms share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType, SimpleNamespace
+
+import ufl
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from tactile_fem.finger.mesh_data import TISSUES
+from tactile_fem.mechanics.domain import Domain
+from tactile_fem.mechanics.state import State
+from tactile_fem.tissue.constants import Elastic, Polynomial, Tissue
+from tactile_fem.tissue.energies import Law, law_of, shear_modulus, tangent_shear_modulus
+
+NO_LAWS: Mapping[str, Law] = MappingProxyType({})
+# Xiao and Gimbutas' rules need 11 points in a tetrahedron for the default degree where Basix's own
+# has 14. Still fewer would slow Newton's method down.
+_TANGENT_SCHEME = "Xiao-Gimbutas"
+
+
+def deformation_gradient(u: Expr) -> Expr:
+    """Return ``F = I + grad u``, (3, 3); a section is in plane strain."""
+    return ufl.Identity(3) + _embedded(ufl.grad(u))
+
+
+def _embedded(A: Expr) -> Expr:
+    """Return a tensor of the mesh's dimension as one of three, zero out of the plane."""
+    if A.ufl_shape == (3, 3):
+        return A
+    return ufl.as_tensor([[A[0, 0], A[0, 1], 0], [A[1, 0], A[1, 1], 0], [0, 0, 0]])
+
+
+class Tissues:
+    """The tissues at a state.
+
+    Parameters
+    ----------
+    domain
+        The finger and where its tissues are.
+    constants
+        Constants of the tissues.
+    state
+        Displacement (mm) now and at the last accepted step.
+    degree
+        Quadrature degree.
+    laws
+        Own laws by the name of the tissue, in place of those of its constants.
+
+    Attributes
+    ----------
+    F, F_old
+        Deformation gradient now and at the last accepted step, (3, 3).
+    X
+        Undeformed position, mm, (3,).
+    values
+        By the name of the tissue: the constants in the forms, a `fem.Constant` by each name.
+    dx, dx_of_tangent
+        Volume measure of all tissues, for residuals and for tangents.
+    """
+
+    def __init__(
+        self,
+        domain: Domain,
+        constants: Tissue,
+        state: State,
+        degree: int,
+        laws: Mapping[str, Law] = NO_LAWS,
+    ) -> None:
+        self.domain, self.state, self.u = domain, state, state.u
+        self.constants, self.laws = constants, laws
+        msh = self.u.function_space.mesh
+        self.tags = domain.tissues_of(domain.tissue)
+        self.values = {name: self._in_forms(getattr(constants, name)) for name in TISSUES}
+        self.F = deformation_gradient(state.u)
+        self.F_old = deformation_gradient(state.u_old)
+        self.X = self._in_space(ufl.SpatialCoordinate(msh))
+        self._normal = self._in_space(ufl.FacetNormal(msh))
+        self.dx = ufl.Measure(
+            "dx", msh, subdomain_data=domain.tissue, metadata={"quadrature_degree": degree}
+        )
+        self.dx_of_tangent = self.dx(degree=degree, scheme=_TANGENT_SCHEME)
+
+    def parts(self, dx: ufl.Measure) -> dict[str, ufl.Measure]:
+        """Return the part in each tissue of a volume measure."""
+        return {name: dx(tag) for name, tag in self.tags.items()}
+
+    def law(self, tissue: str) -> Law:
+        """Return the elastic law of a tissue."""
+        own = self.laws.get(tissue)
+        return own or law_of(getattr(self.constants, tissue), self.values[tissue])
+
+    def shear_modulus(self, tissue: str) -> Expr:
+        """Return the small-strain shear modulus of a tissue's law, in MPa."""
+        if tissue in self.laws:
+            at_rest = fem.Constant(self.u.function_space.mesh, 0.0)
+            return tangent_shear_modulus(self.laws[tissue], at_rest, self.X)
+        return shear_modulus(getattr(self.constants, tissue), self.values[tissue])
+
+    def gradient(self, v: Expr) -> Expr:
+        """Return the gradient of a vector field, (3, 3)."""
+        return _embedded(ufl.grad(v))
+
+    def on_surface(self, P: Expr) -> Expr:
+        """Return a first Piola stress times the normal of the undeformed surface, in MPa."""
+        t = P * self._normal
+        return ufl.as_vector([t[i] for i in range(len(self.u))])
+
+    def area_stretch(self) -> Expr:
+        """Return deformed over undeformed area of the surface (Nanson's formula)."""
+        across = ufl.inv(self.F).T * self._normal
+        return ufl.det(self.F) * ufl.sqrt(ufl.dot(across, across))
+
+    def _in_space(self, vector: Expr) -> Expr:
+        return vector if len(vector) == 3 else ufl.as_vector([vector[0], vector[1], 0])
+
+    def _in_forms(self, constants: Polynomial | Elastic) -> SimpleNamespace:
+        msh = self.u.function_space.mesh
+        given = {name: value for name, value in constants if isinstance(value, float)}
+        return SimpleNamespace(**{name: fem.Constant(msh, value) for name, value in given.items()})

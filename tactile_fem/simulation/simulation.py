@@ -1,0 +1,277 @@
+"""A study's finger, body and path, ready to be stepped."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import jit
+from numpy.typing import ArrayLike
+
+from tactile_fem.errors import StudyError
+from tactile_fem.finger import FingerMesh, load_finger
+from tactile_fem.finger.load import check_kind
+from tactile_fem.finger.report import check_mesh, pad_thickness_mm
+from tactile_fem.mechanics.compile import clean_cache
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.faults import compilation_errors
+from tactile_fem.mechanics.load import Load
+from tactile_fem.mechanics.problem import Problem
+from tactile_fem.mechanics.state import State
+from tactile_fem.neuron import fields_of, populations_of
+from tactile_fem.receptors import lay_out
+from tactile_fem.receptors.probe import Probe, ReceptorState
+from tactile_fem.runtime.files import check_unchanged, hashes
+from tactile_fem.runtime.parallel import on_root
+from tactile_fem.simulation.checks import (
+    DEEPEST,
+    check_apart,
+    check_depth,
+    check_section,
+    tell_resolution,
+)
+from tactile_fem.simulation.parts import NO_PARTS, Parts, check_parts
+from tactile_fem.simulation.step import Step
+from tactile_fem.simulation.stepper import Stepper, stopped
+from tactile_fem.solvers.fast import FastSolver
+from tactile_fem.solvers.finger_problem import FingerProblem
+from tactile_fem.solvers.options import check_options
+from tactile_fem.solvers.report import StepSolver
+from tactile_fem.stimulus import make_body
+from tactile_fem.stimulus.check import check_body
+from tactile_fem.stimulus.cut import in_plane
+from tactile_fem.study import Study, Surface
+
+logger = logging.getLogger(__name__)
+
+Array = np.ndarray
+
+
+class Simulation:
+    """The mechanics of a study, one accepted step after the other.
+
+    Bad input is refused when it is made, within seconds; the mechanics is compiled with the first
+    step. Between two steps a script may look at everything::
+
+        with closing(Simulation(Study())) as simulation:
+            for step in simulation.steps():
+                print(step, simulation.load().contact_area_mm2, simulation.receptors.read().sed_kPa)
+
+    Parameters
+    ----------
+    study
+        The input.
+    parts
+        Own parts in place of the study's.
+    comm
+        Communicator; all its ranks must call everything. Default: all ranks.
+    make_solver
+        Makes the solver of the steps; `tactile_fem.solvers.plain.PlainSolver` is the alternative.
+
+    Attributes
+    ----------
+    finger
+        The mesh, on the first rank; None on the others.
+    body, path
+        The stimulator and its motion.
+    layout
+        The receptors' positions.
+    populations
+        The afferents.
+    files
+        SHA-256 of each file that the parts were read from, by its key.
+
+    Raises
+    ------
+    StudyError
+        Bad input.
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        parts: Parts = NO_PARTS,
+        comm: MPI.Comm | None = None,
+        make_solver: Callable[[Problem], StepSolver] = FastSolver,
+    ) -> None:
+        self.study, self.parts, self._make_solver = study, parts, make_solver
+        self.comm = comm = comm or MPI.COMM_WORLD
+        check_options(study.solver)
+        check_parts(parts, study.tissue)
+        self.populations = populations_of(study, parts.populations)
+        self.files = on_root(comm, lambda: hashes(study.files()))
+        self.finger = finger = on_root(comm, lambda: _finger(study, parts), share=False)
+        thickness_mm = on_root(comm, lambda: pad_thickness_mm(finger))
+        self.body = parts.body or make_body(study.stimulus)
+        if parts.body is None:  # an own one has been tried
+            check_body(self.body, "stimulus")
+        self.path = parts.path or study.protocol.route(DEEPEST * thickness_mm)
+        on_root(
+            comm,
+            lambda: check_section(study, self.path, finger.plane, own_body=parts.body is not None),
+        )
+        check_depth(None if parts.path else study.protocol, self.path, thickness_mm)
+        check_unchanged(study.files(), self.files)  # the hashes are those of what each rank read
+        self.layout = on_root(comm, lambda: lay_out(study, finger))
+        on_root(comm, lambda: check_apart(self.body, self.path, finger))
+
+    # --- the mechanics ---------------------------------------------------------------------------
+
+    @cached_property
+    def problem(self) -> FingerProblem:
+        """State, terms, conditions and solver."""
+        study = self.study
+        on_root(self.comm, lambda: clean_cache(jit.get_options()["cache_dir"]))
+        with compilation_errors():
+            domain = create_domain(self.finger, self.comm, study.solver.held)
+            return FingerProblem(
+                domain,
+                study.tissue,
+                in_plane(self.body, domain.plane),
+                study.stimulus.friction,
+                study.solver,
+                laws=self.parts.laws,
+                terms=self.parts.terms,
+                make_solver=self._make_solver,
+            )
+
+    @cached_property
+    def receptors(self) -> Probe:
+        """Evaluates the tissue at the receptors."""
+        with compilation_errors():
+            count = len(self.layout.positions_mm)
+            return Probe(self.problem, self.layout.samples, count, fields_of(self.populations))
+
+    @cached_property
+    def _stepper(self) -> Stepper:
+        study, problem = self.study, self.problem
+        with compilation_errors():
+            _ = problem.load_cell, self.receptors  # compiled here, not in the first step
+        logger.info(
+            "%d cells that deform, %d unknowns, %d receptors, %d ranks",
+            len(problem.domain.file_cells),
+            problem.unknowns,
+            len(self.layout.positions_mm),
+            self.comm.size,
+        )
+        if isinstance(study.stimulus, Surface) and not self.parts.body:
+            on_root(self.comm, lambda: tell_resolution(study.stimulus, self.finger))
+        return Stepper(problem, self.path, study.solver, problem.domain.plane)
+
+    @property
+    def state(self) -> State:
+        """Displacement and everything else that an accepted step leaves for the next; read only."""
+        return self.problem.state
+
+    def load(self) -> Load:
+        """Return forces, contact area and energies at the present state."""
+        return self.problem.load()
+
+    # --- stepping --------------------------------------------------------------------------------
+
+    def steps(self) -> Iterator[Step]:
+        """Yield each accepted step until the path ends.
+
+        Raises
+        ------
+        ConvergenceError
+            The mechanics diverged at the smallest step.
+        TactileError
+            The forms cannot be compiled.
+        """
+        yield from self._stepper
+
+    def observed(self, observers: Iterable[Observer] = ()) -> Iterator[Observation]:
+        """Yield each accepted step after the receptors and then each observer have seen it."""
+        for step in self.steps():
+            seen = Observation(step, self)
+            for observer in (self._feel, *observers):
+                found = observer(seen) or {}
+                for name in sorted(seen.columns.keys() & found.keys()):
+                    raise StudyError(f"observers: two of them return {name}: choose another name.")
+                seen.columns.update(found)
+            yield seen
+
+    def _feel(self, seen: Observation) -> Mapping[str, Array]:
+        """Return what the receptors feel; raise ConvergenceError where that is no number.
+
+        A cell is turned inside out there, although its quadrature points may still be right.
+        """
+        step, felt = seen.step, self.receptors.read()
+        lost = ~np.isfinite(felt.sed_kPa + felt.von_mises_kPa + felt.stretches.sum(axis=1))
+        if lost.any():
+            x, y, _ = self.layout.positions_mm[lost][0]
+            raise stopped(
+                step.phase,
+                step.stimulator_mm,
+                step.displacement_mm,
+                f"there the tissue at the receptor at X {x:.1f}, Y {y:.1f} mm is turned inside out",
+                "less depth, stiffer tissue or a finer mesh",
+            )
+        return felt.columns
+
+    # --- restart ---------------------------------------------------------------------------------
+
+    def gather(self) -> dict[str, Array]:
+        """Return all that the next step needs, independent of the number of ranks, on each rank."""
+        return self._stepper.gather()
+
+    def restore(self, saved: dict[str, Array]) -> None:
+        """Go on from where `gather` was called: the next steps take the same iterations."""
+        self._stepper.restore(saved)
+
+    def close(self) -> None:
+        """Free the solver; all ranks must call it."""
+        if "problem" in vars(self):
+            self.problem.close()
+
+
+@dataclass(frozen=True)
+class Observation:
+    """An accepted step as an observer sees it.
+
+    Attributes
+    ----------
+    step
+        Position of the body, forces, cost.
+    simulation
+        Displacement (`simulation.state.u`), contact, and everything else; read only.
+    columns
+        What the receptors feel, and what earlier observers have returned, by name.
+    """
+
+    step: Step
+    simulation: Simulation
+    columns: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def receptors(self) -> ReceptorState:
+        """What the receptors feel."""
+        names = [field.name for field in self.simulation.receptors.fields]
+        return ReceptorState({name: self.columns[name] for name in names})
+
+    @property
+    def state(self) -> State:
+        """The state of finger and body; read only."""
+        return self.simulation.state
+
+
+# Called on every rank after each accepted step; what it returns joins the trace, a column by each
+# name.
+Observer = Callable[[Observation], Mapping[str, ArrayLike] | None]
+
+
+def _finger(study: Study, parts: Parts) -> FingerMesh:
+    if parts.finger is None:
+        return load_finger(study.finger)
+    check_mesh(parts.finger)
+    check_kind(parts.finger, study.finger)
+    return parts.finger

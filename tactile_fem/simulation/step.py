@@ -1,0 +1,76 @@
+"""One accepted step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_fem.mechanics.load import Load
+from tactile_fem.solvers.report import SolveReport
+
+
+@dataclass(frozen=True)
+class Step(Load):
+    """One accepted step: position of the body, load, and cost.
+
+    A quantity of a step in `trace.npz` has the same name here, but for its `time_s`, which counts
+    from the end of the indentation and is known only then.
+
+    Attributes
+    ----------
+    index
+        From 1 on.
+    phase
+        Name of the piece of the path.
+    indenting
+        Whether the step belongs to the indentation.
+    displacement_mm
+        Length of the path across the finger so far.
+    depth_mm
+        Z of `stimulator_mm`.
+    dt_s, clock_s
+        Duration of the step; time since the start.
+    stimulator_mm
+        Position of the body relative to where it touches the undeformed pad's apex, (3,).
+    newton_iterations, linear_iterations
+        Of the step, discarded solves included.
+    discarded
+        Solves on the way to this step that failed or did not meet the wanted force.
+    output, ends_piece
+        Whether the path asked for output here; whether its piece ends here.
+    fraction
+        Share of the whole path's steps that is done.
+    wall_s
+        Time that the step took, discarded solves included.
+    force_unit
+        "N", in a section "N/mm" of its width; likewise "mm2" is mm and "mJ" mJ/mm there.
+    """
+
+    index: int
+    phase: str
+    indenting: bool
+    displacement_mm: float
+    depth_mm: float
+    dt_s: float
+    clock_s: float
+    stimulator_mm: np.ndarray
+    newton_iterations: int
+    linear_iterations: int
+    discarded: tuple[SolveReport, ...]
+    output: bool
+    ends_piece: bool
+    fraction: float
+    wall_s: float
+    force_unit: str = "N"
+
+    def __str__(self) -> str:
+        """Return one line that describes the step."""
+        normal = round(float(self.force_N[2]), 4) + 0.0  # no -0.0000
+        tangential = (self.force_N[0] ** 2 + self.force_N[1] ** 2) ** 0.5
+        return (
+            f"step {self.index:3d}  {self.phase:5s} {self.displacement_mm:6.3f} mm  "
+            f"depth {self.depth_mm:.3f} mm  normal {normal:.4f} {self.force_unit}  "
+            f"tangential {tangential:.4f} {self.force_unit}  "
+            f"{self.newton_iterations:2d} iterations"
+        )

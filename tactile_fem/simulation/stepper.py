@@ -1,0 +1,350 @@
+"""Steps the finger problem along the path of the body."""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from tactile_fem.errors import ConvergenceError
+from tactile_fem.finger.plane import SPACE, Plane
+from tactile_fem.mechanics.load import Load
+from tactile_fem.mechanics.settings import Solver
+from tactile_fem.path import Motion, Path
+from tactile_fem.simulation.equilibrium import Equilibrium
+from tactile_fem.simulation.force_search import TOLERANCE
+from tactile_fem.simulation.step import Step
+from tactile_fem.simulation.step_control import StepControl, StepTooSmallError
+from tactile_fem.solvers.finger_problem import FingerProblem
+from tactile_fem.solvers.report import SolveReport
+
+logger = logging.getLogger(__name__)
+
+# Least share of a step that passes a force at which the force is sought.
+_MIN_SHARE = 0.05
+# At this speed or faster a step may not be shorter than `min_step_mm`.
+_FAST_MM_S = 20.0
+# Contact force and the forces of the tissues differ by what the residual's norm allows.
+_BALANCE_N = 1e-5
+
+
+@dataclass
+class Progress:
+    """Position along the path; plain numbers.
+
+    Attributes
+    ----------
+    piece
+        Index of the piece of the path.
+    start_mm
+        Position of the body when the piece began.
+    start_s, slid_mm
+        Time and length of the path across the finger when it began.
+    indenting
+        Whether the steps so far belong to the indentation.
+    index
+        Number of accepted steps.
+    control
+        Control of the steps along the piece.
+    """
+
+    piece: int
+    start_mm: tuple[float, float, float]
+    start_s: float
+    slid_mm: float
+    indenting: bool
+    index: int
+    control: StepControl
+
+
+class Stepper:
+    """The path as a sequence of accepted steps.
+
+    The problem of a section knows its plane's two axes only; the path and the steps have three.
+    A step that fails is halved.
+
+    Parameters
+    ----------
+    problem
+        The finger and the body.
+    path
+        Where the body moves.
+    settings
+        Bounds of the steps.
+    plane
+        That of a section.
+    """
+
+    def __init__(
+        self,
+        problem: FingerProblem,
+        path: Path,
+        settings: Solver,
+        plane: Plane = SPACE,
+    ) -> None:
+        self._problem, self._state, self._plane = problem, problem.state, plane
+        self._path, self._settings = path, settings
+        self._equilibrium = Equilibrium(problem, plane.force_unit)
+        longest = settings.max_slide_step_mm, settings.max_press_step_mm
+        self._weights = [motion.least_steps(*longest) for _, motion in path.plan()]
+        self._state.place(plane.within(path.start_mm))
+        self._progress = self._begin(0, start_s=0.0, slid_mm=0.0, indenting=True, index=0)
+
+    def __iter__(self) -> Iterator[Step]:
+        """Yield each accepted step until the path ends.
+
+        Raises
+        ------
+        ConvergenceError
+            If a step fails at the smallest size, or a force is not reached.
+        """
+        started = time.perf_counter()
+        while True:
+            while self._progress.control.finished:
+                self._check_force_reached()
+                if self._progress.piece == len(self._path.pieces) - 1:
+                    return
+                self._begin_next()
+            step = self._try_step(started)
+            if step is not None:
+                yield step
+                started = time.perf_counter()
+
+    def gather(self) -> dict[str, np.ndarray]:
+        """Return all that the next step needs, independent of the number of ranks."""
+        values = asdict(self._progress) | {"stiffness_N_mm": self._equilibrium.stiffness_N_mm}
+        del values["control"]["outputs_s"]  # known from the path
+        return {**self._problem.gather(), "progress": np.array(json.dumps(values))}
+
+    def restore(self, saved: dict[str, np.ndarray]) -> None:
+        """Go on from where `gather` was called."""
+        values = json.loads(str(saved["progress"]))
+        control, start = StepControl(**values.pop("control")), tuple(values.pop("start_mm"))
+        self._equilibrium.stiffness_N_mm = values.pop("stiffness_N_mm")
+        self._motion = self._path.pieces[values["piece"]](np.array(start))
+        control.outputs_s = tuple(self._motion.outputs_s)
+        self._progress = Progress(**values, start_mm=start, control=control)
+        self._problem.restore(saved)
+
+    # --- pieces of the path --------------------------------------------------------------------
+
+    def _begin_next(self) -> None:
+        p = self._progress
+        self._warn_without_contact()
+        self._progress = self._begin(
+            p.piece + 1,
+            start_s=p.start_s + p.control.time_s,
+            slid_mm=p.slid_mm + self._slid_mm(),
+            indenting=p.indenting,
+            index=p.index,
+        )
+        self._state.dt_old_s = 0.0  # nothing to extrapolate
+
+    def _begin(
+        self, piece: int, *, start_s: float, slid_mm: float, indenting: bool, index: int
+    ) -> Progress:
+        start = self._position_mm()
+        self._motion = self._path.pieces[piece](start)
+        control = self._control(self._motion)
+        self._end_at_force(control)
+        indenting = indenting and self._motion.indents
+        return Progress(piece, tuple(start.tolist()), start_s, slid_mm, indenting, index, control)
+
+    def _control(self, motion: Motion) -> StepControl:
+        """Return the control of the steps of a motion.
+
+        Where skin snaps, only viscosity over a short time step holds it. The smallest step of a
+        slow motion is therefore as short in time as that of a fast one.
+        """
+        s = self._settings
+        first = motion.time_within(0.0, s.first_slide_step_mm, s.first_step_mm)
+        if motion.fastest_mm_s == 0.0 and self._state.dt_old_s:
+            first = min(first, self._state.dt_old_s)
+        smallest = s.min_step_mm / max(motion.fastest_mm_s, _FAST_MM_S)
+        return StepControl(motion.duration_s, first, smallest, tuple(motion.outputs_s))
+
+    def _slid_mm(self) -> float:
+        """Return the length of the piece across the finger so far."""
+        return self._motion.slid_mm(self._progress.control.time_s)
+
+    def _position_mm(self) -> np.ndarray:
+        """Return where the body is after the last accepted step, (3,)."""
+        return self._plane.vectors(self._state.translation_old.value)
+
+    # --- one step ------------------------------------------------------------------------------
+
+    def _try_step(self, started: float) -> Step | None:
+        """Solve for the next position; return the accepted step, or None if it was rejected."""
+        s, control, motion = self._settings, self._progress.control, self._motion
+        equilibrium = self._equilibrium
+        longest = motion.time_within(control.time_s, s.max_slide_step_mm, s.max_press_step_mm)
+        target = control.target_s(longest)
+        dt = target - control.time_s
+        equilibrium.predict(dt)
+        position = self._plane.within(motion.place(target))
+        if motion.held_N is None:
+            report, load = equilibrium.at_position(position, dt)
+        else:
+            position[-1] = equilibrium.goes_on_to_mm(dt)
+            report, load = self._at_force(position, dt, motion.held_N)
+        if load is not None and motion.until_N is not None and _exceeds(load, motion.until_N):
+            target, report, load = self._solve_press_end(target, load, report, motion.until_N)
+            dt = target - control.time_s
+        if load is None:
+            self._cut(target, report)
+            return None
+        _check_balance(load, self._plane.force_unit)
+        if motion.held_N is None:
+            equilibrium.note_stiffness(load)
+        solves = equilibrium.accept(load, report)
+        control.accept(target, report.iterations)
+        self._end_at_force(control)
+        return self._step(load, solves, dt, started)
+
+    def _at_force(
+        self, position: np.ndarray, dt_s: float, force_N: float
+    ) -> tuple[SolveReport, Load | None]:
+        max_step_mm = self._settings.max_press_step_mm
+        return self._equilibrium.at_force(position, dt_s, force_N, max_step_mm, self._motion.phase)
+
+    def _step(
+        self, load: Load, solves: tuple[SolveReport, ...], dt_s: float, started: float
+    ) -> Step:
+        """Return the step that was accepted."""
+        progress = self._progress
+        progress.index += 1
+        position, plane = self._position_mm(), self._plane
+        force, moment = plane.vectors(load.force_N), plane.moment(load.moment_Nmm)
+        return Step(
+            **vars(replace(load, force_N=force, moment_Nmm=moment)),
+            index=progress.index,
+            phase=self._motion.phase,
+            indenting=progress.indenting,
+            displacement_mm=progress.slid_mm + self._slid_mm(),
+            depth_mm=float(position[2]),
+            dt_s=dt_s,
+            clock_s=progress.start_s + progress.control.time_s,
+            stimulator_mm=position,
+            newton_iterations=sum(solve.iterations for solve in solves),
+            linear_iterations=sum(solve.linear_iterations for solve in solves),
+            discarded=solves[:-1],
+            output=progress.control.at_output,
+            ends_piece=progress.control.finished,
+            fraction=self._fraction(),
+            wall_s=time.perf_counter() - started,
+            force_unit=plane.force_unit,
+        )
+
+    def _fraction(self) -> float:
+        progress = self._progress
+        done = sum(self._weights[: progress.piece])
+        share = progress.control.time_s / progress.control.end_s
+        return (done + share * self._weights[progress.piece]) / sum(self._weights)
+
+    def _cut(self, target_s: float, report: SolveReport) -> None:
+        self._equilibrium.discarded.append(report)
+        self._state.reset()
+        logger.info(
+            "%s to %.5f s failed after %d iterations (%s): step halved",
+            *(self._motion.phase, target_s, report.iterations, report.reason),
+        )
+        try:
+            self._progress.control.reject(target_s)
+        except StepTooSmallError:
+            raise self._failure(report.reason) from None
+
+    def _failure(self, reason: str) -> ConvergenceError:
+        return stopped(
+            self._motion.phase,
+            self._position_mm(),
+            self._progress.slid_mm + self._slid_mm(),
+            reason,
+            "a finer mesh, rounder edges, less friction or a longer tissue.viscous_time_s",
+        )
+
+    # --- a press to a force ----------------------------------------------------------------------
+
+    def _solve_press_end(
+        self, target_s: float, load: Load, report: SolveReport, force_N: float
+    ) -> tuple[float, SolveReport, Load | None]:
+        """Find the end of a press that a step to `target_s` with that load has passed.
+
+        The time is that at which the force, if linear over the step, is reached. The height is
+        then sought at this duration: over shorter and shorter steps the force need not approach
+        that of the last step, because relaxing tissues are stiffer in them, and the contact with
+        them.
+        """
+        equilibrium = self._equilibrium
+        equilibrium.discarded.append(report)
+        before, passed = float(self._state.force_old_N[-1]), float(load.force_N[-1])
+        begin_s = self._progress.control.time_s
+        share = max((force_N - before) / (passed - before), _MIN_SHARE)
+        dt_s = share * (target_s - begin_s)
+        end_s = begin_s + dt_s
+        equilibrium.note_stiffness(load)
+        equilibrium.predict(end_s - begin_s)
+        position = self._plane.within(self._motion.place(end_s))
+        return end_s, *self._at_force(position, end_s - begin_s, force_N)
+
+    def _end_at_force(self, control: StepControl) -> None:
+        """End a press where its force is reached, which it may be from the start."""
+        until_N = self._motion.until_N
+        if until_N is not None and not self._is_short_of(until_N):
+            control.end_s = control.time_s
+
+    def _is_short_of(self, force_N: float) -> bool:
+        """Return whether the normal force of the last accepted step is less."""
+        return bool(self._state.force_old_N[-1] < force_N * (1 - TOLERANCE))
+
+    def _check_force_reached(self) -> None:
+        """Log the force that a press has reached; raise ConvergenceError if it is too small."""
+        if self._motion.until_N is None:
+            return
+        if self._is_short_of(self._motion.until_N):
+            raise self._failure("the force is not reached at the deepest position")
+        logger.info(
+            "%.4f %s are reached at a depth of %.4f mm",
+            self._state.force_old_N[-1],
+            self._plane.force_unit,
+            self._state.translation_old.value[-1],
+        )
+
+    def _warn_without_contact(self) -> None:
+        """Warn if the indentation ends without contact."""
+        if self._progress.indenting and not self._state.force_old_N[-1]:
+            logger.warning(
+                "the press ends at %.4g mm without contact: no raised part of the stimulator lies "
+                "under the pad, or the depth is too small",
+                self._state.translation_old.value[-1],
+            )
+
+
+def stopped(
+    phase: str, stimulator_mm: np.ndarray, slid_mm: float, reason: str, advice: str
+) -> ConvergenceError:
+    """Return the error of a path that goes no further, at the last accepted position."""
+    return ConvergenceError(
+        f"the {phase} stopped at a depth of {stimulator_mm[2]:.4f} mm, {slid_mm:.4f} mm across "
+        f"({reason}); try {advice}",
+        stimulator_mm,
+        reason,
+    )
+
+
+def _exceeds(load: Load, force_N: float) -> bool:
+    """Return whether a load has passed a normal force."""
+    return bool(load.force_N[-1] > force_N * (1 + TOLERANCE))
+
+
+def _check_balance(load: Load, unit: str) -> None:
+    """Warn if the contact force and the forces of the tissues differ."""
+    if not load.imbalance_N <= _BALANCE_N:
+        logger.warning(
+            "contact force and held reaction differ by %.1e %s: the step is not in equilibrium",
+            load.imbalance_N,
+            unit,
+        )

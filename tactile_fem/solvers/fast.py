@@ -1,0 +1,323 @@
+"""The fast solver: Newton's method with a lagged tangent, on the skin near the body, by multigrid.
+
+`tactile_fem.solvers.lagging` decides when tangent and preconditioner are new. Both follow from the
+accepted state where a step begins, so a scan may be restarted from any step.
+"""
+
+from __future__ import annotations
+
+import atexit
+import weakref
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import cached_property
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import common, fem
+from dolfinx.fem import petsc as fem_petsc
+
+from tactile_fem.errors import TactileError
+from tactile_fem.mechanics.compile import jit_options
+from tactile_fem.mechanics.problem import Problem
+from tactile_fem.solvers import multigrid
+from tactile_fem.solvers.jacobian import Jacobian
+from tactile_fem.solvers.lagging import Lagging
+from tactile_fem.solvers.near_skin import NearForm, NearSkin
+from tactile_fem.solvers.options import clear_options, options_of, set_options
+from tactile_fem.solvers.report import LinearSolve, SolveReport
+
+# Where Newton's method fails: width of the onset of contact, as a multiple, and softness of
+# friction with which it is tried first.
+_REGULARIZATIONS = ((1.0, 0.3), (4.0, 0.3))
+# Share of the residual that ends Newton's method, at which any linear solve may end (Kelley 1995).
+_LAST_SOLVE = 0.3
+# For linear equations at a converged state, such as those of sensitivities.
+_LINEAR_RTOL, _LINEAR_MAX_IT = 1e-6, 400
+
+# Solvers on several ranks, until they are closed, in the order in which they were made.
+_OPEN: dict[FastSolver, None] = {}
+
+
+class FastSolver:
+    """Solves the steps of a problem.
+
+    On one rank an unused solver is freed by Python. Several ranks must destroy it together, but
+    each collects its garbage at its own time: there a solver stays until it is closed.
+
+    Parameters
+    ----------
+    problem
+        Its `settings` state PETSc's options, the compiler's flags, and how long a tangent is
+        lagged.
+
+    Attributes
+    ----------
+    snes
+        PETSc's nonlinear solver.
+    options
+        PETSc's options without the prefix.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        settings, u, v = problem.settings, problem.u, problem.test
+        self._problem, self._state = problem, problem.state
+        self._jit = jit_options(settings.compiler_flags)
+        self.options = options_of(settings)
+        self._lagging = Lagging(settings.tangent_iterations)
+        # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.
+        has_inner = "npc_snes_type" in self.options
+        uses_multigrid = self.options["pc_type"] == "mg" and not has_inner
+        self._equations = self._nonlinear_problem("baij" if uses_multigrid else None)
+        self.snes: PETSc.SNES = self._equations.solver
+        self._near = NearSkin(problem.contact)
+        contact = problem.contact.residual(v)
+        self._contact = NearForm(contact, self._near, self._jit)
+        self._jacobian = Jacobian(
+            self._equations.J,
+            NearForm(ufl.derivative(contact, u), self._near, self._jit),
+            problem.bcs,
+            self._equations.A,
+            self._jit,
+            is_symmetric=all(term.is_symmetric for term in problem.bulk),
+        )
+        self._two_level: multigrid.TwoLevel | None = None
+        self._operator = self._equations.A
+        if uses_multigrid:
+            self._operator = self._jacobian.operator()
+            self._two_level = multigrid.TwoLevel(
+                self.snes, u.function_space, problem.held, problem.order.blocks()
+            )
+        # By weak references: Python's garbage collector cannot see what PETSc holds. A solver that
+        # PETSc held would never be freed, and MPI allows only some 2,000 communicators.
+        residual, jacobian = _weakly(self._assemble_residual), _weakly(self._assemble_jacobian)
+        for snes in [self.snes, *([self.snes.getNPC()] if has_inner else [])]:
+            snes.setFunction(residual, self._equations.b)
+            snes.setJacobian(jacobian, self._operator, self._equations.A)
+        if problem.domain.comm.size > 1:
+            _OPEN[self] = None
+
+    def _nonlinear_problem(self, matrix: str | None) -> fem_petsc.NonlinearProblem:
+        """Return the bulk's part as a problem for SNES; the contact's is added in each call."""
+        problem = self._problem
+        prefix = set_options(self.options, problem.domain.comm)
+        self._clear_options = weakref.finalize(self, clear_options, prefix)
+        self._clear_options.atexit = False  # PETSc may be gone by then
+        residual = problem.bulk_residual()
+        tangent = ufl.derivative(residual, problem.u)
+        if self._lagging.is_on:
+            tangent = sum((term.tangent(problem.test) for term in problem.bulk), ufl.Form([]))
+        equations = fem_petsc.NonlinearProblem(
+            residual,
+            problem.u,
+            J=tangent,
+            bcs=problem.bcs,
+            petsc_options_prefix=prefix,
+            kind=matrix,
+            jit_options=self._jit,
+            entity_maps=problem.contact.obstacle.entity_maps,
+        )
+        snes = equations.solver
+        snes.setFromOptions()
+        snes.setConvergenceHistory(reset=True)
+        if "ksp_atol" not in self.options:
+            snes.getKSP().setTolerances(atol=_LAST_SOLVE * snes.getTolerances()[1])
+        return equations
+
+    def close(self) -> None:
+        """Free solver and matrices; all ranks must call it."""
+        own = self._equations
+        for part in (own.solver, self._operator, own.A, own.b, own.x):
+            part.destroy()
+        self._two_level = None
+        self._clear_options()
+        PETSc.garbage_cleanup(self._problem.domain.comm)
+        _OPEN.pop(self, None)
+
+    # --- solving -------------------------------------------------------------------------------
+
+    def solve(self) -> SolveReport:
+        """Find the equilibrium of the problem's present step.
+
+        The problem's displacement is the initial guess and the result; on failure the caller
+        resets the state. Where Newton's method fails with a lagged tangent, it is tried with a new
+        one in each iteration; where it fails then, with regularized contact at first, from whose
+        result that of the unregularized law follows.
+        """
+        u, contact = self._problem.u.x.array, self._problem.contact
+        guess = u.copy()
+        tries = [self._solve()]
+        with ExitStack() as context:
+            if not tries[-1].converged and self._lagging.is_on:
+                context.enter_context(self._lagging.off())
+                u[:] = guess
+                tries.append(self._solve())
+            for width, softness in _REGULARIZATIONS:
+                if tries[-1].converged:
+                    break
+                u[:] = guess
+                with contact.regularized(width, softness):
+                    tries.append(self._solve())
+                if tries[-1].converged:
+                    tries.append(self._solve())
+        return replace(
+            tries[-1],
+            iterations=sum(report.iterations for report in tries),
+            linear_iterations=sum(report.linear_iterations for report in tries),
+        )
+
+    def _solve(self) -> SolveReport:
+        self._lagging.begin_solve()
+        self._near.begin_solve()
+        with common.Timer("tactile: solve"):
+            self._equations.solve()
+        return SolveReport.of(self.snes)
+
+    def residual(self) -> np.ndarray:
+        """Return this rank's residual at the present displacement, in N; zero where held."""
+        own = self._equations
+        fem_petsc.assign(self._state.u, own.x)
+        self._assemble_residual(self.snes, own.x, own.b)
+        return own.b.array.copy()
+
+    @contextmanager
+    def linearized(self) -> Iterator[LinearSolve]:
+        """Provide the solver of linear equations with the Jacobian at the present displacement.
+
+        Raises
+        ------
+        TactileError
+            By the solver: it does not converge.
+        """
+        own = self._equations
+        self._take_displacement()
+        solution, field = own.x.duplicate(), fem.Function(self._state.u.function_space)
+        with self._jacobian.restored(), self._linear_solver() as ksp:
+            self._jacobian.assemble_bulk(self._exact_tangent)
+            self._jacobian.assemble_contact()
+            if not (self._two_level and self._two_level.is_set_up):
+                self._set_up()
+
+            def solve(right: np.ndarray) -> np.ndarray:
+                own.b.array[:] = right
+                with common.Timer("tactile: solve"):
+                    ksp.solve(own.b, solution)
+                if ksp.getConvergedReason() < 0:
+                    raise TactileError(
+                        "the linear equations at a converged state could not be solved"
+                    )
+                solution.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+                fem_petsc.assign(solution, field)
+                return field.x.array.copy()
+
+            try:
+                yield solve
+            finally:
+                solution.destroy()
+
+    @contextmanager
+    def _linear_solver(self) -> Iterator[PETSc.KSP]:
+        """Provide GMRES with the operator and the preconditioner as they are."""
+        pc = self.snes.getKSP().getPC()
+        pc.setReusePreconditioner(True)
+        ksp = PETSc.KSP().create(self.snes.comm)
+        ksp.setType("fgmres")
+        ksp.setPC(pc)
+        ksp.setOperators(self._operator)
+        ksp.setTolerances(rtol=_LINEAR_RTOL, atol=0.0, max_it=_LINEAR_MAX_IT)
+        try:
+            yield ksp
+        finally:
+            ksp.destroy()
+
+    @cached_property
+    def _exact_tangent(self) -> fem.Form:
+        """The bulk's tangent at all of the residual's points; compiled when first used."""
+        problem = self._problem
+        return problem.contact.obstacle.compile(ufl.derivative(problem.bulk_residual(), problem.u))
+
+    def end_step(self) -> None:
+        """Make tangent and preconditioner at the present, converged displacement.
+
+        The next step begins with them. Made at its guess, where the contact is not known yet, they
+        would slow Newton's method down.
+        """
+        self._lagging.discard()
+        if self._two_level and not self._two_level.is_set_up:
+            # Through SNES, which lets its preconditioner be set up with its first Jacobian alone.
+            fem_petsc.assign(self._state.u, self._equations.x)
+            self.snes.computeJacobian(self._equations.x, self._operator, self._equations.A)
+            return
+        with common.Timer("tactile: solve"):
+            self._take_displacement()
+            self._assemble_tangent()
+            if self._two_level:
+                self._set_up()
+
+    # --- what SNES calls -------------------------------------------------------------------------
+
+    def _take_displacement(self) -> None:
+        """Make the present displacement the solver's iterate."""
+        fem_petsc.assign(self._state.u, self._equations.x)
+        self._update(self._equations.x)
+
+    def _update(self, x: PETSc.Vec) -> None:
+        """Make an iterate the present displacement, and evaluate the body's distance there."""
+        x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+        fem_petsc.assign(x, self._state.u)
+        with common.Timer("tactile: obstacle"):
+            self._near.update()
+
+    def _assemble_residual(self, snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
+        del snes
+        self._update(x)
+        with common.Timer("tactile: residual"):
+            with b.localForm() as with_ghosts:
+                with_ghosts.set(0.0)
+            fem_petsc.assemble_vector(b, self._equations.F)
+            fem_petsc.assemble_vector(b, self._contact())
+            b.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+            # Every iterate meets the homogeneous conditions, so there is nothing to lift.
+            fem_petsc.set_bc(b, self._problem.bcs, x0=x, alpha=-1.0)
+
+    def _assemble_jacobian(
+        self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat
+    ) -> None:
+        del J, P
+        if self._lagging.needs_nothing(snes):
+            return
+        self._update(x)
+        self._assemble_tangent()
+        two_level = self._two_level
+        if not two_level or not two_level.is_set_up or self._lagging.needs_preconditioner(snes):
+            self._set_up()
+
+    def _assemble_tangent(self) -> None:
+        """Assemble the bulk's part if it is due, and the contact's."""
+        with common.Timer("tactile: jacobian"):
+            if self._lagging.needs_tangent(self.snes, self._state.dt_s):
+                self._jacobian.assemble_bulk()
+            self._jacobian.assemble_contact()
+
+    def _set_up(self) -> None:
+        """Fill the matrix from which preconditioners are made, and set up multigrid with it."""
+        with common.Timer("tactile: jacobian"):
+            self._jacobian.fill()
+        if self._two_level:
+            self._two_level.set_up(self._operator, self._equations.A)
+
+
+def _weakly(method: Callable[..., None]) -> Callable[..., None]:
+    """Return a call of a bound method that does not keep its object alive."""
+    reference = weakref.WeakMethod(method)
+    return lambda *arguments: reference()(*arguments)
+
+
+@atexit.register
+def _close_all() -> None:
+    """Close open solvers at exit, in the same order on all ranks: destruction is collective."""
+    for solver in list(_OPEN):
+        solver.close()

@@ -1,0 +1,92 @@
+"""A problem with its solver: place the body, solve, accept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tactile_fem.mechanics.load import Load
+from tactile_fem.mechanics.problem import Problem
+from tactile_fem.solvers.fast import FastSolver
+from tactile_fem.solvers.report import SolveReport, StepSolver
+
+
+class FingerProblem(Problem):
+    """A finger that is stepped by hand.
+
+    ::
+
+        problem = FingerProblem(domain, tissue, body, friction=0.3, settings=Solver())
+        for place in path:
+            assert problem.solve(place, dt_s=0.01).converged
+            load = problem.accept()
+
+    Parameters
+    ----------
+    *args, **kwargs
+        See `Problem`.
+    make_solver
+        Makes the solver, such as `tactile_fem.solvers.plain.PlainSolver`.
+
+    Attributes
+    ----------
+    solver
+        Solves the steps.
+    """
+
+    def __init__(
+        self,
+        *args: Any,
+        make_solver: Callable[[Problem], StepSolver] = FastSolver,
+        **kwargs: Any,
+    ) -> None:
+        super().__init__(*args, **kwargs)
+        self.solver = make_solver(self)
+        self._iterations = 0
+
+    def solve(self, translation: np.ndarray, dt_s: float) -> SolveReport:
+        """Find the equilibrium with the body at `translation` (3,), `dt_s` after the last one.
+
+        `u` is the initial guess and the result; on failure the caller resets the state.
+        """
+        self.begin_step(translation, dt_s)
+        report = self.solver.solve()
+        self._iterations = report.iterations
+        return report
+
+    def accept(self, load: Load | None = None) -> Load:
+        """Make the present state the history of the next step; return its load.
+
+        Parameters
+        ----------
+        load
+            At the present state, if `load` has been called there; read here otherwise.
+
+        Raises
+        ------
+        ConvergenceError
+            The load is not finite.
+        """
+        load = self.checked(load or self.load())
+        if self._iterations or self.state.iterations:
+            self.solver.end_step()
+        self.state.accept(load.force_N, load.friction_N, self._iterations)
+        self._iterations = 0
+        return load
+
+    def gather(self) -> dict[str, np.ndarray]:
+        """Return the accepted state, independent of the number of ranks, on every rank."""
+        return self.state.gather(self.order)
+
+    def restore(self, saved: dict[str, np.ndarray]) -> None:
+        """Restore what `gather` returned; the next step takes the same iterations."""
+        self.state.restore(saved, self.order)
+        if self.state.iterations:
+            with self.reopened():
+                self.solver.end_step()
+
+    def close(self) -> None:
+        """Free the solver; all ranks must call it. `state` stays."""
+        self.solver.close()

@@ -1,0 +1,82 @@
+"""What a solver offers, and how it reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Protocol
+
+from petsc4py import PETSc
+
+import numpy as np
+
+_REASONS = {
+    value: name.lower().replace("_", " ")
+    for name, value in vars(PETSc.SNES.ConvergedReason).items()
+    if isinstance(value, int)
+}
+
+LinearSolve = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class SolveReport:
+    """How one nonlinear solve ended.
+
+    Attributes
+    ----------
+    iterations, linear_iterations
+        Of Newton's method, and of the linear solver in all of them.
+    """
+
+    converged: bool
+    iterations: int
+    linear_iterations: int
+    residual_N: float
+    reason: str
+
+    @classmethod
+    def of(cls, snes: PETSc.SNES) -> SolveReport:
+        """Return how the last solve of `snes` ended."""
+        reason = snes.getConvergedReason()
+        return cls(
+            reason > 0,
+            snes.getIterationNumber(),
+            snes.getLinearSolveIterations(),
+            float(snes.getFunctionNorm()),
+            _REASONS.get(reason, str(reason)),
+        )
+
+
+class StepSolver(Protocol):
+    """Finds the equilibrium of a problem's present step.
+
+    Attributes
+    ----------
+    snes
+        PETSc's nonlinear solver.
+    options
+        Its options without the prefix.
+    """
+
+    snes: PETSc.SNES
+    options: dict[str, str | int | float | bool]
+
+    def solve(self) -> SolveReport:
+        """Run Newton's method from the problem's displacement, which becomes the result."""
+
+    def end_step(self) -> None:
+        """Prepare the next step at a converged state, before it is accepted."""
+
+    def residual(self) -> np.ndarray:
+        """Return this rank's residual at the present displacement, in N; zero where held."""
+
+    def linearized(self) -> AbstractContextManager[LinearSolve]:
+        """Provide the solver of linear equations with the Jacobian at the present displacement.
+
+        It takes this rank's right-hand side and returns the solution as `State.u` holds it.
+        """
+
+    def close(self) -> None:
+        """Free PETSc's objects; all ranks must call it."""
