@@ -11,7 +11,7 @@ from mpi4py import MPI  # isort: skip
 from blocks import LAYERS, block_mesh
 
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue
 

@@ -12,7 +12,7 @@ from blocks import LAYERS, block_mesh
 from dolfinx import fem, jit, mesh
 
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus.body import HalfSpace
 from tactile_fem.study import Solver, Tissue
 

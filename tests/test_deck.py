@@ -340,7 +340,7 @@ def test_calculix_presses_and_slides_a_block_as_we_do(tmp_path):
     from mpi4py import MPI  # isort: skip
 
     from tactile_fem.mechanics.domain import create_domain
-    from tactile_fem.mechanics.problem import FingerProblem
+    from tactile_fem.solvers.finger_problem import FingerProblem
     from tactile_fem.study import Tissue
 
     elastic = Tissue.model_validate({"viscous_time_s": 0.0})

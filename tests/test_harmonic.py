@@ -14,8 +14,8 @@ from dolfinx import fem
 from sphere_on_block import sphere_on_block
 
 from tactile_fem.mechanics.domain import create_domain, roller
-from tactile_fem.mechanics.harmonic import Harmonic
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.vibration.harmonic import Harmonic
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Tissue
 

@@ -17,7 +17,7 @@ from dolfinx import fem
 from materials import young_modulus
 
 from tactile_fem.mechanics.domain import create_domain, roller
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Cylinder, Solver, Sphere, Tissue
 

@@ -18,7 +18,7 @@ from dolfinx import fem
 from scipy.spatial.transform import Rotation
 
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.body import Distance, RigidBody
 from tactile_fem.study import Solver, Text, Tissue

@@ -10,7 +10,7 @@ from petsc4py import PETSc  # isort: skip
 
 from dolfinx.fem import petsc as fem_petsc
 
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Tissue
 
 TISSUES = [{"set": "proposed"}, {"relaxation": "fingerpad"}]

@@ -16,7 +16,7 @@ from dolfinx.fem import petsc as fem_petsc
 
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.elasticity import Elasticity
-from tactile_fem.mechanics.petsc_options import LINEAR, NEWTON
+from tactile_fem.solvers.options import LINEAR, NEWTON
 from tactile_fem.study import Elastic, Polynomial, Solver, Tissue
 
 LIMITS = np.array([0.0, 0.2, 0.45, 0.75, 1.1, 1.4])

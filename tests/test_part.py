@@ -316,7 +316,7 @@ def forces(stimulus, mesh):
     from mpi4py import MPI
 
     from tactile_fem.mechanics.domain import create_domain
-    from tactile_fem.mechanics.problem import FingerProblem
+    from tactile_fem.solvers.finger_problem import FingerProblem
 
     study = Study(stimulus=stimulus)
     domain = create_domain(mesh, MPI.COMM_WORLD, study.solver.held)

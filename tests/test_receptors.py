@@ -22,7 +22,7 @@ from tactile_fem.finger import SURFACES, load_finger
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.neuron import (
     DRIVES,
     Drive,

@@ -16,7 +16,7 @@ from matplotlib.font_manager import findfont
 
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.neuron import Drive, Population
 from tactile_fem.output.histories import at_time
 from tactile_fem.path import Path

@@ -14,7 +14,7 @@ from dolfinx import fem, mesh
 
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES
 from tactile_fem.mechanics.domain import Domain, roller
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import Distance
 from tactile_fem.study import Solver, Tissue
 from tactile_fem.tissue.energies import law_of

@@ -6,7 +6,7 @@ from math import exp
 import numpy as np
 import pytest
 
-from tactile_fem.mechanics.sensitivity import Sensitivities
+from tactile_fem.calibration.sensitivity import Sensitivities
 from tactile_fem.simulation.parts import Parts
 from tactile_fem.simulation.setup import Setup
 from tactile_fem.study import Finger, Protocol, Receptors, Solver, Sphere, Study, Tissue

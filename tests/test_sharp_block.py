@@ -12,7 +12,7 @@ from mpi4py import MPI  # isort: skip
 from blocks import block_mesh
 
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Tissue
 

@@ -20,7 +20,7 @@ from dolfinx import fem
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.mechanics.state import PointHistory, Progress, State
-from tactile_fem.mechanics.step_control import StepControl
+from tactile_fem.simulation.step_control import StepControl
 
 DEGREE = 2
 LINE, DEPTHS = np.linspace(-3, 3, 4), np.array([0.0, 0.17, 0.82, 1.62, 3.0])

@@ -20,7 +20,7 @@ from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.newton import SolveReport
 from tactile_fem.mechanics.state import State
-from tactile_fem.mechanics.stepper import Step, Stepper
+from tactile_fem.simulation.stepper import Step, Stepper
 from tactile_fem.path import Hold, Lift, Motion, Path, Press, Protocol, Slide
 from tactile_fem.study import Solver
 

@@ -17,7 +17,7 @@ import numpy as np
 import ufl
 
 from tactile_fem import load_finger, run_script
-from tactile_fem.mechanics.block_products import BlockProduct
+from tactile_fem.solvers.block_products import BlockProduct
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.elasticity import Elasticity

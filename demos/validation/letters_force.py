@@ -22,7 +22,7 @@ from flat_plate import BLUE, ORANGE, State, plate_study
 from matplotlib.figure import Figure
 
 from tactile_fem import ConvergenceError, run_script, scan
-from tactile_fem.mechanics.stepper import Step
+from tactile_fem.simulation.stepper import Step
 from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Protocol, Text
 

@@ -24,7 +24,7 @@ import numpy as np
 from flat_plate import plate_study
 
 from tactile_fem import Parts, Study, run_script
-from tactile_fem.mechanics.sensitivity import Change, Sensitivities
+from tactile_fem.calibration.sensitivity import Change, Sensitivities
 from tactile_fem.runtime.files import write_table
 from tactile_fem.simulation.setup import Setup
 from tactile_fem.study import Finger, Polynomial, Protocol, Tissue

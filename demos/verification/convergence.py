@@ -34,7 +34,7 @@ from scipy.optimize import brentq
 
 from tactile_fem import Results, Study, completed, load_finger, run_script
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.receptors import place, sample
 from tactile_fem.receptors.probe import Probe

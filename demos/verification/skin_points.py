@@ -11,7 +11,7 @@ from tactile_fem.runtime import backend  # noqa: F401
 import ufl  # isort: skip  (after the backend, which finds it)
 from dolfinx import fem  # isort: skip
 
-from tactile_fem.mechanics.problem import FingerProblem
+from tactile_fem.solvers.finger_problem import FingerProblem
 
 
 @dataclass(frozen=True)

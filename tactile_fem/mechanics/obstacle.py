@@ -21,10 +21,10 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.compile import expression, jit_options
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.parallel import shared_errors
 from tactile_fem.stimulus.body import EXCESS_MM, RELIED_ON_MM, RigidBody
+from tactile_fem.study import Solver
 
 # Added to the length of gradients, which may vanish.
 _ZERO = 1e-12

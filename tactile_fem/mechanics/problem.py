@@ -16,7 +16,6 @@ from dolfinx import fem
 from tactile_fem.errors import ConvergenceError, MeshError
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.load import Load, LoadCell
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.terms.contact import Contact, sum_of
 from tactile_fem.mechanics.terms.hyperelasticity import Hyperelasticity
@@ -26,6 +25,7 @@ from tactile_fem.mechanics.terms.term import Term
 from tactile_fem.mechanics.terms.viscosity import Viscosity
 from tactile_fem.mechanics.tissues import NO_LAWS, Tissues
 from tactile_fem.stimulus.body import RigidBody
+from tactile_fem.study import Solver
 from tactile_fem.tissue.constants import Tissue
 from tactile_fem.tissue.energies import Law
 

@@ -13,7 +13,6 @@ import numpy as np
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.finger.plane import SPACE, Plane
 from tactile_fem.mechanics.load import Load
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.path import Motion, Path
 from tactile_fem.simulation.equilibrium import Equilibrium
 from tactile_fem.simulation.force_search import TOLERANCE
@@ -21,6 +20,7 @@ from tactile_fem.simulation.step import Step
 from tactile_fem.simulation.step_control import StepControl, StepTooSmallError
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.report import SolveReport
+from tactile_fem.study import Solver
 
 logger = logging.getLogger(__name__)
 

@@ -13,8 +13,8 @@ from petsc4py import PETSc
 
 from tactile_fem.errors import StudyError
 from tactile_fem.mechanics.faults import last_line
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.solvers.multigrid import MULTIGRID_OPTIONS
+from tactile_fem.study import Solver
 
 PetscOption = str | int | float | bool
 USER_PREFIX = "tactile_"

@@ -25,11 +25,11 @@ from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.contact_law import ZERO_BELOW, ContactLaw
 from tactile_fem.mechanics.obstacle import Obstacle, PointValues
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.state import PointHistory
 from tactile_fem.mechanics.terms.term import Term
 from tactile_fem.mechanics.tissues import Tissues
 from tactile_fem.stimulus.body import RigidBody
+from tactile_fem.study import Solver
 
 # Share of its outermost tetrahedron's height by which skin may be pulled out; the traction that
 # does this would be a third of the skin's modulus.

@@ -13,9 +13,9 @@ from collections.abc import Callable, Mapping
 import ufl
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.terms.term import StressTerm
 from tactile_fem.mechanics.tissues import Tissues
+from tactile_fem.study import Solver
 from tactile_fem.tissue.energies import Law, VolumeChange, bulk_over_shear, stiffness, stress
 
 # Least share of the volumetric stiffness at all points: elements without shear need a little.

@@ -27,10 +27,10 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.compile import expression
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.state import PointHistory
 from tactile_fem.mechanics.terms.term import Term
 from tactile_fem.mechanics.tissues import Tissues
+from tactile_fem.study import Solver
 
 # `r` above. With 24 steps in a period inertia is 2.5 % too large; oscillations too fast for the
 # steps are gone after a few of them. At 1 it is 1.2 % too large, and fast oscillations stay.

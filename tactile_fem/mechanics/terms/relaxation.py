@@ -18,10 +18,10 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.compile import expression
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.state import PointHistory
 from tactile_fem.mechanics.terms.term import Delay, StressTerm
 from tactile_fem.mechanics.tissues import Tissues
+from tactile_fem.study import Solver
 from tactile_fem.tissue.energies import shear_stiffness
 from tactile_fem.tissue.relaxation import Network, Prony, inverse_metric
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.settings import Solver
 from tactile_fem.mechanics.terms.term import Delay, StressTerm
 from tactile_fem.mechanics.tissues import Tissues
+from tactile_fem.study import Solver
 
 
 class Viscosity(StressTerm):
