@@ -18,8 +18,8 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh, curved
 from dolfinx import fem
-
 from tactile_fem.mechanics.contact import smooth_positive
+
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body

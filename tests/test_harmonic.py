@@ -14,10 +14,10 @@ from dolfinx import fem
 from sphere_on_block import sphere_on_block
 
 from tactile_fem.mechanics.domain import create_domain, roller
-from tactile_fem.vibration.harmonic import Harmonic
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Tissue
+from tactile_fem.vibration.harmonic import Harmonic
 
 C10, D1, HEIGHT, DENSITY = 0.01, 20.0, 2.0, 1000.0
 G, K = 2 * C10, 2 / D1

@@ -12,9 +12,9 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import block_mesh
 from dolfinx import fem
+from tactile_fem.mechanics.elasticity import Elasticity
 
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue

@@ -13,9 +13,9 @@ from mpi4py import MPI  # isort: skip
 from blocks import LAYERS, block_mesh
 from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
+from tactile_fem.mechanics.elasticity import Elasticity
 
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.solvers.options import LINEAR, NEWTON
 from tactile_fem.study import Elastic, Polynomial, Solver, Tissue
 

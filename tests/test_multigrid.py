@@ -21,8 +21,8 @@ from blocks import LAYERS, block_mesh
 
 from tactile_fem.mechanics import newton
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
-from tactile_fem.solvers.multigrid import TwoLevel
 from tactile_fem.solvers.finger_problem import FingerProblem
+from tactile_fem.solvers.multigrid import TwoLevel
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue
 

@@ -12,6 +12,7 @@ from dolfinx import fem  # isort: skip
 from mpi4py import MPI  # isort: skip
 
 from tactile_fem.mechanics.contact import ZERO_BELOW, smooth_positive
+
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Dots, Text, Tissue

@@ -15,8 +15,8 @@ from petsc4py import PETSc  # isort: skip
 from blocks import LAYERS, block_mesh
 
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.solvers.options import check_options
 from tactile_fem.solvers.finger_problem import FingerProblem
+from tactile_fem.solvers.options import check_options
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue
 

@@ -12,9 +12,9 @@ from mpi4py import MPI
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, quadratic
 from tactile_fem.finger.plane import Plane
 from tactile_fem.mechanics.domain import create_domain, roller
-from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.receptors import Samples
 from tactile_fem.receptors.probe import Probe
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus.body import Ball, HalfSpace
 from tactile_fem.stimulus.cut import Cut
 from tactile_fem.study import Solver, Tissue

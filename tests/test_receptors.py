@@ -22,7 +22,6 @@ from tactile_fem.finger import SURFACES, load_finger
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.neuron import (
     DRIVES,
     Drive,
@@ -36,6 +35,7 @@ from tactile_fem.receptors.probe import CellEnergy, Probe
 from tactile_fem.runtime import ranks
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.trace import Trace
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Plate, Receptors, Solver, Study, Tissue
 

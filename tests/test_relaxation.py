@@ -16,9 +16,9 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
 from sphere_on_block import sphere_on_block
+from tactile_fem.mechanics.elasticity import Elasticity
 
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.study import Tissue
 from tactile_fem.tissue.relaxation import Prony
 

@@ -16,7 +16,6 @@ from matplotlib.font_manager import findfont
 
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
-from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.neuron import Drive, Population
 from tactile_fem.output.histories import at_time
 from tactile_fem.path import Path
@@ -25,6 +24,7 @@ from tactile_fem.simulation import Parts, completed, resume, scan
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.trace import Trace
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import Distance
 from tactile_fem.study import (
     Afferents,

@@ -14,14 +14,14 @@ from mpi4py import MPI  # isort: skip
 from blocks import block_mesh
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
+from tactile_fem.mechanics.elasticity import Elasticity
 
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.mechanics.domain import NodeOrder, create_domain, roller
-from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.mechanics.obstacle import Obstacle
-from tactile_fem.solvers.options import LINEAR, NEWTON
-from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.mechanics.state import State
+from tactile_fem.solvers.finger_problem import FingerProblem
+from tactile_fem.solvers.options import LINEAR, NEWTON
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue
 

@@ -5,10 +5,10 @@ from math import exp
 
 import numpy as np
 import pytest
+from tactile_fem.simulation.setup import Setup
 
 from tactile_fem.calibration.sensitivity import Sensitivities
 from tactile_fem.simulation.parts import Parts
-from tactile_fem.simulation.setup import Setup
 from tactile_fem.study import Finger, Protocol, Receptors, Solver, Sphere, Study, Tissue
 
 from mpi4py import MPI  # isort: skip

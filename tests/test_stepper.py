@@ -14,14 +14,14 @@ from mpi4py import MPI
 
 from blocks import block_mesh
 from dolfinx import fem
+from tactile_fem.mechanics.newton import SolveReport
 
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.mechanics.load import Load
-from tactile_fem.mechanics.newton import SolveReport
 from tactile_fem.mechanics.state import State
-from tactile_fem.simulation.stepper import Step, Stepper
 from tactile_fem.path import Hold, Lift, Motion, Path, Press, Protocol, Slide
+from tactile_fem.simulation.stepper import Step, Stepper
 from tactile_fem.study import Solver
 
 SOLVER = Solver(first_step_mm=0.1, max_press_step_mm=0.2)

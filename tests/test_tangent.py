@@ -10,9 +10,10 @@ from sphere_on_block import sphere_on_block
 
 from petsc4py import PETSc  # isort: skip
 
-from tactile_fem.solvers.jacobian import Jacobian
 from tactile_fem.mechanics.newton import contact_is_found, struggles
+
 from tactile_fem.solvers.finger_problem import FingerProblem
+from tactile_fem.solvers.jacobian import Jacobian
 from tactile_fem.study import Tissue
 
 PLACES = [(0, 0, 0.15), (0, 0, 0.3), (0, -0.05, 0.3), (0, -0.1, 0.3)]

@@ -20,9 +20,9 @@ import numpy as np
 
 from tactile_fem import Study, load_finger, run_script
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Solver
 

@@ -15,13 +15,13 @@ from collections.abc import Callable
 
 import numpy as np
 import ufl
+from tactile_fem.mechanics.elasticity import Elasticity
 
 from tactile_fem import load_finger, run_script
-from tactile_fem.solvers.block_products import BlockProduct
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.mechanics.elasticity import Elasticity
 from tactile_fem.runtime.parallel import on_root
+from tactile_fem.solvers.block_products import BlockProduct
 from tactile_fem.study import Finger, Solver, Tissue
 
 from petsc4py import PETSc  # isort: skip

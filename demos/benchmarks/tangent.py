@@ -21,8 +21,8 @@ from cyclopts import Parameter
 
 from tactile_fem import Study, load_finger, run_script
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.simulation.stepper import Step, Stepper
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Protocol, Solver, Text
 

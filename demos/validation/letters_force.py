@@ -22,8 +22,8 @@ from flat_plate import BLUE, ORANGE, State, plate_study
 from matplotlib.figure import Figure
 
 from tactile_fem import ConvergenceError, run_script, scan
-from tactile_fem.simulation.stepper import Step
 from tactile_fem.runtime.files import write_table
+from tactile_fem.simulation.stepper import Step
 from tactile_fem.study import Protocol, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -47,13 +47,13 @@ from two_codes import Cost, Way, compare, print_cost
 from tactile_fem import Study, load_finger, run_script
 from tactile_fem.finger import FingerMesh
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.simulation.stepper import Stepper
 from tactile_fem.output.deck import DeckSize, Penalty, write_deck
 from tactile_fem.receptors import Samples, place, sample
 from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend  # noqa: F401  (brings DOLFINx, before MPI)
 from tactile_fem.runtime.files import write_table
+from tactile_fem.simulation.stepper import Stepper
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import (
     AnyStimulus,

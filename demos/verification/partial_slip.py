@@ -40,8 +40,8 @@ from tactile_fem import ConvergenceError, run_script
 from tactile_fem.finger.mesh_data import FingerMesh, quadratic
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.load import Load
-from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.runtime.files import write_table
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere
 
