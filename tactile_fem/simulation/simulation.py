@@ -26,8 +26,7 @@ from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.state import State
-from tactile_fem.neuron import fields_of, populations_of
-from tactile_fem.receptors import lay_out
+from tactile_fem.neuron import fields_of, replaced
 from tactile_fem.receptors.probe import Probe, ReceptorState
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.parallel import on_root
@@ -106,7 +105,8 @@ class Simulation:
         self.comm = comm = comm or MPI.COMM_WORLD
         check_options(study.solver)
         check_parts(parts, study.tissue)
-        self.populations = populations_of(study, parts.populations)
+        of_study = [afferents.population() for afferents in study.populations]
+        self.populations = replaced(of_study, parts.populations)
         self.files = on_root(comm, lambda: hashes(study.files()))
         self.finger = finger = on_root(comm, lambda: _finger(study, parts), share=False)
         thickness_mm = on_root(comm, lambda: pad_thickness_mm(finger))
@@ -120,7 +120,7 @@ class Simulation:
         )
         check_depth(None if parts.path else study.protocol, self.path, thickness_mm)
         check_unchanged(study.files(), self.files)  # the hashes are those of what each rank read
-        self.layout = on_root(comm, lambda: lay_out(study, finger))
+        self.layout = on_root(comm, lambda: study.lay_out(finger))
         on_root(comm, lambda: check_apart(self.body, self.path, finger))
 
     # --- the mechanics ---------------------------------------------------------------------------
