@@ -131,12 +131,13 @@ def press(problem: FingerProblem) -> np.ndarray:
 
 def assemble(problem: FingerProblem, state: np.ndarray) -> tuple[float, float, np.ndarray]:
     """Return seconds of the Jacobian and of the residual at a state, and that residual."""
-    x, b = problem.snes.getSolution(), problem.snes.getFunction()[0]
+    snes = problem.solver.snes
+    x, b = snes.getSolution(), snes.getFunction()[0]
     x.array = state[: x.getLocalSize()]
     started = time.perf_counter()
-    problem.snes.computeFunction(x, b)
+    snes.computeFunction(x, b)
     middle = time.perf_counter()
-    problem.snes.computeJacobian(x, problem.snes.getJacobian()[0])
+    snes.computeJacobian(x, snes.getJacobian()[0])
     return time.perf_counter() - middle, middle - started, b.array.copy()
 
 

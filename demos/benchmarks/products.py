@@ -15,14 +15,15 @@ from collections.abc import Callable
 
 import numpy as np
 import ufl
-from tactile_fem.mechanics.elasticity import Elasticity
 
 from tactile_fem import load_finger, run_script
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.problem import Problem
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.solvers.block_products import BlockProduct
-from tactile_fem.study import Finger, Solver, Tissue
+from tactile_fem.stimulus import make_body
+from tactile_fem.study import Finger, Plate, Solver, Tissue
 
 from petsc4py import PETSc  # isort: skip
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -43,11 +44,10 @@ def tangent(preset: str, comm: MPI.Comm) -> fem.Form:
     finger = on_root(comm, lambda: load_finger(Finger(preset=preset)), share=False)
     solver = Solver()
     domain = create_domain(finger, comm, solver.held)
-    V = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
-    u, u_old = fem.Function(V), fem.Function(V)
-    tissues = Elasticity(domain, Tissue(), u, u_old, solver.bulk_degree, solver.locking_ratio)
-    tissues.set_time_step(0.01)
-    return fem.form(tissues.tangent(ufl.TestFunction(V)), jit_options=jit_options(FLAGS))
+    problem = Problem(domain, Tissue(), make_body(Plate()), 0.3, solver)
+    problem.begin_step(np.zeros(3), dt_s=0.01)
+    form = sum((term.tangent(problem.test) for term in problem.bulk), ufl.Form([]))
+    return fem.form(form, jit_options=jit_options(FLAGS))
 
 
 # %% [markdown]

@@ -22,11 +22,11 @@ from typing import Literal
 
 import numpy as np
 from flat_plate import plate_study
-from tactile_fem.simulation.setup import Setup
 
-from tactile_fem import Parts, Study, run_script
+from tactile_fem import Study, run_script
 from tactile_fem.calibration.sensitivity import Change, Sensitivities
 from tactile_fem.runtime.files import write_table
+from tactile_fem.simulation import Simulation
 from tactile_fem.study import Finger, Polynomial, Protocol, Tissue
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -139,21 +139,18 @@ class Followed:
 
 def followed(study: Study, changes: list[Change]) -> Followed:
     """Run a study and follow its derivatives."""
-    instruments = Setup.of(study, Parts(), MPI.COMM_WORLD).instruments(MPI.COMM_WORLD)
-    problem, values, slopes, phases = instruments.problem, [], [], []
+    values, slopes, phases = [], [], []
+    with closing(Simulation(study)) as simulation:
+        sensitivities = Sensitivities(simulation.problem, changes)
 
-    def read() -> Array:
-        return np.append(problem.load().force_N[2], instruments.probe.read().sed_kPa)
+        def read() -> Array:
+            return np.append(simulation.load().force_N[2], simulation.receptors.read().sed_kPa)
 
-    with closing(problem):
-        sensitivities = Sensitivities(problem, changes)
-
-        def record() -> None:
+        for step in simulation.steps():
+            sensitivities.follow()
             values.append(read())
             slopes.append(sensitivities.derivative(read))
-
-        problem.before_accept.append(record)
-        phases += [step.phase for step in instruments.stepper]
+            phases.append(step.phase)
     value, slope = np.array(values), np.array(slopes)
     pressed = max(k for k, phase in enumerate(phases) if phase == "press")
     return Followed(value[:, 0], value[:, 1:], slope[:, :, 0], slope[:, :, 1:], pressed)

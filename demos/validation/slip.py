@@ -29,13 +29,13 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.figure import Figure
-from tactile_fem.simulation.setup import Setup
 
-from tactile_fem import Parts, Study, load_finger, run_script
+from tactile_fem import Study, load_finger, run_script
 from tactile_fem.calibration.report import r_squared
 from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.runtime.files import write_table
+from tactile_fem.simulation import Simulation
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -110,16 +110,14 @@ def drag(finger: Finger, force: float, friction: float, distance: float) -> Iter
         solver=Solver(max_press_step_mm=0.25),
     )
     mesh = load_finger(finger)
-    instruments = Setup.of(study, Parts(), MPI.COMM_WORLD).instruments(MPI.COMM_WORLD)
-    problem, state = instruments.problem, instruments.problem.state
-    with closing(problem):
+    with closing(Simulation(study)) as simulation:
         rest = before = None
-        for step in instruments.stepper:
-            now = problem.order.gather(problem.u)
+        for step in simulation.steps():
+            now = simulation.problem.order.gather(simulation.state.u)
             if step.phase == "press":
                 rest = now
             else:
-                moved = step.stimulator_mm - state.translation_before
+                moved = step.stimulator_mm - simulation.state.translation_before
                 yield _observed(mesh, now, before, rest, moved, step)
             before = now
 

@@ -48,8 +48,9 @@ from tactile_fem import ConvergenceError, run_script
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
 from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.mechanics.domain import create_domain, roller
-from tactile_fem.mechanics.problem import Constraints, FingerProblem
+from tactile_fem.mechanics.problem import Constraints
 from tactile_fem.runtime.files import write_table
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import make_body
 from tactile_fem.study import Cylinder, Solver, Sphere, Tissue
 

@@ -49,20 +49,20 @@ class SkinProbe:
 
     def __init__(self, problem: FingerProblem) -> None:
         self._problem = problem
-        obstacle = problem.obstacle
+        obstacle = problem.contact.obstacle
         # Tested with the quadrature element a form gives the values at the points times weights.
         q = ufl.TestFunction(obstacle.quadrature_function(()).function_space)
-        (part,) = problem.skin
-        pressure, friction = part.contact.tractions(part.t, problem.u, problem.state.u_old)
+        (part,) = problem.contact.parts
+        pressure, friction = part.law.tractions(part.t, problem.u, problem.state.u_old)
         bulk = ufl.dot(part.t, obstacle.normal)
         X = ufl.SpatialCoordinate(problem.domain.mesh)
         values = [*X, *(X + problem.u), *friction, pressure, bulk, obstacle.gap]
-        self._area = problem.compile(q * part.ds)
-        self._values = [problem.compile(value * q * part.ds) for value in values]
+        self._area = obstacle.compile(q * part.ds)
+        self._values = [obstacle.compile(value * q * part.ds) for value in values]
 
     def __call__(self) -> SkinPoints | None:
         """Return the points of all ranks on rank 0, None elsewhere."""
-        self._problem.obstacle.refresh()
+        self._problem.contact.obstacle.refresh()
         area = fem.assemble_vector(self._area).array
         mine = np.flatnonzero(area)  # a ghost facet's points are another rank's
         facets, of = np.unique(self._facet_of(area)[mine], return_inverse=True)
