@@ -56,14 +56,14 @@ class Fung:
     bulk: float
     b: float
 
-    def energy(self, F):
+    def energy(self, F, X):
         """Return the strain energy density of the deformation gradient, MPa."""
         J = ufl.det(F)
         distortion = J ** (-2 / 3) * ufl.tr(F.T * F) - 3
         volume = self.bulk / 2 * (J - 1) ** 2
-        return self.in_shear(distortion) + volume
+        return self.in_shear(distortion, X) + volume
 
-    def in_shear(self, a):
+    def in_shear(self, a, X):
         """Return the energy of the simple shear gamma^2 = a, MPa, for a tissue that relaxes."""
         return self.shear / (2 * self.b) * (ufl.exp(self.b * a) - 1)
 
