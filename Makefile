@@ -1,8 +1,9 @@
-# make scan    the paper's scan: data and pictures into results/
-# make test    the tests, some of the mechanics on two ranks as well
-# make env     only the environment, in .venv
-# make lint    style
-# make clean   removes the environment and caches, never results
+# make scan      the paper's scan: data and pictures into results/
+# make test      the tests that take seconds, some of the mechanics on two ranks as well
+# make test-all  all tests: also the demos, long scans and kills at random
+# make env       only the environment, in .venv
+# make lint      style
+# make clean     removes the environment and caches, never results
 #
 # Variables: RANKS=2 STUDY=study.toml SET="stimulus.text=EFG protocol.depth_mm=1.5"
 # RESULTS=folder PYTHON=python3 (an environment of your own that has DOLFINx).
@@ -11,6 +12,7 @@ RANKS   ?= $(shell test "$$(env -u OMP_NUM_THREADS nproc 2>/dev/null || echo 1)"
 STUDY   ?=
 SET     ?=
 RESULTS ?=
+PYTEST  := -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
 export OMP_NUM_THREADS ?= 1
 
 ifneq ($(origin PYTHON),command line)
@@ -18,7 +20,7 @@ PYTHON := .venv/bin/python
 ENVIRONMENT := .venv/.complete
 endif
 
-.PHONY: scan test env lint clean help
+.PHONY: scan test test-all env lint clean help
 
 scan: $(ENVIRONMENT)
 	@$(PYTHON) -m tactile_fem.runtime.doctor
@@ -33,7 +35,12 @@ scan: $(ENVIRONMENT)
 
 test: $(ENVIRONMENT)
 	@$(PYTHON) -m tactile_fem.runtime.doctor
-	$(PYTHON) -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
+	$(PYTHON) $(PYTEST) -m "not slow"
+	$(PYTHON) tests/on_two_ranks.py -m "ranks and not slow"
+
+test-all: $(ENVIRONMENT)
+	@$(PYTHON) -m tactile_fem.runtime.doctor
+	$(PYTHON) $(PYTEST)
 	$(PYTHON) tests/on_two_ranks.py
 
 env: $(ENVIRONMENT)
@@ -51,4 +58,4 @@ clean:
 	find tactile_fem tests demos -name __pycache__ -type d -prune -exec rm -rf {} +
 
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -9
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -10

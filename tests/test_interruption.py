@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -46,13 +45,10 @@ def study(small_finger) -> Study:
 
 @pytest.fixture(scope="module")
 def whole(study, tmp_path_factory) -> Results:
-    """The scan without interruption, on one rank.
-
-    In a process like those that are killed: it leaves them nothing to compile.
-    """
-    run = Run(study, tmp_path_factory.mktemp("whole") / "results")
-    assert run.process.wait(PATIENCE_S) == 0
-    return Results(run.folder)
+    """The scan without interruption, on one rank."""
+    folder = tmp_path_factory.mktemp("whole") / "results"
+    scan(study, folder)
+    return Results(folder)
 
 
 def assert_equal(results: Results, whole: Results, tolerance: float) -> None:
@@ -72,113 +68,87 @@ def assert_equal(results: Results, whole: Results, tolerance: float) -> None:
     assert all(file.is_file() for file in files)
 
 
-# --- real signals ------------------------------------------------------------------------------
+# --- kills -------------------------------------------------------------------------------------
+
+KILLED = """
+import os, signal, sys
+from tactile_fem.scan import scan
+from tactile_fem.study.file import load_study
+from mpi4py import MPI
+study, folder, share, ranks = sys.argv[1:]
+def kill(seen):
+    if seen.step.fraction >= float(share) and str(MPI.COMM_WORLD.rank) in ranks:
+        os.kill(os.getpid(), signal.SIGKILL)
+scan(load_study(study), folder, observers=[kill])
+"""
+# Shares of the path at which ranks are killed: with no step kept, in the press, in the slide.
+KILLS = [(0.0, "01"), (0.25, "1"), (0.7, "01")]
 
 
-class Run:
-    """The command line in a process of its own."""
-
-    def __init__(self, study: Study, folder: Path, count: int = 1) -> None:
-        file = folder.with_suffix(".toml")
-        file.write_text(dump_study(study))
-        launch = [ranks.launcher(), "-n", str(count)] if count > 1 else []
+def kill_and_finish(study: Study, folder: Path, count: int) -> None:
+    """Start the scan again and again, on so many ranks, and kill them; then let it end."""
+    file = folder.with_suffix(".toml")
+    file.write_text(dump_study(study))
+    launch = [ranks.launcher(), "-n", str(count)] if count > 1 else []
+    steps = []
+    for share, killed in KILLS:
+        moment = [str(share), killed if count > 1 else "0"]
+        command = [*launch, sys.executable, "-c", KILLED, str(file), str(folder), *moment]
+        code = subprocess.run(command, timeout=PATIENCE_S, capture_output=True).returncode
+        assert code == -signal.SIGKILL if count == 1 else code != 0
+        kept = (folder / "trace.npz").exists()
+        steps.append(len(Results(folder).trace["time_s"]) if kept else 0)
+    assert steps[0] <= 1 and steps[0] < steps[1] < steps[2]
+    if count == 1:
+        scan(study, folder)
+    else:
         command = [*launch, sys.executable, "-m", "tactile_fem", "scan", str(file)]
-        self.folder = folder
-        self.log = folder.with_suffix(".log")
-        self._lines = self._said()
-        with self.log.open("a") as log:
-            self.process = subprocess.Popen(
-                [*command, "--results", str(folder)],
-                stdout=log,
-                stderr=log,
-                stdin=subprocess.DEVNULL,
-            )
-
-    def _said(self) -> int:
-        log = self.folder / "log.txt"
-        return len(log.read_text().splitlines()) if log.exists() else 0
-
-    def await_start(self) -> None:
-        """Wait until it has said in its log that its first step begins."""
-        end = time.monotonic() + PATIENCE_S
-        while self._said() == self._lines and self.process.poll() is None:
-            assert time.monotonic() < end
-            time.sleep(0.02)
-
-    def send(self, number: int) -> int:
-        """Send a signal, and return the exit code."""
-        self.process.send_signal(number)
-        return self.process.wait(PATIENCE_S)
-
-    def rank_pids(self) -> list[int]:
-        """Return the processes below the launcher's proxy."""
-        return [pid for proxy in _children(self.process.pid) for pid in _children(proxy)]
+        subprocess.run([*command, "--results", str(folder)], timeout=PATIENCE_S, check=True)
 
 
-def _children(pid: int) -> list[int]:
-    return [int(text) for text in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def kill_often(study: Study, folder: Path, moments: int, count: int = 1) -> None:
-    """Start the scan again and again and kill it at random moments; then let it end."""
-    random_ = random.Random(20)
-    hits = 0
-    for moment in range(moments):
-        run = Run(study, folder, count)
-        if moment % 5 == 4:
-            time.sleep(random_.uniform(0.0, 3.0))  # before its first step, mostly
-        else:
-            run.await_start()
-            time.sleep(random_.uniform(0.0, 4.0 / moments))
-        if run.process.poll() is not None:
-            break
-        hits += 1
-        if count > 1 and moment % 2 and len(run.rank_pids()) == count:
-            os.kill(random_.choice(run.rank_pids()), signal.SIGKILL)
-            run.process.wait(PATIENCE_S)
-        else:
-            for pid in run.rank_pids():
-                os.kill(pid, signal.SIGKILL)
-            run.send(signal.SIGKILL)
-    assert hits >= moments // 2
-    if Results(folder).run.get("status") != "complete":
-        assert Run(study, folder, count).process.wait(PATIENCE_S) == 0
-
-
-def test_killed_at_ten_moments_it_ends_the_same(study, whole, tmp_path):
-    kill_often(study, tmp_path / "r", 10)
+def test_killed_three_times_it_ends_the_same(study, whole, tmp_path):
+    kill_and_finish(study, tmp_path / "r", 1)
     assert_equal(Results(tmp_path / "r"), whole, 1e-10)
 
 
 @pytest.mark.slow
 @pytest.mark.mpi
-def test_two_ranks_killed_at_ten_moments_end_the_same(study, tmp_path):
-    """One rank is killed, or all of them and the launcher."""
-    assert Run(study, tmp_path / "whole", 2).process.wait(PATIENCE_S) == 0
-    kill_often(study, tmp_path / "r", 10, count=2)
-    assert_equal(Results(tmp_path / "r"), Results(tmp_path / "whole"), 1e-10)
+def test_two_ranks_killed_three_times_end_the_same(study, whole, tmp_path):
+    """One rank is killed, which ends the other, or both."""
+    kill_and_finish(study, tmp_path / "r", 2)
+    assert_equal(Results(tmp_path / "r"), whole, 1e-8)
+
+
+# --- real signals ------------------------------------------------------------------------------
+
+
+def lines_of(file: Path) -> list[str]:
+    return file.read_text().splitlines() if file.exists() else []
 
 
 @pytest.mark.mpi
 def test_two_ranks_stop_on_a_signal_and_one_goes_on(study, whole, tmp_path):
-    run = Run(study, tmp_path / "r", 2)
-    run.await_start()
-    while Results(run.folder).run.get("status") != "running" and run.process.poll() is None:
+    folder, file, printed = (tmp_path / name for name in ("r", "study.toml", "printed"))
+    file.write_text(dump_study(study))
+    command = [ranks.launcher(), "-n", "2", sys.executable, "-m", "tactile_fem", "scan", str(file)]
+    with printed.open("w") as log:
+        run = subprocess.Popen([*command, "--results", str(folder)], stdout=log, stderr=log)
+    end = time.monotonic() + PATIENCE_S
+    while not any("step   2" in line for line in lines_of(folder / "log.txt")):
+        assert run.poll() is None and time.monotonic() < end
         time.sleep(0.02)
-    time.sleep(0.5)
-    asked = time.monotonic()
-    code = run.send(signal.SIGTERM)
-    assert time.monotonic() - asked < 30
-    assert "Traceback" not in run.log.read_text()
+    run.send_signal(signal.SIGTERM)
+    code = run.wait(30)
+    assert "Traceback" not in printed.read_text()
     if "Open MPI" in MPI.Get_library_version():  # its launcher kills the ranks at once
         assert code != 0
     else:
         assert code == 128 + signal.SIGTERM
-        sentences = [line for line in run.log.read_text().splitlines() if "tactile-fem" in line]
-        assert len(sentences) == 1 and "stopped by SIGTERM" in sentences[0]
-        assert Results(run.folder).run["status"] == "stopped"
-    resume(run.folder)
-    assert_equal(Results(run.folder), whole, 1e-8)
+        (sentence,) = [line for line in lines_of(printed) if "tactile-fem" in line]
+        assert "stopped by SIGTERM" in sentence
+        assert Results(folder).run["status"] == "stopped"
+    resume(folder)
+    assert_equal(Results(folder), whole, 1e-8)
 
 
 def test_a_signal_is_heeded_within_a_step(study, tmp_path):
