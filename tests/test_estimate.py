@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -73,8 +74,10 @@ def test_too_little_memory_is_said(caplog, monkeypatch, free, warned):
     monkeypatch.setattr(module, "available_memory_MB", lambda: free)
     package = logging.getLogger("tactile_fem")
     monkeypatch.setattr(package, "propagate", True)
+    path, problem = Protocol().route(4.0), SimpleNamespace(unknowns=PAPER)
+    simulation = SimpleNamespace(study=Study(), path=path, problem=problem, comm=MPI.COMM_SELF)
     with caplog.at_level(logging.INFO, logger="tactile_fem"):
-        announce(Study(), Protocol().route(4.0), PAPER, MPI.COMM_SELF)
+        announce(simulation)
     assert "expect about" in caplog.text
     assert ("are free" in caplog.text) == warned
 
