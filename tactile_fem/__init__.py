@@ -10,6 +10,7 @@ compute mechanics:
 - ``Parts`` and what it takes: ``load_finger`` makes a mesh, a ``Law`` is a tissue, a ``RigidBody``
   (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a ``Population`` the
   afferents.
+- ``Stimulus`` and ``Piece``, below which a script adds kinds of its own to what a study may state.
 - ``StudyError``, ``MeshError``, ``ConvergenceError``, ``StoppedError``, and their base
   ``TactileError``.
 - ``run_script``: the program around a script's ``main``.
@@ -36,11 +37,11 @@ if TYPE_CHECKING:
     from tactile_fem.finger import load_finger
     from tactile_fem.neuron import Population
     from tactile_fem.output.figures import draw
-    from tactile_fem.path import Motion, Path
+    from tactile_fem.path import Motion, Path, Piece
     from tactile_fem.simulation.parts import Parts
     from tactile_fem.simulation.results import Results
     from tactile_fem.simulation.run import completed, resume, scan
-    from tactile_fem.stimulus.body import Distance, Embossed, RigidBody
+    from tactile_fem.stimulus import Distance, Embossed, RigidBody, Stimulus
     from tactile_fem.study import Study
     from tactile_fem.study.file import load_study
     from tactile_fem.tissue.energies import Law
@@ -57,9 +58,11 @@ __all__ = [
     "Motion",
     "Parts",
     "Path",
+    "Piece",
     "Population",
     "Results",
     "RigidBody",
+    "Stimulus",
     "StoppedError",
     "Study",
     "StudyError",
@@ -80,11 +83,11 @@ _MODULES = {
     "finger": ("load_finger",),
     "neuron": ("Population",),
     "output.figures": ("draw",),
-    "path": ("Motion", "Path"),
+    "path": ("Motion", "Path", "Piece"),
     "simulation.parts": ("Parts",),
     "simulation.results": ("Results",),
     "simulation.run": ("completed", "resume", "scan"),
-    "stimulus.body": ("Distance", "Embossed", "RigidBody"),
+    "stimulus": ("Distance", "Embossed", "RigidBody", "Stimulus"),
     "study": ("Study",),
     "study.file": ("load_study",),
     "tissue.energies": ("Law",),

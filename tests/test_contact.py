@@ -22,7 +22,6 @@ from tactile_fem.mechanics.contact import smooth_positive
 
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Sphere, Tissue
 
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0])
@@ -42,7 +41,7 @@ def problem(body, *, tissue=ELASTIC, constraints=lambda V: [], domain=None, **so
         solver["compiler_flags"] = ("-O0",)
     settings = Solver(held=("cut",), linear="direct", petsc=EXACT, **solver)
     return FingerProblem(
-        domain or block(), tissue, make_body(body), body.friction, settings, constraints
+        domain or block(), tissue, body.body(), body.friction, settings, constraints
     )
 
 
@@ -214,7 +213,7 @@ def test_a_solver_around_newton_finds_the_same(outer, linear):
     body, forces = Sphere(radius_mm=4.0), []
     for solve, petsc in (("direct", {}), (linear, {"snes_type": outer, **newton})):
         settings = Solver(held=("cut",), linear=solve, petsc={**EXACT, **petsc})
-        contact = FingerProblem(block(), ELASTIC, make_body(body), body.friction, settings)
+        contact = FingerProblem(block(), ELASTIC, body.body(), body.friction, settings)
         forces.append(pressed(contact, (0, 0, 0.05), (0, -0.01, 0.08)).force_N)
     assert forces[0][2] > 1e-3
     np.testing.assert_allclose(forces[1], forces[0], rtol=1e-6)

@@ -16,7 +16,6 @@ from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH
 from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.output.deck import Penalty, material_lines, write_deck
-from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.height_field import height_field
 from tactile_fem.study import (
     Cylinder,
@@ -217,7 +216,7 @@ def test_no_step_without_a_slide(tmp_path):
 
 @pytest.mark.parametrize("stimulus", [Text(), Cylinder()])
 def test_height_field_lies_on_the_body(stimulus):
-    body = make_body(stimulus)
+    body = stimulus.body()
     skin = BLOCK.nodes[BLOCK.nodes[:, 2] == 0]
     field = height_field(body, PATH.places_mm(), skin, (0.25, 0.25))
     assert np.abs(body.distance(field.points).gap).max() < 2e-3
@@ -354,7 +353,7 @@ def test_calculix_presses_and_slides_a_block_as_we_do(tmp_path):
     np.testing.assert_allclose(theirs, -held, atol=1e-5)
 
     domain = create_domain(BLOCK, MPI.COMM_SELF, study.solver.held)
-    body = make_body(study.stimulus)
+    body = study.stimulus.body()
     problem = FingerProblem(domain, elastic, body, study.stimulus.friction, study.solver)
     ways = [(0, 0, 0.1), (0, 0, 0.2), (0, 0, 0.3), (0, -0.2, 0.3), (0, -0.4, 0.3)]
     ours = []

@@ -21,8 +21,6 @@ from tactile_fem.series.run import run_series
 from tactile_fem.simulation import checks, setup
 from tactile_fem.simulation.parts import Parts
 from tactile_fem.simulation.run import completed
-from tactile_fem.stimulus import make_body
-from tactile_fem.stimulus.make import outlines
 from tactile_fem.study import Finger, Mesh, Protocol, Receptors, Study, Surface, Text
 
 FONTS = Path(mpl.get_data_path()) / "fonts" / "ttf"
@@ -45,13 +43,13 @@ def test_a_surface_is_read_again(tmp_path):
     file = tmp_path / "map.npy"
     stimulus = Surface(file=file, spacing_mm=0.1, unit_mm=1.0)
     bump(0.2)(file)
-    low = make_body(stimulus).distance(np.zeros((1, 3))).gap
-    assert make_body(stimulus) is make_body(stimulus)
+    low = stimulus.body().distance(np.zeros((1, 3))).gap
+    assert stimulus.body() is stimulus.body()
     replace(file, bump(0.4))
-    high = make_body(stimulus).distance(np.zeros((1, 3))).gap
+    high = stimulus.body().distance(np.zeros((1, 3))).gap
     assert high != pytest.approx(low, abs=1e-3)
     replace(file, bump(0.2))
-    assert make_body(stimulus).distance(np.zeros((1, 3))).gap == pytest.approx(low)
+    assert stimulus.body().distance(np.zeros((1, 3))).gap == pytest.approx(low)
 
 
 def test_a_font_is_read_again(tmp_path):
@@ -60,10 +58,10 @@ def test_a_font_is_read_again(tmp_path):
     areas = []
     for name in ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf"):
         shutil.copyfile(FONTS / name, file)
-        areas.append(sum(shape.area for shape in outlines(stimulus)))
-        body = make_body(stimulus)
+        areas.append(sum(shape.area for shape in stimulus.outlines()))
+        body = stimulus.body()
         shutil.copyfile(FONTS / name, tmp_path / "other.ttf")
-        other = make_body(Text(text="I", font=str(tmp_path / "other.ttf")))
+        other = Text(text="I", font=str(tmp_path / "other.ttf")).body()
         points = np.random.default_rng(0).uniform(-2, 0, (50, 3))
         assert body.distance(points).gap == pytest.approx(other.distance(points).gap)
     assert areas[1] > 1.2 * areas[0]
@@ -77,9 +75,9 @@ def test_a_part_is_read_again(tmp_path):
     stimulus = Mesh(file=file, grid_mm=0.15, edge_radius_mm=0.4)
     at = np.array([[1.5, 0.0, -1.0]])
     trimesh.creation.box([2.0, 2.0, 2.0]).export(file)
-    assert make_body(stimulus).distance(at).gap == pytest.approx(0.5, abs=1e-2)
+    assert stimulus.body().distance(at).gap == pytest.approx(0.5, abs=1e-2)
     replace(file, lambda f: trimesh.creation.box([4.0, 2.0, 2.0]).export(f))
-    assert make_body(stimulus).distance(at).gap == pytest.approx(-0.5, abs=1e-2)
+    assert stimulus.body().distance(at).gap == pytest.approx(-0.5, abs=1e-2)
 
 
 def test_a_mesh_is_read_again(tmp_path):
@@ -133,12 +131,13 @@ def test_a_scan_records_what_it_has_read(tmp_path, monkeypatch):
     made = setup.Setup.of(study, Parts(), MPI.COMM_SELF)
     assert made.files == hashes({"stimulus.file": file})
 
-    def make_and_change(stimulus):
-        body = make_body(stimulus)
+    def body_and_change(stimulus):
+        body = body_of(stimulus)
         bump(0.4)(file)
         return body
 
-    monkeypatch.setattr(setup, "make_body", make_and_change)
+    body_of = Surface.body
+    monkeypatch.setattr(Surface, "body", body_and_change)
     with pytest.raises(StudyError, match=r"map\.npy was changed while it was read"):
         setup.Setup.of(study, Parts(), MPI.COMM_SELF)
 

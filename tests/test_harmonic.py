@@ -15,7 +15,6 @@ from sphere_on_block import sphere_on_block
 
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Tissue
 from tactile_fem.vibration.harmonic import Harmonic
 
@@ -63,7 +62,7 @@ def block(made: Tissue, *axes: int, sides: bool = False, layers: int = 12) -> Fi
     return FingerProblem(
         domain,
         made,
-        make_body(body),
+        body.body(),
         body.friction,
         settings,
         lambda V: [roller(V, axis, at(axis)) for axis in axes],

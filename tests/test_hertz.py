@@ -18,7 +18,6 @@ from materials import young_modulus
 
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Cylinder, Solver, Sphere, Tissue
 
 TISSUE = Tissue.model_validate({"set": "maeno1998", "viscous_time_s": 0.0})
@@ -60,7 +59,7 @@ def pressed(stimulus, inner, reach, depth):
     across = np.array([0.0, WIDTH]) if is_bar else line
     block = block_mesh(line, across, line, ["dermis"] * (len(line) - 1))
     domain = create_domain(block, MPI.COMM_WORLD, ("cut",))
-    contact = FingerProblem(domain, TISSUE, make_body(stimulus), 0.0, SOLVER, symmetry(is_bar))
+    contact = FingerProblem(domain, TISSUE, stimulus.body(), 0.0, SOLVER, symmetry(is_bar))
     for share in (0.5, 1.0):
         assert contact.solve(np.array([0, 0, share * depth]), 1.0).converged
         load = contact.accept()

@@ -14,7 +14,6 @@ from sphere_on_block import sphere_on_block
 
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Tissue
 from tactile_fem.vibration.harmonic import Harmonic
 
@@ -47,7 +46,7 @@ def column(layers: int = 12) -> FingerProblem:
     return FingerProblem(
         domain,
         Tissue.model_validate(made),
-        make_body(Plate()),
+        Plate().body(),
         0.0,
         settings,
         lambda V: [roller(V, axis, sides(axis)) for axis in (0, 1)],

@@ -19,7 +19,6 @@ from scipy.spatial.transform import Rotation
 
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.body import Distance, RigidBody
 from tactile_fem.study import Solver, Text, Tissue
 
@@ -59,7 +58,7 @@ def made(Q, c) -> FingerProblem:
     tight = Solver(held=("cut",), linear="direct", petsc={"snes_atol": 1e-9})
     domain = create_domain(block, MPI.COMM_WORLD, tight.held)
     tissue = Tissue.model_validate({"set": "maeno1998"})
-    problem = FingerProblem(domain, tissue, Turned(make_body(LETTER), Q), LETTER.friction, tight)
+    problem = FingerProblem(domain, tissue, Turned(LETTER.body(), Q), LETTER.friction, tight)
     problem.state.place(c)
     return problem
 

@@ -11,11 +11,9 @@ from synthetic import make_fields, make_results
 
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.settings import Settings
 from tactile_fem.simulation.results import Results
-from tactile_fem.stimulus import letters, make_body
 from tactile_fem.study import Finger, Follow, Mesh, Plate, Press, Protocol, Study, Surface, Text
-from tactile_fem.study.file import _FILES, load_study
+from tactile_fem.study.file import load_study
 from tactile_fem.study.kept import named_files
 
 DEJAVU = Path(font_manager.findfont("DejaVu Sans"))
@@ -74,7 +72,6 @@ def moved(results: Results, away: Path, monkeypatch) -> Results:
         return real(font, **kwargs)
 
     monkeypatch.setattr(font_manager, "findfont", findfont)
-    monkeypatch.setattr(letters, "findfont", findfont)
     return Results.open("here")
 
 
@@ -99,9 +96,9 @@ def test_every_file_is_kept_with_the_results(kind, away, monkeypatch):
 @pytest.mark.parametrize("kind", ["surface", "font file", "font family"])
 def test_moved_results_are_drawn_and_have_their_body(kind, away, monkeypatch, capsys):
     study = studies(away)[kind]
-    before = make_body(study.stimulus).distance(POINTS).gap
+    before = study.stimulus.body().distance(POINTS).gap
     there = moved(make_results(away.parent / "r", study), away, monkeypatch)
-    np.testing.assert_array_equal(make_body(there.study.stimulus).distance(POINTS).gap, before)
+    np.testing.assert_array_equal(there.study.stimulus.body().distance(POINTS).gap, before)
     assert main(["plot", "here"]) == main(["report", "here"]) == 0
     assert "sed.png" in capsys.readouterr().out
     assert Path("here/report.html").stat().st_size > 10_000
@@ -121,10 +118,10 @@ def test_a_file_that_changed_is_not_the_scans(away):
     study = studies(away)["surface"]
     results = Results.create(away.parent / "r")
     results.save_study(study)
-    before = make_body(study.stimulus).distance(POINTS).gap
+    before = study.stimulus.body().distance(POINTS).gap
     heights(away, 0.2)
     (again := Results.open(results.folder)).save_run({"status": "stopped"})
-    np.testing.assert_array_equal(make_body(again.study.stimulus).distance(POINTS).gap, before)
+    np.testing.assert_array_equal(again.study.stimulus.body().distance(POINTS).gap, before)
     assert not again.is_of(study)
     with pytest.raises(StudyError, match=r"has changed since the scan in .* began: bring it"):
         Results.unfinished(results.folder, study)
@@ -156,11 +153,3 @@ def test_a_scan_is_overwritten_by_its_own_study(away):
     assert results.is_of(before) and results.study.stimulus.file.is_file()
     Results.create(results.folder, overwrite=True).save_study(Study(stimulus=Plate()))
     assert [file.name for file in (results.folder / "inputs").iterdir()] == ["mine.txt"]
-
-
-def test_the_study_file_knows_all_keys_of_files():
-    def kinds(of):
-        return [kind for one in of.__subclasses__() for kind in (one, *kinds(one))]
-
-    fields = [pair for kind in kinds(Settings) for pair in kind.model_fields.items()]
-    assert {name for name, field in fields if "Path" in str(field.annotation)} == _FILES

@@ -16,7 +16,6 @@ from tactile_fem.mechanics.elasticity import Elasticity
 
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue
 
 RATIO = 25.0
@@ -36,7 +35,7 @@ def force(count: int, bulk_over_shear: float, locking_ratio: float) -> float:
     block = block_mesh(line, line, up, ["subcutaneous"] * count)
     solver = Solver(held=("cut",), linear="direct", locking_ratio=locking_ratio)
     domain = create_domain(block, MPI.COMM_WORLD, solver.held)
-    problem = FingerProblem(domain, soft(bulk_over_shear), make_body(BALL), BALL.friction, solver)
+    problem = FingerProblem(domain, soft(bulk_over_shear), BALL.body(), BALL.friction, solver)
     for z in (0.2, 0.4, 0.6, 0.8, 1.0):
         report = problem.solve(np.array([0.0, 0.0, z]), 0.01)
         assert report.converged, report

@@ -23,7 +23,6 @@ from tactile_fem.mechanics import newton
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.multigrid import TwoLevel
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue
 
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 4.0])
@@ -45,7 +44,7 @@ def pressed(comm=MPI.COMM_WORLD, **solver) -> tuple[FingerProblem, int]:
     mesh = block_mesh(line, line, DEPTHS, LAYERS) if comm.rank == 0 else None
     domain = create_domain(mesh, comm, ("cut",))
     settings = Solver(held=("cut",), **solver)
-    body = make_body(Sphere(radius_mm=3.0))
+    body = Sphere(radius_mm=3.0).body()
     tissue = Tissue.model_validate({"set": "proposed"})
     problem = FingerProblem(domain, tissue, body, 0.3, settings)
     linear = 0

@@ -14,7 +14,6 @@ from mpi4py import MPI  # isort: skip
 from tactile_fem.mechanics.contact import ZERO_BELOW, smooth_positive
 
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Dots, Text, Tissue
 
 AT_EDGE, IN_MIDDLE = (2.6, 0.0, 0.2), (0.0, 0.0, 0.2)
@@ -110,7 +109,7 @@ def test_skin_that_may_have_come_near_is_looked_at_again(size_mm, monkeypatch):
 def test_contact_with_high_reliefs_is_not_overlooked(stimulus):
     """Skin seen from above the reliefs moves down onto them within a solve."""
     made = problem()
-    made.obstacle.body = make_body(stimulus)
+    made.obstacle.body = stimulus.body()
     look(made, (0.0, 0.0, -0.55))
     made.u.interpolate(lambda x: np.array([0 * x[0], 0 * x[0], 0 * x[0] - 0.6]))
     look(made, (0.0, 0.0, -0.55))

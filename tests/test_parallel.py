@@ -18,7 +18,6 @@ from tactile_fem.errors import MeshError, TactileError
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.runtime.parallel import on_root, shared_errors
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Tissue
 
 pytestmark = pytest.mark.ranks
@@ -72,7 +71,7 @@ def test_a_node_that_only_one_rank_misses():
         nodes[:, 2] += 0.5
         domain = replace(domain, nodes=nodes)
     with pytest.raises(MeshError, match="a P2 node is not a node of the file"):
-        problem(domain, make_body(Plate()))
+        problem(domain, Plate().body())
 
 
 def test_a_mesh_that_only_rank_0_can_know_to_be_wrong():
@@ -89,7 +88,7 @@ class HalfPlate:
     def distance(self, points):
         if (points[:, 0] > 2.0).any():
             raise ArithmeticError("this body has no distance here")
-        return make_body(Plate()).distance(points)
+        return Plate().body().distance(points)
 
 
 def test_a_body_that_fails_where_not_all_ranks_ask():

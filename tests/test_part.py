@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import read_msh
-from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.body import Ball
 from tactile_fem.study import Mesh, Sphere, Study
 from tactile_fem.study.file import load_study
@@ -28,7 +27,7 @@ STEP = shapely.Polygon([(-2, -3), (2, -3), (2, -1), (0, -1), (0, 0), (-2, 0)])
 def body_of(mesh, folder, **keys):
     file = folder / "part.stl"
     mesh.export(file)
-    return make_body.__wrapped__(Mesh(file=file, **keys))
+    return Mesh(file=file, **keys).body()
 
 
 def prism(polygon, half):
@@ -211,7 +210,7 @@ def test_a_high_place_beside_the_window_takes_no_layers(aside, tmp_path):
     faces += [[k, k % n + 1, k % n + 1 + n, k + n] for k in range(1, n + 1)]
     file.write_text("\n".join([*lines, *("f " + " ".join(map(str, face)) for face in faces)]))
     keys = {"window_mm": (4.0, 4.0), "shift_mm": (aside, 0.0)}  # the wall is at X 4 of the part
-    body = make_body.__wrapped__(Mesh(file=file, **keys))
+    body = Mesh(file=file, **keys).body()
     points = np.random.default_rng(3).uniform([-1.4, -1.9, -0.3], [1.2, 1.9, 0.4], (1000, 3))
     at = body.distance(points)
     assert np.abs(at.gap - points[:, 2]).max() < 0.005
@@ -320,9 +319,7 @@ def forces(stimulus, mesh):
 
     study = Study(stimulus=stimulus)
     domain = create_domain(mesh, MPI.COMM_WORLD, study.solver.held)
-    problem = FingerProblem(
-        domain, study.tissue, make_body(stimulus), stimulus.friction, study.solver
-    )
+    problem = FingerProblem(domain, study.tissue, stimulus.body(), stimulus.friction, study.solver)
     for depth in (0.4, 0.8):
         assert problem.solve(np.array([0.0, -0.2 * depth, depth]), 0.05).converged
         load = problem.accept()

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from pathlib import Path as FilePath
-from typing import Literal
 
 import numpy as np
 import pytest
-from pydantic import Field, ValidationError
+from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
-from tactile_fem.path import Motion, Path, Piece, Vibration
-from tactile_fem.runtime.settings import Positive
+from tactile_fem.path import Motion, Path, Vibration
 from tactile_fem.simulation.checks import DEEPEST, check_study
 from tactile_fem.study import Finger, Follow, Hold, Lift, Press, Protocol, Slide, Study
 from tactile_fem.study.file import dump_study, load_study
-from tactile_fem.study.template import commented_template
 
 REST = np.zeros(3)
 STAY = Hold(time_s=1.0, output_s=1.0)
@@ -190,49 +186,6 @@ def test_a_study_keeps_its_path(tmp_path, places_file):
     study = Study(protocol=Protocol(path=pieces))
     (tmp_path / "s.toml").write_text(dump_study(study))
     assert load_study(tmp_path / "s.toml") == study
-
-
-class Zigzag(Piece):
-    """A piece of one's own."""
-
-    kind: Literal["zigzag"] = "zigzag"
-    width_mm: Positive = Field(0.5, description="from side to side")
-
-    def motion(self, start_mm):
-        way = np.array([[0.0, 0.0], [self.width_mm, -1.0], [0.0, -2.0]])
-
-        def place(t):
-            return start_mm + np.array(
-                [np.interp(-2.0 * t, way[::-1, 1], way[::-1, 0]), -2.0 * t, 0]
-            )
-
-        return Motion("zigzag", 1.0, place, knots_s=np.array([0.0, 0.5, 1.0]))
-
-
-@pytest.fixture
-def zigzag():
-    Piece.kinds["zigzag"] = Zigzag
-    yield
-    del Piece.kinds["zigzag"]
-
-
-del Piece.kinds["zigzag"]  # other tests know the package's pieces only
-
-
-def test_a_piece_of_ones_own_joins_the_study(tmp_path, zigzag):
-    study = Study(protocol=Protocol(path=(Press(depth_mm=1.0), Zigzag(width_mm=0.7))))
-    (tmp_path / "s.toml").write_text(dump_study(study))
-    assert load_study(tmp_path / "s.toml") == study
-    np.testing.assert_allclose(study.protocol.route(4.0).places_mm()[-2], [0.7, -1.0, 1.0])
-    check_study(study)
-    for setting, sentence in {
-        '{kind="zigzag", width=1}': 'width is not a key of a piece of kind "zigzag"; did you mean',
-        '{kind="zigzag", width_mm=0}': "width_mm is 0 but must be greater than 0",
-        '{kind="zigzak"}': "no kind of piece; did you mean zigzag?",
-    }.items():
-        with pytest.raises(StudyError, match=re.escape(sentence)):
-            load_study(None, [f"protocol.path=[{setting}]"])
-    assert "# width_mm = 0.5: from side to side [> 0]" in " ".join(commented_template().split())
 
 
 # --- refusals ------------------------------------------------------------------------------------

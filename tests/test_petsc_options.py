@@ -17,7 +17,6 @@ from blocks import LAYERS, block_mesh
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.options import check_options
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue
 
 
@@ -26,7 +25,7 @@ def layered_block(**solver) -> FingerProblem:
     line, depths = np.linspace(-3, 3, 4), np.array([0.0, 0.17, 0.82, 1.62, 3.0])
     domain = create_domain(block_mesh(line, line, depths, LAYERS), MPI.COMM_SELF, ("cut",))
     settings = Solver(held=("cut",), **solver)
-    return FingerProblem(domain, Tissue.model_validate({}), make_body(Sphere()), 0.3, settings)
+    return FingerProblem(domain, Tissue.model_validate({}), Sphere().body(), 0.3, settings)
 
 
 def press(problem: FingerProblem) -> int:

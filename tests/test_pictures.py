@@ -11,7 +11,6 @@ from synthetic import make_fields, make_results, make_trace
 from tactile_fem.output import figures, pictures
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.runtime import doctor
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Dots, Grating, Plate, Sphere, Study, Text
 
 
@@ -107,7 +106,7 @@ def test_pictures_are_drawn(tmp_path, study):
 def test_the_drawn_surface_is_the_one_that_the_finger_feels(stimulus):
     from tactile_fem.output.drawing import body_surface
 
-    body = make_body(stimulus)
+    body = stimulus.body()
     surface = body_surface(body, np.array([[0.0, 0.0, 0.0], [0.0, -2.0, 1.97]]))
     points = surface.points.astype(float)
     felt = body.distance(points)

@@ -9,7 +9,6 @@ from needs import needs_graphics
 
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus.relief import make_relief
 from tactile_fem.study import Surface
 
 ROUGH = np.random.default_rng(1).normal(0, 20, (30, 40))  # micrometres
@@ -18,7 +17,7 @@ ROUGH = np.random.default_rng(1).normal(0, 20, (30, 40))  # micrometres
 def read(tmp_path, values, **keys):
     np.save(tmp_path / "f.npy", values)
     sizes = {"spacing_mm": 0.1, "unit_mm": 1e-3, **keys}
-    return make_relief(Surface(file=tmp_path / "f.npy", **sizes))
+    return Surface(file=tmp_path / "f.npy", **sizes).relief()
 
 
 def with_hole(value, kind=float):

@@ -49,9 +49,8 @@ def test_correlation_finds_a_shifted_template():
 def test_edge_image_lies_on_the_outline():
     stimulus = letter("O")
     image = edge_image(stimulus, ACROSS, ALONG)
-    from tactile_fem.stimulus import outlines
 
-    (shape,) = outlines(stimulus)
+    (shape,) = stimulus.outlines()
     x, y = np.meshgrid(ACROSS, ALONG, indexing="ij")
     distance = shapely.distance(shape.boundary, shapely.points(x, y))
     np.testing.assert_allclose(image, np.exp(-0.5 * (distance / 0.3) ** 2), atol=0.11)

@@ -11,7 +11,6 @@ from synthetic import SLIDE, make_results
 
 from tactile_fem.cli import app as cli
 from tactile_fem.simulation.checks import check_study
-from tactile_fem.stimulus import make_body, outlines
 from tactile_fem.study import Finger, Protocol, Receptors, Study, Text
 from tactile_fem.study.file import load_study
 from tactile_fem.vibration import frequencies_of
@@ -143,11 +142,11 @@ def test_the_recipes_commands_are_studies_that_can_be_scanned():
     thick = studies["results/thick"].finger
     assert thick.epidermis_mm == 2 * Finger().epidermis_mm
     assert thick.pad_thickness_mm == pytest.approx(Finger().pad_thickness_mm)
-    dots = [dot.centroid.y for dot in outlines(studies["results/dots"].stimulus)]
+    dots = [dot.centroid.y for dot in studies["results/dots"].stimulus.outlines()]
     assert min(dots) == pytest.approx(3.0) and max(dots) < 10.0
     # Under the contact point there is a stroke, and with the default text a gap.
     pressed = [studies["results/press"].stimulus, Text(start_mm=20.0), Text()]
-    gaps = [float(make_body(one).distance(np.zeros((1, 3))).gap[0]) for one in pressed]
+    gaps = [float(one.body().distance(np.zeros((1, 3))).gap[0]) for one in pressed]
     assert gaps == pytest.approx([0.0, 0.0, 0.6], abs=0.03)
     script = run(blocks(RECIPES, "python")[0], RECIPES)
     assert studies["results/soft"] == script["study"] != Study()

@@ -36,7 +36,6 @@ from tactile_fem.runtime import ranks
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Plate, Receptors, Solver, Study, Tissue
 
 DEPTHS = np.array([0.0, 0.5, 1.0, 2.0])
@@ -61,7 +60,7 @@ def block_problem() -> tuple[FingerProblem, FingerMesh]:
     finger = layered_block()
     domain = create_domain(finger, MPI.COMM_WORLD, ("cut",))
     tissue, settings = Tissue.model_validate({}), Solver(held=("cut",))
-    return FingerProblem(domain, tissue, make_body(Plate()), 0.3, settings), finger
+    return FingerProblem(domain, tissue, Plate().body(), 0.3, settings), finger
 
 
 def test_line_lies_on_the_fingers_interface():
@@ -266,7 +265,7 @@ def test_probe_finds_its_points_in_a_curved_mesh():
     positions = place(wanted, finger)
     domain = create_domain(finger, MPI.COMM_SELF, ("cut",))
     problem = FingerProblem(
-        domain, Tissue.model_validate({}), make_body(Plate()), 0.3, Solver(held=("cut",))
+        domain, Tissue.model_validate({}), Plate().body(), 0.3, Solver(held=("cut",))
     )
     probe = Probe(problem, sample(wanted, positions, finger), len(positions))
     # A field that is cubic in each cell is read exactly: so is the place itself.
@@ -278,7 +277,7 @@ def test_probe_finds_its_points_in_a_curved_mesh():
 def test_a_step_accepted_leaves_what_its_viscous_stress_needs():
     domain = create_domain(layered_block(), MPI.COMM_SELF, ("cut",))
     problem = FingerProblem(
-        domain, Tissue.model_validate({}), make_body(Plate()), 0.3, Solver(held=("cut",))
+        domain, Tissue.model_validate({}), Plate().body(), 0.3, Solver(held=("cut",))
     )
     accepted = [problem.u.x.array.copy()]
     for depth in (0.05, 0.1):

@@ -5,7 +5,6 @@ import logging
 import numpy as np
 import pytest
 
-from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.body import EXCESS_MM
 from tactile_fem.stimulus.height_field import height_map
 from tactile_fem.stimulus.relief import distance_error, levelled, relief_of
@@ -129,7 +128,7 @@ def test_it_is_turned_from_x_towards_y(tmp_path):
     file = tmp_path / "rough.npy"
     np.save(file, heights)
     keys = {"file": file, "spacing_mm": 0.2, "unit_mm": 0.01, "low_pass_mm": 0.6}
-    straight, turned = make_body(Surface(**keys)), make_body(Surface(**keys, turn_deg=90.0))
+    straight, turned = Surface(**keys).body(), Surface(**keys, turn_deg=90.0).body()
     points = rng.uniform([-2, -2, -0.05], [2, 2, 0.05], (50, 3))
     x, y, z = points.T
     there = np.column_stack([-y, x, z])  # where a quarter of a turn takes them
@@ -143,7 +142,7 @@ def test_it_is_turned_from_x_towards_y(tmp_path):
 def test_the_highest_point_is_zero(tmp_path):
     file = tmp_path / "rough.npy"
     np.save(file, np.random.default_rng(1).normal(size=(60, 80)))
-    body = make_body(Surface(file=file, spacing_mm=0.1, unit_mm=0.03, low_pass_mm=0.4))
+    body = Surface(file=file, spacing_mm=0.1, unit_mm=0.03, low_pass_mm=0.4).body()
     heights = height_map(body, np.linspace(-3, 3, 241), np.linspace(-4, 4, 321))
     assert heights.max() == pytest.approx(0, abs=2e-4)
     assert heights.max() <= 1e-5
@@ -157,5 +156,5 @@ def test_a_surface_too_sharp_for_its_distance_is_told(tmp_path, caplog):
     file = tmp_path / "sharp.npy"
     np.save(file, sharp.heights_mm)
     with caplog.at_level(logging.WARNING):
-        make_body(Surface(file=file, spacing_mm=0.01, unit_mm=1.0))
+        Surface(file=file, spacing_mm=0.01, unit_mm=1.0).body()
     assert "raise stimulus.low_pass_mm (0.1)" in caplog.text

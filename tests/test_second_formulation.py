@@ -22,7 +22,6 @@ from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.mechanics.state import State
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.options import LINEAR, NEWTON
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere, Tissue
 
 TISSUE = Tissue.model_validate({"set": "maeno1998", "viscous_time_s": 0.0})
@@ -56,7 +55,7 @@ class Penalty:
         self.u = state.u
         v = ufl.TestFunction(V)
         facets = np.sort(domain.surface.find(SURFACES["skin"]))
-        self.obstacle = Obstacle(make_body(BALL), state, facets, degree)
+        self.obstacle = Obstacle(BALL.body(), state, facets, degree)
         self.shear_old = self.obstacle.quadrature_function((3,))
         nu, k = self.obstacle.normal, fem.Constant(msh, stiffness)
         pressure = k * ufl.max_value(-self.obstacle.gap, 0.0)
@@ -114,7 +113,7 @@ class Penalty:
 @cache
 def nitsche() -> np.ndarray:
     solver = Solver(held=("cut",), linear="direct", contact_width_MPa=1e-5)
-    problem = FingerProblem(block(), TISSUE, make_body(BALL), BALL.friction, solver, symmetry)
+    problem = FingerProblem(block(), TISSUE, BALL.body(), BALL.friction, solver, symmetry)
     forces = []
     for place in PATH:
         assert problem.solve(place, 1.0).converged

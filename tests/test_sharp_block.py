@@ -13,7 +13,6 @@ from blocks import block_mesh
 
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Tissue
 
 TISSUE = Tissue.model_validate({"set": "maeno1998"})
@@ -26,7 +25,7 @@ def forces(count: int, gamma: float, slides=(), **choice) -> np.ndarray:
     block = block_mesh(line, line, up, ["dermis"] * count)
     solver = Solver(held=("cut",), linear="direct", nitsche_gamma=gamma, **choice)
     domain = create_domain(block, MPI.COMM_WORLD, solver.held)
-    problem = FingerProblem(domain, TISSUE, make_body(PLATE), PLATE.friction, solver)
+    problem = FingerProblem(domain, TISSUE, PLATE.body(), PLATE.friction, solver)
     found = []
     for y, z in [(0.0, 0.1), (0.0, 0.2), (0.0, 0.3), *((slide, 0.3) for slide in slides)]:
         report = problem.solve(np.array([0.0, -y, z]), 0.01)

@@ -3,9 +3,9 @@ import pytest
 import shapely
 
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus import make_body, outlines
-from tactile_fem.stimulus.body import Embossed, HalfSpace, smooth_minimum
-from tactile_fem.stimulus.braille import cells, dots
+from tactile_fem.stimulus.body import HalfSpace, smooth_minimum
+from tactile_fem.stimulus.braille import cells
+from tactile_fem.stimulus.embossed import Embossed
 from tactile_fem.stimulus.height_field import height_map
 from tactile_fem.stimulus.letters import Letters
 from tactile_fem.study import Braille, Cylinder, Dots, Edge, Grating, Plate, Sphere, Text
@@ -33,7 +33,7 @@ HEIGHTS = {
 
 
 def gap(stimulus, points):
-    return make_body(stimulus).distance(np.atleast_2d(np.asarray(points, dtype=float))).gap
+    return stimulus.body().distance(np.atleast_2d(np.asarray(points, dtype=float))).gap
 
 
 def skin_points(body, count=40_000):
@@ -46,7 +46,7 @@ def skin_points(body, count=40_000):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_derivatives_are_those_of_the_gap(name):
-    body = make_body(BODIES[name])
+    body = BODIES[name].body()
     points, eps = skin_points(body), 1e-5
     assert len(points) > 500
     at = body.distance(points)
@@ -64,7 +64,7 @@ def test_derivatives_are_those_of_the_gap(name):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_the_gap_is_a_distance(name):
-    body = make_body(BODIES[name])
+    body = BODIES[name].body()
     points = skin_points(body)
     if name in HEIGHTS:
         # At the foot plate and wall are blended over 0.2 mm: the gradient is shorter there.
@@ -115,7 +115,7 @@ HIGH = {
 @pytest.mark.parametrize("stimulus", [*BODIES.values(), *HIGH.values()], ids=[*BODIES, *HIGH])
 @pytest.mark.parametrize("way_mm", [0.02, 1.0])
 def test_a_distance_changes_by_no_more_than_the_way(stimulus, way_mm):
-    body, rng = make_body(stimulus), np.random.default_rng(5)
+    body, rng = stimulus.body(), np.random.default_rng(5)
     points = rng.uniform([-9, -14, -3], [9, 14, 5], (20_000, 3))
     ways = rng.normal(size=points.shape)
     ways *= way_mm / np.linalg.norm(ways, axis=1)[:, None]
@@ -131,7 +131,7 @@ def test_a_distance_changes_by_no_more_than_the_way(stimulus, way_mm):
 
 def test_far_from_high_letters_there_is_the_plate():
     stimulus = Text(text="G", start_mm=0.0, relief_mm=2.0)
-    found = make_body(stimulus).distance(np.array([[7.0, 0.0, -1.9], [0.0, 8.0, -0.5]]))
+    found = stimulus.body().distance(np.array([[7.0, 0.0, -1.9], [0.0, 8.0, -0.5]]))
     assert found.gap == pytest.approx([0.1, 1.5])
     assert found.normal == pytest.approx(np.array([[0.0, 0.0, 1.0]] * 2))
 
@@ -139,19 +139,19 @@ def test_far_from_high_letters_there_is_the_plate():
 @pytest.mark.parametrize("stimulus", [Dots(columns=1, rows=1), Sphere(radius_mm=0.7)])
 def test_on_its_axis_a_body_has_a_normal(stimulus):
     on_axis = np.array([[0.0, 0.0, z] for z in (-0.7, -0.35, 0.1)])
-    assert np.linalg.norm(make_body(stimulus).distance(on_axis).normal, axis=1).min() > 0.5
+    assert np.linalg.norm(stimulus.body().distance(on_axis).normal, axis=1).min() > 0.5
 
 
 @pytest.mark.parametrize("name", HEIGHTS)
 def test_the_gradient_shortens_only_at_the_foot(name):
-    body = make_body(BODIES[name])
+    body = BODIES[name].body()
     length = np.linalg.norm(body.distance(skin_points(body)).normal, axis=1)
     assert 0.65 < length.min() and length.max() < 1.02
 
 
 @pytest.mark.parametrize("name", BODIES)
 def test_the_highest_plane_is_zero(name):
-    heights = height_map(make_body(BODIES[name]), np.linspace(-4, 4, 81), np.linspace(-6, 6, 121))
+    heights = height_map(BODIES[name].body(), np.linspace(-4, 4, 81), np.linspace(-6, 6, 121))
     assert heights.max() == pytest.approx(0, abs=1e-3)
     assert heights.max() <= 1e-9
 
@@ -159,7 +159,7 @@ def test_the_highest_plane_is_zero(name):
 @pytest.mark.parametrize("name", HEIGHTS)
 def test_relief_and_plate(name):
     stimulus = BODIES[name]
-    heights = height_map(make_body(stimulus), np.linspace(-4, 4, 81), np.linspace(-6, 6, 121))
+    heights = height_map(stimulus.body(), np.linspace(-4, 4, 81), np.linspace(-6, 6, 121))
     assert heights.min() == pytest.approx(-HEIGHTS[name], abs=1e-9)
     # Far away from the relief there is nothing but the plate.
     far = [[30, 60, 0.7], [-30, 60, -0.1]] if name != "grating along" else [[60, 9, 0.7]]
@@ -176,7 +176,7 @@ def test_bars_ball_and_edge_have_their_distances():
     # On the flank, `down` along it from the tangent point with the crest, 0.1 mm off.
     normal, along = np.array([0, np.cos(np.pi / 6), 0.5]), np.array([0, 0.5, -np.cos(np.pi / 6)])
     point = np.array([0, 0, -0.025]) + 0.125 * normal + 2.0 * along
-    at = make_body(edge).distance(point[None])
+    at = edge.body().distance(point[None])
     assert at.gap == pytest.approx(0.1)
     assert at.normal[0] == pytest.approx(normal)
     assert gap(edge, [5, 0, 0.3]) == pytest.approx(0.3)
@@ -189,18 +189,18 @@ def test_the_top_edge_is_a_circle(kind):
     inward = np.linspace(0.02, 0.98, 25) * r
     # The way inwards over a straight (or, for the dot, the round) wall; H's left stem for text.
     if kind == "text":
-        shape = outlines(stimulus)[2]
+        shape = stimulus.outlines()[2]
         x, y = np.array([2.0]), shape.bounds[1] + inward
     else:
         half = stimulus.ridge_mm / 2 if kind == "grating across" else stimulus.radius_mm
         x, y = np.array([0.0]), -half + inward
-    heights = height_map(make_body(stimulus), x, y)[0]
+    heights = height_map(stimulus.body(), x, y)[0]
     expected = np.sqrt(r**2 - (r - inward) ** 2) - r
     assert heights == pytest.approx(expected, abs=2e-3)
 
 
 def test_letters_have_size_order_pitch_and_shift():
-    f, g, h = outlines(Text())
+    f, g, h = Text().outlines()
     width = g.bounds[3] - g.bounds[1]
     # Rounding the corners takes a little off a bowl's outermost point, if anything.
     assert width == pytest.approx(6.5, abs=0.01)
@@ -209,12 +209,12 @@ def test_letters_have_size_order_pitch_and_shift():
     assert (g.bounds[0] + g.bounds[2]) / 2 == pytest.approx(0, abs=0.01)
     # A common baseline: F and H stand on it.
     assert f.bounds[2] == pytest.approx(h.bounds[2], abs=1e-6)
-    (moved,) = outlines(Text(text="G", start_mm=1.0, shift_mm=(0.5, -2.0)))
+    (moved,) = Text(text="G", start_mm=1.0, shift_mm=(0.5, -2.0)).outlines()
     assert (moved.bounds[1] + moved.bounds[3]) / 2 == pytest.approx(-3, abs=0.01)
     assert (moved.bounds[0] + moved.bounds[2]) / 2 == pytest.approx(0.5, abs=0.01)
-    (single,) = outlines(Text(text="G"))
+    (single,) = Text(text="G").outlines()
     assert (single.bounds[1] + single.bounds[3]) / 2 == pytest.approx(5, abs=0.01)
-    assert [len(outlines(Text(text=t))) for t in ("F H", " FGH ")] == [2, 3]
+    assert [len(Text(text=t).outlines()) for t in ("F H", " FGH ")] == [2, 3]
 
 
 @pytest.mark.parametrize("glyph", ["F", "g", "-", "."])
@@ -229,7 +229,7 @@ def test_a_text_of_one_glyph_is_centred_on_it(glyph):
 
 def test_letters_are_not_mirrored():
     """F seen from above, its top to -X: stem first along +Y, the longer arm at the top."""
-    (f,) = outlines(Text(text="F"))
+    (f,) = Text(text="F").outlines()
     top, low, bottom, high = f.bounds
     stem = shapely.box(top, low, bottom, low + 0.5)
     assert f.intersection(stem).area > 0.9 * stem.area
@@ -252,7 +252,7 @@ def test_letters_are_not_mirrored():
 def test_the_body_lies_where_its_outline_lies(stimulus):
     rng = np.random.default_rng(2)
     xy = rng.uniform([-4, -9], [4, 9], (4000, 2))
-    shape = shapely.union_all(outlines(stimulus))
+    shape = shapely.union_all(stimulus.outlines())
     clear = shapely.distance(shape.boundary, shapely.points(xy)) > 0.02
     inside = shapely.contains_xy(shape, *xy[clear].T)
     assert inside.any()
@@ -262,28 +262,28 @@ def test_the_body_lies_where_its_outline_lies(stimulus):
 
 def test_the_counter_of_a_letter_is_outside():
     stimulus = Text(text="OG", shift_mm=(0.3, 0.7))
-    counter = shapely.Polygon(outlines(stimulus)[0].interiors[0]).centroid
+    counter = shapely.Polygon(stimulus.outlines()[0].interiors[0]).centroid
     assert gap(stimulus, [counter.x, counter.y, -0.3]) > 0.2
 
 
 def test_start_says_which_place_of_a_pattern_lies_over_the_contact_point():
     """Counted from the first letter, row or ridge; the default is the middle of a pattern."""
-    rows = [d.centroid.y for d in outlines(Dots(columns=1, rows=3, start_mm=1.2))]
+    rows = [d.centroid.y for d in Dots(columns=1, rows=3, start_mm=1.2).outlines()]
     assert rows == pytest.approx([-1.2, 1.8, 4.8])
-    ridges = outlines(Grating(count=2, start_mm=0.0, along="y", shift_mm=(0.1, 0.0)))
+    ridges = Grating(count=2, start_mm=0.0, along="y", shift_mm=(0.1, 0.0)).outlines()
     assert [r.centroid.x for r in ridges] == pytest.approx([0.1, 2.1])
-    (first, _) = outlines(Text(text="FG", start_mm=1.2))
+    (first, _) = Text(text="FG", start_mm=1.2).outlines()
     assert (first.bounds[1] + first.bounds[3]) / 2 == pytest.approx(-1.2, abs=0.01)
     middle = {Dots(rows=7): Dots(rows=7, start_mm=9.0), Grating(): Grating(start_mm=8.0)}
     for default, explicit in middle.items():
-        assert all(map(shapely.equals, outlines(default), outlines(explicit)))
+        assert all(map(shapely.equals, default.outlines(), explicit.outlines()))
 
 
 def test_outlines_of_patterns():
-    assert outlines(Plate()) == outlines(Sphere()) == []
-    ridges = outlines(Grating(count=3, shift_mm=(0.0, 1.0)))
+    assert Plate().outlines() == Sphere().outlines() == []
+    ridges = Grating(count=3, shift_mm=(0.0, 1.0)).outlines()
     assert [r.centroid.y for r in ridges] == pytest.approx([-1, 1, 3])
-    dots = outlines(Dots(columns=2, rows=3))
+    dots = Dots(columns=2, rows=3).outlines()
     assert len(dots) == 6
     assert gap(Dots(columns=2, rows=3), [d.centroid.coords[0] + (0,) for d in dots]) == (
         pytest.approx(0)
@@ -309,7 +309,7 @@ def test_outlines_of_patterns():
 )
 def test_bad_input_is_told_in_a_sentence(stimulus, sentence):
     with pytest.raises(StudyError, match=sentence):
-        make_body(stimulus)
+        stimulus.body()
 
 
 @pytest.mark.parametrize(
@@ -318,29 +318,29 @@ def test_bad_input_is_told_in_a_sentence(stimulus, sentence):
 )
 def test_the_radius_that_would_fit_stands_in_the_message(stimulus):
     with pytest.raises(StudyError) as told:
-        make_body(stimulus)
+        stimulus.body()
     message = str(told.value)
     assert ("corner_radius_mm and fillet_radius_mm must" in message) == (stimulus.text == "W")
     fits = float(message.rsplit(" ", 1)[1])
     radii = {"corner_radius_mm": fits, "fillet_radius_mm": min(fits, stimulus.fillet_radius_mm)}
-    make_body(stimulus.model_copy(update=radii))
+    stimulus.model_copy(update=radii).body()
     with pytest.raises(StudyError):
-        make_body(stimulus.model_copy(update={**radii, "corner_radius_mm": 1.1 * fits}))
+        stimulus.model_copy(update={**radii, "corner_radius_mm": 1.1 * fits}).body()
 
 
 def test_a_file_that_is_no_font_is_told(tmp_path):
     file = tmp_path / "letters.ttf"
     file.write_text("no font")
     with pytest.raises(StudyError, match="cannot be read as a font"):
-        make_body(Text(font=str(file)))
+        Text(font=str(file)).body()
 
 
 def test_curves_are_smooth():
     """Chords of the font's curves would show as a curvature that jumps between 0 and 3/mm."""
     stimulus = Text(text="O")
-    ring = outlines(stimulus)[0].exterior
+    ring = stimulus.outlines()[0].exterior
     wall = shapely.get_coordinates(shapely.line_interpolate_point(ring, np.linspace(0, 18, 900)))
-    at = make_body(stimulus).distance(np.column_stack([wall, np.full(len(wall), -0.32)]))
+    at = stimulus.body().distance(np.column_stack([wall, np.full(len(wall), -0.32)]))
     curvature = np.trace(at.hessian, axis1=1, axis2=2)
     assert curvature.min() > 0 and curvature.max() < 0.7
 
@@ -354,13 +354,13 @@ def test_braille_spells_letters_numbers_and_patterns():
 
 
 def test_braille_reads_along_the_finger_with_its_top_towards_minus_x():
-    places = dots(Braille(text="l b", start_mm=1.0))
+    places = Braille(text="l b", start_mm=1.0).dots()
     # l is dots 1, 2, 3: a column; b, two cells on, is dots 1 and 2.
     expected = [(-2.5, -2.25), (0.0, -2.25), (2.5, -2.25), (-2.5, 10.15), (0.0, 10.15)]
     np.testing.assert_allclose(places, expected, atol=1e-12)
-    middle = dots(Braille(text="⠿⠿"))
+    middle = Braille(text="⠿⠿").dots()
     np.testing.assert_allclose(middle.mean(axis=0), 0.0, atol=1e-12)
-    assert len(outlines(Braille(text="l b"))) == 5
+    assert len(Braille(text="l b").outlines()) == 5
 
 
 def test_a_braille_dot_is_a_part_of_a_ball_on_a_plate():
@@ -370,7 +370,7 @@ def test_a_braille_dot_is_a_part_of_a_ball_on_a_plate():
     cap = np.sqrt(R**2 - x**2) - R
     np.testing.assert_allclose(gap(dot, np.column_stack([x, 0 * x, cap])), 0.0, atol=1e-12)
     assert gap(dot, [3.0, 0.0, -0.5]) == pytest.approx(0.0, abs=1e-12)
-    foot = make_body(dot).distance(np.array([[0.8, 0.0, -0.5]])).gap[0]
+    foot = dot.body().distance(np.array([[0.8, 0.0, -0.5]])).gap[0]
     assert -0.08 < foot < 0  # the foot is filled
 
 
@@ -384,4 +384,4 @@ def test_a_braille_dot_is_a_part_of_a_ball_on_a_plate():
 )
 def test_bad_braille_is_told(keys, sentence):
     with pytest.raises(StudyError, match=sentence):
-        make_body(Braille(**keys))
+        Braille(**keys).body()

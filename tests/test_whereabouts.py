@@ -17,7 +17,6 @@ from tactile_fem.output import pictures
 from tactile_fem.output.deck import write_deck
 from tactile_fem.output.section import layers_figure
 from tactile_fem.simulation.checks import tell_missed
-from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.whereabouts import miss
 from tactile_fem.study import Cylinder, Edge, Finger, Plate, Protocol, Sphere, Study, Text
 
@@ -28,7 +27,7 @@ PRESS = Protocol(depth_mm=0.3, distance_mm=0.0)
 
 
 def missed(stimulus, protocol=PRESS):
-    return miss(make_body(stimulus), protocol.route(0.0).places_mm(), SKIN)
+    return miss(stimulus.body(), protocol.route(0.0).places_mm(), SKIN)
 
 
 @pytest.mark.parametrize(
@@ -56,14 +55,14 @@ def test_where_a_body_lies_that_the_finger_misses(stimulus, words):
 def test_a_path_that_ends_below_the_skin_is_told():
     assert missed(Plate()) is None
     path = PRESS.route(0.0).places_mm() - [0, 0, 2.0]
-    found = miss(make_body(Plate()), path, SKIN)
+    found = miss(Plate().body(), path, SKIN)
     assert found.endswith("whose deepest place is -1.7 mm, 1.7 mm below the skin")
 
 
 def test_a_body_that_passes_between_the_ends_of_its_way_is_not_missed():
     ends = np.array([[0.0, -20.0, 0.2], [0.0, 20.0, 0.2]])
-    assert miss(make_body(Sphere(radius_mm=1.0)), ends, SKIN) is None
-    assert miss(make_body(Sphere(radius_mm=1.0, shift_mm=(9, 0))), ends, SKIN) is not None
+    assert miss(Sphere(radius_mm=1.0).body(), ends, SKIN) is None
+    assert miss(Sphere(radius_mm=1.0, shift_mm=(9, 0)).body(), ends, SKIN) is not None
 
 
 def test_no_deck_is_written_of_a_stimulator_beside_the_finger(tmp_path):
@@ -76,9 +75,9 @@ def test_no_deck_is_written_of_a_stimulator_beside_the_finger(tmp_path):
 def test_a_stimulator_beside_the_finger_is_warned_of(small_finger, caplog):
     finger, path = read_msh(small_finger), PRESS.route(0.0)
     with caplog.at_level(logging.WARNING):
-        tell_missed(make_body(Sphere()), path, finger)
+        tell_missed(Sphere().body(), path, finger)
         assert not caplog.records
-        tell_missed(make_body(Sphere(shift_mm=(60, 0))), path, finger)
+        tell_missed(Sphere(shift_mm=(60, 0)).body(), path, finger)
     assert caplog.messages[0].endswith("finger: correct stimulus.shift_mm or the protocol.")
 
 
@@ -87,7 +86,7 @@ def test_a_stimulator_beside_the_finger_is_warned_of(small_finger, caplog):
 def test_a_section_is_drawn_without_a_body_far_away(tmp_path):
     mesh = load_finger(Finger(kind="section", pad_size_mm=3.0, far_size_mm=6.0))
     figures = [
-        layers_figure(mesh, make_body(Sphere(shift_mm=shift)), (0.0, 0.0, 0.0))
+        layers_figure(mesh, Sphere(shift_mm=shift).body(), (0.0, 0.0, 0.0))
         for shift in ((0.0, 0.0), (60.0, 0.0))
     ]
     near, far = (len(figure.axes[0].collections) for figure in figures)

@@ -23,7 +23,6 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -90,7 +89,7 @@ def main(
         domain = create_domain(finger, MPI.COMM_SELF, study.solver.held)
         stimulus = study.stimulus
         problems[name] = FingerProblem(
-            domain, study.tissue, make_body(stimulus), stimulus.friction, study.solver
+            domain, study.tissue, stimulus.body(), stimulus.friction, study.solver
         )
         ready_s[name] = time.perf_counter() - started
     pressed = {name: press(problem) for name, problem in problems.items()}

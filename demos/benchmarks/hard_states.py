@@ -31,7 +31,6 @@ from tactile_fem.runtime.parallel import on_root
 from tactile_fem.simulation import Observation
 from tactile_fem.simulation.stepper import Step, Stepper
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Output, Solver, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -203,7 +202,7 @@ def replay(
     """Take `steps` steps from each state."""
     comm = MPI.COMM_WORLD
     solver = Solver(petsc=strategy.petsc, contact_width_MPa=strategy.width_MPa)
-    body = make_body(study.stimulus)
+    body = study.stimulus.body()
     problem = FingerProblem(domain, study.tissue, body, study.stimulus.friction, solver)
     for name, results in states.items():
         stepper = Stepper(problem, study.protocol.route(0.0), solver)

@@ -22,7 +22,6 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.solvers.block_products import BlockProduct
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Plate, Solver, Tissue
 
 from petsc4py import PETSc  # isort: skip
@@ -44,7 +43,7 @@ def tangent(preset: str, comm: MPI.Comm) -> fem.Form:
     finger = on_root(comm, lambda: load_finger(Finger(preset=preset)), share=False)
     solver = Solver()
     domain = create_domain(finger, comm, solver.held)
-    problem = Problem(domain, Tissue(), make_body(Plate()), 0.3, solver)
+    problem = Problem(domain, Tissue(), Plate().body(), 0.3, solver)
     problem.begin_step(np.zeros(3), dt_s=0.01)
     form = sum((term.tangent(problem.test) for term in problem.bulk), ufl.Form([]))
     return fem.form(form, jit_options=jit_options(FLAGS))

@@ -23,7 +23,6 @@ from tactile_fem import Study, load_finger, run_script
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.simulation.stepper import Step, Stepper
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Protocol, Solver, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -63,7 +62,7 @@ def main(
             domain = create_domain(finger, MPI.COMM_WORLD, study.solver.held)
             stimulus = study.stimulus
             problem = FingerProblem(
-                domain, study.tissue, make_body(stimulus), stimulus.friction, study.solver
+                domain, study.tissue, stimulus.body(), stimulus.friction, study.solver
             )
             path = study.protocol.route(DEEPEST_MM)
             note(runs, list(Stepper(problem, path, study.solver)))

@@ -48,7 +48,7 @@ import numpy as np
 from tactile_fem import Distance, Embossed, Parts, Study, run_script, scan
 from tactile_fem.runtime.files import atomic_write
 from tactile_fem.simulation.trace import Trace
-from tactile_fem.stimulus.settings import AnyStimulus
+from tactile_fem.stimulus import Stimulus
 from tactile_fem.study import (
     Cylinder,
     Dots,
@@ -147,7 +147,7 @@ def experiments(preset: str, depth: float, step: float) -> dict[str, Experiment]
 def study_of_press(
     preset: str,
     step: float,
-    stimulus: AnyStimulus,
+    stimulus: Stimulus,
     path: tuple[Press | Hold, ...],
     places: Iterable[tuple[float, float]],
 ) -> Study:

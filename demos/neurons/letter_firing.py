@@ -11,7 +11,6 @@ from recordings import HISTORIES, Array
 
 from tactile_fem import Study
 from tactile_fem.neuron import Drive, Response, respond
-from tactile_fem.stimulus import outlines
 from tactile_fem.study import Neuron
 
 STUDY = Study()
@@ -86,7 +85,7 @@ class LetterFiring:
 @cache
 def strokes() -> shapely.Geometry:
     """Return all strokes of the default letters."""
-    return shapely.unary_union([s for s in outlines(STUDY.stimulus) if not s.is_empty])
+    return shapely.unary_union([s for s in STUDY.stimulus.outlines() if not s.is_empty])
 
 
 def to_strokes(x_mm: float, displacement_mm: Array) -> Array:

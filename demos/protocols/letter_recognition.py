@@ -16,8 +16,7 @@ from scipy.optimize import bisect
 from tactile_fem import StudyError
 from tactile_fem.output.plots import styled
 from tactile_fem.series.image import Array, RateImage
-from tactile_fem.stimulus import outlines
-from tactile_fem.study import AnyStimulus
+from tactile_fem.study import Stimulus
 
 SHIFT_MM = 1.0
 # Width of a blurred outline, of the order of the spread of a receptor's field.
@@ -27,7 +26,7 @@ _SEED = 1  # of the reader's noise
 _FINE = 4  # sub-pixels of a pixel in each direction
 
 
-def edge_image(stimulus: AnyStimulus, across_mm: Array, along_mm: Array) -> Array:
+def edge_image(stimulus: Stimulus, across_mm: Array, along_mm: Array) -> Array:
     """Return the blurred outline of the raised shapes, (rows, columns), 1 at most.
 
     Slowly adapting afferents fire at edges (Blake et al. 1997), so images are compared with the
@@ -38,7 +37,7 @@ def edge_image(stimulus: AnyStimulus, across_mm: Array, along_mm: Array) -> Arra
     StudyError
         The stimulator has no outline.
     """
-    shapes = [shape for shape in outlines(stimulus) if not shape.is_empty]
+    shapes = [shape for shape in stimulus.outlines() if not shape.is_empty]
     if not shapes:
         raise StudyError(f'The stimulator "{stimulus.kind}" has no outline to compare with.')
     lines = shapely.unary_union([shape.boundary for shape in shapes])
@@ -84,7 +83,7 @@ def _normed(rows: Array) -> Array:
     return np.divide(centred, length, out=np.zeros_like(centred), where=length > 0)
 
 
-def outline_correlation(image: RateImage, stimulus: AnyStimulus) -> float:
+def outline_correlation(image: RateImage, stimulus: Stimulus) -> float:
     """Return the correlation of firing with the stimulator's outline at the best shift."""
     template = edge_image(stimulus, image.across_mm, image.along_mm)
     found = correlations(image.rate_Hz[None], template[None], _max_shift(image))

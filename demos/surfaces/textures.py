@@ -28,7 +28,6 @@ from tactile_fem.output.plots import INK
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.series import numbers_of
-from tactile_fem.stimulus.relief import make_relief
 from tactile_fem.stimulus.roughness import Roughness
 from tactile_fem.study import Finger, Protocol, Surface
 
@@ -144,7 +143,7 @@ def save(file: Path, heights: np.ndarray) -> None:
 def row(name: str, results: Results) -> Row:
     """Return the numbers of one scan."""
     trace, numbers = results.trace, numbers_of(results)
-    waves = Roughness.of(make_relief(results.study.stimulus).heights)
+    waves = Roughness.of(results.study.stimulus.relief().heights)
     slide = trace["displacement_mm"] > 0
     central = trace["sed_kPa"][slide, central_receptor(trace["receptors_mm"])]
     return Row(
@@ -178,7 +177,7 @@ def draw(folder: Path, scans: dict[str, object]) -> Figure:
         d, x = trace["displacement_mm"][slide], trace["receptors_mm"][:, 0]
         across, along = np.linspace(-SHOWN_MM, SHOWN_MM, 201), np.linspace(d[0], d[-1], 301)
         places = np.stack(np.meshgrid(across, along, indexing="ij"), -1).reshape(-1, 2)
-        relief = make_relief(results.study.stimulus).heights.derivatives(places, 0)[0]
+        relief = results.study.stimulus.relief().heights.derivatives(places, 0)[0]
         heights, felt, fired = column
         shown = heights.pcolormesh(along, across, 1e3 * relief.reshape(201, 301), cmap="gray")
         figure.colorbar(shown, ax=heights, label="Height (µm)")

@@ -54,9 +54,7 @@ from tactile_fem.runtime import backend  # noqa: F401  (brings DOLFINx, before M
 from tactile_fem.runtime.files import write_table
 from tactile_fem.simulation.stepper import Stepper
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import (
-    AnyStimulus,
     Cylinder,
     Finger,
     Plate,
@@ -64,6 +62,7 @@ from tactile_fem.study import (
     Protocol,
     Receptors,
     Solver,
+    Stimulus,
     Text,
     Tissue,
 )
@@ -91,7 +90,7 @@ class Case:
     contact has other than the package's defaults.
     """
 
-    stimulus: AnyStimulus
+    stimulus: Stimulus
     grid: tuple[float, float]
     depth: float
     distance: float
@@ -208,9 +207,7 @@ def ours(study: Study, finger: FingerMesh, samples: Samples, size: DeckSize) -> 
     comm = MPI.COMM_WORLD
     domain = create_domain(finger, comm, study.solver.held)
     stimulus = study.stimulus
-    problem = FingerProblem(
-        domain, study.tissue, make_body(stimulus), stimulus.friction, study.solver
-    )
+    problem = FingerProblem(domain, study.tissue, stimulus.body(), stimulus.friction, study.solver)
     energy = CellEnergy(problem)
     cpu = time.process_time()
     steps, sed = [], []

@@ -41,7 +41,6 @@ from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.parallel import on_root
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Finger, Output, Protocol, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -211,9 +210,7 @@ def spread_of(name: str, results: Results) -> Spread:
     u = on_root(COMM, lambda: meshio.read(files[strongest]).point_data["displacement_mm"])
     domain = create_domain(finger, COMM, study.solver.held)
     stimulus = study.stimulus
-    problem = FingerProblem(
-        domain, study.tissue, make_body(stimulus), stimulus.friction, study.solver
-    )
+    problem = FingerProblem(domain, study.tissue, stimulus.body(), stimulus.friction, study.solver)
     problem.order.scatter(u.astype(float), problem.u)
 
     positions = place(study.receptors, finger)

@@ -51,7 +51,6 @@ from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.mechanics.problem import Constraints
 from tactile_fem.runtime.files import write_table
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Cylinder, Solver, Sphere, Tissue
 
 from dolfinx import fem  # isort: skip  (after our own imports, which find it)
@@ -203,7 +202,7 @@ def press(shape: Shape, R: float, per_radius: float, body_radius: float) -> Solu
     finger = body_mesh(shape, per_radius, body_radius) if COMM.rank == 0 else None
     domain = create_domain(finger, COMM, solver.held)
     stimulus = Sphere(radius_mm=R) if shape == "ball" else Cylinder(radius_mm=R, along="y")
-    problem = FingerProblem(domain, TISSUE, make_body(stimulus), 0.0, solver, symmetry(shape))
+    problem = FingerProblem(domain, TISSUE, stimulus.body(), 0.0, solver, symmetry(shape))
     depth = depth_of(shape, R, body_radius)
     iterations = 0
     for share in np.linspace(0, 1, STEPS + 1)[1:]:

@@ -42,7 +42,6 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.load import Load
 from tactile_fem.runtime.files import write_table
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Solver, Sphere
 
 R_MM, BODY_MM, FRICTION = 20.0, 20.0, 0.3
@@ -123,7 +122,7 @@ def stroke(per_radius: float, furthest_mm: float, steps: int) -> list[State]:
     solver = Solver(held=("cut",), linear="direct", contact_width_MPa=1e-5)
     mesh = with_mirror_image(body_mesh("ball", per_radius, BODY_MM)) if COMM.rank == 0 else None
     domain = create_domain(mesh, COMM, solver.held)
-    body = make_body(Sphere(radius_mm=R_MM))
+    body = Sphere(radius_mm=R_MM).body()
     mirror_x = symmetry("ball", axes=(0,))
     problem = FingerProblem(domain, TISSUE, body, FRICTION, solver, mirror_x)
     probe = SkinProbe(problem)

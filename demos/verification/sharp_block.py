@@ -36,7 +36,6 @@ from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_o
 from tactile_fem.mechanics.domain import Domain, create_domain
 from tactile_fem.runtime.files import write_table
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus import make_body
 from tactile_fem.study import Plate, Solver, Tissue
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -115,7 +114,7 @@ def places() -> Iterator[tuple[float, float]]:
 def solve(domain: Domain, count: int, theta: int, gamma: float) -> Row:
     """Press and slide with one choice of the parameters."""
     solver = Solver(held=("cut",), linear="direct", nitsche_gamma=gamma, nitsche_theta=theta)
-    problem = FingerProblem(domain, TISSUE, make_body(PLATE), PLATE.friction, solver)
+    problem = FingerProblem(domain, TISSUE, PLATE.body(), PLATE.friction, solver)
     iterations, pressed = 0, math.nan
     seen = (math.nan, math.nan, math.nan)
     for slide, depth in places():

@@ -28,7 +28,7 @@ from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import read_rows
-from tactile_fem.study import AnyStimulus, Study
+from tactile_fem.study import Stimulus, Study
 from tactile_fem.study.explain import explain
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ class Experiment:
     """
 
     name: str
-    indenter: AnyStimulus
+    indenter: Stimulus
     speed_mm_s: float
     depth_mm: Array
     place_mm: Array
@@ -89,7 +89,7 @@ def read_measurements(files: Sequence[Path]) -> list[Experiment]:
         A file cannot be read, or a row is wrong: file, line, value and what is allowed.
     """
     rows: dict[tuple[str, float], list[_Row]] = {}
-    indenters: dict[str, AnyStimulus] = {}
+    indenters: dict[str, Stimulus] = {}
     for file in files:
         for line, cells in _lines(file):
             where = f"{file}, line {line}"
@@ -102,7 +102,7 @@ def read_measurements(files: Sequence[Path]) -> list[Experiment]:
     return [_experiment(indenters[indenter], of_press) for (indenter, _), of_press in rows.items()]
 
 
-def parse_indenter(text: str, where: str) -> AnyStimulus:
+def parse_indenter(text: str, where: str) -> Stimulus:
     """Return the stimulus that ``kind key=value key=value`` names."""
     kind, *settings = text.split()
     table: dict[str, object] = {"kind": kind}
@@ -157,7 +157,7 @@ def _row(where: str, cells: Mapping[str, str]) -> _Row:
     return _Row(indenter, speed, depth, place, deflection, number("sd_mm"))
 
 
-def _experiment(indenter: AnyStimulus, rows: Sequence[_Row]) -> Experiment:
+def _experiment(indenter: Stimulus, rows: Sequence[_Row]) -> Experiment:
     rows = sorted(rows, key=lambda row: (math.isfinite(row.place_mm), row.depth_mm, row.place_mm))
     columns = np.array([[row.depth_mm, row.place_mm, row.mean, row.sd] for row in rows]).T
     speed = rows[0].speed_mm_s

@@ -94,7 +94,6 @@ def export(
     from tactile_fem import load_finger, load_study
     from tactile_fem.output.deck import write_deck
     from tactile_fem.simulation.checks import check_solid, check_study, check_with_mesh
-    from tactile_fem.stimulus import make_body
 
     the_study = load_study(study, changes)
     if deck.suffix != ".inp":
@@ -104,7 +103,7 @@ def export(
     check_solid(the_study.finger, "an input deck")
     check_study(the_study)
     finger = load_finger(the_study.finger)
-    check_with_mesh(the_study, make_body(the_study.stimulus), finger)
+    check_with_mesh(the_study, the_study.stimulus.body(), finger)
     with written(deck):
         size = write_deck(
             the_study,

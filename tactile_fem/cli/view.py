@@ -35,7 +35,6 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
     from tactile_fem.output.section import layers_figure
     from tactile_fem.runtime.files import write_figure
     from tactile_fem.simulation.checks import check_with_mesh, tell_missed
-    from tactile_fem.stimulus import make_body
 
     the_study = load_study(study, changes)
     _check_file("--output", output, (".png",))
@@ -43,7 +42,7 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
     if not is_section:
         _load_pyvista()
         from tactile_fem.output.preview import preview_figure, scans_figure
-    body = make_body(the_study.stimulus)
+    body = the_study.stimulus.body()
     try:
         finger = load_finger(the_study.finger)
     except PlaceError as error:

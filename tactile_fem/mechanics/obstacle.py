@@ -23,7 +23,7 @@ from ufl.core.expr import Expr
 from tactile_fem.mechanics.compile import expression, jit_options
 from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.parallel import shared_errors
-from tactile_fem.stimulus.body import EXCESS_MM, RELIED_ON_MM, RigidBody
+from tactile_fem.stimulus.body import EXCESS_MM, NEAR_MM, RigidBody
 from tactile_fem.study import Solver
 
 # Added to the length of gradients, which may vanish.
@@ -137,7 +137,7 @@ class Obstacle:
         reach_mm
             Gap below which a facet has to be evaluated, (facets,).
         """
-        relied_on = np.minimum(self.gap_mm.min(axis=1), RELIED_ON_MM)
+        relied_on = np.minimum(self.gap_mm.min(axis=1), NEAR_MM)
         self._margin_mm = relied_on - EXCESS_MM - reach_mm
         self._displacement_then = self._base.x.array.copy()
 

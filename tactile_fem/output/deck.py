@@ -40,7 +40,6 @@ from tactile_fem.finger.mesh_data import (
 from tactile_fem.finger.report import measured_layers_mm
 from tactile_fem.path import Motion
 from tactile_fem.runtime.files import write_text
-from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.height_field import HeightField, height_field
 from tactile_fem.stimulus.whereabouts import miss
 from tactile_fem.study import Elastic, Polynomial, Protocol, Study
@@ -158,7 +157,7 @@ def write_deck(
     skin = finger.facets[finger.surface == SURFACES["skin"], :3]
     faces = _element_faces(finger.cells, skin)
     contact = penalty or Penalty.of(study, finger)
-    body = make_body(study.stimulus)
+    body = study.stimulus.body()
     missed = miss(body, way.places_mm(), finger.nodes[skin])
     if missed is not None:
         raise StudyError(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.output.colours import COLOURS, RIGID, is_soft
 from tactile_fem.simulation.results import Results
-from tactile_fem.stimulus import RigidBody, make_body
+from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 
 SCALE = "viridis"
@@ -130,7 +130,7 @@ def stimulator_surface(results: Results) -> pv.PolyData:
     if results.stimulator is not None:
         surface = zero_level(results.stimulator)
     else:
-        surface = body_surface(make_body(results.study.stimulus), results.trace["stimulator_mm"])
+        surface = body_surface(results.study.stimulus.body(), results.trace["stimulator_mm"])
     surface["height_mm"] = surface.points[:, 2]
     return surface
 

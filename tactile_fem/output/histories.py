@@ -10,8 +10,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.simulation.results import Results
-from tactile_fem.stimulus import outlines
-from tactile_fem.study import AnyStimulus
+from tactile_fem.study import Stimulus
 
 Array = NDArray[np.float64]
 Outlines = Sequence[Array]
@@ -92,9 +91,9 @@ class Abscissa:
         return cls(DISPLACEMENT, rows, slid, shapes)
 
 
-def rings(stimulus: AnyStimulus) -> Outlines:
+def rings(stimulus: Stimulus) -> Outlines:
     """Return the outlines of all raised parts as closed curves; holes turn the other way."""
-    parts = shapely.get_parts([part for part in outlines(stimulus) if not part.is_empty])
+    parts = shapely.get_parts([part for part in stimulus.outlines() if not part.is_empty])
     polygons = [shapely.geometry.polygon.orient(part) for part in parts]
     return [
         np.asarray(ring.coords)

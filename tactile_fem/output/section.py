@@ -32,7 +32,7 @@ from tactile_fem.output.timeline import Timeline
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
-from tactile_fem.stimulus import RigidBody, make_body
+from tactile_fem.stimulus import RigidBody
 
 Array = NDArray[np.float64]
 # A quadratic triangle as four straight ones.
@@ -164,7 +164,7 @@ class SectionFilm:
         self._results = results
         self.shape = Shape.read(self._files[0])
         body = results.stimulator
-        self.gap = body.gap if body else _gap_of(make_body(results.study.stimulus))
+        self.gap = body.gap if body else _gap_of(results.study.stimulus.body())
         fields = [meshio.read(file) for file in counted(self._files, "saved states to read")]
         self._moved = [
             self.shape.plane.within(f.point_data["displacement_mm"]).astype(float) for f in fields

@@ -60,6 +60,11 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
+    @classmethod
+    def file_keys(cls) -> set[str]:
+        """Return the keys whose values are paths of files."""
+        return {key for key, field in cls.model_fields.items() if "Path" in str(field.annotation)}
+
     def files(self) -> dict[str, Path]:
         """Return the files that it is read from, by their keys."""
         return {key: value for key, value in self if isinstance(value, Path)}

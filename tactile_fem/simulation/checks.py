@@ -17,21 +17,15 @@ from tactile_fem.finger.section import section_sizes
 from tactile_fem.finger.skin import PRESETS, sizes_of
 from tactile_fem.path import Path
 from tactile_fem.runtime.files import cached_by_content
-from tactile_fem.stimulus import RigidBody, make_body
-from tactile_fem.stimulus.make import outlines
-from tactile_fem.stimulus.relief import make_relief
-from tactile_fem.stimulus.roughness import Roughness
+from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.whereabouts import miss
-from tactile_fem.study import Finger, Protocol, Study, Surface
+from tactile_fem.study import Finger, Protocol, Stimulus, Study
 
 logger = logging.getLogger(__name__)
 
 # A press to a force is given up when this share of the pad is squeezed.
 DEEPEST = 0.8
 _TOUCH_TOLERANCE_MM = 1e-3
-# A quadratic edge can take the shape of half a wave, within 6 % of its height.
-_EDGES_PER_WAVE = 2
-_WELL_FOLLOWED = 0.9
 
 
 def check_solid(finger: Finger, purpose: str) -> None:
@@ -49,7 +43,7 @@ def check_study(study: Study) -> None:
         A glyph is missing, a mesh file lacks a tag, the lengths do not make a finger, a receptor
         lies outside it ...
     """
-    body = make_body(study.stimulus)
+    body = study.stimulus.body()
     for afferents in study.populations:
         afferents.population()
     finger = study.finger
@@ -146,7 +140,7 @@ def check_section(study: Study, path: Path, plane: Plane, *, own_body: bool = Fa
             f"{along} only, for example protocol.path with by_mm = "
             f"{'[0, -10]' if across == 0 else '[10, 0]'}, or choose another finger.plane"
         )
-    shapes = [] if own_body else outlines(study.stimulus)
+    shapes = [] if own_body else study.stimulus.outlines()
     ends = [(b[across], b[across + 2]) for b in (shape.bounds for shape in shapes)]
     if shapes and not any(low < plane.at_mm < high for low, high in ends):
         raise StudyError(
@@ -156,21 +150,13 @@ def check_section(study: Study, path: Path, plane: Plane, *, own_body: bool = Fa
         )
 
 
-def tell_resolution(surface: Surface, finger: FingerMesh) -> None:
-    """Log which part of a surface's roughness the skin's facets can follow, and which would."""
-    waves, edge_mm = Roughness.of(make_relief(surface).heights), facet_size_mm(finger)
-    finer = {name: waves.share(_EDGES_PER_WAVE * size.pad) for name, size in PRESETS.items()}
-    logger.info(
-        "surface of %.3g mm rms: waves of %.2g mm and more, twice the skin's facets, carry %.0f %% "
-        "of its variance, the skin cannot follow the others; preset %s; pad_size_mm = %.2g would "
-        "follow %.0f %%",
-        waves.rms_mm,
-        _EDGES_PER_WAVE * edge_mm,
-        100 * waves.share(_EDGES_PER_WAVE * edge_mm),
-        ", ".join(f"{name} {100 * share:.0f} %" for name, share in finer.items()),
-        waves.wavelength_of(_WELL_FOLLOWED) / _EDGES_PER_WAVE,
-        100 * _WELL_FOLLOWED,
+def tell_resolution(stimulus: Stimulus, finger: FingerMesh) -> None:
+    """Log which part of a stimulus' roughness the skin's facets can follow, and which would."""
+    sentence = stimulus.resolution(
+        facet_size_mm(finger), {name: size.pad for name, size in PRESETS.items()}
     )
+    if sentence:
+        logger.info("%s", sentence)
 
 
 @cached_by_content(maxsize=1)

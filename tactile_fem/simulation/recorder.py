@@ -29,7 +29,6 @@ from tactile_fem.simulation.simulation import Observation, Simulation
 from tactile_fem.simulation.step import Step
 from tactile_fem.simulation.trace import Array, Trace
 from tactile_fem.stimulus.distance_grid import DistanceGrid
-from tactile_fem.study import Mesh
 from tactile_fem.study.kept import keep_files
 
 _TIMERS = (
@@ -87,8 +86,7 @@ class Recorder:
         study, simulation, folder = self._study, self._simulation, self._results.folder
         on_root(self._comm, lambda: keep_files(study, folder, afresh=False))  # if cut off before
         on_root(self._comm, lambda: self._results.save_trace(**self._trace.arrays()))
-        is_part = isinstance(study.stimulus, Mesh)  # which takes long to make
-        if simulation.parts.body is not None or is_part:
+        if simulation.parts.body is not None or study.stimulus.is_slow_to_make:
             grid = DistanceGrid.of(simulation.body, simulation.path.places_mm())
             on_root(self._comm, lambda: self._results.save_stimulator(grid))
         self._save_run("running")

@@ -44,10 +44,9 @@ from tactile_fem.solvers.fast import FastSolver
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.options import check_options
 from tactile_fem.solvers.report import StepSolver
-from tactile_fem.stimulus import make_body
 from tactile_fem.stimulus.check import check_body
 from tactile_fem.stimulus.cut import in_plane
-from tactile_fem.study import Study, Surface
+from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)
 
@@ -110,7 +109,7 @@ class Simulation:
         self.files = on_root(comm, lambda: hashes(study.files()))
         self.finger = finger = on_root(comm, lambda: _finger(study, parts), share=False)
         thickness_mm = on_root(comm, lambda: pad_thickness_mm(finger))
-        self.body = parts.body or make_body(study.stimulus)
+        self.body = parts.body or study.stimulus.body()
         if parts.body is None:  # an own one has been tried
             check_body(self.body, "stimulus")
         self.path = parts.path or study.protocol.route(DEEPEST * thickness_mm)
@@ -162,7 +161,7 @@ class Simulation:
             len(self.layout.positions_mm),
             self.comm.size,
         )
-        if isinstance(study.stimulus, Surface) and not self.parts.body:
+        if not self.parts.body:
             on_root(self.comm, lambda: tell_resolution(study.stimulus, self.finger))
         return Stepper(problem, self.path, study.solver, problem.domain.plane)
 

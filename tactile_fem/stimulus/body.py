@@ -6,18 +6,16 @@ Body frame: X across the finger, Y along it, Z up; the highest plane of the body
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 Array = NDArray[np.float64]
-# By how much a distance may exceed the way to the surface, where it does so at all; see `Relief`.
+# Near the surface a distance must be accurate; farther away it need only be at least this long.
+NEAR_MM = 0.5
+# Excess of a distance over the true one that the contact search allows for; see `Relief`.
 EXCESS_MM = 0.06
-# Within this way a distance is relied on; farther away it need only be no less.
-RELIED_ON_MM = 0.5
-# Where the norm of a vector is taken as zero, mm.
 _ZERO_MM = 1e-12
 
 
@@ -39,28 +37,13 @@ class Distance:
 class RigidBody(Protocol):
     """A body that the finger can touch.
 
-    Its distance is 1-Lipschitz: between two points it changes by no more than the way between
-    them. The contact search relies on this within `RELIED_ON_MM` of the surface: skin that moves by
-    less than its distance is not evaluated again. The gradient vanishes nowhere outside.
+    Its distance is 1-Lipschitz: between two points it changes by no more than their distance. The
+    contact search relies on this within `NEAR_MM` of the surface: skin that moves by less than its
+    distance is not evaluated again. The gradient vanishes nowhere outside.
     """
 
     def distance(self, points: Array) -> Distance:
         """Return the signed distance at `points` (n, 3) in the body's frame."""
-
-
-class Outline(Protocol):
-    """A flat shape that can be raised from a plate."""
-
-    def distance(self, xy: Array) -> Distance:
-        """Return the signed distance in the plane at `xy` (n, 2)."""
-
-
-@runtime_checkable
-class QuickOutline(Outline, Protocol):
-    """An outline that tells its signed distance faster without derivatives."""
-
-    def gap(self, xy: Array) -> Array:
-        """Return the signed distance (n,), in mm, at `xy` (n, 2)."""
 
 
 def norm_of(components: Array) -> tuple[Array, Array, Array]:
@@ -73,166 +56,6 @@ def norm_of(components: Array) -> tuple[Array, Array, Array]:
     n[r == _ZERO_MM] = np.eye(components.shape[1])[-1]
     identity = np.eye(components.shape[1])
     return r, n, (identity - n[:, :, None] * n[:, None, :]) / r[:, None, None]
-
-
-def _in_space(axes: tuple[int, ...], gap: Array, gradient: Array, hessian: Array) -> Distance:
-    """Return a distance that depends on some axes only; (n,), (n, k), (n, k, k)."""
-    normal, H = np.zeros((len(gap), 3)), np.zeros((len(gap), 3, 3))
-    normal[:, axes] = gradient
-    H[:, np.array(axes)[:, None], axes] = hessian
-    return Distance(gap, normal, H)
-
-
-@dataclass(frozen=True)
-class HalfSpace:
-    """Everything below ``z = -depth``."""
-
-    depth: float = 0.0
-
-    def distance(self, points: Array) -> Distance:
-        """Return the signed distance at `points` (n, 3)."""
-        normal = np.zeros_like(points)
-        normal[:, 2] = 1.0
-        return Distance(points[:, 2] + self.depth, normal, np.zeros((len(points), 3, 3)))
-
-
-@dataclass(frozen=True)
-class Ball:
-    """A ball, or a horizontal cylinder if `axes` names two axes only.
-
-    Attributes
-    ----------
-    radius
-        In mm; the top is at the origin.
-    axes
-        The axes in which it is round: (0, 1, 2) ball, (1, 2) bar along X, (0, 2) bar along Y.
-    """
-
-    radius: float
-    axes: tuple[int, ...] = (0, 1, 2)
-
-    def distance(self, points: Array) -> Distance:
-        """Return the signed distance at `points` (n, 3)."""
-        offset = points[:, self.axes].copy()
-        offset[:, -1] += self.radius
-        r, n, H = norm_of(offset)
-        return _in_space(self.axes, r - self.radius, n, H)
-
-
-@dataclass(frozen=True)
-class Wedge:
-    """A ridge of opening angle `angle` (rad) whose crest is rounded with `radius` (mm).
-
-    `across` is the horizontal axis over which it rises and falls.
-    """
-
-    radius: float
-    angle: float
-    across: int
-
-    def distance(self, points: Array) -> Distance:
-        """Return the signed distance at `points` (n, 3)."""
-        axes = (self.across, 2)
-        offset = points[:, axes].copy()
-        offset[:, 1] += self.radius
-        r, n, H = norm_of(offset)
-        # The flanks' outward normals lean by half the opening angle from the horizontal.
-        c, s = np.cos(self.angle / 2), np.sin(self.angle / 2)
-        side = np.where(offset[:, 0] < 0, -1.0, 1.0)
-        flank_normal = np.column_stack([side * c, np.full(len(points), s)])
-        # Beside the crest, where a flank is nearest: below the line along the flank's normal.
-        on_flank = offset[:, 1] * c < np.abs(offset[:, 0]) * s
-        flank = np.sum(flank_normal * offset, axis=1)
-        r = np.where(on_flank, flank, r)
-        n = np.where(on_flank[:, None], flank_normal, n)
-        H = np.where(on_flank[:, None, None], 0.0, H)
-        return _in_space(axes, r - self.radius, n, H)
-
-
-@dataclass(frozen=True)
-class Embossed:
-    """A flat outline raised by `relief` from a plate, its top edge rounded with `fillet`.
-
-    The raised part is a rounded extrusion with its true distance in space; it joins the plate
-    by a smooth minimum, twice continuously differentiable, that acts within `blend` mm of the
-    foot only.
-    """
-
-    outline: Outline
-    relief: float
-    fillet: float
-    blend: float = 0.2
-
-    def distance(self, points: Array) -> Distance:
-        """Return the signed distance at `points` (n, 3)."""
-        whole = HalfSpace(self.relief).distance(points)
-        raised, is_top = self._raised(points)
-        over_plate = raised - whole.gap
-        is_top &= over_plate <= -self.blend
-        whole.gap[is_top] = raised[is_top]
-        # The outline's derivatives take most of the time; top and plate are flat.
-        sides = np.flatnonzero((over_plate < self.blend) & ~is_top)
-        plate = Distance(whole.gap[sides], whole.normal[sides], whole.hessian[sides])
-        united = smooth_minimum(self._extrusion(points[sides]), plate, self.blend)
-        whole.gap[sides], whole.normal[sides] = united.gap, united.normal
-        whole.hessian[sides] = united.hessian
-        return whole
-
-    def _raised(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the distance from the extrusion, and where it is that from its flat top."""
-        xy, outline = points[:, :2], self.outline
-        gap = outline.gap(xy) if isinstance(outline, QuickOutline) else outline.distance(xy).gap
-        a, b = gap + self.fillet, points[:, 2] + self.fillet
-        corner = (a > 0) & (b > 0)
-        raised = np.where(corner, np.hypot(a, b), np.maximum(a, b)) - self.fillet
-        return raised, ~corner & (a <= b)
-
-    def _extrusion(self, points: Array) -> Distance:
-        """Distance of ``{d <= 0, z <= 0}`` shrunk and swollen by the fillet radius."""
-        planar = self.outline.distance(points[:, :2])
-        a, b = planar.gap + self.fillet, points[:, 2] + self.fillet
-        r, n, H = norm_of(np.column_stack([a, b]))
-        corner = (a > 0) & (b > 0)
-        wall = (a > b) & ~corner
-        da = np.where(corner, n[:, 0], np.where(wall, 1.0, 0.0))
-        db = np.where(corner, n[:, 1], np.where(wall, 0.0, 1.0))
-        gap = np.where(corner, r, np.maximum(a, b)) - self.fillet
-        normal = np.column_stack([da[:, None] * planar.normal, db])
-        hessian = np.zeros((len(points), 3, 3))
-        g = planar.normal
-        bend = np.where(corner[:, None, None], H, 0.0)
-        hessian[:, :2, :2] = (
-            bend[:, 0, 0, None, None] * g[:, :, None] * g[:, None, :]
-            + da[:, None, None] * planar.hessian
-        )
-        hessian[:, :2, 2] = hessian[:, 2, :2] = bend[:, 0, 1, None] * g
-        hessian[:, 2, 2] = bend[:, 1, 1]
-        return Distance(gap, normal, hessian)
-
-
-@dataclass(frozen=True)
-class Domes:
-    """Caps of balls of one size on a plate, which they join as in `Embossed`.
-
-    Attributes
-    ----------
-    centres
-        Their middles, (n, 2).
-    base, height
-        Radius of the base and height of a cap, mm.
-    """
-
-    centres: Array
-    base: float
-    height: float
-    blend: float = 0.2
-
-    def distance(self, points: Array) -> Distance:
-        """Return the signed distance at `points` (n, 3)."""
-        _, nearest = KDTree(self.centres).query(points[:, :2])
-        offset = points - np.column_stack([self.centres[nearest], np.zeros(len(points))])
-        cap = Ball((self.base**2 + self.height**2) / (2 * self.height)).distance(offset)
-        return smooth_minimum(cap, HalfSpace(self.height).distance(points), self.blend)
 
 
 def smooth_minimum(first: Distance, second: Distance, width: float) -> Distance:
@@ -258,6 +81,45 @@ def smooth_minimum(first: Distance, second: Distance, width: float) -> Distance:
 
 
 @dataclass(frozen=True)
+class HalfSpace:
+    """Everything below ``z = -depth``."""
+
+    depth: float = 0.0
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        normal = np.zeros_like(points)
+        normal[:, 2] = 1.0
+        return Distance(points[:, 2] + self.depth, normal, np.zeros((len(points), 3, 3)))
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball of some radius in mm, its top at the origin.
+
+    It is round in the `axes` (0, 1, 2); with (1, 2) it is a bar along X, with (0, 2) along Y.
+    """
+
+    radius: float
+    axes: tuple[int, ...] = (0, 1, 2)
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        offset = points[:, self.axes].copy()
+        offset[:, -1] += self.radius
+        r, n, H = norm_of(offset)
+        return in_space(self.axes, r - self.radius, n, H)
+
+
+def in_space(axes: tuple[int, ...], gap: Array, gradient: Array, hessian: Array) -> Distance:
+    """Return a distance that depends on k axes only; (n,), (n, k), (n, k, k)."""
+    normal, H = np.zeros((len(gap), 3)), np.zeros((len(gap), 3, 3))
+    normal[:, axes] = gradient
+    H[:, np.array(axes)[:, None], axes] = hessian
+    return Distance(gap, normal, H)
+
+
+@dataclass(frozen=True)
 class Moved:
     """A body shifted in its plane by `shift` (x, y) mm."""
 
@@ -267,18 +129,3 @@ class Moved:
     def distance(self, points: Array) -> Distance:
         """Return the signed distance at `points` (n, 3)."""
         return self.body.distance(points - np.array([*self.shift, 0.0]))
-
-
-@dataclass(frozen=True)
-class Turned:
-    """A body turned about Z by `angle` (rad), from X towards Y."""
-
-    body: RigidBody
-    angle: float
-
-    def distance(self, points: Array) -> Distance:
-        """Return the signed distance at `points` (n, 3)."""
-        c, s = np.cos(self.angle), np.sin(self.angle)
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        own = self.body.distance(points @ R)
-        return Distance(own.gap, own.normal @ R.T, R @ own.hessian @ R.T)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus.body import EXCESS_MM, RELIED_ON_MM, Array, RigidBody
+from tactile_fem.stimulus.body import EXCESS_MM, NEAR_MM, Array, RigidBody
 
 # Points above and beside a body, in its own frame, (n, 3) mm.
 POINTS = np.stack(
@@ -54,7 +54,7 @@ def check_lipschitz(body: RigidBody, name: str) -> None:
     rng = np.random.default_rng(0)
     points = rng.uniform(*_NEAR_MM, (len(POINTS), 3))
     gap, ways = body.distance(points).gap, rng.normal(size=points.shape)
-    near = (gap > 0) & (gap < RELIED_ON_MM)
+    near = (gap > 0) & (gap < NEAR_MM)
     for way_mm in _WAYS_MM:
         ways *= way_mm / np.linalg.norm(ways, axis=1)[:, None]
         change = np.where(near, np.abs(body.distance(points + ways).gap - gap), 0.0)

@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from tactile_fem.stimulus.body import RELIED_ON_MM, Array, Distance
+from tactile_fem.stimulus.body import NEAR_MM, Array, Distance
 from tactile_fem.stimulus.spline import GridSpline
 
-# Farther from the surface the distance itself does not matter.
-NEAR_MM = RELIED_ON_MM
 # Points at each end of the grid that serve the spline only: it is mirrored beyond them.
 RIM = 4
 

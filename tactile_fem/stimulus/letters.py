@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
-from matplotlib.font_manager import FontProperties, findfont
 from matplotlib.ft2font import FT2Font
 from matplotlib.path import Path as Outline
 from matplotlib.textpath import text_to_path
@@ -20,7 +20,10 @@ from shapely import affinity
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array, Distance
-from tactile_fem.stimulus.settings import Text, is_font_file
+from tactile_fem.stimulus.text import find_font
+
+if TYPE_CHECKING:
+    from tactile_fem.stimulus.text import Text
 
 _GRID_MM = 0.05
 # The distance from an outline is not told beyond its relief and this, where the plate is nearer.
@@ -119,30 +122,21 @@ def _font(name: str) -> FT2Font:
 
     It is read anew: matplotlib keeps fonts by their path, whatever has become of the file.
     """
-    if is_font_file(name):
-        if not Path(name).is_file():
-            raise StudyError(f'stimulus.font = "{name}": there is no such file')
-        try:
-            font = FT2Font(name)
-        except (OSError, RuntimeError) as error:
-            raise StudyError(f'stimulus.font = "{name}" cannot be read as a font') from error
-    else:
-        file = _installed(name)
-        number = getattr(file, "face_index", 0)  # of a collection, from matplotlib 3.11 on
-        font = FT2Font(file, **({"face_index": number} if number else {}))
-    font.set_size(text_to_path.FONT_SCALE, text_to_path.DPI)
-    return font
-
-
-def _installed(name: str) -> str:
-    # As a list, because a plain name is parsed as a fontconfig pattern ("sans-serif" is invalid).
-    try:
-        return findfont(FontProperties(family=[name]), fallback_to_default=False)
-    except ValueError:
+    file = find_font(name)
+    if file is None:
         raise StudyError(
             f'stimulus.font = "{name}": no such font is installed; give a family name or the path '
             "of a .ttf file"
-        ) from None
+        )
+    if not Path(file).is_file():
+        raise StudyError(f'stimulus.font = "{name}": there is no such file')
+    number = getattr(file, "face_index", 0)  # of a collection, from matplotlib 3.11 on
+    try:
+        font = FT2Font(file, **({"face_index": number} if number else {}))
+    except (OSError, RuntimeError) as error:
+        raise StudyError(f'stimulus.font = "{name}" cannot be read as a font') from error
+    font.set_size(text_to_path.FONT_SCALE, text_to_path.DPI)
+    return font
 
 
 def _glyph(character: str, font: FT2Font, name: str) -> shapely.Geometry:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.triangles import Triangles, read_triangles
-from tactile_fem.stimulus.body import Array
+from tactile_fem.stimulus.body import NEAR_MM, Array
 from tactile_fem.stimulus.contour import Lattice
-from tactile_fem.stimulus.gridded import NEAR_MM, RIM, Gridded
-from tactile_fem.stimulus.settings import Mesh
+from tactile_fem.stimulus.gridded import RIM, Gridded
 
 try:
     from tactile_fem.stimulus import rounding
@@ -24,6 +24,9 @@ except ModuleNotFoundError as error:
     raise TactileError(
         'A stimulus of kind "mesh" needs libigl: pip install "tactile-fem[cad]".'
     ) from None
+
+if TYPE_CHECKING:
+    from tactile_fem.stimulus.mesh import Mesh
 
 logger = logging.getLogger(__name__)
 

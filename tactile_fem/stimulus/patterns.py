@@ -1,14 +1,87 @@
-"""Outlines of regular patterns: ridges of a grating, dots of an array."""
+"""Regular patterns raised from a plate: a grating and an array of dots."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-import shapely
+from pydantic import Field
 
+from tactile_fem.runtime.settings import Finite, Positive, Whole
 from tactile_fem.stimulus.body import Array, Distance, norm_of
+from tactile_fem.stimulus.embossed import Embossed, embossed
+from tactile_fem.stimulus.stimulus import ACROSS, Relief, Stimulus
+
+if TYPE_CHECKING:
+    from shapely import Polygon
+
+# Endless ridges are drawn so long.
+_DRAWN_MM = 20.0
+
+
+class Grating(Stimulus):
+    """Parallel rectangular ridges with rounded edges on a plate."""
+
+    kind: Literal["grating"] = "grating"
+    ridge_mm: Positive = Field(1.0, description="width of a ridge")
+    groove_mm: Positive = Field(1.0, description="width of a groove")
+    relief_mm: Relief = Field(0.6, description="height of the ridges")
+    fillet_radius_mm: Positive = Field(0.2, description="radius of the top edges")
+    count: Annotated[Whole, Field(ge=1, le=200)] = Field(9, description="number of ridges")
+    along: Literal["x", "y"] = Field("x", description="direction of the ridges")
+    start_mm: Finite | None = Field(
+        None,
+        description="place of the grating over the contact point at displacement 0, from the "
+        "centre of the first ridge (least Y; least X if they lie along y); default its middle",
+    )
+
+    def ridges(self) -> Ridges:
+        """Return the flat outline."""
+        row = Row.of(self.ridge_mm + self.groove_mm, self.count, self.start_mm)
+        return Ridges(self.ridge_mm, row, ACROSS[self.along])
+
+    def shape(self) -> Embossed:
+        """Return the raised ridges."""
+        limits = {"half of ridge_mm": self.ridge_mm / 2}
+        return embossed(self.ridges(), self.relief_mm, self.fillet_radius_mm, limits)
+
+    def raised(self) -> list[Polygon]:
+        """Return the ridges, cut to 20 mm."""
+        return self.ridges().polygons()
+
+
+class Dots(Stimulus):
+    """A rectangular array of round, flat-topped, filleted dots on a plate."""
+
+    kind: Literal["dots"] = "dots"
+    radius_mm: Positive = Field(0.7, description="radius of a dot")
+    spacing_mm: Positive = Field(3.0, description="centre to centre, both ways")
+    relief_mm: Relief = Field(0.6, description="height of the dots")
+    fillet_radius_mm: Positive = Field(0.2, description="radius of the top edge")
+    columns: Annotated[Whole, Field(ge=1, le=100)] = Field(3, description="across the finger (X)")
+    rows: Annotated[Whole, Field(ge=1, le=100)] = Field(7, description="along the finger (Y)")
+    start_mm: Finite | None = Field(
+        None,
+        description="place of the array over the contact point at displacement 0, from the "
+        "centre of the first row (least Y); default its middle",
+    )
+
+    def discs(self) -> Discs:
+        """Return the flat outline."""
+        columns = Row.of(self.spacing_mm, self.columns)
+        return Discs(self.radius_mm, columns, Row.of(self.spacing_mm, self.rows, self.start_mm))
+
+    def shape(self) -> Embossed:
+        """Return the raised discs."""
+        limits = {"radius_mm": self.radius_mm}
+        return embossed(self.discs(), self.relief_mm, self.fillet_radius_mm, limits)
+
+    def raised(self) -> list[Polygon]:
+        """Return the discs."""
+        return self.discs().polygons()
 
 
 @dataclass(frozen=True)
@@ -49,11 +122,13 @@ class Ridges:
         gradient[:, self.across] = np.where(offset < 0, -1.0, 1.0)
         return Distance(np.abs(offset) - self.width / 2, gradient, np.zeros((len(xy), 2, 2)))
 
-    def polygons(self) -> list[shapely.Polygon]:
-        """Return the ridges, cut to 20 mm, as polygons."""
+    def polygons(self) -> list[Polygon]:
+        """Return the ridges as polygons."""
+        import shapely  # takes a while
+
         boxes = []
         for place in self.row.places():
-            low, high = np.full(2, -10.0), np.full(2, 10.0)
+            low, high = np.full(2, -_DRAWN_MM / 2), np.full(2, _DRAWN_MM / 2)
             low[self.across], high[self.across] = place - self.width / 2, place + self.width / 2
             boxes.append(shapely.box(*low, *high))
         return boxes
@@ -73,7 +148,13 @@ class Discs:
         r, n, H = norm_of(xy - centre)
         return Distance(r - self.radius, n, H)
 
-    def polygons(self) -> list[shapely.Polygon]:
+    def polygons(self) -> list[Polygon]:
         """Return the discs as polygons."""
-        centres = product(self.x.places(), self.y.places())
-        return [shapely.Point(centre).buffer(self.radius) for centre in centres]
+        return discs(product(self.x.places(), self.y.places()), self.radius)
+
+
+def discs(centres: Iterable[Sequence[float]], radius: float) -> list[Polygon]:
+    """Return discs as polygons."""
+    import shapely  # takes a while
+
+    return [shapely.Point(centre).buffer(radius) for centre in centres]

@@ -5,16 +5,19 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
 
 from tactile_fem.runtime.files import cached_by_content
-from tactile_fem.stimulus.body import EXCESS_MM, Array, Distance
+from tactile_fem.stimulus.body import EXCESS_MM, Array, Distance, RigidBody
 from tactile_fem.stimulus.plausible import check_relief
-from tactile_fem.stimulus.settings import Surface
 from tactile_fem.stimulus.spline import GridSpline
 from tactile_fem.stimulus.topography import Topography, read_topography
+
+if TYPE_CHECKING:
+    from tactile_fem.stimulus.surface import Surface
 
 logger = logging.getLogger(__name__)
 
@@ -82,6 +85,21 @@ class Relief:
         padded = np.pad(spline.coefficients, 1, mode=ends)
         slopes = [np.abs(np.diff(padded, axis=k)).max() / spline.spacing[k] for k in (0, 1)]
         return float(1 / np.sqrt(1 + np.dot(slopes, slopes)))
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A body turned about Z by `angle` (rad), from X towards Y."""
+
+    body: RigidBody
+    angle: float
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        c, s = np.cos(self.angle), np.sin(self.angle)
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        own = self.body.distance(points @ R)
+        return Distance(own.gap, own.normal @ R.T, R @ own.hessian @ R.T)
 
 
 @cached_by_content(maxsize=4)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,9 @@ from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.height_formats import FEWEST, Raw, read_raw
 from tactile_fem.stimulus.height_table import header_library
 from tactile_fem.stimulus.plausible import check_sizes, check_values
-from tactile_fem.stimulus.settings import Surface
+
+if TYPE_CHECKING:
+    from tactile_fem.stimulus.surface import Surface
 
 logger = logging.getLogger(__name__)
 

@@ -25,8 +25,7 @@ from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.path import Follow, Hold, Lift, Piece, Press, Protocol, Slide
 from tactile_fem.receptors.settings import Receptors
 from tactile_fem.runtime.settings import Settings
-from tactile_fem.stimulus.settings import (
-    AnyStimulus,
+from tactile_fem.stimulus import (
     Braille,
     Cylinder,
     Dots,
@@ -53,7 +52,6 @@ __all__ = [
     "DEFAULT_NAME",
     "TISSUE_SETS",
     "Afferents",
-    "AnyStimulus",
     "Braille",
     "Cylinder",
     "Dots",
@@ -94,7 +92,7 @@ class Study(Settings):
 
     finger: Finger = Finger()
     tissue: Tissue = Tissue.model_validate({})
-    stimulus: AnyStimulus = Text()
+    stimulus: Stimulus = Text()
     protocol: Protocol = Protocol()
     receptors: Receptors = Receptors()
     neuron: Neuron = Neuron()

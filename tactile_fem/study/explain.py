@@ -11,15 +11,11 @@ import tomlkit
 from pydantic import BaseModel, ValidationError
 
 from tactile_fem.path import Piece
+from tactile_fem.stimulus import Stimulus
 from tactile_fem.study import Study
 from tactile_fem.study.afferents import Afferents
 
-
-def _by_kind(union: Any) -> dict[str, type[BaseModel]]:
-    return {model.model_fields["kind"].default: model for model in get_args(union)}
-
-
-KINDS = _by_kind(Study.model_fields["stimulus"].annotation)
+KINDS = Stimulus.kinds
 PIECES = Piece.kinds
 # What the kinds of a section are kinds of.
 _WHAT = {"stimulus": "stimulus", "protocol": "piece"}

@@ -11,15 +11,15 @@ import tomlkit
 from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
+from tactile_fem.finger.settings import Finger
+from tactile_fem.path import Piece
 from tactile_fem.runtime.settings import absolute
 from tactile_fem.runtime.text import read_text
-from tactile_fem.stimulus.settings import font_file
+from tactile_fem.stimulus import Stimulus
+from tactile_fem.stimulus.text import font_file
 from tactile_fem.study import Study
 from tactile_fem.study.explain import explain, path_in_file
 from tactile_fem.study.kept import usable
-
-# Keys of files, whose relative paths start from the study's folder.
-_FILES = {"mesh_file", "skin_file", "bone_file", "nail_file", "file"}
 
 # --- reading -----------------------------------------------------------------------------------
 
@@ -141,14 +141,16 @@ def _use_plain_text(
 
 
 def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
-    """Make the paths of files absolute."""
+    """Make the paths of files absolute: relative ones start from the study's folder."""
     stimulus, protocol = data.get("stimulus"), data.get("protocol")
     if isinstance(stimulus, dict) and isinstance(stimulus.get("font"), str):
         stimulus["font"] = usable(font_file(stimulus["font"], folder), folder)
     pieces = protocol.get("path") if isinstance(protocol, dict) else None
     tables = [data.get("finger"), stimulus, *(pieces if isinstance(pieces, list) else [])]
+    models = [Finger, *Stimulus.kinds.values(), *Piece.kinds.values()]
+    keys = set[str]().union(*(model.file_keys() for model in models))
     for table in tables:
-        for key in _FILES & table.keys() if isinstance(table, dict) else ():
+        for key in keys & table.keys() if isinstance(table, dict) else ():
             if isinstance(table[key], str):
                 table[key] = usable(str(absolute(table[key], folder)), folder)
 

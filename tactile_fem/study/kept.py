@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from tactile_fem.runtime.files import atomic_write, sha256
-from tactile_fem.stimulus.settings import Text, find_font
+from tactile_fem.stimulus.text import Text, find_font
 
 # Subfolder of the copies.
 INPUTS = "inputs"
@@ -55,9 +55,10 @@ def with_files[T](part: T, change: Callable[[str], str]) -> T:
 
 def file_of(named: str) -> Path | None:
     """Return the file of an absolute path or of a font family; None if there is none."""
-    path = Path(named) if Path(named).is_absolute() else find_font(named)
-    if path is None:
+    found = named if Path(named).is_absolute() else find_font(named)
+    if found is None:
         return None
+    path = Path(found)
     try:
         return path if path.is_file() else None
     except OSError:  # in a folder that may not be read

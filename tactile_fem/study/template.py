@@ -9,7 +9,7 @@ from typing import Any, get_args
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from tactile_fem.stimulus.settings import Stimulus
+from tactile_fem.stimulus import Stimulus
 from tactile_fem.study import Study
 from tactile_fem.study.afferents import Afferents
 from tactile_fem.study.explain import KINDS, PIECES, toml_value

@@ -1,0 +1,57 @@
+"""A rigid part from a file of triangles: its keys."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from pydantic import Field
+
+from tactile_fem.runtime.settings import File, Finite, Positive
+from tactile_fem.stimulus.stimulus import Stimulus
+
+if TYPE_CHECKING:
+    from tactile_fem.stimulus.gridded import Gridded
+
+
+class Mesh(Stimulus):
+    """A rigid part from a file of triangles, such as a key or a button, its edges rounded."""
+
+    kind: Literal["mesh"] = "mesh"
+    file: File = Field(description="the part: a closed surface in a .stl, .obj or .ply file")
+    unit_mm: Positive = Field(1.0, description="length of the file's unit in mm")
+    up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = Field(
+        "+z",
+        description="axis of the file that points up into the finger; its next axis (x, y, z, x) "
+        "lies across the finger",
+    )
+    tilt_deg: tuple[Finite, Finite] = Field(
+        (0.0, 0.0), description="then the part is tilted about X, then about Y"
+    )
+    turn_deg: Finite = Field(
+        0.0, description="then turned about Z, counter-clockwise seen from above"
+    )
+    edge_radius_mm: Positive = Field(
+        0.3, description="proposed: least radius of convex and concave edges"
+    )
+    reach_mm: Positive = Field(
+        3.0,
+        description="how far below its highest point the part is modelled; it goes straight on "
+        "below",
+    )
+    window_mm: tuple[Positive, Positive] | None = Field(
+        None,
+        description="width (X) and length (Y) of the piece about the contact point at displacement "
+        "0 that is modelled; default the whole part",
+    )
+    grid_mm: Positive | None = Field(
+        None,
+        description="grid of the distance, half of edge_radius_mm at most; default a third of it",
+    )
+
+    is_slow_to_make: ClassVar[bool] = True
+
+    def shape(self) -> Gridded:
+        """Return the rounded part."""
+        from tactile_fem.stimulus.part import make_part  # libigl is not always installed
+
+        return make_part(self)

@@ -1,0 +1,85 @@
+"""A kind of stimulus: its keys in the study and the body that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from pydantic import Field
+
+from tactile_fem.errors import StudyError
+from tactile_fem.runtime.files import cached_by_content
+from tactile_fem.runtime.settings import Finite, Kind, NonNegative, Positive
+from tactile_fem.stimulus.body import Moved, RigidBody
+
+if TYPE_CHECKING:
+    from shapely import Geometry
+
+# The finger is some 13 mm thick.
+Relief = Annotated[Positive, Field(le=20)]
+# Axis across something that lies along "x" or "y".
+ACROSS = {"x": 1, "y": 0}
+
+
+class Stimulus(Kind):
+    """Keys of every rigid body, which translates along the protocol without rotation.
+
+    Each kind is a class of its own below this one: it states its `kind`, further keys, whose values
+    must be hashable, and its `shape`.
+    """
+
+    friction: NonNegative = Field(0.3, description="paper: Coulomb friction (nylon)")
+    shift_mm: tuple[Finite, Finite] = Field(
+        (0.0, 0.0), description="shift of the body across (X) and along (Y) the finger"
+    )
+
+    # Whether the body takes so long to make that results keep a sampled copy for pictures.
+    is_slow_to_make: ClassVar[bool] = False
+
+    def shape(self) -> RigidBody:
+        """Return the body before `shift_mm`, its highest plane at z = 0."""
+        raise NotImplementedError
+
+    def raised(self) -> Sequence[Geometry]:
+        """Return the outlines of what is raised from a plate, before `shift_mm`."""
+        return ()
+
+    def resolution(self, facet_mm: float, preset_facets_mm: Mapping[str, float]) -> str:
+        """Return a sentence on which part of its roughness skin with such facets can follow.
+
+        It is empty for a smooth body.
+        """
+        return ""
+
+    def body(self) -> RigidBody:
+        """Return the rigid body.
+
+        It is cached by the keys and the content of the files that they name.
+
+        Raises
+        ------
+        StudyError
+            A font or glyph is missing, a file cannot be used, or a radius does not fit.
+        """
+        return _body(self)
+
+    def outlines(self) -> list[Geometry]:
+        """Return the outlines of what is raised, at displacement 0; none for smooth bodies.
+
+        Coordinates are X and Y in mm over the contact point.
+        """
+        from shapely import affinity  # takes a while
+
+        return [affinity.translate(shape, *self.shift_mm) for shape in self.raised()]
+
+
+@cached_by_content(maxsize=4)
+def _body(stimulus: Stimulus) -> RigidBody:
+    return Moved(stimulus.shape(), stimulus.shift_mm)
+
+
+def check_limit(key: str, value: float, limits: Mapping[str, float]) -> None:
+    """Raise StudyError if a key's value exceeds the least of the named limits."""
+    name = min(limits, key=limits.__getitem__)
+    if value > limits[name] + 1e-12:
+        raise StudyError(f"stimulus.{key} = {value:g} must not exceed {name} ({limits[name]:g})")

@@ -1,0 +1,84 @@
+"""Embossed letters: their keys, and where fonts are found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from tactile_fem.runtime.settings import Finite, Positive, absolute
+from tactile_fem.stimulus.embossed import Embossed, embossed
+from tactile_fem.stimulus.stimulus import Relief, Stimulus
+
+if TYPE_CHECKING:
+    from shapely import Geometry
+
+
+def is_font_file(font: str) -> bool:
+    """Return whether a font is given by its file and not by the name of its family."""
+    return Path(font).suffix.lower() in (".ttf", ".otf", ".ttc")
+
+
+def font_file(font: str, folder: Path | str = "") -> str:
+    """Return an absolute path for a font file; return the name of a font family unchanged."""
+    return str(absolute(font, folder)) if is_font_file(font) else font
+
+
+def find_font(font: str) -> str | None:
+    """Return the file of a font, None if no family of this name is installed.
+
+    From matplotlib 3.11 on, it also states the face of a collection (`face_index`).
+    """
+    if is_font_file(font):
+        return font
+    from matplotlib.font_manager import FontProperties, findfont  # takes a while
+
+    try:
+        # As a list, because a plain name is parsed as a fontconfig pattern.
+        return findfont(FontProperties(family=[font]), fallback_to_default=False)
+    except ValueError:
+        return None
+
+
+class Text(Stimulus):
+    """Embossed letters on a plate."""
+
+    kind: Literal["text"] = Field("text", description="which stimulator; each has keys of its own")
+    text: Annotated[str, Field(min_length=1, max_length=40)] = Field(
+        "FGH", description="paper: letters in the order in which they pass the receptor"
+    )
+    font: Annotated[str, AfterValidator(font_file)] = Field(
+        "DejaVu Sans", description="proposed: font family or path of a font file"
+    )
+    g_width_mm: Annotated[Positive, Field(le=100)] = Field(
+        6.5, description="paper: width of the letter G, sets the scale"
+    )
+    pitch_mm: Positive = Field(10.0, description="paper: centre to centre")
+    relief_mm: Relief = Field(0.6, description="paper: height of the letters")
+    corner_radius_mm: Positive = Field(0.3, description="proposed: least radius of the outline")
+    fillet_radius_mm: Positive = Field(0.3, description="proposed: radius of the top edge")
+    start_mm: Finite | None = Field(
+        None,
+        description="place of the text over the contact point at displacement 0, from the first "
+        "letter's centre; default half way to the second letter (single letter: half a pitch "
+        "before it)",
+    )
+
+    def files(self) -> dict[str, Path]:
+        """Return the font's file, if there is one."""
+        file = find_font(self.font)
+        return {} if file is None else {"font": Path(file)}
+
+    def shape(self) -> Embossed:
+        """Return the raised letters."""
+        from tactile_fem.stimulus.letters import Letters  # takes a while
+
+        limits = {"corner_radius_mm": self.corner_radius_mm}
+        return embossed(Letters(self), self.relief_mm, self.fillet_radius_mm, limits)
+
+    def raised(self) -> list[Geometry]:
+        """Return the outlines of the letters, their holes cut out."""
+        from tactile_fem.stimulus.letters import Letters  # takes a while
+
+        return Letters(self).polygons()
