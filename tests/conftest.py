@@ -62,7 +62,7 @@ if RANK is not None:
     from petsc4py import PETSc
 
     from tactile_fem.mechanics import problem
-    from tactile_fem.runtime.parallel import abort_if_one_fails
+    from tactile_fem.runtime.ranks import abort_if_one_fails
 
     # What ranks free together is collected between tests, not whenever one of them has garbage.
     gc.disable()

@@ -16,7 +16,7 @@ from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StoppedError, StudyError
-from tactile_fem.runtime.signals import raise_stopped, signal_handler
+from tactile_fem.runtime.ranks import raise_stopped, signal_handler
 from tactile_fem.study import Cylinder, Dots, Finger, Plate, Study
 
 FORCE = "indenter,speed_mm_s,depth_mm,force_N,sd_N\n"

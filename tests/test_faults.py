@@ -424,7 +424,7 @@ def test_at_a_friction_of_five_the_skin_sticks(study, tmp_path):
 ONE_RANK_FAILS = """
 import logging, sys
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.parallel import abort_if_one_fails
+from tactile_fem.runtime.ranks import abort_if_one_fails
 from mpi4py import MPI
 logging.basicConfig(format="%(message)s")
 comm = MPI.COMM_WORLD
@@ -437,7 +437,7 @@ with abort_if_one_fails(comm):
 
 ABORTING = """
 import fcntl, logging, sys, termios
-from tactile_fem.runtime import parallel
+from tactile_fem.runtime import ranks
 class Comm:  # of two, the other of which never comes
     rank, size = 1, 2
     Dup = Ibarrier = lambda self: self
@@ -445,9 +445,9 @@ class Comm:  # of two, the other of which never comes
     def Abort(self, code):
         unread = fcntl.ioctl(2, termios.FIONREAD, bytes(4))
         print(code, "unread" if any(unread) else "read", flush=True)
-parallel._PATIENCE_S = float(sys.argv[1])
+ranks._WAIT_S = float(sys.argv[1])
 logging.basicConfig(format="%(message)s")
-with parallel.abort_if_one_fails(Comm()):
+with ranks.abort_if_one_fails(Comm()):
     raise OSError("the sentence")
 """
 

@@ -16,7 +16,7 @@ from blocks import LAYERS, block_mesh
 
 from tactile_fem.errors import MeshError, TactileError
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.runtime.parallel import on_root, shared_errors
+from tactile_fem.runtime.ranks import on_root, shared_errors
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Plate, Solver, Tissue
 

@@ -9,7 +9,7 @@ import trimesh
 
 from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger.scanned import ScannedSkin, Scans
-from tactile_fem.runtime.chunks import in_chunks
+from tactile_fem.runtime.triangles import in_chunks
 from tactile_fem.study import Finger
 
 pytest.importorskip("igl")

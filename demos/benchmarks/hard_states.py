@@ -27,7 +27,7 @@ from tactile_fem import ConvergenceError, Results, Study, StudyError, load_finge
 from tactile_fem.mechanics.domain import Domain, create_domain
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
-from tactile_fem.runtime.parallel import on_root
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation import Observation
 from tactile_fem.simulation.stepper import Step, Stepper
 from tactile_fem.solvers.finger_problem import FingerProblem

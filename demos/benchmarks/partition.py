@@ -14,7 +14,7 @@ import numpy as np
 from tactile_fem import load_finger, run_script
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
-from tactile_fem.runtime.parallel import on_root
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.study import Finger, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -20,7 +20,7 @@ from tactile_fem import load_finger, run_script
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import Problem
-from tactile_fem.runtime.parallel import on_root
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.solvers.block_products import BlockProduct
 from tactile_fem.study import Finger, Plate, Solver, Tissue
 

@@ -37,7 +37,7 @@ from tactile_fem.neuron import Response, Window, respond
 from tactile_fem.neuron.drives import Histories
 from tactile_fem.neuron.fit import mean_rates
 from tactile_fem.output.histories import central_receptor
-from tactile_fem.runtime.files import write_figure, write_records
+from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.series import Member, run_all
 from tactile_fem.study import (
     Cylinder,
@@ -138,7 +138,7 @@ def main(
         "speeds": list(at_speeds(models, traces, speeds)),
     }
     for name, rows in tables.items():
-        write_records(folder / f"{name}.csv", rows)
+        write_table(folder / f"{name}.csv", rows)
         print_table(rows)
     print(f"with tissue that relaxes: fast adaptation {needed_adaptation(models, presses):.3f}")
     figures = {

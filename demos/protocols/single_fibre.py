@@ -29,7 +29,7 @@ from letter_recognition import outline_correlation
 
 from tactile_fem import Results, Study, load_study, run_script
 from tactile_fem.output.histories import rings
-from tactile_fem.runtime.files import write_figure, write_records
+from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.series import (
     Member,
     RateImage,
@@ -117,7 +117,7 @@ def print_results(images: dict[str, RateImage], study: Study, folder: Path) -> N
                 f"spikes, {bundle.rate_Hz:4.0f} /s"
             )
     if rows:
-        write_records(folder / "bundles.csv", rows)
+        write_table(folder / "bundles.csv", rows)
     write_figure(folder / "protocols.png", side_by_side(images, rings(study.stimulus)))
     print(folder / "protocols.png")
 

@@ -30,7 +30,7 @@ from tactile_fem.finger.skin import triangulate
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.output.plots import INK
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.parallel import on_root
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.study import Finger, Output, Protocol
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

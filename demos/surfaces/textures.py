@@ -26,7 +26,7 @@ from tactile_fem import Results, Study, run_script, scan
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor
 from tactile_fem.output.plots import INK
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.parallel import on_root
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.series import numbers_of
 from tactile_fem.stimulus.roughness import Roughness
 from tactile_fem.study import Finger, Protocol, Surface

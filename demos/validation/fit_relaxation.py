@@ -17,7 +17,7 @@ from relaxation import FALLS, OUTPUTS, TAP_LOSS, TAP_S, fall, relaxing, tap_loss
 from scipy.optimize import least_squares
 
 from tactile_fem import run_script
-from tactile_fem.runtime.files import write_records
+from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Finger
 
 # Standard deviations of the falls, of the tap, of each share: proposed.
@@ -73,7 +73,7 @@ def main(
 
     fit = least_squares(misfit, start, diff_step=STEP, max_nfev=evaluations)
     folder.mkdir(parents=True, exist_ok=True)
-    write_records(folder / "fit.csv", records)
+    write_table(folder / "fit.csv", records)
     after = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
     for name, value, sd in zip(NAMES, fit.x, after, strict=True):
         learnt = 1 - (sd / BEFORE_SD) ** 2

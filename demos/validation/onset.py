@@ -24,7 +24,7 @@ from scipy.optimize import minimize_scalar
 from tactile_fem import Study, run_script
 from tactile_fem.calibration.measurements import Experiment, read_measurements
 from tactile_fem.calibration.press import press
-from tactile_fem.runtime.files import write_records
+from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Finger, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -65,7 +65,7 @@ def main(
         if len(chosen) == 2 or experiment is measured[chosen[0]]
     ]
     folder.mkdir(parents=True, exist_ok=True)
-    write_records(folder / "onset.csv", rows)
+    write_table(folder / "onset.csv", rows)
     for row in rows:
         print(" ".join(f"{name} {value}" for name, value in row.items()))
     changes = ", ".join(f"{100 * change:+.1f}" for change in edge)

@@ -38,7 +38,7 @@ from tactile_fem.output.histories import central_receptor
 from tactile_fem.receptors import place, sample
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.files import write_table
-from tactile_fem.runtime.parallel import on_root
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Finger, Output, Protocol, Solver

@@ -34,7 +34,7 @@ from tactile_fem.calibration.press import study_of
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import each_once, shown
-from tactile_fem.runtime.parallel import on_root
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.checks import check_solid, check_study
 from tactile_fem.study import Study
 

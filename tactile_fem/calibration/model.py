@@ -24,7 +24,7 @@ from tactile_fem.calibration.press import Prediction, press, study_of
 from tactile_fem.calibration.sensitivity import Change
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.files import atomic_write, write_text
-from tactile_fem.runtime.parallel import on_root
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.study import Study
 from tactile_fem.study.file import dump_study
 from tactile_fem.study.kept import content_of, with_files

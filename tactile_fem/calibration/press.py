@@ -20,7 +20,7 @@ from tactile_fem.errors import StoppedError, TactileError
 from tactile_fem.finger.surface import SkinSurface
 from tactile_fem.mechanics.faults import stopping
 from tactile_fem.path import Motion, Path, straight
-from tactile_fem.runtime.parallel import on_root
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.parts import Parts
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.study import Protocol, Study

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from tactile_fem.calibration.fit import Fit
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.parameters import unit_of, value_at
-from tactile_fem.runtime.files import write_figure, write_records, write_text
+from tactile_fem.runtime.files import write_figure, write_table, write_text
 from tactile_fem.study.file import dump_study
 from tactile_fem.study.kept import keep_files
 
@@ -32,16 +32,16 @@ def write_report(fit: Fit, folder: Path) -> None:
     """
     write_text(folder / "study.toml", dump_study(fit.study))
     keep_files(fit.study, folder, afresh=True)
-    write_records(folder / "parameters.csv", parameters_table(fit))
-    write_records(folder / "constants.csv", constants_table(fit))
+    write_table(folder / "parameters.csv", parameters_table(fit))
+    write_table(folder / "constants.csv", constants_table(fit))
     names = [p.name for p in fit.parameters]
-    write_records(folder / "correlation.csv", _square(names, fit.correlation))
-    write_records(folder / "predicted.csv", predicted_table(fit))
+    write_table(folder / "correlation.csv", _square(names, fit.correlation))
+    write_table(folder / "predicted.csv", predicted_table(fit))
     pulls = [
         {**_place(e, k), **dict(zip(names, _rounded(row), strict=True))}
         for (e, k), row in zip(_numbers(fit), fit.pulls, strict=True)
     ]
-    write_records(folder / "pulls.csv", pulls)
+    write_table(folder / "pulls.csv", pulls)
     write_figure(folder / "fit.png", figure(fit), dpi=150)
 
 

@@ -21,7 +21,7 @@ from tactile_fem.cli.options import (
 )
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime import ranks
-from tactile_fem.runtime.signals import raise_stopped, signal_handler
+from tactile_fem.runtime.ranks import raise_stopped, signal_handler
 
 if TYPE_CHECKING:
     from tactile_fem import Results

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_fem.runtime.numbers import Numbers
+from tactile_fem.runtime.text import Numbers
 
 Indices = NDArray[np.int64]
 

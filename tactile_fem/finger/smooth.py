@@ -10,8 +10,7 @@ from scipy import ndimage
 
 from tactile_fem.errors import MeshError, PlaceError, TactileError
 from tactile_fem.finger.shape import Array
-from tactile_fem.runtime.chunks import in_chunks
-from tactile_fem.runtime.triangles import Triangles
+from tactile_fem.runtime.triangles import Triangles, in_chunks
 from tactile_fem.stimulus.spline import GridSpline
 
 _STEP_MM = 0.3

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, held_parts
 from tactile_fem.finger.plane import SPACE, Plane
-from tactile_fem.runtime.parallel import on_root, shared_errors
+from tactile_fem.runtime.ranks import on_root, shared_errors
 
 logger = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from cffi import VerificationError
 from dolfinx import jit
 
 from tactile_fem.errors import TactileError
-from tactile_fem.runtime.signals import StopRequest, signal_handler
+from tactile_fem.runtime.ranks import StopRequest, signal_handler
 
 
 @contextmanager

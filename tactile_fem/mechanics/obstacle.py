@@ -22,7 +22,7 @@ from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.compile import expression, jit_options
 from tactile_fem.mechanics.state import State
-from tactile_fem.runtime.parallel import shared_errors
+from tactile_fem.runtime.ranks import shared_errors
 from tactile_fem.stimulus.body import EXCESS_MM, NEAR_MM, RigidBody
 from tactile_fem.study import Solver
 

@@ -28,12 +28,8 @@ PART_SUFFIX = ".part"
 def atomic_write(path: Path) -> Iterator[Path]:
     """Provide a temporary path, which replaces `path` when the block ends without an error.
 
-    Readers see either the old file or the new one, even if the writer is killed.
-
-    Raises
-    ------
-    OSError
-        It cannot be written; names `path`.
+    Readers see either the old file or the new one, even if the writer is killed. An OSError names
+    `path`.
     """
     part = path.with_name(f".{path.name}{PART_SUFFIX}")
     try:
@@ -62,20 +58,20 @@ def write_figure(path: Path, figure: Figure, dpi: float | None = None) -> None:
 
 
 def write_table(path: Path, rows: Sequence[Any]) -> None:
-    """Write equal dataclasses, at least one, as a CSV file with a heading."""
-    write_records(path, [asdict(row) for row in rows])
+    """Write rows as a CSV file with a heading.
 
-
-def write_records(path: Path, records: Sequence[Mapping[str, Any]]) -> None:
-    """Write dictionaries with the same keys, at least one, as a CSV file with a heading."""
+    Parameters
+    ----------
+    path
+        The file, which is replaced when all is written.
+    rows
+        At least one: dataclasses of one kind, or mappings with the same keys.
+    """
+    records = [dict(row) if isinstance(row, Mapping) else asdict(row) for row in rows]
     with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, records[0])
         writer.writeheader()
         writer.writerows(records)
-
-
-class _FromFiles(Protocol):
-    def files(self) -> dict[str, Path]: ...
 
 
 def sha256(file: Path) -> str:
@@ -98,6 +94,10 @@ def check_unchanged(files: Mapping[str, Path], before: Mapping[str, str]) -> Non
     for key, now in hashes(files).items():
         if now != before[key]:
             raise StudyError(f"{files[key]} was changed while it was read: start again.")
+
+
+class _FromFiles(Protocol):
+    def files(self) -> dict[str, Path]: ...
 
 
 def cached_by_content[S: _FromFiles, T](
@@ -125,13 +125,9 @@ def cached_by_content[S: _FromFiles, T](
 def locked(folder: Path) -> Iterator[None]:
     """Lock a folder against other runs, and create it if needed.
 
-    The operating system releases the lock when the process ends, however it ends; the file that
+    If another process holds the lock, or the folder is not writable, this raises StudyError. The
+    operating system releases the lock when the process ends, however it ends; the file that
     remains has no meaning.
-
-    Raises
-    ------
-    StudyError
-        Another process holds the lock, or the folder is not writable.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -34,13 +34,10 @@ def stderr_console() -> Console:
     return Console(stderr=True)
 
 
-def set_up(
-    rank: int | None = None, *, level: int = logging.INFO, console: Console | None = None
-) -> None:
+def set_up(*, level: int = logging.INFO, console: Console | None = None) -> None:
     """Send the package's log to stderr: rich on a terminal, plain lines elsewhere.
 
-    `level` is the lowest that is shown; MPI ranks other than the first report errors only. Without
-    `rank` this is one of them or not as its launcher and MPI say.
+    `level` is the lowest that is shown; MPI ranks other than the first report errors only.
     """
     console = console or stderr_console()
     handler: logging.Handler
@@ -50,7 +47,7 @@ def set_up(
     else:
         handler = logging.StreamHandler(console.file)
         handler.setFormatter(logging.Formatter(_FORMAT, datefmt=_TIME))
-    handler.addFilter(lambda record: record.levelno >= logging.ERROR or _is_first(rank))
+    handler.addFilter(lambda record: record.levelno >= logging.ERROR or is_first())
     handler.setLevel(level)
     package = logging.getLogger(PACKAGE)
     handler.name = _TERMINAL
@@ -61,20 +58,16 @@ def set_up(
     package.propagate = False
 
 
-def _is_first(rank: int | None) -> bool:
-    return is_first() if rank is None else rank == 0
-
-
 @contextmanager
 def each_once(*modules: str) -> Iterator[None]:
-    """Log what the modules, named without the package, say only once if they repeat it."""
-    said: set[str] = set()
+    """Log a message that the modules, named without the package, repeat only once."""
+    logged: set[str] = set()
 
     def is_new(record: logging.LogRecord) -> bool:
         text = record.getMessage()
-        before = text in said
-        said.add(text)
-        return not before
+        repeated = text in logged
+        logged.add(text)
+        return not repeated
 
     loggers = [logging.getLogger(f"{PACKAGE}.{module}") for module in modules]
     for one in loggers:
@@ -97,7 +90,7 @@ def _remove_terminal() -> None:
 def shown() -> Iterator[None]:
     """Show the package's log on stderr for a while, unless logging is configured.
 
-    It is where the root logger or that of ``tactile_fem`` has a handler, even a
+    It is configured if the root logger or that of ``tactile_fem`` has a handler, even a
     `logging.NullHandler`, which therefore keeps the package quiet. Also a decorator.
     """
     package = logging.getLogger(PACKAGE)
@@ -128,15 +121,15 @@ def counted[T](items: Sequence[T], what: str, *, every_s: float = 15.0) -> Itera
     """Yield items and show how many are done: a bar, or else a log line now and then."""
     if len(items) > 1:
         logger.info("%d %s", len(items), what)
-    console, begun = live_console(), time.perf_counter()
+    console = live_console()
     if console is not None and len(items) > 1:
         yield from track(items, what, console=console, transient=True)
         return
-    told = begun
+    start = logged = time.perf_counter()
     for number, item in enumerate(items):
         now = time.perf_counter()
-        if number and now - told >= every_s:
-            told, left_s = now, (now - begun) / number * (len(items) - number)
+        if number and now - logged >= every_s:
+            logged, left_s = now, (now - start) / number * (len(items) - number)
             logger.info("%d of %d %s, %.0f s left", number, len(items), what, left_s)
         yield item
 

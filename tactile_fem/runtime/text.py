@@ -1,4 +1,4 @@
-"""Text files as editors and spreadsheets of any system write them."""
+"""Reads text files as editors and spreadsheets write them, and numbers in a row, text or binary."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ import codecs
 import csv
 import io
 import re
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 
-# The longer marks first: that of UTF-32 starts with that of UTF-16.
-_MARKS = {
+# Encodings by byte order mark, the longer ones first: UTF-32's starts with UTF-16's.
+_ENCODINGS = {
     codecs.BOM_UTF8: "utf-8-sig",
     codecs.BOM_UTF32_LE: "utf-32",
     codecs.BOM_UTF32_BE: "utf-32",
@@ -66,7 +71,7 @@ def read_text(
 
 def _encoding(data: bytes) -> str:
     """Return the encoding by the byte order mark, or by the zeros of UTF-16 without one."""
-    for mark, encoding in _MARKS.items():
+    for mark, encoding in _ENCODINGS.items():
         if data.startswith(mark):
             return encoding
     low, high = data[0:1000:2], data[1:1000:2]
@@ -102,3 +107,61 @@ def read_rows(file: Path, start: str) -> list[tuple[int, list[str]]]:
 
 def _with_point(cell: str) -> str:
     return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
+
+
+class Numbers:
+    """Reads a sequence of numbers whose types the file's format states.
+
+    `data` are their bytes, in the order "<" or ">", or a text with white space between them. A word
+    that is no number, and a method that finds too few numbers, raise ValueError.
+    """
+
+    def __init__(self, data: bytes, text: bool, order: str = "<") -> None:
+        if text:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")  # NumPy warns of the first word that is no number
+                try:
+                    data = np.fromstring(data.decode("latin-1"), dtype="<f8", sep=" ").tobytes()
+                except DeprecationWarning:
+                    raise ValueError("a word in place of a number") from None
+        self._data, self._text, self._order, self._at = data, text, order, 0
+
+    def type_of(self, kind: str) -> str:
+        """Return NumPy's name of the type in which numbers of a kind, such as "i4", are kept."""
+        return "<f8" if self._text else self._order + kind
+
+    def take(self, kind: str | np.dtype, count: int = 1) -> NDArray:
+        """Return the next numbers (count,) of a kind, or the next records of a structured type."""
+        dtype = np.dtype(self.type_of(kind) if isinstance(kind, str) else kind)
+        if count == 0:
+            return np.empty(0, dtype)
+        found = np.frombuffer(self._data, dtype, count, self._at)
+        self._at += found.nbytes
+        return found
+
+    def peek(self, kind: str | np.dtype, most: int) -> NDArray:
+        """Return the next numbers or records without taking them: `most`, or what is left."""
+        dtype = np.dtype(self.type_of(kind) if isinstance(kind, str) else kind)
+        at, left = self._at, (len(self._data) - self._at) // dtype.itemsize
+        found = self.take(dtype, min(left, most))
+        self._at = at
+        return found
+
+    def alike(self, dtype: np.dtype, most: int, values: Mapping[str, int]) -> NDArray:
+        """Return the next records that share the first one's `values`, at most so many."""
+        ahead = 1
+        while True:
+            rows = self.peek(dtype, min(ahead, most))
+            same = np.all([rows[name] == value for name, value in values.items()], axis=0)
+            if not np.all(same) or len(rows) < ahead:
+                run = len(rows) if np.all(same) else int(np.argmin(same))
+                return self.take(dtype, max(run, 1))
+            ahead *= 8
+
+    def integers(self, kind: str, count: int = 1) -> NDArray[np.int64]:
+        """Return the next integers (count,)."""
+        return self.take(kind, count).astype(np.int64)
+
+    def rows(self, kind: str, count: int, width: int) -> NDArray[np.int64]:
+        """Return the next rows (count, width) of integers."""
+        return self.integers(kind, count * width).reshape(count, width)

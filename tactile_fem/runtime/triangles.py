@@ -1,23 +1,35 @@
-"""Reads triangulated surfaces, as scanners, segmentations and CAD programs write them."""
+"""Reads triangulated surfaces, as scanners, segmentations and CAD programs write them.
+
+trimesh reads STL files. Of OBJ and PLY files it divides each polygon like a fan, which is wrong if
+it is not convex, counts negative indices of OBJ from the end of the file, and reads no binary PLY
+whose faces differ in length; those are read here.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.polygons import read_obj, read_ply
+from tactile_fem.runtime.text import Numbers
+
+Points = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 FORMATS = ("stl", "obj", "ply")
 MOST_TRIANGLES = 500_000  # half a GB of memory while they are read
 MOST_BYTES = 40_000_000
-_LONGEST_MM = 1e6  # a kilometre: certainly a wrong unit
+_MAX_COORDINATE_MM = 1e6  # a kilometre: certainly a wrong unit
 _MERGED_DIGITS = 5  # of mm: corners that agree so far are one vertex
 _STL_HEADER, _STL_TRIANGLE = 84, 50  # bytes: a comment and the number of triangles; each of them
+# A second or two; libigl builds its trees anew for each part, at most a second of that.
+_CHUNK_POINTS = 50_000
 
 
 @dataclass(frozen=True)
@@ -32,10 +44,10 @@ class Triangles:
         (m, 3) corners; none is degenerate.
     """
 
-    points: NDArray[np.float64]
-    triangles: NDArray[np.int64]
+    points: Points
+    triangles: Indices
 
-    def edges(self) -> NDArray[np.int64]:
+    def edges(self) -> Indices:
         """Return the directed edges (3 m, 2) of all triangles."""
         following = np.roll(self.triangles, -1, axis=1)
         return np.stack([self.triangles, following], axis=-1).reshape(-1, 2)
@@ -46,6 +58,18 @@ class Triangles:
         if np.einsum("ni,ni->", a, np.cross(b, c)) > 0:
             return self
         return Triangles(self.points, self.triangles[:, ::-1].copy())
+
+
+def in_chunks(
+    evaluate: Callable[[Points], Sequence[NDArray]], points: Points
+) -> tuple[NDArray, ...]:
+    """Return what a function returns for points (n, d), arrays (n, ...), evaluated in parts.
+
+    Signals are answered between the parts.
+    """
+    starts = range(0, max(len(points), 1), _CHUNK_POINTS)
+    parts = [evaluate(points[start : start + _CHUNK_POINTS]) for start in starts]
+    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
 def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
@@ -74,7 +98,11 @@ def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
         raise StudyError(f"{start} {what}.")
     try:
         _refuse_too_large(file, kind, start)
-        points, triangles = (_read_stl if kind == "stl" else _read_polygons)(file)
+        if kind == "stl":
+            points, triangles = _read_stl(file)
+        else:
+            polygons = (_read_ply if kind == "ply" else _read_obj)(file.read_bytes())
+            points, triangles = polygons.points, polygons.triangles()
         points = points * unit_mm
     except OSError as error:
         raise StudyError(f"{start} cannot be read: {error.strerror}.") from None
@@ -88,7 +116,200 @@ def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
     return _merged(points, triangles, start)
 
 
-def _read_stl(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _refuse_too_large(file: Path, kind: str, start: str) -> None:
+    """Refuse a file by its size and header, before it is read."""
+    size = file.stat().st_size
+    if size == 0:
+        raise StudyError(f"{start} is empty.")
+    with file.open("rb") as stream:
+        head = stream.read(10_000)
+    if kind == "stl":
+        _refuse_many(_stl_triangles(file, size, head, start), start)
+    elif kind == "ply" and (found := re.search(rb"element\s+face\s+(\d{1,20})", head)):
+        _refuse_many(int(found[1]), start)
+    if size > MOST_BYTES:
+        raise StudyError(
+            f"{start} is {size / 1e6:.0f} MB large, but at most {MOST_BYTES / 1e6:.0f} MB can be "
+            "read: simplify it, or save it in binary form."
+        )
+
+
+def _refuse_many(triangles: int, start: str) -> None:
+    if triangles > MOST_TRIANGLES:
+        raise StudyError(
+            f"{start} has {triangles} triangles, but at most {MOST_TRIANGLES} can be read: "
+            "simplify it."
+        )
+
+
+def _stl_triangles(file: Path, size: int, head: bytes, start: str) -> int:
+    """Return the number of triangles that a binary file states, 0 for text; refuse a part of one.
+
+    A binary file is as long as its header says; its comment may start with "solid" like text.
+    """
+    count = int.from_bytes(head[_STL_HEADER - 4 : _STL_HEADER], "little")
+    announced = _STL_HEADER + _STL_TRIANGLE * count
+    if size == announced:
+        return count
+    if head.lstrip()[:5].lower() != b"solid":
+        raise StudyError(
+            f"{start} is no .stl file, or cut off: it has {size} bytes, not the {announced} that "
+            "its header announces."
+        )
+    with file.open("rb") as stream:
+        stream.seek(max(size - 1000, 0))
+        if b"endsolid" not in stream.read().lower():  # trimesh would not mind
+            raise StudyError(f"{start} is cut off: it does not end with endsolid.")
+    return 0
+
+
+def _merged(points: Points, triangles: Indices, start: str) -> Triangles:
+    """Check the coordinates and merge equal vertices."""
+    if len(triangles) == 0:
+        raise StudyError(f"{start} contains no triangles.")
+    _refuse_many(len(triangles), start)
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        raise StudyError(f"{start} is damaged: triangles have corners that it does not contain.")
+    corners = points[triangles.ravel()]
+    if not np.all(np.isfinite(corners)):
+        raise StudyError(f"{start} has coordinates that are no finite numbers.")
+    largest = np.abs(corners).max()
+    if largest > _MAX_COORDINATE_MM:
+        raise StudyError(
+            f"{start} has coordinates of {largest:g} mm, but at most {_MAX_COORDINATE_MM:g} mm are "
+            "allowed: is its unit right?"
+        )
+    rounded = np.round(corners, _MERGED_DIGITS)
+    _, first, number = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    faces = number.reshape(-1, 3).astype(np.int64)
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    if len(faces) == 0:
+        raise StudyError(f"{start} contains no triangles with an area: is its unit right?")
+    used, flat = np.unique(faces, return_inverse=True)
+    return Triangles(corners[first][used], flat.reshape(-1, 3).astype(np.int64))
+
+
+# --- polygons ------------------------------------------------------------------------------------
+
+# A face is divided like a fan if each triangle has more than this share of its area.
+_FAN_SHARE = 1e-4
+# Largest difference between the area of a face and that of its triangles: share of the area, and
+# of its size's square.
+_AREA_ERROR, _AREA_ERROR_OF_SIZE = 1e-6, 1e-9
+
+
+@dataclass(frozen=True)
+class _Polygons:
+    """Points (n, 3), and faces: their corners one after the other, and how many each has."""
+
+    points: Points
+    corners: Indices
+    counts: Indices
+
+    def triangles(self) -> Indices:
+        """Divide the faces into triangles (m, 3); faces of less than three corners are left out.
+
+        Raises
+        ------
+        ValueError
+            A face has corners that do not exist, or its sides cross.
+        """
+        if len(self.corners) and not 0 <= self.corners.min() <= self.corners.max() < len(
+            self.points
+        ):
+            raise ValueError("faces have corners that it does not contain")
+        if not np.all(np.isfinite(self.points[self.corners])):
+            raise ValueError("coordinates are no finite numbers")
+        first = np.cumsum(self.counts) - self.counts
+        found = [np.zeros((0, 3), np.int64)]
+        for count in np.unique(self.counts[self.counts > 2]).tolist():
+            faces = self.corners[first[self.counts == count][:, None] + np.arange(count)]
+            if count == 4:
+                faces = _halves(self.points, faces)
+            elif count > 4:
+                faces = _divided(self.points, faces)
+            found.append(faces)
+        return np.concatenate(found)
+
+
+def _area(corners: Points) -> Points:
+    """Return twice the area vectors (k, 3) of polygons (k, n, 3), by Newell's method."""
+    aside = corners - corners[:, :1]
+    return np.cross(aside, np.roll(aside, -1, axis=1)).sum(axis=1)
+
+
+def _halves(points: Points, faces: Indices) -> Indices:
+    """Divide quadrilaterals (k, 4) by the diagonal whose halves face more alike.
+
+    That lies inside if one corner turns inwards, and leaves no half without an area.
+    """
+    corners = points[faces]
+    normal = _area(corners)
+    diagonals = np.array([[[0, 1, 2], [0, 2, 3]], [[1, 2, 3], [1, 3, 0]]])
+    worse = [
+        np.min([np.einsum("ki,ki->k", _area(corners[:, half]), normal) for half in halves], axis=0)
+        for halves in diagonals
+    ]
+    halves = diagonals[np.argmax(worse, axis=0)]
+    return np.take_along_axis(faces[:, None], halves.reshape(-1, 2, 3), axis=2).reshape(-1, 3)
+
+
+def _divided(points: Points, faces: Indices) -> Indices:
+    """Divide faces (k, n) with five or more corners: like fans where these are right."""
+    corners = points[faces]
+    normal = _area(corners)
+    spokes = corners[:, 1:] - corners[:, :1]
+    areas = np.einsum("kni,ki->kn", np.cross(spokes[:, :-1], spokes[:, 1:]), normal)
+    forwards = np.einsum("kni,kni->kn", spokes[:, :-1], spokes[:, 1:])
+    angles = np.arctan2(areas, np.linalg.norm(normal, axis=1)[:, None] * forwards)
+    square = np.einsum("ki,ki->k", normal, normal)[:, None]
+    # From the first corner the others are seen one after the other, in less than a full turn.
+    is_fan = np.all(areas > _FAN_SHARE * square, axis=1) & (angles.sum(axis=1) < 2 * np.pi)
+    n = np.arange(1, faces.shape[1] - 1)
+    fan = np.column_stack([0 * n, n, n + 1])
+    found = [faces[is_fan][:, fan].reshape(-1, 3)]
+    return np.concatenate(found + [_clipped(points, face) for face in faces[~is_fan]])
+
+
+def _clipped(points: Points, face: Indices) -> Indices:
+    """Return the triangles of a polygon of any shape, in its plane."""
+    corners = points[face]
+    normal = _area(corners[None])[0]
+    if not normal.any():
+        return np.column_stack([np.broadcast_to(face[0], len(face) - 2), face[1:-1], face[2:]])
+    axes = np.linalg.svd(normal[None])[2][1:]
+    if np.cross(*axes) @ normal < 0:
+        axes = axes[::-1]
+    flat = (corners - corners[0]) @ axes.T
+    number = dict(zip(map(tuple, flat.tolist()), face.tolist(), strict=True))
+    try:
+        parts = shapely.constrained_delaunay_triangles(shapely.Polygon(flat))
+    except shapely.GEOSException:
+        parts = shapely.GeometryCollection()
+    area, size = np.linalg.norm(normal) / 2, np.ptp(flat)
+    if abs(parts.area - area) > _AREA_ERROR * area + _AREA_ERROR_OF_SIZE * size**2:
+        x, y, z = corners[0]
+        raise ValueError(f"the sides of its face at {x:.3g}, {y:.3g}, {z:.3g} cross")
+    rings = [list(part.exterior.coords)[:3] for part in shapely.orient_polygons(parts).geoms]
+    return np.array([[number[corner] for corner in ring] for ring in rings], dtype=np.int64)
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+_PLY_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"int64": "i8", "uint64": "u8"},
+    **{"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"},
+}
+# Values of a property, those of lists after each other, and how many belong to each element.
+_Column = tuple[NDArray, Indices]
+# Its name, the type of its values and, of lists, that of the counts.
+_Property = tuple[str, str, str | None]
+
+
+def _read_stl(file: Path) -> tuple[Points, Indices]:
     """Return the corners of a file's triangles and, of each triangle, which they are."""
     import trimesh  # takes 0.15 s, and most studies have no such file
 
@@ -101,82 +322,83 @@ def _read_stl(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     )
 
 
-def _read_polygons(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the vertices of an OBJ or PLY file, and its faces divided into triangles."""
-    read = read_ply if file.suffix.lower() == ".ply" else read_obj
-    polygons = read(file.read_bytes())
-    return polygons.points, polygons.triangles()
+def _read_obj(data: bytes) -> _Polygons:
+    """Read the vertices and faces of an OBJ file; all else is ignored."""
+    points, corners, counts = [], [], []
+    text = data.decode("utf-8-sig", errors="replace")
+    for line in re.sub(r"\\\r?\n", "", text).splitlines():
+        words = line.partition("#")[0].split()
+        if not words:
+            continue
+        if words[0] == "v":
+            points.append([float(word) for word in words[1:4]])
+        elif words[0] in ("f", "fo"):
+            face = [int(word.partition("/")[0]) for word in words[1:]]
+            if 0 in face:
+                raise ValueError("a face has the corner 0, but they are counted from 1")
+            # Negative ones are counted back from the last vertex so far.
+            corners += [k - 1 if k > 0 else len(points) + k for k in face]
+            counts.append(len(face))
+    return _Polygons(
+        np.array(points, dtype=float).reshape(-1, 3),
+        np.array(corners, dtype=np.int64),
+        np.array(counts, dtype=np.int64),
+    )
 
 
-def _refuse_too_large(file: Path, kind: str, start: str) -> None:
-    """Refuse a file by its size and header, before it is read."""
-    size = file.stat().st_size
-    if size == 0:
-        raise StudyError(f"{start} is empty.")
-    with file.open("rb") as stream:
-        head = stream.read(10_000)
-    count = 0
-    if kind == "stl":
-        count = _stl_triangles(file, size, head, start)
-    elif kind == "ply" and (found := re.search(rb"element\s+face\s+(\d{1,20})", head)):
-        count = int(found[1])
-    if count > MOST_TRIANGLES:
-        raise StudyError(
-            f"{start} has {count} triangles, but at most {MOST_TRIANGLES} can be read: simplify it."
-        )
-    if size > MOST_BYTES:
-        raise StudyError(
-            f"{start} is {size / 1e6:.0f} MB large, but at most {MOST_BYTES / 1e6:.0f} MB can be "
-            "read: simplify it, or save it in binary form."
-        )
+def _read_ply(data: bytes) -> _Polygons:
+    """Read the vertices and faces of a PLY file; all else is ignored."""
+    head = re.match(rb"ply\s.*?\nend_header[ \t]*\r?\n", data, re.DOTALL)
+    kind = re.search(rb"\nformat[ \t]+(ascii|binary_little_endian|binary_big_endian)\s", data)
+    if not head or not kind:
+        raise ValueError("it has no header")
+    order = ">" if kind[1] == b"binary_big_endian" else "<"
+    numbers = Numbers(data[head.end() :], kind[1] == b"ascii", order)
+    columns: dict[str, dict[str, _Column]] = {}
+    for name, count, properties in _ply_elements(head[0].decode("latin-1")):
+        columns[name] = _ply_columns(numbers, count, properties)
+    vertex, face = columns.get("vertex", {}), columns.get("face", {})
+    if not {"x", "y", "z"} <= vertex.keys():
+        raise ValueError("it has no vertices")
+    empty = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    corners, counts = face.get("vertex_indices", face.get("vertex_index", empty))
+    points = np.column_stack([vertex[axis][0] for axis in "xyz"]).astype(float)
+    return _Polygons(points, corners.astype(np.int64), counts)
 
 
-def _stl_triangles(file: Path, size: int, head: bytes, start: str) -> int:
-    """Return the number of triangles that a binary file states, 0 for text; refuse a part of one.
-
-    A binary file is as long as its header says; its comment may start with "solid" like text.
-    """
-    count = int.from_bytes(head[_STL_HEADER - 4 : _STL_HEADER], "little")
-    if size == _STL_HEADER + _STL_TRIANGLE * count:
-        return count
-    if head.lstrip()[:5].lower() != b"solid":
-        raise StudyError(
-            f"{start} is no .stl file, or cut off: it has {size} bytes, not the "
-            f"{_STL_HEADER + _STL_TRIANGLE * count} that its header announces."
-        )
-    with file.open("rb") as stream:
-        stream.seek(max(size - 1000, 0))
-        if b"endsolid" not in stream.read().lower():  # trimesh would not mind
-            raise StudyError(f"{start} is cut off: it does not end with endsolid.")
-    return 0
+def _ply_elements(header: str) -> list[tuple[str, int, list[_Property]]]:
+    """Return name, number and properties of the elements that a PLY file announces."""
+    found: list[tuple[str, int, list[_Property]]] = []
+    for line in header.splitlines():
+        match line.split():
+            case ["element", name, count]:
+                found.append((name, int(count), []))
+            case ["property", "list", count, kind, name]:
+                found[-1][2].append((name, _PLY_TYPES[kind], _PLY_TYPES[count]))
+            case ["property", kind, name]:
+                found[-1][2].append((name, _PLY_TYPES[kind], None))
+    return found
 
 
-def _merged(points: NDArray[np.float64], triangles: NDArray[np.int64], start: str) -> Triangles:
-    """Check the coordinates and merge equal vertices."""
-    if len(triangles) == 0:
-        raise StudyError(f"{start} contains no triangles.")
-    if len(triangles) > MOST_TRIANGLES:
-        raise StudyError(
-            f"{start} has {len(triangles)} triangles, but at most {MOST_TRIANGLES} can be read: "
-            "simplify it."
-        )
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise StudyError(f"{start} is damaged: triangles have corners that it does not contain.")
-    corners = points[triangles.ravel()]
-    if not np.all(np.isfinite(corners)):
-        raise StudyError(f"{start} has coordinates that are no finite numbers.")
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    if max(np.abs(low).max(), np.abs(high).max()) > _LONGEST_MM:
-        raise StudyError(
-            f"{start} has coordinates of {max(np.abs(low).max(), np.abs(high).max()):g} mm, but at "
-            f"most {_LONGEST_MM:g} mm are allowed: is its unit right?"
-        )
-    rounded = np.round(corners, _MERGED_DIGITS)
-    _, first, number = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
-    faces = number.reshape(-1, 3).astype(np.int64)
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
-    if len(faces) == 0:
-        raise StudyError(f"{start} contains no triangles with an area: is its unit right?")
-    used, flat = np.unique(faces, return_inverse=True)
-    return Triangles(corners[first][used], flat.reshape(-1, 3).astype(np.int64))
+def _ply_columns(numbers: Numbers, count: int, properties: list[_Property]) -> dict[str, _Column]:
+    """Take elements, in runs whose lists are as long as those of the first of the run."""
+    parts: dict[str, list[_Column]] = {name: [] for name, _, _ in properties}
+    while count > 0:
+        fields: list[tuple] = []
+        lengths: dict[str, int] = {}
+        for name, kind, counted in properties:
+            length = 1
+            if counted:
+                key = f"#{name}"
+                fields.append((key, numbers.type_of(counted)))
+                length = lengths[key] = int(numbers.peek(np.dtype(fields), 1)[key][0])
+            fields.append((name, numbers.type_of(kind), (length,)))
+        rows = numbers.alike(np.dtype(fields), count, lengths)
+        for name, _, _ in properties:
+            parts[name].append((rows[name].ravel(), np.full(len(rows), rows[name].shape[1])))
+        count -= len(rows)
+    return {
+        name: (np.concatenate([v for v, _ in part]), np.concatenate([n for _, n in part]))
+        for name, part in parts.items()
+        if part
+    }

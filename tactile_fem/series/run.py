@@ -18,9 +18,9 @@ import numpy as np
 from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.finger.plane import Plane
 from tactile_fem.output.histories import central_receptor
-from tactile_fem.runtime.files import write_records, write_text
+from tactile_fem.runtime.files import write_table, write_text
 from tactile_fem.runtime.logs import shown
-from tactile_fem.runtime.signals import signal_handler
+from tactile_fem.runtime.ranks import signal_handler
 from tactile_fem.series.members import Member
 from tactile_fem.simulation.checks import check_study
 from tactile_fem.simulation.results import Results
@@ -170,7 +170,7 @@ def write_summary(members: Sequence[Member], folder: Path | str) -> Path:
     ]
     columns = list(dict.fromkeys(name for row in rows for name in row))
     path = folder / "summary.csv"
-    write_records(path, [{name: row.get(name, "") for name in columns} for row in rows])
+    write_table(path, [{name: row.get(name, "") for name in columns} for row in rows])
     return path
 
 

@@ -21,7 +21,7 @@ from tactile_fem.mechanics.compile import compiled_by
 from tactile_fem.neuron import Response
 from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend
-from tactile_fem.runtime.parallel import on_root
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.checkpoint import Origin
 from tactile_fem.simulation.fields import FieldWriter
 from tactile_fem.simulation.results import Results

@@ -19,8 +19,7 @@ from tactile_fem.mechanics.faults import stopping
 from tactile_fem.neuron import Response, fire_all
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import log_to, shown
-from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
-from tactile_fem.runtime.signals import StopRequest, signal_handler
+from tactile_fem.runtime.ranks import StopRequest, abort_if_one_fails, on_root, signal_handler
 from tactile_fem.simulation.checkpoint import Origin
 from tactile_fem.simulation.estimate import announce
 from tactile_fem.simulation.parts import NO_PARTS, Parts

@@ -29,7 +29,7 @@ from tactile_fem.mechanics.state import State
 from tactile_fem.neuron import fields_of, replaced
 from tactile_fem.receptors.probe import Probe, ReceptorState
 from tactile_fem.runtime.files import check_unchanged, hashes
-from tactile_fem.runtime.parallel import on_root
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.checks import (
     DEEPEST,
     check_apart,

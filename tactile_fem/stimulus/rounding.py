@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from tactile_fem.runtime.chunks import in_chunks
-from tactile_fem.runtime.triangles import Triangles
+from tactile_fem.runtime.triangles import Triangles, in_chunks
 from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.contour import Lattice, level_set
 

@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.logs import shown
-from tactile_fem.runtime.parallel import abort_if_one_fails, on_root
-from tactile_fem.runtime.signals import StopRequest, signal_handler
+from tactile_fem.runtime.ranks import StopRequest, abort_if_one_fails, on_root, signal_handler
 from tactile_fem.simulation.checkpoint import Origin
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.results import Results

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population
 from tactile_fem.neuron.fields import MOVED, SED, STRETCHES, trial_histories
-from tactile_fem.runtime.files import write_records
+from tactile_fem.runtime.files import write_table
 from tactile_fem.vibration.archive import load_arrays, save_arrays
 
 Array = NDArray[Any]
@@ -144,7 +144,7 @@ class Spectrum:
                         "rate_Hz": f"{rates_Hz[k, r]:.6g}",
                     }
                 )
-        write_records(path, records)
+        write_table(path, records)
 
 
 def unfelt(population: Population) -> str:
