@@ -72,7 +72,7 @@ def assert_equal(results: Results, whole: Results, tolerance: float) -> None:
 
 KILLED = """
 import os, signal, sys
-from tactile_fem.scan import scan
+from tactile_fem import scan
 from tactile_fem.study.file import load_study
 from mpi4py import MPI
 study, folder, share, ranks = sys.argv[1:]
