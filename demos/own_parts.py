@@ -30,8 +30,7 @@ from tactile_fem import (
     run_script,
     scan,
 )
-from tactile_fem.neuron.exponentials import ExponentialSum
-from tactile_fem.neuron.segment import Segment
+from tactile_fem.neuron import ExponentialSum, Segment
 from tactile_fem.path import Hold, Lift, Press
 from tactile_fem.study import Finger, Output, Receptors
 

@@ -13,14 +13,14 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import (
     DRIVES,
     Drive,
+    ExponentialSum,
     Population,
+    Segment,
     drive_of,
     fire_all,
     replaced,
     respond,
 )
-from tactile_fem.neuron.exponentials import ExponentialSum
-from tactile_fem.neuron.segment import Segment
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.series import fibre_image
 from tactile_fem.series.members import single_fibre
@@ -420,7 +420,7 @@ def test_figures_are_drawn_for_each_population_and_removed_with_it(tmp_path, cap
         script.setitem(DRIVES, "unheard_of", Drive("", "", lambda h: h["sed_kPa"]))
         study = read(tmp_path, TWO, "afferents.RA.feels=unheard_of")
     with pytest.raises(StudyError, match="unheard_of"):
-        study.populations[1].population()
+        _ = study.populations[1].population().drive
     results = two_kinds(tmp_path / "r", read(tmp_path, TWO, "afferents.RA.feels=sed"))
     kinds = ("felt", "raster", "firing")
     wanted = {"force.png"} | {f"{kind}_{name}.png" for kind in kinds for name in ("SA1", "RA")}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tactile_fem.neuron import Population
-from tactile_fem.neuron.band_pass import BandPass
 from tactile_fem.neuron.population import fire
+from tactile_fem.neuron.transduction import BandPass
 from tactile_fem.study import Neuron
 
 GAIN = 100.0

@@ -7,8 +7,16 @@ import numpy as np
 import pytest
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import FitWarning, Recording, Window, fit, respond
-from tactile_fem.neuron.fit import current_at, mean_rates, rate_of
+from tactile_fem.neuron import (
+    FitWarning,
+    Recording,
+    Window,
+    current_at,
+    fit,
+    mean_rates,
+    rate_of,
+    respond,
+)
 from tactile_fem.study import Neuron
 
 STATIC, DYNAMIC = "static_gain_pA_per_kPa", "dynamic_gain_pA_s_per_kPa"
@@ -110,7 +118,7 @@ def test_a_constant_at_its_limit_is_said():
     rates = mean_rates(time, sed, frames, without)
     rates[0] *= 0.8  # less in the ramp than the static part alone makes
     frames = [w._replace(rate_Hz=rate) for w, rate in zip(frames, rates, strict=True)]
-    with pytest.warns(FitWarning, match="it stands at its limit, 0"):
+    with pytest.warns(FitWarning, match="it is at its limit, 0"):
         assert fit([Recording(time, sed, frames)], START).neuron.dynamic_gain_pA_s_per_kPa == 0
 
 

@@ -7,9 +7,17 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Response, load, pool, respond, save, to_neo, transduction
-from tactile_fem.neuron.exponentials import ExponentialSum
-from tactile_fem.neuron.fit import current_at
+from tactile_fem.neuron import (
+    ExponentialSum,
+    Response,
+    current_at,
+    load,
+    pool,
+    respond,
+    save,
+    to_neo,
+    transduction,
+)
 from tactile_fem.neuron.variability import Variability
 from tactile_fem.study import Neuron
 
@@ -194,8 +202,8 @@ def test_a_logarithm_is_as_exact_as_its_chords(monkeypatch):
     time, sed = history(3, 25)
     expected = [reference(time, column, LOGARITHMIC, 0) for column in sed.T]
     worst = []
-    for chord in (transduction._CHORD, 0.01 * transduction._CHORD):
-        monkeypatch.setattr(transduction, "_CHORD", chord)
+    for chord in (transduction.CHORD_ERROR, 0.01 * transduction.CHORD_ERROR):
+        monkeypatch.setattr(transduction, "CHORD_ERROR", chord)
         spikes = respond(time, sed, LOGARITHMIC).spikes
         assert [len(times) for times in spikes] == [len(times) for times in expected]
         worst.append(max(np.abs(a - b).max() for a, b in zip(spikes, expected, strict=True)))

@@ -2,7 +2,7 @@
 # # The neuron calibrated on a bar and spheres, and everything else predicted
 #
 # This demo emphasizes
-# - a fit of few constants to several experiments at once (`tactile_fem.neuron.fit`),
+# - a fit of few constants to several experiments at once (`tactile_fem.neuron.rates`),
 # - how well each half of the data predicts the other,
 # - predictions beside what is known, in one table.
 #
@@ -34,8 +34,8 @@ from rates_figure import rates_figure
 from recordings import HOLD_S, RAMP, RAMP_S, Array, measured
 
 from tactile_fem import run_script
-from tactile_fem.neuron import Drive, Fit, Recording, Window, drive_of
-from tactile_fem.neuron.fit import mean_rates, r_squared
+from tactile_fem.neuron import Drive, RateFit, Recording, Window, drive_of, mean_rates
+from tactile_fem.runtime.estimates import r_squared
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.ranks import launched_rank
 from tactile_fem.study import Neuron
@@ -100,7 +100,7 @@ def main(
 
 
 # %%
-def print_constants(found: Fit) -> None:
+def print_constants(found: RateFit) -> None:
     """Print the constants, their intervals and correlations."""
     for name, e in found.estimates.items():
         print(f"{name:27s} {e.value:9.4g}  (95 %: {e.low:.4g} to {e.high:.4g}) {e.doubt}")
@@ -164,7 +164,7 @@ def agreement(name: str, model: Array, rates: Array) -> Row:
     rms = np.sqrt(np.mean((model - rates) ** 2))
     r = np.corrcoef(model, rates)[0, 1]
     ends = f"{rates.min():.0f} to {rates.max():.0f} spikes/s"
-    return Row(name, ends, f"R² {r_squared(model - rates, rates):.3f}, r {r:.3f}, rms {rms:.0f}")
+    return Row(name, ends, f"R² {r_squared(model, rates):.3f}, r {r:.3f}, rms {rms:.0f}")
 
 
 def said(met: bool) -> str:

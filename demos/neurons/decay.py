@@ -33,9 +33,7 @@ from decay_figures import elapsed, hold_figure, middle_sed, slide_figure, speed_
 from scipy.optimize import brentq
 
 from tactile_fem import Study, StudyError, run_script
-from tactile_fem.neuron import Response, Window, respond
-from tactile_fem.neuron.drives import Histories
-from tactile_fem.neuron.fit import mean_rates
+from tactile_fem.neuron import Histories, Response, Window, mean_rates, respond
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.series import Member, run_all

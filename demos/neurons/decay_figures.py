@@ -8,9 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactile_fem.neuron import Response
-from tactile_fem.neuron.drives import Histories
-from tactile_fem.neuron.fit import current_at, rate_of
+from tactile_fem.neuron import Histories, Response, current_at, rate_of
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
 from tactile_fem.study import Neuron

@@ -10,8 +10,8 @@ import numpy as np
 import recordings
 from recordings import Array
 
-from tactile_fem.neuron import Drive, Fit, FitWarning, Recording, fit
-from tactile_fem.neuron.fit import mean_rates, r_squared
+from tactile_fem.neuron import Drive, FitWarning, RateFit, Recording, fit, mean_rates
+from tactile_fem.runtime.estimates import r_squared
 from tactile_fem.study import Neuron
 
 
@@ -22,11 +22,11 @@ class Law:
     neuron: Neuron
     free: tuple[str, ...]
 
-    def fitted(self, some: Sequence[Recording]) -> Fit:
+    def fitted(self, some: Sequence[Recording]) -> RateFit:
         """Fit the free constants."""
         return fit(some, self.neuron, self.free)
 
-    def fitted_quietly(self, some: Sequence[Recording]) -> tuple[Fit, int]:
+    def fitted_quietly(self, some: Sequence[Recording]) -> tuple[RateFit, int]:
         """Return a fit, and how many constants it warns of."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", FitWarning)
@@ -70,4 +70,4 @@ def rates_of(some: Sequence[Recording]) -> Array:
 def explained(some: Sequence[Recording], neuron: Neuron) -> float:
     """Return the share of the variance of the measured rates that the model explains."""
     rates = rates_of(some)
-    return r_squared(modelled(some, neuron) - rates, rates)
+    return r_squared(modelled(some, neuron), rates)

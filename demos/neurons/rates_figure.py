@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from recordings import HOLD, RAMP, measured
 
-from tactile_fem.neuron import Drive, Window
-from tactile_fem.neuron.fit import mean_rates
+from tactile_fem.neuron import Drive, Window, mean_rates
 from tactile_fem.study import Neuron
 
 BLUE, ORANGE, GREEN, INK = "#0072B2", "#D55E00", "#009E73", "#222222"

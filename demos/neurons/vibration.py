@@ -202,7 +202,7 @@ def print_waves(spectrum: Spectrum, massless: Spectrum) -> None:
 
 # %%
 def gain_of_filter(f: np.ndarray, centre: float, quality: float, order: int) -> np.ndarray:
-    """Return ``|H|`` of the band-pass at frequencies, see `tactile_fem.neuron.band_pass`."""
+    """Return ``|H|`` of the band-pass at frequencies, see `tactile_fem.neuron.transduction`."""
     x = f / centre
     return (1 + (quality * (x - 1 / x)) ** 2) ** (-order / 2)
 

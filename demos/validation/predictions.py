@@ -37,9 +37,9 @@ from slip import drag as drag_plate
 from tactile_fem import Results, Study, load_finger, run_script, scan
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.press import press
-from tactile_fem.calibration.report import r_squared
 from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.strain import principal_strains, under_contact
+from tactile_fem.runtime.estimates import r_squared
 from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Text, Tissue
 

@@ -35,9 +35,9 @@ from scipy.spatial.distance import pdist
 
 from tactile_fem import Results, Study, load_finger, run_script, scan
 from tactile_fem.calibration.measurements import read_measurements
-from tactile_fem.calibration.report import r_squared
 from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.surface import SkinSurface
+from tactile_fem.runtime.estimates import r_squared
 from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Edge, Finger, Output, Protocol, Receptors
 

@@ -1,36 +1,45 @@
-"""From what a receptor feels to the spikes of its afferent (NumPy, SciPy)."""
+"""From the drive of a receptor to the spikes of its afferent (NumPy, SciPy)."""
 
-from tactile_fem.neuron.drives import DRIVES, Drive, drive_of
-from tactile_fem.neuron.field import pool
+from tactile_fem.neuron.currents import ExponentialSum, Segment, Transduction
+from tactile_fem.neuron.drives import DRIVES, Drive, Histories, drive_of, pool
 from tactile_fem.neuron.fields import Field, MaterialPoint
-from tactile_fem.neuron.fit import Fit, FitWarning, Recording, Window, fit
-from tactile_fem.neuron.io import load, save, to_neo
-from tactile_fem.neuron.population import (
-    Population,
-    fields_of,
-    fire_all,
-    replaced,
-    respond,
+from tactile_fem.neuron.population import Population, fields_of, fire_all, replaced, respond
+from tactile_fem.neuron.rates import (
+    FitWarning,
+    RateFit,
+    Recording,
+    Window,
+    current_at,
+    fit,
+    mean_rates,
+    rate_of,
 )
-from tactile_fem.neuron.response import Response
+from tactile_fem.neuron.response import Response, load, save, to_neo
 
 __all__ = [
     "DRIVES",
     "Drive",
+    "ExponentialSum",
     "Field",
-    "Fit",
     "FitWarning",
+    "Histories",
     "MaterialPoint",
     "Population",
+    "RateFit",
     "Recording",
     "Response",
+    "Segment",
+    "Transduction",
     "Window",
+    "current_at",
     "drive_of",
     "fields_of",
     "fire_all",
     "fit",
     "load",
+    "mean_rates",
     "pool",
+    "rate_of",
     "replaced",
     "respond",
     "save",

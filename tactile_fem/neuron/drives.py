@@ -1,10 +1,10 @@
-"""What an afferent feels: a drive, made from the histories of its receptors."""
+"""Drives: what afferents respond to, computed from the histories of their receptors."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,20 +14,20 @@ from tactile_fem.neuron.fields import Field
 
 Array = NDArray[Any]
 Histories = Mapping[str, Array]
-_ROUNDING_KPA = 1e-9  # what rounding may leave below zero
+_ROUNDING_KPA = 1e-9  # rounding may make zero as negative as this
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A quantity that afferents answer to.
+    """A quantity that afferents respond to.
 
     Attributes
     ----------
     label, unit
-        What figures call it, and its unit.
+        Its name in figures, and its unit.
     value
-        Takes the arrays of a trace, ``time_s`` (t,) and those of the receptors (t, receptors, ...)
-        among them, and returns the quantity, (t, receptors).
+        Takes the arrays of a trace, with ``time_s`` (t,) and columns of the receptors
+        (t, receptors, ...), and returns the quantity, (t, receptors).
     fields
         Columns of the receptors that it needs besides those of every trace.
     """
@@ -43,7 +43,7 @@ class Drive:
         Raises
         ------
         StudyError
-            The histories lack what it is made from, or it is not finite or not of that shape.
+            A history is missing, or the quantity is not finite or not of that shape.
         """
         try:
             value = self.value(histories)
@@ -54,8 +54,8 @@ class Drive:
     def rate(self) -> Drive:
         """Return its rate of change: second-order differences, one-sided at the ends.
 
-        They are exact for parabolas, whatever the distances of the samples. Between the samples
-        the rate is linear, as every drive is.
+        They are exact for parabolas at any spacing of the samples. Between the samples the rate is
+        linear, as every drive is.
         """
 
         def value(histories: Histories) -> Array:
@@ -109,7 +109,45 @@ def _numbers(name: str, values: ArrayLike) -> Array:
     return array
 
 
-# Drives by name; one of your own may join. Principal values rise; tension is positive.
+def pool(
+    drive: ArrayLike,
+    points_mm: ArrayLike,
+    afferents_mm: ArrayLike,
+    radius_mm: float,
+    rule: Literal["mean", "max"] = "mean",
+) -> Array:
+    """Return the drive of afferents with end organs at several points, (t, afferents).
+
+    Parameters
+    ----------
+    drive
+        Of the points, (t, points).
+    points_mm, afferents_mm
+        Places, (points, d) and (afferents, d).
+    radius_mm
+        Reach of an afferent's branches.
+    rule
+        Mean of the points within reach, or the largest value at each sample.
+
+    Raises
+    ------
+    StudyError
+        An afferent has no point within reach, or `drive` another number of points.
+    """
+    from scipy.spatial import cKDTree
+
+    felt, points = np.asarray(drive, dtype=float), np.asarray(points_mm, dtype=float)
+    if felt.ndim != 2 or felt.shape[1] != len(points):
+        raise StudyError(f"drive has shape {felt.shape}; it needs (t, {len(points)}).")
+    fields = cKDTree(points).query_ball_point(np.asarray(afferents_mm, dtype=float), radius_mm)
+    for number, near in enumerate(fields):
+        if not near:
+            raise StudyError(f"No point lies within {radius_mm:g} mm of afferent {number}.")
+    combine = np.mean if rule == "mean" else np.max
+    return np.column_stack([combine(felt[:, near], axis=1) for near in fields])
+
+
+# Drives by name; your own may be added. Principal values increase; tension is positive.
 DRIVES: dict[str, Drive] = {
     "sed": Drive(
         "Strain energy density", "kPa", lambda h: checked_sed(h["time_s"], h["sed_kPa"])[1]
@@ -126,13 +164,7 @@ DRIVES: dict[str, Drive] = {
 
 
 def drive_of(name: str) -> Drive:
-    """Return the drive of a name: one of `DRIVES`, or ``_rate`` behind it for its rate.
-
-    Raises
-    ------
-    StudyError
-        There is none.
-    """
+    """Return a drive by its name, with the ending ``_rate`` its rate; StudyError if unknown."""
     if name in DRIVES:
         return DRIVES[name]
     base = name.removesuffix("_rate")

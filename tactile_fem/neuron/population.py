@@ -1,4 +1,4 @@
-"""Afferents: what they feel is transduced to a current, and the membrane fires."""
+"""Afferents: the drive is transduced to a current, and the membrane fires."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.neuron.currents import Transduction
 from tactile_fem.neuron.drives import Drive, Histories, checked_sed, drive_of
 from tactile_fem.neuron.fields import STANDARD, Field
 from tactile_fem.neuron.membrane import Membrane
 from tactile_fem.neuron.response import Response
-from tactile_fem.neuron.segment import Transduction
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.neuron.transduction import transduction_of
 from tactile_fem.neuron.variability import Variability
@@ -43,8 +43,8 @@ def respond(
     neuron
         Constants of transduction and membrane; default ``Neuron()``.
     units
-        Numbers of the afferents, (receptors,), which their random numbers belong to; default 0,
-        1, 2 ... So parts of a population fire as the whole does.
+        Numbers of the afferents, (receptors,), which select their random numbers; default 0, 1,
+        2 ... Parts of a population so fire as the whole does.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def fire(
     variability = Variability(neuron, _numbered(units, drive.shape[1]))
     membrane = Membrane(neuron, variability)
     if neuron.gain_spread:
-        drive = drive * variability.gains()  # how sensitive each is
+        drive = drive * variability.gains()
     for segment in (transduction or transduction_of(neuron)).segments(time, drive):
         membrane.advance(segment)
     return Response(membrane.spikes(), float(time[0]), float(time[-1]))
@@ -95,12 +95,12 @@ class Population:
     name
         As in the study.
     neuron
-        Constants of transduction and membrane, whose gains are per unit of what is felt.
+        Constants of transduction and membrane; gains are per unit of the drive.
     feels
-        A drive, or the name of one, see `tactile_fem.neuron.drives.drive_of`.
+        A drive, or the name of one, see `tactile_fem.neuron.drive_of`.
     transduction
-        A model of your own; default the one that `neuron` names. `gain_spread` multiplies the
-        drive of an afferent by its factor.
+        Your own model; default the one that `neuron` names. The random factors of `gain_spread`
+        multiply the drive.
     """
 
     name: str = DEFAULT_NAME
@@ -110,8 +110,13 @@ class Population:
 
     @property
     def drive(self) -> Drive:
-        """What it feels."""
-        return drive_of(self.feels) if isinstance(self.feels, str) else self.feels
+        """The drive that `feels` names; StudyError if there is none."""
+        if isinstance(self.feels, Drive):
+            return self.feels
+        try:
+            return drive_of(self.feels)
+        except StudyError as error:
+            raise StudyError(f"afferents.{self.name}.feels: {error}") from None
 
     def fire(self, histories: Histories) -> Response:
         """Return the spikes of the population's afferents.
@@ -119,9 +124,9 @@ class Population:
         Parameters
         ----------
         histories
-            Arrays of a trace. Where it has ``population`` (receptors,), names, the receptors of
-            this name fire; otherwise all do. Their numbers, which random numbers belong to, count
-            from 0 within the population, so it fires as it would alone.
+            Arrays of a trace. With ``population`` (receptors,), names, only the receptors of this
+            name fire. Their numbers, which select random numbers, count from 0 within the
+            population, so it fires as it would alone.
 
         Raises
         ------

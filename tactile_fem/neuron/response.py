@@ -1,42 +1,32 @@
-"""Spikes of all receptors and what is counted from them."""
+"""Spikes of all receptors: what is counted from them, files, and the objects of neo."""
 
 from __future__ import annotations
 
+import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.runtime.files import atomic_write, write_text
+
+if TYPE_CHECKING:
+    import neo
 
 Array = NDArray[Any]
 
 
-@dataclass(frozen=True)
-class Bundle:
-    """Spikes that follow one another closely.
-
-    Attributes
-    ----------
-    start_s, end_s
-        The first spike and the last.
-    spikes
-        Their number.
-    rate_Hz
-        Intervals over the time that they take.
-    """
+class Bundle(NamedTuple):
+    """Spikes that follow one another closely: first and last, number, intervals over duration."""
 
     start_s: float
     end_s: float
     spikes: int
     rate_Hz: float
-
-    @classmethod
-    def of(cls, times: Array) -> Bundle:
-        """Return two or more spikes as a bundle."""
-        start, end = float(times[0]), float(times[-1])
-        return cls(start, end, len(times), (len(times) - 1) / (end - start))
 
 
 @dataclass(frozen=True)
@@ -80,11 +70,10 @@ class Response:
 
     def bundles(self, gap_s: float, least: int = 3) -> list[list[Bundle]]:
         """Return the bundles of each receptor: at least so many spikes, no longer gap in them."""
-        least = max(least, 2)
-        found = []
+        found: list[list[Bundle]] = []
         for times in self.spikes:
             runs = np.split(times, np.flatnonzero(np.diff(times) > gap_s) + 1)
-            found.append([Bundle.of(run) for run in runs if len(run) >= least])
+            found.append([_bundle(run.tolist()) for run in runs if len(run) >= max(least, 2)])
         return found
 
     def peak_rate(self, intervals: int = 3) -> Array:
@@ -130,7 +119,82 @@ class Response:
         return self.start_s + width * np.arange(bins + 1), counts
 
 
+def _bundle(times: list[float]) -> Bundle:
+    start, end, count = times[0], times[-1], len(times)
+    return Bundle(start, end, count, (count - 1) / (end - start))
+
+
 def _positive(name: str, value: float) -> float:
     if not (np.isfinite(value) and value > 0):
         raise StudyError(f"{name} is {value}; it must be positive.")
     return float(value)
+
+
+def save(response: Response, path: Path | str) -> None:
+    """Write a response: all of it as ``.npz``, or its spikes as ``.csv``.
+
+    A CSV file has the columns ``receptor,time_s`` and a row per spike, with all digits.
+
+    Raises
+    ------
+    StudyError
+        Another ending.
+    """
+    path = Path(path)
+    receptor, time = response.events()
+    match path.suffix:
+        case ".npz":
+            covered = np.array([response.start_s, response.end_s])
+            with atomic_write(path) as part, part.open("wb") as stream:
+                count = len(response.spikes)
+                arrays = {"receptor": receptor, "time_s": time, "covered_s": covered}
+                np.savez_compressed(stream, receptors=count, **arrays)
+        case ".csv":
+            rows = zip(receptor.tolist(), time.tolist(), strict=True)
+            write_text(path, "\n".join(["receptor,time_s", *(f"{k},{t}" for k, t in rows), ""]))
+        case other:
+            raise StudyError(f'A response is kept as .npz or .csv, not "{other}".')
+
+
+def load(path: Path | str) -> Response:
+    """Return the response that `save` wrote as ``.npz``; StudyError for any other file."""
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            receptor, time, covered = kept["receptor"], kept["time_s"], kept["covered_s"]
+            count = int(kept["receptors"])
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise StudyError(f"{path} holds no response: {error}.") from None
+    spikes = [time[receptor == number] for number in range(count)]
+    return Response(spikes, *covered.tolist())
+
+
+def to_neo(response: Response, **annotations: Sequence[Any]) -> neo.Segment:
+    """Return a neo segment with a spike train per receptor.
+
+    Parameters
+    ----------
+    response
+        The spikes.
+    annotations
+        Of the spike trains: by name a value for each receptor, as in ``kind=["SA1", "RA"]``.
+
+    Raises
+    ------
+    StudyError
+        neo is not installed, or there are not as many values as receptors.
+    """
+    count = len(response.spikes)
+    for name, values in annotations.items():
+        if len(values) != count:
+            raise StudyError(f"{name} has {len(values)} values; it needs {count}, one a receptor.")
+    try:
+        import neo
+    except ImportError:
+        raise StudyError('neo is not installed: pip install "tactile-fem[neo]".') from None
+    segment = neo.Segment(name="afferents")
+    for number, times in enumerate(response.spikes):
+        limits = {"t_start": response.start_s, "t_stop": response.end_s}
+        own = {name: values[number] for name, values in annotations.items()}
+        train = neo.SpikeTrain(times, units="s", name=str(number), **limits, **own)
+        segment.spiketrains.append(train)
+    return segment

@@ -1,21 +1,23 @@
-"""Transduction: from what is felt to the current that enters the membrane."""
+"""Transduction: from the drive of an afferent to the current that enters its membrane."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_fem.neuron.band_pass import BandPass
-from tactile_fem.neuron.exponentials import ExponentialSum
-from tactile_fem.neuron.segment import Segment, Transduction
+from tactile_fem.neuron.currents import ExponentialSum, Segment, Transduction
 from tactile_fem.neuron.settings import Neuron
 
 Array = NDArray[Any]
-_CHORD = 0.002  # how far a logarithm may be from straight lines, as a share of its scale
+# Largest distance of a logarithm from the chords that replace it, as a share of its scale.
+CHORD_ERROR = 0.002
+# Values of the filter in a period of its centre frequency; lines between them err by up to 1.2 %.
+_VALUES_PER_PERIOD = 20
 
 
 def transduction_of(neuron: Neuron) -> Transduction:
@@ -31,22 +33,29 @@ def transduction_of(neuron: Neuron) -> Transduction:
             return BandPass(neuron)
 
 
+def intercept_pA(neuron: Neuron) -> float:
+    """Return I_0: as set; else the rheobase V_th/R, mV/GOhm = pA, of "hamasaki2020", or 0."""
+    if neuron.intercept_pA is not None:
+        return neuron.intercept_pA
+    return neuron.threshold_mV / neuron.resistance_GOhm if neuron.model == "hamasaki2020" else 0.0
+
+
 class StaticDynamic:
     """Static part with exponential decay, dynamic part and intercept.
 
-    Proposed: the form of Hamasaki et al. (2020) as reconstructed, with numbers of our own::
+    Proposed: the form of Hamasaki et al. (2020) as reconstructed, with our own numbers::
 
         I = I_s + I_d + I_0                                       (2)
         I_s = alpha (S - kappa a),   tau_a da/dt = S - a          (3)
         I_d = beta max(dS/dt, 0)                                  (4)
 
-    with the intercept I_0 only while S > 0, exactly: a finger at rest is silent. Where S leaves
-    or reaches zero, I_0 belongs to the whole stretch between the two samples; where S changes its
-    sign, if its mean there is positive. The adaptation starts at a = 0. S is linear between the
-    samples; the current is then a line and one exponential, and jumps with dS/dt.
+    S is the drive. The intercept I_0 acts only while S > 0, so that a finger at rest is silent:
+    where S leaves or reaches zero, for the whole stretch between the two samples; where S changes
+    its sign, if its mean there is positive. The adaptation starts at a = 0. S is linear between
+    the samples, so the current is a line and an exponential, and jumps with dS/dt.
 
-    S is the drive, whatever it is. A negative S gives a negative static current, which inhibits;
-    when S returns to zero, the adaptation makes the current rebound. I_d answers to any rise.
+    A negative S gives a negative static current, which inhibits; when S returns to zero, the
+    adaptation makes the current rebound. I_d responds to any increase.
 
     Parameters
     ----------
@@ -65,79 +74,74 @@ class StaticDynamic:
     def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
         """Yield the current of each stretch in which S is linear."""
         n, gains, times = self._neuron, self._gains, self._times[:, None]
-        dynamic = n.dynamic_gain_pA_s_per_kPa
         lasting = n.static_gain_pA_per_kPa - gains.sum()
-        rest = intercept_pA(n)
-        lag = np.tile(-self._felt(drive[0]), (len(times), 1))  # a - S
-        for who, start, h, felt, end in self._stretches(time_s, drive):
-            slope = (end - felt) / h
+        intercept = intercept_pA(n)
+        lag = np.tile(-self._compressed(drive[0]), (len(times), 1))  # a - S
+        for who, start, h, S, end in self._stretches(time_s, drive):
+            slope = (end - S) / h
             behind = times * slope
-            away = lag[:, who] + behind  # of a from where it follows S
-            constant = lasting * felt + (gains * behind).sum(axis=0)
-            constant += dynamic * np.maximum(slope, 0.0) + rest * (felt + end > 0)
+            away = lag[:, who] + behind  # of a from its steady course, which is behind S
+            constant = lasting * S + (gains * behind).sum(axis=0)
+            constant += n.dynamic_gain_pA_s_per_kPa * np.maximum(slope, 0.0)
+            constant += intercept * (S + end > 0)
             current = ExponentialSum(constant, lasting * slope, -gains * away, self._times)
             yield Segment(start, h, current, who)
             lag[:, who] = away * np.exp(-h / times) - behind
 
-    def _felt(self, drive: Array) -> Array:
+    def _compressed(self, drive: Array) -> Array:
         """Return S of a drive."""
         return drive
 
     def _stretches(
         self, time_s: Array, drive: Array
     ) -> Iterator[tuple[Any, Any, Any, Array, Array]]:
-        """Yield who feels it, begin, length, S at begin and end of stretches where S is linear."""
-        felt = self._felt(drive)
+        """Yield receptors, start, length, and S at both ends, of stretches where S is linear."""
+        S = self._compressed(drive)
         for k, h in enumerate(np.diff(time_s)):
-            yield slice(None), time_s[k], h, felt[k], felt[k + 1]
+            yield slice(None), time_s[k], h, S[k], S[k + 1]
 
 
 class Logarithmic(StaticDynamic):
-    """The same of a logarithm of the drive, with a second, fast adaptation.
+    """Static part of a logarithm of the drive, with a second, fast adaptation.
 
     Proposed: currents grow with the logarithm of strain energy density, as the compressive stage
-    of Loomis's tactile letters (1990) and the rates under spheres (Goodwin et al. 1995) ask for::
+    of Loomis's tactile letters (1990) and the rates under spheres (Goodwin et al. 1995) suggest::
 
         S = S_0 ln(1 + D/S_0)
 
-    of the drive D, and -S(-D) where D is negative. S is D where D is much less than S_0.
+    for a drive D, and -S(-D) where D is negative. S is D where D is much less than S_0.
 
-    D is linear between the samples, S is not: a stretch is divided, for each receptor on its own,
-    until S, linear in each part, is off by at most 0.002 S_0.
-
-    Parameters
-    ----------
-    neuron
-        The constants.
+    D is linear between the samples, S is not: a stretch is divided, for each receptor separately,
+    until chords of S are off by at most 0.002 S_0.
     """
 
     def __init__(self, neuron: Neuron) -> None:
         super().__init__(neuron, [(neuron.fast_adaptation, neuron.fast_adaptation_time_s)])
         self._scale = neuron.compression_kPa
 
-    def _felt(self, drive: Array) -> Array:
+    def _compressed(self, drive: Array) -> Array:
         return np.sign(drive) * self._scale * np.log1p(np.abs(drive) / self._scale)
 
-    def _drive(self, felt: Array) -> Array:
-        return np.sign(felt) * self._scale * np.expm1(np.abs(felt) / self._scale)
+    def _drive(self, S: Array) -> Array:
+        return np.sign(S) * self._scale * np.expm1(np.abs(S) / self._scale)
 
     def _stretches(
         self, time_s: Array, drive: Array
     ) -> Iterator[tuple[Any, Any, Any, Array, Array]]:
-        """Cut stretches where S rises by equal parts; a chord over x S_0 is off by x^2/8 S_0."""
-        longest = np.sqrt(8 * _CHORD) * self._scale
-        for who, start, h, felt, end in super()._stretches(time_s, drive):
-            rises = np.abs(end - felt) / longest
-            if rises.max(initial=0.0) <= 1.0:
-                yield who, start, h, felt, end
+        """Divide stretches into equal increments of S; a chord over x S_0 is off by x^2/8 S_0."""
+        longest = np.sqrt(8 * CHORD_ERROR) * self._scale
+        for who, start, h, S, end in super()._stretches(time_s, drive):
+            chords = np.abs(end - S) / longest
+            if chords.max(initial=0.0) <= 1.0:
+                yield who, start, h, S, end
                 continue
-            parts = 2 ** np.ceil(np.log2(np.maximum(rises, 1.0))).astype(int)
+            parts = 2 ** np.ceil(np.log2(np.maximum(chords, 1.0))).astype(int)
             for count in np.unique(parts):
                 mine = np.flatnonzero(parts == count)
                 share = np.arange(count + 1)[:, None] / count
-                levels = felt[mine] + share * (end - felt)[mine]
-                way = self._drive(levels) - self._drive(felt[mine])
-                at = h * (way / way[-1] if count > 1 else share)
+                levels = S[mine] + share * (end - S)[mine]
+                risen = self._drive(levels) - self._drive(S[mine])
+                at = h * (risen / risen[-1] if count > 1 else share)
                 for j in range(count):
                     yield mine, start + at[j], at[j + 1] - at[j], levels[j], levels[j + 1]
 
@@ -150,53 +154,109 @@ class GeneratorFunction:
         I = I_0 + sum_i max(k_i e_i, 0),   de_i/dt = dS/dt - e_i/tau_i
 
     with I_0 while S > 0 as in `StaticDynamic` (zero unless set), times tau_i of 8, 200, 1745 ms
-    and one without inactivation, e = S. Theirs takes stress; S is any drive here. The part
-    without inactivation is k S where S is negative too, and inhibits. All S at the first sample
-    counts as a step.
-
-    Parameters
-    ----------
-    neuron
-        The constants.
+    and one part without inactivation, e = S. Theirs takes stress; S is any drive here. The part
+    without inactivation is k S for a negative S too, and inhibits. S at the first sample counts
+    as a step.
     """
 
     def __init__(self, neuron: Neuron) -> None:
         self._times = np.array(neuron.generator_times_s)
         *gains, self._lasting = neuron.generator_gains_pA_per_kPa
         self._gains = np.array(gains)[:, None]
-        self._rest = intercept_pA(neuron)
+        self._intercept = intercept_pA(neuron)
 
     def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
-        """Yield the current between samples, cut where a part changes its sign."""
+        """Yield the current between samples, divided where a part changes its sign."""
         times = self._times[:, None]
         part = np.tile(drive[0], (len(times), 1))
         for k, h in enumerate(np.diff(time_s)):
-            felt, end = drive[k], drive[k + 1]
-            slope = (end - felt) / h
-            level = times * slope  # where a part tends to
-            away = part - level
-            line = self._lasting * felt + self._rest * (felt + end > 0)
+            S, end = drive[k], drive[k + 1]
+            slope = (end - S) / h
+            limit = times * slope  # of a part
+            away = part - limit
+            line = self._lasting * S + self._intercept * (S + end > 0)
             with np.errstate(divide="ignore", invalid="ignore"):
-                zeros = times * np.log(-away / level)
+                zeros = times * np.log(-away / limit)
             zeros = np.sort(np.where((zeros > 0) & (zeros < h), zeros, h), axis=0)
             for begin, until in pairwise([0 * slope, *zeros, 0 * slope + h]):
                 who = np.flatnonzero(until > begin)
                 if not who.size:
                     continue
-                gains = self._gains * (level + away * np.exp(-0.5 * (begin + until) / times) > 0)
+                gains = self._gains * (limit + away * np.exp(-0.5 * (begin + until) / times) > 0)
                 current = ExponentialSum(
-                    line + (gains * level).sum(axis=0),
+                    line + (gains * limit).sum(axis=0),
                     self._lasting * slope,
                     gains * away,
                     self._times,
                 )
                 start, length = begin[who], (until - begin)[who]
                 yield Segment(time_s[k] + start, length, current.of(who).from_(start), who)
-            part = level + away * np.exp(-h / times)
+            part = limit + away * np.exp(-h / times)
 
 
-def intercept_pA(neuron: Neuron) -> float:
-    """Return I_0: as set; else the rheobase V_th/R, mV/GOhm = pA, of "hamasaki2020", or 0."""
-    if neuron.intercept_pA is not None:
-        return neuron.intercept_pA
-    return neuron.threshold_mV / neuron.resistance_GOhm if neuron.model == "hamasaki2020" else 0.0
+class BandPass:
+    """Rectified band-pass of the drive, for RA and PC afferents.
+
+    Proposed: with `D` the drive, each of `order` equal stages a pair of complex poles::
+
+        H(s) = [ (w_0/Q) s / (s^2 + (w_0/Q) s + w_0^2) ]^order,   w_0 = 2 pi f_0
+        y = H D,      I = g ( [y]_+ + off [-y]_+ )
+
+    Below the centre frequency `y` is like the drive's rate with one stage and like its
+    acceleration with two, which are the slopes of measured thresholds of RA and PC; at it, `y` is
+    the drive. Changes in the other direction count by the share `off`.
+
+    The drive is linear between its samples and `y` is then exact. The current is linear between
+    twenty values in each period of the centre frequency. Before the first sample the drive has
+    always been constant.
+    """
+
+    def __init__(self, neuron: Neuron) -> None:
+        self._gain, self._off = neuron.filter_gain_pA, neuron.filter_off
+        self._longest_s = 1 / (_VALUES_PER_PERIOD * neuron.filter_centre_Hz)
+        w = 2 * np.pi * neuron.filter_centre_Hz
+        b = w / neuron.filter_quality
+        # Each stage: x' = v, v' = in - b v - w^2 x, out = b v.
+        count = 2 * neuron.filter_order
+        A, B = np.zeros((count, count)), np.zeros(count)
+        for stage in range(0, count, 2):
+            A[stage, stage + 1] = 1.0
+            A[stage + 1, stage : stage + 2] = -(w**2), -b
+            if stage:
+                A[stage + 1, stage - 1] = b
+        B[1] = 1.0
+        self._A, self._B, self._b = A, B, b
+
+    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
+        """Yield the current between the values of the filter."""
+        state = np.linalg.solve(-self._A, self._B[:, None] * drive[0])
+        current = self._current(state)
+        step_of = cache(self._step)
+        no_exponentials = np.zeros((0, drive.shape[1])), np.zeros(0)
+        for k, h in enumerate(np.diff(time_s)):
+            count = int(np.ceil(h / self._longest_s))
+            dt = float(h) / count
+            slope = (drive[k + 1] - drive[k]) / h
+            # To ten digits, so that equal steps share their matrices.
+            of_state, of_drive, of_slope = step_of(float(f"{dt:.10g}"))
+            for j in range(count):
+                state = of_state @ state + np.outer(of_drive, drive[k] + j * dt * slope)
+                state += np.outer(of_slope, slope)
+                later = self._current(state)
+                line = ExponentialSum(current, (later - current) / dt, *no_exponentials)
+                yield Segment(time_s[k] + j * dt, dt, line)
+                current = later
+
+    def _step(self, dt: float) -> tuple[Array, Array, Array]:
+        """Return the matrix of the state over a step, and vectors of drive and slope."""
+        from scipy.linalg import expm
+
+        n = len(self._B)
+        whole = np.zeros((n + 2, n + 2))
+        whole[:n, :n], whole[:n, n], whole[n, n + 1] = self._A, self._B, 1.0
+        found = expm(whole * dt)
+        return found[:n, :n], found[:n, n], found[:n, n + 1]
+
+    def _current(self, state: Array) -> Array:
+        y = self._b * state[-1]
+        return self._gain * (np.maximum(y, 0.0) + self._off * np.maximum(-y, 0.0))

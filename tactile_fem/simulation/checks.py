@@ -15,6 +15,7 @@ from tactile_fem.finger.plane import AXES, Plane
 from tactile_fem.finger.report import facet_size_mm, pad_thickness_mm
 from tactile_fem.finger.section import section_sizes
 from tactile_fem.finger.skin import PRESETS, sizes_of
+from tactile_fem.neuron import fields_of
 from tactile_fem.path import Path
 from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.stimulus import RigidBody
@@ -44,8 +45,7 @@ def check_study(study: Study) -> None:
         lies outside it ...
     """
     body = study.stimulus.body()
-    for afferents in study.populations:
-        afferents.population()
+    fields_of(afferents.population() for afferents in study.populations)
     finger = study.finger
     if finger.mesh_file is None:
         _anatomy(finger)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from tactile_fem.errors import StudyError
 from tactile_fem.neuron.settings import Neuron
 from tactile_fem.receptors.settings import Receptors
 from tactile_fem.runtime.settings import Settings
@@ -78,17 +77,7 @@ class Afferents(Settings):
     neuron: Neuron = Neuron()
 
     def population(self) -> Population:
-        """Return the afferents, which fire.
+        """Return the afferents, which fire."""
+        from tactile_fem.neuron import Population
 
-        Raises
-        ------
-        StudyError
-            There is no such drive.
-        """
-        from tactile_fem.neuron import Population, drive_of
-
-        try:
-            drive_of(self.feels)
-        except StudyError as error:
-            raise StudyError(f"afferents.{self.name}.feels: {error}") from None
         return Population(self.name, self.neuron, self.feels)

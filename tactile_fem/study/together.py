@@ -27,6 +27,6 @@ def disagreements(study: Study, *, saved: bool) -> Iterator[str]:
             yield f"{name}{problem}"
         if study.afferents and not saved:
             try:
-                population.population()
+                _ = population.population().drive
             except StudyError as error:
                 yield str(error)

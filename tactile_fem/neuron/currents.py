@@ -1,10 +1,10 @@
-"""Sums of a line and exponentials: where they vanish, to rounding, for many at once."""
+"""Currents, stretch by stretch: sums of a line and exponentials, and where they vanish."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,9 @@ _ROUNDING = 4 * np.finfo(float).eps
 
 @dataclass(frozen=True)
 class ExponentialSum:
-    """The functions p + q s + sum_j c_j exp(-s/tau_j), one per column.
+    """The functions ``p + q s + sum_j c_j exp(-s/tau_j)``, one per column.
 
-    Parameters
+    Attributes
     ----------
     constant, slope
         p and q, (n,).
@@ -53,14 +53,14 @@ class ExponentialSum:
         return value
 
     def from_(self, s: Array) -> ExponentialSum:
-        """Return the same functions counted from `s` on, (n,)."""
+        """Return the same functions of the time since `s`, (n,)."""
         kept = np.exp(-s / self.times[:, None])
         return ExponentialSum(
             self.constant + self.slope * s, self.slope, self.amplitudes * kept, self.times
         )
 
     def bounds(self, s: Any) -> tuple[Array, Array]:
-        """Return a lower and an upper bound on [0, s]: those of the terms added up."""
+        """Return a lower and an upper bound on [0, s]: the sums of those of the terms."""
         end = self.constant + self.slope * s
         low, high = np.minimum(self.constant, end), np.maximum(self.constant, end)
         for amplitude, tau in zip(self.amplitudes, self.times, strict=True):
@@ -68,16 +68,12 @@ class ExponentialSum:
             low, high = low + np.minimum(amplitude, last), high + np.maximum(amplitude, last)
         return low, high
 
-    def size(self, s: Array) -> Array:
-        """Return how large the terms are on [0, s], which sets what rounding does."""
-        return np.abs(self.constant) + np.abs(self.slope) * s + np.abs(self.amplitudes).sum(axis=0)
-
     def zeros(self, end: Array) -> Array:
-        """Return in rising order where the functions change sign in (0, end), (k + 1, n).
+        """Return where the functions change sign in (0, end), increasing, (k + 1, n).
 
-        Between two zeros of f' + f/tau the function f exp(s/tau) is monotone, so it changes its
-        sign there at most once; and that sum has one exponential less than f. A function with
-        fewer zeros than k + 1 has its end, (n,), in their place.
+        Between two zeros of f' + f/tau the function f exp(s/tau) is monotonic, so f changes sign
+        there at most once; and f' + f/tau has one exponential less than f. A function with fewer
+        than k + 1 zeros has its end, (n,), in their place.
         """
         if not len(self.times):
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -95,12 +91,13 @@ class ExponentialSum:
         row, column = np.nonzero(negative[1:] != negative[:-1])
         zeros = np.repeat(end[None], len(breaks) - 1, axis=0)
         changing = self.of(column)
+        size = np.abs(changing.constant) + np.abs(changing.slope) * end[column]
         zeros[row, column] = root(
             lambda s: (changing.at(s), changing.rate(s)),
             breaks[row, column],
             breaks[row + 1, column],
             rising=negative[row, column],
-            size=changing.size(end[column]),
+            size=size + np.abs(changing.amplitudes).sum(axis=0),
         )
         return np.sort(zeros, axis=0)
 
@@ -110,13 +107,14 @@ def root(
     low: Array,
     high: Array,
     *,
-    rising: Array,
+    rising: Any,
     size: Array,
     start: Array | None = None,
 ) -> Array:
-    """Return to rounding where functions change sign between `low` and `high`.
+    """Return where functions change sign between `low` and `high`, to rounding, (n,).
 
-    Newton's method, with a bisection where it leaves the bracket or does not halve its step.
+    Newton's method, with a bisection where it leaves the bracket or does not halve its step. The
+    iterations of one function do not depend on those of the others.
 
     Parameters
     ----------
@@ -125,14 +123,14 @@ def root(
     low, high
         The brackets, (n,).
     rising
-        Whether a function is below zero at `low`, (n,).
+        Whether a function is negative at `low`, (n,).
     size
-        Size of the terms that make up the values: they are zero where they are rounding of it.
+        Magnitude of the terms of the values, which sets their rounding.
     start
         First guess.
     """
-    x = 0.5 * (low + high) if start is None else np.minimum(np.maximum(start, low), high)
-    before = high - low
+    x = 0.5 * (low + high) if start is None else np.clip(start, low, high)
+    last_step = high - low
     shortest = _ROUNDING * np.maximum(np.abs(low), np.abs(high))
     done = np.zeros(len(x), dtype=bool)
     last_slope = np.full(len(x), np.nan)
@@ -144,14 +142,43 @@ def root(
             low, high = np.where(beyond, low, x), np.where(beyond, x, high)
             guess = x - value / slope
             step = np.abs(guess - x)
-            good = (guess >= low) & (guess <= high) & (step <= 0.5 * before)
-            # What Newton's step leaves, from how the slope has changed over the step before.
-            left = step**2 * np.abs((slope - last_slope) / (before * slope))
-            # What is found stays, so that none depends on how long the others take.
+            good = (guess >= low) & (guess <= high) & (step <= 0.5 * last_step)
             guess = np.where(done, x, np.where(good, guess, 0.5 * (low + high)))
-            done |= good & (left <= shortest)
-            before, x, last_slope = np.abs(guess - x), guess, slope
-            done |= before <= shortest
+            # The error after a Newton step, from the change of the slope over the step before.
+            error = step**2 * np.abs((slope - last_slope) / (last_step * slope))
+            done |= good & (error <= shortest)
+            last_step, x, last_slope = np.abs(guess - x), guess, slope
+            done |= last_step <= shortest
             if done.all():
                 break
     return x
+
+
+class Segment(NamedTuple):
+    """A stretch of time with one expression for the current.
+
+    Attributes
+    ----------
+    start_s, length_s
+        Start and length, s: numbers, or (n,) where the receptors' stretches differ.
+    current_pA
+        The current over the time since the start, pA.
+    who
+        Which receptors; the membranes of all have been advanced to the start.
+    """
+
+    start_s: Any
+    length_s: Any
+    current_pA: ExponentialSum
+    who: Any = slice(None)
+
+
+class Transduction(Protocol):
+    """A model of transduction."""
+
+    def segments(self, time_s: Array, drive: Array, /) -> Iterator[Segment]:
+        """Yield the current that a history (t,), (t, receptors) evokes, in order.
+
+        The history is linear between its samples; the current is exact.
+        """
+        ...

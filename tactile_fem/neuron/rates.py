@@ -1,4 +1,4 @@
-"""Fits the constants of the transduction to firing rates that were measured."""
+"""Mean firing rates without spikes, and fits of the transduction to measured rates."""
 
 from __future__ import annotations
 
@@ -9,37 +9,35 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
-from scipy.special import stdtrit
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.drives import checked
 from tactile_fem.neuron.settings import Neuron
 from tactile_fem.neuron.transduction import intercept_pA, transduction_of
+from tactile_fem.runtime.estimates import Estimate, r_squared
 
 Array = NDArray[Any]
-_SHARE, _TIME, _ANY = (0.0, 1.0), (1e-3, 1e3), (-np.inf, np.inf)
-_GAIN = (0.0, np.inf)
-# What may be free, and its bounds.
+_GAIN, _SHARE, _TIME_S = (0.0, np.inf), (0.0, 1.0), (1e-3, 1e3)
+# Constants that may be free, and their bounds.
 _BOUNDS: dict[str, tuple[float, float]] = {
     "static_gain_pA_per_kPa": _GAIN,
     "dynamic_gain_pA_s_per_kPa": _GAIN,
     "adaptation": _SHARE,
-    "adaptation_time_s": _TIME,
+    "adaptation_time_s": _TIME_S,
     "fast_adaptation": _SHARE,
-    "fast_adaptation_time_s": _TIME,
+    "fast_adaptation_time_s": _TIME_S,
     "compression_kPa": (1e-6, np.inf),
-    "intercept_pA": _ANY,
+    "intercept_pA": (-np.inf, np.inf),
     **{f"generator_gains_pA_per_kPa[{k}]": _GAIN for k in range(4)},
-    **{f"generator_times_s[{k}]": _TIME for k in range(3)},
+    **{f"generator_times_s[{k}]": _TIME_S for k in range(3)},
 }
-_FACTORS = np.logspace(-2, 2, 17)  # of the gains, tried before the fit
-_MOMENTS = 200  # per window, at which the current is taken
+_GAIN_FACTORS = np.logspace(-2, 2, 17)  # tried before the fit
+_MOMENTS = 200  # of a window, at which the current is evaluated
 _CONFIDENCE = 0.95
-# Relative step of derivatives: with a small one, a receptor that comes to its rheobase, where the
-# rate rises vertically, would make up all of the derivative.
-_STEP = 0.02
-# Directions of the constants in which the rates change less than this, relatively, are none.
+# Relative step of derivatives. With a small one, a receptor that reaches its rheobase, where the
+# rate increases vertically, would dominate the derivative.
+_RELATIVE_STEP = 0.02
+# Constants are not determined in directions with relatively smaller singular values.
 _SINGULAR = 2e-3
 
 
@@ -53,11 +51,11 @@ class Window(NamedTuple):
     Attributes
     ----------
     start_s, end_s
-        Begin and end, s.
+        Start and end, s.
     rate_Hz
         Spikes/s, (receptors,).
     sd_Hz
-        What a deviation is measured by, a number or (receptors,).
+        Standard deviation of the rates, a number or (receptors,).
     """
 
     start_s: float
@@ -67,7 +65,7 @@ class Window(NamedTuple):
 
 
 class Recording(NamedTuple):
-    """What receptors felt in an experiment, and how their afferents fired.
+    """Drive of the receptors in an experiment, and measured rates of their afferents.
 
     Attributes
     ----------
@@ -83,26 +81,13 @@ class Recording(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A fitted constant with its 95 % confidence interval.
-
-    `doubt` says why the data do not determine it; empty if they do.
-    """
-
-    value: float
-    low: float
-    high: float
-    doubt: str
-
-
-@dataclass(frozen=True)
-class Fit:
-    """What a fit gives.
+class RateFit:
+    """Result of `fit`.
 
     Attributes
     ----------
     neuron
-        The constants, the fitted ones in their places.
+        The constants, fitted ones included.
     estimates
         By name.
     residuals_Hz
@@ -124,18 +109,18 @@ def fit(
     recordings: Sequence[Recording],
     neuron: Neuron,
     free: Sequence[str] = ("static_gain_pA_per_kPa", "dynamic_gain_pA_s_per_kPa"),
-) -> Fit:
+) -> RateFit:
     """Fit constants of a transduction to mean rates.
 
-    All gains are first brought to their size by one factor for them all, the best of some; then
-    all free constants follow from least squares on the deviations in all windows.
+    All gains are first scaled by one common factor, the best of several; then all free constants
+    follow from least squares on the deviations in all windows.
 
     Parameters
     ----------
     recordings
         Histories and rates.
     neuron
-        Model, membrane, the constants that stay, and where the free ones start.
+        Model, membrane, the constants that are not fitted, and where the free ones start.
     free
         Names of the constants to fit; of a tuple, ``name[0]``.
 
@@ -147,40 +132,41 @@ def fit(
     Warns
     -----
     FitWarning
-        A constant is not determined: it does nothing, stands at its limit, can be made up for
-        by others, or its interval is wider than its value.
+        A constant is not determined: it has no effect, is at its limit, others can compensate
+        for it, or its interval is wider than its value.
     """
+    from scipy.optimize import least_squares
+
     recordings = [_checked(k, recording, neuron) for k, recording in enumerate(recordings)]
     _check_names(free, recordings)
     windows = [window for recording in recordings for window in recording.windows]
-    measured = [np.asarray(window.rate_Hz, dtype=float) for window in windows]
-    by = [
-        np.broadcast_to(window.sd_Hz, m.shape) for window, m in zip(windows, measured, strict=True)
-    ]
+    rates = [np.asarray(window.rate_Hz, dtype=float) for window in windows]
+    measured, ends = np.concatenate(rates), np.cumsum([len(rate) for rate in rates])[:-1]
+    sd = np.concatenate(
+        [np.broadcast_to(w.sd_Hz, rate.shape) for w, rate in zip(windows, rates, strict=True)]
+    )
     known = neuron.model_copy(update={"intercept_pA": intercept_pA(neuron)})
     start = np.array([_get(known, name) for name in free], dtype=float)
     scale = np.where(start == 0, 1.0, np.abs(start))
     bounds = np.array([_BOUNDS[name] for name in free]).T / scale
 
-    def deviations(x: Array) -> list[Array]:
+    def modelled(x: Array) -> Array:
         model = _with(neuron, free, scale * x)
-        rates = [
-            rate for r in recordings for rate in mean_rates(r.time_s, r.drive, r.windows, model)
-        ]
-        return [rate - m for rate, m in zip(rates, measured, strict=True)]
+        found = [mean_rates(r.time_s, r.drive, r.windows, model).ravel() for r in recordings]
+        return np.concatenate(found)
 
     def residuals(x: Array) -> Array:
-        return np.concatenate([off / sd for off, sd in zip(deviations(x), by, strict=True)])
+        return (modelled(x) - measured) / sd
 
     def jacobian(x: Array) -> Array:
-        step = np.diag(_STEP * np.maximum(np.abs(x), 0.1))
+        step = np.diag(_RELATIVE_STEP * np.maximum(np.abs(x), 0.1))
         low, high = np.maximum(x - step, bounds[0]), np.minimum(x + step, bounds[1])
-        ends = zip(low, high, (high - low).sum(axis=1), strict=True)
-        return np.column_stack([(residuals(b) - residuals(a)) / width for a, b, width in ends])
+        pairs = zip(low, high, (high - low).sum(axis=1), strict=True)
+        return np.column_stack([(residuals(b) - residuals(a)) / width for a, b, width in pairs])
 
     x = np.clip(start / scale, bounds[0], bounds[1])
     gains = np.array(["gain" in name for name in free])
-    tries = [np.where(gains, factor * x, x) for factor in (_FACTORS if gains.any() else (1.0,))]
+    tries = [np.where(gains, factor * x, x) for factor in (_GAIN_FACTORS if gains.any() else [1.0])]
     x = min(tries, key=lambda x: float(np.sum(residuals(x) ** 2)))
     found = least_squares(residuals, x, jacobian, bounds=bounds, x_scale="jac", xtol=1e-10)
     found.x = np.where(found.active_mask, np.where(found.active_mask < 0, *bounds), found.x)
@@ -188,17 +174,18 @@ def fit(
     for name, estimate in estimates.items():
         if estimate.doubt:
             warnings.warn(f"{name} is not determined: {estimate.doubt}", FitWarning, stacklevel=2)
-    off = deviations(found.x)
-    pairs = [*zip(off, measured, strict=True), (np.concatenate(off), np.concatenate(measured))]
+    model = modelled(found.x)
+    pairs = [*zip(np.split(model, ends), rates, strict=True), (model, measured)]
     fitted = _with(neuron, free, [estimate.value for estimate in estimates.values()])
-    return Fit(fitted, estimates, off, tuple(r_squared(o, m) for o, m in pairs), correlation)
+    r2 = tuple(r_squared(*pair) for pair in pairs)
+    return RateFit(fitted, estimates, np.split(model - measured, ends), r2, correlation)
 
 
 def mean_rates(time_s: Array, drive: Array, windows: Sequence[Window], neuron: Neuron) -> Array:
     """Return the model's mean rates, spikes/s, (windows, receptors).
 
-    The membrane's steady rate at the present current, averaged over the window: what many
-    trials with irregular spikes tend to.
+    They are the membrane's steady rate at the present current, averaged over the window: the limit
+    of many trials with irregular spikes.
     """
     share = (np.arange(_MOMENTS) + 0.5) / _MOMENTS
     at = np.concatenate([w.start_s + share * (w.end_s - w.start_s) for w in windows])
@@ -213,18 +200,18 @@ def rate_of(current_pA: ArrayLike, neuron: Neuron) -> Array:
 
     f = 1 / (t_ref - tau ln(1 - V_th/(R I))) above the rheobase V_th/R, otherwise 0.
     """
-    tends_to = np.asarray(current_pA, dtype=float) * neuron.resistance_GOhm
+    limit_mV = np.asarray(current_pA, dtype=float) * neuron.resistance_GOhm
     with np.errstate(divide="ignore", invalid="ignore"):
         interval = neuron.refractory_s - neuron.time_constant_s * np.log1p(
-            -neuron.threshold_mV / tends_to
+            -neuron.threshold_mV / limit_mV
         )
-        return np.where(tends_to > neuron.threshold_mV, 1 / interval, 0.0)
+        return np.where(limit_mV > neuron.threshold_mV, 1 / interval, 0.0)
 
 
 def current_at(at_s: Array, time_s: Array, drive: Array, neuron: Neuron) -> Array:
     """Return the transduction current, pA, (times, receptors), at times within a history.
 
-    At a jump the later value counts. The history is as in `tactile_fem.neuron.respond`.
+    At a jump it is the later value. The history is as in `tactile_fem.neuron.respond`.
     """
     result = np.zeros((len(at_s), drive.shape[1]))
     columns = np.arange(drive.shape[1])
@@ -262,8 +249,10 @@ def _with(neuron: Neuron, names: Sequence[str], values: Iterable[float]) -> Neur
 def _estimates(free: Sequence[str], found: Any, scale: Array) -> tuple[dict[str, Estimate], Array]:
     """Return values with intervals from the linearized model, and their correlations.
 
-    The residuals' variances may differ (MacKinnon and White's HC3): ramp and hold do.
+    The residuals' variances may differ, as those of ramp and hold do (MacKinnon and White's HC3).
     """
+    from scipy.special import stdtrit
+
     jacobian, count = found.jac, len(free)
     norms = np.linalg.norm(jacobian, axis=0)
     acting = norms > 1e-9 * max(norms.max(), 1e-300)
@@ -292,18 +281,12 @@ def _doubt(acts: bool, at_limit: int, value: float, half: float) -> str:
     if not acts:
         return "the rates do not depend on it."
     if at_limit:
-        return f"it stands at its limit, {value:g}."
+        return f"it is at its limit, {value:g}."
     if not np.isfinite(half):
-        return "other constants make up for it."
+        return "other constants compensate for it."
     if half > abs(value):
         return f"its 95 % interval is {value:.3g} ± {half:.3g}."
     return ""
-
-
-def r_squared(off: Array, measured: Array) -> float:
-    """Return the share of the variance of what was measured that deviations leave explained."""
-    spread = np.sum((measured - measured.mean()) ** 2)
-    return float(1 - np.sum(off**2) / spread) if spread else float("nan")
 
 
 def _check_names(free: Sequence[str], recordings: Sequence[Recording]) -> None:
