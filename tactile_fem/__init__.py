@@ -5,7 +5,7 @@ compute mechanics:
 
 - ``Study``, ``load_study``: the input. Its tables (``Finger``, ``Text``, ``Protocol``, …) are in
   `tactile_fem.study`.
-- ``scan``, ``resume``, ``completed``, ``vibrate``: computations.
+- ``scan``, ``resume``, ``completed``, ``vibrate``: computations; ``Simulation``: one, step by step.
 - ``Results``, ``draw``: what they leave in a folder.
 - ``Parts`` and what it takes: ``load_finger`` makes a mesh, a ``Law`` is a tissue, a ``RigidBody``
   (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a ``Population`` the
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from tactile_fem.simulation.parts import Parts
     from tactile_fem.simulation.results import Results
     from tactile_fem.simulation.run import completed, resume, scan
+    from tactile_fem.simulation.simulation import Simulation
     from tactile_fem.stimulus import Distance, Embossed, RigidBody, Stimulus
     from tactile_fem.study import Study
     from tactile_fem.study.file import load_study
@@ -62,6 +63,7 @@ __all__ = [
     "Population",
     "Results",
     "RigidBody",
+    "Simulation",
     "Stimulus",
     "StoppedError",
     "Study",
@@ -87,6 +89,7 @@ _MODULES = {
     "simulation.parts": ("Parts",),
     "simulation.results": ("Results",),
     "simulation.run": ("completed", "resume", "scan"),
+    "simulation.simulation": ("Simulation",),
     "stimulus": ("Distance", "Embossed", "RigidBody", "Stimulus"),
     "study": ("Study",),
     "study.file": ("load_study",),

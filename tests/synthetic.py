@@ -1,5 +1,7 @@
 """A results folder without a scan: smooth made-up histories that look like one."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from tactile_fem.finger.mesh_data import TISSUES
@@ -43,7 +45,7 @@ def make_results(folder, study=None, trace=None):
     results = Results.create(folder)
     results.save_study(study or Study())
     results.save_trace(**trace)
-    results.save_spikes(make_spikes(trace))
+    results.save_spikes(make_spikes(trace), SimpleNamespace(**results.trace))
     results.save_run({"status": "complete"})
     return results
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -382,7 +383,8 @@ def two_kinds(folder, study):
     }
     results = make_results(folder, study, trace)
     populations = [afferents.population() for afferents in study.populations]
-    results.save_spikes(fire_all(populations, results.trace).spikes)
+    spikes = fire_all(populations, results.trace).spikes
+    results.save_spikes(spikes, SimpleNamespace(**results.trace))
     return results
 
 

@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from tactile_fem.runtime import logs
+from tactile_fem.simulation import step
 from tactile_fem.simulation.progress import progress
 
 
@@ -21,6 +22,8 @@ class Step:
     force_N: np.ndarray = field(default_factory=lambda: np.array([0.03, -0.04, 0.5]))
     newton_iterations: int = 5
     force_unit: str = "N"
+
+    __str__ = step.Step.__str__
 
 
 STEPS = [

@@ -2,6 +2,7 @@ import json
 import pickle
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import meshio
 import numpy as np
@@ -40,7 +41,7 @@ def test_what_is_saved_is_read_back(tmp_path):
     results.save_study(study)
     results.save_run({"ranks": np.int64(2), "folder": tmp_path, "forces": np.zeros(3)})
     results.save_trace(**trace())
-    results.save_spikes([[0.1, 0.25], [], [-0.05]])
+    results.save_spikes([[0.1, 0.25], [], [-0.05]], SimpleNamespace(**results.trace))
     results.save_checkpoint(u=np.ones((4, 3)), reason="none")
 
     again = Results.open(tmp_path / "a" / "b")
@@ -69,7 +70,7 @@ def test_without_spikes_and_run_there_are_none(tmp_path):
     assert len(results.spikes.time_s) == 0
     assert results.run == {}
     results.save_trace(**trace())
-    results.save_spikes([[], [], []])
+    results.save_spikes([[], [], []], SimpleNamespace(**results.trace))
     assert len(results.spikes.time_s) == 0
 
 
