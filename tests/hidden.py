@@ -31,7 +31,7 @@ class Library(NamedTuple):
 
 LIBRARIES = {
     "needs_gmsh": Library("gmsh", ("libGLU.so.1",)),
-    "needs_graphics": Library("pyvista", doctor._OFF_SCREEN),
+    "needs_graphics": Library("pyvista", doctor.OFF_SCREEN_LIBRARIES),
 }
 _STUBS = tempfile.TemporaryDirectory(prefix="tactile-hidden-")
 _shared: dict[object, set[str]] = {}  # what all tests that share a fixture declare

@@ -36,11 +36,7 @@ command_line: ContextVar[Sequence[str]] = ContextVar("command_line", default=())
 def with_mechanics(module: str, count: int) -> ModuleType:
     """Return a module that computes mechanics, on `count` ranks, which run this command again.
 
-    Raises
-    ------
-    TactileError
-        The compiler or a library of the mechanics is missing; or this is one of several ranks and
-        `count` is not 1.
+    It raises TactileError if the compiler or a library of the mechanics is missing.
     """
     if finding := doctor.compiler_finding():
         raise TactileError(str(finding))

@@ -14,13 +14,13 @@ import sys
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from tactile_fem.errors import TactileError
-from tactile_fem.runtime import ranks
 from tactile_fem.runtime.doctor import compiler, variable_finding
+from tactile_fem.runtime.ranks import is_first
 
 logger = logging.getLogger(__name__)
 
@@ -33,24 +33,22 @@ _ROUTES = (
 )
 
 
-def check(version: str, scalar: Any) -> None:
+def check(version: str, scalar: DTypeLike) -> None:
     """Raise ImportError unless DOLFINx has the version that is tested, and real scalars."""
     needed = ".".join(map(str, DOLFINX_RELEASE))
     if not version.startswith(f"{needed}."):
         raise ImportError(f"tactile_fem needs DOLFINx {needed} and found {version}. {_ROUTES}")
-    if np.issubdtype(scalar, np.complexfloating):
+    if np.issubdtype(np.dtype(scalar), np.complexfloating):
         raise ImportError(
-            f"tactile_fem needs a DOLFINx with real scalars and found {scalar.__name__}. {_ROUTES}"
+            f"tactile_fem needs a DOLFINx with real scalars and found {np.dtype(scalar).name}. {_ROUTES}"
         )
 
 
 def load() -> str:
     """Import DOLFINx in the order its installation needs and return its version.
 
-    Raises
-    ------
-    ImportError
-        DOLFINx is missing, too old or too new, without PETSc or of complex scalars.
+    It raises ImportError if DOLFINx is missing, of another release, without PETSc or of complex
+    scalars.
     """
     if find_spec("dolfinx_solver") is not None:
         import dolfinx_solver  # noqa: F401  (loads MPI before the compiled modules)
@@ -71,12 +69,10 @@ def load() -> str:
 
 
 def _prepare_compilation() -> None:
-    """Set what DOLFINx and the compiler of its forms take from the environment, where it is wrong.
+    """Correct what DOLFINx and the compiler of its forms take from the environment.
 
-    Raises
-    ------
-    TactileError
-        There is no working directory, or no folder for the cache of compiled forms.
+    It raises TactileError if there is no working directory, or no folder for the cache of compiled
+    forms.
     """
     try:
         os.getcwd()  # PETSc asks for it
@@ -86,7 +82,7 @@ def _prepare_compilation() -> None:
         ) from None
     os.environ["TMPDIR"] = tempfile.gettempdir()  # Python has tried to write there
     finding = variable_finding()
-    if finding and ranks.launched_rank() in (None, 0):
+    if finding and is_first():
         logger.warning("%s", finding.sentence)
     if command := compiler():
         os.environ["CC"] = shlex.join(command)

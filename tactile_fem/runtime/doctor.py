@@ -1,4 +1,4 @@
-"""Checks what pip cannot install: a C compiler, and libraries for meshes and pictures.
+"""Finds what pip cannot install: a C compiler, and libraries for meshes and pictures.
 
 It uses only the standard library, so that it runs before anything is installed.
 """
@@ -6,7 +6,6 @@ It uses only the standard library, so that it runs before anything is installed.
 from __future__ import annotations
 
 import ctypes
-import ctypes.util
 import os
 import shlex
 import shutil
@@ -18,6 +17,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+# Libraries that gmsh's wheel loads, and the Debian packages that bring them.
 GMSH_LIBRARIES = {
     "libGLU.so.1": "libglu1-mesa",
     "libGL.so.1": "libgl1",
@@ -25,25 +25,19 @@ GMSH_LIBRARIES = {
     "libXft.so.2": "libxft2",
     "libXinerama.so.1": "libxinerama1",
 }
-_OFF_SCREEN = ("libEGL.so.1", "libOSMesa.so.8", "libOSMesa.so")
+# One of them renders off screen; without any VTK crashes.
+OFF_SCREEN_LIBRARIES = ("libEGL.so.1", "libOSMesa.so.8", "libOSMesa.so")
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A missing program or library.
+    """Something missing: what does not work without it, Debian packages that bring it.
 
-    Attributes
-    ----------
-    sentence
-        What is missing and what does not work without it.
-    packages
-        Debian packages that provide it.
-    fatal
-        Whether it is needed for every scan.
+    It is fatal if no scan runs without it.
     """
 
     sentence: str
-    packages: tuple[str, ...]
+    packages: tuple[str, ...] = ()
     fatal: bool = False
 
     def __str__(self) -> str:
@@ -52,49 +46,35 @@ class Finding:
         return f"{self.sentence} On Debian or Ubuntu: {line}" if line else self.sentence
 
 
-def has_library(name: str) -> bool:
-    """Return whether a shared library can be loaded."""
-    try:
-        ctypes.CDLL(name)
-    except OSError:
-        return (Path(sys.prefix) / "lib" / name).exists()
-    return True
+def findings() -> list[Finding]:
+    """Return all that is missing."""
+    found = (compiler_finding(), variable_finding(), gmsh_finding(), picture_finding())
+    return [finding for finding in found if finding is not None]
 
 
 def compiler() -> list[str]:
-    """Return the command of the C compiler; empty if there is none.
+    """Return the words of the C compiler's command; none if there is no compiler.
 
     The compiler that Python was built with need not be installed; any other can be used.
     """
     built_with = (sysconfig.get_config_var("CC") or "cc").split()[0]
-    for command in (os.environ.get("CC", ""), built_with, "gcc", "cc", "clang"):
-        if words := _program(command):
-            return words
-    return []
-
-
-def _program(command: str) -> list[str]:
-    """Return the words of a command; none if it cannot be run."""
-    try:
-        words = shlex.split(command)
-    except ValueError:  # a quotation that does not end
-        return []
-    return words if words and shutil.which(words[0]) else []
+    commands = (os.environ.get("CC", ""), built_with, "gcc", "cc", "clang")
+    return next(filter(None, map(_program, commands)), [])
 
 
 def compiler_finding() -> Finding | None:
     """Try to compile against Python, because DOLFINx compiles each form on first use."""
-    words, library = compiler(), ("gcc", "libc6-dev")
+    words, packages = compiler(), ("gcc", "libc6-dev")
     if not words:
-        return Finding("There is no C compiler, which DOLFINx needs to run.", library, fatal=True)
+        return Finding("There is no C compiler, which DOLFINx needs to run.", packages, fatal=True)
     if problem := _problem(words, "int nothing;\n"):
         what = f"The C compiler {shlex.join(words)} does not work ({problem})"
         if words == _program(os.environ.get("CC", "")):
-            return Finding(f"{what}: unset the variable CC, or name another.", (), fatal=True)
-        return Finding(f"{what}.", library, fatal=True)
+            return Finding(f"{what}: unset the variable CC, or name another.", fatal=True)
+        return Finding(f"{what}.", packages, fatal=True)
     if _problem(words, "#include <stdio.h>\n#include <math.h>\n"):
         what = f"The C compiler {words[0]} does not compile: headers of the C library are missing."
-        return Finding(what, library, fatal=True)
+        return Finding(what, packages, fatal=True)
     if _problem(words, "#include <Python.h>\n"):
         python = f"{sys.version_info.major}.{sys.version_info.minor}"
         what = f"The headers of Python {python} are missing, which DOLFINx needs to run."
@@ -102,38 +82,16 @@ def compiler_finding() -> Finding | None:
     return None
 
 
-def _problem(compiler: list[str], code: str) -> str:
-    """Return why code does not compile, in the compiler's words; nothing if it does."""
-    with tempfile.TemporaryDirectory() as folder:
-        source = Path(folder) / "probe.c"
-        source.write_text(code)
-        # As in setuptools: an environment may provide headers that its Python lacks.
-        folders = [f"-I{sys.prefix}/include", f"-I{sysconfig.get_path('include')}"]
-        command = [*compiler, "-c", *folders, str(source), "-o", f"{source}.o"]
-        # A compiler does not look, as Python has, whether it can write into TMPDIR.
-        environment = {**os.environ, "TMPDIR": tempfile.gettempdir()}
-        try:
-            done = subprocess.run(
-                command, capture_output=True, env=environment, timeout=60, errors="replace"
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            return str(error)
-        if done.returncode == 0 and Path(f"{source}.o").exists():
-            return ""
-        said = done.stderr.strip().splitlines()
-        return said[-1] if said else f"exit code {done.returncode}, and nothing compiled"
-
-
 def variable_finding() -> Finding | None:
     """Check that the variable CC, if it is set, names a program."""
     named, words = os.environ.get("CC"), compiler()
     if not named or not words or _program(named):
         return None
-    return Finding(f'CC is "{named}", which cannot be run: {words[0]} is used instead.', ())
+    return Finding(f'CC is "{named}", which cannot be run: {words[0]} is used instead.')
 
 
 def gmsh_finding() -> Finding | None:
-    """Check the libraries that gmsh's wheel loads."""
+    """Check the libraries that gmsh loads."""
     missing = [package for name, package in GMSH_LIBRARIES.items() if not has_library(name)]
     if not missing:
         return None
@@ -145,19 +103,52 @@ def gmsh_finding() -> Finding | None:
 
 
 def picture_finding() -> Finding | None:
-    """Check for a library that renders off screen; without one VTK crashes."""
-    if any(has_library(name) for name in _OFF_SCREEN):
+    """Check for a library that renders off screen."""
+    if any(map(has_library, OFF_SCREEN_LIBRARIES)):
         return None
     return Finding(
-        "There is no EGL or OSMesa library to draw with: 3-D pictures are skipped.",
-        ("libegl1",),
+        "There is no EGL or OSMesa library to draw with: 3-D pictures are skipped.", ("libegl1",)
     )
 
 
-def findings() -> list[Finding]:
-    """Return all that is missing."""
-    found = (compiler_finding(), variable_finding(), gmsh_finding(), picture_finding())
-    return [finding for finding in found if finding is not None]
+def has_library(name: str) -> bool:
+    """Return whether a shared library can be loaded."""
+    try:
+        ctypes.CDLL(name)
+    except OSError:
+        return (Path(sys.prefix) / "lib" / name).exists()
+    return True
+
+
+def _program(command: str) -> list[str]:
+    """Return the words of a command; none if it cannot be run."""
+    try:
+        words = shlex.split(command)
+    except ValueError:  # a quotation that does not end
+        return []
+    return words if words and shutil.which(words[0]) else []
+
+
+def _problem(compiler: list[str], code: str) -> str:
+    """Return why code does not compile, in the compiler's words; nothing if it does."""
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "probe.c"
+        source.write_text(code)
+        # As in setuptools: an environment may provide headers that its Python lacks.
+        folders = [f"-I{sys.prefix}/include", f"-I{sysconfig.get_path('include')}"]
+        command = [*compiler, "-c", *folders, str(source), "-o", f"{source}.o"]
+        # Python has found a folder that can be written; a compiler takes TMPDIR as it is.
+        environment = {**os.environ, "TMPDIR": tempfile.gettempdir()}
+        try:
+            done = subprocess.run(
+                command, capture_output=True, env=environment, timeout=60, errors="replace"
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return str(error)
+        if done.returncode == 0 and Path(f"{source}.o").exists():
+            return ""
+        lines = done.stderr.strip().splitlines()
+        return lines[-1] if lines else f"exit code {done.returncode}, and nothing compiled"
 
 
 def install_line(missing: Iterable[Finding]) -> str:

@@ -57,13 +57,7 @@ def is_first() -> bool:
 
 
 def launcher() -> str:
-    """Return the mpiexec next to this Python, else the one on the path.
-
-    Raises
-    ------
-    TactileError
-        There is no mpiexec.
-    """
+    """Return the mpiexec next to this Python, else the one on the path; else TactileError."""
     for path in (Path(sys.executable).parent, None):
         for name in ("mpiexec", "mpirun"):
             if found := shutil.which(name, path=path):

@@ -31,21 +31,9 @@ def read_text(
 ) -> str:
     """Return the text of a file in UTF-8 or UTF-16, its lines ended by a newline.
 
-    Parameters
-    ----------
-    file
-        With or without a byte order mark.
-    start
-        First words of messages, such as "The study file a.toml".
-    western
-        Read bytes that are not UTF-8 as Windows-1252: where only ASCII and units matter.
-    binary
-        What a file is that holds no text, for messages.
-
-    Raises
-    ------
-    StudyError
-        The file cannot be read, or is in another encoding.
+    If it cannot be read, or is in another encoding, the message of the StudyError begins with
+    `start`, such as "The study file a.toml", and says `binary` of a file that holds no text. If
+    `western`, bytes that are not UTF-8 are read as Windows-1252: where only ASCII and units matter.
     """
     try:
         data = file.read_bytes()
@@ -85,12 +73,8 @@ def _encoding(data: bytes) -> str:
 def read_rows(file: Path, start: str) -> list[tuple[int, list[str]]]:
     """Return the rows of a CSV file that are not empty, each with the number of its line.
 
-    Semicolons may separate the cells; numbers may then have decimal commas.
-
-    Raises
-    ------
-    StudyError
-        The file cannot be read.
+    Semicolons may separate the cells; numbers may then have decimal commas. A StudyError begins
+    with `start`.
     """
     text = read_text(file, start, binary="it is no CSV file")
     heading = text.lstrip().partition("\n")[0]

@@ -34,14 +34,9 @@ _CHUNK_POINTS = 50_000
 
 @dataclass(frozen=True)
 class Triangles:
-    """A triangulated surface, open or closed.
+    """A triangulated surface, open or closed: vertices (n, 3) in mm, and corners (m, 3).
 
-    Parameters
-    ----------
-    points
-        (n, 3) vertices in mm; each is used, and no two are equal.
-    triangles
-        (m, 3) corners; none is degenerate.
+    Each vertex is used, and no two are equal; no triangle is degenerate.
     """
 
     points: Points
@@ -75,19 +70,8 @@ def in_chunks(
 def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
     """Read an STL, OBJ or PLY file; polygons are divided, materials, colours, normals ignored.
 
-    Parameters
-    ----------
-    file
-        The surface.
-    field
-        Name of the file's key in the study, for messages.
-    unit_mm
-        Length of the file's unit in mm.
-
-    Raises
-    ------
-    StudyError
-        The file is missing, damaged, too large or empty, or its coordinates are no lengths.
+    `field` is the name of the file's key in the study, for the StudyError that is raised if the
+    file is missing, damaged, too large or empty, or if its coordinates are no lengths.
     """
     start = f"{field} = {file}"
     kind = file.suffix.lower().removeprefix(".")
@@ -210,10 +194,7 @@ class _Polygons:
     def triangles(self) -> Indices:
         """Divide the faces into triangles (m, 3); faces of less than three corners are left out.
 
-        Raises
-        ------
-        ValueError
-            A face has corners that do not exist, or its sides cross.
+        It raises ValueError if a face has corners that do not exist, or if its sides cross.
         """
         if len(self.corners) and not 0 <= self.corners.min() <= self.corners.max() < len(
             self.points
