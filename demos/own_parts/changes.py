@@ -14,6 +14,7 @@ class Changes:
     gain: float
 
     def segments(self, time_s, drive):
+        """Yield the current of each step, in pA."""
         for k, h in enumerate(np.diff(time_s)):
             current = self.gain * np.abs(drive[k + 1] - drive[k]) / h
             no_exponentials = np.empty((0, len(current))), np.empty(0)

@@ -18,6 +18,7 @@ class Circle(Piece):
     speed_mm_s: Positive = Field(20.0, description="along the circle")
 
     def motion(self, start_mm):
+        """Return the motion from `start_mm`, (3,)."""
         duration_s = 2 * np.pi * self.radius_mm / self.speed_mm_s
 
         def place(t):

@@ -18,6 +18,7 @@ class Compared:
         return getattr(self.fast, name)
 
     def solve(self):
+        """Solve a step with both; return the report of the fast one."""
         guess = self.u_mm.copy()
         self.plain.solve()
         expected = self.u_mm.copy()

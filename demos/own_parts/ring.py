@@ -18,17 +18,19 @@ class Ring(Stimulus):
     width_mm: Positive = Field(1.0, description="from edge to edge")
 
     def shape(self):
+        """Return the body, its highest plane at z = 0."""
         return Embossed(Annulus(self.radius_mm, self.width_mm), relief=0.6, fillet=0.3)
 
 
 @dataclass(frozen=True)
 class Annulus:
-    """Its signed distance in the plane, negative inside."""
+    """The flat shape that is raised."""
 
     radius: float
     width: float
 
     def distance(self, xy):
+        """Return the signed distance in the plane at `xy` (n, 2), negative inside."""
         r, n, H = norm_of(xy)
         side = np.where(r < self.radius, -1.0, 1.0)
         gap = np.abs(r - self.radius) - self.width / 2

@@ -87,7 +87,7 @@ def main(folder: Path, *, depth: float = 1.2, radius: float = 1.5, speed: float 
     parts = Parts(
         laws={"subcutaneous": Fung(shear=0.8e-3, bulk=0.02, b=2.0)},
         terms=(Gravity,),
-        populations=(Population(feels="shear", transduction=Changes(gain=3e4)),),
+        populations=(Population(feels=SHEAR, transduction=Changes(gain=500.0)),),
     )
     observers = centre_of_pressure, SkinHeight(load_finger(study.finger), [(0.0, 0.0)])
     result = scan(study, folder, observers=observers, parts=parts)
@@ -116,11 +116,10 @@ def pressed(study: Study, parts: Parts) -> tuple[float, float]:
 def print_results(result: ScanResult, weightless_N: float, difference_mm: float) -> None:
     """Print a number for each of the parts."""
     trace = Results.open(result.folder).trace
-    pressed, circle, lift = (trace["phase"] == phase for phase in ("press", "circle", "lift"))
+    pressed, circle = (trace["phase"] == phase for phase in ("press", "circle"))
     depth_mm, force_N = trace["depth_mm"][pressed][-1], trace["force_N"][pressed, 2][-1]
     area_mm2 = trace["contact_area_mm2"][pressed][-1]
-    way_mm = np.ptp(trace["displacement_mm"][circle | lift])
-    shear = np.abs(trace["shear_strain_yz"]).max()
+    way_mm, shear = trace["displacement_mm"][circle][-1], np.abs(trace["shear_strain_yz"]).max()
     imbalance_N, weight_N = trace["imbalance_N"].max(), force_N - weightless_N
     bulge_mm = depth_mm - trace["skin_height_mm"][pressed][-1, 0]
     x, y = trace["centre_of_pressure_mm"][circle][-1]
@@ -130,7 +129,7 @@ def print_results(result: ScanResult, weightless_N: float, difference_mm: float)
     print(f"drive: largest shear {shear:.4f}")
     print(f"transduction: {sum(map(len, result.response.spikes))} spikes")
     print(f"term: weight adds {weight_N:.5f} N; forces balance to {imbalance_N:.0e} N")
-    print(f"observers: skin bulges {bulge_mm:.4f} mm into the ring; pressure at {x:.2f}, {y:.2f} mm")
+    print(f"observers: skin bulges {bulge_mm:.3f} mm into the ring, pressure at {x:.2f} {y:.2f} mm")
     print(f"solver: displacements of both differ by at most {difference_mm:.0e} mm")
 
 

@@ -10,5 +10,6 @@ class SkinHeight:
         self.points = SkinSurface(finger, xy_mm)
 
     def __call__(self, seen):
+        """Return the column of a step."""
         displacement_mm = seen.simulation.problem.order.gather(seen.state.u)
         return {"skin_height_mm": self.points.deformed_mm(displacement_mm)[:, 2]}

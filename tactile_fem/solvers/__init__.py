@@ -2,3 +2,7 @@
 
 `plain.PlainSolver` is DOLFINx's NonlinearProblem as it comes, `fast.FastSolver` what a scan uses.
 """
+
+from tactile_fem.runtime import backend
+
+__all__ = ["backend"]
