@@ -15,6 +15,7 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import fields
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -22,6 +23,7 @@ import numpy as np
 import pytest
 from needs import needs_gmsh
 
+from tactile_fem import Population
 from tactile_fem.runtime import ranks
 from tactile_fem.series import run_series, single_fibre
 from tactile_fem.simulation.results import Results
@@ -191,7 +193,7 @@ def test_scanned_fingers(tmp_path):
 @pytest.mark.slow
 def test_own_parts_are_killed_and_resumed_on_two_ranks(tmp_path):
     options = ["--depth", "0.4", "--radius", "0.1"]
-    command = [str(DEMOS / "own_parts.py"), str(tmp_path / "killed"), *options]
+    command = [str(DEMOS / "own_parts/scan.py"), str(tmp_path / "killed"), *options]
     killed = subprocess.Popen([sys.executable, *command], stderr=subprocess.DEVNULL)
     trace = tmp_path / "killed" / "trace.npz"
     while killed.poll() is None and not (trace.exists() and "circle" in phases(trace)):
@@ -199,13 +201,21 @@ def test_own_parts_are_killed_and_resumed_on_two_ranks(tmp_path):
     killed.kill()
     assert killed.wait() != 0, "it came to its end before it was killed"
     resumed = run_command(ranks.launcher(), "-n", "2", sys.executable, *command)
-    whole = run("own_parts.py", str(tmp_path / "whole"), *options)
-    assert numbers(resumed) == pytest.approx(numbers(whole), abs=0.002)
-    assert number(r"circle .*normal force ([\d.]+) N", whole) > 0.01
+    whole = run("own_parts/scan.py", str(tmp_path / "whole"), *options)
+    assert number(r"law: normal force ([\d.]+) N", whole) == pytest.approx(0.0255, rel=0.02)
+    assert number(r"touches ([\d.]+) mm²", whole) == pytest.approx(2.68, rel=0.1)
+    assert number(r"circle is ([\d.]+) mm", whole) == pytest.approx(2 * np.pi * 0.1, abs=1e-3)
+    assert number(r"largest shear ([\d.]+)", whole) == pytest.approx(0.0137, rel=0.05)
+    assert number(r"transduction: (\d+) spikes", whole) > 20
+    assert number(r"weight adds ([\d.]+) N", whole) == pytest.approx(0.0021, rel=0.1)
+    assert number(r"forces balance to (\S+) N", whole) < 1e-5
+    assert number(r"skin bulges ([\d.]+) mm", whole) == pytest.approx(0.054, abs=0.01)
+    for output in (resumed, whole):
+        assert number(r"differ by at most (\S+) mm", output) < 1e-6
     one, two = (np.load(tmp_path / name / "trace.npz") for name in ("whole", "killed"))
     assert list(dict.fromkeys(two["phase"])) == ["rest", "press", "hold", "circle", "lift"]
     assert np.abs(two["sed_kPa"] - one["sed_kPa"]).max() < 1e-6 * one["sed_kPa"].max()
-    for name in ("centre_of_pressure_mm", "farthest_mm"):
+    for name in ("centre_of_pressure_mm", "skin_height_mm", "shear_strain_yz"):
         np.testing.assert_allclose(two[name], one[name], atol=1e-6)
     assert (tmp_path / "killed" / "figures" / "raster.png").is_file()
 
@@ -215,8 +225,30 @@ def phases(trace: Path) -> set[str]:
         return set(arrays["phase"].tolist())
 
 
-def numbers(text: str) -> list[float]:
-    return [float(word) for word in re.findall(r"-?\d+\.?\d*", text.split("spikes")[0])]
+def test_own_law_and_transduction(monkeypatch):
+    ufl = pytest.importorskip("ufl")
+    from tactile_fem.tissue.energies import stiffness
+
+    monkeypatch.syspath_prepend(str(DEMOS / "own_parts"))
+    law = import_module("fung").Fung(shear=0.02, b=2.0, bulk=1.0)
+
+    def at(expression, F):
+        X = ufl.as_vector([0.0, 0.0, 0.0])
+        return ufl.as_ufl(expression(ufl.as_matrix(F.tolist()), X))(())
+
+    # The law's stiffness is K + 4 G/3 at rest, and its energy Fung's.
+    rest, stretched = np.eye(3), np.diag([1.2, 1.0, 1 / 1.2])
+    assert at(lambda F, X: stiffness(law, F, X), rest) == pytest.approx(1.0 + 4 / 3 * 0.02)
+    a = 1.2**2 + 1 + 1.2**-2 - 3
+    assert at(law.energy, stretched) == pytest.approx(0.02 / 4 * np.expm1(2 * a))
+    sheared = np.eye(3) + 0.7 * np.eye(3, k=2)
+    in_shear = at(lambda F, X: law.in_shear(F[0, 2] ** 2, X), sheared)
+    assert in_shear == pytest.approx(at(law.energy, sheared))
+    # Current that only change evokes: 20 kPa/s for 50 ms, then none.
+    time_s, sed_kPa = np.array([0.0, 0.05, 1.0]), np.array([[0.0], [1.0], [1.0]])
+    population = Population(transduction=import_module("changes").Changes(gain=30.0))
+    (spikes,) = population.fire({"time_s": time_s, "sed_kPa": sed_kPa}).spikes
+    assert len(spikes) > 5 and spikes[-1] <= 0.05
 
 
 @pytest.mark.slow

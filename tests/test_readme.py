@@ -62,45 +62,31 @@ def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
     assert described == set(names["results"].trace)
 
 
-@pytest.mark.slow
-def test_parts_of_ones_own_make_a_scan(small_finger, tmp_path, monkeypatch):
-    pytest.importorskip("tactile_fem.runtime.backend")
-    monkeypatch.chdir(tmp_path)
-    page = PAGES / "extending.md"
-    code = "\n".join(blocks(page, "python"))
-    code = shortened(code, "Press(depth_mm=1.0", "Press(depth_mm=0.2")
-    code = shortened(code, "zigzag(2.0, 0.5, 0.2)", "zigzag(0.2, 0.1, 0.02)")
-    code = shortened(code, "Finger()", f"Finger(mesh_file={str(small_finger)!r})")
-    names = run(code, page)
-    trace = names["result"].trace
-    assert trace.force_N[-1, 2] > 0.004
-    assert trace.phase.tolist().count("zigzag") >= 10
-    np.testing.assert_allclose(trace.stimulator_mm[-1], [0.0, -0.2, 0.2], atol=1e-9)
-    np.testing.assert_allclose(trace.work_mJ[1:], trace.power_mW[1:] * np.diff(trace.clock_s))
-    # Current that only change evokes: 20 kPa^0.5/s for 50 ms, then none.
-    time_s, sed_kPa = np.array([0.0, 0.05, 1.0]), np.array([[0.0], [1.0], [1.0]])
-    (spikes,) = names["ra"].fire({"time_s": time_s, "sed_kPa": sed_kPa}).spikes
-    assert names["DRIVES"].pop("root") is names["root"]
-    assert names["DRIVES"].pop("shear").fields[0].name == "shear_strain_yz"
-    assert len(spikes) > 5 and spikes[-1] <= 0.05
-    from tactile_fem.tissue.energies import stiffness
+def test_extending_shows_the_files_of_a_demo():
+    page, folder = PAGES / "extending.md", ROOT / "demos" / "own_parts"
+    shown = re.findall(
+        r"\(\.\./own_parts/(\w+\.py)\)[^`]*\n```python\n(.*?)```", page.read_text(), re.DOTALL
+    )
+    for name, block in shown:
+        assert _lines(block) in _lines((folder / name).read_text()), name
+    assert {name for name, _ in shown} == {path.name for path in folder.glob("*.py")}
+    scan = _lines((folder / "scan.py").read_text())
+    of_parts = [block for name, block in shown if name != "scan.py"]
+    for block in blocks(page, "python"):
+        assert block in of_parts or _lines(block) in scan
 
-    # The law's stiffness is K + 4 G/3 at rest, and its energy Fung's.
-    law = names["Fung"](shear=0.02, b=2.0, bulk=1.0)
-    rest, stretched = np.eye(3), np.diag([1.2, 1.0, 1 / 1.2])
-    assert at(lambda F: stiffness(law, F), rest) == pytest.approx(1.0 + 4 / 3 * 0.02)
-    a = 1.2**2 + 1 + 1.2**-2 - 3
-    assert at(law.energy, stretched) == pytest.approx(0.02 / 4 * np.expm1(2 * a))
-    sheared = np.eye(3) + 0.7 * np.eye(3, k=2)
-    in_shear = at(lambda F: law.in_shear(F[0, 2] ** 2), sheared)
-    assert in_shear == pytest.approx(at(law.energy, sheared))
+
+def _lines(code):
+    """Return code without its indentation."""
+    return "\n".join(line.strip() for line in code.strip().splitlines())
 
 
 def at(expression, F):
-    """Return a UFL expression of the deformation gradient as a number."""
+    """Return a UFL expression of deformation gradient and position as a number."""
     import ufl
 
-    return ufl.as_ufl(expression(ufl.as_matrix(F.tolist())))(())
+    origin = ufl.as_vector([0.0, 0.0, 0.0])
+    return ufl.as_ufl(expression(ufl.as_matrix(F.tolist()), origin))(())
 
 
 def test_neurons_run_on_their_own(tmp_path, monkeypatch, capsys):

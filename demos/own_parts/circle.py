@@ -5,8 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from tactile_fem import Motion
-from tactile_fem.path import Piece
+from tactile_fem import Motion, Piece
 from tactile_fem.runtime.settings import Positive
 
 

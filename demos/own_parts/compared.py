@@ -14,9 +14,6 @@ class Compared:
         self.plain, self.fast = PlainSolver(problem), FastSolver(problem)
         self.difference_mm = 0.0
 
-    def __getattr__(self, name):  # everything else: options, end_step, close, ...
-        return getattr(self.fast, name)
-
     def solve(self):
         """Solve a step with both; return the report of the fast one."""
         guess = self.u_mm.copy()
@@ -26,3 +23,11 @@ class Compared:
         report = self.fast.solve()
         self.difference_mm = max(self.difference_mm, np.abs(self.u_mm - expected).max())
         return report
+
+    def close(self):
+        """Free both solvers; all ranks must call it."""
+        self.plain.close()
+        self.fast.close()
+
+    def __getattr__(self, name):  # everything else: options, residual, end_step, ...
+        return getattr(self.fast, name)

@@ -36,13 +36,14 @@ from tactile_fem import (
     Parts,
     Population,
     Results,
+    Simulation,
     Study,
     draw,
     load_finger,
     run_script,
     scan,
 )
-from tactile_fem.simulation import ScanResult, Simulation
+from tactile_fem.simulation import ScanResult
 from tactile_fem.study import Finger, Hold, Lift, Output, Press, Protocol, Receptors
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

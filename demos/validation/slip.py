@@ -30,12 +30,11 @@ from typing import Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactile_fem import Study, load_finger, run_script
+from tactile_fem import Simulation, Study, load_finger, run_script
 from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.runtime.estimates import r_squared
 from tactile_fem.runtime.files import write_table
-from tactile_fem.simulation import Simulation
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
