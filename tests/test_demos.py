@@ -23,7 +23,8 @@ import numpy as np
 import pytest
 from needs import needs_gmsh
 
-from tactile_fem import Population
+from tactile_fem import Piece, Population, Stimulus
+from tactile_fem.neuron import DRIVES
 from tactile_fem.runtime import ranks
 from tactile_fem.series import run_series, single_fibre
 from tactile_fem.simulation.results import Results
@@ -39,9 +40,14 @@ DEMOS = Path(__file__).resolve().parents[1] / "demos"
 def beside(path: Path) -> Iterator[None]:
     """Let a demo import the modules beside it: other folders may have some of the same names."""
     before = set(sys.modules)
+    kinds = Stimulus.kinds, Piece.kinds, DRIVES  # which a demo's own join
+    known = [dict(entries) for entries in kinds]
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(path.parent)
         yield
+    for entries, saved in zip(kinds, known, strict=True):
+        entries.clear()
+        entries.update(saved)
     for name in sys.modules.keys() - before:
         if str(DEMOS) in (getattr(sys.modules[name], "__file__", None) or ""):
             del sys.modules[name]
@@ -225,12 +231,13 @@ def phases(trace: Path) -> set[str]:
         return set(arrays["phase"].tolist())
 
 
-def test_own_law_and_transduction(monkeypatch):
+def test_own_law_and_transduction():
     ufl = pytest.importorskip("ufl")
     from tactile_fem.tissue.energies import stiffness
 
-    monkeypatch.syspath_prepend(str(DEMOS / "own_parts"))
-    law = import_module("fung").Fung(shear=0.02, b=2.0, bulk=1.0)
+    with beside(DEMOS / "own_parts" / "scan.py"):
+        law = import_module("fung").Fung(shear=0.02, b=2.0, bulk=1.0)
+        transduction = import_module("changes").Changes(gain=30.0)
 
     def at(expression, F):
         X = ufl.as_vector([0.0, 0.0, 0.0])
@@ -246,7 +253,7 @@ def test_own_law_and_transduction(monkeypatch):
     assert in_shear == pytest.approx(at(law.energy, sheared))
     # Current that only change evokes: 20 kPa/s for 50 ms, then none.
     time_s, sed_kPa = np.array([0.0, 0.05, 1.0]), np.array([[0.0], [1.0], [1.0]])
-    population = Population(transduction=import_module("changes").Changes(gain=30.0))
+    population = Population(transduction=transduction)
     (spikes,) = population.fire({"time_s": time_s, "sed_kPa": sed_kPa}).spikes
     assert len(spikes) > 5 and spikes[-1] <= 0.05
 
