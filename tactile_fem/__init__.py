@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from tactile_fem.study import Study
     from tactile_fem.study.file import load_study
     from tactile_fem.tissue.energies import Law
-    from tactile_fem.vibration.run import vibrate
+    from tactile_fem.vibration.vibrate import vibrate
 
     __version__: str
 
@@ -94,7 +94,7 @@ _MODULES = {
     "study": ("Study",),
     "study.file": ("load_study",),
     "tissue.energies": ("Law",),
-    "vibration.run": ("vibrate",),
+    "vibration.vibrate": ("vibrate",),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -26,7 +26,7 @@ from tactile_fem.study import Study
 from tactile_fem.vibration import Spectrum, frequencies_of
 from tactile_fem.vibration.keeper import ModeKeeper
 from tactile_fem.vibration.modes import Modes, few_of, nearest
-from tactile_fem.vibration.run import vibrate
+from tactile_fem.vibration.vibrate import vibrate
 
 KINDS = [
     {"name": kind, "kind": kind, "receptors": {"half_width_mm": 1.0, "spacing_mm": 1.0}}

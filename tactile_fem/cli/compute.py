@@ -284,7 +284,7 @@ def vibrate(
     shaped = few_of(wanted) if shapes is None else frequencies_of(shapes, "--shapes")
     found = Results.open(results)
     found.load_state(at_mm, at_s)  # raises here if there is no such state
-    module = with_mechanics("tactile_fem.vibration.run", ranks_)
+    module = with_mechanics("tactile_fem.vibration.vibrate", ranks_)
     from tactile_fem.vibration.keeper import ModeKeeper
 
     for population in [afferents.population() for afferents in found.study.populations]:

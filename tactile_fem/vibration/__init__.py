@@ -1,6 +1,6 @@
 """Small vibrations about a state of a scan: what receptors feel, and how their afferents fire.
 
-`tactile_fem.vibration.run` computes them; `tactile_fem.vibration.spectrum` holds and reads them.
+`tactile_fem.vibrate` computes them; a `Spectrum` holds them.
 """
 
 from tactile_fem.vibration.spectrum import Spectrum, frequencies_of

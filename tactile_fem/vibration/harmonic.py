@@ -57,7 +57,7 @@ class _Parts:
 
 
 @dataclass(frozen=True)
-class Response:
+class HarmonicResponse:
     """The answer to a vibration of 1 mm.
 
     Attributes
@@ -127,7 +127,7 @@ class Harmonic:
         body_mm: ArrayLike,
         bone_mm: ArrayLike = (0.0, 0.0, 0.0),
         load: Array | None = None,
-    ) -> Response:
+    ) -> HarmonicResponse:
         """Return the answer to motions of the body and of the bone, and to nodal forces.
 
         Seen from the bone, the body moves by the difference and inertia pulls at all tissues.
@@ -161,7 +161,7 @@ class Harmonic:
             c * (np.array(part.forces) @ x[:owned] + part.direct @ motion) for c, part in parts
         )
         u = x + np.tile(bone, len(x) // len(bone))
-        return Response(frequency_Hz, u, self._comm.allreduce(force), iterations)
+        return HarmonicResponse(frequency_Hz, u, self._comm.allreduce(force), iterations)
 
     def _compile(self, touch: Touch) -> _Forms:
         problem, V = self._problem, self._u.function_space

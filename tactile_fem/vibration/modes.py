@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.vibration.archive import load_arrays, save_arrays
+from tactile_fem.vibration.archive import Archived
 
 Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Modes:
-    """How the whole finger moves in a vibration about a state.
+class Modes(Archived):
+    """Motion of the whole finger in a vibration about a state.
 
     Attributes
     ----------
@@ -30,9 +29,9 @@ class Modes:
     nodes_mm, tets, tissue
         Of the mesh, in its file's order: (n, 3); (m, 10), gmsh's order; (m,) tags.
     stimulator_mm
-        Where the body is in the state, (3,).
+        Position of the body in the state, (3,).
     body
-        How it vibrates, (3,): a unit vector, or 0 if the bone vibrates.
+        How the body vibrates, (3,): a unit vector, or 0 if the bone vibrates.
     """
 
     frequency_Hz: Array
@@ -53,21 +52,6 @@ class Modes:
         # |Re(a e^(i p))|^2 = (|a|^2 + Re(a.a e^(2 i p)))/2
         return float(-0.5 * np.angle(np.sum(self.moved[k].astype(complex) ** 2)))
 
-    def save(self, path: Path) -> None:
-        """Write it as a compressed NumPy archive."""
-        save_arrays(path, self)
-
-    @classmethod
-    def load(cls, path: Path) -> Modes:
-        """Return what `save` wrote.
-
-        Raises
-        ------
-        StudyError
-            It cannot be read.
-        """
-        return load_arrays(cls, path)
-
 
 def nearest(frequencies_Hz: ArrayLike, wanted_Hz: ArrayLike) -> NDArray[np.intp]:
     """Return the numbers, rising, of the frequencies nearest to the wanted ones, by their ratio."""
@@ -76,6 +60,6 @@ def nearest(frequencies_Hz: ArrayLike, wanted_Hz: ArrayLike) -> NDArray[np.intp]
 
 
 def few_of(frequencies_Hz: ArrayLike) -> Array:
-    """Return the lowest, the middle and the highest frequency: few, for all nodes are kept."""
+    """Return the lowest, the middle and the highest frequency: shapes of all nodes are large."""
     rising = np.sort(np.asarray(frequencies_Hz, dtype=float))
     return np.unique(rising[[0, len(rising) // 2, -1]])

@@ -14,16 +14,15 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population
 from tactile_fem.neuron.fields import MOVED, SED, STRETCHES, trial_histories
 from tactile_fem.runtime.files import write_table
-from tactile_fem.vibration.archive import load_arrays, save_arrays
+from tactile_fem.vibration.archive import Archived
 
 Array = NDArray[Any]
-_SAMPLES = 24  # of a period
-_SETTLES_S = 0.25  # before spikes are counted: membranes and adaptation
-_COUNTED_S = 1.0
+_SAMPLES_PER_PERIOD = 24
+_SETTLING_S, _COUNTING_S = 0.25, 1.0  # membranes and adaptation settle before spikes are counted
 
 
 @dataclass(frozen=True)
-class Spectrum:
+class Spectrum(Archived):
     """What receptors feel of a vibration of 1 mm about a state.
 
     Attributes
@@ -62,7 +61,8 @@ class Spectrum:
         negative, it is too large for the linearization; there it is zero.
         """
         f = float(self.frequency_Hz[k])
-        time_s = np.arange(int(np.ceil(duration_s * f * _SAMPLES)) + 1) / (_SAMPLES * f)
+        count = int(np.ceil(duration_s * f * _SAMPLES_PER_PERIOD)) + 1
+        time_s = np.arange(count) / (_SAMPLES_PER_PERIOD * f)
         swing = amplitude_mm * np.exp(2j * np.pi * f * time_s) * np.minimum(f * time_s, 1.0)
 
         def felt(still: Array, amplitude: Array) -> Array:
@@ -106,49 +106,30 @@ class Spectrum:
 
     def rates_Hz(self, k: int, amplitude_mm: float, population: Population) -> Array:
         """Return the firing rates of a population's receptors at the k-th frequency, (own,)."""
-        fired = population.fire(self.histories(k, amplitude_mm, _SETTLES_S + _COUNTED_S))
-        return np.array([np.sum(times > _SETTLES_S) / _COUNTED_S for times in fired.spikes])
-
-    def save(self, path: Path) -> None:
-        """Write it as a compressed NumPy archive."""
-        save_arrays(path, self)
-
-    @classmethod
-    def load(cls, path: Path) -> Spectrum:
-        """Return what `save` wrote.
-
-        Raises
-        ------
-        StudyError
-            It cannot be read.
-        """
-        return load_arrays(cls, path)
+        fired = population.fire(self.histories(k, amplitude_mm, _SETTLING_S + _COUNTING_S))
+        return np.array([np.sum(times > _SETTLING_S) / _COUNTING_S for times in fired.spikes])
 
     def write_table(self, path: Path, rates_Hz: Array, amplitude_mm: float) -> None:
-        """Write amplitude and phase of each receptor at each frequency, and its firing rate.
-
-        They are those of a vibration of `amplitude_mm`, which is a column of its own.
-        """
-        records = []
-        for k, frequency in enumerate(self.frequency_Hz):
-            for r, name in enumerate(self.population):
-                records.append(
-                    {
-                        "frequency_Hz": f"{frequency:.6g}",
-                        "amplitude_mm": f"{amplitude_mm:.6g}",
-                        "receptor": r,
-                        "population": name,
-                        **_polar("sed_kPa", amplitude_mm * self.sed_kPa[k, r]),
-                        **_polar("smallest_stretch", amplitude_mm * self.stretches[k, r, 0]),
-                        **_polar("z_mm", amplitude_mm * self.moved[k, r, 2]),
-                        "rate_Hz": f"{rates_Hz[k, r]:.6g}",
-                    }
-                )
+        """Write amplitude, phase and firing rate of each receptor at each frequency."""
+        records = [
+            {
+                "frequency_Hz": f"{frequency:.6g}",
+                "amplitude_mm": f"{amplitude_mm:.6g}",
+                "receptor": r,
+                "population": name,
+                **_polar("sed_kPa", amplitude_mm * self.sed_kPa[k, r]),
+                **_polar("smallest_stretch", amplitude_mm * self.stretches[k, r, 0]),
+                **_polar("z_mm", amplitude_mm * self.moved[k, r, 2]),
+                "rate_Hz": f"{rates_Hz[k, r]:.6g}",
+            }
+            for k, frequency in enumerate(self.frequency_Hz)
+            for r, name in enumerate(self.population)
+        ]
         write_table(path, records)
 
 
 def unfelt(population: Population) -> str:
-    """Return why a vibration does not have what a population feels; empty if it does."""
+    """Return why a vibration does not have the drive of a population; empty if it does."""
     try:
         population.drive.of(trial_histories((MOVED, SED, STRETCHES)))
     except StudyError as error:
@@ -164,12 +145,7 @@ def _polar(name: str, value: complex) -> dict[str, str]:
 def frequencies_of(text: str, name: str = "frequencies") -> Array:
     """Return the frequencies of ``low:high:count``, evenly spaced in their logarithm, or of a list.
 
-    Errors say that it is the value of `name`.
-
-    Raises
-    ------
-    StudyError
-        The text is neither, or a frequency is not positive.
+    A StudyError names the text `name`.
     """
     try:
         if ":" in text:

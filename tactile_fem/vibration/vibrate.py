@@ -1,4 +1,4 @@
-"""Vibration about a state that a scan left: one linear solve for each frequency."""
+"""Vibration about a state of a scan: one linear solve for each frequency."""
 
 from __future__ import annotations
 
@@ -23,34 +23,33 @@ from tactile_fem.simulation.checkpoint import Origin
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Simulation
-from tactile_fem.vibration.felt import Felt
-from tactile_fem.vibration.harmonic import Harmonic, Response
+from tactile_fem.vibration.harmonic import Harmonic, HarmonicResponse
 from tactile_fem.vibration.spectrum import Spectrum
 
 logger = logging.getLogger(__name__)
 
+Array = np.ndarray
 Moves = Literal["body", "bone"]
+# Largest displacement of the central differences: small against strains that matter, large against
+# rounding.
+_DIFFERENCE_MM = 1e-5
 
 
 @dataclass(frozen=True)
-class About:
-    """What vibrates.
+class OperatingPoint:
+    """State about which a finger vibrates, and how it is moved.
 
-    Attributes
-    ----------
-    simulation
-        In the state about which it vibrates.
-    body, bone
-        How the body and what is held vibrate, (3,): one is a unit vector, the other 0.
+    `body` and `bone`, with everything that is held, move along the vectors (3,) of these names:
+    one is a unit vector, the other 0.
     """
 
     simulation: Simulation
-    body: np.ndarray
-    bone: np.ndarray
+    body: Array
+    bone: Array
 
 
-# Called on all ranks with the answer to each frequency.
-Observer = Callable[[About, Response], None]
+# Called on all ranks with the response at each frequency.
+ResponseObserver = Callable[[OperatingPoint, HarmonicResponse], None]
 
 
 @shown()
@@ -65,9 +64,9 @@ def vibrate(
     density_kg_m3: float | None = None,
     comm: MPI.Comm | None = None,
     parts: Parts = NO_PARTS,
-    observers: Sequence[Observer] = (),
+    observers: Sequence[ResponseObserver] = (),
 ) -> Spectrum:
-    """Return how the finger of a scan answers to vibrations about one of its states.
+    """Return the response of a scan's finger to vibrations about one of its states.
 
     Parameters
     ----------
@@ -79,7 +78,7 @@ def vibrate(
         Displacement of the slide, or time, at which `output.states` kept the state; default the
         last state.
     moves
-        What vibrates: the body, or the bone with all that is held, while the body rests.
+        What vibrates: the body, or the bone with everything that is held, while the body rests.
     direction
         Of the vibration, (3,).
     density_kg_m3
@@ -87,19 +86,19 @@ def vibrate(
     comm
         Communicator; all its ranks must call. Default: all ranks.
     parts
-        The scan's own parts, see `tactile_fem.simulation.scan`.
+        The scan's own parts, see `tactile_fem.scan`.
     observers
-        Called with the answer to each frequency, such as
+        Called with the response at each frequency, such as
         `tactile_fem.vibration.keeper.ModeKeeper`.
 
     Raises
     ------
     StudyError
-        No such state or scan; a frequency, a direction or a density that is none.
+        No such state or scan; an invalid frequency, direction or density.
     TactileError
         The linear equations could not be solved.
     StoppedError
-        SIGTERM or SIGINT came.
+        SIGTERM or SIGINT was received.
     """
     comm = comm or MPI.COMM_WORLD
     frequencies, along = _checked(frequencies_Hz, direction)
@@ -116,43 +115,41 @@ def vibrate(
             own = simulation.study.tissue.density_kg_m3
             harmonic = Harmonic(simulation.problem, own if density_kg_m3 is None else density_kg_m3)
             body, bone = (along, 0 * along) if moves == "body" else (0 * along, along)
-            about = About(simulation, body, bone)
+            point = OperatingPoint(simulation, body, bone)
             stop = StopRequest(comm, "nothing of the vibration is saved")
             with signal_handler(stop.request):
                 observers = (*observers, lambda *_: stop.check())
-                return _spectrum(harmonic, frequencies, about, observers)
+                return _spectrum(harmonic, frequencies, point, observers)
 
 
 def _spectrum(
-    harmonic: Harmonic, frequencies: np.ndarray, about: About, observers: Sequence[Observer]
+    harmonic: Harmonic,
+    frequencies: Array,
+    point: OperatingPoint,
+    observers: Sequence[ResponseObserver],
 ) -> Spectrum:
-    problem, probe = about.simulation.problem, about.simulation.receptors
     harmonic.freeze(None)
-    still, felt = probe.read(), Felt(problem, probe, harmonic)
-    answers, forces = [], []
+    still = point.simulation.receptors.read()
+    amplitudes, forces = [], []
     for number, frequency in enumerate(frequencies, 1):
-        response = harmonic.respond(frequency, about.body, about.bone)
-        answers.append(felt.amplitudes(response))
+        response = harmonic.respond(frequency, point.body, point.bone)
+        amplitudes.append(_amplitudes(point.simulation, harmonic, response))
         forces.append(response.force_N)
         for observer in observers:
-            observer(about, response)
+            observer(point, response)
         logger.info(
             "%.4g Hz (%d of %d), %d iterations",
-            frequency,
-            number,
-            len(frequencies),
-            response.iterations,
+            *(frequency, number, len(frequencies), response.iterations),
         )
-    moved, sed, stretches = (np.array(values) for values in zip(*answers, strict=True))
-    layout = about.simulation.layout
+    felt, layout = np.array(amplitudes), point.simulation.layout
     return Spectrum(
         frequencies,
-        about.body + about.bone,
+        point.body + point.bone,
         layout.positions_mm,
         layout.population,
-        moved,
-        sed,
-        stretches,
+        felt[..., :3],
+        felt[..., 3],
+        felt[..., 4:],
         np.array(forces),
         still.moved_mm,
         still.sed_kPa,
@@ -160,9 +157,43 @@ def _spectrum(
     )
 
 
-def _checked(
-    frequencies_Hz: ArrayLike, direction: Sequence[float]
-) -> tuple[np.ndarray, np.ndarray]:
+def _amplitudes(simulation: Simulation, harmonic: Harmonic, response: HarmonicResponse) -> Array:
+    """Return displacement, SED in kPa and stretches, complex, per mm, (receptors, 3 + 1 + 3).
+
+    With `q` a quantity, ``dq = q_u û + sum_j c_j (dq_j - dq_0)``: like the tangent, the value with
+    all delays frozen and the contribution of each delay, see `tactile_fem.vibration.harmonic`.
+    """
+    frozen = _change(simulation, response.u)
+    total = frozen.copy()
+    for delay in harmonic.delays:
+        harmonic.freeze(delay)
+        amount = delay.amount(2 * np.pi * response.frequency_Hz)
+        total += amount * (_change(simulation, response.u) - frozen)
+    harmonic.freeze(None)
+    return total
+
+
+def _change(simulation: Simulation, u: Array) -> Array:
+    """Return the change of the receptors' quantities with a complex displacement."""
+    return _directional(simulation, u.real) + 1j * _directional(simulation, u.imag)
+
+
+def _directional(simulation: Simulation, direction: Array) -> Array:
+    """Return the derivative of the receptors' quantities, by a central difference."""
+    largest = simulation.comm.allreduce(np.abs(direction).max(initial=0.0), MPI.MAX)
+    if not largest:
+        return np.zeros((len(simulation.layout.positions_mm), 7))
+    size, u = _DIFFERENCE_MM / largest, simulation.state.u.x.array
+    saved, found = u.copy(), []
+    for step in (size, -size):
+        u[:] = saved + step * direction
+        felt = simulation.receptors.read()
+        found.append(np.column_stack([felt.moved_mm, felt.sed_kPa, felt.stretches]))
+    u[:] = saved
+    return (found[0] - found[1]) / (2 * size)
+
+
+def _checked(frequencies_Hz: ArrayLike, direction: Sequence[float]) -> tuple[Array, Array]:
     """Return frequencies and the direction's unit vector, or raise StudyError."""
     frequencies = np.atleast_1d(np.asarray(frequencies_Hz, dtype=float))
     wrong = frequencies[~(np.isfinite(frequencies) & (frequencies > 0))]
