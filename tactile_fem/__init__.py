@@ -7,9 +7,9 @@ compute mechanics:
   `tactile_fem.study`.
 - ``scan``, ``resume``, ``completed``, ``vibrate``: computations; ``Simulation``: one, step by step.
 - ``Results``, ``draw``: what they leave in a folder.
-- ``Parts`` and what it takes: ``load_finger`` makes a mesh, a ``Law`` is a tissue, a ``RigidBody``
-  (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a ``Population`` the
-  afferents.
+- ``Parts`` and what it takes: ``Finger.mesh`` makes a ``FingerMesh``, a ``Law`` is a tissue, a
+  ``RigidBody`` (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a
+  ``Population`` the afferents.
 - ``Stimulus`` and ``Piece``, below which a script adds kinds of its own to what a study may state.
 - ``StudyError``, ``MeshError``, ``ConvergenceError``, ``StoppedError``, and their base
   ``TactileError``.
@@ -34,7 +34,7 @@ from tactile_fem.errors import (
 
 if TYPE_CHECKING:
     from tactile_fem.cli.app import run_script
-    from tactile_fem.finger import load_finger
+    from tactile_fem.finger import FingerMesh
     from tactile_fem.neuron import Population
     from tactile_fem.output.figures import draw
     from tactile_fem.path import Motion, Path, Piece
@@ -54,6 +54,7 @@ __all__ = [
     "ConvergenceError",
     "Distance",
     "Embossed",
+    "FingerMesh",
     "Law",
     "MeshError",
     "Motion",
@@ -71,7 +72,6 @@ __all__ = [
     "TactileError",
     "completed",
     "draw",
-    "load_finger",
     "load_study",
     "resume",
     "run_script",
@@ -82,7 +82,7 @@ __all__ = [
 # Where the names are that are imported on demand.
 _MODULES = {
     "cli.app": ("run_script",),
-    "finger": ("load_finger",),
+    "finger": ("FingerMesh",),
     "neuron": ("Population",),
     "output.figures": ("draw",),
     "path": ("Motion", "Path", "Piece"),

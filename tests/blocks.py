@@ -7,7 +7,8 @@ from itertools import permutations
 
 import numpy as np
 
-from tactile_fem.finger.mesh_data import SURFACES, TET_EDGES, TISSUES, FingerMesh, quadratic
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+from tactile_fem.finger.simplex import SOLID, quadratic
 
 LAYERS = ["stratum_corneum", "epidermis", "dermis", "subcutaneous"]
 
@@ -55,13 +56,12 @@ def block_mesh(x: np.ndarray, y: np.ndarray, z: np.ndarray, tissue_of_row: list[
 
 def curved(mesh: FingerMesh, shift_mm: float = 0.1) -> FingerMesh:
     """Return a block of the same shape whose edges are bent within their horizontal planes."""
-    nodes, middle = mesh.nodes.copy(), np.unique(mesh.cells[:, 4:])
-    x, y = nodes[middle, :2].T
+    nodes, between = mesh.nodes.copy(), np.unique(mesh.cells[:, 4:])
+    x, y = nodes[between, :2].T
     half = np.abs(nodes[:, :2]).max(axis=0)
     inside = np.cos(np.pi * x / (2 * half[0])) * np.cos(np.pi * y / (2 * half[1]))
-    nodes[middle, 0] += shift_mm * inside * np.cos(2 * y)
-    nodes[middle, 1] += shift_mm * inside * np.sin(3 * x)
-    assert (
-        np.abs(nodes[mesh.cells[:, 4:]] - nodes[mesh.cells[:, TET_EDGES]].mean(axis=2)).max() > 0.05
-    )
+    nodes[between, 0] += shift_mm * inside * np.cos(2 * y)
+    nodes[between, 1] += shift_mm * inside * np.sin(3 * x)
+    middle = nodes[mesh.cells[:, SOLID.edges]].mean(axis=2)
+    assert np.abs(nodes[mesh.cells[:, 4:]] - middle).max() > 0.05
     return replace(mesh, nodes=nodes)

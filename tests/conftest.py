@@ -14,7 +14,6 @@ from hidden import (  # noqa: F401
     pytest_runtest_setup,
 )
 
-from tactile_fem.finger.load import shipped_file
 from tactile_fem.runtime import ranks
 from tactile_fem.runtime.logs import PACKAGE
 from tactile_fem.study import Finger
@@ -27,7 +26,7 @@ os.environ.setdefault("TACTILE_FEM_COMPILER_FLAGS", "-O1")
 @pytest.fixture(scope="session")
 def small_finger() -> Path:
     """The shipped finger of 3,000 tetrahedra."""
-    path = shipped_file(Finger(pad_size_mm=3.0, far_size_mm=6.0))
+    path = Finger(pad_size_mm=3.0, far_size_mm=6.0).shipped_file()
     assert path is not None
     return path
 

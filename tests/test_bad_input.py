@@ -11,7 +11,7 @@ import pytest
 from synthetic import make_results
 
 from tactile_fem.cli import app as cli
-from tactile_fem.finger import load_finger, write_msh
+from tactile_fem.finger import write_msh
 from tactile_fem.runtime import doctor, logs, ranks
 from tactile_fem.study import Finger
 
@@ -38,8 +38,8 @@ SETTINGS = [
     ),
     (
         "finger.dermis_mm=6",
-        "the bone comes to lie outside the skin at X -0.1, Y 2.3, Z 15.1 mm in the finger's axes, "
-        "but the layers need 6.97 mm: use thinner layers, a smaller bone or a thicker finger.",
+        "the layers of skin (6.82 mm) are too thick for a finger of half width 8 mm and dorsal "
+        "height 5.5 mm.",
     ),
     (
         "finger.dermis_mm=1.6",
@@ -442,7 +442,7 @@ def here(tmp_path_factory) -> Path:
 
 
 def _write_meshes(folder: Path) -> None:
-    write_msh(folder / "finger.msh", load_finger(Finger()))
+    write_msh(folder / "finger.msh", Finger().mesh())
     text = (folder / "finger.msh").read_text()
     lines = text.split("\n")
     first, last = lines.index("$Nodes") + 2, lines.index("$EndNodes")

@@ -195,9 +195,8 @@ NAMES = ["skin", "subcutaneous.C10_MPa:2", "subcutaneous.D1_per_MPa:1.5"]
 def of_formula(study, experiment, changes=(), comm=None):
     """Return forces 0.05 + slope ln(C10 of the fat / usual), once the finger is loaded."""
     from tactile_fem.calibration.press import Prediction
-    from tactile_fem.finger import load_finger
 
-    load_finger(study.finger)
+    study.finger.mesh()
     slopes = SLOPES[experiment.indenter.kind]
     grown = np.log(study.tissue.subcutaneous.C10_MPa / Study().tissue.subcutaneous.C10_MPa)
     powers = [change.get(("subcutaneous", "C10_MPa"), 0.0) for change in changes]

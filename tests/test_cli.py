@@ -12,7 +12,7 @@ from synthetic import make_results
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import ConvergenceError
-from tactile_fem.finger import load_finger, write_msh
+from tactile_fem.finger import write_msh
 from tactile_fem.runtime import doctor, ranks
 from tactile_fem.study import Finger, Study
 from tactile_fem.study.file import load_study
@@ -62,7 +62,7 @@ def test_an_unwritable_results_folder(capsys, scans, monkeypatch):
 
 
 def test_a_mesh_without_a_tag(capsys, scans):
-    write_msh("finger.msh", load_finger(Finger()))
+    write_msh("finger.msh", Finger().mesh())
     text = Path("finger.msh").read_text()
     Path("finger.msh").write_text(text.replace('"interface"', '"interphase"'))
     sentence = sentence_of(capsys, ["scan", "--set", "finger.mesh_file=finger.msh"])

@@ -14,11 +14,11 @@ from synthetic import make_results
 from tactile_fem.calibration.measurements import Experiment, parse_indenter
 from tactile_fem.calibration.model import Task
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.load import MESH_FOLDERS
+from tactile_fem.finger.settings import MESH_FOLDERS
 from tactile_fem.runtime.files import cached_by_content, check_unchanged, hashes
 from tactile_fem.series.members import Member
 from tactile_fem.series.run import run_series
-from tactile_fem.simulation import checks, setup
+from tactile_fem.simulation import setup
 from tactile_fem.simulation.parts import Parts
 from tactile_fem.simulation.run import completed
 from tactile_fem.study import Finger, Mesh, Protocol, Receptors, Study, Surface, Text
@@ -84,10 +84,10 @@ def test_a_mesh_is_read_again(tmp_path):
     small = next(folder for folder in MESH_FOLDERS if (folder / "small.msh").is_file())
     file = tmp_path / "mine.msh"
     shutil.copyfile(small / "small.msh", file)
-    first = checks._loaded(Finger(mesh_file=file))
-    assert checks._loaded(Finger(mesh_file=file)) is first
+    first = Finger(mesh_file=file).check()
+    assert Finger(mesh_file=file).check() is first
     shutil.copyfile(small / "coarse.msh", file)
-    assert checks._loaded(Finger(mesh_file=file)).hash != first.hash
+    assert Finger(mesh_file=file).check().hash != first.hash
 
 
 def test_a_file_that_changes_while_it_is_read_is_not_kept(tmp_path):

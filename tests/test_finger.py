@@ -12,26 +12,9 @@ import pytest
 from needs import needs_gmsh
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger import (
-    SURFACES,
-    TISSUES,
-    build_finger,
-    check_mesh,
-    describe,
-    load_finger,
-    read_msh,
-    write_msh,
-)
-from tactile_fem.finger.load import shipped_file
-from tactile_fem.finger.mesh_data import facets_of
-from tactile_fem.finger.report import (
-    gammas,
-    layer_thickness,
-    measured_layers_mm,
-    pad_thickness_mm,
-    volumes,
-)
+from tactile_fem.finger import SURFACES, TISSUES, build_finger, describe, read_msh, write_msh
 from tactile_fem.finger.shape import depth_below, skin_shape
+from tactile_fem.finger.simplex import facets_of, gammas, volumes
 from tactile_fem.study import Finger
 
 FINGER = Finger()
@@ -40,12 +23,12 @@ SHIPPED = {"coarse": FINGER, "small": Finger(pad_size_mm=3.0, far_size_mm=6.0)}
 
 @pytest.fixture(scope="module", params=["shipped", pytest.param("built", marks=needs_gmsh)])
 def mesh(request):
-    return load_finger(FINGER) if request.param == "shipped" else build_finger(FINGER)
+    return FINGER.mesh() if request.param == "shipped" else build_finger(FINGER)
 
 
 @pytest.fixture(scope="module")
 def shipped():
-    return load_finger(FINGER)
+    return FINGER.mesh()
 
 
 @pytest.mark.parametrize(
@@ -80,7 +63,7 @@ def test_size_of_the_coarse_mesh(mesh):
 
 
 def test_jacobians_and_quality(mesh):
-    check_mesh(mesh)
+    mesh.check()
     assert volumes(mesh.nodes, mesh.cells).min() > 0
     thick = np.isin(mesh.tissue, [TISSUES[name] for name in ("dermis", "subcutaneous", "bone")])
     assert gammas(mesh.nodes, mesh.cells)[thick].min() > 0.08
@@ -95,7 +78,7 @@ def test_gamma_of_known_tetrahedra():
 
 
 def test_layers_are_as_thick_as_wanted_over_the_pad(mesh):
-    for name, found in layer_thickness(mesh).items():
+    for name, found in mesh.layer_thickness_mm.items():
         expected = getattr(FINGER, f"{name}_mm")
         assert len(found) > 200
         off = np.abs(found / expected - 1)
@@ -105,23 +88,23 @@ def test_layers_are_as_thick_as_wanted_over_the_pad(mesh):
 def test_layers_and_pad_are_measured_whoever_made_the_mesh(shipped):
     expected = {"stratum_corneum": 0.17, "epidermis": 0.65, "dermis": 0.8}
     # Chords of edges as long as 1.6 mm on the round pad cut up to 0.02 mm off.
-    assert measured_layers_mm(shipped) == pytest.approx(expected, rel=5e-3)
-    assert pad_thickness_mm(shipped) == pytest.approx(5.3, abs=0.02)
+    assert shipped.layers_mm == pytest.approx(expected, rel=5e-3)
+    assert shipped.pad_thickness_mm == pytest.approx(5.3, abs=0.02)
     thicker = dataclasses.replace(shipped, nodes=1.2 * shipped.nodes)
-    scaled = {name: 1.2 * value for name, value in measured_layers_mm(shipped).items()}
+    scaled = {name: 1.2 * value for name, value in shipped.layers_mm.items()}
     # The pad is cut out where it was before: a few other facets count.
-    assert measured_layers_mm(thicker) == pytest.approx(scaled, rel=2e-3)
-    assert pad_thickness_mm(thicker) == pytest.approx(1.2 * pad_thickness_mm(shipped))
+    assert thicker.layers_mm == pytest.approx(scaled, rel=2e-3)
+    assert thicker.pad_thickness_mm == pytest.approx(1.2 * shipped.pad_thickness_mm)
 
 
 def test_a_mesh_beside_the_contact_point_is_refused(shipped):
     beside = dataclasses.replace(shipped, nodes=shipped.nodes + np.array([0.0, -8.0, 0.0]))
     with pytest.raises(MeshError, match="no bone_surface above the contact point"):
-        check_mesh(beside)
+        beside.check()
     far = dataclasses.replace(shipped, nodes=shipped.nodes + np.array([50.0, 0.0, 0.0]))
-    assert measured_layers_mm(far) == {}
+    assert far.layers_mm == {}
     with pytest.raises(MeshError, match="no skin above the contact point"):
-        check_mesh(far)
+        far.check()
 
 
 def bone_height(mesh):
@@ -235,7 +218,7 @@ def test_a_session_of_the_callers_survives():
 def test_other_sizes_and_rows():
     finger = Finger(pad_size_mm=1.6, far_size_mm=4.0, epidermis_rows=4)
     mesh = build_finger(finger)
-    check_mesh(mesh)
+    mesh.check()
     rows = np.sum(mesh.tissue == TISSUES["epidermis"]) / np.sum(mesh.tissue == TISSUES["dermis"])
     assert rows > 3.5
 
@@ -255,7 +238,7 @@ def test_finer_presets(preset, count):
     assert len(mesh.cells) == pytest.approx(count, rel=0.05)
     fat = mesh.tissue == TISSUES["subcutaneous"]
     assert gammas(mesh.nodes, mesh.cells[fat]).min() > 0.1
-    for name, found in layer_thickness(mesh).items():
+    for name, found in mesh.layer_thickness_mm.items():
         thickness = getattr(finger, f"{name}_mm")
         assert found.min() > 0.95 * thickness and found.max() < 1.05 * thickness
 
@@ -269,7 +252,7 @@ def test_write_and_read(shipped, tmp_path):
     assert (tmp_path / "a.msh").read_bytes() == (tmp_path / "b.msh").read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.msh", "b.msh"]
     assert read_msh(tmp_path / "a.msh").hash == shipped.hash
-    assert load_finger(Finger(mesh_file=tmp_path / "a.msh")).hash == shipped.hash
+    assert Finger(mesh_file=tmp_path / "a.msh").mesh().hash == shipped.hash
 
 
 def test_names_decide_not_numbers(shipped, tmp_path):
@@ -303,7 +286,7 @@ def test_gmsh_understands_the_file(shipped, tmp_path):
         gmsh.finalize()
     again = read_msh(tmp_path / "b.msh")
     assert len(again.nodes) == len(shipped.nodes)
-    check_mesh(again)
+    again.check()
     for name, tag in (TISSUES | SURFACES).items():
         assert np.sum(again.tissue == tag) == np.sum(shipped.tissue == tag), name
         assert np.sum(again.surface == tag) == np.sum(shipped.surface == tag), name
@@ -316,7 +299,7 @@ def saved_by_gmsh(path, options, more=lambda gmsh: None):
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.open(str(shipped_file(SHIPPED["small"])))
+        gmsh.open(str(SHIPPED["small"].shipped_file()))
         line = gmsh.model.addDiscreteEntity(1, 555)
         gmsh.model.mesh.addElementsByType(line, 1, [9_000_001], [1, 2])
         more(gmsh)
@@ -355,7 +338,7 @@ def test_files_of_gmsh_are_read_whatever_it_was_told_to_save(version, binary, tm
         ways += [({"SaveAll": 1}, another_group), ({"SaveAll": 1, "SaveParametric": 1}, in_parts)]
     elif version == 4:
         ways = [({"SaveAll": 1, "SaveParametric": 1}, another_group)]
-    expected = content(read_msh(shipped_file(SHIPPED["small"])))
+    expected = content(read_msh(SHIPPED["small"].shipped_file()))
     for k, (more, change) in enumerate(ways):
         found = read_msh(saved_by_gmsh(tmp_path / f"{k}.msh", options | more, change))
         for rows, others in zip(content(found), expected, strict=True):
@@ -392,7 +375,7 @@ def test_a_missing_part_is_named(shipped, tmp_path, name):
     with pytest.raises(MeshError, match=rf"lacks the physical group {name}$"):
         read_msh(tmp_path / "a.msh")
     with pytest.raises(MeshError, match=name):
-        check_mesh(part)
+        part.check()
 
 
 def test_linear_elements_and_other_files_are_refused(tmp_path):
@@ -406,28 +389,28 @@ def test_linear_elements_and_other_files_are_refused(tmp_path):
     with pytest.raises(MeshError, match="cannot read"):
         read_msh(tmp_path / "b.msh")
     with pytest.raises(MeshError, match="does not exist"):
-        load_finger(Finger(mesh_file=tmp_path / "c.msh"))
+        Finger(mesh_file=tmp_path / "c.msh").mesh()
 
 
 def test_inverted_tetrahedra_are_refused(shipped):
     nodes = shipped.nodes.copy()
     nodes[:, 0] *= -1
     with pytest.raises(MeshError, match="Jacobian"):
-        check_mesh(dataclasses.replace(shipped, nodes=nodes))
+        dataclasses.replace(shipped, nodes=nodes).check()
 
 
 def test_a_shipped_mesh_is_that_of_its_recipe_only():
     for name, finger in SHIPPED.items():
-        assert shipped_file(finger).name == f"{name}.msh"
-        check_mesh(load_finger(finger))
-        assert shipped_file(finger.model_copy(update={"dermis_mm": 0.81})) is None
+        assert finger.shipped_file().name == f"{name}.msh"
+        finger.mesh().check()
+        assert finger.model_copy(update={"dermis_mm": 0.81}).shipped_file() is None
 
 
 @needs_gmsh
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_shipped_mesh_is_what_gmsh_makes(name):
     finger = SHIPPED[name]
-    mesh, built = load_finger(finger), build_finger(finger)
+    mesh, built = finger.mesh(), build_finger(finger)
     assert len(mesh.cells) == pytest.approx(len(built.cells), rel=0.05)
     for tag in TISSUES.values():
         one, other = (volumes(m.nodes, m.cells[m.tissue == tag]).sum() for m in (mesh, built))
@@ -442,12 +425,11 @@ def test_a_shipped_mesh_is_what_gmsh_makes(name):
 def test_shipped_fingers_need_no_gmsh_and_others_say_so(tmp_path, fault):
     (tmp_path / "gmsh.py").write_text(f"raise {fault!r}\n")
     code = (
-        "from tactile_fem.finger import load_finger\n"
         "from tactile_fem.study import Finger\n"
         "from tactile_fem.errors import MeshError\n"
-        "load_finger(Finger())\n"
-        "load_finger(Finger(pad_size_mm=3.0, far_size_mm=6.0))\n"
-        "try:\n    load_finger(Finger(dermis_mm=0.7))\n"
+        "Finger().mesh()\n"
+        "Finger(pad_size_mm=3.0, far_size_mm=6.0).mesh()\n"
+        "try:\n    Finger(dermis_mm=0.7).mesh()\n"
         "except MeshError as error:\n    print(error)\n"
     )
     path = os.pathsep.join([str(tmp_path), os.getcwd(), *sys.path])
@@ -469,4 +451,4 @@ def test_report(shipped, tmp_path):
     of_a_file = describe(shipped, Finger(mesh_file=tmp_path / "a.msh"))
     assert "study" not in of_a_file
     assert re.search(r"\ndermis( +0\.[78]\d\d){3}\n", of_a_file)
-    assert f"contact point {pad_thickness_mm(shipped):.3f} mm" in of_a_file
+    assert f"contact point {shipped.pad_thickness_mm:.3f} mm" in of_a_file

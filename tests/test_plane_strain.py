@@ -9,8 +9,9 @@ from tactile_fem.runtime import backend  # noqa: F401  # isort: skip
 
 from mpi4py import MPI
 
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, quadratic
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.plane import Plane
+from tactile_fem.finger.simplex import quadratic
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.receptors import Samples
 from tactile_fem.receptors.probe import Probe

@@ -18,7 +18,7 @@ from mpi4py import MPI  # isort: skip
 from blocks import block_mesh, curved
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger import SURFACES, load_finger
+from tactile_fem.finger import SURFACES
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import create_domain
@@ -64,7 +64,7 @@ def block_problem() -> tuple[FingerProblem, FingerMesh]:
 
 
 def test_line_lies_on_the_fingers_interface():
-    finger = load_finger(Finger())
+    finger = Finger().mesh()
     positions = place(Receptors(), finger)
     assert len(positions) == 51
     np.testing.assert_allclose(positions[:, 0], np.linspace(-5, 5, 51), atol=1e-12)
@@ -87,7 +87,7 @@ def _inside(point, triangle) -> bool:
 
 @pytest.mark.parametrize("placement", ["grid", "random"])
 def test_placements_are_reproducible_and_within_their_extent(placement):
-    finger = load_finger(Finger())
+    finger = Finger().mesh()
     wanted = Receptors(placement=placement, half_width_mm=3, half_length_mm=2, spacing_mm=1)
     positions = place(wanted, finger)
     np.testing.assert_array_equal(positions, place(wanted, finger))
@@ -96,7 +96,7 @@ def test_placements_are_reproducible_and_within_their_extent(placement):
 
 
 def test_afferents_have_their_density_on_the_interface_and_keep_apart():
-    finger = load_finger(Finger())
+    finger = Finger().mesh()
     wanted = Receptors(placement="afferents", half_width_mm=5, half_length_mm=4, seed=3)
     positions = place(wanted, finger)
     np.testing.assert_array_equal(positions, place(wanted, finger))
@@ -123,7 +123,7 @@ def test_two_ranks_place_the_same_afferents(tmp_path):
     subprocess.run([*command, "--results", str(tmp_path / "two")], check=True)
     results = Results.open(tmp_path / "two")
     study = results.study
-    positions = place(study.receptors, load_finger(study.finger))
+    positions = place(study.receptors, study.finger.mesh())
     np.testing.assert_allclose(results.trace["receptors_mm"], positions, atol=1e-12)
     sed = results.trace["sed_kPa"]
     assert sed.shape == (len(results.trace["time_s"]), len(positions)) and sed[-1].max() > 0
@@ -131,7 +131,7 @@ def test_two_ranks_place_the_same_afferents(tmp_path):
 
 def test_a_receptor_outside_the_finger_is_named():
     with pytest.raises(StudyError, match=r"X 30, Y 0 mm lies outside"):
-        place(Receptors(extra_mm=((30.0, 0.0),)), load_finger(Finger()))
+        place(Receptors(extra_mm=((30.0, 0.0),)), Finger().mesh())
 
 
 def test_samples_lie_in_the_wanted_tissue_within_the_ball():

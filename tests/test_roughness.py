@@ -5,8 +5,6 @@ import logging
 import numpy as np
 import pytest
 
-from tactile_fem.finger.load import load_finger
-from tactile_fem.finger.report import facet_size_mm
 from tactile_fem.simulation.checks import tell_resolution
 from tactile_fem.stimulus.roughness import Roughness
 from tactile_fem.stimulus.spline import GridSpline
@@ -42,8 +40,8 @@ def test_the_splines_values_are_those_it_went_through():
 def test_a_scan_says_what_the_mesh_can_follow(tmp_path, caplog):
     file = tmp_path / "waves.npy"
     np.save(file, two_waves())
-    finger = load_finger(Finger())
-    edge = facet_size_mm(finger)
+    finger = Finger().mesh()
+    edge = finger.facet_size_mm
     assert 0.85 < edge < 1.1  # the preset asks for 1 mm
     surface = Surface(file=file, spacing_mm=0.05, unit_mm=1.0, low_pass_mm=0.0)
     with caplog.at_level(logging.INFO):

@@ -14,11 +14,10 @@ from tactile_fem.cli import app as cli
 from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger import SURFACES, TISSUES, build_finger
 from tactile_fem.finger.anatomy import Anatomy
-from tactile_fem.finger.mesh_data import facets_of
-from tactile_fem.finger.report import layer_thickness, volumes
-from tactile_fem.finger.scanned import Scans
+from tactile_fem.finger.scans import Scans
 from tactile_fem.finger.shape import bone_shape, skin_shape
-from tactile_fem.finger.skin import triangulate
+from tactile_fem.finger.simplex import facets_of, volumes
+from tactile_fem.finger.solid import triangulate
 from tactile_fem.study import Finger
 from tactile_fem.study.file import load_study
 
@@ -38,9 +37,9 @@ def surface(name: str, finger: Finger) -> tuple[np.ndarray, np.ndarray]:
     """Return points and triangles of the analytic skin or bone, with noise, in its own axes."""
     skin = skin_shape(finger)
     shape = skin if name == "skin" else bone_shape(finger, skin)
-    points, normals, triangles, _ = triangulate(shape, lambda x, y, z: 0.8)
-    noise = np.random.default_rng(0).normal(size=(len(points), 1))
-    return points + NOISE_MM * noise * normals, triangles
+    found, normals, _ = triangulate(shape, lambda x, y, z: 0.8)
+    noise = np.random.default_rng(0).normal(size=(len(found.points), 1))
+    return found.points + NOISE_MM * noise * normals, found.triangles
 
 
 def write(file: Path, points: np.ndarray, triangles: np.ndarray) -> Path:
@@ -109,7 +108,7 @@ def test_layers_grow_inwards_and_all_parts_are_there(scans):
     finger = Finger(**scans, **COARSE)
     mesh, analytic = build_finger(finger), build_finger(Finger(**COARSE))
     assert not mesh.missing and np.any(mesh.tissue == TISSUES["nail"])
-    for name, found in layer_thickness(mesh).items():
+    for name, found in mesh.layer_thickness_mm.items():
         assert found.mean() == pytest.approx(getattr(finger, f"{name}_mm"), rel=0.05), name
     for tissue in ("stratum_corneum", "epidermis", "dermis"):
         whole, true = (
@@ -177,7 +176,7 @@ def test_the_unit_makes_a_child_and_a_large_man(scale, scans):
     mesh = build_finger(finger)
     width = np.ptp(mesh.nodes[:, 0])
     assert width == pytest.approx(2 * scale * ANALYTIC.half_width_mm, rel=0.03)
-    assert layer_thickness(mesh)["dermis"].mean() == pytest.approx(ANALYTIC.dermis_mm, rel=0.08)
+    assert mesh.layer_thickness_mm["dermis"].mean() == pytest.approx(ANALYTIC.dermis_mm, rel=0.08)
 
 
 def without(points, triangles, place) -> np.ndarray:

@@ -8,10 +8,11 @@ from needs import needs_gmsh
 from synthetic import make_results
 
 from tactile_fem.errors import MeshError, StudyError
-from tactile_fem.finger import SURFACES, TISSUES, load_finger, read_msh, write_msh
+from tactile_fem.finger import SURFACES, TISSUES, describe, read_msh, write_msh
+from tactile_fem.finger.mesh_data import edges_per_ridge
 from tactile_fem.finger.plane import Plane
-from tactile_fem.finger.report import describe, edges_per_ridge, volumes
 from tactile_fem.finger.ridges import Ridges
+from tactile_fem.finger.simplex import volumes
 from tactile_fem.receptors import place
 from tactile_fem.series import numbers_of
 from tactile_fem.simulation.checks import check_study
@@ -25,17 +26,17 @@ SMOOTH = Finger(kind="section")
 
 @pytest.fixture(scope="module")
 def sagittal():
-    return load_finger(SMOOTH)
+    return SMOOTH.mesh()
 
 
 @pytest.fixture(scope="module")
 def ridged():
-    return load_finger(RIDGED)
+    return RIDGED.mesh()
 
 
 @needs_gmsh
 def test_a_section_across_has_the_areas_of_its_ellipses():
-    mesh = load_finger(Finger(kind="section", plane="transverse", pad_size_mm=0.1, far_size_mm=0.2))
+    mesh = Finger(kind="section", plane="transverse", pad_size_mm=0.1, far_size_mm=0.2).mesh()
     area = volumes(mesh.plane.within(mesh.nodes), mesh.cells)
     assert area.min() > 0 and mesh.plane == Plane((0, 2), 0.0)
     ellipses = (
@@ -49,7 +50,7 @@ def test_a_section_across_has_the_areas_of_its_ellipses():
 @needs_gmsh
 def test_a_section_across_from_a_file_is_checked_in_its_own_plane(tmp_path):
     own = Finger(kind="section", plane="transverse", pad_size_mm=0.6, far_size_mm=3.0)
-    write_msh(tmp_path / "across.msh", load_finger(own))
+    write_msh(tmp_path / "across.msh", own.mesh())
     protocol = Protocol(path=({"kind": "press", "force_N": 0.02},))
     across = Finger(kind="section", mesh_file=tmp_path / "across.msh")
     study = Study(finger=across, stimulus=Plate())
@@ -62,10 +63,10 @@ def test_a_section_across_from_a_file_is_checked_in_its_own_plane(tmp_path):
 def test_a_section_is_written_and_read(sagittal, tmp_path):
     write_msh(tmp_path / "section.msh", sagittal)
     assert read_msh(tmp_path / "section.msh").hash == sagittal.hash
-    found = load_finger(Finger(kind="section", mesh_file=tmp_path / "section.msh"))
+    found = Finger(kind="section", mesh_file=tmp_path / "section.msh").mesh()
     assert found.hash == sagittal.hash
     with pytest.raises(MeshError, match=r'finger\.kind is "solid" but must be "section"'):
-        load_finger(Finger(mesh_file=tmp_path / "section.msh"))
+        Finger(mesh_file=tmp_path / "section.msh").mesh()
 
 
 @needs_gmsh
@@ -108,8 +109,8 @@ def test_a_series_names_forces_per_width(tmp_path):
 
 
 def test_a_papilla_is_as_wide_as_it_should_at_half_its_height():
-    ridges = Ridges.of(Finger(kind="section", papilla_depth_mm=0.2, papilla_width_mm=0.1))
-    middle, half = ridges.pitch / 4, 0.05
+    ridges = Ridges(Finger(kind="section", papilla_depth_mm=0.2, papilla_width_mm=0.1))
+    middle, half = ridges.finger.ridge_pitch_mm / 4, 0.05
     s = np.array([0.0, middle, middle - half, middle + half])
     np.testing.assert_allclose(ridges.interface(s), [0.1, -0.1, 0.0, 0.0], atol=1e-12)
 

@@ -4,8 +4,7 @@ import numpy as np
 from blocks import block_mesh
 from needs import needs_gmsh
 
-from tactile_fem.finger import load_finger
-from tactile_fem.finger.strain import deformation_gradients, principal_strains, under_contact
+from tactile_fem.finger.deformation import deformation_gradients, principal_strains, under_contact
 from tactile_fem.study import Finger
 
 
@@ -26,7 +25,7 @@ def test_a_quadratic_displacement_is_exact_at_the_centres():
 
 @needs_gmsh
 def test_in_a_section_it_is_that_of_the_plane():
-    finger = load_finger(Finger(kind="section", pad_size_mm=0.6, far_size_mm=3.0))
+    finger = Finger(kind="section", pad_size_mm=0.6, far_size_mm=3.0).mesh()
     _, z = finger.plane.within(finger.nodes).T
     moved = np.column_stack([0.2 * z, -0.1 * z])  # shear, and a tenth less high
     F = deformation_gradients(finger, moved, "epidermis")

@@ -12,7 +12,7 @@ from synthetic import make_fields, make_results
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
-from tactile_fem.finger import load_finger, read_msh
+from tactile_fem.finger import read_msh
 from tactile_fem.output import pictures
 from tactile_fem.output.deck import write_deck
 from tactile_fem.output.section import layers_figure
@@ -84,7 +84,7 @@ def test_a_stimulator_beside_the_finger_is_warned_of(small_finger, caplog):
 @needs_gmsh
 @pytest.mark.filterwarnings("error")
 def test_a_section_is_drawn_without_a_body_far_away(tmp_path):
-    mesh = load_finger(Finger(kind="section", pad_size_mm=3.0, far_size_mm=6.0))
+    mesh = Finger(kind="section", pad_size_mm=3.0, far_size_mm=6.0).mesh()
     figures = [
         layers_figure(mesh, Sphere(shift_mm=shift).body(), (0.0, 0.0, 0.0))
         for shift in ((0.0, 0.0), (60.0, 0.0))

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem import Study, load_finger, run_script
+from tactile_fem import Study, run_script
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
@@ -80,7 +80,7 @@ def main(
         Edges of the mesh in mm; default the coarse finger's.
     """
     set_up(level=logging.ERROR)
-    finger = load_finger(Finger(pad_size_mm=pad_size, far_size_mm=far_size))
+    finger = Finger(pad_size_mm=pad_size, far_size_mm=far_size).mesh()
     names = variants or list(VARIANTS)
     problems, ready_s = {}, {}
     for name in names:

@@ -23,7 +23,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from tactile_fem import ConvergenceError, Results, Study, StudyError, load_finger, run_script, scan
+from tactile_fem import ConvergenceError, Results, Study, StudyError, run_script, scan
 from tactile_fem.mechanics.domain import Domain, create_domain
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
@@ -138,7 +138,7 @@ def main(
     outcomes = []
     states = save_states(study, folder, chosen)
     comm = MPI.COMM_WORLD
-    finger = on_root(comm, lambda: load_finger(study.finger), share=False)
+    finger = on_root(comm, lambda: study.finger.mesh(), share=False)
     domain = create_domain(finger, comm, study.solver.held)
     for strategy in STRATEGIES:
         if strategies and strategy.name not in strategies:

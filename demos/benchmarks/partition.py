@@ -11,7 +11,7 @@
 # %%
 import numpy as np
 
-from tactile_fem import load_finger, run_script
+from tactile_fem import run_script
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.runtime.ranks import on_root
@@ -25,7 +25,7 @@ from dolfinx import fem  # isort: skip
 def main(*, preset: str = "coarse") -> None:
     """Distribute the finger and print minimum, mean and maximum over the ranks."""
     comm = MPI.COMM_WORLD
-    finger = on_root(comm, lambda: load_finger(Finger(preset=preset)), share=False)
+    finger = on_root(comm, lambda: Finger(preset=preset).mesh(), share=False)
     domain = create_domain(finger, comm, Solver().held)
     space = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
     nodes = space.dofmap.index_map

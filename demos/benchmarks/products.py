@@ -16,7 +16,7 @@ from collections.abc import Callable
 import numpy as np
 import ufl
 
-from tactile_fem import load_finger, run_script
+from tactile_fem import run_script
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.problem import Problem
@@ -40,7 +40,7 @@ FLAGS = Solver().compiler_flags
 # %%
 def tangent(preset: str, comm: MPI.Comm) -> fem.Form:
     """Return the tissues' tangent."""
-    finger = on_root(comm, lambda: load_finger(Finger(preset=preset)), share=False)
+    finger = on_root(comm, lambda: Finger(preset=preset).mesh(), share=False)
     solver = Solver()
     domain = create_domain(finger, comm, solver.held)
     problem = Problem(domain, Tissue(), Plate().body(), 0.3, solver)

@@ -19,7 +19,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from tactile_fem import Study, load_finger, run_script
+from tactile_fem import Study, run_script
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.simulation.stepper import Step, Stepper
 from tactile_fem.solvers.finger_problem import FingerProblem
@@ -51,7 +51,7 @@ def main(
 ) -> None:
     """Press a G and slide a little with each value."""
     found = {count: Runs() for count in iterations}
-    finger = load_finger(Finger(preset=preset))
+    finger = Finger(preset=preset).mesh()
     for _ in range(turns):
         for count, runs in found.items():
             study = Study(

@@ -39,7 +39,6 @@ from tactile_fem import (
     Simulation,
     Study,
     draw,
-    load_finger,
     run_script,
     scan,
 )
@@ -90,7 +89,7 @@ def main(folder: Path, *, depth: float = 1.2, radius: float = 1.5, speed: float 
         terms=(Gravity,),
         populations=(Population(feels=SHEAR, transduction=Changes(gain=500.0)),),
     )
-    observers = centre_of_pressure, SkinHeight(load_finger(study.finger), [(0.0, 0.0)])
+    observers = centre_of_pressure, SkinHeight(study.finger.mesh(), [(0.0, 0.0)])
     result = scan(study, folder, observers=observers, parts=parts)
     weightless, difference_mm = pressed(study, replace(parts, terms=(partial(Gravity, g_mm_s2=0),)))
     if MPI.COMM_WORLD.rank == 0:

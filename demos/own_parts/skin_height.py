@@ -1,6 +1,6 @@
 """An observer: the height of the skin at chosen points."""
 
-from tactile_fem.finger.surface import SkinSurface
+from tactile_fem.finger.deformation import SkinSurface
 
 
 class SkinHeight:

@@ -27,9 +27,9 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from tactile_fem import Study, completed, load_finger, run_script
+from tactile_fem import Study, completed, run_script
 from tactile_fem.finger import SURFACES, TISSUES, FingerMesh
-from tactile_fem.finger.strain import (
+from tactile_fem.finger.deformation import (
     centres,
     deformation_gradients,
     principal_strains,
@@ -86,7 +86,7 @@ def main(
     rows, sides, drawn = [], [], {}
     for name, skin in SKINS.items():
         finger = Finger(kind="section", pad_size_mm=pad_size, **skin)
-        mesh = load_finger(finger)
+        mesh = finger.mesh()
         short = name.replace(", ", "_").replace(" ", "_")
         for force in forces:
             u = pressed(folder / f"{short}_plate_{force:g}", finger, {"kind": "plate"}, force)

@@ -23,10 +23,10 @@ import trimesh
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from tactile_fem import Results, Study, completed, load_finger, run_script
-from tactile_fem.finger.report import gammas, layer_thickness
+from tactile_fem import Results, Study, completed, run_script
 from tactile_fem.finger.shape import bone_shape, skin_shape
-from tactile_fem.finger.skin import triangulate
+from tactile_fem.finger.simplex import gammas
+from tactile_fem.finger.solid import triangulate
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.output.plots import INK
 from tactile_fem.runtime.files import write_figure, write_table
@@ -70,10 +70,10 @@ def write_scans(folder: Path) -> None:
     skin = skin_shape(finger)
     noise = np.random.default_rng(0)
     for name, shape, size in (("skin", skin, 0.45), ("bone", bone_shape(finger, skin), 0.6)):
-        points, normals, triangles, _ = triangulate(shape, lambda x, y, z, size=size: size)
-        points = points + NOISE_MM * noise.normal(size=(len(points), 1)) * normals
+        surface, normals, _ = triangulate(shape, lambda x, y, z, size=size: size)
+        points = surface.points + NOISE_MM * noise.normal(size=(len(normals), 1)) * normals
         placed = TURNED.apply(points) + SHIFTED_MM
-        trimesh.Trimesh(placed, triangles, process=False).export(folder / f"{name}.stl")
+        trimesh.Trimesh(placed, surface.triangles, process=False).export(folder / f"{name}.stl")
 
 
 def fingers_of(folder: Path, preset: str) -> dict[str, Finger]:
@@ -154,8 +154,8 @@ def main(
 
 def row_of(name: str, finger: Finger, results: Results) -> Row:
     """Return a finger's numbers: of its mesh, and at the end of the slide."""
-    mesh, trace = load_finger(finger), results.trace
-    layers = {layer: float(found.mean()) for layer, found in layer_thickness(mesh).items()}
+    mesh, trace = finger.mesh(), results.trace
+    layers = {layer: float(found.mean()) for layer, found in mesh.layer_thickness_mm.items()}
     force, sed = trace["force_N"], trace["sed_kPa"]
     return Row(
         finger=name,

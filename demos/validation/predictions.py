@@ -34,11 +34,11 @@ from onset import MEASURED, up_to
 from slip import Drag, full_slip, tangential_stiffness
 from slip import drag as drag_plate
 
-from tactile_fem import Results, Study, load_finger, run_script, scan
+from tactile_fem import Results, Study, run_script, scan
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.press import press
 from tactile_fem.finger import FingerMesh
-from tactile_fem.finger.strain import principal_strains, under_contact
+from tactile_fem.finger.deformation import principal_strains, under_contact
 from tactile_fem.runtime.estimates import r_squared
 from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Text, Tissue
@@ -197,7 +197,7 @@ def letters(depth: float, finger: Finger, tissue: Tissue | None = None) -> list[
 # %%
 def plate(finger: Finger, folder: Path, forces: tuple[float, float]) -> list[Row]:
     """Press a plate: areas, volume, strains of the layers."""
-    mesh = load_finger(finger)
+    mesh = finger.mesh()
     strains, trace = {}, None
     for force in forces:
         study = Study(

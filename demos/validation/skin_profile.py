@@ -33,10 +33,10 @@ from flat_plate import BLUE, ORANGE
 from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
 
-from tactile_fem import Results, Study, load_finger, run_script, scan
+from tactile_fem import Results, Study, run_script, scan
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.finger import FingerMesh
-from tactile_fem.finger.surface import SkinSurface
+from tactile_fem.finger.deformation import SkinSurface
 from tactile_fem.runtime.estimates import r_squared
 from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Edge, Finger, Output, Protocol, Receptors
@@ -82,7 +82,7 @@ def main(
     force = scan(study, folder / "press", overwrite=True).trace.force_N[-1, 2]
     if MPI.COMM_WORLD.rank:
         return
-    finger = load_finger(study.finger)
+    finger = study.finger.mesh()
     profile = midline(finger, Results.open(folder / "press").load_checkpoint()["u"])
     write_table(folder / f"{stimulus}.csv", [Point(*row) for row in profile.T.tolist()])
     print(f"normal force {force:.4f} N, deepest point of the skin {profile[1].max():.4f} mm")

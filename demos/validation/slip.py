@@ -30,7 +30,7 @@ from typing import Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactile_fem import Simulation, Study, load_finger, run_script
+from tactile_fem import Simulation, Study, run_script
 from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.runtime.estimates import r_squared
@@ -108,7 +108,7 @@ def drag(finger: Finger, force: float, friction: float, distance: float) -> Iter
         receptors=Receptors(spacing_mm=5.0),
         solver=Solver(max_press_step_mm=0.25),
     )
-    mesh = load_finger(finger)
+    mesh = finger.mesh()
     with closing(Simulation(study)) as simulation:
         rest = before = None
         for step in simulation.steps():

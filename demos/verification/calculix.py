@@ -44,7 +44,7 @@ from pad import half_ellipsoid
 from run_deck import is_installed, run_deck
 from two_codes import Cost, Way, compare, print_cost
 
-from tactile_fem import Study, load_finger, run_script
+from tactile_fem import Study, run_script
 from tactile_fem.finger import FingerMesh
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.output.deck import DeckSize, Penalty, write_deck
@@ -153,7 +153,7 @@ def main(
             preset=preset, pad_size_mm=pad_size, far_size_mm=far_size, epidermis_rows=rows
         )
         elastic = Tissue.model_validate({"viscous_time_s": 0.0})
-        study, mesh = study_of(the_case, finger, elastic), load_finger(finger)
+        study, mesh = study_of(the_case, finger, elastic), finger.mesh()
     receptors = place(study.receptors, mesh)
     samples = sample(study.receptors, receptors, mesh)
     deck, size = folder / "calculix" / "deck.inp", None

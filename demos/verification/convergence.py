@@ -32,7 +32,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from tactile_fem import Results, Study, completed, load_finger, run_script
+from tactile_fem import Results, Study, completed, run_script
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.receptors import place, sample
@@ -202,7 +202,7 @@ def print_order(scans: dict[str, Results], meshes: list[str], errors: list[float
 def spread_of(name: str, results: Results) -> Spread:
     """Return how the SED varies around the receptors."""
     study = results.study
-    finger = on_root(COMM, lambda: load_finger(study.finger))
+    finger = on_root(COMM, lambda: study.finger.mesh())
     times, files = read_series(results.fields)
     trace = results.trace
     felt = [np.interp(time, trace["time_s"], trace["sed_kPa"].sum(axis=1)) for time in times]

@@ -45,8 +45,9 @@ from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
 from tactile_fem import ConvergenceError, run_script
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, facets_of, quadratic
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.session import gmsh_model, simplices
+from tactile_fem.finger.simplex import facets_of, quadratic
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.mechanics.problem import Constraints
 from tactile_fem.runtime.files import write_table

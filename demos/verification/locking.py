@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem import Study, load_finger, run_script
+from tactile_fem import Study, run_script
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.calibration.press import press
@@ -84,7 +84,7 @@ def pressed(name: str, study: Study, depth: float) -> Row:
     fat = study.tissue.subcutaneous
     return Row(
         name,
-        len(load_finger(study.finger).cells),
+        len(study.finger.mesh().cells),
         round(bulk_over_shear(fat), 1),
         study.solver.locking_ratio,
         float(press(study, plate).values[0]),

@@ -17,8 +17,8 @@ import numpy as np
 
 from tactile_fem import run_script
 from tactile_fem.finger import SURFACES, TISSUES, FingerMesh
-from tactile_fem.finger.mesh_data import facets_of, quadratic
 from tactile_fem.finger.session import gmsh_model, simplices
+from tactile_fem.finger.simplex import facets_of, quadratic
 
 AXES_MM = np.array([8.0, 10.0, 6.5])
 SKIN_MM = 1.0

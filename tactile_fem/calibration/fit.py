@@ -35,14 +35,14 @@ from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import each_once, shown
 from tactile_fem.runtime.ranks import on_root
-from tactile_fem.simulation.checks import check_solid, check_study
+from tactile_fem.simulation.checks import check_study
 from tactile_fem.study import Study
 
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-3
 # What describes the finger, which is often that of the press before.
-_OF_FINGER = ("finger.load", "finger.build", "mechanics.domain", "simulation.simulation")
+_OF_FINGER = ("finger.settings", "finger.build", "mechanics.domain", "simulation.simulation")
 _CONFIDENCE_SD = float(ndtri(0.975))  # 95 %
 
 
@@ -223,7 +223,7 @@ def _check(
     jobs: int,
     comm: MPI.Comm,
 ) -> None:
-    check_solid(study.finger, "a fit: measured forces are those of a whole finger")
+    study.finger.require_solid("a fit: measured forces are those of a whole finger")
     if not parameters:
         raise StudyError("A fit needs one or more parameters.")
     names = [key for parameter in parameters for key in parameter.powers]

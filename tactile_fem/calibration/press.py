@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.sensitivity import Change, Sensitivities
 from tactile_fem.errors import StoppedError, TactileError
-from tactile_fem.finger.surface import SkinSurface
+from tactile_fem.finger.deformation import SkinSurface
 from tactile_fem.mechanics.faults import stopping
 from tactile_fem.path import Motion, Path, straight
 from tactile_fem.runtime.ranks import on_root

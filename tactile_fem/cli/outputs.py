@@ -47,13 +47,13 @@ def mesh(
     output
         Write the mesh to this .msh file.
     """
-    from tactile_fem import load_finger, load_study
+    from tactile_fem import load_study
     from tactile_fem.finger import describe, write_msh
 
     finger = load_study(study, changes).finger
     if output is not None and output.suffix != ".msh":
         raise StudyError(f'--output is "{output}" but must end in .msh.')
-    the_mesh = load_finger(finger)
+    the_mesh = finger.mesh()
     print(describe(the_mesh, finger))
     if output is not None:
         with written(output):
@@ -91,18 +91,18 @@ def export(
     overwrite
         Replace the file.
     """
-    from tactile_fem import load_finger, load_study
+    from tactile_fem import load_study
     from tactile_fem.output.deck import write_deck
-    from tactile_fem.simulation.checks import check_solid, check_study, check_with_mesh
+    from tactile_fem.simulation.checks import check_study, check_with_mesh
 
     the_study = load_study(study, changes)
     if deck.suffix != ".inp":
         raise StudyError(f'--deck is "{deck}" but must end in .inp.')
     if deck.exists() and not overwrite:
         raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
-    check_solid(the_study.finger, "an input deck")
+    the_study.finger.require_solid("an input deck")
     check_study(the_study)
-    finger = load_finger(the_study.finger)
+    finger = the_study.finger.mesh()
     check_with_mesh(the_study, the_study.stimulus.body(), finger)
     with written(deck):
         size = write_deck(

@@ -30,8 +30,8 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
     output
         Write this .png file.
     """
-    from tactile_fem import load_finger, load_study
-    from tactile_fem.finger.scanned import Scans
+    from tactile_fem import load_study
+    from tactile_fem.finger.scans import Scans
     from tactile_fem.output.section import layers_figure
     from tactile_fem.runtime.files import write_figure
     from tactile_fem.simulation.checks import check_with_mesh, tell_missed
@@ -44,7 +44,7 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
         from tactile_fem.output.preview import preview_figure, scans_figure
     body = the_study.stimulus.body()
     try:
-        finger = load_finger(the_study.finger)
+        finger = the_study.finger.mesh()
     except PlaceError as error:
         if the_study.finger.is_scanned:
             write_figure(output, scans_figure(Scans.of(the_study.finger), error.place_mm))

@@ -1,35 +1,74 @@
-"""The surfaces that a finger is meshed from: analytic ones, or scanned ones in their place."""
+"""What a finger is meshed from: its surfaces, analytic or scanned, its layers and edge lengths."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.bone import ScannedBone
-from tactile_fem.finger.mesh_data import lowest_facet
-from tactile_fem.finger.scanned import ScannedSkin, Scans, nail_box
+from tactile_fem.finger.layers import Layering, layering
+from tactile_fem.finger.plane import Array
+from tactile_fem.finger.ridges import Ridges
+from tactile_fem.finger.scanned import ScannedSkin
+from tactile_fem.finger.scans import Scans
 from tactile_fem.finger.settings import Finger
-from tactile_fem.finger.shape import Array, Capsule, bone_shape, check_depth_of_bone, skin_shape
-from tactile_fem.finger.skin import NailOutline, nail_outline
+from tactile_fem.finger.shape import Capsule, bone_shape, check_depth_of_bone, skin_shape
+from tactile_fem.finger.simplex import lowest_height
+from tactile_fem.finger.sizes import Sizes
+from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.runtime.triangles import Triangles
 
-# Of the points at which a scanned bone's distance from the skin is measured.
-_BONE_STEP_MM = 0.4
+_NAIL_FROM_TIP_MM, _NAIL_FROM_CUT_MM = 1.0, 2.0
+_NAIL_SHARE = 0.97  # of the finger's width
+
+
+@dataclass(frozen=True)
+class NailOutline:
+    """Rounded rectangle in the XY plane (mm); the nail is its projection onto the dorsal side."""
+
+    half_width: float
+    start_y: float
+    end_y: float
+
+    @property
+    def corner(self) -> float:
+        """Radius of the corners."""
+        return 0.9 * min(self.half_width, 0.5 * (self.end_y - self.start_y))
+
+    @property
+    def centres(self) -> tuple[float, float, float, float]:
+        """Least X and Y, largest X and Y of the corners' centres."""
+        x, r = self.half_width - self.corner, self.corner
+        return -x, self.start_y + r, x, self.end_y - r
+
+    @property
+    def polygon(self) -> shapely.Polygon:
+        """The outline."""
+        return shapely.box(*self.centres).buffer(self.corner, quad_segs=16)
+
+    def ends(self, axis: int) -> tuple[float, float]:
+        """Return its ends along X (0) or Y (1)."""
+        return (self.start_y, self.end_y) if axis else (-self.half_width, self.half_width)
 
 
 @dataclass(frozen=True)
 class Anatomy:
-    """Skin, bone and nail in the finger's axes."""
+    """Edge lengths and layers of a finger; its skin, bone and nail in the finger's axes."""
 
+    sizes: Sizes
+    rows: Layering
+    ridges: Ridges
     skin: Capsule | ScannedSkin
     bone: Capsule | ScannedBone
     nail: NailOutline
 
-    @classmethod
-    def of(cls, finger: Finger) -> Anatomy:
-        """Make the surfaces that a study states.
+    @staticmethod
+    @cached_by_content(maxsize=1)
+    def of(finger: Finger) -> Anatomy:
+        """Make what a study states; the last one is kept, since scans of a series often share it.
 
         Raises
         ------
@@ -38,38 +77,61 @@ class Anatomy:
         StudyError
             A file cannot be read.
         """
-        if not finger.is_scanned:
-            skin = skin_shape(finger)
-            return cls(skin, bone_shape(finger, skin), nail_outline(finger, skin))
-        scans = Scans.of(finger)
-        if scans.skin is None:
-            skin, by = skin_shape(finger), _place_of_bone(scans.bone, finger)
+        ridges, sizes = Ridges(finger), Sizes.of(finger)
+        rows = layering(finger, sizes.epidermis_rows)
+        scans = Scans.of(finger) if finger.is_scanned else None
+        if scans is None:
+            skin, by = skin_shape(finger), np.zeros(3)
+        elif scans.skin is None:
+            skin, by = skin_shape(finger), _shift_of_bone(scans.bone, finger)
         else:
             skin, by = ScannedSkin.of(scans.skin, finger, scans.frame).on_the_plane()
-        nail = nail_outline(finger, skin.capsule, scans.nail and nail_box(_moved(scans.nail, by)))
-        if scans.bone is None:
-            return cls(skin, bone_shape(finger, skin), nail)
-        bone = ScannedBone.of(_moved(scans.bone, by), finger, skin.capsule.cut_y)
-        check_depth_of_bone(skin, bone.sample(_BONE_STEP_MM), finger)
-        return cls(skin, bone, nail)
+        if scans is None or scans.bone is None:
+            bone = bone_shape(finger, skin)
+        else:
+            bone = ScannedBone.of(scans.bone.moved(by), finger, skin.capsule.cut_y)
+        check_depth_of_bone(skin, bone, finger)
+        scanned_nail = None if scans is None or scans.nail is None else scans.nail.moved(by)
+        nail = _nail(finger, skin.capsule, scanned_nail)
+        return Anatomy(sizes, rows, ridges, skin, bone, nail)
 
 
-def _moved(surface: Triangles, by: Array) -> Triangles:
-    return Triangles(surface.points + by, surface.triangles)
-
-
-def _place_of_bone(bone: Triangles, finger: Finger) -> Array:
+def _shift_of_bone(bone: Triangles, finger: Finger) -> Array:
     """Return how far a bone with its distal end at the origin moves into the analytic finger."""
     low, high = bone.points.min(axis=0), bone.points.max(axis=0)
     end = finger.contact_from_tip_mm - finger.bone_tip_gap_mm
     by = np.array([-(low[0] + high[0]) / 2, end - high[1], 0.0])
-    facets = (bone.points + by)[bone.triangles]
-    found = lowest_facet(0.0, 0.0, facets)
-    if found is None:
+    height = lowest_height(0.0, 0.0, bone.moved(by).corners)
+    if height is None:
         raise MeshError(
             "finger.bone_file: the bone does not lie over the contact point; lower "
             f"finger.bone_tip_gap_mm = {finger.bone_tip_gap_mm:g}"
         )
-    facet, weights = found
-    by[2] = finger.pad_thickness_mm - weights @ facets[facet, :, 2]
+    by[2] = finger.pad_thickness_mm - height
     return by
+
+
+def _nail(finger: Finger, skin: Capsule, scanned: Triangles | None) -> NailOutline:
+    """Return the outline of a scanned nail, or else of the study's.
+
+    Raises
+    ------
+    MeshError
+        The nail is wider or longer than the back of the finger.
+    """
+    if scanned is None:
+        end = skin.tip_y - _NAIL_FROM_TIP_MM
+        outline = NailOutline(0.5 * finger.nail_width_mm, end - finger.nail_length_mm, end)
+    else:
+        low, high = scanned.points.min(axis=0).tolist(), scanned.points.max(axis=0).tolist()
+        outline = NailOutline(max(-low[0], high[0]), low[1], high[1])
+    width, length = 2 * outline.half_width, outline.end_y - outline.start_y
+    size = f"the nail ({width:.3g} mm wide, {length:.3g} mm long)"
+    x, y = np.array(outline.polygon.exterior.coords).T
+    t = np.clip((y - skin.shoulder_y) / skin.tip_length, 0.0, 1.0)
+    room = skin.half_width * np.sqrt(1.0 - t**2)
+    if np.any(np.abs(x) > _NAIL_SHARE * room):
+        raise MeshError(f"{size} does not fit on the back of the finger")
+    if outline.start_y < skin.cut_y + _NAIL_FROM_CUT_MM:
+        raise MeshError(f"{size} comes too near to the proximal cut")
+    return outline

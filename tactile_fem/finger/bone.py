@@ -5,36 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError, PlaceError
+from tactile_fem.finger.plane import Array
 from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.finger.settings import Finger
-from tactile_fem.finger.shape import Array
+from tactile_fem.finger.simplex import Indices
 from tactile_fem.finger.smooth import SmoothSurface
 from tactile_fem.runtime.triangles import Triangles
 
-# A bone that ends here stays clear of the cut, so that it can be closed.
-_FROM_CUT_MM = 1.5
-# So much of it must lie in the finger.
-_LEAST_LENGTH_MM = 2.0
-# A scanned bone's largest triangles, over its least extent; tries with smaller ones.
-_BONE_SIZE, _FINER = 0.25, 4
-# Its triangles are evened out so often, and may be turned so far from the surface.
-_EVENINGS, _LEAST_COSINE = 5, 0.2
+_FROM_CUT_MM = 1.5  # a bone that ends here is clear of the cut, so that it can be closed
+_LEAST_LENGTH_MM = 2.0  # in the finger
+# The largest triangles over the bone's least extent; each further attempt makes them smaller.
+_SIZE_SHARE, _ATTEMPTS, _REFINEMENT = 0.25, 4, 1.4
+_SMOOTHINGS = 5  # of the triangulation
+_LEAST_COSINE = 0.2  # of the angle between a triangle and the surface
 
 
 @dataclass(frozen=True)
 class ScannedBone:
-    """A bone that ends before the cut.
-
-    Attributes
-    ----------
-    surface
-        Its smoothed surface.
-    low, high
-        Corners (3,) of its box.
-    """
+    """A smoothed bone that ends before the cut, and the corners (3,) of its box."""
 
     surface: SmoothSurface
     low: Array
@@ -60,8 +50,8 @@ class ScannedBone:
         surface = SmoothSurface.of(bone, finger.smooth_mm, "finger.bone_file", end, closed=True)
         return cls(surface, low, high)
 
-    def sample(self, step_mm: float) -> Array:
-        """Return points (n, 3) of the surface about `step_mm` apart."""
+    def sample(self, step_mm: float) -> tuple[Array, Array]:
+        """Return points (n, 3) of the surface about `step_mm` apart and their normals."""
         half = (self.high - self.low) / 2
         polar = np.linspace(-np.pi / 2, np.pi / 2, int(np.ceil(np.pi * half.max() / step_mm)))
         turn = np.arange(0.0, 2 * np.pi, step_mm / max(half[0], half[2]))
@@ -69,47 +59,37 @@ class ScannedBone:
         unit = np.column_stack(
             [np.cos(polar) * np.cos(turn), np.sin(polar), np.cos(polar) * np.sin(turn)]
         )
-        return self.surface.project((self.low + self.high) / 2 + half * unit)
+        points = self.surface.project((self.low + self.high) / 2 + half * unit)
+        return points, self.surface.normals(points)
 
 
-def triangulate_bone(bone: ScannedBone, size_mm: float) -> tuple[Array, NDArray[np.int64]]:
+def triangulate_bone(bone: ScannedBone, size_mm: float) -> Triangles:
     """Triangulate a closed bone: an ellipsoid as large as it, moved onto its surface.
 
-    Parameters
-    ----------
-    bone
-        Its surface.
-    size_mm
-        Largest edge; a slender or ragged bone gets smaller ones.
-
-    Returns
-    -------
-    points, triangles
-        (n, 3) in mm, (m, 3) corners oriented outwards.
+    `size_mm` is the largest edge; a slender or ragged bone gets smaller ones.
 
     Raises
     ------
     MeshError
         Triangles fold.
     """
-    size_mm = min(size_mm, _BONE_SIZE * float((bone.high - bone.low).min()))
-    for _ in range(_FINER):
-        points, triangles = _moved_ellipsoid(bone, size_mm)
-        a, b, c = np.moveaxis(points[triangles], 1, 0)
-        area = np.cross(b - a, c - a)
-        outwards = np.einsum("ij,ij->i", area, bone.surface.normals((a + b + c) / 3))
-        folded = outwards < _LEAST_COSINE * np.linalg.norm(area, axis=1)
+    size_mm = min(size_mm, _SIZE_SHARE * float((bone.high - bone.low).min()))
+    for _ in range(_ATTEMPTS):
+        found = _moved_ellipsoid(bone, size_mm)
+        vectors, corners = found.area_vectors, found.corners
+        outwards = np.einsum("ij,ij->i", vectors, bone.surface.normals(corners.mean(axis=1)))
+        folded = outwards < _LEAST_COSINE * np.linalg.norm(vectors, axis=1)
         if not folded.any():
-            return points, triangles
-        size_mm /= 1.4
+            return found
+        size_mm /= _REFINEMENT
     raise PlaceError(
         "finger.bone_file: the bone is too ragged {place}: raise finger.smooth_mm",
-        a[np.argmax(folded)],
+        corners[np.argmax(folded), 0],
     )
 
 
-def _moved_ellipsoid(bone: ScannedBone, size_mm: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return points and triangles of an ellipsoid that was moved onto a bone and evened out."""
+def _moved_ellipsoid(bone: ScannedBone, size_mm: float) -> Triangles:
+    """Return an ellipsoid's triangles that were moved onto a bone and smoothed there."""
     middle, half = (bone.low + bone.high) / 2, (bone.high - bone.low) / 2
     with gmsh_model() as gmsh:
         occ = gmsh.model.occ
@@ -119,13 +99,12 @@ def _moved_ellipsoid(bone: ScannedBone, size_mm: float) -> tuple[Array, NDArray[
         gmsh.option.setNumber("Mesh.MeshSizeMax", size_mm)
         gmsh.model.mesh.generate(2)
         points, triangles, _ = simplices(gmsh, 2)
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    triangles[inwards] = triangles[inwards][:, [0, 2, 1]]
+    ellipsoid = Triangles(points, triangles)
+    triangles = ellipsoid.facing(ellipsoid.corners.mean(axis=1)).triangles
     points = bone.surface.project(points + middle)
-    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    for _ in range(_EVENINGS):
+    edges: Indices = Triangles(points, triangles).edges()
+    for _ in range(_SMOOTHINGS):
         around = np.zeros_like(points)
         np.add.at(around, edges[:, 0], points[edges[:, 1]])
         points = bone.surface.project(around / np.bincount(edges[:, 0])[:, None])
-    return points, triangles
+    return Triangles(points, triangles)

@@ -10,36 +10,27 @@ import logging
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError
+from tactile_fem.finger.plane import Array
 from tactile_fem.finger.settings import Finger
-from tactile_fem.finger.shape import Array
+from tactile_fem.finger.simplex import Indices
 from tactile_fem.runtime.triangles import Triangles
 
 logger = logging.getLogger(__name__)
 
-# Share of a body's length, at its ends, in which its thickness is compared.
-_END = 0.1
-# Bone or nail must be so far above the middle of the skin to tell where the nail is.
-_LEAST_OFFSET_MM = 0.3
-# The pad's height is fitted within this distance of a point, by a paraboloid.
-_FITTED_MM, _COEFFICIENTS = 3.0, 6
-_LEVELLINGS = 5
-# Of the angle between the directions to tip and nail: 10 degrees.
-_LEAST_SINE = 0.17
+_END_SHARE = 0.1  # of a body's length, at its ends, in which its thickness is compared
+_LEAST_OFFSET_MM = 0.3  # of bone or nail from the middle of the skin, to show where the nail is
+_LEAST_SINE = 0.17  # of the angle between the directions to tip and nail: 10 degrees
+_FIT_RADIUS_MM, _COEFFICIENTS = 3.0, 6  # of the paraboloid that is fitted to the pad
+_LEVEL_ITERATIONS = 5
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Axes and origin of the finger.
+    """Axes and origin of the finger in mm of the file's coordinates.
 
-    Parameters
-    ----------
-    axes
-        Unit vectors X, Y, Z as rows, (3, 3).
-    origin
-        (3,) in mm of the file's coordinates.
+    `axes` (3, 3) has the unit vectors X, Y, Z as rows, `origin` is (3,).
     """
 
     axes: Array
@@ -49,9 +40,9 @@ class Frame:
         """Return points (n, 3) of the file in the finger's axes."""
         return (points - self.origin) @ self.axes.T
 
-    def moved(self, by: Array) -> Frame:
-        """Return the frame whose origin is moved by (3,) mm along its own axes."""
-        return Frame(self.axes, self.origin + by @ self.axes)
+    def from_finger(self, place: Array) -> Array:
+        """Return the file's coordinates of a place (3,) in the finger's axes."""
+        return self.origin + place @ self.axes
 
 
 def frame_of(
@@ -82,12 +73,10 @@ def frame_of(
     if skin is None:
         return frame
     if finger.contact_mm is not None:
-        origin = np.array(finger.contact_mm)
-    elif finger.nail_direction is not None:
-        origin = _lowest(frame, skin)
-    else:
-        frame, origin = _level(frame, skin, finger.contact_from_tip_mm)
-    return Frame(frame.axes, origin)
+        return Frame(frame.axes, np.array(finger.contact_mm))
+    if finger.nail_direction is not None:
+        return Frame(frame.axes, _lowest(frame, skin))
+    return _levelled(frame, skin, finger.contact_from_tip_mm)
 
 
 def _axes(tip: Array, up: Array) -> Array:
@@ -103,7 +92,7 @@ def _towards_tip(body: Triangles) -> Array:
     axis: Array = np.linalg.eigh(centred.T @ centred)[1][:, -1]
     along = centred @ axis
     low, high = along.min(), along.max()
-    reach = _END * (high - low)
+    reach = _END_SHARE * (high - low)
     aside = np.linalg.norm(centred - along[:, None] * axis, axis=1)
     thick = [np.max(aside[end]) for end in (along < low + reach, along > high - reach)]
     return axis if thick[0] > thick[1] else -axis
@@ -117,20 +106,14 @@ def _check_up(
         offset = _offset(skin, inner, tip)
         if offset is None or offset @ up > -_LEAST_OFFSET_MM * np.linalg.norm(up):
             continue
-        said = f"finger.nail_direction points away from the {name} in finger.{name}_file"
+        message = f"finger.nail_direction points away from the {name} in finger.{name}_file"
         if inner is nail:
-            raise MeshError(f"{said}: turn it round")
-        logger.warning("%s, which lies nearer to the nail than to the pad: turn it round?", said)
+            raise MeshError(f"{message}: turn it round")
+        logger.warning("%s, which lies nearer to the nail than to the pad: turn it round?", message)
 
 
 def _towards_nail(skin: Triangles | None, inner: Triangles | None, tip: Array) -> list[float]:
-    """Return the direction from the middle of the skin to the middle of nail or bone.
-
-    Raises
-    ------
-    MeshError
-        It cannot be found.
-    """
+    """Return the direction from the middle of the skin to the middle of nail or bone."""
     offset = _offset(skin, inner, tip)
     if offset is not None and np.linalg.norm(offset) > _LEAST_OFFSET_MM:
         return offset.tolist()
@@ -144,77 +127,71 @@ def _offset(skin: Triangles | None, inner: Triangles | None, tip: Array) -> Arra
     """Return how far nail or bone lie off the middle of the skin around them, (3,)."""
     if skin is None or inner is None:
         return None
-    centre, area = _centres(skin)
-    place, size = _centres(inner)
-    along, ends = centre @ tip, place @ tip
+    centres, inner_centres = skin.corners.mean(axis=1), inner.corners.mean(axis=1)
+    along, ends = centres @ tip, inner_centres @ tip
     around = (along > ends.min()) & (along < ends.max())
     if not around.any():
         return None
-    middle = np.average(centre[around], axis=0, weights=area[around])
-    offset: Array = np.average(place, axis=0, weights=size) - middle
+    middle = np.average(centres[around], axis=0, weights=skin.areas[around])
+    offset: Array = np.average(inner_centres, axis=0, weights=inner.areas) - middle
     return offset - (offset @ tip) * tip
 
 
-def _centres(surface: Triangles) -> tuple[Array, Array]:
-    """Return the centres (m, 3) and areas (m,) of triangles."""
-    a, b, c = np.moveaxis(surface.points[surface.triangles], 1, 0)
-    return (a + b + c) / 3, np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-
-
 def _lowest(frame: Frame, skin: Triangles) -> Array:
-    """Return the pad's lowest point, of a smooth surface through its neighbours."""
+    """Return the pad's lowest point in the file, of a smooth surface through its neighbours."""
     points = frame.to_finger(skin.points)
     guess = points[np.argmin(points[:, 2])]
     height = _paraboloid(points, skin.triangles, guess[:2])
     slope, bend = height[1:3], np.array([[2 * height[3], height[4]], [height[4], 2 * height[5]]])
     aside = np.zeros(2)
     if np.all(np.linalg.eigvalsh(bend) > 1e-6):
-        aside = np.clip(-np.linalg.solve(bend, slope), -_FITTED_MM, _FITTED_MM)
-    return frame.moved(np.array([*(guess[:2] + aside), guess[2]])).origin
+        aside = np.clip(-np.linalg.solve(bend, slope), -_FIT_RADIUS_MM, _FIT_RADIUS_MM)
+    return frame.from_finger(np.array([*(guess[:2] + aside), guess[2]]))
 
 
-def _level(frame: Frame, skin: Triangles, from_tip_mm: float) -> tuple[Frame, Array]:
-    """Turn the frame until the pad is level at a distance from the tip; return its origin, too."""
-    for _ in range(_LEVELLINGS):
+def _levelled(frame: Frame, skin: Triangles, from_tip_mm: float) -> Frame:
+    """Turn a frame until the pad is level at a distance from the tip, the new origin."""
+    tip_end = frame.origin
+    for _ in range(_LEVEL_ITERATIONS):
+        frame = Frame(frame.axes, tip_end)
         points = frame.to_finger(skin.points)
         y = points[:, 1].max() - from_tip_mm
-        ring = points[np.abs(points[:, 1] - y) < _FITTED_MM]
+        ring = points[np.abs(points[:, 1] - y) < _FIT_RADIUS_MM]
         if not len(ring):
             raise MeshError(
                 f"finger.contact_from_tip_mm = {from_tip_mm:g} lies beyond the scanned skin"
             )
         x = (ring[:, 0].min() + ring[:, 0].max()) / 2
         z, across, along = _paraboloid(points, skin.triangles, np.array([x, y]))[:3]
-        normal = np.array([-across, -along, 1.0])
-        origin = frame.moved(np.array([x, y, z])).origin
-        up = normal @ frame.axes
+        origin = frame.from_finger(np.array([x, y, z]))
+        up = np.array([-across, -along, 1.0]) @ frame.axes
         tip = frame.axes[1] - (frame.axes[1] @ up) * up / (up @ up)
-        frame = Frame(_axes(tip / np.linalg.norm(tip), up), frame.origin)
-    return frame, origin
+        frame = Frame(_axes(tip / np.linalg.norm(tip), up), origin)
+    return frame
 
 
-def _paraboloid(points: Array, triangles: NDArray[np.int64], xy: Array) -> Array:
+def _paraboloid(points: Array, triangles: Indices, xy: Array) -> Array:
     """Return the coefficients of 1, x, y, x^2, xy, y^2 of the pad's height around a place."""
-    near = _near(points, xy)
-    if np.count_nonzero(near) < _COEFFICIENTS:  # long triangles
+    near = _around(points, xy)
+    if len(near) < _COEFFICIENTS:  # long triangles
         import trimesh  # takes 0.15 s
 
         corners = points[triangles, :2]
         beside = np.maximum(corners.min(axis=1) - xy, xy - corners.max(axis=1))
-        around = triangles[beside.max(axis=1) < _FITTED_MM]
-        points, _ = trimesh.remesh.subdivide_to_size(points, around, _FITTED_MM / 3, 30)
-        near = _near(points, xy)
-    if np.count_nonzero(near) < _COEFFICIENTS:
+        around = triangles[beside.max(axis=1) < _FIT_RADIUS_MM]
+        finer, _ = trimesh.remesh.subdivide_to_size(points, around, _FIT_RADIUS_MM / 3, 30)
+        near = _around(finer, xy)
+    if len(near) < _COEFFICIENTS:
         raise MeshError(
             "the scanned skin has no surface within 3 mm of the contact point: correct "
             "finger.nail_direction or finger.tip_direction, or give finger.contact_mm"
         )
-    x, y = (points[near, :2] - xy).T
+    x, y = (near[:, :2] - xy).T
     terms = np.column_stack([np.ones_like(x), x, y, x**2, x * y, y**2])
-    return np.linalg.lstsq(terms, points[near, 2], rcond=None)[0]
+    return np.linalg.lstsq(terms, near[:, 2], rcond=None)[0]
 
 
-def _near(points: Array, xy: Array) -> NDArray[np.bool_]:
-    """Return which points are those of the pad around a place."""
-    near = np.linalg.norm(points[:, :2] - xy, axis=1) < _FITTED_MM
-    return near & (points[:, 2] < points[near, 2].min(initial=np.inf) + _FITTED_MM)
+def _around(points: Array, xy: Array) -> Array:
+    """Return those of the points (n, 3) that belong to the pad around a place."""
+    near = points[np.linalg.norm(points[:, :2] - xy, axis=1) < _FIT_RADIUS_MM]
+    return near[near[:, 2] < near[:, 2].min(initial=np.inf) + _FIT_RADIUS_MM]

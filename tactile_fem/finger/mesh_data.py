@@ -1,4 +1,4 @@
-"""The mesh of a finger as plain arrays, and the tags of its parts."""
+"""The mesh of a finger as plain arrays, the tags of its parts, and its measures."""
 
 from __future__ import annotations
 
@@ -6,11 +6,28 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_fem.finger.plane import SPACE, Plane
+from tactile_fem.errors import MeshError
+from tactile_fem.finger.plane import SPACE, Array, Plane
+from tactile_fem.finger.simplex import (
+    SOLID,
+    Indices,
+    Simplex,
+    distances,
+    facets_of,
+    gammas,
+    jacobians,
+    lowest_height,
+    simplex_of,
+    volumes,
+)
+
+if TYPE_CHECKING:
+    from tactile_fem.finger.settings import Finger
 
 TISSUES = {
     "stratum_corneum": 1,
@@ -21,96 +38,13 @@ TISSUES = {
     "nail": 6,
 }
 SURFACES = {"skin": 11, "interface": 12, "bone_surface": 13, "cut": 14}
+LAYERS = ("stratum_corneum", "epidermis", "dermis")
 
-# Corners of the facet opposite to each corner, oriented outwards.
-TET_FACETS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
-# Corners of the edges that carry the mid-nodes of tetrahedra, triangles and lines, gmsh's order.
-TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [2, 3], [1, 3]])
-TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
-LINE_EDGES = np.array([[0, 1]])
-# In VTK, meshio, CalculiX and Abaqus the last two mid-nodes of a tetrahedron are swapped.
-VTK_ORDER = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
-# Tolerance in barycentric coordinates for a point inside a facet.
-_EDGE = 1e-9
-# So far off its plane a point still lies in a section.
+_LENGTH_MM = 1.0, 1000.0  # of a mesh in mm
 _IN_PLANE_MM = 1e-6
-
-Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Simplex:
-    """What is to be known of the cells of one dimension, with their facets.
-
-    Attributes
-    ----------
-    dim
-        2 triangles of a section, 3 tetrahedra.
-    edges, facets
-        Corners of the edges that carry mid-nodes, and of the facets.
-    facet_edges
-        Likewise of the edges of a facet.
-    cell, facet
-        Names of the quadratic shapes in meshio.
-    gmsh_cell, gmsh_facet
-        Their numbers in .msh files.
-    vtk_order
-        Where VTK's nodes stand among gmsh's.
-    plural
-        Of the cells, in English.
-    """
-
-    dim: int
-    edges: Indices
-    facets: Indices
-    facet_edges: Indices
-    cell: str
-    facet: str
-    gmsh_cell: int
-    gmsh_facet: int
-    vtk_order: list[int]
-    plural: str
-
-    @property
-    def corners(self) -> int:
-        """Number of a cell's corners."""
-        return self.dim + 1
-
-    def gradients(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the gradients (nodes, dim) of the quadratic shape functions at a point.
-
-        Parameters
-        ----------
-        weights
-            Barycentric coordinates of the point, (corners,).
-        """
-        linear = np.vstack([-np.ones(self.dim), np.eye(self.dim)])
-        one, other = self.edges.T
-        at_corners = (4 * weights - 1)[:, None] * linear
-        at_middles = weights[one, None] * linear[other] + weights[other, None] * linear[one]
-        return np.vstack([at_corners, 4 * at_middles])
-
-
-SOLID = Simplex(
-    3, TET_EDGES, TET_FACETS, TRIANGLE_EDGES, "tetra10", "triangle6", 11, 9, VTK_ORDER, "tetrahedra"
-)
-FLAT = Simplex(
-    2,
-    TRIANGLE_EDGES,
-    TRIANGLE_EDGES,
-    LINE_EDGES,
-    "triangle6",
-    "line3",
-    9,
-    8,
-    [*range(6)],
-    "triangles",
-)
-
-
-def simplex_of(cells: Indices) -> Simplex:
-    """Return the shape of cells with (m, 4) or (m, 10) nodes, tetrahedra, or (m, 3) or (m, 6)."""
-    return SOLID if cells.shape[1] in (4, 10) else FLAT
+# Half width and half length of the pad, whose layers are measured; the pad's lower side is as high
+# as it is wide. Half the width of the contact patch, whose facets are measured.
+_PAD_MM, _PATCH_MM = (6.0, 9.0), 3.0
 
 
 @dataclass(frozen=True)
@@ -132,7 +66,7 @@ class FingerMesh:
         lies between epidermis and dermis, "bone_surface" is that of the bone without the cut.
     """
 
-    nodes: NDArray[np.float64]
+    nodes: Array
     cells: Indices
     tissue: Indices
     facets: Indices
@@ -145,10 +79,10 @@ class FingerMesh:
 
     @cached_property
     def plane(self) -> Plane:
-        """The plane of a section; space, if it is none."""
+        """The plane in which it deforms; space, if it is no section."""
         return SPACE if self.simplex is SOLID else Plane.through(self.nodes)
 
-    def corners_of(self, surface: str) -> NDArray[np.float64]:
+    def corners_of(self, surface: str) -> Array:
         """Return the corners of a surface's facets, (k, 3, 3) or (k, 2, 3) in mm."""
         return self.nodes[self.facets[self.surface == SURFACES[surface], : self.simplex.dim]]
 
@@ -168,6 +102,93 @@ class FingerMesh:
             digest.update(np.ascontiguousarray(array, dtype="<i8").tobytes())
         return digest.hexdigest()
 
+    @cached_property
+    def pad_thickness_mm(self) -> float:
+        """Height from skin to bone above the contact point, X = Y = 0.
+
+        Raises
+        ------
+        MeshError
+            There is no skin or no bone.
+        """
+        heights = []
+        for name in ("skin", "bone_surface"):
+            height = lowest_height(0.0, 0.0, self.corners_of(name))
+            if height is None:
+                raise MeshError(f"the mesh has no {name} above the contact point, X = Y = 0")
+            heights.append(height)
+        return heights[1] - heights[0]
+
+    @cached_property
+    def facet_size_mm(self) -> float:
+        """Mean length of the edges of the skin's facets under the contact patch."""
+        facets = self.corners_of("skin")
+        middle = facets.mean(axis=1)
+        near = np.all(np.abs(middle[:, :2]) < _PATCH_MM, axis=1) & (middle[:, 2] < _PATCH_MM)
+        if not near.any():
+            near[np.argmin(np.linalg.norm(middle, axis=1))] = True
+        edges = facets[near] - np.roll(facets[near], 1, axis=1)
+        return float(np.linalg.norm(edges, axis=2).mean())
+
+    @cached_property
+    def layer_thickness_mm(self) -> dict[str, Array]:
+        """Thickness of each layer of the pad, the stratum corneum first; missing ones are left out.
+
+        Distances from the facet centres of the layer's outer boundary on the pad to the nearest
+        point of its inner boundary.
+        """
+        facets, first, second = facets_of(self.cells)
+        inner = second >= 0
+        pair = np.sort([self.tissue[first[inner]], self.tissue[second[inner]]], axis=0).T
+        limits = [self.corners_of("skin")]
+        for depth in range(1, len(LAYERS) + 1):
+            limits.append(self.nodes[facets[inner][np.all(pair == [depth, depth + 1], axis=1)]])
+        thickness = {}
+        for name, above, below in zip(LAYERS, limits[:-1], limits[1:], strict=True):
+            middle = above.mean(axis=1)
+            in_pad = np.all(np.abs(middle[:, :2]) < _PAD_MM, axis=1) & (middle[:, 2] < _PAD_MM[0])
+            if in_pad.any() and len(below):
+                thickness[name] = distances(middle[in_pad], below)
+        return thickness
+
+    @property
+    def layers_mm(self) -> dict[str, float]:
+        """Mean thickness of each layer of the pad."""
+        return {name: float(found.mean()) for name, found in self.layer_thickness_mm.items()}
+
+    def check(self) -> None:
+        """Check that the mesh can be used for computations.
+
+        Raises
+        ------
+        MeshError
+            Cells are inverted, a facet belongs to more than two of them, a tissue or a surface is
+            missing, coordinates are not finite or not in mm, a section lies in no plane across or
+            along the finger, or there is no skin or bone above the contact point.
+        """
+        if self.missing:
+            raise MeshError(f"the mesh lacks the part {', '.join(self.missing)}")
+        if not np.all(np.isfinite(self.nodes)):
+            raise MeshError("the mesh has nodes whose coordinates are no finite numbers")
+        length = float(np.ptp(self.nodes, axis=0).max())
+        if not _LENGTH_MM[0] < length < _LENGTH_MM[1]:
+            raise MeshError(f"the mesh is {length:g} mm long, which is no finger: is it in mm?")
+        if self.plane.distance_mm(self.nodes) > _IN_PLANE_MM:
+            raise MeshError("the mesh of triangles lies in no plane X = 0 or Y = 0")
+        found = jacobians(self.plane.within(self.nodes), self.cells)
+        bad = np.flatnonzero(found.min(axis=1) <= 0.0)
+        if len(bad):
+            x, y, z = self.nodes[self.cells[bad[0], : self.simplex.corners]].mean(axis=0)
+            raise MeshError(
+                f"{len(bad)} {self.simplex.plural} have a non-positive Jacobian, the first at "
+                f"({x:.2f}, {y:.2f}, {z:.2f}) mm"
+            )
+        try:
+            facets_of(self.cells)
+        except ValueError as error:
+            raise MeshError(f"the mesh is not conforming: {error}") from error
+        _ = self.pad_thickness_mm
+
 
 def held_parts(
     mesh: FingerMesh, names: Sequence[str]
@@ -181,93 +202,36 @@ def held_parts(
     return cells, nodes
 
 
-def facets_of(cells: Indices) -> tuple[Indices, Indices, Indices]:
-    """Find the facets of tetrahedra or triangles, linear or quadratic.
-
-    Returns
-    -------
-    facets, first, second
-        (f, 3) or (f, 2) corners, oriented outwards from the cell `first` (f,); the cell `second`
-        (f,) on the other side is -1 on the boundary.
-
-    Raises
-    ------
-    ValueError
-        A facet belongs to more than two cells.
-    """
-    shape = simplex_of(cells)
-    corners = cells[:, shape.facets].reshape(-1, shape.dim)
-    _, start, group, count = np.unique(
-        np.sort(corners, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
-    )
-    if count.max() > 2:
-        raise ValueError(f"a facet belongs to more than two {shape.plural}")
-    total = np.zeros(len(start), dtype=np.int64)
-    owner = np.repeat(np.arange(len(cells)), shape.corners)
-    np.add.at(total, group.reshape(-1), owner)
-    first = owner[start]
-    second = np.where(count == 2, total - first, -1)
-    return corners[start], first, second
+def edges_per_ridge(mesh: FingerMesh, finger: Finger) -> float | None:
+    """Return how many edges of the skin under the patch a fingerprint's ridge has; None: smooth."""
+    return finger.ridge_pitch_mm / mesh.facet_size_mm if finger.is_ridged else None
 
 
-def quadratic(
-    nodes: NDArray[np.float64], cells: Indices, facets: Indices
-) -> tuple[NDArray[np.float64], Indices, Indices]:
-    """Add midpoints: linear cells and facets become straight quadratic ones.
-
-    Returns
-    -------
-    nodes, cells, facets
-        The corner nodes come first and keep their numbers. Coordinates are rounded to 1e-8 mm
-        (midpoints 1e-9), which keeps files short.
-    """
-    shape = simplex_of(cells)
-    nodes = np.round(nodes, 8)
-    edges = np.sort(cells[:, shape.edges].reshape(-1, 2), axis=1)
-    unique, number = np.unique(edges, axis=0, return_inverse=True)
-    middle = number.reshape(len(cells), -1) + len(nodes)
-    key = unique[:, 0] * len(nodes) + unique[:, 1]
-    sides = np.sort(facets[:, shape.facet_edges], axis=2)
-    sides = np.searchsorted(key, sides[..., 0] * len(nodes) + sides[..., 1]) + len(nodes)
-    return (
-        np.vstack([nodes, np.round(nodes[unique].mean(axis=1), 9)]),
-        np.hstack([cells, middle]),
-        np.hstack([facets, sides]),
-    )
-
-
-def lowest_facet(
-    x: float, y: float, facets: NDArray[np.float64]
-) -> tuple[int, NDArray[np.float64]] | None:
-    """Return the lowest facet over or under a point of the XY plane, and where it meets it.
-
-    That is the facet's index in `facets`, (m, 3, 3) corners of triangles or (m, 2, 3) of lines in
-    an upright plane, and barycentric coordinates (3,) or (2,) in it; None if there is no facet.
-    """
-    weights = _weights(np.array([x, y]), facets[..., :2])
-    inside = np.flatnonzero(np.all(weights >= -_EDGE, axis=1))
-    if not len(inside):
-        return None
-    height = np.einsum("mi,mi->m", weights[inside], facets[inside, :, 2])
-    lowest = int(inside[np.argmin(height)])
-    return lowest, weights[lowest]
-
-
-def _weights(point: NDArray[np.float64], facets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a point's barycentric coordinates in facets of the plane, -1 where it has none."""
-    corner, edges = facets[:, 0], facets[:, 1:] - facets[:, :1]
-    p = point - corner
-    if edges.shape[1] == 1:
-        along = edges[:, 0]
-        square = np.sum(along**2, axis=1)
-        t = np.sum(p * along, axis=1) / np.where(square == 0, np.inf, square)
-        aside = np.abs(p - t[:, None] * along).max(axis=1)
-        found, sound = np.column_stack([1 - t, t]), (square > 0) & (aside < _IN_PLANE_MM)
-    else:
-        (a, b), (c, d) = edges[:, :, 0].T, edges[:, :, 1].T
-        det = a * d - b * c
-        safe = np.where(det == 0, np.inf, det)
-        second = (d * p[:, 0] - b * p[:, 1]) / safe
-        third = (a * p[:, 1] - c * p[:, 0]) / safe
-        found, sound = np.column_stack([1 - second - third, second, third]), det != 0
-    return np.where(sound[:, None], found, -1.0)
+def describe(mesh: FingerMesh, finger: Finger) -> str:
+    """Return a table to print: tissues, surfaces and layers, with the study's layers if any."""
+    shape, nodes = mesh.simplex, mesh.plane.within(mesh.nodes)
+    volume, gamma = volumes(nodes, mesh.cells), gammas(nodes, mesh.cells)
+    count, unit = len(nodes), f"mm^{shape.dim}"
+    lines = [
+        f"{len(mesh.cells)} {shape.plural}, {count} nodes, {shape.dim * count} displacements, "
+        f"{shape.measure} {volume.sum():.1f} {unit}",
+        f"{'tissue':<16}{'cells':>8}{unit:>10}{'min gamma':>11}{'mean':>7}",
+    ]
+    for name, tag in TISSUES.items():
+        part = mesh.tissue == tag
+        if part.any():
+            quality = f"{gamma[part].min():>11.3f}{gamma[part].mean():>7.3f}"
+            lines.append(f"{name:<16}{part.sum():>8}{volume[part].sum():>10.1f}{quality}")
+    lines.append(f"{'surface':<16}{'facets':>8}")
+    lines += [f"{name:<16}{np.sum(mesh.surface == tag):>8}" for name, tag in SURFACES.items()]
+    from_study = finger.mesh_file is None
+    heading = [*(["study"] if from_study else []), "min", "mean", "max"]
+    lines.append(f"{'layer of the pad':<16}{''.join(f'{word:>8}' for word in heading)} mm")
+    for name, found in mesh.layer_thickness_mm.items():
+        row = [getattr(finger, f"{name}_mm")] if from_study else []
+        row += [found.min(), found.mean(), found.max()]
+        lines.append(f"{name:<16}{''.join(f'{value:>8.3f}' for value in row)}")
+    lines.append(f"skin to bone over the contact point {mesh.pad_thickness_mm:.3f} mm")
+    if edges := edges_per_ridge(mesh, finger):
+        lines.append(f"{edges:.1f} edges to a ridge of {finger.ridge_pitch_mm:g} mm")
+    return "\n".join([*lines, f"sha256 {mesh.hash}"])

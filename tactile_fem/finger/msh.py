@@ -9,11 +9,13 @@ import numpy as np
 from meshio.gmsh import gmsh_to_meshio_type
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.mesh_data import FLAT, SOLID, SURFACES, TISSUES, FingerMesh, Indices
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.msh_file import Block, MshFile
+from tactile_fem.finger.simplex import FLAT, SOLID, Indices
 from tactile_fem.runtime.files import write_text
 
-_LINEAR = {1: 1, 2: 2, 3: 4}  # gmsh's numbers of linear lines, triangles and tetrahedra
+# Gmsh's numbers of lines, triangles and tetrahedra.
+_LINEAR, _QUADRATIC = {1: 1, 2: 2, 3: 4}, {1: 8, 2: 9, 3: 11}
 
 
 def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
@@ -43,8 +45,8 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
             f"cannot read the mesh {path}: it is no .msh file, or damaged ({reason})"
         ) from error
     kinds = {block.kind for block in blocks}
-    shape = SOLID if kinds & {SOLID.gmsh_cell, _LINEAR[SOLID.dim]} else FLAT
-    if not {shape.gmsh_cell, shape.gmsh_facet} <= kinds:
+    shape = SOLID if kinds & {_QUADRATIC[3], _LINEAR[3]} else FLAT
+    if not {_QUADRATIC[shape.dim], _QUADRATIC[shape.dim - 1]} <= kinds:
         found = sorted(gmsh_to_meshio_type.get(kind, f"number {kind}") for kind in kinds)
         raise MeshError(
             f"the mesh {path} has cells of type {', '.join(found) or 'none'}: ten-node "
@@ -52,8 +54,8 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
             "three-node lines (gmsh -order 2)"
         )
     start = f"the mesh {path}"
-    cells, tissue = _tagged(blocks, shape.gmsh_cell, names, shape.dim, TISSUES, start)
-    facets, surface = _tagged(blocks, shape.gmsh_facet, names, shape.dim - 1, SURFACES, start)
+    cells, tissue = _tagged(blocks, shape.dim, names, TISSUES, start)
+    facets, surface = _tagged(blocks, shape.dim - 1, names, SURFACES, start)
     facets, surface = facets[surface > 0], surface[surface > 0]
     used, flat = np.unique(cells, return_inverse=True)
     mesh = FingerMesh(
@@ -98,13 +100,12 @@ def _check_groups(mesh: FingerMesh, blocks: list[Block], start: str) -> None:
 
 def _tagged(
     blocks: list[Block],
-    kind: int,
-    names: dict[tuple[int, int], str],
     dim: int,
+    names: dict[tuple[int, int], str],
     tags: dict[str, int],
     start: str,
 ) -> tuple[Indices, Indices]:
-    """Return the elements of a type, each once, and their tags in this package, 0 for none.
+    """Return quadratic elements, each once, and their tags in this package, 0 for none.
 
     Raises
     ------
@@ -112,7 +113,7 @@ def _tagged(
         An element has two of the tags.
     """
     tag_of = {number: tags[n] for (d, number), n in names.items() if d == dim and n in tags}
-    parts = [block for block in blocks if block.kind == kind]
+    parts = [block for block in blocks if block.kind == _QUADRATIC[dim]]
     cells = np.concatenate([block.nodes for block in parts])
     _, first, number = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     owner = first[number.ravel()]  # format 2 has an element once for each of its groups
@@ -150,8 +151,8 @@ def write_msh(path: str | os.PathLike[str], mesh: FingerMesh) -> None:
     lines += ["$EndNodes", "$Elements", str(len(mesh.facets) + len(mesh.cells))]
     count = 0
     for kind, cells, tags in (
-        (shape.gmsh_facet, mesh.facets, mesh.surface),
-        (shape.gmsh_cell, mesh.cells, mesh.tissue),
+        (_QUADRATIC[shape.dim - 1], mesh.facets, mesh.surface),
+        (_QUADRATIC[shape.dim], mesh.cells, mesh.tissue),
     ):
         for cell, tag in zip((cells + 1).tolist(), tags.tolist(), strict=True):
             count += 1

@@ -1,7 +1,6 @@
-"""The plane of a section of the finger, in which the mechanics are two-dimensional.
+"""The plane in which a section of the finger deforms, or space, in which a solid finger does.
 
-The finger's axes are X, Y and Z everywhere else: what lies in the plane is carried into space, and
-a body in space is cut by the plane (`tactile_fem.stimulus.cut`).
+Outside the mechanics a section lies in the finger's axes X, Y and Z as a solid finger does.
 """
 
 from __future__ import annotations
@@ -11,11 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.finger.settings import Finger
-
 Array = NDArray[np.float64]
-# Name of the plane and its axes.
-PLANES = {"sagittal": (1, 2), "transverse": (0, 2)}
 AXES = "XYZ"
 
 
@@ -29,16 +24,11 @@ class Plane:
         The finger's axes in it, the upright one last: (1, 2) for Y and Z, (0, 2) for X and Z,
         (0, 1, 2) for space.
     at_mm
-        Where it lies on the axis across it.
+        Its position on the axis across it.
     """
 
     axes: tuple[int, ...] = (0, 1, 2)
     at_mm: float = 0.0
-
-    @classmethod
-    def of(cls, finger: Finger) -> Plane:
-        """Return the plane of a study's section through the contact point; space for a solid."""
-        return cls(PLANES[finger.plane]) if finger.is_section else cls()
 
     @classmethod
     def through(cls, points: Array) -> Plane:
@@ -62,6 +52,11 @@ class Plane:
         (axis,) = {0, 1, 2} - {*self.axes}
         return axis
 
+    @property
+    def equation(self) -> str:
+        """For example "X = 0"; of a plane only."""
+        return f"{AXES[self.across]} = {self.at_mm:g}"
+
     def within(self, vectors: ArrayLike) -> Array:
         """Return the components in the plane, (..., 2), of vectors or points (..., 3)."""
         return np.asarray(vectors)[..., list(self.axes)]
@@ -80,6 +75,10 @@ class Plane:
             found[..., self.across] = self.at_mm
         return found
 
+    def distance_mm(self, points: Array) -> float:
+        """Return the largest distance of points (n, 3) from the plane; 0 in space."""
+        return float(np.abs(self.points(self.within(points)) - points).max())
+
     def moment(self, within: ArrayLike) -> Array:
         """Return a moment as a vector (3,); in a plane (1,) is given, about its third axis.
 
@@ -94,3 +93,5 @@ class Plane:
 
 
 SPACE = Plane()
+# The planes of a section through the contact point.
+PLANES = {"sagittal": Plane((1, 2)), "transverse": Plane((0, 2))}

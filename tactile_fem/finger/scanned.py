@@ -1,6 +1,5 @@
-"""Skin, bone and nail from files of triangles.
+"""A scanned skin: a capsule that is moved along its normals onto the smoothed scan.
 
-A scanned skin is described as a capsule that is moved along its normals onto the smoothed scan.
 So it is triangulated as the analytic finger is, with triangles of the wanted size, whatever those
 of the file are.
 """
@@ -8,70 +7,25 @@ of the file are.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from tactile_fem.errors import MeshError, PlaceError
-from tactile_fem.finger.frame import Frame, frame_of
-from tactile_fem.finger.mesh_data import lowest_facet
-from tactile_fem.finger.pieces import beyond, connected, without_islands
+from tactile_fem.finger.frame import Frame
+from tactile_fem.finger.plane import Array
+from tactile_fem.finger.scans import beyond, connected
 from tactile_fem.finger.settings import Finger
-from tactile_fem.finger.shape import STEEPEST, Array, Capsule
+from tactile_fem.finger.shape import ARC_END, Capsule
+from tactile_fem.finger.simplex import lowest_height
 from tactile_fem.finger.smooth import SmoothSurface
-from tactile_fem.runtime.triangles import Triangles, read_triangles
+from tactile_fem.runtime.triangles import Triangles
 
-# Of skin, bone and nail.
-_SIZES_MM = 4.0, 300.0
-# The scan must reach so far beyond the cut, where it may be open.
-_BEYOND_CUT_MM = 1.0
-# The farthest that the capsule is moved.
-_REACH_MM = 3.0
-# The contact point is so far from the cut and from the tip at least.
-_FROM_CUT_MM, _FROM_TIP_MM = 3.0, 1.0
-# The widest finger; edges from which its width is measured.
-_WIDEST_MM, _FINE_MM = 45.0, 3.0
-# Of the samples of a fit, and of those that find the lowest point.
-_FIT_STEP_MM, _FINE_STEP_MM = 1.5, 0.25
-
-
-@dataclass(frozen=True)
-class Scans:
-    """The surfaces of a finger in its own axes, None where the study has no file.
-
-    Attributes
-    ----------
-    frame
-        The finger's axes in the files' coordinates.
-    """
-
-    skin: Triangles | None
-    bone: Triangles | None
-    nail: Triangles | None
-    frame: Frame
-
-    @classmethod
-    def of(cls, finger: Finger) -> Scans:
-        """Read a finger's files and find its axes.
-
-        Raises
-        ------
-        StudyError, MeshError
-            A file cannot be read, or the axes are not found.
-        """
-        found = {}
-        for name in ("skin", "bone", "nail"):
-            file = getattr(finger, f"{name}_file")
-            field = f"finger.{name}_file"
-            surface = file and read_triangles(file, field, finger.file_unit_mm)
-            _check_size(surface, file, finger.file_unit_mm)
-            at = None if finger.contact_mm is None else np.array(finger.contact_mm)
-            found[name] = surface and without_islands(surface, field, at).outwards()
-        frame = frame_of(finger, **found)
-        return cls(
-            **{name: _placed(surface, frame) for name, surface in found.items()}, frame=frame
-        )
+_BEYOND_CUT_MM = 1.0  # length of the scan beyond the cut, where it may be open
+_REACH_MM = 3.0  # by which the capsule is moved at most
+_CONTACT_FROM_CUT_MM, _CONTACT_FROM_TIP_MM = 3.0, 1.0
+_LARGEST_WIDTH_MM, _EDGE_MM = 45.0, 3.0  # edges from which the width is measured
+_FIT_STEP_MM, _LOWEST_STEP_MM = 1.5, 0.25  # between samples, to fit and to find the lowest point
 
 
 @dataclass(frozen=True)
@@ -115,7 +69,7 @@ class ScannedSkin:
             The scan is too far from the capsule.
         """
         points, directions = self.capsule.place(reference)
-        in_cut = points[:, 1] < self.capsule.cut_y + 1e-9  # stays in the plane
+        in_cut = points[:, 1] < self.capsule.cut_y + 1e-9  # remains in the plane
         directions[in_cut, 1] = 0.0
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         t = self.surface.along(points, directions, _REACH_MM)
@@ -138,31 +92,10 @@ class ScannedSkin:
 
     def on_the_plane(self) -> tuple[ScannedSkin, Array]:
         """Return the skin with its lowest point at z = 0, and by how much it moved, (3,)."""
-        points, _ = self.sample(_FINE_STEP_MM)
+        points, _ = self.sample(_LOWEST_STEP_MM)
         by = np.array([0.0, 0.0, -points[:, 2].min()])
         capsule = replace(self.capsule, axis_z=self.capsule.axis_z + by[2])
         return ScannedSkin(capsule, self.surface.moved(by)), by
-
-
-def nail_box(nail: Triangles) -> tuple[float, float, float]:
-    """Return a nail's half width and its ends in Y, mm."""
-    low, high = nail.points.min(axis=0), nail.points.max(axis=0)
-    return float(max(-low[0], high[0])), float(low[1]), float(high[1])
-
-
-def _check_size(surface: Triangles | None, file: Path | None, unit_mm: float) -> None:
-    """Raise MeshError if a surface cannot be that of a finger."""
-    size = np.inf if surface is None else float(np.ptp(surface.points, axis=0).max())
-    least, most = _SIZES_MM
-    if surface is not None and not least < size < most:
-        raise MeshError(
-            f"finger.file_unit_mm = {unit_mm:g} makes the surface in {file} {size:.3g} mm long, "
-            f"but it must be {least:g} to {most:g} mm"
-        )
-
-
-def _placed(surface: Triangles | None, frame: Frame) -> Triangles | None:
-    return surface and Triangles(frame.to_finger(surface.points), surface.triangles)
 
 
 def _check_length(skin: Triangles, cut: float) -> None:
@@ -177,8 +110,7 @@ def _check_length(skin: Triangles, cut: float) -> None:
 
 
 def _check_holes(skin: Triangles, cut: float) -> None:
-    edges = skin.edges()
-    pairs, count = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    pairs, count = np.unique(np.sort(skin.edges(), axis=1), axis=0, return_counts=True)
     middle = skin.points[pairs[count == 1]].mean(axis=1)
     inside = middle[middle[:, 1] > cut - _BEYOND_CUT_MM]
     if len(inside):
@@ -205,18 +137,17 @@ def _check_contact(
             contact = "the lowest point of finger.skin_file along nail_direction"
         contact += f", at {x:.1f}, {y:.1f}, {z:.1f} mm in the file,"
         remedy = "give contact_mm, a point of the pad, or correct tip_direction or nail_direction"
-    if not cut + _FROM_CUT_MM <= 0 <= tip - _FROM_TIP_MM:
+    least, most = _CONTACT_FROM_TIP_MM, tip - cut - _CONTACT_FROM_CUT_MM
+    if not least <= tip <= most:
         raise PlaceError(
-            f"{contact} lies {tip:.1f} mm behind the tip, but it must lie {_FROM_TIP_MM:g} to "
-            f"{tip - cut - _FROM_CUT_MM:g} mm behind it, as the finger is cut at tip_length_mm + "
-            f"straight_length_mm = {tip - cut:g} mm: {remedy}",
+            f"{contact} lies {tip:.1f} mm behind the tip, but it must lie {least:g} to {most:g} mm "
+            "behind it, as the finger is cut at tip_length_mm + straight_length_mm = "
+            f"{tip - cut:g} mm: {remedy}",
             place,
         )
-    corners = skin.points[skin.triangles]
-    nearest = trimesh.triangles.closest_point(corners, np.zeros((len(corners), 3)))
+    nearest = trimesh.triangles.closest_point(skin.corners, np.zeros((len(skin.triangles), 3)))
     away = float(np.linalg.norm(nearest, axis=1).min())
-    found = lowest_facet(0.0, 0.0, corners)
-    pad = 0.0 if found is None else float(found[1] @ corners[found[0], :, 2])
+    pad = lowest_height(0.0, 0.0, skin.corners) or 0.0
     if pad < -_REACH_MM and away <= _REACH_MM:
         raise PlaceError(
             f"{contact} lies {-pad:.1f} mm above the pad, on the side of the nail: {remedy}", place
@@ -226,25 +157,19 @@ def _check_contact(
 
 
 def _guess(skin: Triangles, finger: Finger, tip: float, cut: float) -> Capsule:
-    """Return a capsule as wide and high as a scan.
-
-    Raises
-    ------
-    MeshError
-        The scan is wider or higher than a finger.
-    """
+    """Return a capsule as wide and high as a scan; raise MeshError if that is no finger's size."""
     import trimesh  # takes 0.15 s
 
     # Triangles may be longer than the finger.
-    points, _ = trimesh.remesh.subdivide_to_size(skin.points, skin.triangles, _FINE_MM, 30)
+    points, _ = trimesh.remesh.subdivide_to_size(skin.points, skin.triangles, _EDGE_MM, 30)
     shaft = points[(points[:, 1] > cut) & (points[:, 1] < 0.5 * tip)]
     low, high = shaft.min(axis=0), shaft.max(axis=0)
     width, _, height = high - low
-    if max(width, height) > _WIDEST_MM:
+    if max(width, height) > _LARGEST_WIDTH_MM:
         raise MeshError(
             f"finger.skin_file is {width:.0f} mm wide and {height:.0f} mm high within the "
-            f"finger's length of {tip - cut:g} mm, at most {_WIDEST_MM:g} mm are a finger: give "
-            "contact_mm, tip_direction and nail_direction of one finger, or cut it out"
+            f"finger's length of {tip - cut:g} mm, at most {_LARGEST_WIDTH_MM:g} mm are a finger: "
+            "give contact_mm, tip_direction and nail_direction of one finger, or cut it out"
         )
     return Capsule(
         half_width=width / 2,
@@ -265,7 +190,7 @@ _FITTED = ("half_width", "below", "above", "axis_z", "tip_length", "pad_radius",
 def _fitted(guess: Capsule, surface: SmoothSurface) -> Capsule:
     """Return the capsule whose samples are nearest to a surface."""
     start = np.array([getattr(guess, name) for name in _FITTED])
-    steepest = -guess.cut_y / np.sin(STEEPEST)  # an arc that ends at the cut at the latest
+    steepest = -guess.cut_y / np.sin(ARC_END)  # an arc that ends at the cut at the latest
     least = [*(0.5 * start[:3]), start[3] - 3, 0.3 * start[4], min(0.5 * steepest, 15.0), 0.3]
     most = [*(1.5 * start[:3]), start[3] + 3, guess.tip_y, 300.0, 1.85]
     start = np.clip(start, np.array(least) + 1e-6, np.array(most) - 1e-6)

@@ -6,57 +6,31 @@ gmsh fills fat and bone.
 
 from __future__ import annotations
 
-import logging
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_fem.errors import MeshError
 from tactile_fem.finger.anatomy import Anatomy
-from tactile_fem.finger.build import (
-    Layering,
-    extrusion_directions,
-    fill_plane,
-    layering,
-    put_together,
-)
-from tactile_fem.finger.mesh_data import TISSUES, FingerMesh, Indices
-from tactile_fem.finger.plane import PLANES, Plane
-from tactile_fem.finger.report import edges_per_ridge, volumes
-from tactile_fem.finger.ridges import Ridges
+from tactile_fem.finger.layers import Layering, extrusion_directions
+from tactile_fem.finger.plane import Array, Plane
+from tactile_fem.finger.session import fill_plane
 from tactile_fem.finger.settings import Finger
-from tactile_fem.finger.shape import Array, Capsule
-from tactile_fem.finger.skin import NailOutline, Size, Sizes, bone_size, pad_size, sizes_of
+from tactile_fem.finger.shape import Capsule
+from tactile_fem.finger.simplex import Indices, volumes
 
-logger = logging.getLogger(__name__)
-
-# A section's edges as a share of the solid finger's, under the contact patch and on the bone.
-_FINER, _BONE, _FAR = 0.25, 0.5, 0.4
-# Edges grow so much per mm from the patch: skin is dragged far along the section.
-_SLOW = 0.05
-_PER_RIDGE, _LEAST_PER_RIDGE = 8, 4
-# Points of a contour from which it is measured.
-_DENSE = 20_001
-# Rows are at most so many times as high as the edges under the patch are long; in the dermis they
-# grow by this share of the depth below its upper limit.
-_TALLEST, _GROWTH = 1.3, 0.35
+_BONE_SHARE = 0.5  # of the solid finger's edges on the bone
+_SAMPLES = 20_001  # of a contour, to measure its length
 
 
 @dataclass(frozen=True)
 class Contour:
     """A curve in the plane of a section, from the palmar side of the cut around the tip.
 
-    Attributes
-    ----------
-    points, normals
-        (n, 3) in mm, (n, 3) outward unit vectors.
-    length
-        Of the curve up to each point, from the contact point on, (n,) mm.
-    closed
-        Whether it ends where it begins.
+    `points` and outward unit `normals` are (n, 3); `length` (n,) is that of the curve from the
+    contact point on, mm. Across the finger it is `closed`: it ends where it begins.
     """
 
     points: Array
@@ -65,82 +39,54 @@ class Contour:
     closed: bool
 
 
-def section_sizes(finger: Finger) -> Sizes:
-    """Return the edge lengths of a section.
-
-    Raises
-    ------
-    MeshError
-        They are too long for the ridges.
-    """
-    sizes, ridges = sizes_of(finger), Ridges.of(finger)
-    pad = finger.pad_size_mm or _FINER * sizes.pad
-    if ridges.any:
-        pad = finger.pad_size_mm or min(pad, ridges.pitch / _PER_RIDGE)
-        if pad > ridges.pitch / _LEAST_PER_RIDGE:
-            raise MeshError(
-                f"finger.ridge_pitch_mm = {ridges.pitch:g} must be at least {_LEAST_PER_RIDGE} "
-                f"times the edge under the contact patch, pad_size_mm = {pad:g}"
-            )
-    far = finger.far_size_mm or max(_FAR * sizes.far, pad)
-    return replace(sizes, pad=pad, far=far, growth=_SLOW, curve=0.0)
-
-
-def build_section(finger: Finger) -> FingerMesh:
-    """Mesh a section of the parametric finger; the same parameters give the same mesh.
-
-    Raises
-    ------
-    MeshError
-        If the lengths do not make a finger, or gmsh is missing or fails.
-    """
-    sizes, ridges, anatomy = section_sizes(finger), Ridges.of(finger), Anatomy.of(finger)
-    capsule, plane = anatomy.skin.capsule, Plane.of(finger)
-    rows = _finer(layering(finger, 1), sizes.pad)
+def section_cells(
+    finger: Finger, anatomy: Anatomy
+) -> tuple[Array, tuple[Indices, Indices], Indices, Indices]:
+    """Return nodes (n, 3); triangles (m, 3) of the layers, their tissues (m,); of fat; of bone."""
+    sizes, plane, capsule = anatomy.sizes, finger.section_plane, anatomy.skin.capsule
+    rows = anatomy.rows.divided(sizes.pad)
     skin = _contour(capsule, plane)
-    near = pad_size(sizes, capsule)
-    sizes_there = _on_skin(near, sizes.pad, capsule, ridges, skin)
-    skin = _divided(skin, sizes_there, _ends(anatomy.nail, skin, capsule))
-    directions = skin.normals
-    if not skin.closed:
-        directions = extrusion_directions(skin.points, skin.normals, capsule.cut_y)
-    nodes = _columns(skin, directions, rows, ridges, finger)
-    cells, tissue = _layers(skin, rows, _under(anatomy.nail, skin, capsule))
+    nail = anatomy.nail.ends(plane.axes[0])
+    at_nail = _dorsal_lengths(skin, capsule, plane, nail)
+    skin = _divided(skin, _skin_sizes(skin, finger, anatomy), [0.0, *at_nail])
+    nodes = _columns(skin, rows, finger, anatomy)
+    following = np.roll(skin.points, -1, axis=0)
+    middle = ((skin.points + following) / 2)[: None if skin.closed else -1]
+    along = plane.within(middle)[:, 0]
+    under_nail = (along > nail[0]) & (along < nail[1]) & _is_dorsal(middle, capsule)
+    cells, tissue = _triangles_of_layers(skin, rows, under_nail)
     bone = _contour(anatomy.bone.capsule, plane)
-    by_size = bone_size(sizes, finger)
-    sizes_there = [_BONE * by_size(*p) for p in bone.points - [0, 0, anatomy.bone.axis_z]]
-    bone = _divided(bone, sizes_there, [0.0])
+    size = sizes.on_bone(finger)
+    at = bone.points - [0, 0, anatomy.bone.capsule.axis_z]
+    bone = _divided(bone, [_BONE_SHARE * size(*point) for point in at], [0.0])
     nodes, fat, marrow = _fill(nodes, len(skin.points), bone, sizes.far)
     flat = plane.within(nodes)
-    cells, fat, marrow = (_turned(part, flat) for part in (cells, fat, marrow))
-    mesh = put_together(nodes, (cells, tissue), fat, marrow, capsule.cut_y)
-    if count := edges_per_ridge(mesh, finger):
-        logger.info("%.1f edges to a ridge of %g mm", count, ridges.pitch)
-    return mesh
+    cells, fat, marrow = (_counterclockwise(part, flat) for part in (cells, fat, marrow))
+    return nodes, (cells, tissue), fat, marrow
 
 
-# --- contours ----------------------------------------------------------------------------------
+# --- contours ------------------------------------------------------------------------------------
 
 
 def _contour(body: Capsule, plane: Plane) -> Contour:
     """Return the contour of a body, densely sampled; its length counts from below the contact."""
-    zero = np.zeros(_DENSE)
-    if plane.axes == PLANES["transverse"]:
-        turn = np.linspace(-np.pi, np.pi, _DENSE) - np.pi / 2
-        reference, closed = np.column_stack([np.cos(turn), zero, np.sin(turn)]), True
+    closed = plane.axes[0] == 0
+    if closed:
+        turn, zero = np.linspace(-np.pi, np.pi, _SAMPLES) - np.pi / 2, np.zeros(_SAMPLES)
+        reference = np.column_stack([np.cos(turn), zero, np.sin(turn)])
     else:
-        half = np.linspace(0.0, 1.0, _DENSE // 2 + 1)
+        half = np.linspace(0.0, 1.0, _SAMPLES // 2 + 1)
         shaft = body.shoulder_y - body.cut_y
         y = body.cut_y + half * (shaft + np.pi / 2 * body.tip_length)
         beyond = np.clip((y - body.shoulder_y) / body.tip_length, 0.0, np.pi / 2)
         y = np.where(y > body.shoulder_y, body.shoulder_y + body.tip_length * np.sin(beyond), y)
         y = np.append(y[:-1], [body.tip_y, *y[-2::-1]])
         below = np.arange(len(y)) < len(half)
-        reference, closed = np.column_stack([0 * y, y, np.where(below, -1.0, 1.0)]), False
+        reference = np.column_stack([0 * y, y, np.where(below, -1.0, 1.0)])
     points, normals = body.place(reference)
     points[:, plane.across] = normals[:, plane.across] = 0.0
     length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    aside = np.where(_is_dorsal(points, body), np.inf, np.abs(points[:, plane.axes[0]]))
+    aside = np.where(_is_dorsal(points, body), np.inf, np.abs(plane.within(points)[:, 0]))
     return Contour(points, normals, length - length[np.argmin(aside)], closed)
 
 
@@ -149,27 +95,25 @@ def _is_dorsal(points: Array, body: Capsule) -> NDArray[np.bool_]:
     return points[:, 2] > body.axis_z + body.rise(points[:, 1])[0]
 
 
-def _on_skin(
-    size: Size, pad: float, capsule: Capsule, ridges: Ridges, skin: Contour
-) -> list[float]:
+def _skin_sizes(skin: Contour, finger: Finger, anatomy: Anatomy) -> list[float]:
     """Return the edge length at each point of the skin's contour."""
+    capsule = anatomy.skin.capsule
     at = skin.points - [0.0, 0.0, capsule.axis_z]
     at[:, 2] -= capsule.rise(skin.points[:, 1])[0]
+    size = anatomy.sizes.on_skin(capsule)
     found = np.array([size(*point) for point in at])
-    if ridges.any:
-        found[np.abs(skin.length) <= ridges.half_length] = pad
+    if finger.is_ridged:
+        found[np.abs(skin.length) <= finger.ridged_half_length_mm] = anatomy.sizes.pad
     return found.tolist()
 
 
-def _ends(nail: NailOutline, skin: Contour, capsule: Capsule) -> list[float]:
-    """Return the lengths at which edges must end: at the contact point, at the nail's ends."""
+def _dorsal_lengths(
+    skin: Contour, capsule: Capsule, plane: Plane, ends: tuple[float, float]
+) -> list[float]:
+    """Return the lengths at which the skin's dorsal side has two coordinates along the plane."""
     dorsal = np.flatnonzero(_is_dorsal(skin.points, capsule))
-    if skin.closed:
-        places, goals = skin.points[:, 0], [-nail.half_width, nail.half_width]
-    else:
-        places, goals = skin.points[:, 1], [nail.start_y, nail.end_y]
-    at = [dorsal[np.argmin(np.abs(places[dorsal] - goal))] for goal in goals]
-    return [0.0, *skin.length[at].tolist()]
+    along = plane.within(skin.points[dorsal])[:, 0]
+    return [float(skin.length[dorsal[np.argmin(np.abs(along - end))]]) for end in ends]
 
 
 def _divided(contour: Contour, size: list[float], ends: list[float]) -> Contour:
@@ -192,36 +136,17 @@ def _divided(contour: Contour, size: list[float], ends: list[float]) -> Contour:
     return Contour(points, normals, at, contour.closed)
 
 
-# --- layers ------------------------------------------------------------------------------------
+# --- layers --------------------------------------------------------------------------------------
 
 
-def _finer(rows: Layering, pad: float) -> Layering:
-    """Divide rows that are too high for the edges under the patch."""
-    depths, tissue, nail_rows = [0.0], [], 0
-    dermis = rows.depths[np.argmax(rows.tissue == TISSUES["dermis"])]
-    for k, (top, bottom) in enumerate(pairwise(rows.depths)):
-        growth = _GROWTH if top >= dermis else 0.0
-        # Rows that grow with the depth are of one height on the scale of its logarithm.
-        grown = (math.log1p(growth * (bottom - top) / (_TALLEST * pad)) / growth) if growth else 0.0
-        parts = math.ceil(grown if growth else (bottom - top) / (_TALLEST * pad))
-        share = np.linspace(0, 1, parts + 1)[1:]
-        if growth:
-            share = np.expm1(share * growth * grown) / np.expm1(growth * grown)
-        depths += (top + share * (bottom - top)).tolist()
-        tissue += [rows.tissue[k]] * parts
-        nail_rows += parts * (k < rows.nail_rows)
-    return Layering(np.array(depths), np.array(tissue), nail_rows)
-
-
-def _columns(
-    skin: Contour, directions: Array, rows: Layering, ridges: Ridges, finger: Finger
-) -> Array:
+def _columns(skin: Contour, rows: Layering, finger: Finger, anatomy: Anatomy) -> Array:
     """Return the nodes of the layers, node i of row k at n k + i; ridges shift their limits."""
-    corneum = finger.stratum_corneum_mm
-    dermis = corneum + finger.epidermis_mm
-    limits = np.array([0.0, corneum, dermis, dermis + finger.dermis_mm])
-    s, at = skin.length, np.searchsorted(limits, rows.depths, side="right") - 1
+    directions = extrusion_directions(skin.points, skin.normals, anatomy.skin.capsule.cut_y)
+    s, ridges = skin.length, anatomy.ridges
+    dermis = finger.stratum_corneum_mm + finger.epidermis_mm
+    limits = np.array([0.0, finger.stratum_corneum_mm, dermis, finger.skin_thickness_mm])
     shifts = [ridges.skin(s), ridges.skin(s), ridges.interface(s), 0 * s, 0 * s]
+    at = np.searchsorted(limits, rows.depths, side="right") - 1
     limits = np.append(limits, limits[-1] + 1)
     nodes = []
     for depth, k in zip(rows.depths, at, strict=True):
@@ -231,18 +156,7 @@ def _columns(
     return np.concatenate(nodes)
 
 
-def _under(nail: NailOutline, skin: Contour, capsule: Capsule) -> NDArray[np.bool_]:
-    """Return which edges of the skin lie under the nail, (edges,)."""
-    following = np.roll(skin.points, -1, axis=0)
-    middle = ((skin.points + following) / 2)[: None if skin.closed else -1]
-    if skin.closed:
-        covered = np.abs(middle[:, 0]) < nail.half_width
-    else:
-        covered = (middle[:, 1] > nail.start_y) & (middle[:, 1] < nail.end_y)
-    return covered & _is_dorsal(middle, capsule)
-
-
-def _layers(
+def _triangles_of_layers(
     skin: Contour, rows: Layering, under_nail: NDArray[np.bool_]
 ) -> tuple[Indices, Indices]:
     """Return the triangles (m, 3) of the columns and their tissues (m,)."""
@@ -256,16 +170,12 @@ def _layers(
         leans,
         *(np.column_stack(c) for c in ([i, j + count, i + count], [j, j + count, i + count])),
     )
-    pair = np.concatenate([one, other])
-    cells, tissue = [], []
-    for row, own in enumerate(rows.tissue):
-        nail = under_nail & (row < rows.nail_rows)
-        cells.append(pair + row * count)
-        tissue.append(np.tile(np.where(nail, TISSUES["nail"], own), 2))
-    return np.concatenate(cells), np.concatenate(tissue)
+    pair, numbers = np.concatenate([one, other]), range(len(rows.tissue))
+    tissue = [np.tile(rows.tissue_of(row, under_nail), 2) for row in numbers]
+    return np.concatenate([pair + row * count for row in numbers]), np.concatenate(tissue)
 
 
-# --- fat and bone ------------------------------------------------------------------------------
+# --- fat and bone --------------------------------------------------------------------------------
 
 
 def _fill(nodes: Array, count: int, bone: Contour, size: float) -> tuple[Array, Indices, Indices]:
@@ -273,15 +183,15 @@ def _fill(nodes: Array, count: int, bone: Contour, size: float) -> tuple[Array, 
     inner = np.arange(len(nodes) - count, len(nodes))
     own = len(nodes) + np.arange(len(bone.points))
     nodes = np.vstack([nodes, bone.points])
-    if bone.closed:
-        nodes, fat = fill_plane(nodes, [inner, own], size)
-        nodes, marrow = fill_plane(nodes, [own], size)
-        return nodes, fat, marrow
-    nodes, dorsal = _between(nodes, inner[-1], own[-1], size)
-    nodes, palmar = _between(nodes, own[0], inner[0], size)
-    nodes, inside = _between(nodes, own[-1], own[0], size)
-    nodes, fat = fill_plane(nodes, [np.concatenate([inner, dorsal, own[::-1], palmar])], size)
-    nodes, marrow = fill_plane(nodes, [np.concatenate([own, inside])], size)
+    around_fat, around_bone = [inner, own], own
+    if not bone.closed:
+        nodes, dorsal = _between(nodes, inner[-1], own[-1], size)
+        nodes, palmar = _between(nodes, own[0], inner[0], size)
+        nodes, inside = _between(nodes, own[-1], own[0], size)
+        around_fat = [np.concatenate([inner, dorsal, own[::-1], palmar])]
+        around_bone = np.concatenate([own, inside])
+    nodes, fat = fill_plane(nodes, around_fat, size)
+    nodes, marrow = fill_plane(nodes, [around_bone], size)
     return nodes, fat, marrow
 
 
@@ -293,7 +203,7 @@ def _between(nodes: Array, start: int, end: int, size: float) -> tuple[Array, In
     return np.vstack([nodes, new]), len(nodes) + np.arange(len(new))
 
 
-def _turned(cells: Indices, nodes: Array) -> Indices:
+def _counterclockwise(cells: Indices, nodes: Array) -> Indices:
     """Return triangles whose corners run counterclockwise in the plane."""
     wrong = volumes(nodes, cells) < 0
     return np.where(wrong[:, None], cells[:, [0, 2, 1]], cells)

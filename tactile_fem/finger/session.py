@@ -1,8 +1,8 @@
-"""Access to gmsh, which runs only while a finger is meshed."""
+"""Access to gmsh, which runs only while a finger is meshed, and what it fills with cells."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import ModuleType
 from typing import Literal
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError
+from tactile_fem.finger.plane import Array
+from tactile_fem.finger.simplex import Indices
 
 _OPTIONS = {
     "General.Terminal": 0,
@@ -70,9 +72,7 @@ def gmsh_model() -> Iterator[ModuleType]:
             gmsh.finalize()
 
 
-def simplices(
-    gmsh: ModuleType, dim: Literal[2, 3]
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+def simplices(gmsh: ModuleType, dim: Literal[2, 3]) -> tuple[Array, Indices, Indices]:
     """Return the meshed triangles (`dim` 2) or tetrahedra (3) of the open model.
 
     Returns
@@ -86,3 +86,75 @@ def simplices(
     order = np.argsort(tags)
     points = flat.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)]]
     return points, cells.reshape(-1, dim + 1).astype(np.int64), used.astype(np.int64)
+
+
+def fill_plane(nodes: Array, loops: list[NDArray[np.int64]], size: float) -> tuple[Array, Indices]:
+    """Triangulate a plane inside the first loop of nodes and outside the second.
+
+    Return the nodes, to which those inside are appended, and the triangles.
+    """
+    with gmsh_model() as gmsh:
+        geo = gmsh.model.geo
+        known = np.concatenate(loops)
+        for tag in known:
+            geo.addPoint(*nodes[tag], tag=int(tag) + 1)
+        wires = []
+        for loop in loops:
+            lines = [
+                geo.addLine(int(a) + 1, int(b) + 1)
+                for a, b in zip(loop, np.roll(loop, -1), strict=True)
+            ]
+            wires.append(geo.addCurveLoop(lines))
+            for line in lines:
+                geo.mesh.setTransfiniteCurve(line, 2)
+        geo.addPlaneSurface(wires)
+        geo.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+        gmsh.model.mesh.generate(2)
+        # The number of a point's mesh node differs from that of the point.
+        number = {}
+        for tag in known:
+            ((node,), _, _) = gmsh.model.mesh.getNodes(0, int(tag) + 1)
+            number[int(node)] = int(tag)
+        return _with_new_nodes(gmsh, nodes, number, 2)
+
+
+def fill_volume(
+    nodes: Array, shell: list[Indices], holes: Sequence[Indices] = (), *, improve: bool = False
+) -> tuple[Array, Indices]:
+    """Fill a closed shell of triangles around closed holes with tetrahedra.
+
+    Return the nodes, to which those inside are appended, and the tetrahedra. `improve` removes
+    slivers and adds a few cells.
+    """
+    with gmsh_model() as gmsh:
+        mesh = gmsh.model.mesh
+        surfaces = [*shell, *holes]
+        known = np.unique(np.concatenate(surfaces))
+        faces = [gmsh.model.addDiscreteEntity(2) for _ in surfaces]
+        mesh.addNodes(2, faces[0], known + 1, nodes[known].ravel())
+        for face, triangles in zip(faces, surfaces, strict=True):
+            mesh.addElementsByType(face, 2, [], (triangles + 1).ravel())
+        loops = [faces[: len(shell)], *([face] for face in faces[len(shell) :])]
+        gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop(loop) for loop in loops])
+        gmsh.model.geo.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
+        mesh.generate(3)
+        if improve:  # with gmsh's own optimizer if it was built without Netgen, as in Debian
+            has_netgen = "Netgen" in gmsh.option.getString("General.BuildOptions")
+            mesh.optimize("Netgen" if has_netgen else "", force=True)
+        return _with_new_nodes(gmsh, nodes, {int(k) + 1: int(k) for k in known}, 3)
+
+
+def _with_new_nodes(
+    gmsh: ModuleType, nodes: Array, number: dict[int, int], dim: Literal[2, 3]
+) -> tuple[Array, Indices]:
+    """Append gmsh's new nodes and return the cells in our numbering."""
+    points, cells, tags = simplices(gmsh, dim)
+    if len(cells) == 0:
+        raise MeshError("gmsh left a part of the finger empty: bone and skin may be too near")
+    numbers = np.array([number.get(tag, -1) for tag in tags.tolist()])
+    new = numbers < 0
+    numbers[new] = len(nodes) + np.arange(new.sum())
+    return np.vstack([nodes, points[new]]), numbers[cells]

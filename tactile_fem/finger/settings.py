@@ -1,12 +1,31 @@
-"""Finger, solver and output of a study."""
+"""The finger of a study: whole or a section, parametric, scanned or from a mesh file."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+import logging
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from tactile_fem.errors import MeshError, StudyError
+from tactile_fem.finger.plane import PLANES, SPACE, Plane
+from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.runtime.settings import Either, File, Finite, NonNegative, Positive, Whole
+
+if TYPE_CHECKING:
+    from tactile_fem.finger.mesh_data import FingerMesh
+
+logger = logging.getLogger(__name__)
+
+_BESIDE = Path(__file__).resolve().parents[2:]
+# Beside the package in a clone; when installed in the share folder of the environment, of the
+# user (pip --user), of /usr/local (Debian) or of any other folder (pip --target).
+MESH_FOLDERS = (
+    _BESIDE[0] / "meshes",
+    *(folder / "share" / "tactile_fem" / "meshes" for folder in _BESIDE),
+)
 
 
 def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -160,6 +179,8 @@ class Finger(Either):
                 raise ValueError(f'{name} needs kind = "section"')
         return self
 
+    # --- its kind --------------------------------------------------------------------------------
+
     @property
     def is_section(self) -> bool:
         """Whether it is a plane section."""
@@ -171,6 +192,109 @@ class Finger(Either):
         return self.skin_file is not None or self.bone_file is not None
 
     @property
+    def is_parametric(self) -> bool:
+        """Whether its lengths alone describe it."""
+        return self.mesh_file is None and not self.is_scanned
+
+    @property
+    def is_ridged(self) -> bool:
+        """Whether it has fingerprints or papillae."""
+        return self.ridge_height_mm > 0 or self.papilla_depth_mm > 0
+
+    @property
+    def section_plane(self) -> Plane:
+        """The plane of a section through the contact point; space for a solid finger."""
+        return PLANES[self.plane] if self.is_section else SPACE
+
+    @property
+    def force_unit(self) -> str:
+        """Forces of a section are per width."""
+        return self.section_plane.force_unit
+
+    def require_solid(self, purpose: str) -> None:
+        """Raise StudyError if it is a section, and a purpose needs a solid finger."""
+        if self.is_section:
+            raise StudyError(f'finger.kind is "section" but must be "solid" for {purpose}.')
+
+    # --- its lengths -----------------------------------------------------------------------------
+
+    @property
+    def skin_thickness_mm(self) -> float:
+        """Stratum corneum, epidermis and dermis."""
+        return self.stratum_corneum_mm + self.epidermis_mm + self.dermis_mm
+
+    @property
     def pad_thickness_mm(self) -> float:
         """Skin surface to bone under the contact point, of the parametric finger."""
-        return self.stratum_corneum_mm + self.epidermis_mm + self.dermis_mm + self.subcutaneous_mm
+        return self.skin_thickness_mm + self.subcutaneous_mm
+
+    # --- its mesh --------------------------------------------------------------------------------
+
+    def mesh(self) -> FingerMesh:
+        """Return the finger's mesh.
+
+        A `mesh_file` is read. If all values equal those of a shipped recipe, the shipped mesh is
+        read. Every other finger is meshed, which needs gmsh.
+
+        Raises
+        ------
+        MeshError
+            The mesh cannot be read, generated or used.
+        """
+        from tactile_fem.finger.build import build_finger
+        from tactile_fem.finger.msh import read_msh
+
+        file = self.mesh_file or self.shipped_file()
+        if file is None:
+            return build_finger(self)
+        if not file.is_file():
+            raise MeshError(f"finger.mesh_file = {file} does not exist")
+        mesh = read_msh(file)
+        if self.mesh_file is None:
+            logger.info("finger from %s", file.name)
+        else:
+            self.check_mesh(mesh)
+        return mesh
+
+    def shipped_file(self) -> Path | None:
+        """Return the shipped mesh with this finger as its recipe, if there is one."""
+        for folder in MESH_FOLDERS:
+            for recipe in sorted(folder.glob("*.toml")):
+                mesh = recipe.with_suffix(".msh")
+                values = tomllib.loads(recipe.read_text(encoding="utf-8")).get("finger", {})
+                if mesh.is_file() and Finger.model_validate(values) == self:
+                    return mesh
+        return None
+
+    def check_mesh(self, mesh: FingerMesh) -> None:
+        """Raise MeshError if an own mesh cannot be used, or is a section where this is none."""
+        mesh.check()
+        if mesh.plane.is_space == self.is_section:
+            kind = "solid" if mesh.plane.is_space else "section"
+            raise MeshError(
+                f'finger.kind is "{self.kind}" but must be "{kind}" for a mesh of '
+                f"{mesh.simplex.plural}"
+            )
+
+    def check(self) -> FingerMesh | None:
+        """Try within a second what could fail; return the mesh if it is read from a file.
+
+        The last finger is kept: the scans of a series often share it.
+
+        Raises
+        ------
+        StudyError
+            Lengths or scans do not make a finger, a file cannot be read ...
+        """
+        from tactile_fem.finger.anatomy import Anatomy
+
+        if self.mesh_file is None:
+            Anatomy.of(self)
+            if self.shipped_file() is None:
+                return None
+        return _kept_mesh(self)
+
+
+@cached_by_content(maxsize=1)
+def _kept_mesh(finger: Finger) -> FingerMesh:
+    return finger.mesh()

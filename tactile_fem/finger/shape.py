@@ -10,19 +10,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError, PlaceError
+from tactile_fem.finger.plane import Array
 from tactile_fem.finger.settings import Finger
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from tactile_fem.finger.bone import ScannedBone
+    from tactile_fem.finger.scanned import ScannedSkin
 
-STEEPEST = math.radians(30.0)  # the arc of the pad ends at this slope and continues straight
-LEAST_GAP_MM = 0.15  # bone to dermis
+ARC_END = math.radians(30.0)  # the arc of the pad ends at this slope and continues straight
+_LEAST_GAP_MM = 0.15  # bone to dermis
+_DEPTH_STEP_MM = 0.25  # of the skin's points, to measure the depth below it
+_BONE_STEP_MM = 0.4  # of the bone's points whose depth is checked
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,7 @@ class Capsule:
     def rise(self, y: ArrayLike) -> tuple[Array, Array]:
         """Return the rise of the body at y and its slope: an arc, then its tangent."""
         back = np.maximum(-np.asarray(y, dtype=float), 0.0)
-        end = self.pad_radius * math.sin(STEEPEST)
+        end = self.pad_radius * math.sin(ARC_END)
         on_arc = np.minimum(back, end)
         root = np.sqrt(self.pad_radius**2 - on_arc**2)
         slope = on_arc / root
@@ -99,17 +104,10 @@ class Capsule:
         return np.where(in_tip, tip, short), np.where(in_tip, dtip, dshort)
 
     def place(self, reference: Array) -> tuple[Array, Array]:
-        """Move points of the reference capsule onto the body.
+        """Move points (n, 3) of the reference capsule onto the body.
 
-        Parameters
-        ----------
-        reference
-            (n, 3): u, y, v with u^2 + v^2 = 1 in the shaft; projected onto the capsule first.
-
-        Returns
-        -------
-        points, normals
-            (n, 3) positions in mm and outward unit normals, exact.
+        They are u, y, v with u^2 + v^2 = 1 in the shaft, and are projected onto the capsule first.
+        Return positions in mm and outward unit normals, (n, 3), exact.
         """
         u, y, v = np.asarray(reference, dtype=float).T
         y = np.clip(y, self.cut_y, self.tip_y)
@@ -197,38 +195,15 @@ def skin_shape(finger: Finger) -> Capsule:
     )
 
 
-class Skin(Protocol):
-    """The outer skin: a capsule, or one that was moved onto a scan."""
-
-    @property
-    def capsule(self) -> Capsule:
-        """The capsule that is triangulated."""
-
-    def place(self, reference: Array) -> tuple[Array, Array]:
-        """Move points of the reference capsule onto the skin; see `Capsule.place`."""
-
-    def level(self, points: Array) -> Array:
-        """Return a function of points (n, 3) that is negative inside and zero on the skin."""
-
-    def sample(self, step_mm: float) -> tuple[Array, Array]:
-        """Return points about `step_mm` apart and their normals."""
-
-
-def bone_shape(finger: Finger, skin: Skin) -> Capsule:
-    """Return the bone, pad_thickness_mm above the contact point; it follows the skin's rise.
-
-    Raises
-    ------
-    MeshError
-        The bone is closer to the skin than the layers allow.
-    """
+def bone_shape(finger: Finger, skin: Capsule | ScannedSkin) -> Capsule:
+    """Return the bone, pad_thickness_mm above the contact point; it follows the skin's rise."""
     tip = skin.capsule.tip_y - finger.bone_tip_gap_mm
     if tip < 1.0:
         raise MeshError(
             f"finger.bone_tip_gap_mm = {finger.bone_tip_gap_mm:g} leaves no bone over the contact "
             f"point: it must be at most {skin.capsule.tip_y - 1.0:.3g}"
         )
-    bone = Capsule(
+    return Capsule(
         half_width=finger.bone_half_width_mm,
         below=finger.bone_half_height_mm,
         above=finger.bone_half_height_mm,
@@ -238,15 +213,15 @@ def bone_shape(finger: Finger, skin: Skin) -> Capsule:
         cut_y=skin.capsule.cut_y,
         pad_radius=skin.capsule.pad_radius,
     )
-    check_depth_of_bone(skin, bone.sample(0.4)[0], finger)
-    return bone
 
 
-def check_depth_of_bone(skin: Skin, bone_points: Array, finger: Finger) -> None:
-    """Raise MeshError if points (n, 3) of a bone are closer to the skin than the layers allow."""
+def check_depth_of_bone(
+    skin: Capsule | ScannedSkin, bone: Capsule | ScannedBone, finger: Finger
+) -> None:
+    """Raise MeshError if a bone is closer to the skin than the layers allow."""
+    bone_points, _ = bone.sample(_BONE_STEP_MM)
     depth = depth_below(skin, bone_points)
-    layers = finger.stratum_corneum_mm + finger.epidermis_mm + finger.dermis_mm
-    need = layers + LEAST_GAP_MM
+    need = finger.skin_thickness_mm + _LEAST_GAP_MM
     worst = int(np.argmin(depth))
     if depth[worst] < need:
         where = "outside the skin" if depth[worst] <= 0 else f"{depth[worst]:.2f} mm below the skin"
@@ -257,8 +232,8 @@ def check_depth_of_bone(skin: Skin, bone_points: Array, finger: Finger) -> None:
         )
 
 
-def depth_below(skin: Skin, points: Array) -> Array:
+def depth_below(skin: Capsule | ScannedSkin, points: Array) -> Array:
     """Return the depth of points (n, 3) below the skin in mm, negative outside (error < 0.02)."""
-    surface, _ = skin.sample(0.25)
+    surface, _ = skin.sample(_DEPTH_STEP_MM)
     distance, _ = cKDTree(surface).query(points)
     return np.where(skin.level(points) < 0, distance, -distance)

@@ -7,32 +7,29 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
+from scipy.interpolate import NdBSpline
 
 from tactile_fem.errors import MeshError, PlaceError, TactileError
-from tactile_fem.finger.shape import Array
+from tactile_fem.finger.plane import Array
 from tactile_fem.runtime.triangles import Triangles, in_chunks
-from tactile_fem.stimulus.spline import GridSpline
 
-_STEP_MM = 0.3
+_STEP_MM, _MARGIN_MM = 0.3, 3.0
 _MOST_POINTS = 6_000_000  # some 200 bytes each while they are sampled
-_MARGIN_MM = 3.0
 # Winding numbers of points that lie in two solids, or in one that is inside out.
 _DOUBLE, _INVERTED = 1.5, -0.5
-# Along a line to the surface: steps, and how near they have to come.
-_STEPS, _CLOSE_MM = 30, 1e-4
+# Iterations along a line to the surface, and the distance of a point that has reached it; Newton's
+# iterations to the nearest point of the surface.
+_LINE_ITERATIONS, _REACHED_MM, _PROJECTIONS = 30, 1e-4, 10
 
 
 @dataclass(frozen=True)
 class SmoothSurface:
-    """The smoothed signed distance of a closed or nearly closed surface, negative inside.
+    """The smoothed signed distance of a closed or nearly closed surface in mm, negative inside.
 
-    Attributes
-    ----------
-    spline
-        Of the distance, mm.
+    It is a cubic spline of X, Y, Z; beyond its grid the distance is that of the grid's rim.
     """
 
-    spline: GridSpline
+    spline: NdBSpline
 
     @classmethod
     def of(
@@ -77,8 +74,7 @@ class SmoothSurface:
                 f"{' x '.join(f'{x:.0f}' for x in high - low - 2 * _MARGIN_MM)} mm large, more "
                 "than a finger: leave out the rest, or check tip_direction and nail_direction"
             )
-        index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1).reshape(-1, 3)
-        points = low + _STEP_MM * index
+        points = low + _STEP_MM * np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3)
 
         def signed(some: Array) -> tuple[Array, Array]:
             found = igl.point_mesh_squared_distance(some, surface.points, surface.triangles)[0]
@@ -97,47 +93,55 @@ class SmoothSurface:
         distance[winding > 0.5] *= -1
         if closed:
             distance = np.maximum(distance, least_y - points[:, 1])
-        smoothed = ndimage.gaussian_filter(
-            distance.reshape(shape), smooth_mm / _STEP_MM, mode="nearest"
-        )
-        return cls(GridSpline.through(smoothed, low, (_STEP_MM,) * 3))
+        distance = distance.reshape(shape)
+        smooth = ndimage.gaussian_filter(distance, smooth_mm / _STEP_MM, mode="nearest")
+        # At the rim the spline is mirrored; its coefficients are those of B-splines around points.
+        of_points = ndimage.spline_filter(smooth, order=3, mode="mirror")
+        coefficients = np.pad(of_points, 1, mode="reflect")
+        knots = [
+            start + _STEP_MM * (np.arange(count + 4) - 3)
+            for start, count in zip(low, coefficients.shape, strict=True)
+        ]
+        return cls(NdBSpline(tuple(knots), coefficients, 3))
 
     def moved(self, by: Array) -> SmoothSurface:
         """Return the surface moved by (3,) mm."""
-        spline = self.spline
-        return SmoothSurface(
-            GridSpline(spline.coefficients, spline.origin + by, spline.spacing, spline.beyond)
-        )
+        knots = tuple(axis + shift for axis, shift in zip(self.spline.t, by, strict=True))
+        return SmoothSurface(NdBSpline(knots, self.spline.c, 3))
 
     def level(self, points: Array) -> Array:
-        """Return the distance (n,) at points (n, 3), mm; beyond the grid that of its rim."""
-        return self.spline.derivatives(self._within(points), 0)[0]
+        """Return the distance (n,) at points (n, 3), mm."""
+        return self.spline(self._within(points))
+
+    def gradient(self, points: Array) -> Array:
+        """Return the gradient (n, 3) of the distance at points (n, 3)."""
+        within = self._within(points)
+        return np.stack([self.spline(within, nu=order) for order in np.eye(3, dtype=int)], axis=1)
 
     def normals(self, points: Array) -> Array:
         """Return outward unit normals (n, 3) of the level at points (n, 3)."""
-        gradient = self.spline.derivatives(self._within(points), 1)[1]
+        gradient = self.gradient(points)
         return gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
 
     def along(self, points: Array, directions: Array, reach_mm: float) -> Array:
         """Return the distances (n,) from points to the surface along lines; NaN if too far.
 
-        The lines lead outwards, about along the normals, where the level is the way to go.
+        The lines lead outwards, about along the normals, so that the distance is about the step.
         """
         t = np.zeros(len(points))
-        for _ in range(_STEPS):
+        for _ in range(_LINE_ITERATIONS):
             t = np.clip(t - self.level(points + t[:, None] * directions), -reach_mm, reach_mm)
-        left = np.abs(self.level(points + t[:, None] * directions))
-        return np.where(left < _CLOSE_MM, t, np.nan)
+        error = np.abs(self.level(points + t[:, None] * directions))
+        return np.where(error < _REACHED_MM, t, np.nan)
 
     def project(self, points: Array) -> Array:
         """Return the surface's points next to points (n, 3) near it."""
-        for _ in range(10):
-            value, gradient = self.spline.derivatives(self._within(points), 1)
-            step = value / np.maximum(np.einsum("ni,ni->n", gradient, gradient), 0.1)
+        for _ in range(_PROJECTIONS):
+            gradient = self.gradient(points)
+            step = self.level(points) / np.maximum(np.sum(gradient**2, axis=1), 0.1)
             points = points - step[:, None] * gradient
         return points
 
     def _within(self, points: Array) -> Array:
-        first = self.spline.origin
-        last = first + self.spline.spacing * (np.array(self.spline.coefficients.shape) - 1)
+        first, last = np.array([[knots[3], knots[-4]] for knots in self.spline.t]).T
         return np.clip(points, first, last)

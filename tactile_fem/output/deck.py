@@ -29,15 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError, StudyError
-from tactile_fem.finger.mesh_data import (
-    SURFACES,
-    TET_FACETS,
-    TISSUES,
-    VTK_ORDER,
-    FingerMesh,
-    held_parts,
-)
-from tactile_fem.finger.report import measured_layers_mm
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, held_parts
+from tactile_fem.finger.simplex import SOLID
 from tactile_fem.path import Motion
 from tactile_fem.runtime.files import write_text
 from tactile_fem.stimulus.height_field import HeightField, height_field
@@ -48,7 +41,7 @@ from tactile_fem.tissue.energies import compression_modulus
 Code = Literal["calculix", "abaqus"]
 
 # The faces S1 to S4 of C3D10 are opposite to the corners 4, 3, 1 and 2.
-C3D10_FACES = TET_FACETS[[3, 2, 0, 1]]
+C3D10_FACES = SOLID.facets[[3, 2, 0, 1]]
 # CalculiX replaces a D2 of zero by its own value; this value removes the term.
 NO_D_PER_MPa = 1e12
 _THICKNESS_MM = 0.5
@@ -82,7 +75,7 @@ class Penalty:
         MeshError
             The pad of the mesh has no stratum corneum.
         """
-        layers = measured_layers_mm(finger)
+        layers = finger.layers_mm
         if "stratum_corneum" not in layers:
             raise MeshError(
                 "the pad has no stratum corneum, whose thickness a deck's contact needs"
@@ -222,7 +215,7 @@ def _finger_lines(
     for name in present:
         own = deformable[finger.tissue[deformable] == TISSUES[name]]
         lines.append(f"*ELEMENT, TYPE=C3D10, ELSET={name.upper()}")
-        lines += _rows(own, finger.cells[own][:, VTK_ORDER] + 1)
+        lines += _rows(own, finger.cells[own][:, SOLID.vtk_order] + 1)
         lines.append(f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}")
     return [*lines, "*NSET, NSET=HELD", *_listed(held + 1), "*BOUNDARY", "HELD, 1, 3"]
 

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.plane import Plane
 from tactile_fem.neuron import Response, drive_of
 from tactile_fem.output.histories import DISPLACEMENT, TIME, Abscissa, central_receptor, middle_row
 from tactile_fem.output.pictures import draw_pictures
@@ -147,5 +146,5 @@ def _force(results: Results, over: Abscissa) -> Figure:
         (trace["depth_mm"][indenting], "Indentation (mm)", trace["force_N"][indenting]),
         (over.values, over.label, trace["force_N"][over.rows]),
         results.study.stimulus.friction,
-        Plane.of(results.study.finger).force_unit,
+        results.study.finger.force_unit,
     )

@@ -17,7 +17,8 @@ import pyvista as pv
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import TISSUES, facets_of
+from tactile_fem.finger.mesh_data import TISSUES
+from tactile_fem.finger.simplex import facets_of
 from tactile_fem.output import drawing
 from tactile_fem.output.histories import at_time
 from tactile_fem.output.timeline import Timeline

@@ -11,7 +11,7 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 
-from tactile_fem.finger.mesh_data import VTK_ORDER
+from tactile_fem.finger.simplex import SOLID
 from tactile_fem.output import drawing
 from tactile_fem.output.colours import is_soft
 from tactile_fem.output.film import Piece
@@ -106,7 +106,7 @@ class ModeFilm:
 
 def _solid(modes: Modes, k: int) -> pv.UnstructuredGrid:
     """Return the undeformed tetrahedra with what moves them as point data."""
-    cells = {pv.CellType.QUADRATIC_TETRA: modes.tets[:, VTK_ORDER]}
+    cells = {pv.CellType.QUADRATIC_TETRA: modes.tets[:, SOLID.vtk_order]}
     grid = pv.UnstructuredGrid(cells, modes.nodes_mm)
     grid.cell_data["tissue"] = modes.tissue
     solid = drawing.linear(grid, grid.points)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tactile_fem.finger.mesh_data import FingerMesh
-from tactile_fem.finger.scanned import Scans
+from tactile_fem.finger.scans import Scans
 from tactile_fem.output import drawing
 from tactile_fem.path import Path
 from tactile_fem.stimulus import RigidBody

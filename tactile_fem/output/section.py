@@ -22,8 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import FLAT, TISSUES, FingerMesh, facets_of
+from tactile_fem.finger.mesh_data import TISSUES, FingerMesh
 from tactile_fem.finger.plane import AXES, Plane
+from tactile_fem.finger.simplex import FLAT, facets_of
 from tactile_fem.output.colours import COLOURS, is_soft
 from tactile_fem.output.gif import write_gif
 from tactile_fem.output.histories import TIME, at_time
@@ -77,7 +78,7 @@ class Shape:
         points = np.asarray(grid.points, dtype=float)
         plane = Plane.through(points)
         tissue = np.asarray(grid.cell_data["tissue"][0])
-        return cls(plane, plane.within(points), grid.cells_dict[FLAT.cell], tissue)
+        return cls(plane, plane.within(points), grid.cells_dict[FLAT.meshio], tissue)
 
     def triangles(self, moved: ArrayLike = 0.0) -> Triangulation:
         """Return four straight triangles for each cell, displaced by (n, 2)."""

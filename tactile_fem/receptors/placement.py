@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import TISSUES, FingerMesh, lowest_facet
+from tactile_fem.finger.mesh_data import TISSUES, FingerMesh
+from tactile_fem.finger.simplex import lowest_facet
 from tactile_fem.receptors.settings import TIPS, Receptors, misplaced
 from tactile_fem.receptors.tips import tips
 
@@ -85,7 +86,7 @@ def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
     StudyError
         A receptor's X, Y lies outside the finger, or the placement does not suit the finger.
     """
-    problem = misplaced(receptors, is_section=not finger.plane.is_space)
+    problem = misplaced(receptors, finger.plane)
     if problem:
         raise StudyError(problem)
     half = np.array([receptors.half_width_mm, receptors.half_length_mm])
@@ -110,11 +111,10 @@ def _layout(receptors: Receptors, half: np.ndarray, finger: FingerMesh) -> np.nd
     lines = [np.arange(-n, n + 1) * receptors.spacing_mm for n in counts]
     if receptors.placement == "grid":
         return np.stack(np.meshgrid(*lines, indexing="ij"), -1).reshape(-1, 2)
-    plane = finger.plane
-    along = plane.axes[0]
-    xy = np.full((len(lines[along]), 2), 0.0 if plane.is_space else plane.at_mm)
-    xy[:, along] = lines[along]
-    return xy
+    axes = finger.plane.axes
+    at = np.zeros((len(lines[axes[0]]), len(axes)))
+    at[:, 0] = lines[axes[0]]
+    return finger.plane.points(at)[:, :2]
 
 
 def _poisson_disc(receptors: Receptors, half: np.ndarray, facets: np.ndarray) -> list[np.ndarray]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from tactile_fem.finger.plane import Plane
 from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Settings, Whole
 
 if TYPE_CHECKING:
@@ -92,10 +93,10 @@ class Receptors(Settings):
         return Layout.of(self, finger, population)
 
 
-def misplaced(receptors: Receptors, *, is_section: bool) -> str:
-    """Return why receptors cannot be placed in a solid or in a section; empty if they can."""
-    placement = receptors.placement
-    if not is_section and placement in TIPS:
+def misplaced(receptors: Receptors, plane: Plane) -> str:
+    """Return why receptors cannot be placed in a section, or in space; empty if they can."""
+    placement, is_section = receptors.placement, not plane.is_space
+    if placement in TIPS and not is_section:
         return (
             f'receptors.placement = "{placement}" needs a section with papillae: '
             'finger.kind = "section" and finger.papilla_depth_mm'

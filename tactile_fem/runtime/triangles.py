@@ -42,6 +42,40 @@ class Triangles:
     points: Points
     triangles: Indices
 
+    @property
+    def corners(self) -> Points:
+        """Coordinates of the triangles' corners, (m, 3, 3)."""
+        return self.points[self.triangles]
+
+    @property
+    def area_vectors(self) -> Points:
+        """Normals of the triangles, as long as their areas in mm^2, (m, 3)."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        return np.cross(b - a, c - a) / 2
+
+    @property
+    def areas(self) -> Points:
+        """Areas of the triangles, (m,) mm^2."""
+        return np.linalg.norm(self.area_vectors, axis=1)
+
+    def facing(self, directions: Points) -> Triangles:
+        """Return the surface with triangles turned that face against directions (m, 3)."""
+        against = np.einsum("ij,ij->i", self.area_vectors, directions) < 0
+        return Triangles(
+            self.points, np.where(against[:, None], self.triangles[:, [0, 2, 1]], self.triangles)
+        )
+
+    def moved(self, by: Points) -> Triangles:
+        """Return the surface moved by (3,) mm."""
+        return Triangles(self.points + by, self.triangles)
+
+    def part(self, kept: NDArray[np.bool_]) -> Triangles:
+        """Return some triangles (m,) and their vertices; itself if it is all of them."""
+        if kept.all():
+            return self
+        used, flat = np.unique(self.triangles[kept], return_inverse=True)
+        return Triangles(self.points[used], flat.reshape(-1, 3).astype(np.int64))
+
     def edges(self) -> Indices:
         """Return the directed edges (3 m, 2) of all triangles."""
         following = np.roll(self.triangles, -1, axis=1)

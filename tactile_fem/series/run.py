@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from tactile_fem.errors import StoppedError, StudyError, TactileError
-from tactile_fem.finger.plane import Plane
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.runtime.files import write_table, write_text
 from tactile_fem.runtime.logs import shown
@@ -201,7 +200,7 @@ def numbers_of(results: Results) -> dict[str, int | float]:
         f"spikes_{afferents.name}": int((spikes.population[sliding] == afferents.name).sum())
         for afferents in results.study.afferents
     }
-    unit = Plane.of(results.study.finger).force_unit.replace("/", "_per_")
+    unit = results.study.finger.force_unit.replace("/", "_per_")
     return {
         "steps": len(trace["time_s"]),
         "newton_iterations": int(trace["newton_iterations"].sum()),

@@ -7,32 +7,20 @@ import logging
 import numpy as np
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.anatomy import Anatomy
-from tactile_fem.finger.build import layering
-from tactile_fem.finger.load import load_finger, shipped_file
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.plane import AXES, Plane
-from tactile_fem.finger.report import facet_size_mm, pad_thickness_mm
-from tactile_fem.finger.section import section_sizes
-from tactile_fem.finger.skin import PRESETS, sizes_of
+from tactile_fem.finger.sizes import PRESETS
 from tactile_fem.neuron import fields_of
 from tactile_fem.path import Path
-from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.whereabouts import miss
-from tactile_fem.study import Finger, Protocol, Stimulus, Study
+from tactile_fem.study import Protocol, Stimulus, Study
 
 logger = logging.getLogger(__name__)
 
 # A press to a force is given up when this share of the pad is squeezed.
 DEEPEST = 0.8
 _TOUCH_TOLERANCE_MM = 1e-3
-
-
-def check_solid(finger: Finger, purpose: str) -> None:
-    """Raise StudyError if a finger is a section, which does not do for a purpose."""
-    if finger.is_section:
-        raise StudyError(f'finger.kind is "section" but must be "solid" for {purpose}.')
 
 
 def check_study(study: Study) -> None:
@@ -46,19 +34,11 @@ def check_study(study: Study) -> None:
     """
     body = study.stimulus.body()
     fields_of(afferents.population() for afferents in study.populations)
-    finger = study.finger
-    if finger.mesh_file is None:
-        _anatomy(finger)
-        layering(finger, sizes_of(finger).epidermis_rows)
-        if not finger.is_scanned:
-            thickness = finger.pad_thickness_mm
-            path = study.protocol.route(DEEPEST * thickness)
-            check_depth(study.protocol, path, thickness)
-            check_section(study, path, Plane.of(finger))
-        if finger.is_section:
-            section_sizes(finger)
-    if finger.mesh_file is not None or shipped_file(finger) is not None:
-        check_with_mesh(study, body, _loaded(finger))
+    mesh = study.finger.check()
+    if study.finger.is_parametric:
+        _checked_path(study, study.finger.pad_thickness_mm, study.finger.section_plane)
+    if mesh is not None:
+        check_with_mesh(study, body, mesh)
 
 
 def check_with_mesh(study: Study, body: RigidBody, mesh: FingerMesh) -> Path:
@@ -70,12 +50,16 @@ def check_with_mesh(study: Study, body: RigidBody, mesh: FingerMesh) -> Path:
         The body goes too deep, starts in the finger or leaves the plane of a section, or a
         receptor lies outside or far from the tissue that it feels.
     """
-    thickness = pad_thickness_mm(mesh)
-    path = study.protocol.route(DEEPEST * thickness)
-    check_depth(study.protocol, path, thickness)
+    path = _checked_path(study, mesh.pad_thickness_mm, mesh.plane)
     check_apart(body, path, mesh)
-    check_section(study, path, mesh.plane)
     study.lay_out(mesh)
+    return path
+
+
+def _checked_path(study: Study, pad_thickness_mm: float, plane: Plane) -> Path:
+    path = study.protocol.route(DEEPEST * pad_thickness_mm)
+    check_depth(study.protocol, path, pad_thickness_mm)
+    check_section(study, path, plane)
     return path
 
 
@@ -131,7 +115,7 @@ def check_section(study: Study, path: Path, plane: Plane, *, own_body: bool = Fa
     """
     if plane.is_space:
         return
-    across, name = plane.across, f"{AXES[plane.across]} = {plane.at_mm:g}"
+    across, name = plane.across, plane.equation
     off = np.abs(path.places_mm()[:, across]).max()
     if off > _TOUCH_TOLERANCE_MM:
         along = "Y" if across == 0 else "X"
@@ -153,19 +137,7 @@ def check_section(study: Study, path: Path, plane: Plane, *, own_body: bool = Fa
 def tell_resolution(stimulus: Stimulus, finger: FingerMesh) -> None:
     """Log which part of a stimulus' roughness the skin's facets can follow, and which would."""
     sentence = stimulus.resolution(
-        facet_size_mm(finger), {name: size.pad for name, size in PRESETS.items()}
+        finger.facet_size_mm, {name: size.pad for name, size in PRESETS.items()}
     )
     if sentence:
         logger.info("%s", sentence)
-
-
-@cached_by_content(maxsize=1)
-def _anatomy(finger: Finger) -> Anatomy:
-    """Return a finger's surfaces; a series' scans often share them."""
-    return Anatomy.of(finger)
-
-
-@cached_by_content(maxsize=1)
-def _loaded(finger: Finger) -> FingerMesh:
-    """Return a finger; a series' scans often share one."""
-    return load_finger(finger)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import simplex_of
+from tactile_fem.finger.simplex import simplex_of
 from tactile_fem.runtime.files import atomic_write, write_text
 
 SERIES = "deformation.pvd"
@@ -54,7 +54,7 @@ class FieldWriter:
         path = self.folder / _name(len(self._series))
         mesh = meshio.Mesh(
             self.nodes,
-            [(self._shape.cell, self.cells)],
+            [(self._shape.meshio, self.cells)],
             point_data={"displacement_mm": np.asarray(displacement_mm, dtype=np.float32)},
             cell_data={
                 "sed_kPa": [np.asarray(sed_kPa, dtype=np.float32)],

@@ -16,7 +16,6 @@ from dolfinx import common
 
 from tactile_fem import __version__
 from tactile_fem.finger import FingerMesh
-from tactile_fem.finger.report import measured_layers_mm, pad_thickness_mm
 from tactile_fem.mechanics.compile import compiled_by
 from tactile_fem.neuron import Response
 from tactile_fem.receptors.probe import CellEnergy
@@ -197,8 +196,8 @@ def _measured(finger: FingerMesh) -> dict[str, Any]:
     return {
         "hash": finger.hash,
         finger.simplex.plural: len(finger.cells),
-        "pad_thickness_mm": pad_thickness_mm(finger),
-        "layers_mm": measured_layers_mm(finger),
+        "pad_thickness_mm": finger.pad_thickness_mm,
+        "layers_mm": finger.layers_mm,
     }
 
 

@@ -17,9 +17,7 @@ from dolfinx import jit
 from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger import FingerMesh, load_finger
-from tactile_fem.finger.load import check_kind
-from tactile_fem.finger.report import check_mesh, pad_thickness_mm
+from tactile_fem.finger import FingerMesh
 from tactile_fem.mechanics.compile import clean_cache
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.faults import compilation_errors
@@ -108,7 +106,7 @@ class Simulation:
         self.populations = replaced(of_study, parts.populations)
         self.files = on_root(comm, lambda: hashes(study.files()))
         self.finger = finger = on_root(comm, lambda: _finger(study, parts), share=False)
-        thickness_mm = on_root(comm, lambda: pad_thickness_mm(finger))
+        thickness_mm = on_root(comm, lambda: finger.pad_thickness_mm)
         self.body = parts.body or study.stimulus.body()
         if parts.body is None:  # an own one has been tried
             check_body(self.body, "stimulus")
@@ -270,7 +268,6 @@ Observer = Callable[[Observation], Mapping[str, ArrayLike] | None]
 
 def _finger(study: Study, parts: Parts) -> FingerMesh:
     if parts.finger is None:
-        return load_finger(study.finger)
-    check_mesh(parts.finger)
-    check_kind(parts.finger, study.finger)
+        return study.finger.mesh()
+    study.finger.check_mesh(parts.finger)
     return parts.finger

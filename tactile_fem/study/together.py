@@ -22,7 +22,7 @@ def disagreements(study: Study, *, saved: bool) -> Iterator[str]:
     """
     for population in study.populations:
         name = study.table_of(population)
-        problem = misplaced(population.receptors, is_section=study.finger.is_section)
+        problem = misplaced(population.receptors, study.finger.section_plane)
         if problem:
             yield f"{name}{problem}"
         if study.afferents and not saved:
