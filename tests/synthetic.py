@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from tactile_fem.finger.mesh_data import TISSUES
+from tactile_fem.finger.simplex import quadratic
 from tactile_fem.simulation.fields import FieldWriter
 from tactile_fem.simulation.results import Results
-from tactile_fem.study import Study
+from tactile_fem.study import Finger, Study
 
 SPEED = 20.0
 PRESS, SLIDE = 8, 50
@@ -20,6 +21,10 @@ def make_trace(across=np.arange(-10, 11) * 0.5):
     force[:, 2] = 0.6 * (depth / 1.97) ** 2
     force[:, 1] = -0.3 * force[:, 2] * (1 - np.exp(-displacement / 0.2))
     wave = 1.5 - np.cos(2 * np.pi * displacement / 5)
+    height = 0.8 + across**2 / 16
+    moved = np.zeros((len(depth), len(across), 3))
+    moved[..., 1] = -displacement[:, None] / 10
+    moved[..., 2] = 1.5 - height / 2
     return {
         "time_s": (depth - 1.97) / SPEED + displacement / SPEED,
         "displacement_mm": displacement,
@@ -29,7 +34,8 @@ def make_trace(across=np.arange(-10, 11) * 0.5):
         "stimulator_mm": np.column_stack([0 * depth, -displacement, depth]),
         "force_N": force,
         "moment_Nmm": 0 * force,
-        "receptors_mm": np.column_stack([across, 0 * across, 0.8 + across**2 / 16]),
+        "receptors_mm": np.column_stack([across, 0 * across, height]),
+        "moved_mm": moved,
         "sed_kPa": (depth / 1.97)[:, None] * wave[:, None] * np.exp(-((across / 4) ** 2)),
     }
 
@@ -82,3 +88,24 @@ def make_fields(results, states=(0.0, 2.5, 5.0)):
         lift[:, 2] = np.clip(1.5 - nodes[:, 2] / 2, 0, None)
         writer.write(displacement / SPEED, lift, np.linspace(0.01, 5, len(tets)))
     return len(tets)
+
+
+def make_section(folder, states=(0.0, 2.5, 5.0)):
+    """Write a results folder of a sagittal section with fields of three layers."""
+    trace = make_trace()
+    trace["receptors_mm"] = trace["receptors_mm"][:, [1, 0, 2]]
+    results = make_results(folder, Study(finger=Finger(kind="section")), trace)
+    heights = [0.0, 0.5, 3.0, 5.0]
+    corners = np.array([[0.0, y, z] for z in heights for y in (-4.0, 4.0)])
+    cells = [
+        [2 * k + a, 2 * k + b, 2 * k + c] for k in range(3) for a, b, c in ((0, 1, 3), (0, 3, 2))
+    ]
+    tissue = np.repeat([TISSUES[name] for name in ("epidermis", "dermis", "bone")], 2)
+    nodes, cells, _ = quadratic(corners, np.array(cells), np.array([[0, 1]]))
+    writer = FieldWriter(results.fields, nodes, cells, tissue)
+    for displacement in states:
+        lift = np.zeros_like(nodes)
+        lift[:, 1] = -displacement / 10
+        lift[:, 2] = np.clip(1.5 - nodes[:, 2] / 2, 0, None)
+        writer.write(displacement / SPEED, lift, np.linspace(0.01, 5, len(cells)))
+    return results

@@ -1,12 +1,11 @@
 import logging
-import os
 import subprocess
 
 import numpy as np
 import pytest
 from needs import needs_graphics
 from PIL import Image
-from synthetic import make_fields, make_results, make_trace
+from synthetic import make_fields, make_results, make_section, make_trace
 
 from tactile_fem.output import figures, pictures
 from tactile_fem.output.histories import central_receptor
@@ -55,20 +54,22 @@ def test_without_pyvista_pictures_are_skipped(monkeypatch):
     assert reason is not None and "tactile-fem[pictures]" in reason
 
 
-def test_files_whose_names_are_not_utf8_are_drawn(tmp_path, monkeypatch):
-    file = tmp_path / "f\udcfcr.png"
-    file.touch()
-    (tmp_path / "painter.py").write_text("import sys\nprint(sys.argv[1])\n")
-    monkeypatch.setattr(pictures, "can_draw", lambda: None)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+def test_a_section_is_drawn_without_a_graphics_library_into_any_folder(tmp_path, monkeypatch):
+    """Its process takes names that are not UTF-8."""
+    monkeypatch.setattr(doctor, "has_library", lambda name: False)
     monkeypatch.setenv("PYTHONIOENCODING", "utf-8:strict")
-    assert pictures.drawn_apart("painter", str(file)) == [file]
+    paths = pictures.draw_pictures(make_section(tmp_path / "f\udcfcr"))
+    assert [path.name for path in paths] == ["deformation_02.50.png", "deformation_05.00.png"]
+    for path in paths:
+        with Image.open(path) as image:
+            assert image.size == (1500, 955)
+            assert len(image.getcolors(1 << 24)) > 100
 
 
 def test_a_crash_while_drawing_does_not_end_the_scan(tmp_path, monkeypatch, caplog):
     results = make_results(tmp_path / "r")
     make_fields(results)
-    monkeypatch.setattr(pictures, "can_draw", lambda: None)
+    monkeypatch.setattr(pictures, "can_draw", lambda plane: None)
     crashed = subprocess.CompletedProcess([], -11, stdout="", stderr="Segmentation fault\n")
     monkeypatch.setattr(pictures.subprocess, "run", lambda *args, **kwargs: crashed)
     with caplog.at_level(logging.WARNING, logger="tactile_fem"):
@@ -104,7 +105,7 @@ def test_pictures_are_drawn(tmp_path, study):
     "stimulus", [Text(), Plate(), Sphere(), Grating(), Dots()], ids=lambda s: s.kind
 )
 def test_the_drawn_surface_is_the_one_that_the_finger_feels(stimulus):
-    from tactile_fem.output.drawing import body_surface
+    from tactile_fem.output.scene import body_surface
 
     body = stimulus.body()
     surface = body_surface(body, np.array([[0.0, 0.0, 0.0], [0.0, -2.0, 1.97]]))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tactile_fem.errors import StudyError
-from tactile_fem.output.histories import DISPLACEMENT, at_time
-from tactile_fem.output.timeline import Timeline
+from tactile_fem.output.histories import at_time
 from tactile_fem.simulation.states import choose_state
 
 TRACE = {
@@ -26,13 +25,6 @@ def test_histories_are_linear_between_their_times(name, times):
     found = at_time(TRACE, name, times)
     assert found.shape == exact[name].shape
     np.testing.assert_allclose(found, exact[name], atol=1e-14)
-
-
-def test_at_displacement_0_is_the_end_of_the_indentation():
-    times = np.array([-0.2, -0.1, 0.0, 0.1])
-    slid = np.array([0.0, 0.0, 0.0, 2.0])
-    frames = Timeline(times, times - 0.1, slid, DISPLACEMENT, slid)
-    assert [frames.nearest(at_mm) for at_mm in (-1.0, 0.0, 0.9, 1.1)] == [2, 2, 2, 3]
 
 
 # Two presses, a slide of 2 mm, a hold and a lift.

@@ -20,6 +20,8 @@ from mpi4py import MPI  # isort: skip
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StoppedError, StudyError
 from tactile_fem.finger import TISSUES
+from tactile_fem.output.film import Film
+from tactile_fem.output.pictures import frames_of
 from tactile_fem.simulation import scan
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Study
@@ -131,21 +133,23 @@ def test_the_largest_phase_is_that_of_the_largest_displacement(modes):
 
 @needs_graphics
 def test_a_vibration_is_drawn_as_much_larger_as_it_says(scanned, modes):
-    from tactile_fem.output.mode_film import ModeFilm
-
-    film = ModeFilm(Results.open(scanned), modes, 0, 0.01)
-    largest = film.factor * 0.01 * np.linalg.norm(modes.moved[0], axis=1).max()
-    assert 0.5 < largest < 0.7
-    assert (
-        film.title(film.strongest) == f"0.01 Hz, 10 µm, drawn {film.factor:g} times larger, at 0°"
-    )
-    up, down = (dict(p[:2] for p in film.pieces(k)) for k in (0, len(film) // 2))
-    rise = (up["stimulator"].points - down["stimulator"].points)[:, 2]
-    np.testing.assert_allclose(rise, 2 * film.factor * 0.01, atol=1e-4)
-    lowest = down["stratum_corneum shell"].points[:, 2].argmin()
-    skin = [shown["stratum_corneum shell"].points[lowest, 2] for shown in (up, down)]
-    assert skin[0] - skin[1] == pytest.approx(rise.mean(), rel=0.1)
-    np.testing.assert_array_equal(up["bone face"].points, down["bone face"].points)
+    film = Film.of_vibration(modes, 0, 0.01)
+    factor = film.weights[:, 1].max() / 0.01
+    assert 0.5 < 0.01 * factor * np.linalg.norm(modes.moved[0], axis=1).max() < 0.7
+    assert film.titles[film.strongest] == f"0.01 Hz, 10 µm, drawn {factor:g} times larger, at 0°"
+    scene = frames_of(Results.open(scanned), film, "vibration")
+    shown = []
+    for k in (0, len(film) // 2):
+        scene.show(k)
+        names = "stimulator", "stratum_corneum shell", "bone face"
+        actors = scene.plotter.actors
+        shown.append([actors[name].mapper.dataset.points.copy() for name in names])
+    (up, skin_up, bone_up), (down, skin_down, bone_down) = shown
+    rise = (up - down)[:, 2]
+    np.testing.assert_allclose(rise, 2 * factor * 0.01, atol=1e-4)
+    lowest = skin_down[:, 2].argmin()
+    assert skin_up[lowest, 2] - skin_down[lowest, 2] == pytest.approx(rise.mean(), rel=0.1)
+    np.testing.assert_array_equal(bone_up, bone_down)
 
 
 @needs_graphics

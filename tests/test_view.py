@@ -1,3 +1,4 @@
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -10,6 +11,8 @@ from tactile_fem.cli import app as cli
 from tactile_fem.cli import view as cli_view
 from tactile_fem.errors import StudyError
 from tactile_fem.output import pictures
+from tactile_fem.output.annotations import COLOURS
+from tactile_fem.output.film import Film
 from tactile_fem.runtime import doctor
 from tactile_fem.study import Study
 
@@ -21,56 +24,85 @@ def scan(folder, states=(0.0, 2.5, 5.0)):
 
 
 @pytest.fixture(scope="module")
-def film(tmp_path_factory):
-    from tactile_fem.output.film import Film
-
-    return Film(scan(tmp_path_factory.mktemp("film") / "r"))
+def results(tmp_path_factory):
+    return scan(tmp_path_factory.mktemp("film") / "r")
 
 
-@needs_graphics
+@pytest.fixture(scope="module")
+def film(results):
+    return Film.of_scan(results)
+
+
 def test_between_written_states_fields_are_linear_in_time(film):
     assert len(film) == 9
-    assert film.displacement_mm == pytest.approx(np.arange(9) * 0.625)
+    assert film.along == pytest.approx(np.arange(9) * 0.625)
     for k in (0, 1, 4, 7, 8):
-        moved = film[k].solid["displacement_mm"]
+        moved = np.tensordot(film.weights[k], film.moved_mm, 1)
         assert moved[:, 1] == pytest.approx(-0.0625 * k, abs=1e-6)
     assert film.nearest(3.0) == 5
 
 
-@needs_graphics
-def test_receptors_go_along_with_the_interface(film):
-    places = make_trace()["receptors_mm"]
-    # The block at the interface, 0.5 mm high, is lifted by 1.25 mm.
-    assert film[2].receptors_mm - places == pytest.approx(
-        np.tile([0, -0.125, 1.25], (21, 1)), abs=1e-5
-    )
+def test_at_displacement_0_is_the_end_of_the_indentation(film):
+    slid = np.array([0.0, 0.0, 0.0, 2.0])
+    frames = replace(film, along=slid)
+    assert [frames.nearest(at_mm) for at_mm in (-1.0, 0.0, 0.9, 1.1)] == [2, 2, 2, 3]
 
 
-@needs_graphics
 def test_receptors_light_up_in_the_frame_after_their_spike(film):
     # They all fire at 1, 3 and 5 mm; frames are 0.625 mm apart.
-    assert [k for k in range(9) if film[k].fired.any()] == [2, 5, 8]
-    assert film[2].fired.all()
+    assert np.flatnonzero(film.fired.any(axis=1)).tolist() == [2, 5, 8]
+    assert film.fired[2].all()
+
+
+def test_a_film_of_one_state_shows_its_spikes(tmp_path):
+    only = Film.of_scan(scan(tmp_path / "r", (5.0,)))
+    assert len(only) == 1 and only.fired.all()
+
+
+def centres(scene):
+    """Return the middles of the balls that show receptors, (r, 3)."""
+    points = scene.plotter.actors["receptors"].mapper.dataset.points
+    count = scene.film.fired.shape[1]
+    balls = points.reshape(count, -1, 3)
+    return (balls.min(axis=1) + balls.max(axis=1)) / 2
 
 
 @needs_graphics
-def test_the_interface_has_the_energy_of_the_receptors_side(film):
-    interface = film[0].interface
-    assert interface.area == pytest.approx(64.0, rel=1e-6)
-    assert np.ptp(interface.points[:, 2]) == 0
+def test_receptors_go_along_with_the_interface(results, film):
+    from tactile_fem.output.scene import receptor_scene
+
+    scene = receptor_scene(results, film)
+    scene.show(2)
+    # The block at the receptors is lifted by 1.5 mm less half their height.
+    places = results.trace["receptors_mm"]
+    inside = np.abs(places[:, 0]) < 4
+    lift = np.column_stack([0 * places[:, 2], 0 * places[:, 2] - 0.125, 1.5 - places[:, 2] / 2])
+    assert (centres(scene) - places)[inside] == pytest.approx(lift[inside], abs=1e-3)
+    scene.plotter.close()
+
+
+@needs_graphics
+def test_the_interface_has_the_energy_of_the_receptors_side(results, film):
+    from tactile_fem.output.scene import interface
+
+    surface = interface(film, "epidermis")
+    assert surface.area == pytest.approx(64.0, rel=1e-6)
+    assert np.ptp(surface.points[:, 2]) == 0
     # The epidermis has the first six of 18 tetrahedra; two of them have a facet on top.
-    tets = np.linspace(0.01, 5, 18)[[3, 4]]
-    assert np.sort(interface["sed_kPa"]) == pytest.approx(
-        np.sort([tets[0], tets[1], tets.mean(), tets.mean()]), rel=1e-5
-    )
-    assert film.top_kPa == pytest.approx(tets[1], rel=0.01)
+    tets = np.linspace(0.01, 5, 18)
+    first = surface["values"][:, 0]
+    expected = [tets[3], tets[4], tets[[3, 4]].mean(), tets[[3, 4]].mean()]
+    assert np.sort(first) == pytest.approx(np.sort(expected), rel=1e-5)
+    # The dermis has the next six.
+    other = interface(film, "dermis")["values"][:, 0]
+    assert (other.min(), other.max()) == pytest.approx(tets[[6, 7]], rel=1e-5)
 
 
 @needs_graphics
 @pytest.mark.parametrize("kinds", [("PC", "SA1"), ("PC", "RA"), ("PC",)])
 def test_a_population_below_the_interface_leaves_the_interface_its_energy(tmp_path, kinds):
     """PC feel the subcutaneous tissue, which has no facet there."""
-    from tactile_fem.output.film import Film
+    from tactile_fem.output.scene import interface, receptor_scene
 
     names = np.array(kinds)[np.arange(21) % len(kinds)]
     trace = {**make_trace(), "population": names}
@@ -79,35 +111,34 @@ def test_a_population_below_the_interface_leaves_the_interface_its_energy(tmp_pa
     study = Study.model_validate({"afferents": [{"name": kind, "kind": kind} for kind in kinds]})
     results = make_results(tmp_path / "r", study, trace)
     make_fields(results)
-    deep = Film(results)
-    # Of 18 tetrahedra the first six are the epidermis, the next six the dermis; two of each meet.
-    owners = [6, 7] if "RA" in kinds else [3, 4]
-    energies = deep[0].interface["sed_kPa"]
-    tets = np.linspace(0.01, 5, 18)
-    assert np.unique(deep._interface["owner"]).tolist() == owners
-    assert (energies.min(), energies.max()) == pytest.approx(tets[owners], rel=1e-5)
+    film = Film.of_scan(results)
+    scene = receptor_scene(results, film)
+    side = "dermis" if "RA" in kinds else "epidermis"
+    front = interface(film, side).clip("y", origin=(0.0, 0.05, 0.0), invert=False)
+    shown = scene.plotter.actors["interface"].mapper.dataset["values"]
+    assert shown == pytest.approx(front["values"][:, 0], rel=1e-6)
     # What is 2 mm high is lifted by 0.5 mm, what is half a millimetre high by 1.25 mm.
-    lifted = (deep[0].receptors_mm - trace["receptors_mm"])[:, 2]
-    assert lifted == pytest.approx(np.where(names == "PC", 0.5, 1.25), abs=1e-5)
+    lifted = (centres(scene) - trace["receptors_mm"])[:, 2]
+    assert lifted == pytest.approx(np.where(names == "PC", 0.5, 1.25), abs=1e-3)
+    scene.plotter.close()
 
 
-@needs_graphics
 def test_what_cannot_be_shown_is_told(tmp_path):
-    from tactile_fem.output.film import Film
-
     with pytest.raises(StudyError, match="no field files"):
-        Film(make_results(tmp_path / "none"))
-    results = scan(tmp_path / "broken")
-    (results.fields / "deformation_0001.vtu").write_text("<VTKFile")
-    with pytest.raises(StudyError, match=r"deformation_0001.vtu cannot be read"):
-        Film(results)
+        Film.of_scan(make_results(tmp_path / "none"))
+    for damage in ("<VTKFile", '<?xml version="1.0"?><VTKFile/>', ""):
+        results = scan(tmp_path / "broken" / str(len(damage)))
+        (results.fields / "deformation_0001.vtu").write_text(damage)
+        with pytest.raises(StudyError, match=r"deformation_0001.vtu cannot be read"):
+            Film.of_scan(results)
 
 
 @needs_graphics
-def test_the_slider_moves_the_finger(film):
-    from tactile_fem.output import view
+def test_the_slider_moves_the_finger(results, film):
+    from tactile_fem.output.scene import receptor_scene
+    from tactile_fem.output.view import with_slider
 
-    plotter = view._window_plotter(film, off_screen=True)
+    plotter = with_slider(receptor_scene(results, film))
     (slider,) = getattr(plotter, "widgets", plotter).slider_widgets
     assert slider.GetRepresentation().GetValue() == 0
     for value, moved in ((5.0, -0.5), (2.5, -0.25)):
@@ -120,8 +151,6 @@ def test_the_slider_moves_the_finger(film):
 
 @needs_graphics
 def test_an_animation_is_written_without_a_display(tmp_path, monkeypatch, capsys):
-    from tactile_fem.output.drawing import COLOURS
-
     monkeypatch.delenv("DISPLAY", raising=False)
     scan(tmp_path / "r", (0.0, 2.5))
     path = tmp_path / "scan.gif"
@@ -162,15 +191,19 @@ def test_a_page_is_written(tmp_path, monkeypatch):
     command = ["view", str(tmp_path / "r"), "--save", str(path), "--at-mm", "2.4"]
     assert cli.main(command) == 0
     text = path.read_text()
-    assert "Displacement 2.5 mm, 125 ms" in text and "OfflineLocalView.load" in text
+    assert "Displacement 2.50 mm, 125 ms" in text and "OfflineLocalView.load" in text
 
 
 @pytest.mark.parametrize(
     ("options", "code", "message"),
     [
-        (["--save", "scan.avi"], 2, '--save is "scan.avi" but must end in .gif, .mp4, .html.'),
+        (
+            ["--save", "scan.avi"],
+            2,
+            '--save is "scan.avi" but must end in .gif, .mp4, .png, .html.',
+        ),
         (["--save", "no/scan.gif"], 2, '--save is "no/scan.gif" but there is no folder no.'),
-        (["--at-mm", "2"], 2, "--at-mm goes with --save to an .html file."),
+        (["--at-mm", "2"], 2, "--at-mm goes with --save to a .png or .html file."),
         ([], 1, "There is no display for a window"),
         (["--save", "scan.html"], 1, 'pip install "tactile-fem[html]"'),
         (["--save", "scan.mp4"], 1, "pip install imageio-ffmpeg"),
@@ -180,7 +213,7 @@ def test_what_is_missing_or_wrong_is_told_in_one_line(
     tmp_path, monkeypatch, capsys, options, code, message
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(pictures, "can_draw", lambda: None)
+    monkeypatch.setattr(pictures, "can_draw", lambda plane: None)
     monkeypatch.setattr(cli_view, "has_display", lambda: False)
     monkeypatch.setattr(cli_view, "find_spec", lambda name: None)
     make_results(tmp_path / "r")

@@ -15,7 +15,8 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger import read_msh
 from tactile_fem.output import pictures
 from tactile_fem.output.deck import write_deck
-from tactile_fem.output.section import layers_figure
+from tactile_fem.output.film import Film
+from tactile_fem.output.preview import preview_figure
 from tactile_fem.simulation.checks import tell_missed
 from tactile_fem.stimulus.whereabouts import miss
 from tactile_fem.study import Cylinder, Edge, Finger, Plate, Protocol, Sphere, Study, Text
@@ -86,7 +87,7 @@ def test_a_stimulator_beside_the_finger_is_warned_of(small_finger, caplog):
 def test_a_section_is_drawn_without_a_body_far_away(tmp_path):
     mesh = Finger(kind="section", pad_size_mm=3.0, far_size_mm=6.0).mesh()
     figures = [
-        layers_figure(mesh, Sphere(shift_mm=shift).body(), (0.0, 0.0, 0.0))
+        preview_figure(mesh, Sphere(shift_mm=shift).body(), PRESS.route(0.0))
         for shift in ((0.0, 0.0), (60.0, 0.0))
     ]
     near, far = (len(figure.axes[0].collections) for figure in figures)
@@ -113,6 +114,5 @@ def test_pictures_and_films_of_a_scan_show_the_finger_alone(tmp_path):
     results = make_results(tmp_path / "r", Study(stimulus=Sphere(shift_mm=(60, 0))))
     make_fields(results)
     assert len(pictures.draw_pictures(results)) == 3
-    from tactile_fem.output.film import Film
-
-    assert Film(results)[0].stimulator.n_points == 0
+    scene = pictures.frames_of(results, Film.of_scan(results), "receptors")
+    assert "stimulator" not in scene.plotter.actors and "epidermis shell" in scene.plotter.actors

@@ -309,7 +309,7 @@ def write_vibration(
     results: Results, spectrum: Spectrum, modes: Modes | None, amplitude_mm: float
 ) -> None:
     """Write data, tables and figures of a vibration into the folder of its scan, name each."""
-    from tactile_fem.output.mode_pictures import draw_modes
+    from tactile_fem.output.pictures import draw_pictures
     from tactile_fem.output.spectrum import spectrum_figure
     from tactile_fem.runtime.files import write_figure
 
@@ -328,7 +328,7 @@ def write_vibration(
         files.append(folder / "modes.npz")
         modes.save(files[-1])
         if results.study.output.pictures:
-            files += draw_modes(results, amplitude_mm)
+            files += draw_pictures(results, amplitude_mm)
     for file in files:
         print(file)
 

@@ -17,7 +17,7 @@ from tactile_fem.cli.options import Changes, PositiveFloat, ScanFolder, StudyFil
 from tactile_fem.errors import PlaceError, StudyError, TactileError
 
 if TYPE_CHECKING:
-    from tactile_fem import Results
+    from tactile_fem.finger.plane import Plane
 
 logger = logging.getLogger(__name__)
 
@@ -32,16 +32,13 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
     """
     from tactile_fem import load_study
     from tactile_fem.finger.scans import Scans
-    from tactile_fem.output.section import layers_figure
+    from tactile_fem.output.preview import preview_figure, scans_figure
     from tactile_fem.runtime.files import write_figure
     from tactile_fem.simulation.checks import check_with_mesh, tell_missed
 
     the_study = load_study(study, changes)
     _check_file("--output", output, (".png",))
-    is_section = the_study.finger.is_section
-    if not is_section:
-        _load_pyvista()
-        from tactile_fem.output.preview import preview_figure, scans_figure
+    _prepare_drawing(the_study.finger.section_plane)
     body = the_study.stimulus.body()
     try:
         finger = the_study.finger.mesh()
@@ -53,11 +50,7 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
     path = check_with_mesh(the_study, body, finger)
     tell_missed(body, path, finger)
     logger.info("drawing finger and stimulator")
-    if is_section:
-        figure = layers_figure(finger, body, (0.0, 0.0, 0.0))
-    else:
-        figure = preview_figure(finger, body, path)
-    write_figure(output, figure)
+    write_figure(output, preview_figure(finger, body, path))
     print(f"Written to {output}")
 
 
@@ -84,88 +77,55 @@ def view(
     Parameters
     ----------
     save
-        Write an animation, .gif or .mp4, or a page for the browser, .html.
+        Write an animation, .gif or .mp4, a frame, .png, or a page for the browser, .html.
     at_mm
-        Displacement of a slide shown on the page; default at the largest SED.
+        Displacement of the frame or page, of a slide; default at the largest SED.
     amplitude_um
         Amplitude of the vibration.
     """
     from tactile_fem import Results
 
     found = Results.open(results)
-    if vibration is None and found.study.finger.is_section:
-        _view_section(found, save, at_mm)
-    else:
-        _view_solid(found, save, at_mm, vibration, amplitude_um / 1000)
-    if save is not None:
-        print(f"Written to {save}")
-
-
-def _view_section(results: Results, save: Path | None, at_mm: float | None) -> None:
-    """Write the film of a section, or a picture of one moment."""
-    from tactile_fem.output import section
-    from tactile_fem.runtime.files import write_figure
-
-    if save is None:
-        raise StudyError("A section needs --save with a name in .gif or .png.")
-    _check_file("--save", save, (".gif", ".png"))
-    film = section.SectionFilm(results)
-    if save.suffix == ".gif":
-        section.save_gif(film, save)
-    else:
-        k = film.strongest if at_mm is None else film.nearest(at_mm)
-        write_figure(save, section.moment_figure(film, k))
-
-
-def _view_solid(
-    results: Results,
-    save: Path | None,
-    at_mm: float | None,
-    frequency_Hz: float | None,
-    amplitude_mm: float,
-) -> None:
-    """Open a window or write a file of a scan, or of its vibration at a frequency."""
-    _check_options(save, at_mm, frequency_Hz)
-    modes_file = results.vibration / "modes.npz"
-    if frequency_Hz is not None and not modes_file.exists():
-        raise StudyError(
-            f"{modes_file} is missing: run tactile-fem vibrate {results.folder} first."
-        )
-    _load_pyvista(in_window=save is None)
+    plane = found.study.finger.section_plane
+    _check_options(plane, save, at_mm, vibration)
+    modes_file = found.vibration / "modes.npz"
+    if vibration is not None and not modes_file.exists():
+        raise StudyError(f"{modes_file} is missing: run tactile-fem vibrate {results} first.")
+    _prepare_drawing(plane, in_window=save is None)
+    from tactile_fem.output import pictures
     from tactile_fem.output import view as viewing
     from tactile_fem.output.film import Film
     from tactile_fem.output.histories import DISPLACEMENT
-    from tactile_fem.output.mode_film import ModeFilm
     from tactile_fem.vibration.modes import Modes
 
-    film: Film | ModeFilm
-    if frequency_Hz is not None:
-        modes = Modes.load(modes_file)
-        film = ModeFilm(results, modes, modes.nearest(frequency_Hz), amplitude_mm)
+    look: pictures.Look = "receptors"
+    if vibration is None:
+        film = Film.of_scan(found)
     else:
-        film = Film(results)
+        modes, look = Modes.load(modes_file), "vibration"
+        film = Film.of_vibration(modes, modes.nearest(vibration), amplitude_um / 1000)
     if at_mm is not None and film.label != DISPLACEMENT:
-        raise StudyError(
-            f"--at-mm is {at_mm:g} but the path in {results.folder} is no straight slide."
-        )
+        raise StudyError(f"--at-mm is {at_mm:g} but the path in {results} is no straight slide.")
+    frames = pictures.frames_of(found, film, look, off_screen=save is not None)
     if save is None:
-        viewing.window(film)
-    elif save.suffix == ".html":
-        k = film.strongest if at_mm is None else film.nearest(at_mm)
-        viewing.save_html(film, k, save)
-    elif save.suffix == ".mp4":
-        viewing.save_mp4(film, save)
+        viewing.window(frames)
     else:
-        viewing.save_gif(film, save)
+        viewing.save(frames, save, film.strongest if at_mm is None else film.nearest(at_mm))
+        print(f"Written to {save}")
 
 
-def _check_options(save: Path | None, at_mm: float | None, frequency_Hz: float | None) -> None:
+def _check_options(
+    plane: Plane, save: Path | None, at_mm: float | None, frequency_Hz: float | None
+) -> None:
     """Raise errors that can be detected before a graphics library is loaded."""
+    endings = (".gif", ".mp4", ".png", ".html")[: None if plane.is_space else 3]
     if save is not None:
-        _check_file("--save", save, (".gif", ".mp4", ".html"))
+        _check_file("--save", save, endings)
+    elif not plane.is_space:
+        raise StudyError(f"A section needs --save with a name in {', '.join(endings)}.")
     kind = None if save is None else save.suffix
-    if at_mm is not None and kind != ".html":
-        raise StudyError("--at-mm goes with --save to an .html file.")
+    if at_mm is not None and kind not in (".png", ".html"):
+        raise StudyError("--at-mm goes with --save to a .png or .html file.")
     if at_mm is not None and frequency_Hz is not None:
         raise StudyError("--at-mm does not go with --vibration: its state was chosen by `vibrate`.")
     if kind == ".html" and find_spec("trame_pyvista") is None:
@@ -182,11 +142,11 @@ def _check_file(option: str, file: Path, endings: Sequence[str]) -> None:
         raise StudyError(f'{option} is "{file}" but there is no folder {file.parent}.')
 
 
-def _load_pyvista(*, in_window: bool = False) -> None:
-    """Import PyVista; raise TactileError first if it, a library or the display is missing."""
+def _prepare_drawing(plane: Plane, *, in_window: bool = False) -> None:
+    """Import PyVista if it draws; raise TactileError if a library or the display is missing."""
     from tactile_fem.output import pictures
 
-    if reason := pictures.can_draw():
+    if reason := pictures.can_draw(plane):
         raise TactileError(reason)
     if in_window and not has_display():
         raise TactileError(
@@ -194,9 +154,10 @@ def _load_pyvista(*, in_window: bool = False) -> None:
         )
     if not in_window:
         os.environ.pop("DISPLAY", None)  # it might be unreachable
-    import pyvista
+    if plane.is_space:
+        import pyvista
 
-    pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
+        pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
 
 
 def has_display() -> bool:

@@ -39,8 +39,6 @@ def draw(results: Results | Path | str) -> list[Path]:
     """
     if not isinstance(results, Results):
         results = Results.open(results)
-    if results.study.finger.is_section:  # Matplotlib, not fit for threads, draws its pictures too
-        return [*draw_plots(results), *draw_pictures(results)]
     with ThreadPoolExecutor(1) as beside:  # it only waits for the process that draws the pictures
         pictures = beside.submit(draw_pictures, results)
         return [*draw_plots(results), *pictures.result()]

@@ -1,248 +1,210 @@
-"""Frames of a scan: the finger, the epidermis-dermis interface and the receptors on it.
-
-Import it only if `tactile_fem.output.pictures.can_draw` allows it: VTK may crash otherwise.
-"""
+"""Films: the shape of a finger in the frames of a scan or of a vibration, as arrays."""
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
-from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import meshio
 import numpy as np
-import pyvista as pv
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import TISSUES
-from tactile_fem.finger.simplex import facets_of
-from tactile_fem.output import drawing
-from tactile_fem.output.histories import at_time
-from tactile_fem.output.timeline import Timeline
+from tactile_fem.finger.mesh_data import FingerMesh
+from tactile_fem.finger.simplex import SOLID, simplex_of
+from tactile_fem.output.annotations import is_soft
+from tactile_fem.output.histories import TIME, Abscissa, at_time
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
+from tactile_fem.vibration.modes import Modes
 
-# Frames from one saved state to the next.
-_BETWEEN = 4
-# Distance from the receptors to the cut behind them.
-_BEHIND_MM = 0.15
-# The interface is shown up to this height above its lowest point, or above the receptors.
-_BOWL_MM, _MARGIN_MM = 2.3, 0.2
-# Colour and radius in mm.
-_SILENT, _FIRING = ("#101010", 0.07), ("#FFFFFF", 0.1)
-_RIM_SHIFT_MM = (0.0, 0.03, 0.03)
-# Of the interface. The first population that feels one of them tells which is shown.
-_SIDES = ("epidermis", "dermis")
-# Facets of the interface over the pad have a downward normal component of at least this.
-_DOWN = 0.3
+Array = NDArray[np.floating]
 
-Piece = tuple[str, pv.DataSet, dict[str, Any]]
+# Frames from one saved state to the next, and in a period of a vibration.
+FRAMES_PER_STATE, FRAMES_PER_PERIOD = 4, 24
+# Largest amplitude of a vibration as drawn.
+_DRAWN_AMPLITUDE_MM = 0.6
+# The colours end at this percentile of the soft tissue: at edges, SED is singular.
+_TOP_PERCENTILE = 99.8
 
 
 @dataclass(frozen=True)
-class State:
-    """The finger and its receptors at one time.
-
-    Attributes
-    ----------
-    time_s, displacement_mm
-        Since the slide began.
-    solid
-        Undeformed tetrahedra by their corners, with ``displacement_mm`` and ``tissue``.
-    interface
-        Undeformed facets between epidermis and dermis over the pad, with ``displacement_mm`` and
-        ``sed_kPa`` at their nodes.
-    receptors_mm
-        (receptors, 3) deformed positions.
-    fired
-        (receptors,) whether they have fired since the previous frame.
-    stimulator
-        Its surface at its current position.
-    """
-
-    time_s: float
-    displacement_mm: float
-    solid: pv.UnstructuredGrid
-    interface: pv.PolyData
-    receptors_mm: NDArray[np.float64]
-    fired: NDArray[np.bool_]
-    stimulator: pv.PolyData
-
-
 class Film:
-    """Frames of a scan: the saved states and linear interpolations in time between them.
-
-    Raises
-    ------
-    StudyError
-        There are no field files, or they cannot be used.
+    """Frames of a finger: displacement and colours of each are weighted sums of a few fields.
 
     Attributes
     ----------
-    displacement_mm
-        (frames,).
-    label, along
-        What the frames are sorted by, displacement or time, and its values, (frames,).
-    cut_mm
-        Y of the cut in the undeformed finger.
-    rim_mm
-        Height up to which the undeformed interface is shown.
-    top_kPa
-        Upper end of the colour scale: 0.2 % of the interface exceed this strain energy density.
+    mesh
+        The undeformed finger without facets: linear tetrahedra, or quadratic triangles.
+    moved_mm, values
+        Displacements (fields, n, 3), and the quantity shown by colours, of cells (fields, m) or of
+        nodes (fields, n).
+    weights
+        (frames, fields).
+    stimulator_mm
+        Place of the body, (frames, 3).
+    along, titles
+        What the frames are sorted by, (frames,), and the title of each.
+    label
+        Name and unit of `along`.
+    quantity, top
+        Name and unit of `values`, and the upper end of their colours.
     strongest
-        Number of the frame with the largest value of it.
-    bar, camera
-        See `tactile_fem.output.view.Frames`.
+        Number of the frame with the largest deformation.
+    receptors_mm, fired
+        Deformed places (frames, r, 3), and whether they have fired since the frame before
+        (frames, r).
     """
 
-    bar = "interface", "Strain energy density\non the interface (kPa)"
-
-    def __init__(self, results: Results) -> None:
-        written_s, self._files = read_series(results.fields)
-        if not self._files:
-            raise StudyError(f"There are no field files in {results.fields}: nothing to view.")
-        self._results, self._trace = results, results.trace
-        self._surface = drawing.stimulator_surface(results)
-        every = results.study.populations
-        sides = [one.receptors.side for one in every if one.receptors.side in _SIDES]
-        self._interface = _interface(_read(self._files[0]), sides[0] if sides else _SIDES[0])
-        places = self._trace["receptors_mm"]
-        _, self._feet = self._interface.find_closest_cell(places, return_closest_point=True)
-        for one in every:
-            if one.receptors.below_skin_mm is not None:
-                deep = results.receptors_of(one.name)
-                self._feet[deep] = places[deep]
-        self._timeline = timeline = Timeline.of(results, written_s, _BETWEEN)
-        self.displacement_mm = timeline.displacement_mm
-        self.label, self.along = timeline.label, timeline.along
-        self.cut_mm = float(places[:, 1].min()) - _BEHIND_MM
-        highest = float(places[:, 2].max()) + _MARGIN_MM
-        self.rim_mm = max(self._interface.bounds.z_min + _BOWL_MM, highest)
-        files = counted(self._files, "saved states to read")
-        tops = [np.percentile(self._felt(_read(file))["sed_kPa"], 99.8) for file in files]
-        self.top_kPa = max(*tops, 1e-6)
-        focus = (0.0, self.cut_mm + 0.5, 3.6)
-        self.camera = (9.0, self.cut_mm + 28.0, 24.0), focus, 9.6
-        self.strongest = _BETWEEN * int(np.argmax(tops))
+    mesh: FingerMesh
+    moved_mm: Array
+    values: Array
+    weights: Array
+    stimulator_mm: Array
+    along: Array
+    titles: list[str]
+    label: str = ""
+    quantity: str = ""
+    top: float = 1.0
+    strongest: int = 0
+    receptors_mm: Array | None = None
+    fired: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
-        return len(self._timeline)
+        return len(self.weights)
 
     def nearest(self, value: float) -> int:
-        """Return the number of the frame nearest to a value of `along`."""
-        return self._timeline.nearest(value)
+        """Return the number of the frame nearest to a value of `along`.
 
-    def __getitem__(self, k: int) -> State:
-        time = self._timeline.times_s[k]
-        solid = self._fields(k)
-        translation = at_time(self._trace, "stimulator_mm", time)
-        moved = pv.PolyData(self._feet).sample(solid, snap_to_closest_point=True)
-        return State(
-            time_s=float(time),
-            displacement_mm=float(self.displacement_mm[k]),
-            solid=solid,
-            interface=self._felt(solid),
-            receptors_mm=self._trace["receptors_mm"] + moved["displacement_mm"],
-            fired=self._timeline.fired(self._results, k),
-            stimulator=self._surface.translate(translation),
+        The displacement stays 0 during the indentation: the frame at its end is that of 0.
+        """
+        apart = np.abs(self.along - value)
+        return int(np.flatnonzero(apart == apart.min())[-1])
+
+    @classmethod
+    def at_rest(cls, finger: FingerMesh, place_mm: ArrayLike = (0.0, 0.0, 0.0)) -> Film:
+        """Return a single frame: the undeformed finger, and the body at a place (3,)."""
+        mesh, used = _drawn_mesh(finger.nodes, finger.cells, finger.tissue)
+        still, place = np.zeros((1, len(used), 3)), np.reshape(place_mm, (1, 3))
+        return cls(mesh, still, still[..., 0], np.ones((1, 1)), place, np.zeros(1), [""])
+
+    @classmethod
+    def of_scan(cls, results: Results) -> Film:
+        """Return the saved states of a scan, and frames between them that are linear in time.
+
+        Raises
+        ------
+        StudyError
+            There are no field files, or one cannot be read.
+        """
+        written_s, files = read_series(results.fields)
+        if not files:
+            raise StudyError(f"There are no field files in {results.fields}: nothing to view.")
+        first, trace = _read(files[0]), results.trace
+        mesh, used = _drawn_mesh(first.points, first.cells[0].data, first.cell_data["tissue"][0])
+        fields = [
+            (state.point_data["displacement_mm"][used], state.cell_data["sed_kPa"][0])
+            for state in map(_read, counted(files, "saved states to read"))
+        ]
+        moved, sed = (np.array(arrays) for arrays in zip(*fields, strict=True))
+        states = np.arange(len(files))
+        frames = np.arange(FRAMES_PER_STATE * states[-1] + 1) / FRAMES_PER_STATE
+        weights = np.array([np.interp(frames, states, one) for one in np.eye(len(files))]).T
+        times = weights @ written_s
+        slid, label = at_time(trace, "displacement_mm", times), Abscissa.of(results).label
+        if label == TIME:
+            titles = [f"Time {time:.3f} s" for time in times]
+        else:
+            titles = [
+                f"Displacement {mm:.2f} mm, {1000 * time:.0f} ms"
+                for mm, time in zip(slid, times, strict=True)
+            ]
+        tops = np.percentile(sed[:, is_soft(mesh.tissue)], _TOP_PERCENTILE, axis=1)
+        return cls(
+            mesh,
+            moved,
+            sed,
+            weights,
+            stimulator_mm=at_time(trace, "stimulator_mm", times).T,
+            along=times if label == TIME else slid,
+            titles=titles,
+            label=label,
+            quantity="Strain energy density (kPa)",
+            top=max(float(tops.max()), 1e-6),
+            strongest=FRAMES_PER_STATE * int(np.argmax(tops)),
+            receptors_mm=trace["receptors_mm"]
+            + np.moveaxis(at_time(trace, "moved_mm", times), -1, 0),
+            fired=_fired(results, times),
         )
 
-    def pieces(self, k: int) -> Iterator[Piece]:
-        """Yield everything to be drawn of frame `k`: a name, a mesh and its style."""
-        state = self[k]
-        cut = (0.0, self.cut_mm, 0.0)
-        for name, part in drawing.parts(state.solid):
-            colour = drawing.COLOURS[name]
-            shell = part.extract_surface(algorithm=None).clip("y", origin=cut)
-            if shell.n_points:
-                yield f"{name} shell", drawing.deformed(shell), {"color": colour, "ambient": 0.25}
-            face = part.slice("y", origin=cut)
-            if face.n_points:
-                face = drawing.deformed(face)
-                yield f"{name} face", face, {"color": colour, "lighting": False}
-                yield f"{name} rim", drawing.rim(face, _RIM_SHIFT_MM), drawing.RIM_STYLE
-        front = state.interface.clip("y", origin=cut, invert=False)
-        front = drawing.deformed(front.clip("z", origin=(0.0, 0.0, self.rim_mm)))
-        style = {
-            "scalars": "sed_kPa",
-            "cmap": drawing.SCALE,
-            "clim": (0, self.top_kPa),
-            "lighting": False,
-        }
-        yield "interface", front, style
-        yield "interface rim", drawing.rim(front, _RIM_SHIFT_MM), drawing.RIM_STYLE
-        for name, which, (colour, radius) in (
-            ("silent", ~state.fired, _SILENT),
-            ("firing", state.fired, _FIRING),
-        ):
-            points = pv.PolyData(state.receptors_mm[which])
-            balls = points.glyph(geom=pv.Sphere(radius=radius), scale=False, orient=False)
-            yield name, balls, {"color": colour, "ambient": 0.4}
-        yield "stimulator", state.stimulator, drawing.RELIEF_STYLE
+    @classmethod
+    def of_vibration(cls, modes: Modes, k: int, amplitude_mm: float) -> Film:
+        """Return a period at the k-th frequency, displacements drawn larger than they are.
 
-    def title(self, k: int) -> str:
-        """Return what is written over frame `k`."""
-        time_ms = 1000 * self._timeline.times_s[k]
-        return f"Displacement {self.displacement_mm[k]:.1f} mm, {time_ms:.0f} ms"
-
-    @property
-    def legend(self) -> dict[str, str]:
-        """Colours by what they mean."""
-        layers = {name.replace("_", " "): colour for name, colour in drawing.COLOURS.items()}
-        return {**layers, "receptor, silent": _SILENT[0], "receptor, firing": _FIRING[0]}
-
-    def _fields(self, k: int) -> pv.UnstructuredGrid:
-        """Return the undeformed tetrahedra with the fields of frame `k`."""
-        before, share = divmod(k, _BETWEEN)
-        grid = _read(self._files[before])
-        solid = drawing.linear(grid, grid.points)
-        solid["displacement_mm"] = grid["displacement_mm"]
-        if share:
-            after = _read(self._files[before + 1])
-            for name in ("displacement_mm", "sed_kPa"):
-                solid[name] = solid[name] + share / _BETWEEN * (after[name] - solid[name])
-        return solid
-
-    def _felt(self, grid: pv.UnstructuredGrid) -> pv.PolyData:
-        """Return the interface with ``displacement_mm`` and ``sed_kPa`` at its nodes."""
-        surface = self._interface.copy()
-        surface["displacement_mm"] = grid["displacement_mm"][surface["node"]]
-        surface.cell_data["sed_kPa"] = grid["sed_kPa"][surface["owner"]]
-        return surface.cell_data_to_point_data()
+        Colours show the displacement's amplitude, ``sqrt(sum_i |u_i|^2)``, per amplitude of the
+        body or bone that vibrates; it is the same in all frames.
+        """
+        mesh, used = _drawn_mesh(modes.nodes_mm, modes.tets, modes.tissue)
+        moved = modes.moved[k, used]
+        amplitude = np.linalg.norm(moved, axis=1)
+        top = max(float(amplitude[mesh.cells[is_soft(mesh.tissue)]].max()), 1e-6)
+        factor = float(f"{_DRAWN_AMPLITUDE_MM / (amplitude_mm * top):.1g}")
+        phase = np.arange(FRAMES_PER_PERIOD) * 360 / FRAMES_PER_PERIOD
+        swing = factor * amplitude_mm * np.exp(1j * np.radians(phase))
+        title = (
+            f"{modes.frequency_Hz[k]:g} Hz, {1000 * amplitude_mm:g} µm, "
+            f"drawn {factor:g} times larger, at "
+        )
+        largest = modes.largest_phase(k) / (2 * np.pi) * FRAMES_PER_PERIOD
+        return cls(
+            mesh,
+            moved_mm=np.array([modes.still_mm[used], moved.real, moved.imag]),
+            values=np.array([amplitude, 0 * amplitude, 0 * amplitude]),
+            weights=np.column_stack([np.ones(len(phase)), swing.real, -swing.imag]),
+            stimulator_mm=modes.stimulator_mm + np.outer(swing, modes.body).real,
+            along=phase,
+            titles=[f"{title}{angle:.0f}°" for angle in phase],
+            label="Phase (°)",
+            quantity="Amplitude (mm/mm)",
+            top=top,
+            strongest=round(largest) % FRAMES_PER_PERIOD,
+        )
 
 
-def _interface(grid: pv.UnstructuredGrid, side: str) -> pv.PolyData:
-    """Return the facets between epidermis and dermis that face the stimulator.
+def _drawn_mesh(
+    nodes: Array, cells: NDArray[np.integer], tissue: NDArray[np.integer]
+) -> tuple[FingerMesh, NDArray[np.integer]]:
+    """Return the mesh that is drawn, and which nodes it has.
 
-    Points know their ``node`` in the grid, facets their ``owner``: the cell on the given side,
-    whose strain energy density is shown.
+    VTK cuts linear tetrahedra cleanly, quadratic ones not; triangles keep their mid-nodes.
     """
-    facets, *pair = facets_of(grid.cells.reshape(-1, 11)[:, 1:5])
-    tissues = np.where(np.array(pair) >= 0, grid["tissue"][np.array(pair)], 0)
-    between = np.sort(tissues, axis=0).T == (TISSUES["epidermis"], TISSUES["dermis"])
-    a, b, c = np.moveaxis(grid.points[facets], 1, 0)
-    normal = np.cross(b - a, c - a)  # out of the first cell of the pair
-    inward = np.where(tissues[0] == TISSUES["epidermis"], 1, -1)
-    down = inward * normal[:, 2] / np.linalg.norm(normal, axis=1)
-    chosen = between.all(axis=1) & (down > _DOWN)
-    if not chosen.any():
-        raise StudyError("The fields have no interface between epidermis and dermis to view.")
-    nodes, corners = np.unique(facets[chosen], return_inverse=True)
-    surface = pv.PolyData.from_regular_faces(grid.points[nodes], corners.reshape(-1, 3))
-    surface.point_data["node"] = nodes
-    surface.cell_data["owner"] = np.where(tissues[0] == TISSUES[side], *pair)[chosen]
-    return surface
+    if simplex_of(cells) is SOLID:
+        cells = cells[:, :4]
+    used, numbers = np.unique(cells, return_inverse=True)
+    facets = np.empty((0, 0), dtype=np.int64), np.empty(0, dtype=np.int64)
+    points = nodes[used].astype(float)
+    return FingerMesh(points, numbers.reshape(cells.shape), tissue, *facets), used
 
 
-def _read(path: Path) -> pv.UnstructuredGrid:
-    """Return a saved state; raise StudyError if the file is no such state."""
-    with suppress(OSError, ValueError, ET.ParseError):
-        ET.parse(path)  # VTK prints long messages about damaged files
-        grid = pv.read(path)
-        if all(name in grid.array_names for name in ("displacement_mm", "sed_kPa", "tissue")):
-            return grid
+def _read(path: Path) -> meshio.Mesh:
+    """Return a saved state."""
+    try:
+        state = meshio.vtu.read(path)
+        if {"displacement_mm"} <= {*state.point_data} and {"sed_kPa", "tissue"} <= {
+            *state.cell_data
+        }:
+            return state
+    except Exception:  # a damaged file fails in many ways
+        pass
     raise StudyError(f"{path} cannot be read as a field file of a scan.")
+
+
+def _fired(results: Results, times_s: Array) -> NDArray[np.bool_]:
+    """Return which receptors have fired since the frame before, (frames, r)."""
+    spikes = results.spikes
+    fired = np.zeros((len(times_s), len(results.trace["receptors_mm"])), dtype=bool)
+    start = 2 * times_s[0] - times_s[1] if len(times_s) > 1 else -np.inf
+    shown = (spikes.time_s > start) & (spikes.time_s <= times_s[-1])
+    fired[np.searchsorted(times_s, spikes.time_s[shown]), spikes.receptor[shown]] = True
+    return fired

@@ -1,7 +1,8 @@
-"""3-D pictures of the finger, drawn off screen in a separate process.
+"""Pictures of the finger, drawn off screen in a separate process.
 
-A graphics library can crash the process that loads it, so a scan does not load one:
-`draw_pictures` starts ``python -m tactile_fem.output.pictures FOLDER`` and logs its errors.
+A graphics library can crash the process that loads it, so a scan does not load one: it starts
+``python -m tactile_fem.output.pictures FOLDER [AMPLITUDE_MM]``, which draws the states of a scan
+or, with an amplitude, the shapes of its vibration, and prints the names of the files.
 """
 
 from __future__ import annotations
@@ -10,29 +11,41 @@ import logging
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tactile_fem.output import section
-from tactile_fem.output.histories import TIME, Abscissa, at_time, central_receptor, extrema
+from tactile_fem.finger.plane import SPACE, Plane
+from tactile_fem.output.film import FRAMES_PER_STATE, Film
+from tactile_fem.output.histories import TIME, central_receptor, extrema
+from tactile_fem.output.section import section_scene
+from tactile_fem.output.view import Frames
 from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
+from tactile_fem.vibration.modes import Modes
 
 logger = logging.getLogger(__name__)
 
-_LONGEST_S = 600
-_MOST = 8
+Look = Literal["receptors", "deformation", "vibration"]
+
+_TIMEOUT_S = 600
+_MOST_STATES = 8
 
 
-def can_draw() -> str | None:
-    """Return in one sentence why no picture can be drawn, or None if nothing is missing."""
+def can_draw(plane: Plane = SPACE) -> str | None:
+    """Return in one sentence why a finger cannot be drawn, or None if nothing is missing.
+
+    A section is drawn with Matplotlib and needs nothing more.
+    """
+    if not plane.is_space:
+        return None
     if find_spec("pyvista") is None:
         return (
             "PyVista is not installed: 3-D pictures are skipped. "
@@ -42,38 +55,27 @@ def can_draw() -> str | None:
     return None if finding is None else f"{finding}."
 
 
-def draw_pictures(results: Results) -> list[Path]:
-    """Draw finger and deformations into the results folder; return the files.
+def draw_pictures(results: Results, amplitude_mm: float | None = None) -> list[Path]:
+    """Draw the states of a scan, or the shapes of its vibration, into its folder.
 
-    All errors are logged as warnings, because pictures are less important than the data.
+    Return the files. All errors are logged as warnings: pictures are less important than data.
     """
-    flat = results.study.finger.is_section
-    if not read_series(results.fields)[1] and (flat or can_draw() is None):
-        logger.warning("There are no field files: 3-D pictures are skipped.")
-        return []
-    if flat:
-        return _draw_section(results)
-    return drawn_apart("tactile_fem.output.pictures", str(results.folder))
-
-
-def drawn_apart(module: str, *arguments: str) -> list[Path]:
-    """Run a module that draws, in a process of its own; return the files that it names.
-
-    All errors are logged as warnings.
-    """
-    reason = can_draw()
+    reason = can_draw(results.study.finger.section_plane)
+    if reason is None and amplitude_mm is None and not read_series(results.fields)[1]:
+        reason = "There are no field files: 3-D pictures are skipped."
     if reason is not None:
         logger.warning("%s", reason)
         return []
-    logger.info("drawing 3-D pictures, which can take some minutes")
-    command = [sys.executable, "-m", module, *arguments]
+    logger.info("drawing pictures of the finger, which can take some minutes")
+    command = [sys.executable, "-m", "tactile_fem.output.pictures", str(results.folder)]
+    command += [] if amplitude_mm is None else [repr(amplitude_mm)]
     try:
         done = subprocess.run(
             command,
             capture_output=True,
             encoding="utf-8",
             errors="surrogateescape",  # as Python takes names of files that are not UTF-8
-            timeout=_LONGEST_S,
+            timeout=_TIMEOUT_S,
             env=_environment(),
         )
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -89,31 +91,66 @@ def drawn_apart(module: str, *arguments: str) -> list[Path]:
     return [Path(line) for line in done.stdout.splitlines() if Path(line).is_file()]
 
 
-def _draw_section(results: Results) -> list[Path]:
-    film = section.SectionFilm(results)
-    chosen = choose_states(results.trace, read_series(results.fields)[0])
-    over_time = film.label == TIME
-    results.figures.mkdir(exist_ok=True)
-    paths = []
-    for k in (section.BETWEEN * state for state in chosen):
-        moment = film[k]
-        paths.append(_picture(results, over_time, moment.time_s, moment.displacement_mm))
-        write_figure(paths[-1], section.moment_figure(film, k))
-    return paths
-
-
-def _picture(results: Results, over_time: bool, time_s: float, slid_mm: float) -> Path:
-    """Return the file of a deformation."""
-    name = f"{time_s:06.3f}_s" if over_time else f"{slid_mm:05.2f}"
-    return results.figures / f"deformation_{name}.png"
-
-
 def _environment() -> dict[str, str]:
     """Return the environment without MPI's variables and a display that may be unreachable."""
     mpi = ("PMI_", "PMIX_", "OMPI_", "MPI_", "HYD")
     environment = {name: value for name, value in os.environ.items() if not name.startswith(mpi)}
     environment.pop("DISPLAY", None)
     return {**environment, "PYTHONIOENCODING": "utf-8:surrogateescape"}
+
+
+# --- in that process ---------------------------------------------------------------------------
+
+
+def main(folder: str, amplitude_mm: str | None = None) -> int:
+    """Draw into a results folder and print the names of the files."""
+    results = Results.open(folder)
+    states = amplitude_mm is None
+    for path, figure in _states(results) if states else _shapes(results, float(amplitude_mm)):
+        path.parent.mkdir(exist_ok=True)
+        write_figure(path, figure)
+        print(path, flush=True)
+    return 0
+
+
+def _states(results: Results) -> Iterator[tuple[Path, Figure]]:
+    """Yield the layers of a solid finger, and the deformations with the largest and least SED."""
+    film = Film.of_scan(results)
+    if film.mesh.plane.is_space:
+        from tactile_fem.output.scene import finger_figure
+
+        yield results.figures / "finger.png", finger_figure(film)
+    frames = frames_of(results, film, "deformation")
+    for state in choose_states(results.trace, read_series(results.fields)[0]):
+        k = FRAMES_PER_STATE * state
+        name = f"{film.along[k]:06.3f}_s" if film.label == TIME else f"{film.along[k]:05.2f}"
+        yield results.figures / f"deformation_{name}.png", frames.figure(k)
+
+
+def _shapes(results: Results, amplitude_mm: float) -> Iterator[tuple[Path, Figure]]:
+    """Yield the finger at the largest deflection of its vibration at each frequency."""
+    modes = Modes.load(results.vibration / "modes.npz")
+    for k, frequency in enumerate(modes.frequency_Hz):
+        film = Film.of_vibration(modes, k, amplitude_mm)
+        figure = frames_of(results, film, "vibration").figure(film.strongest)
+        yield results.vibration / f"shape_{frequency:.4g}_Hz.png", figure
+
+
+def frames_of(results: Results, film: Film, look: Look, *, off_screen: bool = True) -> Frames:
+    """Return the frames of a film as its kind of finger is drawn.
+
+    A section is drawn whole, a solid finger is cut open: behind its receptors, or along its middle.
+    """
+    if not film.mesh.plane.is_space:
+        return section_scene(results, film)
+    from tactile_fem.output import scene
+
+    kinds = {
+        "receptors": scene.receptor_scene,
+        "deformation": scene.deformation_scene,
+        "vibration": scene.vibration_scene,
+    }
+    return kinds[look](results, film, off_screen=off_screen)
 
 
 def choose_states(
@@ -127,39 +164,8 @@ def choose_states(
     if not len(times):
         times = times_s[-1:]
     nearest = {int(np.argmin(np.abs(times_s - time))) for time in times}
-    return sorted(nearest)[:_MOST]
-
-
-def main(folder: str) -> int:
-    """Draw into a results folder and print the names of the files."""
-    import pyvista as pv
-
-    from tactile_fem.output import drawing
-
-    results = Results.open(folder)
-    trace = results.trace
-    times, files = read_series(results.fields)
-    results.figures.mkdir(exist_ok=True)
-    first = pv.read(files[0])
-    _save(drawing.finger_figure(first), results.figures / "finger.png")
-    chosen = choose_states(trace, times)
-    grids = [pv.read(files[k]) for k in chosen]
-    limits = drawing.colour_limits(grids)
-    surface = drawing.stimulator_surface(results)
-    over_time = Abscissa.of(results).label == TIME
-    for k, grid in zip(chosen, grids, strict=True):
-        stimulator = surface.translate(at_time(trace, "stimulator_mm", times[k]))
-        slid_mm = float(at_time(trace, "displacement_mm", times[k]))
-        title = f"Time {times[k]:.3f} s" if over_time else f"Displacement {slid_mm:.1f} mm"
-        figure = drawing.deformation_figure(grid, stimulator, limits, title)
-        _save(figure, _picture(results, over_time, times[k], slid_mm))
-    return 0
-
-
-def _save(figure: Figure, path: Path) -> None:
-    write_figure(path, figure)
-    print(path, flush=True)
+    return sorted(nearest)[:_MOST_STATES]
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main(*sys.argv[1:]))

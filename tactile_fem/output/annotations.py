@@ -1,0 +1,72 @@
+"""Colours of the tissues, and what is written on pictures: title, legend and colour bar."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from tactile_fem.finger.mesh_data import TISSUES
+
+COLOURS = {
+    "stratum_corneum": "#E7C6A5",
+    "epidermis": "#A8683F",
+    "dermis": "#C8553D",
+    "subcutaneous": "#F2DFA7",
+    "bone": "#B9C0C6",
+    "nail": "#7FB0BF",
+}
+# Tissues without strain energy.
+RIGID = ("bone", "nail")
+SCALE = "viridis"
+SIZE_INCHES, PICTURE_DPI, FILM_DPI = (7.5, 4.775), 200, 112
+
+
+class ColourBar(NamedTuple):
+    """A quantity, its colours, and the bar's left, bottom, width and height in the figure."""
+
+    quantity: str
+    scale: Normalize
+    box: tuple[float, float, float, float]
+
+
+def is_soft(tissue: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Return which tags are those of tissues whose strain energy density is shown."""
+    return ~np.isin(tissue, [TISSUES[name] for name in RIGID])
+
+
+def legend_of(tissues: Iterable[str]) -> dict[str, str]:
+    """Return colours by the names of tissues as they are written."""
+    return {name.replace("_", " "): COLOURS[name] for name in tissues}
+
+
+def dots(legend: Mapping[str, str]) -> list[Line2D]:
+    """Return the entries of a legend: colours by their names."""
+    style = {"ls": "", "marker": "o", "ms": 6, "mec": "black", "mew": 0.6}
+    return [Line2D([], [], color=colour, label=name, **style) for name, colour in legend.items()]
+
+
+def annotate(
+    figure: Figure, title: str, legend: Mapping[str, str], bar: ColourBar | None = None
+) -> None:
+    """Write a title at the upper left and a legend at the lower left, and draw a colour bar."""
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 3}
+    figure.text(0.02, 0.97, title, fontsize=10, va="top", bbox=box if title else None)
+    style = {"loc": "lower left", "fontsize": 8, "framealpha": 0.85, "edgecolor": "none"}
+    figure.legend(handles=dots(legend), handletextpad=0.2, **style)
+    if bar is not None:
+        drawn = figure.colorbar(
+            ScalarMappable(bar.scale, SCALE),
+            cax=figure.add_axes(bar.box),
+            orientation="horizontal" if bar.box[2] > bar.box[3] else "vertical",
+            extend="both" if isinstance(bar.scale, LogNorm) else "max",
+            format="{x:g}",
+        )
+        drawn.set_label(bar.quantity, fontsize=9)
+        drawn.ax.tick_params(labelsize=8)

@@ -1,0 +1,382 @@
+"""A solid finger cut open on the stimulator, drawn with PyVista.
+
+Import it only if `tactile_fem.output.pictures.can_draw` allows it: VTK may crash otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pyvista as pv
+from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tactile_fem.errors import StudyError
+from tactile_fem.finger.mesh_data import TISSUES
+from tactile_fem.finger.simplex import facets_of
+from tactile_fem.output.annotations import (
+    COLOURS,
+    PICTURE_DPI,
+    RIGID,
+    SCALE,
+    SIZE_INCHES,
+    ColourBar,
+    annotate,
+    legend_of,
+)
+from tactile_fem.output.film import Film
+from tactile_fem.simulation.results import Results
+from tactile_fem.stimulus import RigidBody
+from tactile_fem.stimulus.distance_grid import DistanceGrid
+
+Vector = tuple[float, float, float]
+Pixels = NDArray[np.uint8]
+
+_GREY_TO_IVORY = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
+RELIEF: Any = {"scalars": "height_mm", "cmap": _GREY_TO_IVORY, "smooth_shading": True}
+# Edges of a surface are drawn so much nearer to the eye.
+_RIM_SHIFT_MM = 0.035
+# Receptors: colour and radius in mm.
+RECEPTORS = {"receptor, silent": ("#101010", 0.07), "receptor, firing": ("#FFFFFF", 0.1)}
+# Distance from the receptors to the cut behind them.
+_BEHIND_MM = 0.15
+# The interface is shown up to this height above its lowest point, or above the receptors.
+_INTERFACE_MM, _MARGIN_MM = 2.3, 0.2
+
+
+@dataclass(frozen=True)
+class Look:
+    """The cut through a finger, and the parallel camera.
+
+    Attributes
+    ----------
+    axis, at_mm
+        Axis across the cut, and its place in the undeformed finger; what lies beyond is removed.
+    eye, focus, half_height_mm
+        Direction from the focus to the camera, Z upwards.
+    """
+
+    axis: Literal["x", "y"]
+    at_mm: float
+    eye: Vector
+    focus: Vector
+    half_height_mm: float
+
+    @property
+    def origin(self) -> Vector:
+        """A point of the cut."""
+        return (self.at_mm, 0.0, 0.0) if self.axis == "x" else (0.0, self.at_mm, 0.0)
+
+
+# Beside X = 0, where meshes have faces.
+ALONG = Look("x", -1e-4, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), 8.4)
+WHOLE = Look("x", -1e-4, (30.0, -9.0, 15.0), (0.0, 2.0, 3.8), 11.0)
+
+
+class Scene:
+    """The frames of a film of a solid finger.
+
+    Parameters
+    ----------
+    film, stimulator
+        The finger, and the body's surface in the body's frame.
+    look
+        The cut and the camera.
+    bar
+        Explains the colours of the film's values.
+    coloured
+        Pieces of soft tissue with these colours: the "face" of the cut, the "shell" behind it.
+    """
+
+    def __init__(
+        self,
+        film: Film,
+        stimulator: pv.PolyData,
+        look: Look,
+        bar: ColourBar | None = None,
+        coloured: tuple[str, ...] = (),
+        *,
+        off_screen: bool = True,
+    ) -> None:
+        self.film, self.look, self.bar = film, look, bar
+        self.legend = legend_of(RIGID if coloured else COLOURS)
+        self.plotter = new_plotter(off_screen=off_screen)
+        look_at(self.plotter, look.eye, look.focus, look.half_height_mm)
+        self._updates: list[Callable[[int], None]] = []
+        # The faces first: hidden shells are then not shaded, which takes most of the time.
+        for tissue, kind, mesh in sorted(_cut(film, look), key=lambda piece: piece[1]):
+            style: dict[str, Any] = {"color": COLOURS[tissue]}
+            if kind in coloured and tissue not in RIGID:
+                style = {}
+            style |= {"lighting": False} if kind == "face" else {"ambient": 0.25}
+            self.add(f"{tissue} {kind}", mesh, **style)
+            if kind == "face":
+                self.add_rim(f"{tissue} rim", mesh)
+        if stimulator.n_points:
+            drawn = stimulator.copy()
+
+            def place(k: int) -> None:
+                drawn.points = stimulator.points + film.stimulator_mm[k]
+
+            self._add("stimulator", drawn, place, **RELIEF)
+
+    def add(self, name: str, mesh: pv.PolyData, **style: Any) -> None:
+        """Add a mesh that moves with the film; without a colour it shows the film's values."""
+        drawn = mesh.copy()
+        drawn.clear_data()
+        moved = mesh["moved_mm"].reshape(mesh.n_points, -1, 3)
+
+        def move(k: int) -> None:
+            weights = self.film.weights[k]
+            drawn.points = mesh.points + np.einsum("nfi,f->ni", moved, weights)
+            if self.bar is not None:
+                drawn["values"] = np.maximum(mesh["values"] @ weights, self.bar.scale.vmin)
+
+        if "color" not in style and self.bar is not None:
+            scale = self.bar.scale
+            style |= {"scalars": "values", "cmap": SCALE, "clim": (scale.vmin, scale.vmax)}
+            style["log_scale"] = isinstance(scale, LogNorm)
+        self._add(name, drawn, move, **style)
+
+    def add_rim(self, name: str, mesh: pv.PolyData) -> None:
+        """Add the boundary of a surface that moves with the film."""
+        edges = mesh.extract_feature_edges(
+            boundary_edges=True, feature_edges=False, manifold_edges=False
+        )
+        eye = np.array(self.look.eye)
+        shifted = edges.translate(_RIM_SHIFT_MM * eye / np.linalg.norm(eye))
+        self.add(name, shifted, color="black", line_width=1.5)
+
+    def add_receptors(self, places_mm: NDArray[np.float64]) -> None:
+        """Add a ball at each undeformed place (r, 3)."""
+        film, ball = self.film, pv.Sphere(radius=1.0, theta_resolution=16, phi_resolution=16)
+        # They move with the tetrahedra as drawn, which deviate from the quadratic solution.
+        sampled = pv.PolyData(places_mm).sample(_grid(film), snap_to_closest_point=True)
+        moved = sampled["moved_mm"].reshape(len(places_mm), -1, 3)
+        corners = ball.regular_faces + ball.n_points * np.arange(len(places_mm))[:, None, None]
+        points = np.tile(ball.points, (len(places_mm), 1))
+        balls = pv.PolyData.from_regular_faces(points, corners.reshape(-1, 3))
+        (silent, small), (firing, large) = RECEPTORS.values()
+
+        def place(k: int) -> None:
+            centres = places_mm + np.einsum("rfi,f->ri", moved, film.weights[k])
+            radius = np.where(film.fired[k], large, small)[:, None, None]
+            balls.points = (centres[:, None] + radius * ball.points).reshape(-1, 3)
+            balls["firing"] = np.repeat(film.fired[k], ball.n_points).astype(float)
+
+        style = {"scalars": "firing", "cmap": [silent, firing], "clim": (0, 1), "ambient": 0.4}
+        self._add("receptors", balls, place, **style)
+        self.legend |= {name: colour for name, (colour, _) in RECEPTORS.items()}
+
+    def _add(
+        self, name: str, mesh: pv.PolyData, update: Callable[[int], None], **style: Any
+    ) -> None:
+        update(0)
+        self._updates.append(update)
+        quiet = {"reset_camera": False, "render": False, "show_scalar_bar": False}
+        self.plotter.add_mesh(mesh, name=name, **quiet, **style)
+
+    def show(self, k: int) -> None:
+        """Draw frame `k`."""
+        for update in self._updates:
+            update(k)
+        self.plotter.reset_camera_clipping_range()
+        self.plotter.render()
+
+    def image(self, k: int, pixels: tuple[int, int]) -> Pixels:
+        """Return frame `k` without annotations."""
+        self.show(k)
+        return shot(self.plotter, pixels)
+
+    def figure(self, k: int, dots_per_inch: int = PICTURE_DPI) -> Figure:
+        """Return frame `k` with title, legend and colour bar."""
+        self.show(k)
+        figure = _framed(self.plotter, dots_per_inch)
+        annotate(figure, self.film.titles[k], self.legend, self.bar)
+        return figure
+
+
+# --- scenes ------------------------------------------------------------------------------------
+
+
+def deformation_scene(results: Results, film: Film, *, off_screen: bool = True) -> Scene:
+    """Return the finger cut along X = 0, coloured by strain energy density."""
+    bar = ColourBar(film.quantity, LogNorm(film.top / 1000, film.top), (0.3, 0.085, 0.4, 0.022))
+    return Scene(film, stimulator_surface(results), ALONG, bar, ("face",), off_screen=off_screen)
+
+
+def receptor_scene(results: Results, film: Film, *, off_screen: bool = True) -> Scene:
+    """Return the finger cut behind its receptors, with the interface on which they lie."""
+    receptors = results.trace["receptors_mm"]
+    cut = float(receptors[:, 1].min()) - _BEHIND_MM
+    sides = [one.receptors.side for one in results.study.populations]
+    surface = interface(film, next((s for s in sides if s in ("epidermis", "dermis")), "epidermis"))
+    rim = max(surface.bounds.z_min + _INTERFACE_MM, float(receptors[:, 2].max()) + _MARGIN_MM)
+    look = Look("y", cut, (9.0, 27.5, 20.4), (0.0, cut + 0.5, 3.6), 9.6)
+    front = surface.clip("y", origin=look.origin, invert=False).clip("z", origin=(0.0, 0.0, rim))
+    top = max(float(np.percentile(front["values"], 99.8, axis=0).max()), 1e-6)
+    title = "Strain energy density\non the interface (kPa)"
+    bar = ColourBar(title, Normalize(0.0, top), (0.87, 0.52, 0.018, 0.38))
+    scene = Scene(film, stimulator_surface(results), look, bar, off_screen=off_screen)
+    scene.add("interface", front, lighting=False)
+    scene.add_rim("interface rim", front)
+    scene.add_receptors(receptors)
+    return scene
+
+
+def vibration_scene(results: Results, film: Film, *, off_screen: bool = True) -> Scene:
+    """Return the vibrating finger cut along X = 0, coloured by the amplitude."""
+    bar = ColourBar(film.quantity, Normalize(0.0, film.top), (0.87, 0.52, 0.018, 0.38))
+    surface, coloured = stimulator_surface(results), ("face", "shell")
+    return Scene(film, surface, WHOLE, bar, coloured, off_screen=off_screen)
+
+
+def finger_figure(film: Film) -> Figure:
+    """Draw the undeformed tetrahedra, a quarter of them cut away."""
+    plotter, removed = new_plotter(), (1e-4, 1e3, 1e-4, 1e3, -1e3, 1e3)
+    for tissue, part in _parts(_grid(film)):
+        left = part.clip_box(removed).extract_surface(algorithm=None)
+        style = {"show_edges": True, "line_width": 1, "edge_opacity": 0.4}
+        plotter.add_mesh(left, color=COLOURS[tissue], ambient=0.65, diffuse=0.45, **style)
+    low, high = film.mesh.nodes.min(axis=0), film.mesh.nodes.max(axis=0)
+    size = float(np.linalg.norm(high - low))
+    focus = (low + high) / 2 + size * np.array([0.02, 0.0, -0.07])
+    look_at(plotter, (26.0, 34.0, -12.0), focus, 0.27 * size)
+    figure = _framed(plotter, PICTURE_DPI)
+    annotate(figure, "", legend_of(COLOURS))
+    return figure
+
+
+# --- meshes ------------------------------------------------------------------------------------
+
+
+def stimulator_surface(results: Results) -> pv.PolyData:
+    """Return the part of the stimulator's surface that comes near the finger, in the body's frame.
+
+    It is the zero level of the signed distance, which a scan saves for an own body.
+    """
+    if results.stimulator is not None:
+        return _zero_level(results.stimulator)
+    return body_surface(results.study.stimulus.body(), results.trace["stimulator_mm"])
+
+
+def body_surface(body: RigidBody, places_mm: NDArray[np.float64]) -> pv.PolyData:
+    """Return that surface of a body that comes to places (n, 3), as smooth as the skin feels it.
+
+    It is empty if the body does not come near the finger.
+    """
+    surface = _zero_level(DistanceGrid.of(body, places_mm))
+    if surface.n_points:
+        surface.point_data.active_normals = body.distance(surface.points.astype(float)).normal
+    return surface
+
+
+def _zero_level(grid: DistanceGrid) -> pv.PolyData:
+    """Return the surface at which a distance vanishes; its normals are the distance's gradient."""
+    if grid.is_empty:
+        return pv.PolyData()
+    spacing = (grid.step_mm,) * 3
+    image = pv.ImageData(dimensions=grid.gap_mm.shape[::-1], spacing=spacing, origin=grid.origin_mm)
+    image["depth_mm"] = -grid.gap_mm.ravel()
+    surface = image.contour([0.0], scalars="depth_mm", method="flying_edges", compute_normals=True)
+    surface["height_mm"] = surface.points[:, 2]
+    return surface
+
+
+def _grid(film: Film) -> pv.UnstructuredGrid:
+    """Return the undeformed tetrahedra with their tissues and the film's fields."""
+    grid = pv.UnstructuredGrid({pv.CellType.TETRA: film.mesh.cells}, film.mesh.nodes)
+    grid.cell_data["tissue"] = film.mesh.tissue
+    _attach_fields(grid, film, np.arange(grid.n_points), np.arange(grid.n_cells))
+    return grid
+
+
+def _attach_fields(
+    mesh: pv.DataSet, film: Film, nodes: NDArray[np.integer], cells: NDArray[np.integer]
+) -> None:
+    """Give a mesh the film's fields at some nodes and cells, a column for each component."""
+    moved = film.moved_mm[:, nodes]
+    mesh.point_data["moved_mm"] = np.moveaxis(moved, 0, 1).reshape(len(nodes), -1)
+    if film.values.shape[1] == len(film.mesh.nodes):
+        mesh.point_data["values"] = film.values[:, nodes].T
+    else:
+        mesh.cell_data["values"] = film.values[:, cells].T
+
+
+def _parts(grid: pv.UnstructuredGrid) -> Iterator[tuple[str, pv.UnstructuredGrid]]:
+    """Yield the name and the cells of each tissue."""
+    for name, tag in TISSUES.items():
+        inside = np.flatnonzero(grid["tissue"] == tag)
+        if len(inside):
+            yield name, grid.extract_cells(inside)
+
+
+def _cut(film: Film, look: Look) -> Iterator[tuple[str, str, pv.PolyData]]:
+    """Yield for each tissue its "face" on the cut and its "shell" behind, undeformed."""
+    for name, part in _parts(_grid(film)):
+        part = part.cell_data_to_point_data()
+        face = part.slice(look.axis, origin=look.origin)
+        shell = part.extract_surface(algorithm=None).clip(look.axis, origin=look.origin)
+        for kind, mesh in (("face", face), ("shell", shell)):
+            if mesh.n_points:
+                yield name, kind, mesh
+
+
+def interface(film: Film, side: str) -> pv.PolyData:
+    """Return the facets between epidermis and dermis, with the film's fields of one of these."""
+    mesh = film.mesh
+    facets, *pair = facets_of(mesh.cells)
+    tissues = np.where(np.array(pair) >= 0, mesh.tissue[np.array(pair)], 0)
+    between = np.sort(tissues, axis=0).T == (TISSUES["epidermis"], TISSUES["dermis"])
+    chosen = between.all(axis=1)
+    if not chosen.any():
+        raise StudyError("The fields have no interface between epidermis and dermis to view.")
+    nodes, corners = np.unique(facets[chosen], return_inverse=True)
+    surface = pv.PolyData.from_regular_faces(mesh.nodes[nodes], corners.reshape(-1, 3))
+    owner = np.where(tissues[0] == TISSUES[side], *pair)[chosen]
+    _attach_fields(surface, film, nodes, owner)
+    return surface.cell_data_to_point_data()
+
+
+# --- plotters ----------------------------------------------------------------------------------
+
+
+def new_plotter(*, off_screen: bool = True) -> pv.Plotter:
+    """Return a plotter with a white background."""
+    plotter = pv.Plotter(title="tactile-fem", off_screen=off_screen)
+    plotter.set_background("white")
+    if off_screen:
+        plotter.enable_anti_aliasing("ssaa")
+    return plotter
+
+
+def look_at(
+    plotter: pv.Plotter,
+    eye: Vector,
+    focus: Vector,
+    half_height_mm: float,
+    up: Vector = (0.0, 0.0, 1.0),
+) -> None:
+    """Set a parallel camera in the direction `eye` from the focus."""
+    plotter.camera_position = [np.add(focus, eye), focus, up]
+    plotter.enable_parallel_projection()
+    plotter.parallel_scale = half_height_mm
+
+
+def shot(plotter: pv.Plotter, pixels: tuple[int, int]) -> Pixels:
+    """Return an image (height, width, 3)."""
+    plotter.window_size = pixels
+    plotter.reset_camera_clipping_range()
+    return np.asarray(plotter.screenshot(return_img=True))
+
+
+def _framed(plotter: pv.Plotter, dots_per_inch: int) -> Figure:
+    """Return a figure filled by an image, exactly, as resampling takes half as long as drawing."""
+    width, height = (int(dots_per_inch * inches) for inches in SIZE_INCHES)
+    figure = Figure(figsize=SIZE_INCHES, dpi=dots_per_inch)
+    figure.figimage(shot(plotter, (width, height)), zorder=-1)
+    return figure
