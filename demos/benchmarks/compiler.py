@@ -18,8 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem import Study, run_script
-from tactile_fem.mechanics.domain import create_domain
+from tactile_fem import Simulation, Study, run_script
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.solvers.finger_problem import FingerProblem
@@ -80,17 +79,14 @@ def main(
         Edges of the mesh in mm; default the coarse finger's.
     """
     set_up(level=logging.ERROR)
-    finger = Finger(pad_size_mm=pad_size, far_size_mm=far_size).mesh()
+    finger = Finger(pad_size_mm=pad_size, far_size_mm=far_size)
     names = variants or list(VARIANTS)
     problems, ready_s = {}, {}
     for name in names:
         started = time.perf_counter()
-        study = Study(solver=Solver(compiler_flags=VARIANTS[name], linear="direct"))
-        domain = create_domain(finger, MPI.COMM_SELF, study.solver.held)
-        stimulus = study.stimulus
-        problems[name] = FingerProblem(
-            domain, study.tissue, stimulus.body(), stimulus.friction, study.solver
-        )
+        solver = Solver(compiler_flags=VARIANTS[name], linear="direct")
+        simulation = Simulation(Study(finger=finger, solver=solver), comm=MPI.COMM_SELF)
+        problems[name] = simulation.problem
         ready_s[name] = time.perf_counter() - started
     pressed = {name: press(problem) for name, problem in problems.items()}
     state = pressed[names[0]]

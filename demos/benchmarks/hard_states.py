@@ -6,8 +6,8 @@
 #   a letter's edge that arrives or leaves,
 # - how PETSc's line searches and trust regions compare on exactly the same saved states.
 #
-# A scan is run once, and the state before each of these moments is saved in its folder. Each
-# strategy then takes the same few steps from each state; failed steps are halved and counted.
+# A simulation is run once, and its state at each of these moments is saved. Each strategy then
+# takes the same few steps from each state; failed steps are halved and counted.
 #
 #     python demos/benchmarks/hard_states.py states
 #     python demos/benchmarks/hard_states.py states --friction 1 --fillet 0.1
@@ -16,22 +16,20 @@
 
 # %%
 import logging
-import shutil
 import time
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from tactile_fem import ConvergenceError, Results, Study, StudyError, run_script, scan
-from tactile_fem.mechanics.domain import Domain, create_domain
+import numpy as np
+
+from tactile_fem import ConvergenceError, Simulation, Study, StudyError, load_study, run_script
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.ranks import on_root
-from tactile_fem.simulation import Observation
-from tactile_fem.simulation.stepper import Step, Stepper
-from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.study import Finger, Output, Solver, Text
+from tactile_fem.study import Finger, Solver, Text
+from tactile_fem.study.file import dump_study
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -132,101 +130,82 @@ def main(
     study = Study(
         finger=Finger(preset=preset),
         stimulus=Text(friction=friction, fillet_radius_mm=fillet),
-        output=Output(pictures=False, fields_mm=5.0),
     )
-    chosen = {name: MOMENTS[name] for name in moments or MOMENTS}
     outcomes = []
-    states = save_states(study, folder, chosen)
-    comm = MPI.COMM_WORLD
-    finger = on_root(comm, lambda: study.finger.mesh(), share=False)
-    domain = create_domain(finger, comm, study.solver.held)
+    states = saved_states(study, folder, moments or list(MOMENTS))
     for strategy in STRATEGIES:
         if strategies and strategy.name not in strategies:
             continue
-        for outcome in replay(study, domain, strategy, states, steps):
+        for outcome in replay(study, strategy, states, steps):
             outcomes.append(outcome)
             print_results(outcome, heading=len(outcomes) == 1)
     if MPI.COMM_WORLD.rank == 0:
         write_table(folder / "strategies.csv", outcomes)
 
 
-class FarEnoughError(Exception):
-    """Ends the scan when all states are saved."""
-
-
 # %% [markdown]
-# The checkpoint that a scan leaves at least after every second step is all that is needed.
+# `gather` returns all that the next step needs.
 
 
 # %%
-def save_states(
-    study: Study, folder: Path, moments: dict[str, tuple[float, float]]
-) -> dict[str, Results]:
-    """Run the scan as far as needed; return a results folder for each moment."""
-    places = {name: folder / name.replace(" ", "-") for name in moments}
-    missing = [name for name, place in places.items() if not place.exists()]
-    comm, taken = MPI.COMM_WORLD, list[Step]()
-
-    def saved_steps() -> int:
-        results = Results(folder / "scan")
-        return int(results.load_checkpoint()["rows"]) - 1 if results.checkpoint_file.exists() else 0
-
-    def keep(seen: Observation) -> None:
-        """Copy the folder if its checkpoint, which is not the present step's, is far enough."""
-        saved = taken[: on_root(comm, saved_steps)]
-        for name in list(missing):
-            depth, slide = moments[name]
-            if any(s.depth_mm > depth - 1e-9 and s.displacement_mm > slide - 1e-9 for s in saved):
-                missing.remove(name)
-                if comm.rank == 0:
-                    shutil.copytree(folder / "scan", places[name])
-        if not missing:
-            raise FarEnoughError
-        taken.append(seen.step)
-
+def saved_states(study: Study, folder: Path, moments: list[str]) -> dict[str, Mapping]:
+    """Return the state at each moment; run the simulation as far as one is missing."""
+    comm = MPI.COMM_WORLD
+    files = {name: folder / f"{name.replace(' ', '-')}.npz" for name in moments}
+    on_root(comm, lambda: check_folder(study, folder))
+    missing = on_root(comm, lambda: [name for name in moments if not files[name].exists()])
     if missing:
-        with suppress(FarEnoughError):
-            scan(study, folder / "scan", overwrite=True, observers=[keep])
-    states = {name: Results.open(place) for name, place in places.items()}
-    for results in states.values():
-        if results.study != study:
-            what = f"{results.folder} holds a state of another study"
-            raise StudyError(f"{what}: choose another folder.")
-    return states
+        with closing(Simulation(study)) as simulation:
+            for step in simulation.steps():
+                for name in missing[:]:
+                    depth, slide = MOMENTS[name]
+                    if step.depth_mm > depth - 1e-9 and step.displacement_mm > slide - 1e-9:
+                        missing.remove(name)
+                        state = simulation.gather()
+                        on_root(comm, lambda at=files[name], of=state: np.savez(at, **of))
+                if not missing:
+                    break
+    return {name: on_root(comm, lambda at=file: dict(np.load(at))) for name, file in files.items()}
+
+
+def check_folder(study: Study, folder: Path) -> None:
+    """Raise StudyError if the folder has states of another study."""
+    file = folder / "study.toml"
+    if not file.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        file.write_text(dump_study(study))
+    elif load_study(file) != study:
+        raise StudyError(f"{folder} holds states of another study: choose another folder.")
 
 
 # %%
 def replay(
-    study: Study, domain: Domain, strategy: Strategy, states: dict[str, Results], steps: int
+    study: Study, strategy: Strategy, states: Mapping[str, Mapping], steps: int
 ) -> Iterator[Outcome]:
     """Take `steps` steps from each state."""
-    comm = MPI.COMM_WORLD
     solver = Solver(petsc=strategy.petsc, contact_width_MPa=strategy.width_MPa)
-    body = study.stimulus.body()
-    problem = FingerProblem(domain, study.tissue, body, study.stimulus.friction, solver)
-    for name, results in states.items():
-        stepper = Stepper(problem, study.protocol.route(0.0), solver)
-        stepper.restore(on_root(comm, results.load_checkpoint))
-        started = time.perf_counter()
-        taken = []
-        try:
-            for step in stepper:
-                taken.append(step)
-                if len(taken) == steps:
-                    break
-        except ConvergenceError:
-            pass  # the table tells
-        yield Outcome(
-            strategy.name,
-            name,
-            len(taken),
-            sum(not solve.converged for step in taken for solve in step.discarded),
-            sum(step.newton_iterations for step in taken),
-            sum(step.linear_iterations for step in taken),
-            time.perf_counter() - started,
-            sum(step.dt_s for step in taken),
-        )
-    problem.close()
+    with closing(Simulation(study.model_copy(update={"solver": solver}))) as simulation:
+        for name, state in states.items():
+            simulation.restore(state)
+            started = time.perf_counter()
+            taken = []
+            try:
+                for step in simulation.steps():
+                    taken.append(step)
+                    if len(taken) == steps:
+                        break
+            except ConvergenceError:
+                pass  # its steps are missing in the table
+            yield Outcome(
+                strategy.name,
+                name,
+                len(taken),
+                sum(not solve.converged for step in taken for solve in step.discarded),
+                sum(step.newton_iterations for step in taken),
+                sum(step.linear_iterations for step in taken),
+                time.perf_counter() - started,
+                sum(step.dt_s for step in taken),
+            )
 
 
 def print_results(outcome: Outcome, heading: bool) -> None:

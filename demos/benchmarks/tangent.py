@@ -12,6 +12,7 @@
 #     python demos/benchmarks/tangent.py --iterations 1 5 --depth 0.3 --distance 0.04
 
 # %%
+from contextlib import closing
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Annotated
@@ -19,15 +20,11 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from tactile_fem import Study, run_script
-from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.simulation.stepper import Step, Stepper
-from tactile_fem.solvers.finger_problem import FingerProblem
+from tactile_fem import Simulation, Study, run_script
+from tactile_fem.simulation.step import Step
 from tactile_fem.study import Finger, Protocol, Solver, Text
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
-
-DEEPEST_MM = 3.0
 
 
 @dataclass
@@ -51,22 +48,16 @@ def main(
 ) -> None:
     """Press a G and slide a little with each value."""
     found = {count: Runs() for count in iterations}
-    finger = Finger(preset=preset).mesh()
     for _ in range(turns):
         for count, runs in found.items():
             study = Study(
+                finger=Finger(preset=preset),
                 stimulus=Text(text="G"),
                 protocol=Protocol(depth_mm=depth, distance_mm=distance, output_mm=0.2),
                 solver=Solver(tangent_iterations=count),
             )
-            domain = create_domain(finger, MPI.COMM_WORLD, study.solver.held)
-            stimulus = study.stimulus
-            problem = FingerProblem(
-                domain, study.tissue, stimulus.body(), stimulus.friction, study.solver
-            )
-            path = study.protocol.route(DEEPEST_MM)
-            note(runs, list(Stepper(problem, path, study.solver)))
-            problem.close()
+            with closing(Simulation(study)) as simulation:
+                note(runs, list(simulation.steps()))
     if MPI.COMM_WORLD.rank == 0:
         tell(found)
 

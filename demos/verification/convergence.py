@@ -32,15 +32,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from tactile_fem import Results, Study, completed, run_script
-from tactile_fem.mechanics.domain import create_domain
+from tactile_fem import Results, Simulation, Study, completed, run_script
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.receptors import place, sample
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.fields import read_series
-from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Finger, Output, Protocol, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
@@ -208,9 +206,7 @@ def spread_of(name: str, results: Results) -> Spread:
     felt = [np.interp(time, trace["time_s"], trace["sed_kPa"].sum(axis=1)) for time in times]
     strongest = int(np.argmax(felt))
     u = on_root(COMM, lambda: meshio.read(files[strongest]).point_data["displacement_mm"])
-    domain = create_domain(finger, COMM, study.solver.held)
-    stimulus = study.stimulus
-    problem = FingerProblem(domain, study.tissue, stimulus.body(), stimulus.friction, study.solver)
+    problem = Simulation(study).problem
     problem.order.scatter(u.astype(float), problem.u)
 
     positions = place(study.receptors, finger)
