@@ -95,7 +95,8 @@ def press(
                     if here.any():
                         read = _reading(simulation, experiment, here, skin)
                         found.values[here] = read()
-                        found.derivatives[here] = sensitivities.derivative(read).T
+                        if changes:
+                            found.derivatives[here] = sensitivities.derivative(read).T
                     stop.check()
         except StoppedError:
             raise
