@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 
 class TactileError(Exception):
@@ -33,7 +33,7 @@ class PlaceError(MeshError):
         (3,) in the finger's axes.
     """
 
-    def __init__(self, message: str, place_mm: Sequence[float]) -> None:
+    def __init__(self, message: str, place_mm: Iterable[float]) -> None:
         self.message, self.place_mm = message, tuple(float(x) for x in place_mm)
         x, y, z = self.place_mm
         place = f"at X {x:.1f}, Y {y:.1f}, Z {z:.1f} mm in the finger's axes"
@@ -59,7 +59,7 @@ class ConvergenceError(TactileError):
 
     exit_code = 3
 
-    def __init__(self, message: str, stimulator_mm: Sequence[float], reason: str) -> None:
+    def __init__(self, message: str, stimulator_mm: Iterable[float], reason: str) -> None:
         super().__init__(message)
         self.stimulator_mm = tuple(float(x) for x in stimulator_mm)
         self.reason = reason

@@ -126,7 +126,10 @@ def _line_of_skin(simulation: Simulation, experiment: Experiment) -> SkinSurface
 
 
 def _reading(
-    simulation: Simulation, experiment: Experiment, here: Array, skin: SkinSurface | None
+    simulation: Simulation,
+    experiment: Experiment,
+    here: NDArray[np.bool_],
+    skin: SkinSurface | None,
 ) -> Callable[[], Array]:
     """Return a function that gives the chosen numbers of the present state."""
     is_force, places = experiment.is_force[here], experiment.place_mm[here]

@@ -60,7 +60,7 @@ class Drive:
 
         def value(histories: Histories) -> Array:
             time_s = histories["time_s"]
-            order = min(2, len(time_s) - 1)
+            order: Literal[1, 2] = 2 if len(time_s) > 2 else 1
             return np.gradient(self.value(histories), time_s, axis=0, edge_order=order)
 
         label = f"Rate of {self.label[0].lower()}{self.label[1:]}"
@@ -143,7 +143,7 @@ def pool(
     for number, near in enumerate(fields):
         if not near:
             raise StudyError(f"No point lies within {radius_mm:g} mm of afferent {number}.")
-    combine = np.mean if rule == "mean" else np.max
+    combine: Any = np.mean if rule == "mean" else np.max
     return np.column_stack([combine(felt[:, near], axis=1) for near in fields])
 
 

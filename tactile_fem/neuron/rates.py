@@ -152,7 +152,10 @@ def fit(
 
     def modelled(x: Array) -> Array:
         model = _with(neuron, free, scale * x)
-        found = [mean_rates(r.time_s, r.drive, r.windows, model).ravel() for r in recordings]
+        found = [
+            mean_rates(np.asarray(r.time_s), np.asarray(r.drive), r.windows, model).ravel()
+            for r in recordings
+        ]
         return np.concatenate(found)
 
     def residuals(x: Array) -> Array:

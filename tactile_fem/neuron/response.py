@@ -147,8 +147,9 @@ def save(response: Response, path: Path | str) -> None:
             covered = np.array([response.start_s, response.end_s])
             with atomic_write(path) as part, part.open("wb") as stream:
                 count = len(response.spikes)
-                arrays = {"receptor": receptor, "time_s": time, "covered_s": covered}
-                np.savez_compressed(stream, receptors=count, **arrays)
+                np.savez_compressed(
+                    stream, receptors=count, receptor=receptor, time_s=time, covered_s=covered
+                )
         case ".csv":
             rows = zip(receptor.tolist(), time.tolist(), strict=True)
             write_text(path, "\n".join(["receptor,time_s", *(f"{k},{t}" for k, t in rows), ""]))

@@ -227,4 +227,5 @@ def straight(
 
 def multiples(step: float, end: float) -> Array:
     """Return the multiples of a step up to an end: at most one more than the allowed outputs."""
-    return step * np.arange(1, int(min(end / step + 1e-9, MAX_OUTPUTS + 1)) + 1)
+    count = int(min(end / step + 1e-9, MAX_OUTPUTS + 1))
+    return np.multiply(step, np.arange(1, count + 1), dtype=np.float64)

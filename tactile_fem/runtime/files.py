@@ -7,7 +7,7 @@ import fcntl
 import hashlib
 import logging
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import lru_cache, wraps
@@ -96,7 +96,7 @@ def check_unchanged(files: Mapping[str, Path], before: Mapping[str, str]) -> Non
             raise StudyError(f"{files[key]} was changed while it was read: start again.")
 
 
-class _FromFiles(Protocol):
+class _FromFiles(Hashable, Protocol):
     def files(self) -> dict[str, Path]: ...
 
 

@@ -6,7 +6,7 @@ import json
 import os
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, Union
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, Union
 
 from pydantic import (
     AfterValidator,
@@ -81,6 +81,12 @@ class Kind(Settings):
             kind: Literal["wave"] = "wave"
     """
 
+    if TYPE_CHECKING:
+
+        @property
+        def kind(self) -> str:
+            """Name of the kind, as a study states it."""
+
     kinds: ClassVar[dict[str, type[Kind]]] = {}
 
     def __init_subclass__(cls) -> None:
@@ -88,7 +94,7 @@ class Kind(Settings):
             cls.kinds = {}
 
     @classmethod
-    def __pydantic_init_subclass__(cls) -> None:
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         if "kind" in cls.__annotations__:
             name = cls.model_fields["kind"].default
             known = cls.kinds.get(name, cls)
@@ -118,7 +124,8 @@ class Kind(Settings):
 
 @lru_cache
 def _adapter_of(kinds: tuple[type[Kind], ...]) -> TypeAdapter[Any]:
-    return TypeAdapter(Annotated[Union[kinds], Field(discriminator="kind")])  # noqa: UP007
+    choice: Any = Annotated[Union[kinds], Field(discriminator="kind")]  # noqa: UP007
+    return TypeAdapter(choice)
 
 
 class Either(Settings):

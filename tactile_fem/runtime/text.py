@@ -9,6 +9,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +115,7 @@ class Numbers:
         """Return NumPy's name of the type in which numbers of a kind, such as "i4", are kept."""
         return "<f8" if self._text else self._order + kind
 
-    def take(self, kind: str | np.dtype, count: int = 1) -> NDArray:
+    def take(self, kind: str | np.dtype, count: int = 1) -> NDArray[Any]:
         """Return the next numbers (count,) of a kind, or the next records of a structured type."""
         dtype = np.dtype(self.type_of(kind) if isinstance(kind, str) else kind)
         if count == 0:
@@ -123,7 +124,7 @@ class Numbers:
         self._at += found.nbytes
         return found
 
-    def peek(self, kind: str | np.dtype, most: int) -> NDArray:
+    def peek(self, kind: str | np.dtype, most: int) -> NDArray[Any]:
         """Return the next numbers or records without taking them: `most`, or what is left."""
         dtype = np.dtype(self.type_of(kind) if isinstance(kind, str) else kind)
         at, left = self._at, (len(self._data) - self._at) // dtype.itemsize
@@ -131,7 +132,7 @@ class Numbers:
         self._at = at
         return found
 
-    def alike(self, dtype: np.dtype, most: int, values: Mapping[str, int]) -> NDArray:
+    def alike(self, dtype: np.dtype, most: int, values: Mapping[str, int]) -> NDArray[Any]:
         """Return the next records that share the first one's `values`, at most so many."""
         ahead = 1
         while True:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import Numbers
 
+Array = NDArray[Any]
 Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -89,9 +91,7 @@ class Triangles:
         return Triangles(self.points, self.triangles[:, ::-1].copy())
 
 
-def in_chunks(
-    evaluate: Callable[[Points], Sequence[NDArray]], points: Points
-) -> tuple[NDArray, ...]:
+def in_chunks(evaluate: Callable[[Points], Sequence[Array]], points: Points) -> tuple[Array, ...]:
     """Return what a function returns for points (n, d), arrays (n, ...), evaluated in parts.
 
     Signals are answered between the parts.
@@ -319,7 +319,7 @@ _PLY_TYPES = {
     **{"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"},
 }
 # Values of a property, those of lists after each other, and how many belong to each element.
-_Column = tuple[NDArray, Indices]
+_Column = tuple[Array, Indices]
 # Its name, the type of its values and, of lists, that of the counts.
 _Property = tuple[str, str, str | None]
 
@@ -399,7 +399,7 @@ def _ply_columns(numbers: Numbers, count: int, properties: list[_Property]) -> d
     """Take elements, in runs whose lists are as long as those of the first of the run."""
     parts: dict[str, list[_Column]] = {name: [] for name, _, _ in properties}
     while count > 0:
-        fields: list[tuple] = []
+        fields: list[tuple[Any, ...]] = []
         lengths: dict[str, int] = {}
         for name, kind, counted in properties:
             length = 1

@@ -404,7 +404,7 @@ class Results:
             Response(each, start, end),
             population=population,
             kind=[kind_of[name] for name in population],
-            receptor_mm=self.trace["receptors_mm"],
+            receptor_mm=list(self.trace["receptors_mm"]),
         )
 
     @cached_property

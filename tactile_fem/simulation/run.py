@@ -213,8 +213,8 @@ def _step_to_end(
                 stopping(simulation.problem.solver.snes, comm) as stop,
                 progress(comm.rank) as show,
             ):
-                all_ = (show, *observers, trace, *([recorder] if recorder else []), stop.check)
-                for _ in simulation.observed(all_):
+                own: list[Observer] = [trace, *([recorder] if recorder else []), stop.check]
+                for _ in simulation.observed([show, *observers, *own]):
                     pass
         except Exception as error:
             kept = _keep(simulation, trace, recorder, error)

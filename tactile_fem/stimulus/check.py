@@ -52,7 +52,7 @@ def check_lipschitz(body: RigidBody, name: str) -> None:
     See `RigidBody`: contact would be overlooked.
     """
     rng = np.random.default_rng(0)
-    points = rng.uniform(*_NEAR_MM, (len(POINTS), 3))
+    points = rng.uniform(*_NEAR_MM, size=(len(POINTS), 3))
     gap, ways = body.distance(points).gap, rng.normal(size=points.shape)
     near = (gap > 0) & (gap < NEAR_MM)
     for way_mm in _WAYS_MM:

@@ -137,8 +137,8 @@ def _faces(below: NDArray[np.bool_], vertex_of: NDArray[np.int64]) -> NDArray[np
         # The four cells around an edge, which needs neighbours on all sides.
         cells = np.moveaxis(vertex_of, axis, 0)[:-1]
         crossed = (ends[0] != ends[1])[:, 1:, 1:]
-        around = (slice(None, -1), slice(None, -1)), (slice(1, None), slice(None, -1))
-        around += (slice(1, None), slice(1, None)), (slice(None, -1), slice(1, None))
+        low, high = slice(None, -1), slice(1, None)
+        around = (low, low), (high, low), (high, high), (low, high)
         quad = np.column_stack([cells[:, a, b][crossed] for a, b in around])
         quad = quad[np.all(quad >= 0, axis=1)]
         triangles += [quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]]

@@ -7,7 +7,7 @@ import io
 import logging
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -105,7 +105,7 @@ def _cells(line: str) -> list[str]:
     return cells if len(line) <= _LONG else cells[:-1]
 
 
-def _dialect(rows: Sequence[str]) -> tuple[str | None, str]:
+def _dialect(rows: Collection[str]) -> tuple[str | None, str]:
     """Return what separates cells, None for blanks and tabs, and the decimal mark."""
     if any(";" in row for row in rows):
         return ";", ","

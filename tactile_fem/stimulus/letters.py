@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
@@ -131,8 +131,9 @@ def _font(name: str) -> FT2Font:
     if not Path(file).is_file():
         raise StudyError(f'stimulus.font = "{name}": there is no such file')
     number = getattr(file, "face_index", 0)  # of a collection, from matplotlib 3.11 on
+    options: dict[str, Any] = {"face_index": number} if number else {}
     try:
-        font = FT2Font(file, **({"face_index": number} if number else {}))
+        font = FT2Font(file, **options)
     except (OSError, RuntimeError) as error:
         raise StudyError(f'stimulus.font = "{name}" cannot be read as a font') from error
     font.set_size(text_to_path.FONT_SCALE, text_to_path.DPI)
@@ -205,6 +206,7 @@ def _rounded(shape: shapely.Geometry, radius: float) -> shapely.Geometry | None:
 def _letter(shape: shapely.Geometry, radius: float, reach: float) -> Letter:
     """Round a shape's corners and spline its signed distance on a grid that goes on by `reach`."""
     rounded = _rounded(shape, radius)
+    assert rounded is not None, "_rounded has been tried with this radius"
     low = np.array(rounded.bounds[:2]) - reach
     high = np.array(rounded.bounds[2:]) + reach
     x, y = (np.arange(a, b + _GRID_MM, _GRID_MM) for a, b in zip(low, high, strict=True))

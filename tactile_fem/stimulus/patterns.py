@@ -99,7 +99,7 @@ class Row:
 
     def places(self) -> Array:
         """Return all positions (count,)."""
-        return self.first + self.spacing * np.arange(self.count)
+        return np.add(self.first, self.spacing * np.arange(self.count), dtype=np.float64)
 
     def nearest(self, coordinate: Array) -> Array:
         """Return the position nearest to each coordinate."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ _APART = 0.25
 _FAR, _FAR_OF_EXTREMES, _RARE, _RARE_EXTREMES = 10.0, 1.0, 0.05, 0.2
 
 
-def check_values(values: NDArray[np.generic], kind: np.dtype[np.generic], file: Path) -> None:
+def check_values(values: NDArray[np.generic], kind: np.dtype[Any], file: Path) -> None:
     """Refuse values that certainly mark missing heights; warn of those that may.
 
     Parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from scipy import ndimage
@@ -23,7 +23,10 @@ logger = logging.getLogger(__name__)
 
 # Standard deviation of a Gaussian that halves a wave, to its length (ISO 16610-61).
 _GAUSSIAN = np.sqrt(np.log(2) / 2) / np.pi
-_BEYOND = {"mirrored": "mirror", "periodic": "grid-wrap"}
+_BEYOND: dict[str, Literal["mirror", "grid-wrap"]] = {
+    "mirrored": "mirror",
+    "periodic": "grid-wrap",
+}
 # Distance from the surface at which its error is told, and the share of it that is too much.
 _NEAR_MM, _WRONG = 0.02, 0.1
 
@@ -81,7 +84,7 @@ class Relief:
     def _least_cosine(self) -> float:
         """Cosine of a slope that no point exceeds: slopes are means of the coefficients' steps."""
         spline = self.heights
-        ends = "wrap" if spline.beyond == "grid-wrap" else "reflect"
+        ends: Literal["wrap", "reflect"] = "wrap" if spline.beyond == "grid-wrap" else "reflect"
         padded = np.pad(spline.coefficients, 1, mode=ends)
         slopes = [np.abs(np.diff(padded, axis=k)).max() / spline.spacing[k] for k in (0, 1)]
         return float(1 / np.sqrt(1 + np.dot(slopes, slopes)))

@@ -7,7 +7,7 @@ from itertools import combinations_with_replacement, permutations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from tactile_fem.stimulus.body import Array
@@ -83,11 +83,11 @@ class GridSpline:
                     value = np.einsum("n...k,nk->n...", value, weights[axis][axes.count(axis)])
                 value = value / np.prod(self.spacing[list(axes)])
                 for same in set(permutations(axes)):
-                    tensor[(slice(None), *same)] = value
+                    np.moveaxis(tensor, 0, -1)[same] = value
             found.append(tensor)
         return found
 
-    def _support(self, interval: Array) -> Array:
+    def _support(self, interval: NDArray[np.int64]) -> Array:
         """Return the coefficients of the B-splines that act in each interval, (n, 4, ...)."""
         index = []
         for axis, count in enumerate(self.coefficients.shape):

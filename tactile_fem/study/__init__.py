@@ -131,7 +131,8 @@ class Study(Settings):
         """Give each population the keys of the study's receptors and neuron that it lacks."""
         if not isinstance(entries, list | tuple):
             return entries
-        shared = {name: info.data[name] for name in ("receptors", "neuron") if name in info.data}
+        names = {"receptors", "neuron"}
+        shared = {name: value for name, value in info.data.items() if name in names}
         return [_filled(entry, shared) for entry in entries]
 
     @field_validator("afferents")

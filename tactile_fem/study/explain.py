@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from functools import partial
 from typing import Any, get_args
@@ -152,7 +152,7 @@ def _unknown(location: tuple[str | int, ...], path: tuple[str | int, ...]) -> st
     model: Any = Study
     if location[0] in _WHAT and len(location) != len(path):
         at, kinds = (1, KINDS) if location[0] == "stimulus" else (3, PIECES)
-        model = kinds[location[at]]
+        model = kinds[str(location[at])]
         if len(location) == at + 2:
             return (
                 f'{_dotted(path)} is not a key of a {_WHAT[location[0]]} of kind "{location[at]}"; '
@@ -169,7 +169,7 @@ def _unknown(location: tuple[str | int, ...], path: tuple[str | int, ...]) -> st
     return f"{_dotted(path)} is not a key of [{_dotted(path[:-1])}]; {hint}"
 
 
-def _kinds_with(word: str, models: dict[str, type[BaseModel]]) -> str:
+def _kinds_with(word: str, models: Mapping[str, type[BaseModel]]) -> str:
     """Return a half sentence that names the kinds with this key, if there are any."""
     kinds = [f'"{kind}"' for kind, model in models.items() if word in model.model_fields]
     words = " or ".join(part for part in (", ".join(kinds[:-1]), *kinds[-1:]) if part)

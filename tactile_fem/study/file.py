@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.settings import Finger
 from tactile_fem.path import Piece
-from tactile_fem.runtime.settings import absolute
+from tactile_fem.runtime.settings import Settings, absolute
 from tactile_fem.runtime.text import read_text
 from tactile_fem.stimulus import Stimulus
 from tactile_fem.stimulus.text import font_file
@@ -115,7 +115,7 @@ def _merge_named(entries: Any, changes: dict[str, Any]) -> Any:
     """Merge changes into tables of a list, which they call by name."""
     listed = entries if isinstance(entries, list) else []
     tables = [entry for entry in listed if isinstance(entry, dict)]
-    names = [entry.get("name") for entry in tables]
+    names = [str(entry.get("name")) for entry in tables]
     for name, keys in changes.items():
         if name not in names:
             known = ", ".join(map(str, names)) or "none"
@@ -147,7 +147,7 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
         stimulus["font"] = usable(font_file(stimulus["font"], folder), folder)
     pieces = protocol.get("path") if isinstance(protocol, dict) else None
     tables = [data.get("finger"), stimulus, *(pieces if isinstance(pieces, list) else [])]
-    models = [Finger, *Stimulus.kinds.values(), *Piece.kinds.values()]
+    models: list[type[Settings]] = [Finger, *Stimulus.kinds.values(), *Piece.kinds.values()]
     keys = set[str]().union(*(model.file_keys() for model in models))
     for table in tables:
         for key in keys & table.keys() if isinstance(table, dict) else ():

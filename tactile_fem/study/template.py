@@ -80,10 +80,11 @@ def _described(heading: str, model: type[BaseModel]) -> Iterator[str]:
 def _table(name: str, values: BaseModel | dict[str, Any], note: str | None) -> Iterator[str]:
     """Write a table, its keys, and the tables in it."""
     yield from _with_note(f"[{name}]", note)
-    nested = {}
-    if isinstance(values, BaseModel):
-        nested = {key: value for key, value in values if isinstance(value, BaseModel | dict)}
-        yield from _keys(values, "#", set(nested))
+    if not isinstance(values, BaseModel):
+        yield ""
+        return
+    nested = {key: value for key, value in values if isinstance(value, BaseModel | dict)}
+    yield from _keys(values, "#", set(nested))
     yield ""
     for key, value in nested.items():
         yield from _table(f"{name}.{key}", value, type(values).model_fields[key].description)

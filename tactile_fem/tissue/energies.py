@@ -158,7 +158,7 @@ def tangent_shear_modulus(law: Law, shear: Expr, X: Expr) -> Expr:
 
 def shear_modulus(constants: Polynomial | Elastic, values: Any = None) -> Any:
     """Return the small-strain shear modulus, in MPa; `values` as in `PolynomialEnergy`."""
-    c = values or constants
+    c: Any = values or constants
     if isinstance(constants, Elastic):
         return c.E_MPa / (2 * (1 + c.nu))
     return 2 * (c.C10_MPa + c.C01_MPa)
@@ -166,7 +166,7 @@ def shear_modulus(constants: Polynomial | Elastic, values: Any = None) -> Any:
 
 def bulk_modulus(constants: Polynomial | Elastic, values: Any = None) -> Any:
     """Return the small-strain bulk modulus, in MPa; `values` as in `PolynomialEnergy`."""
-    c = values or constants
+    c: Any = values or constants
     if isinstance(constants, Elastic):
         return c.E_MPa / (3 * (1 - 2 * c.nu))
     return 2 / c.D1_per_MPa
