@@ -13,7 +13,7 @@ compute mechanics:
 - ``Stimulus`` and ``Piece``, below which a script adds kinds of its own to what a study may state.
 - ``StudyError``, ``MeshError``, ``ConvergenceError``, ``StoppedError``, and their base
   ``TactileError``.
-- ``run_script``: the program around a script's ``main``.
+- ``run_script``: the program around a script's ``main``; ``write_table``: a CSV file.
 
 The lists of `tactile_fem.study`, `tactile_fem.neuron` and `tactile_fem.series` are public too.
 Everything else may change from release to release.
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from tactile_fem.neuron import Population
     from tactile_fem.output.figures import draw
     from tactile_fem.path import Motion, Path, Piece
+    from tactile_fem.runtime.files import write_table
     from tactile_fem.simulation.parts import Parts
     from tactile_fem.simulation.results import Results
     from tactile_fem.simulation.run import completed, resume, scan
@@ -77,6 +78,7 @@ __all__ = [
     "run_script",
     "scan",
     "vibrate",
+    "write_table",
 ]
 
 # Where the names are that are imported on demand.
@@ -86,6 +88,7 @@ _MODULES = {
     "neuron": ("Population",),
     "output.figures": ("draw",),
     "path": ("Motion", "Path", "Piece"),
+    "runtime.files": ("write_table",),
     "simulation.parts": ("Parts",),
     "simulation.results": ("Results",),
     "simulation.run": ("completed", "resume", "scan"),

@@ -18,8 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem import Simulation, Study, run_script
-from tactile_fem.runtime.files import write_table
+from tactile_fem import Simulation, Study, run_script, write_table
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Finger, Solver

@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem import Results, Study, run_script
-from tactile_fem.runtime.files import write_table, write_text
+from tactile_fem import Results, Study, run_script, write_table
+from tactile_fem.runtime.files import write_text
 from tactile_fem.series import Member, run_all
 from tactile_fem.study import Finger, Output, Protocol, Solver
 

@@ -24,8 +24,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem import ConvergenceError, Simulation, Study, StudyError, load_study, run_script
-from tactile_fem.runtime.files import write_table
+from tactile_fem import (
+    ConvergenceError,
+    Simulation,
+    Study,
+    StudyError,
+    load_study,
+    run_script,
+    write_table,
+)
 from tactile_fem.runtime.logs import set_up
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.study import Finger, Solver, Text

@@ -24,8 +24,7 @@ from statistics import median
 
 import numpy as np
 
-from tactile_fem import Results, TactileError, run_script
-from tactile_fem.runtime.files import write_table
+from tactile_fem import Results, TactileError, run_script, write_table
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,8 @@ from time import process_time
 
 import numpy as np
 
-from tactile_fem import run_script
+from tactile_fem import run_script, write_table
 from tactile_fem.neuron import Response, respond
-from tactile_fem.runtime.files import write_table
-from tactile_fem.runtime.ranks import launched_rank
 from tactile_fem.study import Neuron
 
 NEURON = Neuron()
@@ -70,8 +68,6 @@ def main(
     steps_ms: tuple[float, ...] = (0.1, 0.05),
 ) -> None:
     """Compare spikes and seconds; duration in s, samples and Brian2's steps in ms."""
-    if launched_rank():
-        return
     if not find_spec("brian2"):
         print("Brian2 is not installed: pip install brian2")
         return

@@ -33,11 +33,9 @@ from letter_firing import LetterFiring
 from rates_figure import rates_figure
 from recordings import HOLD_S, RAMP, RAMP_S, Array, measured
 
-from tactile_fem import run_script
+from tactile_fem import run_script, write_table
 from tactile_fem.neuron import Drive, RateFit, Recording, Window, drive_of, mean_rates
 from tactile_fem.runtime.estimates import r_squared
-from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.runtime.ranks import launched_rank
 from tactile_fem.study import Neuron
 
 RAMP_HZ, HELD_HZ = (100.0, 200.0), (10.0, 50.0)  # expected under cylinders
@@ -77,8 +75,6 @@ def main(
     spheres
         Whether the spheres are fitted, too, or predicted from the bar.
     """
-    if launched_rank():
-        return
     folder.mkdir(parents=True, exist_ok=True)
     drive, chosen = drive_of(feels), LAWS[law]
     known = calibrating(drive, spheres=spheres)
@@ -91,7 +87,7 @@ def main(
     for row in rows:
         print(f"| {row.quantity} | {row.measured} | {row.model} | {row.met} |")
     write_table(folder / "rates.csv", rows)
-    write_figure(folder / "rates.png", rates_figure(fitted.neuron, drive))
+    rates_figure(fitted.neuron, drive).savefig(folder / "rates.png")
     print(folder / "rates.png")
 
 

@@ -25,7 +25,6 @@ from recordings import Recording
 
 from tactile_fem import run_script
 from tactile_fem.neuron import DRIVES, Drive
-from tactile_fem.runtime.ranks import launched_rank
 
 STRESSES, STRETCHES = "stresses_kPa", "stretches"
 
@@ -55,8 +54,6 @@ def main(*, stiffness: tuple[float, ...] = (1.0, 2.0, 4.0)) -> None:
     stiffness
         Of the monkeys' pads over the model's.
     """
-    if launched_rank():
-        return
     print(f"{'law':14s}{'drive':22s}stiffness  R2: ramp   hold spheres   all  grating: r")
     for name in LAWS:
         show(name, "SED", 1.0)

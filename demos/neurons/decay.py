@@ -32,10 +32,9 @@ from cyclopts import Parameter
 from decay_figures import elapsed, hold_figure, middle_sed, slide_figure, speed_figure
 from scipy.optimize import brentq
 
-from tactile_fem import Study, StudyError, run_script
+from tactile_fem import Study, StudyError, run_script, write_table
 from tactile_fem.neuron import Histories, Response, Window, mean_rates, respond
 from tactile_fem.output.histories import central_receptor
-from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.series import Member, run_all
 from tactile_fem.study import (
     Cylinder,
@@ -145,7 +144,7 @@ def main(
         "speeds": speed_figure(tables["speeds"]),
     }
     for name, figure in figures.items():
-        write_figure(folder / f"{name}.png", figure)
+        figure.savefig(folder / f"{name}.png")
         print(folder / f"{name}.png")
 
 

@@ -28,10 +28,9 @@ import numpy as np
 from cyclopts import Parameter
 from matplotlib.figure import Figure
 
-from tactile_fem import Results, Study, completed, load_study, run_script
+from tactile_fem import Results, Study, completed, load_study, run_script, write_table
 from tactile_fem.output.histories import DISPLACEMENT
 from tactile_fem.output.plots import BLUE, GREEN, PAPER, VERMILION, styled
-from tactile_fem.runtime.files import write_figure, write_table
 
 COLOURS = {"SA1": BLUE, "RA": VERMILION, "PC": GREEN}
 SLIPS_MM = 1.0
@@ -93,7 +92,7 @@ def main(
             f"{row.drive_amplitude:.3g}, spectral peak {row.drive_peak_Hz:.0f} Hz"
         )
     write_table(folder / "locking.csv", rows)
-    write_figure(folder / "grating.png", grating_figure(scans, period))
+    grating_figure(scans, period).savefig(folder / "grating.png")
     print(folder / "grating.png")
 
 

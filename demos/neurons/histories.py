@@ -45,10 +45,9 @@ from typing import Literal
 
 import numpy as np
 
-from tactile_fem import Distance, Embossed, Parts, Study, run_script, scan
+from tactile_fem import Distance, Embossed, Parts, Stimulus, Study, run_script, scan
 from tactile_fem.runtime.files import atomic_write
 from tactile_fem.simulation.trace import Trace
-from tactile_fem.stimulus import Stimulus
 from tactile_fem.study import (
     Cylinder,
     Dots,

@@ -29,9 +29,8 @@ from matplotlib.ticker import NullFormatter
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
-from tactile_fem import Population, Study, completed, run_script, vibrate
+from tactile_fem import Population, Study, completed, run_script, vibrate, write_table
 from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
-from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.study import Dots, Finger, Hold, Neuron, Press, Protocol, Tissue
 from tactile_fem.vibration import Spectrum
 
@@ -119,7 +118,7 @@ def main(
     for kind in THRESHOLDS_UM:
         print_thresholds(spectrum, kind, fitted[kind])
     write_table(folder / "rates.csv", rows)
-    write_figure(folder / "rates.png", rates_figure(spectrum, fitted))
+    rates_figure(spectrum, fitted).savefig(folder / "rates.png")
     print(folder / "rates.png")
 
 

@@ -6,8 +6,9 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from tactile_fem import Distance, Embossed, Stimulus
 from tactile_fem.runtime.settings import Positive
-from tactile_fem.stimulus import Distance, Embossed, Stimulus, norm_of
+from tactile_fem.stimulus import norm_of
 
 
 class Ring(Stimulus):

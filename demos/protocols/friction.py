@@ -23,10 +23,9 @@ from firing_images import population_image
 from letter_recognition import outline_correlation
 from matplotlib.figure import Figure
 
-from tactile_fem import Results, run_script
+from tactile_fem import Results, run_script, write_table
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor
 from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION
-from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.series import (
     complete_scans,
     numbers_of,
@@ -92,7 +91,7 @@ def main(
             f"{r.spikes} spikes, outline r = {r.outline_correlation:.3f}"
         )
     write_table(folder / "friction.csv", rows)
-    write_figure(folder / "friction.png", draw(scans, rows), dpi=200)
+    draw(scans, rows).savefig(folder / "friction.png", dpi=200)
     print(folder / "friction.png")
 
 

@@ -26,7 +26,6 @@ from letter_recognition import outline_correlation
 
 from tactile_fem import Study, completed, load_study, run_script
 from tactile_fem.output.histories import rings
-from tactile_fem.runtime.files import write_figure
 
 KINDS = "SA1", "RA", "PC"
 
@@ -72,7 +71,7 @@ def main(
             f"{kind}: {counts.sum()} spikes, outline r = {r:.3f}, "
             f"{100 * busy:.0f} % of the image above a quarter of its maximum"
         )
-    write_figure(folder / "kinds.png", side_by_side(images, rings(study.stimulus)))
+    side_by_side(images, rings(study.stimulus)).savefig(folder / "kinds.png")
     print(folder / "kinds.png")
 
 

@@ -44,9 +44,8 @@ from letter_recognition import (
 )
 from matplotlib.figure import Figure
 
-from tactile_fem import Results, run_script
+from tactile_fem import Results, run_script, write_table
 from tactile_fem.output.histories import rings
-from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.series import (
     RateImage,
     complete_scans,
@@ -166,7 +165,7 @@ def save(figures: Mapping[str, Figure], folder: Path) -> None:
     """Write figures under their names and print where they are."""
     for name, figure in figures.items():
         path = folder / f"{name}.png"
-        write_figure(path, figure)
+        figure.savefig(path)
         print(path)
 
 

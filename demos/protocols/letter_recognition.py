@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import bisect
 
-from tactile_fem import StudyError
+from tactile_fem import Stimulus, StudyError
 from tactile_fem.output.plots import styled
-from tactile_fem.series.image import Array, RateImage
-from tactile_fem.study import Stimulus
+from tactile_fem.series import RateImage
+
+Array = NDArray[np.float64]
 
 SHIFT_MM = 1.0
 # Width of a blurred outline, of the order of the spread of a receptor's field.

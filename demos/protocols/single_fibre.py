@@ -27,9 +27,8 @@ from cyclopts import Parameter
 from firing_images import population_image, side_by_side
 from letter_recognition import outline_correlation
 
-from tactile_fem import Results, Study, load_study, run_script
+from tactile_fem import Results, Study, load_study, run_script, write_table
 from tactile_fem.output.histories import rings
-from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.series import (
     Member,
     RateImage,
@@ -118,7 +117,7 @@ def print_results(images: dict[str, RateImage], study: Study, folder: Path) -> N
             )
     if rows:
         write_table(folder / "bundles.csv", rows)
-    write_figure(folder / "protocols.png", side_by_side(images, rings(study.stimulus)))
+    side_by_side(images, rings(study.stimulus)).savefig(folder / "protocols.png")
     print(folder / "protocols.png")
 
 

@@ -24,10 +24,9 @@ from cyclopts import Parameter
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tactile_fem import Results, Study, StudyError, run_script
+from tactile_fem import Results, Study, StudyError, run_script, write_table
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor, extrema
 from tactile_fem.output.plots import BLUE, VERMILION
-from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.series import Member, complete_scans, run_series
 
 Array = NDArray[np.float64]
@@ -92,7 +91,7 @@ def main(
     maxima = [row for name, pair in pairs.items() for row in compare(name, *pair)]
     if maxima:
         write_table(folder / "beside_solid.csv", maxima)
-    write_figure(folder / "beside_solid.png", draw(pairs), dpi=160)
+    draw(pairs).savefig(folder / "beside_solid.png", dpi=160)
     print(folder / "beside_solid.png")
 
 

@@ -27,10 +27,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from tactile_fem import Results, Study, StudyError, run_script
+from tactile_fem import Results, Study, StudyError, run_script, write_table
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor
 from tactile_fem.output.plots import BLUE, VERMILION
-from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.series import Member, complete_scans, run_series
 
 Array = NDArray[np.float64]
@@ -176,7 +175,7 @@ def main(
             f"{r.ra_locking:.2f}"
         )
     write_table(folder / "fingerprints.csv", rows)
-    write_figure(folder / "fingerprints.png", draw(complete), dpi=160)
+    draw(complete).savefig(folder / "fingerprints.png", dpi=160)
     print(folder / "fingerprints.png")
 
 

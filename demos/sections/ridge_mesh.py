@@ -20,8 +20,7 @@ import numpy as np
 from cyclopts import Parameter
 from fingerprints import PITCH_MM, RIDGED, Scan, near
 
-from tactile_fem import Results, run_script
-from tactile_fem.runtime.files import write_table
+from tactile_fem import Results, run_script, write_table
 from tactile_fem.series import Member, complete_scans, run_series
 
 

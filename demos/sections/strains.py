@@ -27,15 +27,14 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from tactile_fem import Study, completed, run_script
-from tactile_fem.finger import SURFACES, TISSUES, FingerMesh
+from tactile_fem import FingerMesh, Study, completed, run_script, write_table
+from tactile_fem.finger import SURFACES, TISSUES
 from tactile_fem.finger.deformation import (
     centres,
     deformation_gradients,
     principal_strains,
     under_contact,
 )
-from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.study import Finger
 
 Array = NDArray[np.float64]
@@ -109,7 +108,7 @@ def main(
             )
     write_table(folder / "plate.csv", rows)
     write_table(folder / "edge.csv", sides)
-    write_figure(folder / "strains.png", draw(drawn), dpi=160)
+    draw(drawn).savefig(folder / "strains.png", dpi=160)
     print(folder / "strains.png")
 
 

@@ -23,13 +23,12 @@ import trimesh
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from tactile_fem import Results, Study, completed, run_script
+from tactile_fem import Results, Study, completed, run_script, write_table
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.simplex import gammas
 from tactile_fem.finger.solid import triangulate
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.output.plots import INK
-from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.study import Finger, Output, Protocol
 
@@ -148,7 +147,7 @@ def main(
             print(told(rows[-1], rows[0]), flush=True)
     if comm.rank == 0:
         write_table(folder / "fingers.csv", rows)
-        write_figure(folder / "fingers.png", figure_of(traces))
+        figure_of(traces).savefig(folder / "fingers.png")
         print(folder / "fingers.png")
 
 

@@ -22,10 +22,9 @@ from typing import Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactile_fem import Results, Study, run_script, scan
+from tactile_fem import Results, Study, run_script, scan, write_table
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor
 from tactile_fem.output.plots import INK
-from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.series import numbers_of
 from tactile_fem.stimulus.roughness import Roughness
@@ -129,7 +128,7 @@ def main(
             f"{100 * r.its_variation:.0f} %; {r.spikes} spikes"
         )
     write_table(folder / "textures.csv", rows)
-    write_figure(folder / "textures.png", draw(folder, scans), dpi=105)
+    draw(folder, scans).savefig(folder / "textures.png", dpi=105)
     print(folder / "textures.png")
 
 

@@ -16,8 +16,7 @@ import numpy as np
 from relaxation import FALLS, OUTPUTS, TAP_LOSS, TAP_S, fall, relaxing, tap_loss
 from scipy.optimize import least_squares
 
-from tactile_fem import run_script
-from tactile_fem.runtime.files import write_table
+from tactile_fem import run_script, write_table
 from tactile_fem.study import Finger
 
 # Standard deviations of the falls, of the tap, of each share: proposed.

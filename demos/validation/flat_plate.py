@@ -27,9 +27,8 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactile_fem import Study, run_script, scan
+from tactile_fem import Study, run_script, scan, write_table
 from tactile_fem.calibration.measurements import read_measurements
-from tactile_fem.runtime.files import write_table
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver
 

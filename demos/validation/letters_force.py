@@ -21,8 +21,7 @@ import numpy as np
 from flat_plate import BLUE, ORANGE, State, plate_study
 from matplotlib.figure import Figure
 
-from tactile_fem import ConvergenceError, run_script, scan
-from tactile_fem.runtime.files import write_table
+from tactile_fem import ConvergenceError, run_script, scan, write_table
 from tactile_fem.simulation.stepper import Step
 from tactile_fem.study import Protocol, Text
 

@@ -21,10 +21,9 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
-from tactile_fem import Study, run_script
+from tactile_fem import Study, run_script, write_table
 from tactile_fem.calibration.measurements import Experiment, read_measurements
 from tactile_fem.calibration.press import press
-from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Finger, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

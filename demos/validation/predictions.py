@@ -34,13 +34,11 @@ from onset import MEASURED, up_to
 from slip import Drag, full_slip, tangential_stiffness
 from slip import drag as drag_plate
 
-from tactile_fem import Results, Study, run_script, scan
+from tactile_fem import FingerMesh, Results, Study, run_script, scan, write_table
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.press import press
-from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.deformation import principal_strains, under_contact
 from tactile_fem.runtime.estimates import r_squared
-from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Text, Tissue
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -28,19 +28,9 @@ import numpy as np
 from letters_force import DEPTH_MM
 from predictions import Row, letters, said, tabulate
 
-from tactile_fem import Study, run_script, scan
+from tactile_fem import Piece, Study, run_script, scan
 from tactile_fem.simulation.trace import Trace
-from tactile_fem.study import (
-    Finger,
-    Hold,
-    Lift,
-    Piece,
-    Plate,
-    Press,
-    Protocol,
-    Receptors,
-    Tissue,
-)
+from tactile_fem.study import Finger, Hold, Lift, Plate, Press, Protocol, Receptors, Tissue
 
 # Normal force in N, beginning and end in s after the press, and the share that is lost.
 FALLS = ((0.05, 1.0, 5.5, 0.17), (0.2, 1.5, 5.5, 0.10))

@@ -23,9 +23,8 @@ from typing import Literal
 import numpy as np
 from flat_plate import plate_study
 
-from tactile_fem import Simulation, Study, run_script
+from tactile_fem import Simulation, Study, run_script, write_table
 from tactile_fem.calibration.sensitivity import Change, Sensitivities
-from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Finger, Polynomial, Protocol, Tissue
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

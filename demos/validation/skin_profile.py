@@ -33,12 +33,10 @@ from flat_plate import BLUE, ORANGE
 from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
 
-from tactile_fem import Results, Study, run_script, scan
+from tactile_fem import FingerMesh, Results, Study, run_script, scan, write_table
 from tactile_fem.calibration.measurements import read_measurements
-from tactile_fem.finger import FingerMesh
 from tactile_fem.finger.deformation import SkinSurface
 from tactile_fem.runtime.estimates import r_squared
-from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Edge, Finger, Output, Protocol, Receptors
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -30,11 +30,9 @@ from typing import Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactile_fem import Simulation, Study, run_script
-from tactile_fem.finger import FingerMesh
+from tactile_fem import FingerMesh, Simulation, Study, run_script, write_table
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.runtime.estimates import r_squared
-from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

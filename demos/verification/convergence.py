@@ -32,11 +32,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from tactile_fem import Results, Simulation, Study, completed, run_script
+from tactile_fem import Results, Simulation, Study, completed, run_script, write_table
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.receptors import place, sample
 from tactile_fem.receptors.probe import Probe
-from tactile_fem.runtime.files import write_table
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.study import Finger, Output, Protocol, Solver

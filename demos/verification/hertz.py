@@ -44,13 +44,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
-from tactile_fem import ConvergenceError, run_script
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+from tactile_fem import ConvergenceError, FingerMesh, run_script, write_table
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES
 from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.finger.simplex import facets_of, quadratic
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.mechanics.problem import Constraints
-from tactile_fem.runtime.files import write_table
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Cylinder, Solver, Sphere, Tissue
 

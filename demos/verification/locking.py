@@ -21,11 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem import Study, run_script
+from tactile_fem import Study, run_script, write_table
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.calibration.press import press
-from tactile_fem.runtime.files import write_table
 from tactile_fem.study import Finger, Plate, Solver
 from tactile_fem.tissue.energies import bulk_over_shear
 

@@ -15,8 +15,8 @@
 # %%
 import numpy as np
 
-from tactile_fem import run_script
-from tactile_fem.finger import SURFACES, TISSUES, FingerMesh
+from tactile_fem import FingerMesh, run_script
+from tactile_fem.finger import SURFACES, TISSUES
 from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.finger.simplex import facets_of, quadratic
 

@@ -36,12 +36,10 @@ from hertz import COMM, NU, TISSUE, E_MPa, body_mesh, symmetry
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
-from tactile_fem import ConvergenceError, run_script
-from tactile_fem.finger.mesh_data import FingerMesh
+from tactile_fem import ConvergenceError, FingerMesh, run_script, write_table
 from tactile_fem.finger.simplex import quadratic
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.load import Load
-from tactile_fem.runtime.files import write_table
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Solver, Sphere
 

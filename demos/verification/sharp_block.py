@@ -31,11 +31,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from skin_points import SkinPoints, SkinProbe
 
-from tactile_fem import run_script
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+from tactile_fem import FingerMesh, run_script, write_table
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES
 from tactile_fem.finger.simplex import facets_of, quadratic
 from tactile_fem.mechanics.domain import Domain, create_domain
-from tactile_fem.runtime.files import write_table
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Plate, Solver, Tissue
 

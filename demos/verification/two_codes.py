@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactile_fem.runtime.files import write_table
+from tactile_fem import write_table
 from tactile_fem.study import Protocol
 
 
