@@ -587,7 +587,7 @@ class Walled(Floor):
         (Parts(laws={"fat": None}), '"fat" is no tissue; allowed: stratum_corneum, epidermis'),
         (Parts(body=Bent()), r"parts.body: .* must give .* but gives .*4900, 2"),
         (Parts(body=Floor(np.nan)), "parts.body: its distance, .* is not finite"),
-        (Parts(body=Steep(-0.1)), r"parts.body: its distance changes by .* over a way of 0.1 mm"),
+        (Parts(body=Steep(-0.1)), r"parts.body: its distance changes by .* over 0.1 mm"),
         (Parts(body=Walled(-0.1)), "parts.body: its normal is zero at X -6.00, Y -12.00, Z 1.50"),
         (Parts(body=Floor(0.5)), r"starts 0\.4\d+ mm inside the finger"),
         (Parts(path=Path(())), "parts.path: it has no pieces but needs one or more"),

@@ -20,23 +20,13 @@ _CORNERS = np.array(list(product((0, 1), repeat=3)))
 # Pairs of corners one step apart.
 _EDGES = np.array([(i, i + 4 // 2**a) for a in range(3) for i in range(8) if not _CORNERS[i, a]])
 # Planes of a cell that turn by less than some 10 degrees are a curved surface, not an edge: the
-# vertex then keeps to their middle. In terms of the eigenvalues of the sum of n n over 8 corners.
-_EDGE = 0.05
+# vertex then stays in their middle. Regularizes the eigenvalues of the sum of n n over 8 corners.
+_EDGE_EIGENVALUE = 0.05
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """A regular grid of points in space.
-
-    Attributes
-    ----------
-    origin
-        First point, (3,) mm.
-    step
-        Between points, mm.
-    shape
-        Points along each axis.
-    """
+    """A regular grid of points in space, from `origin` (3,) in steps, in mm."""
 
     origin: Array
     step: float
@@ -67,24 +57,19 @@ def level_set(
     row: NDArray[np.int64],
     level: float,
 ) -> Triangles:
-    """Return the surface on which a distance has a value.
+    """Return the surface on which a distance `value` (lattice.shape) has a level.
 
-    Parameters
-    ----------
-    lattice
-        Where the distance is known.
-    value
-        The distance, lattice.shape; where `row` is negative only its side of the level counts.
-    gradient
-        (n, 3) unit vectors.
-    row
-        Row of `gradient` of each point, -1 where it is not known; flat.
+    `gradient` are unit vectors (n, 3), `row` the row of each point of the lattice in them, flat; -1
+    where the distance is not known, and only the side of the level is.
     """
     offset = value.ravel() - level
     below = (offset < 0).reshape(lattice.shape)
-    corners = [_shifted(below, corner) for corner in _CORNERS]
+    corners = [
+        below[tuple(slice(c, n - 1 + c) for c, n in zip(corner, below.shape, strict=True))]
+        for corner in _CORNERS
+    ]
     mixed = np.any(corners, axis=0) & ~np.all(corners, axis=0)
-    cell = np.flatnonzero(_padded(mixed))
+    cell = np.flatnonzero(np.pad(mixed, [(0, 1)] * 3))  # by its first corner
     strides = np.array([lattice.shape[1] * lattice.shape[2], lattice.shape[2], 1])
     node = cell[:, None] + _CORNERS @ strides
     complete = np.all(row[node] >= 0, axis=1)
@@ -93,16 +78,6 @@ def level_set(
     vertex_of[cell] = np.arange(len(cell))
     points = _vertices(lattice, cell, node, offset, gradient[row[node]])
     return Triangles(points, _faces(below, vertex_of.reshape(lattice.shape)))
-
-
-def _shifted(field: NDArray[np.bool_], corner: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return a corner's values for all cells."""
-    return field[tuple(slice(c, n - 1 + c) for c, n in zip(corner, field.shape, strict=True))]
-
-
-def _padded(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return values of cells where their first corners are."""
-    return np.pad(cells, [(0, 1)] * 3)
 
 
 def _vertices(
@@ -119,13 +94,13 @@ def _vertices(
     mean = np.einsum("ne,nei->ni", crossed, crossing) / crossed.sum(axis=1)[:, None]
     feet = corner - offset[node][:, :, None] * normal
     behind = np.einsum("nki,nki->nk", normal, feet - mean[:, None])
-    # A plane counts the less the farther away it touches, in favour of curved surfaces.
+    # The farther away a plane touches, the less it counts, in favour of curved surfaces.
     aside = np.linalg.norm(feet - mean[:, None], axis=2) / lattice.step
     weight = 1 / (0.01 + aside**4)
     weight *= 8 / weight.sum(axis=1, keepdims=True)
     size, axes = np.linalg.eigh(np.einsum("nk,nki,nkj->nij", weight, normal, normal))
     pull = np.einsum("nk,nk,nki,nij->nj", weight, behind, normal, axes)
-    shift = np.einsum("nij,nj->ni", axes, pull * size / (size**2 + _EDGE**2))
+    shift = np.einsum("nij,nj->ni", axes, pull * size / (size**2 + _EDGE_EIGENVALUE**2))
     return lattice.points(cell) + mean + np.clip(shift, -lattice.step, lattice.step)
 
 

@@ -9,24 +9,17 @@ import numpy as np
 from tactile_fem.finger.plane import Plane
 from tactile_fem.stimulus.body import Array, Distance, RigidBody
 
-# Where the distance grows across the plane only, no direction in the plane leads out of the body.
-_LEAST_SLOPE = 1e-6
+# Below this slope within the plane, no direction in the plane leads out of the body.
+_MIN_SLOPE = 1e-6
 
 
 @dataclass(frozen=True)
 class Cut:
-    """A body in the coordinates of a plane.
+    """A body in space, in the coordinates of a plane in the body's frame at displacement 0.
 
-    The level of the body's distance in space: zero on the contour of the cut body. Inside and
-    outside it falls short of the distance in the plane where a wall meets the plane at a slant; so
-    do gaps, not where contact sets in.
-
-    Attributes
-    ----------
-    body
-        In space.
-    plane
-        Through it, in the body's frame at displacement 0.
+    Its distance is that in space: zero on the contour of the cut body. Where a wall meets the plane
+    at a slant it is shorter than the distance in the plane, and so are gaps; where contact begins
+    is exact.
     """
 
     body: RigidBody
@@ -37,11 +30,11 @@ class Cut:
         found = self.body.distance(self.plane.points(points))
         axes = np.array(self.plane.axes)
         normal = self.plane.within(found.normal)
-        flat = np.linalg.norm(normal, axis=1) < _LEAST_SLOPE
+        flat = np.linalg.norm(normal, axis=1) < _MIN_SLOPE
         normal[flat] = [0.0, 1.0]
         return Distance(found.gap, normal, found.hessian[:, axes[:, None], axes])
 
 
 def in_plane(body: RigidBody, plane: Plane) -> RigidBody:
-    """Return a body as the mechanics of a section see it, or of space."""
+    """Return a body as the mechanics of a section, or of space, take it."""
     return body if plane.is_space else Cut(body, plane)

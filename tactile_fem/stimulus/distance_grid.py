@@ -6,28 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
+from scipy import ndimage
 
-from tactile_fem.stimulus.body import Array, RigidBody
+from tactile_fem.stimulus.body import NEAR_MM, Array, RigidBody
 
 _STEP_MM = 0.1
-# The finger and its surroundings; the body is shown down to here.
+# Half the width and length of the finger and its surroundings; the body is shown down to a height.
 _HALF_MM = np.array([9.0, 15.0])
 _LOWEST_MM = -3.0
-# Farther from the surface the distance itself does not matter.
-_FAR_MM = 0.5
 
 
 @dataclass(frozen=True)
 class DistanceGrid:
-    """Signed distance on a grid in the body's frame.
+    """Signed distance on a grid in the body's frame, from `origin_mm` (3,) in steps.
 
-    Attributes
-    ----------
-    origin_mm, step_mm
-        First point, (3,), and distance between points.
-    gap_mm
-        (Z, Y, X), at most 0.5 mm away from zero.
+    `gap_mm` (Z, Y, X) is at most 0.5 mm away from zero.
     """
 
     origin_mm: Array
@@ -41,14 +34,10 @@ class DistanceGrid:
 
     def gap(self, points: Array) -> Array:
         """Return the distance at points (n, 3), linear between the grid's; 0.5 mm outside of it."""
-        axes = [
-            start + self.step_mm * np.arange(count)
-            for start, count in zip(self.origin_mm, self.gap_mm.shape[::-1], strict=True)
-        ]
-        values = RegularGridInterpolator(
-            axes, self.gap_mm.T, bounds_error=False, fill_value=_FAR_MM
+        place = ((points - self.origin_mm) / self.step_mm).T[::-1]
+        return ndimage.map_coordinates(
+            self.gap_mm, place, output=np.float64, order=1, mode="constant", cval=NEAR_MM
         )
-        return np.asarray(values(points))
 
     @classmethod
     def of(cls, body: RigidBody, places_mm: Array) -> DistanceGrid:
@@ -61,7 +50,7 @@ class DistanceGrid:
         # Downwards until a whole layer is inside: early for a plate, never for a ball.
         for z in np.arange(_STEP_MM / 2, _LOWEST_MM, -_STEP_MM):
             points = np.column_stack([plane, np.full(len(plane), z)])
-            layers.append(np.clip(body.distance(points).gap, -_FAR_MM, _FAR_MM))
+            layers.append(np.clip(body.distance(points).gap, -NEAR_MM, NEAR_MM))
             if layers[-1].max() < 0:
                 break
         gap = np.array(layers[::-1], dtype=np.float32).reshape(-1, len(y), len(x))

@@ -16,15 +16,7 @@ RIM = 4
 
 @dataclass(frozen=True)
 class Gridded:
-    """A cubic spline of a body's signed distance, twice continuously differentiable.
-
-    Attributes
-    ----------
-    values
-        Signed distance on the grid, mm, (X, Y, Z).
-    spline
-        Through these values.
-    """
+    """A signed distance in mm on a grid (X, Y, Z), and the cubic spline through it."""
 
     values: Array
     spline: GridSpline
@@ -43,7 +35,7 @@ class Gridded:
         """Return the signed distance at `points` (n, 3).
 
         More than 0.5 mm above the surface it is linear between the grid's values, and the gradient
-        points up. Beyond the grid it stays the same there; nearer it goes on in straight lines.
+        points up. Beyond the grid it is continued: there as a constant, nearer in straight lines.
         """
         origin, step = self.spline.origin, self.spline.spacing
         first, last = np.full(3, RIM), np.array(self.values.shape) - 1 - RIM

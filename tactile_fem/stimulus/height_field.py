@@ -9,20 +9,18 @@ from numpy.typing import NDArray
 
 from tactile_fem.stimulus.body import Array, RigidBody
 
-# Skin and body that stay this far apart, by undeformed shapes, are taken not to touch.
+# Skin and body that stay this far apart, by undeformed shapes, do not touch.
 _MARGIN_MM = 0.5
+# Where the search for the surface along a vertical line begins and ends.
+_TOP_MM, _LOWEST_MM, _TOLERANCE_MM = 0.1, -3.0, 1e-4
+_MAX_ITERATIONS = 100
 
 
 @dataclass(frozen=True)
 class HeightField:
     """A body's upper side as squares, the body being where it touches the undeformed pad.
 
-    Attributes
-    ----------
-    points
-        (n, 3) in mm.
-    cells
-        (m, 4) points, counter-clockwise seen from above.
+    `points` are (n, 3) in mm; `cells` (m, 4) points, counter-clockwise seen from above.
     """
 
     points: Array
@@ -32,14 +30,14 @@ class HeightField:
 def height_field(
     body: RigidBody, places_mm: Array, skin: Array, grid_mm: tuple[float, float]
 ) -> HeightField:
-    """Sample what of a body's upper side can touch the finger on the body's way.
+    """Sample the part of the upper surface that can touch the finger along the path.
 
     Parameters
     ----------
     body
         The body.
     places_mm
-        Where it comes, (n, 3).
+        Its places along the path, (n, 3).
     skin
         (..., 3) undeformed points of the skin in mm.
     grid_mm
@@ -63,18 +61,18 @@ def height_field(
     return HeightField(xyz[used], cells.reshape(-1, 4))
 
 
-def height_map(body: RigidBody, x: Array, y: Array, lowest_mm: float = -3.0) -> Array:
+def height_map(body: RigidBody, x: Array, y: Array, lowest_mm: float = _LOWEST_MM) -> Array:
     """Return the height z (len(x), len(y)) of the body's surface seen from above.
 
-    Rays come down from z = 0.1 mm by the distance to the body; below `lowest_mm` they end.
+    Each point moves down from z = 0.1 mm by its distance from the body, at most to `lowest_mm`.
     """
     xy = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
-    z = np.full(len(xy), 0.1)
+    z = np.full(len(xy), _TOP_MM)
     falling = np.arange(len(xy))
-    for _ in range(100):
+    for _ in range(_MAX_ITERATIONS):
         gap = body.distance(np.column_stack([xy[falling], z[falling]])).gap
         z[falling] = np.maximum(z[falling] - gap, lowest_mm)
-        falling = falling[(np.abs(gap) > 1e-4) & (z[falling] > lowest_mm)]
+        falling = falling[(np.abs(gap) > _TOLERANCE_MM) & (z[falling] > lowest_mm)]
         if not len(falling):
             break
     return z.reshape(len(x), len(y))

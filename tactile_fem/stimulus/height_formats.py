@@ -29,31 +29,25 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus.height_table import is_table, read_table, sizes_of
+from tactile_fem.stimulus.height_table import UnusableError, is_table, read_table, sizes_of
 
-FEWEST = 4  # values along an axis
-_MOST_VALUES = 16_000_000
-_MOST_BYTES = 400_000_000
+MIN_VALUES = 4  # along an axis
+_MAX_VALUES = 16_000_000
+_MAX_BYTES = 400_000_000
 # SurfaceTopography's names of formats whose y points upwards, and of those without coordinates.
 _RIGHT_HANDED = {"x3p", "sdf", "nc", "xyz", "nmm"}
 _ARRAYS = {"npy", "npz", "mat", "h5"}
 # TIFF: (SampleFormat, BitsPerSample) that Pillow reads as they are.
 _PILLOW = {(1, 8), (1, 16), (2, 16), (2, 32), (3, 32)}
 _BITS, _PHOTOMETRIC, _SAMPLES, _SAMPLE_FORMAT, _NODATA = 258, 262, 277, 339, 42113
+_FROM_WHITE = "counts its gray values from white (WhiteIsZero): save it with black as 0"
 
 
 @dataclass(frozen=True)
 class Raw:
-    """Values (along X, along Y) as a file has them; its sizes where it states them.
+    """Values (along X, along Y) as a file has them, and in mm, where it states them, sizes.
 
-    Attributes
-    ----------
-    values
-        Rows and columns of numbers.
-    spacing_mm
-        Between two values along X and along Y.
-    unit_mm
-        Height of one unit of the values.
+    They are the spacing along X and along Y, and the height of one unit of the values.
     """
 
     values: NDArray[Any]
@@ -69,37 +63,34 @@ def read_raw(file: Path) -> Raw:
     StudyError
         There is none, it is too large, or cannot be read.
     """
+    start = f"stimulus.file = {file}"
     if not file.is_file():
-        raise StudyError(f"stimulus.file = {file}: there is no such file")
-    if file.stat().st_size > _MOST_BYTES:
-        raise StudyError(
-            f"stimulus.file = {file} has {file.stat().st_size:,} bytes but may have at most "
-            f"{_MOST_BYTES:,}"
-        )
+        raise StudyError(f"{start}: there is no such file")
     try:
+        if (size := file.stat().st_size) > _MAX_BYTES:
+            raise UnusableError(f"has {size:,} bytes but may have at most {_MAX_BYTES:,}")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a library's remarks on a format's details
             raw = _READERS.get(file.suffix.lower(), _instrument)(file)
+        if raw.values.ndim != 2 or raw.values.dtype.kind not in "iuf":
+            what = f"{raw.values.ndim} dimensions of {raw.values.dtype}"
+            raise UnusableError(f"holds {what} but must hold real numbers in rows and columns")
+        _check_count(raw.values.shape)
     except StudyError:
         raise
+    except UnusableError as error:
+        raise StudyError(f"{start} {error}") from None
     except Exception as error:  # each library has its own for what it cannot parse
         reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise StudyError(f"stimulus.file = {file} cannot be read: {reason}") from None
-    if raw.values.ndim != 2 or raw.values.dtype.kind not in "iuf":
-        what = f"{raw.values.ndim} dimensions of {raw.values.dtype}"
-        raise StudyError(
-            f"stimulus.file = {file} holds {what} but must hold real numbers in rows and columns"
-        )
-    _check_count(raw.values.shape, file)
+        raise StudyError(f"{start} cannot be read: {reason}") from None
     return raw
 
 
-def _check_count(shape: tuple[int, ...], file: Path) -> None:
-    if np.prod([float(n) for n in shape]) > _MOST_VALUES:
-        size = " x ".join(map(str, shape))
-        raise StudyError(
-            f"stimulus.file = {file} holds {size} heights but may hold at most "
-            f"{_MOST_VALUES:,}: crop it or thin it out"
+def _check_count(shape: tuple[int, ...]) -> None:
+    if np.prod([float(n) for n in shape]) > _MAX_VALUES:
+        raise UnusableError(
+            f"holds {' x '.join(map(str, shape))} heights but may hold at most {_MAX_VALUES:,}: "
+            "crop it or thin it out"
         )
 
 
@@ -108,7 +99,7 @@ def _array(file: Path) -> Raw:
 
 
 def _table(file: Path) -> Raw:
-    table = read_table(file, lambda shape: _check_count(shape, file))
+    table = read_table(file, _check_count)
     return Raw(table.values, *sizes_of(table.header, table.values.shape, file))
 
 
@@ -121,12 +112,10 @@ def _dat(file: Path) -> Raw:
 
 def _image(file: Path) -> Raw:
     with Image.open(file) as image:
-        _check_gray(image, file)
+        _check_gray(image)
         raw_mode = str(image.tile[0][3]) if image.tile else ""
         if raw_mode in ("L;2", "L;4"):
-            raise StudyError(
-                f"stimulus.file = {file} has {raw_mode[-1]} bits a value but must have 8 or 16"
-            )
+            raise UnusableError(f"has {raw_mode[-1]} bits a value but must have 8 or 16")
         return Raw(np.asarray(ImageOps.exif_transpose(image)))
 
 
@@ -138,61 +127,52 @@ def _tiff(file: Path) -> Raw:
             kind = tags.get(_SAMPLE_FORMAT, (1,))[0], tags.get(_BITS, (1,))[0]
             several = tags.get(_SAMPLES, 1) > 1 or tags.get(_PHOTOMETRIC) != 1
             if several or kind in _PILLOW:
-                _check_gray(image, file)
+                _check_gray(image)
                 if tags.get(_PHOTOMETRIC) != 1:
-                    _refuse_white(file)
+                    raise UnusableError(_FROM_WHITE)
                 image.load()  # some versions of Pillow turn it as its Orientation says, then
                 upright = np.asarray(ImageOps.exif_transpose(image))
-                return Raw(_without_holes(upright, tags.get(_NODATA)))
+                return Raw(_without_marker(upright, tags.get(_NODATA)))
     except UnidentifiedImageError:
         pass
     return _tiff_of_other_numbers(file)
 
 
 def _tiff_of_other_numbers(file: Path) -> Raw:
-    with _optional("tifffile", file, "TIFF files of such numbers").TiffFile(file) as tiff:
-        if len(tiff.pages) > 1:
-            _refuse_several(file, len(tiff.pages))
+    with _optional("tifffile", "TIFF files of such numbers").TiffFile(file) as tiff:
+        _check_single(len(tiff.pages))
         page = tiff.pages[0]
         if page.samplesperpixel > 1 or page.photometric not in (0, 1):
-            raise StudyError(f"stimulus.file = {file} is a coloured image but must be gray")
+            raise UnusableError("is a coloured image but must be gray")
         if page.photometric == 0:
-            _refuse_white(file)
+            raise UnusableError(_FROM_WHITE)
         orientation = page.tags["Orientation"].value if "Orientation" in page.tags else 1
         if orientation != 1:
-            raise StudyError(
-                f"stimulus.file = {file} lies turned or mirrored (Orientation {orientation}): save "
-                "it upright"
+            raise UnusableError(
+                f"lies turned or mirrored (Orientation {orientation}): save it upright"
             )
-        _check_count(page.shape, file)
+        _check_count(page.shape)
         if page.compression != 1 and sum(page.databytecounts) > 1.1 * page.nbytes + 1000:
-            raise StudyError(f"stimulus.file = {file} cannot be read: it is damaged")
-        return Raw(_without_holes(page.asarray(), page.tags.valueof(_NODATA)))
+            raise UnusableError("cannot be read: it is damaged")
+        return Raw(_without_marker(page.asarray(), page.tags.valueof(_NODATA)))
 
 
-def _check_gray(image: Image.Image, file: Path) -> None:
+def _check_gray(image: Image.Image) -> None:
     if image.mode not in ("L", "F", "I") and not image.mode.startswith("I;16"):
-        raise StudyError(
-            f"stimulus.file = {file} is an image of mode {image.mode} but must be gray, "
-            "without colours, palette or transparency"
+        raise UnusableError(
+            f"is an image of mode {image.mode} but must be gray, without colours, palette or "
+            "transparency"
         )
-    if getattr(image, "n_frames", 1) > 1:
-        _refuse_several(file, image.n_frames)  # type: ignore[attr-defined]
-    _check_count(image.size, file)
+    _check_single(getattr(image, "n_frames", 1))
+    _check_count(image.size)
 
 
-def _refuse_several(file: Path, count: int) -> None:
-    raise StudyError(f"stimulus.file = {file} holds {count} images but must be one")
+def _check_single(images: int) -> None:
+    if images > 1:
+        raise UnusableError(f"holds {images} images but must be one")
 
 
-def _refuse_white(file: Path) -> None:
-    raise StudyError(
-        f"stimulus.file = {file} counts its gray values from white (WhiteIsZero): save it with "
-        "black as 0"
-    )
-
-
-def _without_holes(values: NDArray[Any], marker: object) -> NDArray[Any]:
+def _without_marker(values: NDArray[Any], marker: object) -> NDArray[Any]:
     """Return values with NaN where they equal the marker that a GeoTIFF states."""
     try:
         missing = values == float(str(marker).strip("\0 "))
@@ -206,21 +186,19 @@ def _without_holes(values: NDArray[Any], marker: object) -> NDArray[Any]:
 
 def _instrument(file: Path) -> Raw:
     """Read a format of SurfaceTopography, which knows sizes before it reads heights."""
-    library = _optional("SurfaceTopography.IO", file, f'files that end in "{file.suffix}"')
+    library = _optional("SurfaceTopography.IO", f'files that end in "{file.suffix}"')
     convert = importlib.import_module("SurfaceTopography.Support.UnitConversion")
     with library.open_topography(str(file)) as reader:
         if reader.format() == "asc":
             if not is_table(file):
-                raise StudyError(
-                    f"stimulus.file = {file} cannot be read: it has less than {FEWEST} columns"
-                )
+                raise UnusableError(f"cannot be read: it has less than {MIN_VALUES} columns")
             return _table(file)
-        channel = _only_map(reader, file) if reader.format() in _ARRAYS else reader.default_channel
+        channel = _only_map(reader) if reader.format() in _ARRAYS else reader.default_channel
         if channel.dim != 2:
-            raise StudyError(f"stimulus.file = {file} holds a profile but must hold a surface")
-        _check_count(tuple(channel.nb_grid_pts), file)
-        stated = channel.physical_sizes is not None
-        found = channel.topography(physical_sizes=None if stated else channel.nb_grid_pts)
+            raise UnusableError("holds a profile but must hold a surface")
+        _check_count(tuple(channel.nb_grid_pts))
+        has_sizes = channel.physical_sizes is not None
+        found = channel.topography(physical_sizes=None if has_sizes else channel.nb_grid_pts)
         values = np.ma.filled(np.ma.asarray(found.heights(), dtype=np.float64), np.nan)
         if reader.format() == "nc":
             values = _by_coordinates(values, file)
@@ -229,7 +207,7 @@ def _instrument(file: Path) -> Raw:
         if found.unit is None:
             return Raw(values)
         unit_mm = float(convert.get_unit_conversion_factor(found.unit, "mm"))
-        if not stated:
+        if not has_sizes:
             return Raw(values, None, unit_mm)
         x, y = np.array(channel.physical_sizes, dtype=float) * unit_mm / values.shape
         values = values[:: -1 if x < 0 else 1, :: -1 if y < 0 else 1]
@@ -248,26 +226,24 @@ def _by_coordinates(values: NDArray[Any], file: Path) -> NDArray[Any]:
     return values
 
 
-def _only_map(reader: Any, file: Path) -> Any:
+def _only_map(reader: Any) -> Any:
     """Return the one channel of a file of arrays that can be a map."""
-    maps = [channel for channel in reader.channels if min(channel.nb_grid_pts) >= FEWEST]
+    maps = [channel for channel in reader.channels if min(channel.nb_grid_pts) >= MIN_VALUES]
     if len(maps) != 1:
         names = ", ".join(channel.name for channel in maps) or "none"
-        raise StudyError(
-            f"stimulus.file = {file} must hold one array of {FEWEST} x {FEWEST} numbers or more "
-            f"but holds {len(maps)} ({names}): save that of the heights by itself"
+        raise UnusableError(
+            f"must hold one array of {MIN_VALUES} x {MIN_VALUES} numbers or more but holds "
+            f"{len(maps)} ({names}): save that of the heights by itself"
         )
     return maps[0]
 
 
-def _optional(name: str, file: Path, what: str) -> ModuleType:
+def _optional(name: str, what: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ImportError:
         package = name.partition(".")[0]
-        raise StudyError(
-            f"stimulus.file = {file}: {what} are read by {package}: pip install {package}"
-        ) from None
+        raise UnusableError(f"needs {package}, which reads {what}: pip install {package}") from None
 
 
 _READERS: dict[str, Callable[[Path], Raw]] = {

@@ -8,10 +8,9 @@ import logging
 import math
 import re
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,12 +24,15 @@ _MISSING = {"", "bad", "na", "n/a", "#n/a", "nodata", "-", "--", "---", "***"}
 _NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.I)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*(,\d+)?([eE][-+]?\d+)?")
 _MARKER = re.compile(r"no.?data(?:.?value)?\s*[:=]?\s*(\S+)", re.I)
-_LONG = 2000  # characters of a line that show what it is
 _STATEMENT = re.compile(r"#.*[:=]")
+_INSPECTED = 2000  # characters of a line
 
 
-@dataclass(frozen=True)
-class Table:
+class UnusableError(ValueError):
+    """Why a file holds no heights that can be used: what follows its name in a sentence."""
+
+
+class Table(NamedTuple):
     """Rows of numbers, and the lines before and after them."""
 
     values: Array
@@ -49,23 +51,21 @@ def is_table(file: Path) -> bool:
 def read_table(file: Path, check: Callable[[tuple[int, int]], None]) -> Table:
     """Return the numbers of a text file; words for missing numbers become NaN.
 
-    Parameters
-    ----------
-    file
-        Cells are separated by commas, semicolons, tabs or blanks; numbers may have decimal commas.
-    check
-        Is called with the numbers of rows and columns, before they are read.
+    Cells are separated by commas, semicolons, tabs or blanks; numbers may have decimal commas.
+    `check` is called with the numbers of rows and columns, before they are read.
 
     Raises
     ------
+    UnusableError
+        It has no rows of numbers, rows that differ in length, or other words in them.
     StudyError
-        It is no text, has no rows of numbers, rows that differ in length, or other words in them.
+        It is no text.
     """
     start = f"stimulus.file = {file}"
     lines = read_text(file, start, western=True, binary="it is no text").split("\n")
     first = next((k for k, line in enumerate(lines) if _is_row(line)), None)
     if first is None:
-        raise StudyError(f"{start} cannot be read: it has no rows of numbers")
+        raise UnusableError("cannot be read: it has no rows of numbers")
     last = next(k for k in range(len(lines) - 1, first - 1, -1) if _is_row(lines[k]))
     rows = {
         k + 1: line.replace('"', "").rstrip(" ")
@@ -75,9 +75,7 @@ def read_table(file: Path, check: Callable[[tuple[int, int]], None]) -> Table:
     header = [line for line in [*lines[:first], *lines[last + 1 :]] if line.strip()]
     second = next((k for k in range(first, last) if _STATEMENT.match(lines[k].lstrip())), None)
     if second is not None:
-        raise StudyError(
-            f"{start} holds several maps, the second from line {second + 1} on: keep one"
-        )
+        raise UnusableError(f"holds several maps, the second from line {second + 1} on: keep one")
     delimiter, decimal = _dialect(rows.values())
     if decimal == ",":
         rows = {number: line.replace(",", ".") for number, line in rows.items()}
@@ -85,7 +83,7 @@ def read_table(file: Path, check: Callable[[tuple[int, int]], None]) -> Table:
         rows = {number: line[: -len(delimiter)] for number, line in rows.items()}
     columns = rows[first + 1].count(delimiter) if delimiter else len(rows[first + 1].split())
     check((len(rows), columns + bool(delimiter)))
-    values = _numbers(rows, delimiter, start)
+    values = _numbers(rows, delimiter)
     for line in header:
         if (found := _MARKER.search(line)) and _NUMBER.fullmatch(found[1]):
             values[values == float(found[1].replace(",", "."))] = np.nan
@@ -101,8 +99,8 @@ def _is_row(line: str) -> bool:
 
 def _cells(line: str) -> list[str]:
     """Return the cells of a line, of a long one the first."""
-    cells = re.split(r"[;,\s]+", line[:_LONG].replace('"', "").strip(" \t;,"))
-    return cells if len(line) <= _LONG else cells[:-1]
+    cells = re.split(r"[;,\s]+", line[:_INSPECTED].replace('"', "").strip(" \t;,"))
+    return cells if len(line) <= _INSPECTED else cells[:-1]
 
 
 def _dialect(rows: Collection[str]) -> tuple[str | None, str]:
@@ -118,7 +116,7 @@ def _dialect(rows: Collection[str]) -> tuple[str | None, str]:
     return ",", "."
 
 
-def _numbers(rows: dict[int, str], delimiter: str | None, start: str) -> Array:
+def _numbers(rows: dict[int, str], delimiter: str | None) -> Array:
     try:
         return np.loadtxt(list(rows.values()), delimiter=delimiter, ndmin=2, dtype=np.float64)
     except ValueError:
@@ -128,21 +126,18 @@ def _numbers(rows: dict[int, str], delimiter: str | None, start: str) -> Array:
         cells = line.partition("#")[0].split(delimiter)
         columns = columns or len(cells)
         if len(cells) != columns:
-            raise StudyError(
-                f"{start} cannot be read: line {number} has {len(cells)} numbers, those before it "
-                f"{columns}"
+            raise UnusableError(
+                f"cannot be read: line {number} has {len(cells)} numbers, those before it {columns}"
             )
-        found.append([_number(cell.strip(), number, start) for cell in cells])
+        found.append([_number(cell.strip(), number) for cell in cells])
     return np.array(found)
 
 
-def _number(cell: str, line: int, start: str) -> float:
+def _number(cell: str, line: int) -> float:
     try:
         return math.nan if cell.lower() in _MISSING else float(cell)
     except ValueError:
-        raise StudyError(
-            f'{start} cannot be read: "{cell[:30]}" in line {line} is no number'
-        ) from None
+        raise UnusableError(f'cannot be read: "{cell[:30]}" in line {line} is no number') from None
 
 
 def header_library() -> ModuleType | None:

@@ -15,11 +15,11 @@ from matplotlib.ft2font import FT2Font
 from matplotlib.path import Path as Outline
 from matplotlib.textpath import text_to_path
 from numpy.typing import NDArray
-from scipy.interpolate import RectBivariateSpline
 from shapely import affinity
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array, Distance
+from tactile_fem.stimulus.spline import GridSpline
 from tactile_fem.stimulus.text import find_font
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Letter:
     """One letter: its signed distance as a spline on a grid around it; `polygon` in mm."""
 
     polygon: shapely.Geometry
-    spline: RectBivariateSpline
+    spline: GridSpline
     bounds: tuple[float, float, float, float]
 
 
@@ -96,13 +96,9 @@ class Letters:
         gap, nearest = self._nearest(xy)
         result = Distance(gap, np.zeros((len(xy), 2)), np.zeros((len(xy), 2, 2)))
         for k, (y, letter) in enumerate(self._letters):
-            here, evaluate = np.flatnonzero(nearest == k), letter.spline.ev
-            p = (xy[here] - [0.0, y]).T
-            result.normal[here] = np.column_stack([evaluate(*p, dx=1), evaluate(*p, dy=1)])
-            result.hessian[here, 0, 0] = evaluate(*p, dx=2)
-            result.hessian[here, 1, 1] = evaluate(*p, dy=2)
-            mixed = evaluate(*p, dx=1, dy=1)
-            result.hessian[here, 0, 1] = result.hessian[here, 1, 0] = mixed
+            here = np.flatnonzero(nearest == k)
+            _, slope, bend = letter.spline.derivatives(xy[here] - [0.0, y], 2)
+            result.normal[here], result.hessian[here] = slope, bend
         return result
 
     def _nearest(self, xy: Array) -> tuple[Array, NDArray[np.intp]]:
@@ -111,7 +107,7 @@ class Letters:
         for k, (y, letter) in enumerate(self._letters):
             here, low, high = xy - [0.0, y], letter.bounds[:2], letter.bounds[2:]
             near = np.flatnonzero(np.all((here > low) & (here < high), axis=1))
-            d = letter.spline.ev(*here[near].T)
+            d = letter.spline.values(here[near])
             nearer = d < gap[near]
             gap[near[nearer]], nearest[near[nearer]] = d[nearer], k
         return gap, nearest
@@ -216,7 +212,8 @@ def _letter(shape: shapely.Geometry, radius: float, reach: float) -> Letter:
     edges = shapely.STRtree(_edges(rounded))  # three times as fast as `shapely.distance`
     _, distance = edges.query_nearest(points, all_matches=False, return_distance=True)
     distance[shapely.contains(rounded, points)] *= -1
-    spline = RectBivariateSpline(x, y, distance.reshape(len(x), len(y)), kx=3, ky=3, s=0)
+    grid_mm = (_GRID_MM, _GRID_MM)
+    spline = GridSpline.through(distance.reshape(len(x), len(y)), low, grid_mm)
     return Letter(rounded, spline, (*low, *high))
 
 

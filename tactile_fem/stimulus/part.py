@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -32,27 +31,15 @@ logger = logging.getLogger(__name__)
 
 # Third, the axis of the file that points up; the two after it in the order x, y, z, x go first.
 _CYCLIC = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
-_SIZES_MM = 1.0, 1000.0
-# Some 200 bytes a point while the distance is computed.
-_MOST_POINTS = 5_000_000
+_MIN_SIZE_MM, _MAX_SIZE_MM = 1.0, 1000.0
+_MAX_POINTS = 5_000_000  # some 200 bytes each while the distance is computed
 _FAR_MM = 1e6
-# The rounded surface next to a point of a part's own surface is turned less: an edge of 23 degrees.
-_TURNED = 0.2
+# The rounded surface next to a part's own surface turns from it by less: the cosine of 78 degrees.
+_MIN_COSINE = 0.2
 
 
-@dataclass(frozen=True)
-class Piece:
-    """What of a part is modelled.
-
-    Attributes
-    ----------
-    solid
-        The whole part in place: its middle over the origin, its highest point at z = 0.
-    lattice
-        Where the distance is computed.
-    low, high
-        Corners (3,) of the box in which it is kept.
-    """
+class Piece(NamedTuple):
+    """The part in place, the lattice of its distance, and the corners (3,) of the box to keep."""
 
     solid: Triangles
     lattice: Lattice
@@ -68,33 +55,26 @@ def make_part(stimulus: Mesh) -> Gridded:
     StudyError
         The file is no closed surface, its size or the radius do not fit, or the grid is too large.
     """
-    surface = _outwards(_read(stimulus), stimulus)
-    _check_closed(surface, stimulus)
-    piece = _piece(_placed(surface, stimulus), stimulus)
+    piece = _piece(_placed(_read(stimulus), stimulus), stimulus)
     body, top_mm = _rounded(piece, stimulus)
     _check_nothing_lost(piece, body, stimulus)
     return body.raised(-top_mm)
 
 
 def _read(stimulus: Mesh) -> Triangles:
-    """Return the file's triangles if they have the size of a part."""
+    """Return the closed surface of a file, facing outwards, if it has the size of a part."""
     surface = read_triangles(stimulus.file, "stimulus.file", stimulus.unit_mm)
     extent = np.ptp(surface.points, axis=0)
-    least, most = _SIZES_MM
-    if not least <= extent.max() <= most:
+    if not _MIN_SIZE_MM <= extent.max() <= _MAX_SIZE_MM:
         raise StudyError(
             f"stimulus.unit_mm = {stimulus.unit_mm:g} makes the part in {stimulus.file} "
             f"{' x '.join(f'{length:.3g}' for length in extent)} mm large, but its longest side "
-            f"must have {least:g} to {most:g} mm"
+            f"must have {_MIN_SIZE_MM:g} to {_MAX_SIZE_MM:g} mm"
         )
-    return surface
-
-
-def _outwards(surface: Triangles, stimulus: Mesh) -> Triangles:
-    """Return a surface that faces outwards on the whole."""
     outwards = surface.outwards()
     if outwards is not surface:
         logger.warning("stimulus.file = %s is inside out: its triangles are turned.", stimulus.file)
+    _check_closed(outwards, stimulus)
     return outwards
 
 
@@ -103,12 +83,12 @@ def _check_closed(surface: Triangles, stimulus: Mesh) -> None:
     edges = surface.edges()
     pairs, number = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     number = number.ravel()
-    unpaired = np.bincount(number) % 2 == 1
+    count = np.bincount(number)
     balance = np.bincount(number, weights=np.where(edges[:, 0] < edges[:, 1], 1, -1))
     for wrong, what in (
-        (unpaired, "it is open"),
+        (count % 2 == 1, "it is open"),
         (balance != 0, "neighbours face opposite ways"),
-        (np.bincount(number) > 2, "solids touch"),
+        (count > 2, "solids touch"),
     ):
         if wrong.any():
             x, y, z = surface.points[pairs[np.argmax(wrong)]].mean(axis=0)
@@ -120,7 +100,7 @@ def _check_closed(surface: Triangles, stimulus: Mesh) -> None:
 
 
 def _placed(surface: Triangles, stimulus: Mesh) -> Triangles:
-    """Return the part turned, its middle over the origin; its highest point is put to z = 0."""
+    """Return the part turned, its middle over the origin, its highest point at z = 0."""
     points = surface.points[:, _CYCLIC[stimulus.up[1]]]
     if stimulus.up[0] == "-":
         points = points * [1, -1, -1]
@@ -132,13 +112,7 @@ def _placed(surface: Triangles, stimulus: Mesh) -> Triangles:
 
 
 def _piece(solid: Triangles, stimulus: Mesh) -> Piece:
-    """Return where the distance of a part is needed.
-
-    Raises
-    ------
-    StudyError
-        The grid does not suit the radius or takes too many points, or no piece is in the window.
-    """
+    """Return where the distance of a part is needed."""
     radius = stimulus.edge_radius_mm
     h = radius / 3 if stimulus.grid_mm is None else stimulus.grid_mm
     if h > radius / 2:
@@ -149,20 +123,15 @@ def _piece(solid: Triangles, stimulus: Mesh) -> Piece:
     solid, window_low, window_high = _in_window(solid, stimulus, margin)
     beyond = 4 * radius + (RIM + 4) * h
     # What lies higher beside the window takes no layers.
-    near = rounding.fine(
-        solid,
-        np.array([*(window_low - beyond)[:2], -_FAR_MM]),
-        np.array([*(window_high + beyond)[:2], _FAR_MM]),
-        np.inf,
-    ).points
+    near = _within(solid, window_low - beyond, window_high + beyond)
     low, high = near.min(axis=0) - margin - RIM * h, near.max(axis=0) + margin + RIM * h
     keep = np.maximum(low, window_low - RIM * h), np.minimum(high, window_high + RIM * h)
     low, high = np.maximum(low, window_low - beyond), np.minimum(high, window_high + beyond)
     shape = np.ceil((high - low) / h) + 1
-    if math.prod(shape.tolist()) > _MOST_POINTS:
+    if math.prod(shape.tolist()) > _MAX_POINTS:
         raise StudyError(
             f"stimulus.grid_mm = {h:.3g} takes {' x '.join(f'{n:.4g}' for n in shape)} points for "
-            f"the part, but at most {_MOST_POINTS / 1e6:g} million are allowed: raise it or "
+            f"the part, but at most {_MAX_POINTS / 1e6:g} million are allowed: raise it or "
             "edge_radius_mm, or give a smaller window_mm or reach_mm"
         )
     return Piece(solid, Lattice(low, h, tuple(shape.astype(int).tolist())), *keep)
@@ -171,12 +140,7 @@ def _piece(solid: Triangles, stimulus: Mesh) -> Piece:
 def _in_window(solid: Triangles, stimulus: Mesh, margin: float) -> tuple[Triangles, Array, Array]:
     """Return a part with the highest point of the piece at z = 0, and the corners of its window.
 
-    That ends `margin` above the piece.
-
-    Raises
-    ------
-    StudyError
-        No piece lies in the window.
+    The window ends `margin` above the piece.
     """
     low, high = np.array([-_FAR_MM, -_FAR_MM, -stimulus.reach_mm]), np.full(3, _FAR_MM)
     high[2] = margin
@@ -184,8 +148,7 @@ def _in_window(solid: Triangles, stimulus: Mesh, margin: float) -> tuple[Triangl
         return solid, low, high
     half = np.array(stimulus.window_mm) / 2
     low[:2], high[:2] = -half - stimulus.shift_mm, half - stimulus.shift_mm
-    below, above = np.array([*low[:2], -_FAR_MM]), np.array([*high[:2], _FAR_MM])
-    piece = rounding.fine(solid, below, above, np.inf).points
+    piece = _within(solid, low, high)
     if not len(piece):
         ends = np.column_stack([solid.points.min(axis=0), solid.points.max(axis=0)])
         across, along = (f"from {first:.3g} to {last:.3g} mm" for first, last in ends[:2])
@@ -194,6 +157,12 @@ def _in_window(solid: Triangles, stimulus: Mesh, margin: float) -> tuple[Triangl
             f"lies {across} across and {along} along the finger before shift_mm"
         )
     return Triangles(solid.points - [0, 0, piece[:, 2].max()], solid.triangles), low, high
+
+
+def _within(solid: Triangles, low: Array, high: Array) -> Array:
+    """Return the corners (n, 3) of what of a solid lies between two corners in X and Y."""
+    low, high = np.array([*low[:2], -_FAR_MM]), np.array([*high[:2], _FAR_MM])
+    return rounding.fine(solid, low, high, np.inf).points
 
 
 def _rounded(piece: Piece, stimulus: Mesh) -> tuple[Gridded, float]:
@@ -206,14 +175,14 @@ def _rounded(piece: Piece, stimulus: Mesh) -> tuple[Gridded, float]:
         inner = RIM * lattice.step  # beside the window, the part may be higher
         core = core[np.all((core > piece.low + inner) & (core < piece.high - inner), axis=1)]
         if not len(core):
-            raise rounding.Nothing
-    except rounding.Overlap as error:
+            raise rounding.TooThinError
+    except rounding.OverlapError as error:
         what = "is inside out" if error.winding < 0 else "overlaps another"
         raise StudyError(
             f"stimulus.file = {stimulus.file}: a part of the surface {what} around "
-            f"{_placed_at(error.place)}; unite its solids"
+            f"{_shown(error.place)}; unite its solids"
         ) from None
-    except rounding.Nothing:
+    except rounding.TooThinError:
         raise StudyError(
             f"stimulus.edge_radius_mm = {radius:g} leaves nothing of the part: it must be less "
             "than half of its thickness"
@@ -236,20 +205,20 @@ def _check_nothing_lost(piece: Piece, body: Gridded, stimulus: Mesh) -> None:
     a, b, c = np.moveaxis(fine.points[fine.triangles], 1, 0)
     across = np.cross(b - a, c - a)
     gap, normal = body.spline.derivatives((a + b + c) / 3, 1)
-    along = np.einsum("ni,ni->n", across, normal)
-    turned = along < _TURNED * np.linalg.norm(across, axis=1) * np.linalg.norm(normal, axis=1)
-    loss = np.where(turned, np.abs(gap), 0.0)
+    lengths = np.linalg.norm(across, axis=1) * np.linalg.norm(normal, axis=1)
+    is_turned = np.einsum("ni,ni->n", across, normal) < _MIN_COSINE * lengths
+    loss = np.where(is_turned, np.abs(gap), 0.0)
     worst = int(np.argmax(loss))
     if loss[worst] > 0.1 * radius:
         what = "a wall" if gap[worst] > 0 else "a gap"
         raise StudyError(
             f"stimulus.edge_radius_mm = {radius:g} removes {what} of the part at "
-            f"{_placed_at((a + b + c)[worst] / 3)}, which is thinner than twice that: it must be "
+            f"{_shown((a + b + c)[worst] / 3)}, which is thinner than twice that: it must be "
             "smaller"
         )
 
 
-def _placed_at(place: Array) -> str:
+def _shown(place: Array) -> str:
     """Return a place of the part, before its shift, for messages."""
     x, y, z = place
     return f"X {x:.2f}, Y {y:.2f}, Z {z:.2f} mm of the part in place"

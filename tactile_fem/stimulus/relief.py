@@ -12,9 +12,8 @@ from scipy import ndimage
 
 from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.stimulus.body import EXCESS_MM, Array, Distance, RigidBody
-from tactile_fem.stimulus.plausible import check_relief
 from tactile_fem.stimulus.spline import GridSpline
-from tactile_fem.stimulus.topography import Topography, read_topography
+from tactile_fem.stimulus.topography import Topography, check_relief, read_topography
 
 if TYPE_CHECKING:
     from tactile_fem.stimulus.surface import Surface
@@ -23,39 +22,30 @@ logger = logging.getLogger(__name__)
 
 # Standard deviation of a Gaussian that halves a wave, to its length (ISO 16610-61).
 _GAUSSIAN = np.sqrt(np.log(2) / 2) / np.pi
-_BEYOND: dict[str, Literal["mirror", "grid-wrap"]] = {
-    "mirrored": "mirror",
-    "periodic": "grid-wrap",
-}
-# Distance from the surface at which its error is told, and the share of it that is too much.
-_NEAR_MM, _WRONG = 0.02, 0.1
+_LEVELS = ["mean", "plane", "quadratic"]
+_BEYOND: dict[str, Literal["mirror", "grid-wrap"]] = {"mirrored": "mirror", "periodic": "grid-wrap"}
+# Relative error of the distance, this far from the surface, beyond which there is a warning.
+_ERROR_AT_MM, _MAX_ERROR = 0.02, 0.1
 
 
 @dataclass(frozen=True)
 class Relief:
-    """Everything below heights over a plane, ``z = h(x, y)``, whose highest point is z = 0.
-
-    Attributes
-    ----------
-    heights
-        h in mm, over X and Y.
-    """
+    """Everything below heights over a plane, ``z = h(x, y)`` in mm; the highest is z = 0."""
 
     heights: GridSpline
 
     def distance(self, points: Array) -> Distance:
-        """Return the distance to first order in what is left of it, at `points` (n, 3).
+        """Return the distance to first order, at `points` (n, 3).
 
         ``(z - h)/sqrt(1 + |grad h|^2)``: on the surface the value, its gradient and the surface's
         curvature are exact, and the derivatives are exact everywhere. Off a rough surface this is
-        far from the way to it. It is therefore kept between lower bounds of that way, ``z - h``
+        far from the true distance. It is therefore kept between lower bounds of that, ``z - h``
         divided by its Lipschitz constant and the height over all heights, and `EXCESS_MM` more.
         """
         h, g, H, T = self.heights.derivatives(points[:, :2], 3)
         v = points[:, 2] - h
-        # w is the cosine of the slope, a half of the gradient of |grad h|^2.
-        w = 1 / np.sqrt(1 + np.sum(g**2, axis=1))
-        a = np.einsum("nij,nj->ni", H, g)
+        w = 1 / np.sqrt(1 + np.sum(g**2, axis=1))  # cosine of the slope
+        a = np.einsum("nij,nj->ni", H, g)  # half the gradient of |grad h|^2
         bend = np.einsum("nik,nkj->nij", H, H) + np.einsum("nijk,nk->nij", T, g)
         w3, w5 = w[:, None, None] ** 3, w[:, None, None] ** 5
         dw = -w3[:, 0] * a
@@ -84,7 +74,7 @@ class Relief:
     def _least_cosine(self) -> float:
         """Cosine of a slope that no point exceeds: slopes are means of the coefficients' steps."""
         spline = self.heights
-        ends: Literal["wrap", "reflect"] = "wrap" if spline.beyond == "grid-wrap" else "reflect"
+        ends = "wrap" if spline.beyond == "grid-wrap" else "reflect"
         padded = np.pad(spline.coefficients, 1, mode=ends)
         slopes = [np.abs(np.diff(padded, axis=k)).max() / spline.spacing[k] for k in (0, 1)]
         return float(1 / np.sqrt(1 + np.dot(slopes, slopes)))
@@ -107,20 +97,14 @@ class Turned:
 
 @cached_by_content(maxsize=4)
 def make_relief(surface: Surface) -> Relief:
-    """Return the body of a measured surface; warn if it is too steep for its distance.
-
-    Raises
-    ------
-    StudyError
-        The file cannot be used.
-    """
+    """Return the body of a measured surface; warn if it is too steep for its distance."""
     relief = relief_of(read_topography(surface), surface)
-    error = distance_error(relief, _NEAR_MM)
-    if error > _WRONG:
+    error = distance_error(relief, _ERROR_AT_MM)
+    if error > _MAX_ERROR:
         logger.warning(
             "stimulus: %g mm from the surface its distance is wrong by up to %.0f %%, because it "
             "is steep and sharply curved: raise stimulus.low_pass_mm (%g)",
-            _NEAR_MM,
+            _ERROR_AT_MM,
             100 * error,
             surface.low_pass_mm,
         )
@@ -135,14 +119,13 @@ def relief_of(topography: Topography, surface: Surface) -> Relief:
     StudyError
         They differ by more than a finger can follow.
     """
-    heights = levelled(topography.heights_mm, ["mean", "plane", "quadratic"].index(surface.level))
+    heights = levelled(topography.heights_mm, _LEVELS.index(surface.level))
     check_relief(heights, surface.file)
     beyond = _BEYOND[surface.repeat]
     spacing = np.array(topography.spacing_mm)
     if surface.low_pass_mm:
         sigma = _GAUSSIAN * surface.low_pass_mm / spacing
-        mode = "mirror" if surface.repeat == "mirrored" else "wrap"
-        heights = ndimage.gaussian_filter(heights, sigma, mode=mode)
+        heights = ndimage.gaussian_filter(heights, sigma, mode=beyond)
     middle = spacing * (np.array(heights.shape) - 1) / 2
     top = _highest(GridSpline.through(heights, -middle, spacing, beyond), heights)
     return Relief(GridSpline.through(heights - top, -middle, spacing, beyond))
@@ -162,12 +145,12 @@ def levelled(heights: Array, degree: int) -> Array:
 
 def _highest(spline: GridSpline, heights: Array) -> float:
     """Return the largest height of a spline, sought around the highest values."""
-    most = min(heights.size, 200)
-    top = np.argpartition(heights, heights.size - most, axis=None)[-most:]
+    count = min(heights.size, 200)
+    top = np.argpartition(heights, heights.size - count, axis=None)[-count:]
     around = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 9)] * 2), -1).reshape(-1, 2)
     index = np.stack(np.unravel_index(top, heights.shape), -1)
     places = spline.origin + spline.spacing * (index[:, None] + around).reshape(-1, 2)
-    return float(spline.derivatives(places, 0)[0].max())
+    return float(spline.values(places).max())
 
 
 def distance_error(relief: Relief, distance_mm: float) -> float:
@@ -175,6 +158,7 @@ def distance_error(relief: Relief, distance_mm: float) -> float:
     heights = relief.heights
     extent = heights.spacing * np.array(heights.coefficients.shape)
     xy = heights.origin + extent * np.random.default_rng(0).random((10_000, 2))
+    # Exactly on the surface as `distance` evaluates it: just below, its gradient is another.
     on = np.column_stack([xy, heights.derivatives(xy, 0)[0]])
     above = on + distance_mm * relief.distance(on).normal
     return float(np.quantile(np.abs(relief.distance(above).gap / distance_mm - 1), 0.99))

@@ -15,23 +15,15 @@ _BINS = 400
 
 @dataclass(frozen=True)
 class Roughness:
-    """The variance of heights by wavelength.
-
-    Attributes
-    ----------
-    wavelength_mm
-        Decreasing, (n + 1,).
-    variance_mm2
-        Of the waves between two of them, (n,).
-    """
+    """The variance of heights (n,), in mm2, of waves between decreasing wavelengths (n + 1,)."""
 
     wavelength_mm: Array
     variance_mm2: Array
 
     @classmethod
     def of(cls, heights: GridSpline) -> Roughness:
-        """Analyse heights over a plane, their mean apart."""
-        values = heights.values()
+        """Analyse heights over a plane, without their mean."""
+        values = heights.values_on_grid()
         power = dctn(values, type=2, norm="ortho") ** 2 / values.size
         # The wave of number k goes up and down k / 2 times over the grid.
         across, along = (

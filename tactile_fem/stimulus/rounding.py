@@ -18,30 +18,22 @@ from tactile_fem.runtime.triangles import Triangles, in_chunks
 from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.contour import Lattice, level_set
 
-# A cell's corners are at most so many steps from a surface that crosses it.
-_CELL = 1.75
-# Errors of `Lattice.spread`, in steps: of a place's rounding and of the places' distances.
-_SPREAD = 2.0
-# Ways that end so many steps from a level lead past an edge.
-_EDGE = 0.25
-# Stands for a distance that is not known.
-_LARGE_MM = 1e3
-# Errors of a rounded distance, in steps, where nothing is to be rounded.
-_NOISE = 0.03
+# In steps of the lattice: how far a cell's corners may be from a surface that crosses it, and the
+# error of `Lattice.spread`.
+_CELL_STEPS, _SPREAD_STEPS = 1.75, 2.0
+# If following the gradient ends this far off the level set, in steps, an edge is nearest.
+_EDGE_STEPS = 0.25
+# Error of a rounded distance, in steps, where nothing is to be rounded.
+_NOISE_STEPS = 0.03
+_UNKNOWN_MM = 1e3
 
 
 @dataclass(frozen=True)
 class Near:
     """Distances near a surface.
 
-    Attributes
-    ----------
-    value
-        On the whole lattice, mm; meaningful on its side of the surface only where it is not known.
-    gradient
-        (n, 3).
-    row
-        Row of `gradient` of each point, -1 where the distance is not known; flat.
+    `value` has the lattice's shape, in mm; where the distance is not known, only its side of the
+    surface is. `gradient` is (n, 3) and `row` the row of each point in it, flat; -1 where unknown.
     """
 
     value: Array
@@ -53,13 +45,17 @@ class Near:
         """Where the distance is known, on the lattice."""
         return (self.row >= 0).reshape(self.value.shape)
 
+    def raised(self, by: float) -> Near:
+        """Return distances larger by some mm: those to another level, while no edge is near."""
+        return replace(self, value=self.value + by)
 
-class Nothing(ValueError):
+
+class TooThinError(ValueError):
     """No part of a solid is as thick as twice the radius."""
 
 
-class Overlap(ValueError):
-    """Surfaces of a solid overlap or are inside out at a `place` (3,); `winding` tells which."""
+class OverlapError(ValueError):
+    """Surfaces of a solid overlap at a `place` (3,), or are inside out if `winding` is negative."""
 
     def __init__(self, place: Array, winding: int) -> None:
         super().__init__(f"the winding number is {winding} at {place}")
@@ -73,46 +69,37 @@ def rounded_distance(
 
     The points lie `radius` below the surface; wherever a ball of this radius fits, one is near.
 
-    It is exact up to the lattice's resolution of edges from `radius` below the surface to `reach`
-    above it, and continued roughly beyond. Edges that turn by less than some 20 degrees, such as
-    those of a curved surface's triangles, are left to the lattice. Where the solid goes on beyond
-    the lattice, what is less than four radii from its end is not rounded properly; nor are walls
-    and gaps less than two steps wider than twice the radius.
-
-    Parameters
-    ----------
-    solid
-        A closed surface, facing outwards.
-    lattice
-        Its points; a step is half the radius at most.
-    radius, reach
-        In mm.
+    The distance is exact up to the lattice's resolution of edges from `radius` below the surface to
+    `reach` above it, and continued roughly beyond. Edges that turn by less than some 20 degrees,
+    such as those of a curved surface's triangles, are left to the lattice, whose step is half the
+    radius at most. Where the solid goes on beyond the lattice, what is less than four radii from
+    its end is not rounded properly; nor are walls and gaps less than two steps wider than twice the
+    radius.
 
     Raises
     ------
-    Overlap
+    OverlapError
         Parts of the surface overlap, or face inwards.
-    Nothing
+    TooThinError
         No part is as thick as twice the radius.
     """
     h = lattice.step
     spread = lattice.spread(fine(solid, lattice.origin, lattice.end, h).points)
-    clear = spread > _SPREAD * h
-    inside = _inside(solid, lattice, clear)
+    inside = _inside(solid, lattice, spread > _SPREAD_STEPS * h)
     value = np.where(inside & (spread > radius), -np.inf, np.inf)
-    farthest = np.where(inside, radius, max(reach, radius)) + (_CELL + _SPREAD) * h
+    farthest = np.where(inside, radius, max(reach, radius)) + (_CELL_STEPS + _SPREAD_STEPS) * h
     sharp = _signed(solid, lattice, value, spread < farthest)
     core = level_set(lattice, sharp.value, sharp.gradient, sharp.row, -radius)
     if not len(core.triangles):
-        raise Nothing(f"no part is as thick as twice {radius:g} mm")
+        raise TooThinError
     in_core = sharp.value < -radius
-    grown = _raised(sharp, radius)
-    grown = _replaced(grown, core, lattice, _astray(grown, lattice, 0.0) & ~in_core, 1.0)
+    grown = sharp.raised(radius)
+    grown = _replaced(grown, core, lattice, _near_edges(grown, lattice) & ~in_core, 1.0)
 
     shell = level_set(lattice, grown.value, grown.gradient, grown.row, 2 * radius)
     in_shell = grown.value < 2 * radius
-    shrunk = _raised(grown, -2 * radius)
-    filled = _astray(shrunk, lattice, 0.0) & in_shell & ~in_core
+    shrunk = grown.raised(-2 * radius)
+    filled = _near_edges(shrunk, lattice) & in_shell & ~in_core
     shrunk = _replaced(shrunk, shell, lattice, filled, -1.0)
     distance = np.where(sharp.known, _exact_off_edges(shrunk.value + radius, sharp.value, h), 0.0)
     return _continued(distance, sharp.known, inside, h), core.points
@@ -134,14 +121,13 @@ def fine(solid: Triangles, low: Array, high: Array, longest: float) -> Triangles
 def _inside(solid: Triangles, lattice: Lattice, clear: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which points clear of the surface are inside, by one winding number per region."""
     region, count = ndimage.label(clear)
-    flat = region.ravel()
-    first = np.unique(flat, return_index=True)[1][-count:] if count else np.empty(0, np.int64)
+    first = np.unique(region, return_index=True)[1][-count:] if count else np.empty(0, np.int64)
     places = lattice.points(first)
     exact = igl.fast_winding_number(solid.points, solid.triangles, places)
     winding = np.round(exact).astype(np.int64)
     for place, number in zip(places, winding, strict=True):
         if number not in (0, 1):
-            raise Overlap(place, int(number))
+            raise OverlapError(place, int(number))
     return np.append(False, winding == 1)[region]
 
 
@@ -159,25 +145,20 @@ def _signed(surface: Triangles, lattice: Lattice, value: Array, near: NDArray[np
     return Near(value, _unit(points - feet, found), row)
 
 
-def _raised(near: Near, by: float) -> Near:
-    """Return distances larger by some mm: those to another level, while no edge is near."""
-    return replace(near, value=near.value + by)
+def _near_edges(near: Near, lattice: Lattice) -> NDArray[np.bool_]:
+    """Return the points to which an edge of the zero level is nearest, not a face.
 
-
-def _astray(near: Near, lattice: Lattice, level: float) -> NDArray[np.bool_]:
-    """Return the points from which the way along the gradient does not end on a level.
-
-    There an edge of the level is nearest, not a face.
+    There the way along the gradient does not end on the level.
     """
     flat = np.flatnonzero(near.row >= 0)
     value, gradient = near.value.ravel()[flat], near.gradient[near.row[flat]]
-    places = lattice.points(flat) + (level - value)[:, None] * gradient
-    known = np.where(near.known, near.value, np.copysign(_LARGE_MM, near.value))
+    places = lattice.points(flat) - value[:, None] * gradient
+    known = np.where(near.known, near.value, np.copysign(_UNKNOWN_MM, near.value))
     index = (places - lattice.origin) / lattice.step
     reached = ndimage.map_coordinates(known, index.T, order=1, mode="nearest")
-    astray = np.zeros(near.value.shape, dtype=bool)
-    astray.ravel()[flat] = np.abs(reached - level) > _EDGE * lattice.step
-    return ndimage.binary_dilation(astray) & near.known
+    off_level = np.zeros(near.value.shape, dtype=bool)
+    off_level.ravel()[flat] = np.abs(reached) > _EDGE_STEPS * lattice.step
+    return ndimage.binary_dilation(off_level) & near.known
 
 
 def _replaced(
@@ -207,7 +188,8 @@ def _unit(offset: Array, length: Array) -> Array:
 def _exact_off_edges(rounded: Array, sharp: Array, h: float) -> Array:
     """Return the distance before rounding where rounding changed no more than its own errors."""
     with np.errstate(invalid="ignore"):
-        share = np.clip((np.abs(rounded - sharp) / h - _NOISE) / _NOISE, 0.0, 1.0)
+        change = np.abs(rounded - sharp) / h
+        share = np.clip((change - _NOISE_STEPS) / _NOISE_STEPS, 0.0, 1.0)
         return np.where(share == 1, rounded, sharp + share * (rounded - sharp))
 
 

@@ -1,4 +1,4 @@
-"""Reads measured heights: arrays, tables, gray images and instruments' files."""
+"""Measured heights: read, cropped, and checked whether a finger can touch such a surface."""
 
 from __future__ import annotations
 
@@ -12,31 +12,38 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array
-from tactile_fem.stimulus.height_formats import FEWEST, Raw, read_raw
+from tactile_fem.stimulus.height_formats import MIN_VALUES, Raw, read_raw
 from tactile_fem.stimulus.height_table import header_library
-from tactile_fem.stimulus.plausible import check_sizes, check_values
 
 if TYPE_CHECKING:
     from tactile_fem.stimulus.surface import Surface
 
 logger = logging.getLogger(__name__)
 
-# A size that the study gives beside the file's is told if it differs by more than this share.
-_SAME = 0.01
 _TEXT = {".csv", ".txt", ".asc", ".dat"}
+# A size that the study gives beside the file's is reported if it differs by more than this share.
+_SAME_SIZE = 0.01
+# Lengths in mm beyond which there is a warning, and beyond which they are refused.
+_COARSE_MM, _MAX_SPACING_MM = 2.0, 10.0
+_SMALL_MM, _MAX_EXTENT_MM = 1.0, 1000.0
+_FLAT_MM, _ROUGH_MM, _MAX_RELIEF_MM = 1e-5, 5.0, 20.0
+# Numbers that programs write where nothing was measured.
+_MARKERS = {
+    *(sign * number for sign in (-1, 1) for number in (999, 9999, 99999, 999999, 1e10)),
+    *(-32768, -32767, -(2**31), 1 - 2**31),
+}
+_MIN_MARKER = 1e30  # what is larger is always one
+# Gap between a marker and the heights, as a share of their range.
+_MARKER_GAP = 0.25
+# An extreme value may be a marker if its gap is larger, and its share of the points smaller than
+# these: any value, and zero or an end of the range of integers.
+_ANY_GAP, _ANY_SHARE = 10.0, 0.05
+_END_GAP, _END_SHARE = 1.0, 0.2
 
 
 @dataclass(frozen=True)
 class Topography:
-    """Heights over a plane.
-
-    Attributes
-    ----------
-    heights_mm
-        (nx, ny), upwards.
-    spacing_mm
-        Between values along X and along Y.
-    """
+    """Heights (nx, ny) in mm, upwards, and their spacing along X and along Y in mm."""
 
     heights_mm: Array
     spacing_mm: tuple[float, float]
@@ -58,13 +65,16 @@ def read_topography(surface: Surface) -> Topography:
     unit = surface.unit_mm or raw.unit_mm
     for key, value in {"spacing_mm": spacing, "unit_mm": unit}.items():
         if value is None:
+            is_header_unread = file.suffix.lower() in _TEXT and not header_library()
+            hint = " (a header is read by SurfaceTopography: pip install SurfaceTopography)"
             raise StudyError(
-                f"stimulus.{key} must be given: {file} states none that is known{_hint(file)}"
+                f"stimulus.{key} must be given: {file} states none that is known"
+                f"{hint if is_header_unread else ''}"
             )
     assert spacing and unit
-    _tell_differences(surface, raw)
+    _warn_of_other_sizes(surface, raw)
     values = _cropped(raw.values, spacing, surface.crop_mm)
-    check_sizes(spacing, values.shape, file)
+    _check_sizes(spacing, values.shape, file)
     missing = ~np.isfinite(values)
     if missing.any():
         row, column = np.argwhere(missing)[0]
@@ -72,23 +82,15 @@ def read_topography(surface: Surface) -> Topography:
             f"stimulus.file = {file} has {missing.sum()} missing or infinite heights, the first in "
             f"row {row}, column {column}: fill them in, or crop them away with stimulus.crop_mm"
         )
-    check_values(values, raw.values.dtype, file)
+    _check_values(values, file)
     return Topography(unit * np.asarray(values, dtype=np.float64), spacing)
 
 
-def _hint(file: Path) -> str:
-    """Return what would read the sizes in the header of a text file, if it is not there."""
-    if file.suffix.lower() not in _TEXT or header_library():
-        return ""
-    return " (a header is read by SurfaceTopography: pip install SurfaceTopography)"
-
-
-def _tell_differences(surface: Surface, raw: Raw) -> None:
+def _warn_of_other_sizes(surface: Surface, raw: Raw) -> None:
     """Warn of sizes that replace different ones of the file."""
-    stated = {"spacing_mm": raw.spacing_mm, "unit_mm": raw.unit_mm}
-    for key, of_file in stated.items():
+    for key, of_file in {"spacing_mm": raw.spacing_mm, "unit_mm": raw.unit_mm}.items():
         given = getattr(surface, key)
-        if given and of_file and not np.allclose(given, of_file, rtol=_SAME, atol=0):
+        if given and of_file and not np.allclose(given, of_file, rtol=_SAME_SIZE, atol=0):
             numbers = " x ".join(f"{number:.4g}" for number in np.atleast_1d(of_file))
             logger.warning(
                 "stimulus.%s = %g replaces the %s that %s states", key, given, numbers, surface.file
@@ -110,9 +112,80 @@ def _cropped(
             )
         first, last = (np.rint(end / spacing).astype(int) for end in (low, high))
         values = values[first[0] : last[0] + 1, first[1] : last[1] + 1]
-    if min(values.shape) < FEWEST:
+    if min(values.shape) < MIN_VALUES:
         rows, columns = values.shape
         raise StudyError(
-            f"stimulus: {rows} x {columns} heights make no surface; {FEWEST} each way are needed"
+            f"stimulus: {rows} x {columns} heights make no surface; {MIN_VALUES} each way are "
+            "needed"
         )
     return values
+
+
+def _check_sizes(spacing_mm: tuple[float, float], shape: tuple[int, int], file: Path) -> None:
+    """Refuse a map that is too coarse or large for a finger; warn if it may be."""
+    extent = [step * (n - 1) for step, n in zip(spacing_mm, shape, strict=True)]
+    step, size = max(spacing_mm), " x ".join(f"{length:.4g}" for length in extent)
+    start = f"stimulus.spacing_mm = {step:.4g} ({file})"
+    if step > _MAX_SPACING_MM:
+        raise StudyError(
+            f"{start} must not exceed {_MAX_SPACING_MM:g}, the width of the contact: is it in mm?"
+        )
+    if max(extent) > _MAX_EXTENT_MM:
+        raise StudyError(
+            f"{start} makes a surface of {size} mm, but its longest side may have at most "
+            f"{_MAX_EXTENT_MM:g} mm: is the spacing in mm? A part of it is taken by "
+            "stimulus.crop_mm"
+        )
+    if step > _COARSE_MM:
+        logger.warning("%s is coarse for a finger: is it in mm?", start)
+    if max(extent) < _SMALL_MM:
+        logger.warning(
+            "%s makes a surface of %s mm, repeated without end: is the spacing in mm?", start, size
+        )
+
+
+def _check_values(values: NDArray[Any], file: Path) -> None:
+    """Refuse values of a file that certainly mark missing heights; warn of those that may."""
+    ends = {0.0}
+    if values.dtype.kind in "iu":
+        ends |= {float(np.iinfo(values.dtype).min), float(np.iinfo(values.dtype).max)}
+    for value in (float(values.min()), float(values.max())):
+        at = values == value
+        others = values[~at]
+        if not others.size:
+            return
+        low, high, share = float(others.min()), float(others.max()), float(at.mean())
+        gap, spread = max(low - value, value - high), high - low
+        row, column = np.argwhere(at)[0]
+        what = (
+            f"stimulus.file = {file} has the height {value:g} at {at.sum()} of its points, the "
+            f"first in row {row}, column {column}, far from all others ({low:g} to {high:g})"
+        )
+        is_known = value in _MARKERS and spread > 0 and gap > _MARKER_GAP * spread
+        if abs(value) >= _MIN_MARKER or is_known:
+            raise StudyError(
+                f"{what}: it marks missing heights; fill them in, or crop them away with "
+                "stimulus.crop_mm"
+            )
+        is_far = gap > _ANY_GAP * spread and share < _ANY_SHARE
+        is_end = value in ends and gap > _END_GAP * spread and share < _END_SHARE
+        if spread > 0 and (is_far or is_end):
+            logger.warning("%s: do they mark missing heights?", what)
+
+
+def check_relief(heights_mm: Array, file: Path) -> None:
+    """Refuse levelled heights that differ by more than a finger can follow; warn if they may."""
+    relief = float(np.ptp(heights_mm))
+    what = (
+        f"stimulus.unit_mm: the heights in {file} differ by {relief:.3g} mm after levelling, rms "
+        f"{float(np.std(heights_mm)):.3g} mm"
+    )
+    if relief > _MAX_RELIEF_MM:
+        raise StudyError(
+            f"{what}, but at most {_MAX_RELIEF_MM:g} mm are allowed: is the unit right, and are "
+            "missing heights filled in?"
+        )
+    if relief > _ROUGH_MM:
+        logger.warning("%s: more than a finger can follow; is the unit right?", what)
+    if relief < _FLAT_MM:
+        logger.warning("%s: less than a finger can feel; is the unit right?", what)
