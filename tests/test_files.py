@@ -18,9 +18,9 @@ from tactile_fem.finger.settings import MESH_FOLDERS
 from tactile_fem.runtime.files import cached_by_content, check_unchanged, hashes
 from tactile_fem.series.members import Member
 from tactile_fem.series.run import run_series
-from tactile_fem.simulation import setup
 from tactile_fem.simulation.parts import Parts
 from tactile_fem.simulation.run import completed
+from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.study import Finger, Mesh, Protocol, Receptors, Study, Surface, Text
 
 FONTS = Path(mpl.get_data_path()) / "fonts" / "ttf"
@@ -128,7 +128,7 @@ def test_a_scan_records_what_it_has_read(tmp_path, monkeypatch):
     stimulus = Surface(file=file, spacing_mm=0.1, unit_mm=1.0)
     small = Finger(pad_size_mm=3, far_size_mm=6)
     study = Study(finger=small, stimulus=stimulus, receptors=Receptors(half_width_mm=0.0))
-    made = setup.Setup.of(study, Parts(), MPI.COMM_SELF)
+    made = Simulation(study, Parts(), MPI.COMM_SELF)
     assert made.files == hashes({"stimulus.file": file})
 
     def body_and_change(stimulus):
@@ -139,7 +139,7 @@ def test_a_scan_records_what_it_has_read(tmp_path, monkeypatch):
     body_of = Surface.body
     monkeypatch.setattr(Surface, "body", body_and_change)
     with pytest.raises(StudyError, match=r"map\.npy was changed while it was read"):
-        setup.Setup.of(study, Parts(), MPI.COMM_SELF)
+        Simulation(study, Parts(), MPI.COMM_SELF)
 
 
 def test_a_press_that_was_saved_belongs_to_its_files(tmp_path):

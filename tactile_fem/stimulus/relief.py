@@ -74,7 +74,7 @@ class Relief:
     def _least_cosine(self) -> float:
         """Cosine of a slope that no point exceeds: slopes are means of the coefficients' steps."""
         spline = self.heights
-        ends = "wrap" if spline.beyond == "grid-wrap" else "reflect"
+        ends: Literal["wrap", "reflect"] = "reflect" if spline.beyond == "mirror" else "wrap"
         padded = np.pad(spline.coefficients, 1, mode=ends)
         slopes = [np.abs(np.diff(padded, axis=k)).max() / spline.spacing[k] for k in (0, 1)]
         return float(1 / np.sqrt(1 + np.dot(slopes, slopes)))
