@@ -21,6 +21,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ class Experiment:
     depth_mm
         Depth of each measured number, (n,).
     place_mm
-        Distance from the indenter at which it is the skin's deflection; NaN where it is the
+        Distance from the indenter where the number is the skin's deflection; NaN where it is the
         normal force, (n,).
     mean, sd
         The numbers and their standard deviations, N or mm, (n,).
@@ -70,8 +71,7 @@ class Experiment:
         return np.isnan(self.place_mm)
 
 
-@dataclass(frozen=True)
-class _Row:
+class _Row(NamedTuple):
     indenter: str
     speed_mm_s: float
     depth_mm: float
@@ -159,6 +159,6 @@ def _row(where: str, cells: Mapping[str, str]) -> _Row:
 
 def _experiment(indenter: Stimulus, rows: Sequence[_Row]) -> Experiment:
     rows = sorted(rows, key=lambda row: (math.isfinite(row.place_mm), row.depth_mm, row.place_mm))
-    columns = np.array([[row.depth_mm, row.place_mm, row.mean, row.sd] for row in rows]).T
     speed = rows[0].speed_mm_s
+    columns = np.array([row[2:] for row in rows]).T
     return Experiment(f"{rows[0].indenter} at {speed:g} mm/s", indenter, speed, *columns)

@@ -1,4 +1,4 @@
-"""The model as a function of the parameters of a fit: presses, their derivatives, their files."""
+"""The model as a function of the parameters of a calibration; every press is saved."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-# Change of a length's logarithm for its derivative: far above what another mesh changes.
+# Change of a length's logarithm for its derivative: far above the effect of another mesh.
 _LENGTH_STEP = 0.05
 
 
@@ -42,36 +42,17 @@ def deviations(experiments: Sequence[Experiment], values: Sequence[Array]) -> Ar
     return np.concatenate([(v - e.mean) / e.sd for v, e in zip(values, experiments, strict=True)])
 
 
-@dataclass(frozen=True)
-class Squares:
-    """What a fit minimizes: squares in standard deviations.
-
-    Attributes
-    ----------
-    of_numbers
-        Sum over the measured numbers, model less measurement.
-    of_parameters
-        Sum over the parameters, their logarithms' distance from the study.
-    """
-
-    of_numbers: float
-    of_parameters: float
-
-    @property
-    def total(self) -> float:
-        """What is minimized."""
-        return self.of_numbers + self.of_parameters
-
-    def __str__(self) -> str:
-        return (
-            f"sum of squares {self.total:.3f}, {self.of_numbers:.3f} of the measured numbers and "
-            f"{self.of_parameters:.3f} of the parameters"
-        )
+def squares_in_words(of_numbers: float, of_parameters: float) -> str:
+    """Return the two sums of squares that are minimized as a half sentence."""
+    return (
+        f"sum of squares {of_numbers + of_parameters:.3f}, {of_numbers:.3f} of the measured "
+        f"numbers and {of_parameters:.3f} of the parameters"
+    )
 
 
 @dataclass(frozen=True)
 class Task:
-    """A press that is wanted."""
+    """A press that is wanted, and its file."""
 
     study: Study
     experiment: Experiment
@@ -79,34 +60,40 @@ class Task:
 
     @property
     def name(self) -> str:
-        """A name for its file that says what it was made from."""
+        """Name of its file: a hash of everything that determines the press."""
         pressed = dump_study(with_files(study_of(self.study, self.experiment), content_of))
         wanted = [self.experiment.depth_mm, self.experiment.place_mm]
         changes = [sorted(change.items()) for change in self.changes]
         text = pressed + repr([array.tolist() for array in wanted]) + repr(changes)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
+    def press(self, comm: MPI.Comm) -> Prediction:
+        """Press; all ranks call."""
+        return press(self.study, self.experiment, self.changes, comm)
 
-def _press(task: Task, file: Path) -> None:
-    save(file, task, press(task.study, task.experiment, task.changes, MPI.COMM_SELF))
+    def save(self, file: Path, prediction: Prediction) -> None:
+        """Write a prediction, and beside it the study that it belongs to."""
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_text(file.with_suffix(".toml"), dump_study(study_of(self.study, self.experiment)))
+        with atomic_write(file) as beside, beside.open("wb") as stream:
+            np.savez(stream, **vars(prediction))
 
-
-def save(file: Path, task: Task, prediction: Prediction) -> None:
-    """Write a prediction, and beside it the study that it belongs to."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    write_text(file.with_suffix(".toml"), dump_study(study_of(task.study, task.experiment)))
-    with atomic_write(file) as beside, beside.open("wb") as stream:
-        np.savez(stream, values=prediction.values, derivatives=prediction.derivatives)
+    def run(self, file: Path) -> None:
+        """Press in this process and save."""
+        self.save(file, self.press(MPI.COMM_SELF))
 
 
 def load(file: Path) -> Prediction:
-    """Return a prediction that `save` wrote."""
+    """Return a saved prediction."""
     with np.load(file, allow_pickle=False) as saved:
         return Prediction(saved["values"], saved["derivatives"])
 
 
 class Model:
-    """The model as a function of the parameters, which presses nothing twice."""
+    """Residuals and their derivatives as functions of the parameters; no press is repeated.
+
+    Its arguments are those of `tactile_fem.calibration.calibrate.calibrate`.
+    """
 
     def __init__(
         self,
@@ -116,33 +103,67 @@ class Model:
         folder: Path,
         jobs: int,
         comm: MPI.Comm,
-        most: int,
+        evaluations: int,
     ) -> None:
         self._study, self._experiments, self._parameters = study, experiments, parameters
         self._folder, self._jobs, self._comm = folder / "presses", jobs, comm
-        self._most, self._seen = most, set[bytes]()
-        self._count, self._spent_s = 0, 0.0  # presses so far that were not saved before
+        self._evaluations, self._seen = evaluations, set[bytes]()
+        self._pressed, self._spent_s = 0, 0.0  # without presses that were saved before
         self._changes = tuple(p.change for p in parameters if p.of_tissue)
-        self._known = np.array([p.sd for p in parameters])
+        self._prior_sd = np.array([p.sd for p in parameters])
 
     def residuals(self, x: Array) -> Array:
         """Return deviations of the numbers, then of the parameters, in standard deviations."""
-        known = x.tobytes() in self._seen
+        is_new = x.tobytes() not in self._seen
         self._seen.add(x.tobytes())
         try:
             values = [p.values for p in self.predictions(x)]
-        except StudyError as error:  # a length that no finger has
+        except StudyError as error:  # an impossible length
             logger.info("no finger there: %s", error)
             values = [np.full_like(e.mean, np.nan) for e in self._experiments]
-        numbers = deviations(self._experiments, values)
-        if not known:
-            self._tell(x, numbers)
-        return np.concatenate([numbers, x / self._known])
+        numbers, prior = deviations(self._experiments, values), x / self._prior_sd
+        if is_new:
+            logger.info(
+                "point %d of at most %d, %s: %s; %s",
+                *(len(self._seen), self._evaluations, self._time_left()),
+                squares_in_words(float(numbers @ numbers), float(prior @ prior)),
+                ", ".join(
+                    f"{p.name} {p.value(self._study) * math.exp(at):.3g} {p.unit}"
+                    for p, at in zip(self._parameters, x, strict=True)
+                ),
+            )
+        return np.concatenate([numbers, prior])
 
     def predictions(self, x: Array) -> list[Prediction]:
         """Return what the model gives for each experiment."""
+        return self._predictions(x, self._changes)
+
+    def _predictions(self, x: Array, changes: tuple[Change, ...]) -> list[Prediction]:
         study = with_values(self._study, self._parameters, x)
-        return self._pressed([Task(study, e, self._changes) for e in self._experiments])
+        tasks = [Task(study, experiment, changes) for experiment in self._experiments]
+        files = [self._folder / f"{task.name}.npz" for task in tasks]
+        left = on_root(self._comm, lambda: [k for k, file in enumerate(files) if not file.exists()])
+        begun = time.perf_counter()
+        if self._jobs > 1:
+            self._press_in_parallel({files[k]: tasks[k] for k in left})
+        else:
+            for k in left:
+                prediction = tasks[k].press(self._comm)
+                on_root(self._comm, partial(tasks[k].save, files[k], prediction))
+        self._pressed += len(left)
+        self._spent_s += time.perf_counter() - begun
+        return on_root(self._comm, lambda: [load(file) for file in files])
+
+    def _press_in_parallel(self, tasks: Mapping[Path, Task]) -> None:
+        """Press each in a process that starts anew: MPI does not survive a fork."""
+        with ProcessPoolExecutor(self._jobs, get_context("spawn")) as pool:
+            waiting = [pool.submit(task.run, file) for file, task in tasks.items()]
+            try:
+                for done in as_completed(waiting):
+                    done.result()
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives of `residuals`, (numbers + parameters, parameters).
@@ -160,14 +181,12 @@ class Model:
             for i, parameter in enumerate(self._parameters)
         ]
         sd = np.concatenate([e.sd for e in self._experiments])
-        return np.vstack([np.array(columns).T / sd[:, None], np.diag(1 / self._known)])
+        return np.vstack([np.array(columns).T / sd[:, None], np.diag(1 / self._prior_sd)])
 
     def _along_length(self, x: Array, i: int, here: Array) -> Array:
         """Return the derivatives of the numbers, `here` at x, from a longer or shorter length."""
         for step in (_LENGTH_STEP, -_LENGTH_STEP):
-            moved = x + step * np.eye(len(x))[i]
-            study = with_values(self._study, self._parameters, moved)
-            found = self._pressed([Task(study, e, ()) for e in self._experiments])
+            found = self._predictions(x + step * np.eye(len(x))[i], ())
             column = (np.concatenate([p.values for p in found]) - here) / step
             if np.isfinite(column).all():
                 return column
@@ -176,53 +195,11 @@ class Model:
             "does not reach the measured depths."
         )
 
-    def _pressed(self, tasks: Sequence[Task]) -> list[Prediction]:
-        """Return the predictions of presses, those that are not saved pressed now."""
-        files = [self._folder / f"{task.name}.npz" for task in tasks]
-        left = on_root(self._comm, lambda: [k for k, file in enumerate(files) if not file.exists()])
-        begun = time.perf_counter()
-        if self._jobs > 1:
-            self._press_in_parallel({files[k]: tasks[k] for k in left})
-        else:
-            for k in left:
-                task = tasks[k]
-                found = press(task.study, task.experiment, task.changes, self._comm)
-                on_root(self._comm, partial(save, files[k], task, found))
-        self._count += len(left)
-        self._spent_s += time.perf_counter() - begun
-        return on_root(self._comm, lambda: [load(file) for file in files])
-
-    def _press_in_parallel(self, tasks: Mapping[Path, Task]) -> None:
-        """Press each in a process that starts anew: MPI does not survive a fork."""
-        with ProcessPoolExecutor(self._jobs, get_context("spawn")) as pool:
-            waiting = [pool.submit(_press, task, file) for file, task in tasks.items()]
-            try:
-                for done in as_completed(waiting):
-                    done.result()
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
-
-    def _tell(self, x: Array, numbers: Array) -> None:
-        values = ", ".join(
-            f"{p.name} {p.value(self._study) * math.exp(at):.3g} {p.unit}"
-            for p, at in zip(self._parameters, x, strict=True)
-        )
-        squares = Squares(float(numbers @ numbers), float(np.sum((x / self._known) ** 2)))
-        logger.info(
-            "point %d of at most %d, %s: %s; %s",
-            len(self._seen),
-            self._most,
-            self._time_left(),
-            squares,
-            values,
-        )
-
     def _time_left(self) -> str:
-        """Return how long the rest takes, if all presses that it may need are still to be made."""
-        if not self._count:
+        """Return the remaining time if all presses that may be needed are still to be made."""
+        if not self._pressed:
             return "pressed before"
         lengths = sum(not parameter.of_tissue for parameter in self._parameters)
-        further = (self._most - len(self._seen)) * (1 + lengths) + lengths
-        left_s = further * len(self._experiments) * self._spent_s / self._count
+        further = (self._evaluations - len(self._seen)) * (1 + lengths) + lengths
+        left_s = further * len(self._experiments) * self._spent_s / self._pressed
         return f"at most {left_s / 60:.0f} min left"

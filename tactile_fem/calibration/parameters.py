@@ -15,10 +15,9 @@ from tactile_fem.errors import StudyError
 from tactile_fem.study import Study
 from tactile_fem.study.explain import explain, suggestion
 
-SKIN = ("stratum_corneum", "epidermis", "dermis")
-_TISSUES = (*SKIN, "subcutaneous", "bone", "nail")
-# How far a constant may be from the study's value, as a factor at one standard deviation.
-USUAL_FACTOR = 3.0
+_SKIN = ("stratum_corneum", "epidermis", "dermis")
+_TISSUES = (*_SKIN, "subcutaneous", "bone", "nail")
+_FACTOR = 3.0  # of a parameter for which none is given
 
 
 @dataclass(frozen=True)
@@ -33,8 +32,7 @@ class Parameter:
         Section and key in the study of each value that it changes, and the power: the value times
         ``exp(power x)``.
     factor
-        How far the value may be from the study's before any measurement, as a factor at one
-        standard deviation.
+        Expected ratio to the study's value before any measurement, at one standard deviation.
     """
 
     name: str
@@ -43,7 +41,7 @@ class Parameter:
 
     @property
     def of_tissue(self) -> bool:
-        """Whether it changes constants of the tissues alone, which have sensitivities."""
+        """Whether it changes only constants of the tissues, which have sensitivities."""
         return all(keys[0] == "tissue" for keys in self.powers)
 
     @property
@@ -58,16 +56,12 @@ class Parameter:
 
     @property
     def unit(self) -> str:
-        """Unit of its value; that of a factor of several constants says what it multiplies."""
-        if len(self.powers) > 1:
-            return "times its moduli"
-        return unit_of(next(iter(self.powers)))
+        """Unit of its value; a factor of several constants multiplies moduli."""
+        return unit_of(*self.powers) if len(self.powers) == 1 else "times its moduli"
 
     def value(self, study: Study) -> float:
         """Return its value in a study; 1 for a factor of several constants."""
-        if len(self.powers) > 1:
-            return 1.0
-        return float(value_at(study, next(iter(self.powers))))
+        return float(value_at(study, *self.powers)) if len(self.powers) == 1 else 1.0
 
 
 def unit_of(keys: Sequence[str]) -> str:
@@ -100,14 +94,18 @@ def parse_parameter(text: str, study: Study) -> Parameter:
     name, colon, given = text.partition(":")
     name = name.strip()
     try:
-        factor = float(given) if colon else USUAL_FACTOR
+        factor = float(given) if colon else _FACTOR
     except ValueError:
         factor = math.nan
     if not (math.isfinite(factor) and factor > 1):
         raise StudyError(f'parameter {text}: the factor is "{given}" but must be a number above 1.')
     if name == "skin" or name in _TISSUES:
-        tissues = SKIN if name == "skin" else (name,)
-        powers = {key: power for tissue in tissues for key, power in _moduli(study, tissue).items()}
+        tissues = _SKIN if name == "skin" else (name,)
+        powers = {
+            ("tissue", tissue, key): float(power)  # 1 of a modulus, -1 of an inverse
+            for tissue in tissues
+            for key, power in getattr(study.tissue, tissue).moduli().items()
+        }
         return Parameter(name, powers, factor)
     section, _, key = name.rpartition(".")
     keys = (section, key) if section == "finger" else ("tissue", section, key)
@@ -119,7 +117,10 @@ def parse_parameter(text: str, study: Study) -> Parameter:
     if not isinstance(value, float) or not value > 0:
         if value is not None:
             raise StudyError(f"parameter {name}: it is {value} but must be a number above 0.")
-        known = ["skin", *_TISSUES, *_constants(study), *_lengths(study)]
+        known = ["skin", *_TISSUES]
+        for tissue in _TISSUES:
+            known += [f"{tissue}.{key}" for key in _positive(getattr(study.tissue, tissue))]
+        known += [f"finger.{key}" for key in _positive(study.finger)]
         raise StudyError(f"parameter {name}: there is no such value; {suggestion(name, known)}")
     return Parameter(name, {keys: 1.0}, factor)
 
@@ -145,21 +146,7 @@ def with_values(study: Study, parameters: Sequence[Parameter], x: ArrayLike) -> 
         raise StudyError(explain(error)) from None
 
 
-def _moduli(study: Study, tissue: str) -> dict[tuple[str, ...], float]:
-    """Return the keys of a tissue's moduli, whose power is 1, and of their inverses, -1."""
-    moduli = getattr(study.tissue, tissue).moduli()
-    return {("tissue", tissue, name): float(power) for name, power in moduli.items()}
-
-
-def _constants(study: Study) -> list[str]:
-    return [
-        f"{tissue}.{name}"
-        for tissue in _TISSUES
-        for name, value in getattr(study.tissue, tissue)
-        if isinstance(value, float) and value > 0
-    ]
-
-
-def _lengths(study: Study) -> list[str]:
-    lengths = study.finger.model_dump().items()
-    return [f"finger.{name}" for name, value in lengths if isinstance(value, float) and value > 0]
+def _positive(section: Any) -> list[str]:
+    """Return the keys of a section whose values are numbers above 0."""
+    values = section.model_dump().items()
+    return [name for name, value in values if isinstance(value, float) and value > 0]

@@ -222,14 +222,16 @@ def fit(
     chosen = [parse_parameter(text, start) for text in parameters or _FITTED]
     if jobs > 1 and ranks_ > 1:
         raise StudyError(f"--jobs is {jobs} and --ranks {ranks_}, but one of them must be 1.")
-    module = with_mechanics("tactile_fem.calibration.fit", ranks_)
+    module = with_mechanics("tactile_fem.calibration.calibrate", ranks_)
     with signal_handler(raise_stopped):
-        found = module.fit(start, experiments, chosen, results, jobs=jobs, evaluations=evaluations)
+        found = module.calibrate(
+            start, experiments, chosen, results, jobs=jobs, evaluations=evaluations
+        )
     if ranks.is_first():
-        from tactile_fem.calibration import report
+        from tactile_fem.calibration.tables import summary, write_results
 
-        report.write_report(found, results)
-        print(report.summary(found))
+        write_results(found, results)
+        print(summary(found))
         print(f"Tables, figure and study.toml are in {results}")
 
 

@@ -1,14 +1,14 @@
-"""The fit: which tissues, and which shape of the finger, make the model meet the measurements.
+"""Calibration: which tissues and which shape of the finger make the model meet the measurements.
 
 With the measured numbers ``m_k`` and their standard deviations ``s_k``, the model's numbers
 ``f_k(x)``, and the parameters' factors ``g_i`` it minimizes
 
     sum_k ((f_k(x) - m_k)/s_k)^2 + sum_i (x_i / ln g_i)^2,
 
-where ``x_i`` is the logarithm of how much parameter i differs from the study. The second sum says
-what is known without the measurements; where they say nothing, x stays 0. Derivatives along
-constants of the tissues come with each press, see `calibration.sensitivity`; those along the
-finger's lengths from a press of a finger with another length.
+where ``x_i`` is the logarithm of the ratio of parameter i to its value in the study. The second sum
+is the knowledge without the measurements; where they say nothing, x is 0. Derivatives along
+constants of the tissues come with each press, see `tactile_fem.calibration.sensitivity`; those
+along lengths of the finger from a press of a finger with another length.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ from scipy.optimize import least_squares
 from scipy.special import chdtrc, ndtri
 
 from tactile_fem.calibration.measurements import Experiment
-from tactile_fem.calibration.model import Model, Squares, deviations
+from tactile_fem.calibration.model import Model, deviations
 from tactile_fem.calibration.parameters import Parameter, with_values
 from tactile_fem.calibration.press import study_of
 from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.runtime.estimates import Estimate
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import each_once, shown
 from tactile_fem.runtime.ranks import on_root
@@ -41,34 +42,34 @@ from tactile_fem.study import Study
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-3
-# What describes the finger, which is often that of the press before.
-_OF_FINGER = ("finger.settings", "finger.build", "mechanics.domain", "simulation.simulation")
-_CONFIDENCE_SD = float(ndtri(0.975))  # 95 %
+# Loggers of what describes the finger, which is often that of the press before.
+_FINGER_LOGGERS = ("finger.settings", "finger.build", "mechanics.domain", "simulation.simulation")
+_SD_OF_95_PERCENT = float(ndtri(0.975))
+# Share of the variance that the measurements must take away to call a parameter identified.
+_IDENTIFIED = 0.5
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A fit's result.
+class Calibration:
+    """Result of `calibrate`.
 
     Attributes
     ----------
     start, study
         The study before, and with the fitted values.
     parameters, experiments
-        What was fitted, to what.
+        What was fitted to what.
     x
-        Logarithm of how much each parameter differs from the start, (parameters,).
+        Logarithm of the ratio of each parameter to its start, (parameters,).
     predicted
         The model's numbers at `x`, an array for each experiment.
     jacobian
         Derivatives of all experiments' numbers, in their standard deviations, (numbers,
         parameters).
     evaluations
-        How many points the optimizer tried.
-    message
-        Why it ended.
+        Points that the optimizer tried.
     converged
-        Whether it ended before the most points were tried.
+        Whether it ended before the limit of points.
     """
 
     start: Study
@@ -79,7 +80,6 @@ class Fit:
     predicted: tuple[Array, ...]
     jacobian: Array
     evaluations: int
-    message: str
     converged: bool
 
     @property
@@ -88,31 +88,31 @@ class Fit:
         return deviations(self.experiments, self.predicted)
 
     @property
-    def squares(self) -> Squares:
-        """What was minimized, at `x`."""
-        known = [p.sd for p in self.parameters]
-        return Squares(
-            float(self.deviations @ self.deviations), float(np.sum((self.x / known) ** 2))
-        )
+    def squares(self) -> tuple[float, float]:
+        """The two sums that were minimized, of the measured numbers and of the parameters."""
+        return float(np.sum(self.deviations**2)), float(np.sum((self.x / self._prior_sd) ** 2))
 
     @property
-    def chance(self) -> float:
-        """Chance of squares as large as these, if the standard deviations of the input are right.
+    def probability(self) -> float:
+        """Probability of such large sums if the standard deviations of the input are right.
 
-        A linear model's least sum follows chi squared with as many degrees of freedom as there are
-        measured numbers: each parameter adds a square and takes a degree.
+        The least sum of a linear model follows chi squared with one degree of freedom for each
+        measured number: each parameter adds a square and removes a degree.
         """
-        return float(chdtrc(len(self.deviations), self.squares.total))
+        return float(chdtrc(len(self.deviations), sum(self.squares)))
+
+    @property
+    def _prior_sd(self) -> Array:
+        return np.array([parameter.sd for parameter in self.parameters])
 
     @property
     def covariance(self) -> Array:
         """Of `x`, (parameters, parameters).
 
-        It takes the deviations as independent of each other, which those of one finger are not,
-        and their standard deviations as known: intervals are a normal distribution's.
+        It assumes independent deviations, which those of one finger are not, and known standard
+        deviations: intervals are those of a normal distribution.
         """
-        known = np.diag([1 / p.sd**2 for p in self.parameters])
-        return np.linalg.inv(self.jacobian.T @ self.jacobian + known)
+        return np.linalg.inv(self.jacobian.T @ self.jacobian + np.diag(1 / self._prior_sd**2))
 
     @property
     def sd(self) -> Array:
@@ -120,14 +120,9 @@ class Fit:
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def intervals(self) -> Array:
-        """Factors from the start to the ends of the 95 % intervals, (parameters, 2)."""
-        return np.exp(self.x[:, None] + _CONFIDENCE_SD * self.sd[:, None] * [-1, 1])
-
-    @property
     def learnt(self) -> Array:
-        """How much of the variance before is gone: 0 nothing was learnt, 1 all is known."""
-        return 1 - (self.sd / [p.sd for p in self.parameters]) ** 2
+        """Share of the variance that the measurements take away: 0 nothing, 1 all is known."""
+        return 1 - (self.sd / self._prior_sd) ** 2
 
     @property
     def correlation(self) -> Array:
@@ -135,16 +130,23 @@ class Fit:
         return self.covariance / np.outer(self.sd, self.sd)
 
     @property
-    def pulls(self) -> Array:
-        """How each measured number pulls, (numbers, parameters).
+    def influence(self) -> Array:
+        """Influence of each measured number, (numbers, parameters).
 
         Change of x, in its standard deviations, if the number were one of its own larger.
         """
         return (self.jacobian @ self.covariance) / self.sd
 
+    def estimate(self, k: int, start: float, power: float = 1.0) -> Estimate:
+        """Return the estimate of a value that parameter k multiplies by ``exp(power x)``."""
+        ends = self.x[k] + _SD_OF_95_PERCENT * self.sd[k] * np.array([-1, 0, 1])
+        low, value, high = np.sort(start * np.exp(power * ends)).tolist()
+        known = self.learnt[k] >= _IDENTIFIED
+        return Estimate(value, low, high, "" if known else "not identified")
+
 
 @shown()
-def fit(
+def calibrate(
     study: Study,
     experiments: Sequence[Experiment],
     parameters: Sequence[Parameter],
@@ -153,7 +155,7 @@ def fit(
     jobs: int = 1,
     evaluations: int = 12,
     comm: MPI.Comm | None = None,
-) -> Fit:
+) -> Calibration:
     """Fit parameters to experiments.
 
     Every press is saved in the folder; a fit that was interrupted and is called again repeats none.
@@ -169,7 +171,7 @@ def fit(
     jobs
         Presses in parallel, each in a process of its own; with 1 all ranks of `comm` press.
     evaluations
-        Most points to try.
+        Largest number of points to try.
     comm
         Communicator; all its ranks must call. Default: all ranks.
 
@@ -178,11 +180,10 @@ def fit(
     StudyError
         Bad input, before any press.
     TactileError
-        The presses of the start do not reach the measured depths, or there are too few
-        evaluations.
+        The presses of the start do not reach the measured depths, or a length cannot be varied.
     """
     comm = comm or MPI.COMM_WORLD
-    with each_once(*_OF_FINGER), ExitStack() as held:
+    with each_once(*_FINGER_LOGGERS), ExitStack() as held:
         _check(study, experiments, parameters, jobs, comm)
         model = Model(study, experiments, parameters, Path(folder), jobs, comm, evaluations)
         on_root(comm, lambda: held.enter_context(locked(Path(folder))), share=False)
@@ -202,7 +203,7 @@ def fit(
             max_nfev=evaluations,
         )
         predicted = model.predictions(solution.x)
-    return Fit(
+    return Calibration(
         study,
         with_values(study, parameters, solution.x),
         tuple(parameters),
@@ -211,7 +212,6 @@ def fit(
         tuple(p.values for p in predicted),
         solution.jac[: -len(parameters)],
         int(solution.nfev),
-        str(solution.message),
         solution.status > 0,
     )
 
