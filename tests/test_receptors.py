@@ -173,7 +173,7 @@ def test_probe_reads_a_homogeneous_state_exactly(radius):
     stretch, before = np.array([0.8, 1.1, 1.05]), np.array([0.9, 1.05, 1.0])
     for u, now in ((problem.u, stretch), (problem.state.u_before, before)):
         u.interpolate(lambda x, now=now: (now - 1)[:, None] * x)
-    problem.elasticity.set_time_step(0.005)
+    problem.state.time_step.value = 0.005
     probe = Probe(problem, sample(wanted, positions, finger), len(positions))
     felt = probe.read()
     J = stretch.prod()
@@ -232,7 +232,8 @@ def test_a_drive_with_a_field_of_its_own_is_one_file(monkeypatch):
     step = {name: column[0] for name, column in trace.arrays().items()} | {"indenting": True}
     for number, amount in enumerate((0.05, 0.15), 1):
         problem.u.interpolate(lambda x, a=amount: np.array([a * x[2], 0 * x[0], 0 * x[0]]))
-        trace.add(SimpleNamespace(**step | {"clock_s": 0.1 * number}), probe.read(), {})
+        pressed = SimpleNamespace(**step | {"clock_s": 0.1 * number})
+        trace(SimpleNamespace(step=pressed, columns=probe.read().columns))
     # The principal strains of simple shear, (a^2 ± a sqrt(a^2 + 4))/4.
     a = np.array([0.0, 0.05, 0.15])[:, None] * np.ones(3)
     np.testing.assert_allclose(trace.shear_strain, a * np.sqrt(a**2 + 4) / 4, atol=1e-12)
@@ -242,11 +243,12 @@ def test_a_drive_with_a_field_of_its_own_is_one_file(monkeypatch):
     assert counts[0] == counts[1] > 0
 
     saved = trace.arrays()
-    again = Trace.from_arrays(saved, 2, probe.fields)
+    again = Trace(positions, names, fields=probe.fields)
+    again.restore(saved, 2)
     np.testing.assert_array_equal(again.shear_strain, saved["shear_strain"][:2])
     del saved["shear_strain"]
     with pytest.raises(StudyError, match=r"it lacks columns shear_strain\."):
-        Trace.from_arrays(saved, 2, probe.fields)
+        again.restore(saved, 2)
 
 
 def test_fields_have_names_of_their_own():
