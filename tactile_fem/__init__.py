@@ -6,7 +6,7 @@ compute mechanics:
 - ``Study``, ``load_study``: the input. Its tables (``Finger``, ``Text``, ``Protocol``, …) are in
   `tactile_fem.study`.
 - ``scan``, ``resume``, ``completed``, ``vibrate``: computations; ``Simulation``: one, step by step.
-- ``Results``, ``draw``: what they leave in a folder.
+- ``Results``, ``draw``: the results folder and its figures.
 - ``Parts`` and what it takes: ``Finger.mesh`` makes a ``FingerMesh``, a ``Law`` is a tissue, a
   ``RigidBody`` (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a
   ``Population`` the afferents.

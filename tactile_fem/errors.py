@@ -28,7 +28,7 @@ class PlaceError(MeshError):
     Parameters
     ----------
     message
-        One sentence, with ``{place}`` where the place is told.
+        One sentence, in which ``{place}`` is replaced by the place.
     place_mm
         (3,) in the finger's axes.
     """

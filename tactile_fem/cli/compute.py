@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-_FITTED = ("skin", "subcutaneous.C10_MPa", "subcutaneous.C20_MPa", "subcutaneous.D1_per_MPa")
+_DEFAULT_PARAMETERS = ("skin", "subcutaneous.C10_MPa", "subcutaneous.C20_MPa", "subcutaneous.D1_per_MPa")
 
 
 def scan(
@@ -219,7 +219,7 @@ def fit(
 
     start = load_study(study, changes)
     experiments = read_measurements(measured)
-    chosen = [parse_parameter(text, start) for text in parameters or _FITTED]
+    chosen = [parse_parameter(text, start) for text in parameters or _DEFAULT_PARAMETERS]
     if jobs > 1 and ranks_ > 1:
         raise StudyError(f"--jobs is {jobs} and --ranks {ranks_}, but one of them must be 1.")
     module = with_mechanics("tactile_fem.calibration.calibrate", ranks_)

@@ -1,6 +1,6 @@
 """The build backend: setuptools, once Python is new enough.
 
-Of an older Python pip would first say that it finds no DOLFINx.
+With an older Python, pip's first message would be that it finds no DOLFINx.
 """
 
 import sys

@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-# Libraries that gmsh's wheel loads, and the Debian packages that bring them.
+# Libraries that gmsh's wheel loads, and the Debian packages that provide them.
 GMSH_LIBRARIES = {
     "libGLU.so.1": "libglu1-mesa",
     "libGL.so.1": "libgl1",
@@ -31,7 +31,7 @@ OFF_SCREEN_LIBRARIES = ("libEGL.so.1", "libOSMesa.so.8", "libOSMesa.so")
 
 @dataclass(frozen=True)
 class Finding:
-    """Something missing: what does not work without it, Debian packages that bring it.
+    """Something missing: what does not work without it, Debian packages that provide it.
 
     It is fatal if no scan runs without it.
     """

@@ -27,7 +27,7 @@ _consoles: dict[logging.Handler, Console] = {}
 
 
 def stderr_console() -> Console:
-    """Return a console on stderr that knows a terminal even behind mpiexec."""
+    """Return a console on stderr that detects a terminal even behind mpiexec."""
     width = os.environ.get(TERMINAL_VARIABLE, "")
     if width.isdigit() and not sys.stderr.isatty():
         return Console(stderr=True, force_terminal=True, width=int(width))

@@ -1,6 +1,6 @@
 """MPI ranks: how they are started, and what reaches all of them: results, errors, signals.
 
-Nothing here imports MPI, so a command can look for ranks before it starts.
+Nothing here imports MPI, so ranks can be detected before it starts.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ class _Handler:
 def signal_handler(answer: Callable[[int], None]) -> Iterator[None]:
     """Call `answer` with the number of a received SIGTERM or SIGINT; main thread only.
 
-    Handlers may be nested. Once a StoppedError leaves one, those around it ignore further signals.
+    Handlers may be nested. Once a StoppedError is raised in one, those around it ignore further signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -214,7 +214,7 @@ def raise_stopped(number: int) -> None:
 class StopRequest:
     """A signal received on any rank, handled at the same point on all ranks, which must check.
 
-    `kept` says in the error what is saved.
+    `kept` is the part of the error's message that names what is saved.
     """
 
     def __init__(self, comm: MPI.Comm, kept: str = "") -> None:

@@ -33,7 +33,7 @@ def read_text(
     """Return the text of a file in UTF-8 or UTF-16, its lines ended by a newline.
 
     If it cannot be read, or is in another encoding, the message of the StudyError begins with
-    `start`, such as "The study file a.toml", and says `binary` of a file that holds no text. If
+    `start`, such as "The study file a.toml", and ends with `binary` for a file without text. If
     `western`, bytes that are not UTF-8 are read as Windows-1252: where only ASCII and units matter.
     """
     try:
@@ -125,7 +125,7 @@ class Numbers:
         return found
 
     def peek(self, kind: str | np.dtype, most: int) -> NDArray[Any]:
-        """Return the next numbers or records without taking them: `most`, or what is left."""
+        """Return the next numbers or records, at most so many, without taking them."""
         dtype = np.dtype(self.type_of(kind) if isinstance(kind, str) else kind)
         at, left = self._at, (len(self._data) - self._at) // dtype.itemsize
         found = self.take(dtype, min(left, most))

@@ -257,7 +257,7 @@ def _area(corners: Points) -> Points:
 def _halves(points: Points, faces: Indices) -> Indices:
     """Divide quadrilaterals (k, 4) by the diagonal whose halves face more alike.
 
-    That lies inside if one corner turns inwards, and leaves no half without an area.
+    It lies inside if one corner turns inwards, and neither half is degenerate.
     """
     corners = points[faces]
     normal = _area(corners)
