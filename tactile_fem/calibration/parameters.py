@@ -101,7 +101,7 @@ def parse_parameter(text: str, study: Study) -> Parameter:
         raise StudyError(f'parameter {text}: the factor is "{given}" but must be a number above 1.')
     if name == "skin" or name in _TISSUES:
         tissues = _SKIN if name == "skin" else (name,)
-        powers = {
+        powers: dict[tuple[str, ...], float] = {
             ("tissue", tissue, key): float(power)  # 1 of a modulus, -1 of an inverse
             for tissue in tissues
             for key, power in getattr(study.tissue, tissue).moduli().items()

@@ -31,7 +31,12 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-_DEFAULT_PARAMETERS = ("skin", "subcutaneous.C10_MPa", "subcutaneous.C20_MPa", "subcutaneous.D1_per_MPa")
+_DEFAULT_PARAMETERS = (
+    "skin",
+    "subcutaneous.C10_MPa",
+    "subcutaneous.C20_MPa",
+    "subcutaneous.D1_per_MPa",
+)
 
 
 def scan(

@@ -87,7 +87,7 @@ def _prepare_compilation() -> None:
         logger.warning("%s", finding.sentence)
     if command := compiler():
         os.environ["CC"] = shlex.join(command)
-    if not os.environ.get("XDG_CACHE_HOME"):  # DOLFINx would take an empty one as the working directory
+    if not os.environ.get("XDG_CACHE_HOME"):  # empty: DOLFINx would take the working directory
         os.environ.pop("XDG_CACHE_HOME", None)
     try:
         Path.home()

@@ -187,7 +187,8 @@ class _Handler:
 def signal_handler(answer: Callable[[int], None]) -> Iterator[None]:
     """Call `answer` with the number of a received SIGTERM or SIGINT; main thread only.
 
-    Handlers may be nested. Once a StoppedError is raised in one, those around it ignore further signals.
+    Handlers may be nested. Once a StoppedError is raised in one, those around it ignore further
+    signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
