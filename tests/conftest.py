@@ -60,8 +60,8 @@ if RANK is not None:
     from mpi4py import MPI  # isort: skip
     from petsc4py import PETSc
 
-    from tactile_fem.mechanics import problem
     from tactile_fem.runtime.ranks import abort_if_one_fails
+    from tactile_fem.solvers import fast
 
     # What ranks free together is collected between tests, not whenever one of them has garbage.
     gc.disable()
@@ -90,9 +90,9 @@ if RANK is not None:
     @pytest.fixture(autouse=True)
     def communicators_given_back():
         """Close the test's problems, which several ranks keep: MPI's communicators are few."""
-        before = set(problem._OPEN)
+        before = set(fast._OPEN)
         yield
-        for opened in [opened for opened in problem._OPEN if opened not in before]:
+        for opened in [opened for opened in fast._OPEN if opened not in before]:
             opened.close()
         gc.collect()
         PETSc.garbage_cleanup(MPI.COMM_WORLD)

@@ -18,8 +18,8 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh, curved
 from dolfinx import fem
-from tactile_fem.mechanics.contact import smooth_positive
 
+from tactile_fem.mechanics.contact_law import smooth_positive
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Plate, Solver, Sphere, Tissue
@@ -106,7 +106,7 @@ def test_patch_of_four_layers_is_exact(theta, bent):
 @pytest.mark.parametrize("state", ["open", "sticking", "slipping"])
 def test_tangent_is_the_derivative_of_the_residual(state, theta):
     contact = problem(Sphere(radius_mm=4.0), nitsche_theta=theta, tangent_iterations=1)
-    snes = contact.snes
+    snes = contact.solver.snes
     slip = {"open": 0.0, "sticking": 1e-7, "slipping": 0.1}[state]
     contact.state.place((0, -slip, -1.0 if state == "open" else 0.4))
     contact.state.translation_old.value[1] += slip
@@ -143,9 +143,9 @@ def test_newton_converges_quadratically_on_a_fixed_contact_set():
     newton = {"contact_width_MPa": 0, "nitsche_gamma": 0.6, "tangent_iterations": 1}
     contact = problem(Sphere(radius_mm=60.0, friction=0.0), **newton)
     pressed(contact, *((0, 0, depth) for depth in (0.1, 0.2, 0.3, 0.4, 0.5)))
-    contact.snes.setConvergenceHistory()
+    contact.solver.snes.setConvergenceHistory()
     pressed(contact, (0, 0, 0.8))
-    norms = contact.snes.getConvergenceHistory()[0]
+    norms = contact.solver.snes.getConvergenceHistory()[0]
     norms = norms[norms > 1e-12]  # rounding
     order = np.log(norms[-1] / norms[-2]) / np.log(norms[-2] / norms[-3])
     assert order > 1.8, norms
@@ -253,19 +253,19 @@ def test_the_width_of_contact_hardly_changes_the_force():
 @pytest.mark.parametrize("failures", [1, 2])
 def test_where_newton_fails_contact_is_gentler_first(monkeypatch, failures):
     contact = problem(Plate(friction=0.3), tangent_iterations=1)
-    newton, rounding, laws = contact.equilibrium.solve, contact._rounding, []
+    newton, own, laws = contact.solver._solve, contact.contact, []
 
     def fail_at_first():
-        laws.append((float(rounding.width.value), float(rounding.softness.value)))
+        laws.append((float(own._width.value), float(own._softness.value)))
         report = newton()
         return replace(report, converged=False) if len(laws) <= failures else report
 
-    monkeypatch.setattr(contact.equilibrium, "solve", fail_at_first)
+    monkeypatch.setattr(contact.solver, "_solve", fail_at_first)
     report = contact.solve(np.array([0, 0, 0.1]), 0.01)
     width = Solver().contact_width_MPa
     assert report.converged
     expected = [(width, 0), (width, 0.3), (4 * width, 0.3)][: failures + 1]
     np.testing.assert_allclose(laws, [*expected, (width, 0)])
-    assert report.iterations > contact.snes.getIterationNumber() > 0
+    assert report.iterations > contact.solver.snes.getIterationNumber() > 0
     plain = pressed(problem(Plate(friction=0.3)), (0, 0, 0.1))
     np.testing.assert_allclose(contact.load().force_N, plain.force_N, rtol=1e-7, atol=1e-9)

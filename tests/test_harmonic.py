@@ -139,15 +139,16 @@ def test_whatever_breaks_in_a_vibration_the_state_stays_that_of_the_scan():
         Tissue.model_validate({"set": "proposed", "viscous_time_s": 0.0, **relaxing}),
         compiler_flags=("-O0",),
     )
+    tissues_form = problem.contact.obstacle.compile(problem.bulk_residual())
     for depth in np.linspace(0, 1.2, 13)[1:]:
         assert problem.solve(np.array([0.0, 0.0, depth]), 0.01).converged
-        tissues = fem.assemble_vector(problem.equilibrium.tissues).array.copy()
+        tissues = fem.assemble_vector(tissues_form).array.copy()
         problem.accept()
     vibrating = Harmonic(problem, DENSITY)
     largest = np.abs(tissues).max()
     for delay in (None, *vibrating.delays):
         vibrating.freeze(delay)
-        found = fem.assemble_vector(problem.equilibrium.tissues).array
+        found = fem.assemble_vector(tissues_form).array
         np.testing.assert_allclose(found, tissues, rtol=0, atol=1e-9 * largest)
     assert np.isfinite(vibrating.respond(100.0, [0.0, 0.0, 1.0]).force_N).all()
 
@@ -164,8 +165,7 @@ def test_a_slow_and_small_motion_of_a_body_in_time_gives_the_same(axis, friction
         return problem.accept().force_N[axis]
 
     def set_friction(value: float) -> None:
-        for part in problem.skin:
-            part.contact.friction.value = value
+        problem.contact.friction.value = value
 
     place, along = np.array([0.0, 0.0, 0.3]), np.eye(3)[axis]
     set_friction(0.0)  # at first: all of the skin then sticks
@@ -175,11 +175,11 @@ def test_a_slow_and_small_motion_of_a_body_in_time_gives_the_same(axis, friction
     for _ in range(29):
         force(place)
     phases = 2 * np.pi * np.arange(1, 2 * steps + 1) / steps
-    held, found = problem.state.gather(problem.order), []
+    held, found = problem.gather(), []
     for amplitude in (1e-4, -1e-4):  # their difference does not drift
-        problem.state.restore(held, problem.order, lambda place, dt_s: None)
+        problem.restore(held)
         forces = [force(place + amplitude * np.sin(phase) * along) for phase in phases]
         found.append(2j / steps * (np.exp(-1j * phases) * forces)[-steps:].sum() / amplitude)
-    problem.state.restore(held, problem.order, lambda place, dt_s: None)
+    problem.restore(held)
     in_space = Harmonic(problem, 1e-6).respond(1 / period_s, along)
     np.testing.assert_allclose(np.mean(found), in_space.force_N[axis], rtol=0.02)

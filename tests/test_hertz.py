@@ -72,12 +72,12 @@ def pressed(stimulus, inner, reach, depth):
 
 def middle_pressure(contact):
     """Return the mean contact pressure in the square of side `WIDTH` in the middle."""
-    (part,) = contact.skin
-    contact.obstacle.refresh()
-    pressure, _ = part.contact.tractions(part.t, contact.u, contact.state.u_old)
+    (part,) = contact.contact.parts
+    contact.contact.obstacle.refresh()
+    pressure, _ = part.law.tractions(part.t, contact.u, contact.state.u_old)
     X = ufl.SpatialCoordinate(contact.domain.mesh)
     inside = ufl.And(ufl.lt(X[0], WIDTH), ufl.lt(X[1], WIDTH))
-    form = contact.compile(ufl.conditional(inside, pressure, 0.0) * part.ds)
+    form = contact.contact.obstacle.compile(ufl.conditional(inside, pressure, 0.0) * part.ds)
     return contact.domain.comm.allreduce(fem.assemble_scalar(form)) / WIDTH**2
 
 

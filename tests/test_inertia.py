@@ -13,6 +13,7 @@ from blocks import LAYERS, block_mesh
 from sphere_on_block import sphere_on_block
 
 from tactile_fem.mechanics.domain import create_domain, roller
+from tactile_fem.mechanics.state import PointHistory
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Plate, Solver, Tissue
 from tactile_fem.vibration.harmonic import Harmonic
@@ -122,11 +123,10 @@ def test_a_body_that_vibrates_in_time_gives_the_harmonic_response(
 
     place, along = np.array([0.0, 0.0, 0.3]), np.eye(3)[axis]
     for value, shares in ((0.0, np.linspace(0, 1, 7)[1:]), (friction, 6 * [1.0])):
-        for part in problem.skin:  # without friction at first: all of the skin then sticks
-            part.contact.friction.value = value
+        problem.contact.friction.value = value  # 0 at first: all of the skin then sticks
         for share in shares:
             force(share * place, 0.01)
-    held, found, steps = problem.state.gather(problem.order), [], 24
+    held, found, steps = problem.gather(), [], 24
     phases = 2 * np.pi * np.arange(1, 3 * steps + 1) / steps
     for amplitude in (1e-4, -1e-4):  # their difference does not drift
         problem.restore(held)
@@ -146,6 +146,10 @@ def pressed(comm: MPI.Comm) -> FingerProblem:
     return sphere_on_block(Tissue(), comm, compiler_flags=("-O0",), inertia=True)
 
 
+def motion_of(problem: FingerProblem) -> PointHistory:
+    return next(history for history in problem.state.histories if history.name == "motion")
+
+
 def go(problem: FingerProblem, steps: range) -> list[np.ndarray]:
     """Press in steps of growing length; return the forces."""
     forces = []
@@ -162,8 +166,8 @@ def go(problem: FingerProblem, steps: range) -> list[np.ndarray]:
 def test_motion_is_kept_restored_and_the_same_on_all_ranks():
     whole = pressed(MPI.COMM_WORLD)
     first = go(whole, range(1, 4))
-    saved = whole.state.gather(whole.order)
-    u, motion = whole.u.x.array.copy(), whole.inertia.old.x.array.copy()
+    saved = whole.gather()
+    u, motion = whole.u.x.array.copy(), motion_of(whole).old.x.array.copy()
     assert np.abs(motion).max(initial=0.0) > 0
     whole.solve(np.array([0.0, 0.0, 0.3]), 1e-4)  # a step that is not accepted
     whole.state.reset()
@@ -179,5 +183,4 @@ def test_motion_is_kept_restored_and_the_same_on_all_ranks():
 
 def test_without_inertia_there_is_no_motion():
     problem = sphere_on_block(Tissue(), compiler_flags=("-O0",))
-    assert problem.inertia is None
-    assert not any("motion" in name for name in problem.state.gather(problem.order))
+    assert not any("motion" in name for name in problem.gather())

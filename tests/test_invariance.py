@@ -66,7 +66,7 @@ def made(Q, c) -> FingerProblem:
 def outcome(problem: FingerProblem) -> Outcome:
     domain = problem.domain
     q = ufl.TestFunction(fem.functionspace(domain.mesh, ("DG", 0)))
-    form = problem.elasticity.stored(q)
+    form = sum((term.stored(q) for term in problem.bulk), ufl.Form([]))
     of_cells = fem.assemble_vector(fem.form(form)).array
     energy, owned = np.zeros(domain.cell_count), domain.owned_file_cells()
     energy[owned] = of_cells[: len(owned)]

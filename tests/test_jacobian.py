@@ -28,15 +28,15 @@ def pressed(tissue: dict, **solver) -> FingerProblem:
 
 def entries(made: FingerProblem) -> tuple[PETSc.Mat, PETSc.Mat]:
     """Return the present Jacobian as `fill` puts it together, and as PETSc assembles the forms."""
-    jacobian, filled = made.equilibrium._jacobian, made.snes.getJacobian()[1]
-    jacobian.assemble_tissues()
+    jacobian, filled = made.solver._jacobian, made.solver.snes.getJacobian()[1]
+    jacobian.assemble_bulk()
     jacobian.assemble_contact()
     jacobian.fill()
     assembled = filled.duplicate()
     parts = [filled.duplicate(), filled.duplicate()]
     # Dirichlet conditions put a one on the diagonal, of the sum of the parts once.
     for part, form, diagonal in zip(
-        parts, (jacobian._tissues, jacobian._contact()), (1.0, 0.0), strict=True
+        parts, (jacobian._bulk_form, jacobian._contact()), (1.0, 0.0), strict=True
     ):
         fem_petsc.assemble_matrix(part, form, made.bcs, diag=diagonal)
         part.assemble()
@@ -59,7 +59,7 @@ def test_it_has_the_entries_that_petsc_assembles(tissue, linear):
 def test_products_are_those_of_its_entries(tissue):
     made = pressed(tissue)
     filled, _ = entries(made)
-    operator = made.snes.getJacobian()[0]
+    operator = made.solver.snes.getJacobian()[0]
     assert operator.getType() == "python"
     x, wanted = filled.createVecs()
     first, _ = x.getOwnershipRange()
@@ -82,10 +82,12 @@ def is_symmetric(matrix: PETSc.Mat) -> bool:
 @pytest.mark.parametrize("inertia", [False, True])
 def test_the_tissues_part_is_as_symmetric_as_the_products_take_it(tissue, inertia):
     made = pressed(tissue, inertia=inertia)
-    part = made.snes.getJacobian()[1].duplicate()
-    fem_petsc.assemble_matrix(part, made.equilibrium._jacobian._tissues, made.bcs)
+    part = made.solver.snes.getJacobian()[1].duplicate()
+    fem_petsc.assemble_matrix(part, made.solver._jacobian._bulk_form, made.bcs)
     part.assemble()
-    assert is_symmetric(part) == made.equilibrium._work.is_symmetric == (tissue is TISSUES[0])
+    assert (
+        is_symmetric(part) == all(term.is_symmetric for term in made.bulk) == (tissue is TISSUES[0])
+    )
 
 
 @pytest.mark.ranks
@@ -94,11 +96,11 @@ def test_another_tangent_leaves_no_trace():
     made = pressed(TISSUES[0])
     filled, _ = entries(made)
     before = filled.copy()
-    with made.linearized():
-        made.equilibrium._jacobian.fill()
+    with made.solver.linearized():
+        made.solver._jacobian.fill()
         exact = filled.copy()
     exact.axpy(-1.0, before)
     assert exact.norm() > 1e-9 * before.norm()  # it has more quadrature points
-    made.equilibrium._jacobian.fill()
+    made.solver._jacobian.fill()
     filled.axpy(-1.0, before)
     assert filled.norm() == 0

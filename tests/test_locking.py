@@ -12,7 +12,7 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import block_mesh
 from dolfinx import fem
-from tactile_fem.mechanics.elasticity import Elasticity
+from terms import Bulk
 
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.solvers.finger_problem import FingerProblem
@@ -59,17 +59,15 @@ def test_a_homogeneous_state_is_the_same():
     line = np.linspace(0.0, 1.0, 2)
     block = block_mesh(line, line, np.linspace(0, 1, 3), ["subcutaneous", "dermis"])
     domain = create_domain(block, MPI.COMM_WORLD, ("cut",))
-    V = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
-    u, v = fem.Function(V), ufl.TestFunction(V)
     x = ufl.SpatialCoordinate(domain.mesh)
     A = ufl.as_matrix([[0.1, 0.2, 0.0], [0.0, -0.2, 0.1], [0.05, 0.0, 0.15]])
-    u.interpolate(fem.Expression(A * x, V.element.interpolation_points))
     residuals, energies = [], []
     for ratio in (EVERY_POINT, RATIO):
-        elasticity = Elasticity(domain, soft(1000.0), u, fem.Function(V), 4, ratio)
-        residuals.append(fem.assemble_vector(fem.form(elasticity.residual(v))).array)
-        one = fem.Constant(domain.mesh, 1.0)
-        energies.append(fem.assemble_scalar(fem.form(elasticity.stored(one))))
+        bulk = Bulk(domain, soft(1000.0), Solver(locking_ratio=ratio))
+        bulk.u.interpolate(fem.Expression(A * x, bulk.V.element.interpolation_points))
+        v, one = ufl.TestFunction(bulk.V), fem.Constant(domain.mesh, 1.0)
+        residuals.append(fem.assemble_vector(fem.form(bulk.residual(v))).array)
+        energies.append(fem.assemble_scalar(fem.form(bulk.stored(one))))
     np.testing.assert_allclose(*residuals, rtol=0, atol=1e-12 * np.abs(residuals[0]).max())
     assert energies[0] == pytest.approx(energies[1], rel=1e-12) and energies[0] > 0
 
@@ -79,17 +77,16 @@ def test_the_residual_is_the_energys_derivative(ratio):
     line = np.linspace(0.0, 1.0, 2)
     block = block_mesh(line, line, np.linspace(0, 1, 3), ["subcutaneous", "dermis"])
     domain = create_domain(block, MPI.COMM_WORLD, ("cut",))
-    V = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
-    u, way = fem.Function(V), fem.Function(V)
+    bulk = Bulk(domain, soft(1000.0), Solver(locking_ratio=ratio))
+    u, way = bulk.u, fem.Function(bulk.V)
     rng = np.random.default_rng(2)
     start, step = (0.03 * rng.normal(size=u.x.array.size) for _ in range(2))
     way.x.array[:] = step
-    elasticity = Elasticity(domain, soft(1000.0), u, fem.Function(V), 4, ratio)
-    stored = fem.form(elasticity.stored(fem.Constant(domain.mesh, 1.0)))
+    stored = fem.form(bulk.stored(fem.Constant(domain.mesh, 1.0)))
     energies = []
     for h in (1e-4, -1e-4):
         u.x.array[:] = start + h * step
         energies.append(fem.assemble_scalar(stored))
     u.x.array[:] = start
-    work = fem.assemble_scalar(fem.form(elasticity.residual(way)))
+    work = fem.assemble_scalar(fem.form(bulk.residual(way)))
     assert work == pytest.approx((energies[0] - energies[1]) / 2e-4, rel=1e-6)

@@ -19,10 +19,10 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
 
-from tactile_fem.mechanics import newton
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
+from tactile_fem.solvers import lagging
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.solvers.multigrid import TwoLevel
+from tactile_fem.solvers.lagging import Lagging
 from tactile_fem.study import Solver, Sphere, Tissue
 
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 4.0])
@@ -59,7 +59,7 @@ def pressed(comm=MPI.COMM_WORLD, **solver) -> tuple[FingerProblem, int]:
 @pytest.fixture
 def always_set_up(monkeypatch):
     """Set multigrid up with each Jacobian: what is kept would blur what the smoother is worth."""
-    monkeypatch.setattr(TwoLevel, "is_outdated", True)
+    monkeypatch.setattr(Lagging, "needs_preconditioner", lambda self, snes: True)
 
 
 @pytest.mark.ranks
@@ -98,11 +98,12 @@ def test_the_last_step_spares_a_jacobian_and_loses_nothing(linear, monkeypatch):
     # promises 1e-10 N for the last step, a tenth of what is asked.
     problem, _ = pressed(linear=linear, petsc={**STRICT, "snes_atol": 1e-9}, tangent_iterations=1)
     guess = problem.u.x.array.copy()
-    built = Mock(wraps=problem.equilibrium._tangent.assemble)
-    monkeypatch.setattr(problem.equilibrium._tangent, "assemble", built)
+    jacobian = problem.solver._jacobian
+    built = Mock(wraps=jacobian.assemble_contact)
+    monkeypatch.setattr(jacobian, "assemble_contact", built)
     found = {}
     for caution in (4.0, np.inf):
-        monkeypatch.setattr(newton, "_CAUTION", caution)
+        monkeypatch.setattr(lagging, "_SAFETY_FACTOR", caution)
         problem.u.x.array[:] = guess
         built.reset_mock()
         report = problem.solve(np.array([0, -0.0503, 0.4]), 0.01)
@@ -118,16 +119,16 @@ def test_the_last_step_spares_a_jacobian_and_loses_nothing(linear, monkeypatch):
 @pytest.mark.ranks
 def test_no_linear_solve_goes_further_than_newton_will():
     problem, _ = pressed()
-    assert problem.snes.getKSP().getTolerances()[1] == pytest.approx(0.3 * 1e-8)
+    assert problem.solver.snes.getKSP().getTolerances()[1] == pytest.approx(0.3 * 1e-8)
     report = problem.solve(np.array([0, -0.1, 0.4]), 0.01)
     assert 1e-10 < report.residual_N < 1e-8
 
 
 def test_a_line_is_inverted_whole():
     problem, _ = pressed()
-    matrix = problem.snes.getJacobian()[1]
-    smoother = problem.snes.getKSP().getPC().getMGSmoother(1).getPC()
-    problem.equilibrium._jacobian.fill()
+    matrix = problem.solver.snes.getJacobian()[1]
+    smoother = problem.solver.snes.getKSP().getPC().getMGSmoother(1).getPC()
+    problem.solver._jacobian.fill()
     smoother.getPythonContext().invert(matrix)
     dense = matrix.convert("dense", out=type(matrix)()).getDenseArray()
     x, y = matrix.createVecs()
@@ -155,7 +156,7 @@ def test_layers_without_columns_are_told(columns, caplog, monkeypatch):
 
 
 if __name__ == "__main__":
-    TwoLevel.is_outdated = True
+    Lagging.needs_preconditioner = lambda self, snes: True
     found = pressed(petsc=STRICT)[1]
     if MPI.COMM_WORLD.rank == 0:
         print(found)

@@ -37,7 +37,7 @@ def press(problem: FingerProblem) -> int:
 
 def smoothing_steps(problem: FingerProblem) -> int:
     """Return how many steps the smoother of multigrid takes."""
-    smoother = problem.snes.getKSP().getPC().getMGSmoother(1)
+    smoother = problem.solver.snes.getKSP().getPC().getMGSmoother(1)
     return int(smoother.getTolerances()[3])
 
 
@@ -66,9 +66,9 @@ def test_what_a_script_sets_after_import_is_heeded_and_wins(database):
     database["tactile_mg_levels_ksp_max_it"] = 4
     problem = layered_block(petsc={"snes_max_it": 2, "snes_atol": 1e-9})
     press(problem)
-    _, atol, _, most = problem.snes.getTolerances()
+    _, atol, _, most = problem.solver.snes.getTolerances()
     assert (atol, most, smoothing_steps(problem)) == (1e-9, 40, 4)
-    assert problem.options["snes_max_it"] == "40"
+    assert problem.solver.options["snes_max_it"] == "40"
 
 
 @pytest.mark.parametrize("end", ["closed", "forgotten"])

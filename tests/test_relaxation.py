@@ -16,7 +16,7 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
 from sphere_on_block import sphere_on_block
-from tactile_fem.mechanics.elasticity import Elasticity
+from terms import Bulk
 
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.study import Tissue
@@ -40,18 +40,16 @@ class Piece:
         line = np.array([0.0, 1.0])
         mesh = block_mesh(line, line, np.array([0.0, 1.0]), LAYERS[:1])
         domain = create_domain(mesh, MPI.COMM_SELF)
-        self._V = V = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
-        self._u = fem.Function(V)
-        self.elasticity = Elasticity(domain, tissue, self._u, fem.Function(V), 4)
-        self._name = next(iter(domain.tissues_of(domain.tissue)))
-        P, dx = self.elasticity.stress(self._name), self.elasticity.measure()
+        self._bulk = bulk = Bulk(domain, tissue)
+        name = next(iter(bulk.tissues.tags))
+        P, dx = bulk.stress(name), bulk.tissues.dx
         self._P = [fem.form(P[i, j] * dx) for i in range(3) for j in range(3)]
-        self._W = fem.form(self.elasticity.energy(self._name) * dx)
+        self._W = fem.form(bulk.energy(name) * dx)
 
     def stress(self, F: np.ndarray, dt_s: float) -> np.ndarray:
         """Return the first Piola stress at `F`, a time step after what was accepted, in MPa."""
-        self._u.interpolate(lambda x: (F - np.eye(3)) @ x)
-        self.elasticity.set_time_step(dt_s)
+        self._bulk.u.interpolate(lambda x: (F - np.eye(3)) @ x)
+        self._bulk.begin_step(dt_s)
         return np.array([fem.assemble_scalar(form) for form in self._P]).reshape(3, 3)
 
     def stored(self) -> float:
@@ -59,8 +57,7 @@ class Piece:
         return fem.assemble_scalar(self._W)
 
     def accept(self) -> None:
-        relaxation = self.elasticity.relaxation
-        relaxation.accept(relaxation.present())
+        self._bulk.accept()
 
     def follow(self, path: Callable[[float], np.ndarray], times_s: np.ndarray) -> list[np.ndarray]:
         """Return the stresses along a path of `F` from rest at time 0."""
@@ -233,7 +230,7 @@ def test_contact_holds_relaxing_skin_and_a_checkpoint_goes_on():
         assert load.imbalance_N < 1e-9
         assert load.gap_error_mm < 0.01
     assert forces[-1] < 0.95 * forces[-2]  # the skin relaxes
-    saved = made.state.gather(made.order)
+    saved = made.gather()
     other = sphere_on_block(relaxing())
     other.restore(saved)
     for problem in (made, other):

@@ -602,7 +602,7 @@ class Walled(Floor):
     ],
 )
 def test_bad_parts_are_found_before_any_long_work(study, parts, sentence, monkeypatch):
-    monkeypatch.setattr("tactile_fem.simulation.setup.create_domain", None)
+    monkeypatch.setattr("tactile_fem.simulation.simulation.create_domain", None)
     with pytest.raises(StudyError, match=sentence):
         scan(study, parts=parts)
 
@@ -610,12 +610,12 @@ def test_bad_parts_are_found_before_any_long_work(study, parts, sentence, monkey
 class Soft:
     """A law of one's own that does not tell its energy in shear."""
 
-    def energy(self, F):
+    def energy(self, F, X):
         return 1e-3 * ufl.tr(F.T * F)
 
 
 def test_an_own_law_of_a_tissue_that_relaxes_must_know_shear(study, monkeypatch):
-    monkeypatch.setattr("tactile_fem.simulation.setup.create_domain", None)
+    monkeypatch.setattr("tactile_fem.simulation.simulation.create_domain", None)
     relaxing = study.model_copy(update={"tissue": Tissue(relaxation="fingerpad")})
     with pytest.raises(StudyError, match=r"dermis relaxes .* needs a method in_shear"):
         scan(relaxing, parts=Parts(laws={"dermis": Soft()}))

@@ -14,12 +14,11 @@ from mpi4py import MPI  # isort: skip
 from blocks import block_mesh
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
-from tactile_fem.mechanics.elasticity import Elasticity
+from terms import Bulk
 
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.mechanics.domain import NodeOrder, create_domain, roller
 from tactile_fem.mechanics.obstacle import Obstacle
-from tactile_fem.mechanics.state import State
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.options import LINEAR, NEWTON
 from tactile_fem.study import Solver, Sphere, Tissue
@@ -50,12 +49,13 @@ class Penalty:
     def __init__(self, stiffness: float) -> None:
         domain, degree = block(), 10
         msh = domain.mesh
-        V = fem.functionspace(msh, ("Lagrange", 2, (3,)))
-        self.state = state = State(V)
+        bulk = Bulk(domain, TISSUE)
+        V = bulk.V
+        self.state = state = bulk.state
         self.u = state.u
         v = ufl.TestFunction(V)
         facets = np.sort(domain.surface.find(SURFACES["skin"]))
-        self.obstacle = Obstacle(BALL.body(), state, facets, degree)
+        self.obstacle = Obstacle(BALL.body(), state, facets, Solver(contact_degree=degree))
         self.shear_old = self.obstacle.quadrature_function((3,))
         nu, k = self.obstacle.normal, fem.Constant(msh, stiffness)
         pressure = k * ufl.max_value(-self.obstacle.gap, 0.0)
@@ -68,13 +68,11 @@ class Penalty:
             "ds", msh, subdomain_data=domain.surface, metadata={"quadrature_degree": degree}
         )(SURFACES["skin"])
         traction = pressure * nu + shear
-        elasticity = Elasticity(domain, TISSUE, state.u, state.u_old, Solver().bulk_degree)
-        bulk = elasticity.residual(v)
         maps = self.obstacle.entity_maps
         held = NodeOrder(domain, V).held_dofs()
         self.held = [fem.dirichletbc(np.zeros(3), held, V), *symmetry(V)]
         self.problem = fem_petsc.NonlinearProblem(
-            bulk - ufl.dot(traction, v) * skin,
+            bulk.residual(v) - ufl.dot(traction, v) * skin,
             self.u,
             bcs=self.held,
             petsc_options_prefix="penalty_",

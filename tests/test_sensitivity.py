@@ -5,13 +5,10 @@ from math import exp
 
 import numpy as np
 import pytest
-from tactile_fem.simulation.setup import Setup
 
 from tactile_fem.calibration.sensitivity import Sensitivities
-from tactile_fem.simulation.parts import Parts
+from tactile_fem.simulation import Simulation
 from tactile_fem.study import Finger, Protocol, Receptors, Solver, Sphere, Study, Tissue
-
-from mpi4py import MPI  # isort: skip
 
 # Modulus and inverse of a bulk modulus; a law's own terms and viscosity's modulus change with them.
 CHANGES = (
@@ -46,19 +43,18 @@ def changed(study: Study, change: dict[tuple[str, str], float], x: float) -> Stu
 
 def run(study: Study, changes=()) -> tuple[np.ndarray, np.ndarray]:
     """Return force and SED after each step, and their derivatives."""
-    instruments = Setup.of(study, Parts(), MPI.COMM_WORLD).instruments(MPI.COMM_WORLD)
-    problem, values, derivatives = instruments.problem, [], []
+    values, derivatives = [], []
+    with closing(Simulation(study)) as simulation:
+        problem = simulation.problem
+        sensitivities = Sensitivities(problem, changes)
 
-    def read():
-        return np.append(problem.load().force_N, instruments.probe.read().sed_kPa)
+        def read():
+            return np.append(problem.load().force_N, simulation.receptors.read().sed_kPa)
 
-    with closing(problem):
-        if changes:
-            sensitivities = Sensitivities(problem, changes)
-            problem.before_accept.append(lambda: derivatives.append(sensitivities.derivative(read)))
-        problem.before_accept.append(lambda: values.append(read()))
-        for _ in instruments.stepper:
-            pass
+        for _ in simulation.steps():
+            sensitivities.follow()
+            derivatives.append(sensitivities.derivative(read))
+            values.append(read())
     return np.array(values), np.array(derivatives)
 
 

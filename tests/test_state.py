@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -19,12 +19,10 @@ from dolfinx import fem
 
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
-from tactile_fem.mechanics.state import PointHistory, Progress, State
-from tactile_fem.simulation.step_control import StepControl
+from tactile_fem.mechanics.state import PointHistory, State
 
 DEGREE = 2
 LINE, DEPTHS = np.linspace(-3, 3, 4), np.array([0.0, 0.17, 0.82, 1.62, 3.0])
-PROGRESS = Progress(1, (0.1, 0.2, 0.3), 0.5, 2.0, False, 7, StepControl(3.0, 0.1, 1e-4), 0.4)
 
 
 class Squeezed(PointHistory):
@@ -70,7 +68,7 @@ class Made:
         V = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
         state = State(V)
         squeezed = Squeezed(state.u)
-        state.histories.append(squeezed)
+        state.histories = [squeezed]
         return cls(state, NodeOrder(domain, V), squeezed)
 
     def go(self, k: int) -> None:
@@ -78,7 +76,7 @@ class Made:
         state = self.state
         state.u.interpolate(lambda x: 1e-2 * k * np.array([x[1], x[0] ** 2, np.maximum(x[0], 0)]))
         state.translation.value[:] = 0.0, -0.1 * k, 0.5
-        state.dt_s = 0.01 * k
+        state.time_step.value = 0.01 * k
         owned = state.u.function_space.dofmap.index_map.size_local
         friction = 2 * state.u.x.array.reshape(-1, 3)[:owned]
         state.accept(np.array([0.0, 0.0, 0.3 * k]), friction, 3 * k)
@@ -93,7 +91,6 @@ def gone() -> Made:
     made = Made.on(MPI.COMM_WORLD)
     for k in (1, 2):
         made.go(k)
-    made.state.progress = PROGRESS
     return made
 
 
@@ -109,8 +106,8 @@ def assert_close(values, expected, name="") -> None:
 
 
 def assert_same(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
-    assert one.keys() == other.keys() and one["progress"] == other["progress"]
-    for name in one.keys() - {"progress"}:
+    assert one.keys() == other.keys()
+    for name in one:
         of_points = name.startswith("squeezed")
         pair = (by_place(s[name]) if of_points else s[name] for s in (one, other))
         assert_close(*pair, name)
@@ -147,7 +144,6 @@ def test_what_is_gathered_does_not_depend_on_the_ranks(gone):
     alone = Made.on(MPI.COMM_SELF)
     for k in (1, 2):
         alone.go(k)
-    alone.state.progress = PROGRESS
     saved = gone.gathered()
     assert_same(saved, alone.gathered())
     rows = by_place(saved["squeezed"])
@@ -157,27 +153,30 @@ def test_what_is_gathered_does_not_depend_on_the_ranks(gone):
 
 @pytest.mark.ranks
 def test_what_is_restored_is_what_was_saved(gone):
-    saved, made, prepared = gone.gathered(), Made.on(MPI.COMM_WORLD), []
+    saved, made = gone.gathered(), Made.on(MPI.COMM_WORLD)
     made.go(5)  # of which nothing may be left
     state = made.state
-
-    def prepare(place, dt_s):
-        """Keep what the preconditioner is made of."""
-        prepared.append((place.tolist(), dt_s))
-        assert_close(made.order.gather(state.u), saved["u"])
-        assert_close(made.order.gather(state.u_old), saved["u_before"])
-        assert_close(made.squeezed.old.x.array, gone.squeezed.before)
-        np.testing.assert_allclose(state.translation_old.value, saved["translation_before"])
-
-    state.restore(saved, made.order, prepare)
-    assert prepared == [(saved["translation"].tolist(), 0.02)]
+    state.restore(saved, made.order)
     assert_same(made.gathered(), saved)
     assert_close(state.u_old.x.array, gone.state.u_old.x.array)
     assert_close(made.squeezed.old.x.array, gone.squeezed.old.x.array)
-    assert state.progress == PROGRESS
     for each in (gone, made):
         each.go(3)
     assert_same(made.gathered(), gone.gathered())
+
+
+@pytest.mark.ranks
+def test_the_last_step_is_reopened_and_closed_again(gone):
+    state, accepted = gone.state, gone.gathered()
+    with state.reopened():
+        assert_close(gone.order.gather(state.u), accepted["u"])
+        assert_close(gone.order.gather(state.u_old), accepted["u_before"])
+        assert_close(gone.squeezed.old.x.array, gone.squeezed.before)
+        np.testing.assert_allclose(state.translation_old.value, accepted["translation_before"])
+        np.testing.assert_allclose(state.translation.value, accepted["translation"])
+        assert state.dt_s == 0.02
+    assert_same(gone.gathered(), accepted)
+    np.testing.assert_array_equal(state.u_old.x.array, state.u.x.array)
 
 
 @pytest.mark.ranks
@@ -186,20 +185,20 @@ def test_what_one_rank_saved_is_restored_on_all(gone):
     for k in (1, 2):
         alone.go(k)
     made = Made.on(MPI.COMM_WORLD)
-    made.state.restore(alone.gathered(), made.order, lambda place, dt_s: None)
+    made.state.restore(alone.gathered(), made.order)
     assert_close(made.squeezed.old.x.array, gone.squeezed.old.x.array)
     assert_close(made.squeezed.before, gone.squeezed.before)
     assert_close(made.state.u.x.array, gone.state.u.x.array)
 
 
-def test_a_state_at_rest_is_restored_without_a_preconditioner():
+def test_a_state_at_rest_is_restored():
     made, other = Made.on(MPI.COMM_SELF), Made.on(MPI.COMM_SELF)
     saved = made.gathered()
     assert saved["squeezed"].shape == (0, 5)
     other.go(1)
-    other.state.restore(saved, other.order, lambda place, dt_s: pytest.fail("nothing to prepare"))
+    other.state.restore(saved, other.order)
     assert not other.state.u.x.array.any() and not other.squeezed.old.x.array.any()
-    assert other.state.progress is None
+    assert other.state.iterations == 0
 
 
 def test_no_history_sees_another_one_moved_on():
@@ -212,15 +211,8 @@ def test_no_history_sees_another_one_moved_on():
             return made.squeezed.old.x.array.copy()
 
     behind = Behind(made.state.u)
-    made.state.histories.append(behind)
+    made.state.histories = [made.squeezed, behind]
     made.go(1)
     first = made.squeezed.old.x.array.copy()
     made.go(2)
     np.testing.assert_array_equal(behind.old.x.array, first)
-
-
-def test_progress_is_kept_as_text():
-    assert Progress.from_json(PROGRESS.to_json()) == PROGRESS
-    control = StepControl(1.0, 0.1, 0.01, (0.5,))
-    with_outputs = replace(PROGRESS, control=control)
-    assert Progress.from_json(with_outputs.to_json()).control.outputs_s == ()  # the path's to know

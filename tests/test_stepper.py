@@ -14,14 +14,15 @@ from mpi4py import MPI
 
 from blocks import block_mesh
 from dolfinx import fem
-from tactile_fem.mechanics.newton import SolveReport
 
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.state import State
 from tactile_fem.path import Hold, Lift, Motion, Path, Press, Protocol, Slide
-from tactile_fem.simulation.stepper import Step, Stepper
+from tactile_fem.simulation.step import Step
+from tactile_fem.simulation.stepper import Stepper
+from tactile_fem.solvers.report import SolveReport
 from tactile_fem.study import Solver
 
 SOLVER = Solver(first_step_mm=0.1, max_press_step_mm=0.2)
@@ -56,7 +57,7 @@ class Spring:
 
     def solve(self, place: np.ndarray, dt_s: float) -> SolveReport:
         self.state.translation.value[:] = place
-        self.state.dt_s = dt_s
+        self.state.time_step.value = dt_s
         self.solves.append((place, dt_s))
         return SolveReport(True, 3, 9, 0.0, "")
 
@@ -69,8 +70,11 @@ class Spring:
     def accept(self, load: Load) -> None:
         self.state.accept(load.force_N, load.friction_N, 3)
 
+    def gather(self) -> dict[str, np.ndarray]:
+        return self.state.gather(self.order)
+
     def restore(self, saved) -> None:
-        self.state.restore(saved, self.order, lambda place, dt_s: None)
+        self.state.restore(saved, self.order)
 
 
 def steps_of(path: Path, solver: Solver = SOLVER) -> list[Step]:
@@ -128,10 +132,10 @@ def test_a_held_force_is_held():
 def test_what_is_interrupted_goes_on_the_same():
     whole = steps_of(TO_FORCE)
     for cut in (1, len(of(whole, "press")), len(of(whole, "press")) + 3, len(whole) - 1):
-        problem = Spring()
-        taken = list(islice(Stepper(problem, TO_FORCE, SOLVER), cut))
+        stepper = Stepper(Spring(), TO_FORCE, SOLVER)
+        taken = list(islice(stepper, cut))
         assert taken[-1].index == cut
-        saved = problem.state.gather(problem.order)
+        saved = stepper.gather()
         stepper = Stepper(Spring(), TO_FORCE, SOLVER)
         stepper.restore(saved)
         rest = list(stepper)

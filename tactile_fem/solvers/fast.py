@@ -1,7 +1,8 @@
 """The fast solver: Newton's method with a lagged tangent, on the skin near the body, by multigrid.
 
-`tactile_fem.solvers.lagging` decides when tangent and preconditioner are new. Both follow from the
-accepted state where a step begins, so a scan may be restarted from any step.
+`tactile_fem.solvers.lagging` decides when tangent and preconditioner are new. From one step to the
+next the solver carries the displacement at which the tangent was assembled; the preconditioner
+follows from it and the accepted state. So a scan may be restarted from any step.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from dolfinx.fem import petsc as fem_petsc
 
 from tactile_fem.errors import TactileError
 from tactile_fem.mechanics.compile import jit_options
+from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers import multigrid
 from tactile_fem.solvers.jacobian import Jacobian
@@ -84,6 +86,7 @@ class FastSolver:
             self._jit,
             is_symmetric=all(term.is_symmetric for term in problem.bulk),
         )
+        self._tangent_at = problem.u.x.array.copy()
         self._two_level: multigrid.TwoLevel | None = None
         self._operator = self._equations.A
         if uses_multigrid:
@@ -239,23 +242,43 @@ class FastSolver:
         problem = self._problem
         return problem.contact.obstacle.compile(ufl.derivative(problem.bulk_residual(), problem.u))
 
+    # --- from step to step -----------------------------------------------------------------------
+
     def end_step(self) -> None:
-        """Make tangent and preconditioner at the present, converged displacement.
+        """Make the preconditioner, and the tangent if the step made none, at the converged state.
 
         The next step begins with them. Made at its guess, where the contact is not known yet, they
         would slow Newton's method down.
         """
-        self._lagging.discard()
-        if self._two_level and not self._two_level.is_set_up:
-            # Through SNES, which lets its preconditioner be set up with its first Jacobian alone.
-            fem_petsc.assign(self._state.u, self._equations.x)
-            self.snes.computeJacobian(self._equations.x, self._operator, self._equations.A)
-            return
+        if not self._lagging.is_of_this_solve:
+            self._lagging.discard()
         with common.Timer("tactile: solve"):
             self._take_displacement()
             self._assemble_tangent()
             if self._two_level:
                 self._set_up()
+
+    def gather(self, order: NodeOrder) -> dict[str, np.ndarray]:
+        """Return what `restore` takes, independent of the number of ranks, on every rank."""
+        field = fem.Function(self._state.u.function_space)
+        field.x.array[:] = self._tangent_at
+        return {"tangent_at": order.gather(field)}
+
+    def restore(self, saved: dict[str, np.ndarray], order: NodeOrder) -> None:
+        """Make tangent and preconditioner as `end_step` left them.
+
+        The problem is at the end of that step, reopened.
+        """
+        u, x = self._state.u, self._equations.x
+        accepted = u.x.array.copy()
+        order.scatter(saved["tangent_at"], u)
+        self._lagging.discard()
+        self._take_displacement()
+        self._assemble_tangent()
+        u.x.array[:] = accepted
+        # Through SNES, which lets its preconditioner be set up with its first Jacobian alone.
+        fem_petsc.assign(u, x)
+        self.snes.computeJacobian(x, self._operator, self._equations.A)
 
     # --- what SNES calls -------------------------------------------------------------------------
 
@@ -299,6 +322,7 @@ class FastSolver:
         """Assemble the bulk's part if it is due, and the contact's."""
         with common.Timer("tactile: jacobian"):
             if self._lagging.needs_tangent(self.snes, self._state.dt_s):
+                self._tangent_at[:] = self._state.u.x.array
                 self._jacobian.assemble_bulk()
             self._jacobian.assemble_contact()
 

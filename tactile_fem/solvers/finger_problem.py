@@ -78,14 +78,14 @@ class FingerProblem(Problem):
 
     def gather(self) -> dict[str, np.ndarray]:
         """Return the accepted state, independent of the number of ranks, on every rank."""
-        return self.state.gather(self.order)
+        return {**self.state.gather(self.order), **self.solver.gather(self.order)}
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
         """Restore what `gather` returned; the next step takes the same iterations."""
         self.state.restore(saved, self.order)
         if self.state.iterations:
             with self.reopened():
-                self.solver.end_step()
+                self.solver.restore(saved, self.order)
 
     def close(self) -> None:
         """Free the solver; all ranks must call it. `state` stays."""

@@ -2,7 +2,7 @@
 
 The tissues' part of the Jacobian hardly changes within a step, but takes nine tenths of the time to
 assemble, so it is lagged: Newton iterations share it. The contact's part never is. A step begins
-with the tangent and the preconditioner of the last accepted state.
+with the last step's tangent, and a preconditioner made at the accepted state.
 
 =====================  ===========================================================================
 new tangent            where the contact zone has been found; where the last iteration shows that
@@ -39,11 +39,16 @@ class Lagging:
     ----------
     max_uses
         Uses of a tangent before it is assembled anew; 1 is Newton's method as it stands.
+
+    Attributes
+    ----------
+    is_of_this_solve
+        Whether the present solve has assembled the tangent.
     """
 
     def __init__(self, max_uses: int) -> None:
         self._max_uses = self._uses = max_uses
-        self._is_of_this_solve = False
+        self.is_of_this_solve = False
         self._dt_s = 0.0
 
     @property
@@ -62,7 +67,7 @@ class Lagging:
 
     def begin_solve(self) -> None:
         """Count the tangent at hand as that of an earlier state."""
-        self._uses, self._is_of_this_solve = 0, False
+        self._uses, self.is_of_this_solve = 0, False
 
     def discard(self) -> None:
         """Have the next tangent assembled."""
@@ -75,11 +80,11 @@ class Lagging:
             self._uses >= self._max_uses
             or not math.isclose(dt_s, self._dt_s, rel_tol=_SAME_STEP)
             or self.needs_preconditioner(snes)
-            or (found and not self._is_of_this_solve)
+            or (found and not self.is_of_this_solve)
             or (found and _was_slow(snes))
         )
         if renew:
-            self._dt_s, self._uses, self._is_of_this_solve = dt_s, 0, True
+            self._dt_s, self._uses, self.is_of_this_solve = dt_s, 0, True
         self._uses += 1
         return renew
 

@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
+from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.options import NEWTON, PLAIN, clear_options, set_options
 from tactile_fem.solvers.report import LinearSolve, SolveReport
@@ -52,6 +53,14 @@ class PlainSolver:
 
     def end_step(self) -> None:
         """Do nothing: the next step begins anew."""
+
+    def gather(self, order: NodeOrder) -> dict[str, np.ndarray]:
+        """Return nothing."""
+        del order
+        return {}
+
+    def restore(self, saved: dict[str, np.ndarray], order: NodeOrder) -> None:
+        """Do nothing."""
 
     def residual(self) -> np.ndarray:
         """Return this rank's residual at the present displacement, in N; zero where held."""

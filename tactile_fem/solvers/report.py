@@ -11,6 +11,8 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from tactile_fem.mechanics.domain import NodeOrder
+
 _REASONS = {
     value: name.lower().replace("_", " ")
     for name, value in vars(PETSc.SNES.ConvergedReason).items()
@@ -68,6 +70,12 @@ class StepSolver(Protocol):
 
     def end_step(self) -> None:
         """Prepare the next step at a converged state, before it is accepted."""
+
+    def gather(self, order: NodeOrder) -> dict[str, np.ndarray]:
+        """Return what it carries to the next step, independent of the number of ranks."""
+
+    def restore(self, saved: dict[str, np.ndarray], order: NodeOrder) -> None:
+        """Go on from what `gather` returned, the problem being at the end of the last step."""
 
     def residual(self) -> np.ndarray:
         """Return this rank's residual at the present displacement, in N; zero where held."""

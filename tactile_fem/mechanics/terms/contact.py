@@ -77,6 +77,8 @@ class Contact(Term):
     ----------
     obstacle
         The rigid body in UFL.
+    friction
+        Coulomb's coefficient, a constant.
     facets
         The skin, tagged with its tissues.
     parts
@@ -98,7 +100,7 @@ class Contact(Term):
         self.facets = tissues.domain.skin_by_tissue()
         self.obstacle = Obstacle(body, tissues.state, np.sort(self.facets.indices), solver)
         self._solver = solver
-        self._friction = fem.Constant(msh, friction)
+        self.friction = fem.Constant(msh, friction)
         self._gamma = fem.Constant(msh, solver.nitsche_gamma)
         self._width, self._softness = (
             fem.Constant(msh, solver.contact_width_MPa),
@@ -125,7 +127,7 @@ class Contact(Term):
             stiffness = sum_of(term.skin_stiffness(tissue, self._gamma, height) for term in bulk)
             law = ContactLaw(
                 self.obstacle,
-                self._friction,
+                self.friction,
                 stiffness,
                 self._width,
                 self._softness,
