@@ -13,7 +13,6 @@ from petsc4py import PETSc  # isort: skip
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.jacobian import Jacobian
 from tactile_fem.solvers.lagging import Lagging
-from tactile_fem.solvers.plain import PlainSolver
 from tactile_fem.study import Tissue
 
 PLACES = [(0, 0, 0.15), (0, 0, 0.3), (0, -0.05, 0.3), (0, -0.1, 0.3)]
@@ -57,18 +56,6 @@ def test_lagging_changes_the_cost_and_no_result(assembled):
         calls.append(assembled.call_count)
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-8)
     assert calls[1] < 0.6 * calls[0]
-
-
-@pytest.mark.ranks
-@pytest.mark.parametrize("relaxation", ["none", "fingerpad"])
-def test_the_fast_solver_finds_what_the_plain_one_finds(relaxation):
-    tissue = Tissue.model_validate({"set": "proposed", "relaxation": relaxation})
-    fast = sphere_on_block(tissue)
-    plain = sphere_on_block(tissue, make_solver=PlainSolver)
-    np.testing.assert_allclose(go(fast), go(plain), rtol=0, atol=1e-8)
-    forces = [made.load().force_N for made in (fast, plain)]
-    np.testing.assert_allclose(*forces, rtol=1e-8, atol=1e-10)
-    np.testing.assert_allclose(fast.solver.residual(), plain.solver.residual(), atol=1e-10)
 
 
 def test_newton_goes_on_with_new_tangents_where_a_lagged_one_leads_astray(assembled):

@@ -78,6 +78,7 @@ class Lagging:
         found = _contact_is_found(snes)
         renew = (
             self._uses >= self._max_uses
+            or not self.is_on
             or not math.isclose(dt_s, self._dt_s, rel_tol=_SAME_STEP)
             or self.needs_preconditioner(snes)
             or (found and not self.is_of_this_solve)

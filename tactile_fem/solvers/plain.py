@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
+from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.options import NEWTON, PLAIN, clear_options, set_options
@@ -25,13 +26,14 @@ class PlainSolver:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self.options = {**NEWTON, **PLAIN}
+        self.options = {**NEWTON, **PLAIN, **problem.settings.petsc}
         self._prefix = set_options(self.options, problem.domain.comm)
         self._equations = equations = fem_petsc.NonlinearProblem(
             problem.residual(),
             problem.u,
             bcs=problem.bcs,
             petsc_options_prefix=self._prefix,
+            jit_options=jit_options(problem.settings.compiler_flags),
             entity_maps=problem.contact.obstacle.entity_maps,
         )
         self.snes = equations.solver

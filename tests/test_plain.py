@@ -1,0 +1,63 @@
+"""The plain solver is the oracle: the fast one finds the same, on a block, a finger, a section."""
+
+from __future__ import annotations
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+from sphere_on_block import sphere_on_block
+
+from tactile_fem.simulation import Simulation
+from tactile_fem.solvers.fast import FastSolver
+from tactile_fem.solvers.plain import PlainSolver
+from tactile_fem.study import Cylinder, Finger, Protocol, Receptors, Solver, Study, Text, Tissue
+
+PLACES = [(0, 0, 0.15), (0, 0, 0.3), (0, -0.05, 0.3), (0, -0.1, 0.3)]
+TIGHT = Solver(petsc={"snes_atol": 1e-10}, max_press_step_mm=0.2)
+SMALL = Finger(pad_size_mm=3.0, far_size_mm=6.0)
+SECTION = Finger(kind="section", pad_size_mm=1.0, far_size_mm=3.0)
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize("relaxation", ["none", pytest.param("fingerpad", marks=pytest.mark.slow)])
+def test_on_a_block(relaxation):
+    tissue = Tissue.model_validate({"set": "proposed", "relaxation": relaxation})
+    found = []
+    for make_solver in (FastSolver, PlainSolver):
+        made = sphere_on_block(tissue, make_solver=make_solver)
+        for place in PLACES:
+            made.state.reset()
+            assert made.solve(np.array(place, dtype=float), 0.01).converged
+            load = made.accept()
+        found.append((made.order.gather(made.u), load.force_N, made.solver.residual()))
+    (u, force, residual), (plain_u, plain_force, plain_residual) = found
+    np.testing.assert_allclose(u, plain_u, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(force, plain_force, rtol=0, atol=1e-8 * force[2] + 1e-9)
+    np.testing.assert_allclose(residual, plain_residual, rtol=0, atol=1e-10)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("finger", "stimulus", "depth_mm"),
+    [(SMALL, Text(text="G"), 0.4), (SECTION, Cylinder(radius_mm=4.0), 0.4)],
+    ids=["small", "section"],
+)
+def test_on_a_finger(finger, stimulus, depth_mm):
+    study = Study(
+        finger=finger,
+        stimulus=stimulus,
+        protocol=Protocol(depth_mm=depth_mm, distance_mm=0.1),
+        receptors=Receptors(half_width_mm=1.0, spacing_mm=1.0),
+        solver=TIGHT,
+    )
+    found = []
+    for make_solver in (FastSolver, PlainSolver):
+        with closing(Simulation(study, make_solver=make_solver)) as simulation:
+            steps = list(simulation.steps())
+            felt = simulation.receptors.read()
+            found.append((np.array([step.force_N for step in steps]), felt.sed_kPa))
+    (force, sed), (plain_force, plain_sed) = found
+    assert force[-1, 2] > 1e-3
+    np.testing.assert_allclose(force, plain_force, rtol=0, atol=1e-6 * force.max())
+    np.testing.assert_allclose(sed, plain_sed, rtol=0, atol=1e-6 * sed.max())
