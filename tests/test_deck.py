@@ -282,7 +282,7 @@ SHEAR = np.array([[1.0, 0.4, 0.1], [0.0, 0.9, 0.2], [0.1, 0.0, 1.1]])
 
 
 def energy_of(constants: Polynomial, F: np.ndarray) -> float:
-    return float(law_of(constants).energy(ufl.as_matrix(F.tolist()))(()))
+    return float(law_of(constants).energy(ufl.as_matrix(F.tolist()), ufl.zero(3))(()))
 
 
 def piola(constants: Polynomial, F: np.ndarray) -> np.ndarray:

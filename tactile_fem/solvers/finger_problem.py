@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -43,7 +44,8 @@ class FingerProblem(Problem):
         **kwargs: Any,
     ) -> None:
         super().__init__(*args, **kwargs)
-        self.solver = make_solver(self)
+        # A proxy: in a circle, PETSc's objects would wait for the garbage collector.
+        self.solver = make_solver(weakref.proxy(self))
         self._iterations = 0
 
     def solve(self, translation: np.ndarray, dt_s: float) -> SolveReport:
