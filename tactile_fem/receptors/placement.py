@@ -3,79 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import TISSUES, FingerMesh
+from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.simplex import lowest_facet
 from tactile_fem.receptors.settings import TIPS, Receptors, misplaced
-from tactile_fem.receptors.tips import tips
 
 _BATCH = 1000  # random points that are tried at a time
+_PROMINENCE_MM = 0.01  # of a tip: more than the mesh's noise, far less than a papilla
+_PAD_MM = 3.0  # height of the pad above its lowest point
 
 
-@dataclass(frozen=True)
-class Samples:
-    """Points whose weighted mean is a receptor's reading.
+class Samples(NamedTuple):
+    """Points whose weighted mean is a receptor's reading, (samples,) each."""
 
-    Attributes
-    ----------
-    receptor, cell
-        Index of the receptor and of the cell in the mesh, (samples,).
-    tissue
-        Tag of the tissue, (samples,).
-    point
-        Position, (samples, 3) mm.
-    weight
-        Share in the receptor's mean, (samples,).
-    """
-
-    receptor: np.ndarray
-    cell: np.ndarray
-    tissue: np.ndarray
-    point: np.ndarray
-    weight: np.ndarray
+    receptor: np.ndarray  # index
+    cell: np.ndarray  # index in the mesh
+    tissue: np.ndarray  # tag
+    point: np.ndarray  # (samples, 3) mm
+    weight: np.ndarray  # share in the receptor's mean
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Receptors of one or more populations, one population after the other.
+class Layout(NamedTuple):
+    """Receptors of one or more populations, one population after the other."""
 
-    Attributes
-    ----------
-    positions_mm
-        (receptors, 3).
-    population
-        Name of each receptor's population, (receptors,).
-    samples
-        Points to be averaged.
-    """
-
-    positions_mm: np.ndarray
-    population: np.ndarray
+    positions_mm: np.ndarray  # (receptors, 3)
+    population: np.ndarray  # name of each receptor's population
     samples: Samples
-
-    @classmethod
-    def of(cls, receptors: Receptors, finger: FingerMesh, population: str) -> Layout:
-        """Return the layout of one population; raises what `place` and `sample` raise."""
-        positions = place(receptors, finger)
-        names = np.array([population] * len(positions))
-        return cls(positions, names, sample(receptors, positions, finger))
 
     @classmethod
     def joined(cls, layouts: Sequence[Layout]) -> Layout:
         """Return the receptors of several layouts, numbered on from one to the next."""
-        counts = [len(layout.positions_mm) for layout in layouts]
-        first = np.repeat(np.cumsum([0, *counts[:-1]]), [len(a.samples.cell) for a in layouts])
-        columns = [vars(layout.samples).values() for layout in layouts]
-        receptor, *others = (np.concatenate(part) for part in zip(*columns, strict=True))
-        return cls(
-            np.concatenate([layout.positions_mm for layout in layouts]),
-            np.concatenate([layout.population for layout in layouts]),
-            Samples(receptor + first, *others),
-        )
+        positions, names, samples = zip(*layouts, strict=True)
+        first = np.cumsum([0, *map(len, positions[:-1])])
+        pairs = zip(samples, first, strict=True)
+        numbered = [own._replace(receptor=own.receptor + start) for own, start in pairs]
+        together = Samples(*map(np.concatenate, zip(*numbered, strict=True)))
+        return cls(np.concatenate(positions), np.concatenate(names), together)
 
 
 def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
@@ -100,6 +67,42 @@ def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
         placed, xy = [], _layout(receptors, half, finger)
     xy = np.concatenate([xy, np.reshape(receptors.extra_mm, (-1, 2))])
     return np.array([*placed, *(_lift(x, y, facets)[0] for x, y in xy)])
+
+
+def tips(finger: FingerMesh, placement: str) -> np.ndarray:
+    """Return the tips of a section's interface (n, 3) in mm, from one end of the pad to the other.
+
+    "intermediate_ridges" are deepest at their tips, "papillae" shallowest. Limiting ridges are left
+    out where the skin has ridges: they lie below its grooves or, if the papillae are not aligned
+    with the ridges, on one flank of them. Raises StudyError if there are no tips.
+    """
+    from scipy.signal import find_peaks  # takes 0.3 s, and few studies need it
+
+    along = finger.plane.axes[0]
+
+    def palmar(surface: str) -> np.ndarray:
+        facets = finger.facets[finger.surface == SURFACES[surface]]
+        points = finger.nodes[np.unique(facets[:, : finger.simplex.dim])]
+        points = points[points[:, 2] < points[:, 2].min() + _PAD_MM]
+        return points[np.argsort(points[:, along])]
+
+    def peaks(points: np.ndarray, sign: int) -> np.ndarray:
+        return points[find_peaks(sign * points[:, 2], prominence=_PROMINENCE_MM)[0]]
+
+    found = peaks(palmar("interface"), -1 if placement == "papillae" else 1)
+    if placement != "papillae":
+        grooves, crests = (peaks(palmar("skin"), sign)[:, along] for sign in (1, -1))
+        if len(grooves) and len(crests):
+            to_crest, to_groove = (
+                np.abs(found[:, along, None] - places).min(axis=1) for places in (crests, grooves)
+            )
+            found = found[to_crest <= to_groove + _PROMINENCE_MM]
+    if len(found) < 2:  # the pad itself has one lowest point
+        raise StudyError(
+            f'receptors.placement = "{placement}": the interface has no such tips; set '
+            "finger.papilla_depth_mm"
+        )
+    return found
 
 
 def _layout(receptors: Receptors, half: np.ndarray, finger: FingerMesh) -> np.ndarray:

@@ -49,8 +49,8 @@ class ReceptorState:
 class Probe:
     """Evaluates fields at the receptors: points located once, one small product for each step.
 
-    Within a cell the fields are interpolated at cubic nodes, so a reading is a fixed linear
-    combination of nodal values.
+    Within a cell the fields are interpolated at cubic `nodes` (nodes, 3) of the reference cell, so
+    a reading is a product with `weights` (receptors, cells x nodes); `cells` are this rank's.
 
     Parameters
     ----------
@@ -60,42 +60,28 @@ class Probe:
         Points to be averaged, and the number of receptors.
     fields
         What is evaluated.
-
-    Attributes
-    ----------
-    cells
-        This rank's cells that are read.
-    nodes
-        Reference points at which fields are evaluated in each of them, (nodes, 3).
-    weights
-        Share of each cell's nodes in the readings, (receptors, cells x nodes).
     """
 
     def __init__(
-        self,
-        problem: Problem,
-        samples: Samples,
-        count: int,
-        fields: Sequence[Field] = STANDARD,
+        self, problem: Problem, samples: Samples, count: int, fields: Sequence[Field] = STANDARD
     ) -> None:
         self.fields = tuple(fields)
         self._comm = problem.domain.comm
         self._mesh = problem.domain.mesh
-        cell = self._mesh.topology.cell_name()
-        element = basix.ufl.element("DG", cell, 3).basix_element
-        self.nodes = element.points
-        count_in_cell = len(self.nodes)
+        element = basix.ufl.element("DG", self._mesh.topology.cell_name(), 3).basix_element
+        self.nodes, nodes = element.points, len(element.points)
 
         file_cells = problem.domain.owned_file_cells()
-        owner = {int(cell): local for local, cell in enumerate(file_cells)}
-        mine = np.array([int(c) in owner for c in samples.cell], dtype=bool)
-        local = np.array([owner[int(c)] for c in samples.cell[mine]], dtype=np.int32)
-        self.cells, column = np.unique(local, return_inverse=True)
-        basis = self._basis(element, local, problem.domain.plane.within(samples.point[mine]))
-        rows = np.repeat(samples.receptor[mine], count_in_cell)
-        columns = (column[:, None] * count_in_cell + np.arange(count_in_cell)).ravel()
+        local = np.full(problem.domain.cell_count, -1, dtype=np.int32)
+        local[file_cells] = np.arange(len(file_cells))
+        mine = local[samples.cell] >= 0
+        cells = local[samples.cell[mine]]
+        self.cells, column = np.unique(cells, return_inverse=True)
+        basis = self._basis(element, cells, problem.domain.plane.within(samples.point[mine]))
+        rows = np.repeat(samples.receptor[mine], nodes)
+        columns = (column[:, None] * nodes + np.arange(nodes)).ravel()
         weights = (samples.weight[mine, None] * basis).ravel()
-        shape = count, len(self.cells) * count_in_cell
+        shape = count, len(self.cells) * nodes
         self.weights = scipy.sparse.csr_array((weights, (rows, columns)), shape=shape)
 
         self._compiled = []
@@ -152,13 +138,7 @@ def material_point(problem: Problem, tissue: str) -> MaterialPoint:
 
 
 class CellEnergy:
-    """Strain energy density of every cell, for field files.
-
-    Parameters
-    ----------
-    problem
-        The finger; cells of held tissues have no energy.
-    """
+    """Strain energy density of every cell, for field files; cells of held tissues have none."""
 
     def __init__(self, problem: Problem) -> None:
         domain = problem.domain

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from tactile_fem.finger.plane import Plane
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from tactile_fem.finger.mesh_data import FingerMesh
     from tactile_fem.receptors.placement import Layout
 
-_MOST = 100_000
+_MAX_COUNT = 100_000
 # Placements at the tips of a section's epidermis-dermis interface.
 TIPS = ("intermediate_ridges", "papillae")
 
@@ -60,7 +61,7 @@ class Receptors(Settings):
 
     @model_validator(mode="after")
     def _are_few(self) -> Self:
-        """Refuse more receptors than a fingertip has by far."""
+        """Refuse far more receptors than a fingertip has."""
         across, along = 2 * self.half_width_mm, 2 * self.half_length_mm
         rows, columns = across / self.spacing_mm, along / self.spacing_mm
         count = max(rows, columns)  # both lines are laid out, whatever the placement
@@ -68,29 +69,24 @@ class Receptors(Settings):
             count = max(count, rows * columns)
         elif self.placement in ("random", "afferents"):
             count = max(count, self.density_per_cm2 * across * along / 100)
-        if count > _MOST:
+        if count > _MAX_COUNT:
             raise ValueError(
-                f"{count:.3g} receptors are more than {_MOST:,}; choose a smaller extent, a longer "
-                "spacing_mm or a lower density_per_cm2"
+                f"{count:.3g} receptors are more than {_MAX_COUNT:,}; choose a smaller extent, a "
+                "longer spacing_mm or a lower density_per_cm2"
             )
         return self
 
     def shared_with(self, own: dict[str, Any]) -> dict[str, Any]:
-        """Return what a population takes over that has some keys of its own: all."""
+        """Return the keys that a population inherits: all."""
         return self.model_dump()
 
     def lay_out(self, finger: FingerMesh, population: str) -> Layout:
-        """Place the receptors of a population and find the points that they average.
+        """Place the receptors of a population; raises what `place` and `sample` raise."""
+        from tactile_fem.receptors.placement import Layout, place, sample
 
-        Raises
-        ------
-        StudyError
-            A receptor lies outside the finger or far from the tissue, or the placement does not
-            suit the finger.
-        """
-        from tactile_fem.receptors.placement import Layout
-
-        return Layout.of(self, finger, population)
+        positions = place(self, finger)
+        names = np.full(len(positions), population)
+        return Layout(positions, names, sample(self, positions, finger))
 
 
 def misplaced(receptors: Receptors, plane: Plane) -> str:
