@@ -12,13 +12,12 @@ from tactile_fem.neuron import (
     Response,
     current_at,
     load,
-    pool,
     respond,
     save,
     to_neo,
     transduction,
 )
-from tactile_fem.neuron.variability import Variability
+from tactile_fem.neuron.membrane import Variability
 from tactile_fem.study import Neuron
 
 MODELS = ["hamasaki2020", "logarithmic", "gerling2018"]
@@ -430,20 +429,6 @@ def test_neo_gets_every_spike():
 def test_annotations_are_one_for_each_receptor():
     with pytest.raises(StudyError, match="kind has 1 values; it needs 2, one a receptor"):
         to_neo(Response([np.empty(0), np.array([0.1])], 0.0, 0.5), kind=["SA1"])
-
-
-def test_receptive_fields_are_means_or_maxima_of_their_points():
-    points = np.array([[0.0, 0], [1, 0], [2, 0], [9, 0]])
-    sed = np.array([[1.0, 2, 6, 7], [4, 2, 0, 5]])
-    mean, largest = (pool(sed, points, [[1.0, 0], [9, 0]], 1.0, rule) for rule in ("mean", "max"))
-    assert mean == pytest.approx(np.array([[3, 7], [2, 5]]))
-    assert largest == pytest.approx(np.array([[6, 7], [4, 5]]))
-    one = pool(sed, points, points, 0.0)
-    assert np.array_equal(one, sed)
-    with pytest.raises(StudyError, match="No point lies within 1 mm of afferent 1"):
-        pool(sed, points, [[0.0, 0], [5, 0]], 1.0)
-    with pytest.raises(StudyError, match=r"it needs \(t, 4\)"):
-        pool(sed[:, :2], points, points, 0.0)
 
 
 def test_neurons_need_neither_solver_nor_plots():

@@ -1,7 +1,7 @@
 """From the drive of a receptor to the spikes of its afferent (NumPy, SciPy)."""
 
 from tactile_fem.neuron.currents import ExponentialSum, Segment, Transduction
-from tactile_fem.neuron.drives import DRIVES, Drive, Histories, drive_of, pool
+from tactile_fem.neuron.drives import DRIVES, Drive, Histories, drive_of
 from tactile_fem.neuron.fields import Field, MaterialPoint
 from tactile_fem.neuron.population import Population, fields_of, fire_all, replaced, respond
 from tactile_fem.neuron.rates import (
@@ -38,7 +38,6 @@ __all__ = [
     "fit",
     "load",
     "mean_rates",
-    "pool",
     "rate_of",
     "replaced",
     "respond",

@@ -17,14 +17,8 @@ _ROUNDING = 4 * np.finfo(float).eps
 class ExponentialSum:
     """The functions ``p + q s + sum_j c_j exp(-s/tau_j)``, one per column.
 
-    Attributes
-    ----------
-    constant, slope
-        p and q, (n,).
-    amplitudes
-        c_j, (k, n).
-    times
-        tau_j, (k,), all different.
+    `constant` p and `slope` q are (n,), `amplitudes` c_j (k, n), and `times` tau_j (k,), all
+    different.
     """
 
     constant: Array
@@ -114,20 +108,9 @@ def root(
     """Return where functions change sign between `low` and `high`, to rounding, (n,).
 
     Newton's method, with a bisection where it leaves the bracket or does not halve its step. The
-    iterations of one function do not depend on those of the others.
-
-    Parameters
-    ----------
-    function
-        Returns values and derivatives at (n,) places.
-    low, high
-        The brackets, (n,).
-    rising
-        Whether a function is negative at `low`, (n,).
-    size
-        Magnitude of the terms of the values, which sets their rounding.
-    start
-        First guess.
+    iterations of one function do not depend on those of the others. `function` returns values and
+    derivatives at (n,) places, `rising` says whether a function is negative at `low`, and `size` is
+    the magnitude of the terms of the values, which sets their rounding.
     """
     x = 0.5 * (low + high) if start is None else np.clip(start, low, high)
     last_step = high - low
@@ -157,14 +140,9 @@ def root(
 class Segment(NamedTuple):
     """A stretch of time with one expression for the current.
 
-    Attributes
-    ----------
-    start_s, length_s
-        Start and length, s: numbers, or (n,) where the receptors' stretches differ.
-    current_pA
-        The current over the time since the start, pA.
-    who
-        Which receptors; the membranes of all have been advanced to the start.
+    `start_s` and `length_s` are numbers, or (n,) where the stretches of receptors differ. The
+    current is a function of the time since the start. `who` selects the receptors; the membranes of
+    all have been advanced to the start.
     """
 
     start_s: Any

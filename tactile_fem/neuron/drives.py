@@ -40,10 +40,8 @@ class Drive:
     def of(self, histories: Histories) -> tuple[Array, Array]:
         """Return times, s, (t,), and the quantity, (t, receptors).
 
-        Raises
-        ------
-        StudyError
-            A history is missing, or the quantity is not finite or not of that shape.
+        Raises StudyError if a history is missing, or the quantity is not finite or has another
+        shape.
         """
         try:
             value = self.value(histories)
@@ -107,44 +105,6 @@ def _numbers(name: str, values: ArrayLike) -> Array:
         where = tuple(int(k) for k in np.argwhere(wrong)[0])
         raise StudyError(f"{name} is {array[where]} at index {where}; all values must be finite.")
     return array
-
-
-def pool(
-    drive: ArrayLike,
-    points_mm: ArrayLike,
-    afferents_mm: ArrayLike,
-    radius_mm: float,
-    rule: Literal["mean", "max"] = "mean",
-) -> Array:
-    """Return the drive of afferents with end organs at several points, (t, afferents).
-
-    Parameters
-    ----------
-    drive
-        Of the points, (t, points).
-    points_mm, afferents_mm
-        Places, (points, d) and (afferents, d).
-    radius_mm
-        Reach of an afferent's branches.
-    rule
-        Mean of the points within reach, or the largest value at each sample.
-
-    Raises
-    ------
-    StudyError
-        An afferent has no point within reach, or `drive` another number of points.
-    """
-    from scipy.spatial import cKDTree
-
-    felt, points = np.asarray(drive, dtype=float), np.asarray(points_mm, dtype=float)
-    if felt.ndim != 2 or felt.shape[1] != len(points):
-        raise StudyError(f"drive has shape {felt.shape}; it needs (t, {len(points)}).")
-    fields = cKDTree(points).query_ball_point(np.asarray(afferents_mm, dtype=float), radius_mm)
-    for number, near in enumerate(fields):
-        if not near:
-            raise StudyError(f"No point lies within {radius_mm:g} mm of afferent {number}.")
-    combine: Any = np.mean if rule == "mean" else np.max
-    return np.column_stack([combine(felt[:, near], axis=1) for near in fields])
 
 
 # Drives by name; your own may be added. Principal values increase; tension is positive.

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.currents import ExponentialSum, Segment, root
 from tactile_fem.neuron.settings import Neuron
-from tactile_fem.neuron.variability import Variability
 
 Array = NDArray[Any]
 _SHORTEST_INTERVAL_S = 1e-5  # shorter intervals between spikes are an error of the input
+_GAINS, _DISTANCES = 0, 1  # keys of the streams
+_BLOCK = 64  # numbers drawn at a time
 
 
 class Membrane:
@@ -41,12 +42,7 @@ class Membrane:
     where an upper bound of the current lets V reach the threshold. A negative current drives V
     below 0 without a floor.
 
-    Parameters
-    ----------
-    neuron
-        The constants; pF GOhm = ms, pA GOhm = mV.
-    variability
-        Random factors of the distance from the reset to the threshold.
+    Units: pF GOhm = ms, pA GOhm = mV.
     """
 
     def __init__(self, neuron: Neuron, variability: Variability) -> None:
@@ -212,3 +208,38 @@ class Course:
         """Return V - level, mV, and dV/ds, mV/s."""
         v = self.at(s)
         return v - level, (self.resistance * self.current.at(s) - v) / self.tau
+
+
+class Variability:
+    """Log-normal factors of the gains and of the distances from reset to threshold.
+
+    Each afferent has its own stream of random numbers, which follows from the seed and the
+    afferent's number, `units` (n,): spikes do not depend on the other afferents.
+    """
+
+    def __init__(self, neuron: Neuron, units: NDArray[np.int64]) -> None:
+        self._neuron, self._units = neuron, units
+        self.count = len(units)
+        self._used = np.zeros(self.count, dtype=np.int64)
+        self._normal = np.zeros((self.count, _BLOCK if neuron.threshold_noise else 0))
+
+    def gains(self) -> Array:
+        """Return the factor of each afferent's gains, median 1, (n,)."""
+        first = [self._draw(_GAINS, unit, 0)[0] for unit in self._units.tolist()]
+        return np.exp(self._neuron.gain_spread * np.array(first))
+
+    def after_spike(self, which: Array) -> Array:
+        """Return the next factors of the distances of some, median 1, without repetition."""
+        if not self._neuron.threshold_noise:
+            return np.ones(len(which))
+        place = self._used[which] % _BLOCK
+        for k in which[place == 0].tolist():
+            block = int(self._used[k]) // _BLOCK
+            self._normal[k] = self._draw(_DISTANCES, int(self._units[k]), block)
+        self._used[which] += 1
+        return np.exp(self._neuron.threshold_noise * self._normal[which, place])
+
+    def _draw(self, purpose: int, unit: int, block: int) -> Array:
+        key = [self._neuron.seed, purpose]
+        stream = np.random.Philox(key=key, counter=[0, 0, block, unit])
+        return np.random.Generator(stream).standard_normal(_BLOCK)

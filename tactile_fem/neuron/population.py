@@ -13,11 +13,10 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron.currents import Transduction
 from tactile_fem.neuron.drives import Drive, Histories, checked_sed, drive_of
 from tactile_fem.neuron.fields import STANDARD, Field
-from tactile_fem.neuron.membrane import Membrane
+from tactile_fem.neuron.membrane import Membrane, Variability
 from tactile_fem.neuron.response import Response
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.neuron.transduction import transduction_of
-from tactile_fem.neuron.variability import Variability
 
 Array = NDArray[Any]
 
@@ -46,15 +45,10 @@ def respond(
         Numbers of the afferents, (receptors,), which select their random numbers; default 0, 1,
         2 ... Parts of a population so fire as the whole does.
 
-    Returns
-    -------
-    Response
-        Spikes per receptor.
-
     Raises
     ------
     StudyError
-        Shapes that do not fit, values that are not finite, times that do not increase, negative
+        Shapes that do not match, values that are not finite, times that do not increase, negative
         strain energy density.
     """
     time, sed = checked_sed(time_s, sed_kPa)
@@ -119,7 +113,7 @@ class Population:
             raise StudyError(f"afferents.{self.name}.feels: {error}") from None
 
     def fire(self, histories: Histories) -> Response:
-        """Return the spikes of the population's afferents.
+        """Return the spikes of the population's afferents; raises what `respond` raises.
 
         Parameters
         ----------
@@ -127,11 +121,6 @@ class Population:
             Arrays of a trace. With ``population`` (receptors,), names, only the receptors of this
             name fire. Their numbers, which select random numbers, count from 0 within the
             population, so it fires as it would alone.
-
-        Raises
-        ------
-        StudyError
-            As `tactile_fem.neuron.respond`, and of the drive.
         """
         time, felt = self.drive.of(histories)
         if "population" in histories:
@@ -151,12 +140,9 @@ def fire_all(populations: Iterable[Population], histories: Histories) -> Respons
 
 
 def fields_of(populations: Iterable[Population]) -> tuple[Field, ...]:
-    """Return the fields of every trace and those that the drives of populations need besides.
+    """Return the fields of every trace and those that the drives of populations need.
 
-    Raises
-    ------
-    StudyError
-        Two of them have the same name.
+    Raises StudyError if two fields have the same name.
     """
     found = {field.name: field for field in STANDARD}
     for population in populations:
@@ -172,12 +158,9 @@ def fields_of(populations: Iterable[Population]) -> tuple[Field, ...]:
 def replaced(
     populations: Iterable[Population], own: Iterable[Population]
 ) -> tuple[Population, ...]:
-    """Return the populations, each of one's own in the place of its namesake.
+    """Return the populations, with own ones in place of those of the same name.
 
-    Raises
-    ------
-    StudyError
-        One of one's own has no namesake.
+    Raises StudyError if an own one has no namesake.
     """
     found = {population.name: population for population in populations}
     for population in own:

@@ -46,37 +46,19 @@ class FitWarning(UserWarning):
 
 
 class Window(NamedTuple):
-    """A stretch of time and the mean rates in it.
-
-    Attributes
-    ----------
-    start_s, end_s
-        Start and end, s.
-    rate_Hz
-        Spikes/s, (receptors,).
-    sd_Hz
-        Standard deviation of the rates, a number or (receptors,).
-    """
+    """A stretch of time and the mean rates in it."""
 
     start_s: float
     end_s: float
-    rate_Hz: ArrayLike
-    sd_Hz: ArrayLike = 1.0
+    rate_Hz: ArrayLike  # spikes/s, (receptors,)
+    sd_Hz: ArrayLike = 1.0  # standard deviation of the rates, a number or (receptors,)
 
 
 class Recording(NamedTuple):
-    """Drive of the receptors in an experiment, and measured rates of their afferents.
+    """Drive of the receptors in an experiment, and measured rates of their afferents."""
 
-    Attributes
-    ----------
-    time_s, drive
-        History, s (t,) and, for example, kPa (t, receptors).
-    windows
-        Measured rates.
-    """
-
-    time_s: ArrayLike
-    drive: ArrayLike
+    time_s: ArrayLike  # (t,)
+    drive: ArrayLike  # (t, receptors), for example in kPa
     windows: Sequence[Window]
 
 
@@ -113,7 +95,9 @@ def fit(
     """Fit constants of a transduction to mean rates.
 
     All gains are first scaled by one common factor, the best of several; then all free constants
-    follow from least squares on the deviations in all windows.
+    follow from least squares on the deviations in all windows. A `FitWarning` names a constant
+    that has no effect, is at its limit, that others can compensate for, or whose interval is wider
+    than its value.
 
     Parameters
     ----------
@@ -128,18 +112,11 @@ def fit(
     ------
     StudyError
         Bad history, windows or names.
-
-    Warns
-    -----
-    FitWarning
-        A constant is not determined: it has no effect, is at its limit, others can compensate
-        for it, or its interval is wider than its value.
     """
     from scipy.optimize import least_squares
 
-    recordings = [_checked(k, recording, neuron) for k, recording in enumerate(recordings)]
-    _check_names(free, recordings)
-    windows = [window for recording in recordings for window in recording.windows]
+    cases = _checked(recordings, neuron, free)
+    windows = [window for case in cases for window in case[2]]
     rates = [np.asarray(window.rate_Hz, dtype=float) for window in windows]
     measured, ends = np.concatenate(rates), np.cumsum([len(rate) for rate in rates])[:-1]
     sd = np.concatenate(
@@ -152,11 +129,7 @@ def fit(
 
     def modelled(x: Array) -> Array:
         model = _with(neuron, free, scale * x)
-        found = [
-            mean_rates(np.asarray(r.time_s), np.asarray(r.drive), r.windows, model).ravel()
-            for r in recordings
-        ]
-        return np.concatenate(found)
+        return np.concatenate([mean_rates(*case, model).ravel() for case in cases])
 
     def residuals(x: Array) -> Array:
         return (modelled(x) - measured) / sd
@@ -292,36 +265,45 @@ def _doubt(acts: bool, at_limit: int, value: float, half: float) -> str:
     return ""
 
 
-def _check_names(free: Sequence[str], recordings: Sequence[Recording]) -> None:
+def _checked(
+    recordings: Sequence[Recording], neuron: Neuron, free: Sequence[str]
+) -> list[tuple[Array, Array, Sequence[Window]]]:
+    """Return the recordings' arrays; raise StudyError if there is anything invalid."""
     unknown = [name for name in free if name not in _BOUNDS]
     if unknown or not free:
         raise StudyError(f"fit can free {', '.join(_BOUNDS)}, not {', '.join(unknown) or 'none'}.")
     if not recordings:
         raise StudyError("fit needs a recording.")
-
-
-def _checked(number: int, recording: Recording, neuron: Neuron) -> Recording:
-    """Return a recording as arrays; raise StudyError if it is not valid."""
     if neuron.threshold_jump_mV:
         raise StudyError("neuron.threshold_jump_mV must be 0: with it the rate has no formula.")
-    time, drive = checked(recording.time_s, recording.drive, f"recording {number}: its drive")
-    if not recording.windows:
-        raise StudyError(f"recording {number} needs a window with rates.")
-    for k, window in enumerate(recording.windows):
-        name = f"recording {number}, window {k}"
-        rate, sd = (np.asarray(values, dtype=float) for values in window[2:])
-        if not time[0] <= window.start_s < window.end_s <= time[-1]:
-            raise StudyError(
-                f"{name}, {window.start_s:g} to {window.end_s:g} s, is not within the history, "
-                f"{time[0]:g} to {time[-1]:g} s."
-            )
-        if rate.shape != (drive.shape[1],) or not np.isfinite(rate).all() or (rate < 0).any():
-            raise StudyError(f"{name} needs {drive.shape[1]} finite rates from 0 on.")
-        if sd.shape not in ((), rate.shape) or not np.isfinite(sd).all() or (sd <= 0).any():
-            raise StudyError(f"{name} needs one sd_Hz above 0, or one for each receptor.")
-        if neuron.refractory_s and rate.max() >= 1 / neuron.refractory_s:
-            raise StudyError(
-                f"{name} has {rate.max():g} spikes/s, which neuron.refractory_s = "
-                f"{neuron.refractory_s:g} s does not allow."
-            )
-    return Recording(time, drive, recording.windows)
+    found = []
+    for number, (time_s, drive, windows) in enumerate(recordings):
+        name = f"recording {number}"
+        time, values = checked(time_s, drive, f"{name}: its drive")
+        if not windows:
+            raise StudyError(f"{name} needs a window with rates.")
+        for k, window in enumerate(windows):
+            if problem := _invalid(window, time, values.shape[1], neuron):
+                raise StudyError(f"{name}, window {k}{problem}")
+        found.append((time, values, windows))
+    return found
+
+
+def _invalid(window: Window, time: Array, count: int, neuron: Neuron) -> str:
+    """Return what is wrong with a window, the end of a sentence; empty if it is valid."""
+    rate, sd = (np.asarray(values, dtype=float) for values in window[2:])
+    if not time[0] <= window.start_s < window.end_s <= time[-1]:
+        return (
+            f", {window.start_s:g} to {window.end_s:g} s, is not within the history, {time[0]:g} "
+            f"to {time[-1]:g} s."
+        )
+    if rate.shape != (count,) or not np.isfinite(rate).all() or (rate < 0).any():
+        return f" needs {count} finite rates from 0 on."
+    if sd.shape not in ((), rate.shape) or not np.isfinite(sd).all() or (sd <= 0).any():
+        return " needs one sd_Hz above 0, or one for each receptor."
+    if neuron.refractory_s and rate.max() >= 1 / neuron.refractory_s:
+        return (
+            f" has {rate.max():g} spikes/s, which neuron.refractory_s = {neuron.refractory_s:g} s "
+            "does not allow."
+        )
+    return ""
