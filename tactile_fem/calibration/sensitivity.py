@@ -77,7 +77,7 @@ class Sensitivities:
                 self._difference(change, along, of)
                 for change, along in zip(self._changes, self._along, strict=True)
             ]
-        return np.array(found).reshape(len(found), -1)
+        return np.array(found)
 
     def _zero(self) -> Array:
         return np.zeros_like(self._state.u.x.array)

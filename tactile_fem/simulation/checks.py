@@ -12,6 +12,7 @@ from tactile_fem.finger.plane import AXES, Plane
 from tactile_fem.finger.sizes import PRESETS
 from tactile_fem.neuron import fields_of
 from tactile_fem.path import Path
+from tactile_fem.simulation.parts import Parts
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.whereabouts import miss
 from tactile_fem.study import Protocol, Stimulus, Study
@@ -54,6 +55,22 @@ def check_with_mesh(study: Study, body: RigidBody, mesh: FingerMesh) -> Path:
     check_apart(body, path, mesh)
     study.lay_out(mesh)
     return path
+
+
+def check_made(
+    study: Study, body: RigidBody, path: Path, mesh: FingerMesh | None, parts: Parts
+) -> None:
+    """Try stimulus and path with the finger; own ones are no section's of the study.
+
+    Raises
+    ------
+    StudyError
+        The body goes too deep, starts in the finger or leaves the plane of a section.
+    """
+    assert mesh is not None
+    check_section(study, path, mesh.plane, own_body=parts.body is not None)
+    check_depth(None if parts.path else study.protocol, path, mesh.pad_thickness_mm)
+    check_apart(body, path, mesh)
 
 
 def _checked_path(study: Study, pad_thickness_mm: float, plane: Plane) -> Path:

@@ -241,7 +241,8 @@ class Results:
 
     def save_study(self, study: Study) -> None:
         """Write ``study.toml``, and copy the files that it names."""
-        write_text(self.folder / "study.toml", dump_study(study))
+        text = dump_study(study)
+        write_text(self.folder / "study.toml", text)
         keep_files(study, self.folder, afresh=True)
         self.__dict__.pop("study", None)
 

@@ -25,16 +25,11 @@ from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.state import State
 from tactile_fem.neuron import fields_of, replaced
+from tactile_fem.receptors import Layout
 from tactile_fem.receptors.probe import Probe, ReceptorState
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.ranks import on_root
-from tactile_fem.simulation.checks import (
-    DEEPEST,
-    check_apart,
-    check_depth,
-    check_section,
-    tell_resolution,
-)
+from tactile_fem.simulation.checks import DEEPEST, check_made, tell_resolution
 from tactile_fem.simulation.parts import NO_PARTS, Parts, check_parts
 from tactile_fem.simulation.step import Step
 from tactile_fem.simulation.stepper import Stepper, stopped
@@ -100,25 +95,25 @@ class Simulation:
     ) -> None:
         self.study, self.parts, self._make_solver = study, parts, make_solver
         self.comm = comm = comm or MPI.COMM_WORLD
-        check_options(study.solver)
         check_parts(parts, study.tissue)
+        check_options(study.solver)
         of_study = [afferents.population() for afferents in study.populations]
         self.populations = replaced(of_study, parts.populations)
-        self.files = on_root(comm, lambda: hashes(study.files()))
-        self.finger = finger = on_root(comm, lambda: _finger(study, parts), share=False)
-        thickness_mm = on_root(comm, lambda: finger.pad_thickness_mm)
+        self.finger: FingerMesh | None = None
+
+        def on_first_rank() -> tuple[dict[str, str], float, Layout]:
+            named = study.files()
+            files = hashes(named)
+            self.finger = finger = _finger(study, parts)
+            return files, finger.pad_thickness_mm, study.lay_out(finger)
+
+        self.files, thickness_mm, self.layout = on_root(comm, on_first_rank)
         self.body = parts.body or study.stimulus.body()
         if parts.body is None:  # an own one has been tried
             check_body(self.body, "stimulus")
         self.path = parts.path or study.protocol.route(DEEPEST * thickness_mm)
-        on_root(
-            comm,
-            lambda: check_section(study, self.path, finger.plane, own_body=parts.body is not None),
-        )
-        check_depth(None if parts.path else study.protocol, self.path, thickness_mm)
         check_unchanged(study.files(), self.files)  # the hashes are those of what each rank read
-        self.layout = on_root(comm, lambda: study.lay_out(finger))
-        on_root(comm, lambda: check_apart(self.body, self.path, finger))
+        on_root(comm, lambda: check_made(study, self.body, self.path, self.finger, parts))
 
     # --- the mechanics ---------------------------------------------------------------------------
 
