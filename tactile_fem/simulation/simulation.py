@@ -99,7 +99,7 @@ class Simulation:
         check_options(study.solver)
         of_study = [afferents.population() for afferents in study.populations]
         self.populations = replaced(of_study, parts.populations)
-        self.finger: FingerMesh | None = None
+        self.finger: Any = None  # a FingerMesh on the first rank, which alone uses it
 
         def on_first_rank() -> tuple[dict[str, str], float, Layout]:
             named = study.files()
