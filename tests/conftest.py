@@ -16,7 +16,7 @@ from hidden import (  # noqa: F401
 
 from tactile_fem.runtime import ranks
 from tactile_fem.runtime.logs import PACKAGE
-from tactile_fem.study import Finger
+from tactile_fem.study import Finger, Neuron, Output, Protocol, Receptors, Solver, Study, Text
 
 os.environ.update(ranks.SHARED_CORES)
 # The compiler then takes less than half the time, and the forms half as much again.
@@ -29,6 +29,29 @@ def small_finger() -> Path:
     path = Finger(pad_size_mm=3.0, far_size_mm=6.0).shipped_file()
     assert path is not None
     return path
+
+
+@pytest.fixture(scope="session")
+def study(small_finger) -> Study:
+    """A short press and slide over letters, during which all receptors fire."""
+    return Study(
+        finger=Finger(mesh_file=small_finger),
+        stimulus=Text(text="FG"),
+        protocol=Protocol(depth_mm=0.5, distance_mm=0.4, output_mm=0.2),
+        receptors=Receptors(spacing_mm=2.5),
+        neuron=Neuron(model="hamasaki2020", static_gain_pA_per_kPa=3e4),
+        # Scans are compared, and what Newton's method leaves magnifies rounding a millionfold.
+        solver=Solver(first_slide_step_mm=0.05, petsc={"snes_atol": 1e-11}),
+        output=Output(pictures=False, fields_mm=0.2),
+    )
+
+
+@pytest.fixture(scope="session")
+def finished(study, tmp_path_factory):
+    """Its scan on one rank; what is in the folder is not to be changed."""
+    from tactile_fem import scan
+
+    return scan(study, tmp_path_factory.mktemp("scan") / "results")
 
 
 @pytest.fixture(autouse=True)
@@ -83,7 +106,7 @@ if RANK is not None:
 
     @pytest.fixture(autouse=True)
     def communicators_given_back():
-        """Close the test's problems, which several ranks keep: MPI's communicators are few."""
+        """Close the test's solvers, which several ranks keep: MPI's communicators are few."""
         before = set(fast._OPEN)
         yield
         for opened in [opened for opened in fast._OPEN if opened not in before]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+from contextlib import closing
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,8 +31,7 @@ from tactile_fem.neuron import (
 )
 from tactile_fem.receptors import place, sample
 from tactile_fem.receptors.probe import CellEnergy, Probe
-from tactile_fem.runtime import ranks
-from tactile_fem.simulation.results import Results
+from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Finger, Plate, Receptors, Solver, Study, Tissue
@@ -113,20 +111,22 @@ def test_afferents_have_their_density_on_the_interface_and_keep_apart():
     assert len(more) == len(positions) + 1 and np.all(more[-1, :2] == 0)
 
 
-@pytest.mark.mpi
-def test_two_ranks_place_the_same_afferents(tmp_path):
-    sizes = ["finger.pad_size_mm=3.0", "finger.far_size_mm=6.0"]
-    settings = [*sizes, "stimulus.kind=plate", "protocol.depth_mm=0.05", "protocol.distance_mm=0.0"]
-    settings += ["receptors.placement=afferents", "output.pictures=false"]
-    words = [word for setting in settings for word in ("--set", setting)]
-    command = [ranks.launcher(), "-n", "2", sys.executable, "-m", "tactile_fem", "scan", *words]
-    subprocess.run([*command, "--results", str(tmp_path / "two")], check=True)
-    results = Results.open(tmp_path / "two")
-    study = results.study
-    positions = place(study.receptors, study.finger.mesh())
-    np.testing.assert_allclose(results.trace["receptors_mm"], positions, atol=1e-12)
-    sed = results.trace["sed_kPa"]
-    assert sed.shape == (len(results.trace["time_s"]), len(positions)) and sed[-1].max() > 0
+@pytest.mark.ranks
+@pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="runs on several ranks")
+def test_several_ranks_place_the_same_afferents():
+    """Where an afferent lies is drawn by chance."""
+    study = Study(
+        finger=Finger(pad_size_mm=3.0, far_size_mm=6.0),
+        stimulus=Plate(),
+        receptors=Receptors(placement="afferents"),
+    )
+    several, one = (Simulation(study, comm=comm) for comm in (MPI.COMM_WORLD, MPI.COMM_SELF))
+    placed = [simulation.layout.positions_mm for simulation in (several, one)]
+    np.testing.assert_array_equal(*placed)
+    with closing(several):
+        next(several.steps())
+        felt = several.receptors.read().sed_kPa
+    assert len(felt) == len(placed[0]) and felt.max() > 0
 
 
 def test_a_receptor_outside_the_finger_is_named():

@@ -14,15 +14,20 @@ import pytest
 import ufl
 from matplotlib.font_manager import findfont
 
+from tactile_fem.runtime import backend, ranks  # noqa: F401
+
+from mpi4py import MPI  # isort: skip
+
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.neuron import Drive, Population
 from tactile_fem.output.histories import at_time
 from tactile_fem.path import Path
-from tactile_fem.runtime import ranks
 from tactile_fem.simulation import Parts, completed, resume, scan
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
+from tactile_fem.simulation.run import ScanResult
+from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import Distance
@@ -37,7 +42,6 @@ from tactile_fem.study import (
     Plate,
     Press,
     Protocol,
-    Receptors,
     Slide,
     Solver,
     Study,
@@ -52,29 +56,8 @@ class Stopped(Exception):
     """Raised by an observer in place of a kill."""
 
 
-@pytest.fixture(scope="session")
-def study(small_finger) -> Study:
-    return Study(
-        finger=Finger(mesh_file=small_finger),
-        stimulus=Text(text="FG"),
-        protocol=Protocol(depth_mm=0.5, distance_mm=0.4, output_mm=0.2),
-        receptors=Receptors(spacing_mm=2.5),
-        # Scans are compared, and what Newton's method leaves magnifies rounding a millionfold.
-        solver=Solver(first_slide_step_mm=0.05, petsc={"snes_atol": 1e-11}),
-        output=Output(pictures=False, fields_mm=0.2),
-    )
-
-
-@pytest.fixture(scope="session")
-def finished(study, tmp_path_factory):
-    """A finished scan on one rank and its folder."""
-    folder = tmp_path_factory.mktemp("scan") / "results"
-    return scan(study, folder), folder
-
-
 def test_a_scan_presses_slides_feels_and_keeps(finished, study):
-    result, folder = finished
-    trace = result.trace
+    trace, folder = finished.trace, finished.folder
     assert trace.time_s[0] == pytest.approx(-0.5 / 20)
     assert trace.time_s[-1] == pytest.approx(0.4 / 20)
     assert trace.depth_mm[-1] == 0.5
@@ -94,7 +77,7 @@ def test_a_scan_presses_slides_feels_and_keeps(finished, study):
     assert trace.sed_kPa.shape == (len(trace.time_s), 5)
     assert np.all(trace.sed_kPa[0] == 0)
     assert trace.sed_kPa[-1].max() > 1e-4
-    assert len(result.response.spikes) == 5
+    assert len(finished.response.spikes) == 5
 
     results = Results.open(folder)
     assert results.study == study
@@ -111,23 +94,33 @@ def test_a_scan_presses_slides_feels_and_keeps(finished, study):
     assert "unknowns" in results.log_file.read_text()
 
 
+def assert_equal(several: Results, one: ScanResult) -> None:
+    """Hold the results of several ranks against those of one."""
+    trace = several.trace
+    np.testing.assert_allclose(trace["time_s"], one.trace.time_s, atol=1e-12)
+    for name in ("sed_kPa", "force_N", "friction_mJ", "work_mJ", "stored_mJ", "contact_area_mm2"):
+        of_one = getattr(one.trace, name)
+        assert np.abs(trace[name] - of_one).max() < 1e-6 * of_one.max(), name
+    counts = [int(np.sum(several.spikes.receptor == k)) for k in range(5)]
+    assert counts == one.response.counts().tolist()
+
+
+@pytest.mark.ranks
+@pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="runs on several ranks")
+def test_several_ranks_equal_one(study, tmp_path):
+    one = scan(study, comm=MPI.COMM_SELF)
+    scan(study, tmp_path / "several")
+    assert_equal(Results.open(tmp_path / "several"), one)
+
+
+@pytest.mark.slow
 @pytest.mark.mpi
-@pytest.mark.parametrize("count", [2, 3])
-def test_more_ranks_equal_one(finished, study, tmp_path, count):
+def test_three_ranks_of_the_command_equal_one(finished, study, tmp_path):
     file = tmp_path / "study.toml"
     file.write_text(dump_study(study))
-    command = [ranks.launcher(), "-n", str(count), sys.executable, "-m", "tactile_fem", "scan"]
-    subprocess.run([*command, str(file), "--results", str(tmp_path / "more")], check=True)
-    one, more = finished[0].trace, Results.open(tmp_path / "more").trace
-    np.testing.assert_allclose(more["time_s"], one.time_s, atol=1e-12)
-    scale = one.sed_kPa.max()
-    assert np.abs(more["sed_kPa"] - one.sed_kPa).max() < 1e-6 * scale
-    for name in ("force_N", "friction_mJ", "work_mJ", "stored_mJ", "contact_area_mm2"):
-        of_one = getattr(one, name)
-        assert np.abs(more[name] - of_one).max() < 1e-6 * of_one.max(), name
-    spikes = Results.open(tmp_path / "more").spikes
-    counts = [len(times) for times in finished[0].response.spikes]
-    assert [int(np.sum(spikes.receptor == k)) for k in range(5)] == counts
+    command = [ranks.launcher(), "-n", "3", sys.executable, "-m", "tactile_fem", "scan"]
+    subprocess.run([*command, str(file), "--results", str(tmp_path / "three")], check=True)
+    assert_equal(Results.open(tmp_path / "three"), finished)
 
 
 def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
@@ -140,7 +133,7 @@ def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
     steps = []
     resumed = resume(tmp_path / "cut", observers=[lambda seen: steps.append(seen.step)])
     assert steps[0].index == 9 and steps[0].phase == "slide"
-    whole = finished[0].trace.arrays()
+    whole = finished.trace.arrays()
     for name, array in resumed.trace.arrays().items():
         if name in ("phase", "population"):
             np.testing.assert_array_equal(array, whole[name])
@@ -210,7 +203,7 @@ def test_two_populations_share_a_scan_that_is_cut_off(finished, study, tmp_path)
         resume(tmp_path / "two", parts=Parts(populations=(Population("PC"),)))
     squeezed = Neuron(model="hamasaki2020", static_gain_pA_per_kPa=1e3)
     result = resume(tmp_path / "two", parts=Parts(populations=(Population("RA", squeezed, felt),)))
-    trace, one = result.trace, finished[0]
+    trace, one = result.trace, finished
     assert trace.population.tolist() == ["SA1"] * 5 + ["RA"] * 3
     np.testing.assert_allclose(trace.receptors_mm[5:, 0], [-5, 0, 5], atol=1e-12)
     for name in ("sed_kPa", "von_mises_kPa", "stretches"):
@@ -256,22 +249,17 @@ def test_pressing_to_a_force(study, monkeypatch, caplog):
 
 
 def test_a_users_finger_is_pressed_as_deep_as_it_is_thick(study, small_finger, tmp_path):
-    """Half as thick, it gives up at four fifths of its own thickness, not of the default's."""
+    """Half as thick, up to four fifths of its own thickness, not of the default's."""
     finger = read_msh(small_finger)
     flat = replace(finger, nodes=finger.nodes * [1.0, 1.0, 0.5])
     write_msh(tmp_path / "flat.msh", flat)
-    settings = {
-        "finger": Finger(mesh_file=tmp_path / "flat.msh"),
-        "stimulus": Plate(),
-        "solver": Solver(first_step_mm=0.3, max_press_step_mm=0.3, min_step_mm=0.1),
-    }
-    hard = Protocol(force_N=1e4, distance_mm=0)
-    with pytest.raises(ConvergenceError, match="stopped") as error:
-        scan(study.model_copy(update={**settings, "protocol": hard}))
-    assert error.value.stimulator_mm[2] <= 0.8 * 0.5 * 5.3 + 0.05
-    through = Protocol(depth_mm=2.7, distance_mm=0)
+    pressed = {"finger": Finger(mesh_file=tmp_path / "flat.msh"), "stimulus": Plate()}
+    hard = {**pressed, "protocol": Protocol(force_N=1e4, distance_mm=0)}
+    deepest = Simulation(study.model_copy(update=hard)).path.places_mm()[:, 2].max()
+    assert deepest == pytest.approx(0.8 * 0.5 * 5.3, abs=0.05)
+    through = {**pressed, "protocol": Protocol(depth_mm=2.7, distance_mm=0)}
     with pytest.raises(StudyError, match=r"protocol\.depth_mm is 2\.7 but must be less than 2\.6"):
-        scan(study.model_copy(update={**settings, "protocol": through}))
+        Simulation(study.model_copy(update=through))
 
 
 def test_a_press_that_meets_nothing_is_said(study, monkeypatch, caplog):
@@ -410,17 +398,20 @@ def test_a_held_force_and_observers_columns_survive_an_interruption(held, held_w
 @pytest.mark.parametrize(
     "pieces",
     [
-        (
-            Press(depth_mm=0.1),
-            Press(depth_mm=0.2),
-            Press(depth_mm=0.3),
-            Hold(time_s=0.01, output_s=0.01),
-            Press(depth_mm=0.35),
-            Slide(by_mm=(0.0, -0.1), output_mm=0.1),
+        pytest.param(
+            (
+                Press(depth_mm=0.1),
+                Press(depth_mm=0.2),
+                Press(depth_mm=0.3),
+                Hold(time_s=0.01, output_s=0.01),
+                Press(depth_mm=0.35),
+                Slide(by_mm=(0.0, -0.1), output_mm=0.1),
+            ),
+            marks=pytest.mark.slow,
+            id="presses",
         ),
-        (Follow(file="down.csv", output_s=0.002), Press(depth_mm=0.3)),
+        pytest.param((Follow(file="down.csv", output_s=0.002), Press(depth_mm=0.3)), id="places"),
     ],
-    ids=["presses", "places"],
 )
 def test_fields_and_states_have_the_times_of_their_steps(study, pieces, tmp_path):
     """Several pieces indent: time 0 is known only at the end of the last."""
@@ -457,6 +448,7 @@ def test_fields_and_states_have_the_times_of_their_steps(study, pieces, tmp_path
     assert check(tmp_path / "cut", resume(tmp_path / "cut").trace) == rows
 
 
+@pytest.mark.slow
 def test_a_scan_with_inertia_holds_a_force_and_survives_an_interruption(study, tmp_path):
     pieces = Press(force_N=0.02), Slide(by_mm=(0.0, -0.1), output_mm=0.05, force_N=0.02)
     solver = study.solver.model_copy(update={"inertia": True, "compiler_flags": ("-O1",)})
