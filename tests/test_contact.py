@@ -68,7 +68,10 @@ def layer_stress(c, stretch: float) -> float:
 
 
 @pytest.mark.ranks
-@pytest.mark.parametrize(("theta", "bent"), [(0, False), (1, False), (-1, False), (0, True)])
+@pytest.mark.parametrize(
+    ("theta", "bent"),
+    [(0, False), (1, False), pytest.param(-1, False, marks=pytest.mark.slow), (0, True)],
+)
 def test_patch_of_four_layers_is_exact(theta, bent):
     """A flat press with held sides: one stretch and one pressure per layer, exactly."""
     depth = 0.3
@@ -102,7 +105,7 @@ def test_patch_of_four_layers_is_exact(theta, bent):
 
 
 @pytest.mark.ranks
-@pytest.mark.parametrize("theta", [0, 1, -1])
+@pytest.mark.parametrize("theta", [0, 1, pytest.param(-1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("state", ["open", "sticking", "slipping"])
 def test_tangent_is_the_derivative_of_the_residual(state, theta):
     contact = problem(Sphere(radius_mm=4.0), nitsche_theta=theta, tangent_iterations=1)

@@ -726,6 +726,7 @@ def test_partition():
     assert number(r"lines cut +(\d+)", output) >= 0
 
 
+@pytest.mark.slow
 def test_revisions_in_turns(tmp_path):
     study = tmp_path / "study.toml"
     study.write_text(

@@ -371,6 +371,7 @@ def with_fat(study: Study, C10_MPa: float) -> Study:
     return study.model_copy(update={"tissue": tissue, "solver": Solver(min_step_mm=0.05)})
 
 
+@pytest.mark.slow
 def test_fat_that_resists_no_shear_leaves_the_load_to_the_skin(study):
     soft, usual = (scan(s).trace for s in (with_fat(study, 1e-30), study))
     assert soft.displacement_mm[-1] == 0.1
@@ -405,6 +406,7 @@ def slid(study: Study, folder: Path, friction: float) -> tuple[Trace, np.ndarray
     return trace, (after - before)[pressed, 1]
 
 
+@pytest.mark.slow
 def test_at_a_friction_of_five_the_skin_sticks(study, tmp_path):
     trace, went = slid(study, tmp_path / "sticky", 5.0)
     usual, slipped = slid(study, tmp_path / "usual", 0.3)

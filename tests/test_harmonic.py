@@ -153,7 +153,9 @@ def test_whatever_breaks_in_a_vibration_the_state_stays_that_of_the_scan():
     assert np.isfinite(vibrating.respond(100.0, [0.0, 0.0, 1.0]).force_N).all()
 
 
-@pytest.mark.parametrize(("axis", "friction"), [(0, 0.5), (2, 0.0)])
+@pytest.mark.parametrize(
+    ("axis", "friction"), [(0, 0.5), pytest.param(2, 0.0, marks=pytest.mark.slow)]
+)
 def test_a_slow_and_small_motion_of_a_body_in_time_gives_the_same(axis, friction):
     steps, period_s, tau_s = 32, 0.1, 0.01
     relaxing = {layer: {"g": (0.4,), "tau_s": (tau_s,)} for layer in LAYERS}

@@ -103,7 +103,9 @@ def errors(stimulus, inner, depth):
 @pytest.mark.parametrize(
     ("stimulus", "depth", "meshes", "bounds"),
     [
-        pytest.param(Sphere(radius_mm=R), 0.05, (2, 4), (0.02, 0.05), id="ball"),
+        pytest.param(
+            Sphere(radius_mm=R), 0.05, (2, 4), (0.02, 0.05), marks=pytest.mark.slow, id="ball"
+        ),
         pytest.param(
             Cylinder(radius_mm=R, along="y"),
             0.07,
@@ -120,6 +122,7 @@ def test_radius_and_peak_pressure_converge_to_hertz(stimulus, depth, meshes, bou
     assert np.all(fine < coarse / 2), (coarse, fine)
 
 
+@pytest.mark.slow
 def test_force_at_a_depth_is_hertz_when_the_size_of_the_body_is_extrapolated():
     """The held surface stiffens the body by a term in 1/size, which two sizes tell."""
     depth, sizes, ratios = 0.05, [], []

@@ -106,7 +106,11 @@ def test_steps_may_be_cut():
 
 
 @pytest.mark.parametrize(
-    ("axis", "friction", "frequency", "without"), [(2, 0.0, 200.0, 1.33), (0, 0.5, 50.0, 1.24)]
+    ("axis", "friction", "frequency", "without"),
+    [
+        (2, 0.0, 200.0, 1.33),
+        pytest.param(0, 0.5, 50.0, 1.24, marks=pytest.mark.slow),
+    ],
 )
 def test_a_body_that_vibrates_in_time_gives_the_harmonic_response(
     axis, friction, frequency, without

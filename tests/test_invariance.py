@@ -26,6 +26,7 @@ LETTER = Text(text="F", g_width_mm=5.0, start_mm=0.0, corner_radius_mm=0.2, fill
 PATH = [(0.0, 0.0, 0.05), (0.0, 0.0, 0.1), (0.01, -0.02, 0.1), (0.03, -0.08, 0.1)]
 DT_S = 0.01
 STILL = np.eye(3), np.zeros(3)
+param, slow = pytest.param, pytest.mark.slow
 
 
 @dataclass(frozen=True)
@@ -103,14 +104,19 @@ def check(moved: Outcome, Q: np.ndarray, u_of=lambda u: u) -> None:
 @pytest.mark.parametrize(
     "Q",
     [
-        Rotation.from_euler("z", 90, degrees=True).as_matrix(),
-        Rotation.from_euler("z", 180, degrees=True).as_matrix(),
-        Rotation.from_euler("x", 37, degrees=True).as_matrix(),
-        pytest.param(Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix(), marks=pytest.mark.ranks),
-        np.diag([-1.0, 1.0, 1.0]),
-        np.diag([1.0, -1.0, 1.0]),
+        param(
+            Rotation.from_euler("z", 90, degrees=True).as_matrix(), marks=slow, id="quarter turn"
+        ),
+        param(Rotation.from_euler("z", 180, degrees=True).as_matrix(), marks=slow, id="half turn"),
+        param(Rotation.from_euler("x", 37, degrees=True).as_matrix(), marks=slow, id="about x"),
+        param(
+            Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix(),
+            marks=pytest.mark.ranks,
+            id="oblique",
+        ),
+        param(np.diag([-1.0, 1.0, 1.0]), id="mirrored in x"),
+        param(np.diag([1.0, -1.0, 1.0]), marks=slow, id="mirrored in y"),
     ],
-    ids=["quarter turn", "half turn", "about x", "oblique", "mirrored in x", "mirrored in y"],
 )
 def test_turned_or_mirrored_everything_gives_the_same(Q):
     c = np.array([0.5, -2.0, 1.5])

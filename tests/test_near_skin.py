@@ -144,6 +144,7 @@ def test_wider_contact_reaches_farther():
     assert count(made) > few
 
 
+@pytest.mark.slow
 def test_all_skin_is_near_where_untouched_skin_is_in_the_form():
     made = problem(nitsche_theta=1, nitsche_gamma=40.0)
     look(made, (0.0, 0.0, -5.0))

@@ -83,6 +83,7 @@ def pressed(mesh: FingerMesh, body, made: Tissue, place: np.ndarray, sides) -> F
     return problem
 
 
+@pytest.mark.slow
 def test_a_thin_slab_between_walls_is_the_section():
     """As the slab gets thin its displacement cannot change across it: equal to 1e-6.
 

@@ -38,7 +38,6 @@ def shortened(code, old, new):
     return code.replace(old, new)
 
 
-@pytest.mark.slow
 def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
     pytest.importorskip("tactile_fem.runtime.backend")
     monkeypatch.chdir(tmp_path)

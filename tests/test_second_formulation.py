@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import pytest
 import ufl
 
 from tactile_fem.runtime import backend  # noqa: F401
@@ -132,6 +133,7 @@ def test_nitsche_and_a_stiff_penalty_give_the_same_forces():
     np.testing.assert_allclose(other[4:, 1], one[4:, 1], rtol=0.01)
 
 
+@pytest.mark.slow
 def test_the_penalty_converges():
     soft, medium, stiff = (penalty(k)[-1, 1:] for k in (0.5, 2.0, 8.0))
     assert np.all(np.abs(stiff - medium) < np.abs(medium - soft) / 2)

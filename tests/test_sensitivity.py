@@ -59,7 +59,7 @@ def run(study: Study, changes=()) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.ranks
-@pytest.mark.parametrize("relaxation", ["none", "fingerpad"])
+@pytest.mark.parametrize("relaxation", [pytest.param("none", marks=pytest.mark.slow), "fingerpad"])
 def test_press_and_slide_with_friction(relaxation):
     """Memories pass the derivatives from step to step: where the skin stuck, how it relaxes."""
     study = pressed_and_slid(relaxation)

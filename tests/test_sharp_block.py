@@ -43,6 +43,7 @@ def test_what_gamma_changes_is_small_and_goes_with_the_mesh():
     assert differences[1] < differences[0]
 
 
+@pytest.mark.slow
 def test_every_theta_gives_the_same_force():
     """With a gamma that is large enough for all three; not optimized, which would take minutes."""
     incomplete, *others = (
@@ -54,7 +55,7 @@ def test_every_theta_gives_the_same_force():
 
 
 @pytest.mark.ranks
-@pytest.mark.parametrize("gamma", [1.2, 6.0])
+@pytest.mark.parametrize("gamma", [1.2, pytest.param(6.0, marks=pytest.mark.slow)])
 def test_the_slid_block_feels_mu_times_its_normal_force(gamma):
     x, y, z = forces(2, gamma, (0.02, 0.1, 0.3, 0.6, 0.9, 1.2, 1.5))[-1]
     assert -y / z == pytest.approx(0.3, rel=5e-3)

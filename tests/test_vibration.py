@@ -273,6 +273,7 @@ def test_several_ranks_find_what_one_does(tmp_path):
         np.testing.assert_allclose(several, one, atol=1e-6 * np.abs(one).max())
 
 
+@pytest.mark.slow
 def test_a_vibration_in_time_is_that_in_frequency(tmp_path):
     """Without inertia, for elastic tissue: what is felt follows the body's sine."""
     wave = {"frequency_Hz": 20.0, "amplitude_mm": 0.002}
