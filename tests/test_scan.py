@@ -337,7 +337,7 @@ def held(study) -> Study:
     pieces = (
         Press(force_N=0.03),
         Hold(time_s=0.02, output_s=0.01, force_N=0.03),
-        Slide(by_mm=(0.0, -0.2), output_mm=0.1, force_N=0.03),
+        Slide(by_mm=(0.0, -0.1), output_mm=0.05, force_N=0.03),
         Lift(depth_mm=-0.05),
     )
     return study.model_copy(update={"protocol": Protocol(path=pieces)})
@@ -364,8 +364,8 @@ def test_a_held_normal_force_stays(held_whole):
     np.testing.assert_allclose(trace.force_N[at_force, 2], 0.03, rtol=2e-3)
     assert np.ptp(trace.depth_mm[at_force]) > 1e-3  # skin relaxes, letters come and go
     assert trace.time_s[trace.phase == "press"][-1] == 0
-    np.testing.assert_allclose(trace.time_s[trace.phase == "slide"][-1], 0.02 + 0.2 / 20)
-    np.testing.assert_allclose(trace.stimulator_mm[-1], [0, -0.2, -0.05], atol=1e-12)
+    np.testing.assert_allclose(trace.time_s[trace.phase == "slide"][-1], 0.02 + 0.1 / 20)
+    np.testing.assert_allclose(trace.stimulator_mm[-1], [0, -0.1, -0.05], atol=1e-12)
     assert abs(trace.force_N[-1, 2]) < 1e-4 and np.all(trace.imbalance_N < 1e-5)
 
 
@@ -373,7 +373,7 @@ def test_a_held_force_and_observers_columns_survive_an_interruption(held, held_w
     cut = tmp_path / "cut"
 
     def stop(seen):
-        if seen.step.phase == "slide" and seen.step.displacement_mm > 0.1:
+        if seen.step.phase == "slide" and seen.step.displacement_mm > 0.05:
             raise Stopped
 
     with pytest.raises(Stopped):
