@@ -272,7 +272,8 @@ def _history_axes(
     axes = figure.subplots(len(heights), sharex=True, squeeze=False, gridspec_kw=grid)[:, 0]
     axes[0].set_xlim(*range_mm)
     axes[-1].set_ylim(low + shown, low)
-    figure.align_ylabels()
+    for one in axes:
+        one.yaxis.set_label_coords(-0.13, 0.5)  # aligned, independent of the tick labels
     return figure, list(axes)
 
 
