@@ -242,7 +242,9 @@ def test_letters_have_holes():
 def test_spikes_of_the_synthetic_folder_are_all_drawn(tmp_path):
     trace = make_trace()
     results = make_results(tmp_path / "r", trace=trace)
-    figure = figures._raster(results, np.arange(21), histories.Abscissa.of(results))
+    figure = figures._raster(
+        results, results.study.populations[0], np.arange(21), histories.Abscissa.of(results)
+    )
     dots = next(one for one in figure.axes[0].lines if one.get_gid() == "spikes")
     assert len(dots.get_xdata()) == sum(map(len, make_spikes(trace)))
     assert np.unique(dots.get_xdata()) == pytest.approx([1, 3, 5, 7, 9])

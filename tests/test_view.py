@@ -136,9 +136,9 @@ def test_what_cannot_be_shown_is_told(tmp_path):
 @needs_graphics
 def test_the_slider_moves_the_finger(results, film):
     from tactile_fem.output.scene import receptor_scene
-    from tactile_fem.output.view import with_slider
+    from tactile_fem.output.view import window
 
-    plotter = with_slider(receptor_scene(results, film))
+    plotter = window(receptor_scene(results, film))
     (slider,) = getattr(plotter, "widgets", plotter).slider_widgets
     assert slider.GetRepresentation().GetValue() == 0
     for value, moved in ((5.0, -0.5), (2.5, -0.25)):

@@ -108,7 +108,7 @@ def view(
         raise StudyError(f"--at-mm is {at_mm:g} but the path in {results} is no straight slide.")
     frames = pictures.frames_of(found, film, look, off_screen=save is not None)
     if save is None:
-        viewing.window(frames)
+        viewing.window(frames).show()
     else:
         viewing.save(frames, save, film.strongest if at_mm is None else film.nearest(at_mm))
         print(f"Written to {save}")

@@ -25,7 +25,7 @@ COLOURS = {
 # Tissues without strain energy.
 RIGID = ("bone", "nail")
 SCALE = "viridis"
-SIZE_INCHES, PICTURE_DPI, FILM_DPI = (7.5, 4.775), 200, 112
+SIZE_INCHES, PICTURE_DPI, WINDOW_DPI, FILM_DPI = (7.5, 4.775), 200, 147, 112
 
 
 class ColourBar(NamedTuple):
@@ -34,6 +34,12 @@ class ColourBar(NamedTuple):
     quantity: str
     scale: Normalize
     box: tuple[float, float, float, float]
+
+
+def pixels(dots_per_inch: int) -> tuple[int, int]:
+    """Return width and height of a picture."""
+    width, height = (int(dots_per_inch * inches) for inches in SIZE_INCHES)
+    return width, height
 
 
 def is_soft(tissue: NDArray[np.integer]) -> NDArray[np.bool_]:

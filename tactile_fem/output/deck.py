@@ -50,15 +50,7 @@ _SMALLEST_INCREMENT = 1e-5
 
 @dataclass(frozen=True)
 class Penalty:
-    """Linear contact law of the deck.
-
-    Attributes
-    ----------
-    stiffness_MPa_per_mm
-        Pressure over penetration.
-    stick_MPa_per_mm
-        Shear over slip while the skin sticks.
-    """
+    """Linear contact law: pressure over penetration, and shear over slip while the skin sticks."""
 
     stiffness_MPa_per_mm: float
     stick_MPa_per_mm: float
@@ -68,12 +60,7 @@ class Penalty:
         """Return Nitsche's stiffness ``gamma M/h`` with h the thickness of the stratum corneum.
 
         Sticking is ten times softer, because CalculiX then converges better and the skin creeps
-        by only a few micrometres.
-
-        Raises
-        ------
-        MeshError
-            The pad of the mesh has no stratum corneum.
+        by only a few micrometres. A pad without stratum corneum raises MeshError.
         """
         layers = finger.layers_mm
         if "stratum_corneum" not in layers:
@@ -115,32 +102,23 @@ def write_deck(
 
     Parameters
     ----------
-    study, finger
-        The study and its mesh.
-    path
-        The deck; CalculiX needs the ending .inp.
     press_step_mm, slide_step_mm
-        Fixed increments towards the finger and across it; default the longest ones that the study
-        allows. The other code may halve them if it does not converge.
+        Fixed increments towards the finger and across it, by default the longest ones that the
+        study allows. The other code may halve them if it does not converge.
     grid_mm
         Spacing of the height field in X and Y.
-    penalty
-        The contact law; default `Penalty.of` the study.
     energy_of
         Tetrahedra, numbered as in the mesh, whose strain energy density is printed at their
         integration points for each increment; the set FELT.
-    code
-        The code that reads the deck.
 
     Raises
     ------
     StudyError
         The path wants a force, the stimulator does not touch the finger, nothing of the mesh is
-        held, or CalculiX should relax.
+        held, or tissue relaxes, which CalculiX cannot do.
     """
     _check_goes_to_places(study.protocol)
-    way = study.protocol.route(0.0)
-    motions = [motion for _, motion in way.plan()]
+    route = study.protocol.route(0.0)
     rigid, fixed = held_parts(finger, study.solver.held)
     deformable = np.flatnonzero(~rigid)
     used = np.unique(finger.cells[deformable])
@@ -151,15 +129,15 @@ def write_deck(
     faces = _element_faces(finger.cells, skin)
     contact = penalty or Penalty.of(study, finger)
     body = study.stimulus.body()
-    missed = miss(body, way.places_mm(), finger.nodes[skin])
+    missed = miss(body, route.places_mm(), finger.nodes[skin])
     if missed is not None:
         raise StudyError(
             f"{missed}; a deck needs contact: correct stimulus.shift_mm or the protocol"
         )
-    field = height_field(body, way.places_mm(), finger.nodes[skin], grid_mm)
+    field = height_field(body, route.places_mm(), finger.nodes[skin], grid_mm)
     if not len(field.cells):
         raise StudyError(f"nothing of the stimulator is wider than grid_mm = {list(grid_mm)}")
-    field = replace(field, points=field.points + way.start_mm)
+    field = replace(field, points=field.points + route.start_mm)
 
     present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[deformable] == tag)]
     relaxing = [name for name in present if getattr(study.tissue, name).g]
@@ -179,8 +157,8 @@ def write_deck(
     printed = _print_lines(code, energy_of is not None)
     slide = slide_step_mm or study.solver.max_slide_step_mm
     press = press_step_mm or study.solver.max_press_step_mm
-    for motion in motions:
-        lines += _step_lines(motion, way.start_mm, (slide, press), printed, bool(relaxing))
+    for _, motion in route.plan():
+        lines += _step_lines(motion, route.start_mm, (slide, press), printed, bool(relaxing))
     write_text(Path(path), "\n".join([*lines, ""]))
     return DeckSize(len(deformable), 3 * (len(used) - len(held)), len(faces))
 
@@ -268,18 +246,14 @@ def _elastic_lines(c: Polynomial | Elastic) -> list[str]:
 def _contact_lines(
     faces: NDArray[np.int64], friction: float, penalty: Penalty, code: Code
 ) -> list[str]:
-    lines = ["*SURFACE, NAME=SKIN, TYPE=ELEMENT"]
-    lines += [f"{tet + 1}, S{face + 1}" for tet, face in faces.tolist()]
-    lines += [
+    stick = [penalty.stick_MPa_per_mm] if code == "calculix" else []
+    return [
+        "*SURFACE, NAME=SKIN, TYPE=ELEMENT",
+        *(f"{tet + 1}, S{face + 1}" for tet, face in faces.tolist()),
         "*SURFACE INTERACTION, NAME=TOUCH",
         "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR",
         _row(penalty.stiffness_MPa_per_mm),
-    ]
-    if friction:
-        stick = [penalty.stick_MPa_per_mm] if code == "calculix" else []
-        lines += ["*FRICTION", _row(friction, *stick)]
-    return [
-        *lines,
+        *(["*FRICTION", _row(friction, *stick)] if friction else []),
         "*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE",
         "SKIN, MASTER",
     ]
@@ -287,9 +261,8 @@ def _contact_lines(
 
 def _print_lines(code: Code, energy: bool) -> list[str]:
     totals, density = ("ONLY", "ENER") if code == "calculix" else ("YES", "SENER")
-    lines = []
-    for nodes in ("STIMULATOR", "HELD"):
-        lines += [f"*NODE PRINT, NSET={nodes}, TOTALS={totals}", "RF"]
+    sets = ("STIMULATOR", "HELD")
+    lines = [part for one in sets for part in (f"*NODE PRINT, NSET={one}, TOTALS={totals}", "RF")]
     return [*lines, "*EL PRINT, ELSET=FELT", density] if energy else lines
 
 
@@ -307,19 +280,25 @@ def _step_lines(
     lines = []
     knots = zip(motion.times_s.tolist(), motion.places_mm, strict=True)
     for (begun_s, before), (ended_s, after) in pairwise(knots):
-        way = np.abs(after - before)
-        count = math.ceil(max(np.hypot(*way[:2]) / longest_mm[0], way[2] / longest_mm[1]) - 1e-9)
+        x, y, z = np.abs(after - before)
+        count = math.ceil(max(np.hypot(x, y) / longest_mm[0], z / longest_mm[1]) - 1e-9)
         if relaxes:
             count = count or len(motion.outputs_s)
         if count:
             time = ended_s - begun_s if relaxes else 1.0
-            lines += [f"** {motion.phase}: {np.linalg.norm(way):g} mm", "*STEP, NLGEOM, INC=10000"]
-            lines += ["*VISCO" if relaxes else "*STATIC"]
-            lines += [_row(time / count, time, _SMALLEST_INCREMENT * time, time / count)]
-            lines += ["*BOUNDARY"]
-            moved = (after - start_mm).tolist()
-            lines += [_row("STIMULATOR", k, k, u) for k, u in enumerate(moved, 1)]
-            lines += [*printed, "*END STEP"]
+            lines += [
+                f"** {motion.phase}: {np.linalg.norm(after - before):g} mm",
+                "*STEP, NLGEOM, INC=10000",
+                "*VISCO" if relaxes else "*STATIC",
+                _row(time / count, time, _SMALLEST_INCREMENT * time, time / count),
+                "*BOUNDARY",
+                *(
+                    _row("STIMULATOR", k, k, u)
+                    for k, u in enumerate((after - start_mm).tolist(), 1)
+                ),
+                *printed,
+                "*END STEP",
+            ]
     return lines
 
 

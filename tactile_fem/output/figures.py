@@ -45,35 +45,40 @@ def draw(results: Results | Path | str) -> list[Path]:
 
 
 def draw_plots(results: Results) -> list[Path]:
-    """Draw the figures that need no graphics library."""
+    """Draw the figures that need no graphics library; return their files."""
     logger.info("drawing the figures of %s", results.folder)
     over = Abscissa.of(results)
-    figures: dict[str, Figure | None] = {"force": _force(results, over)}
-    if len(over.values) > 1:
-        for afferents in results.study.populations:
-            own = results.receptors_of(afferents.name)
-            end = f"_{afferents.name}" if results.study.afferents else ""
-            figures |= {
-                f"felt{end}" if end else "sed": _felt(results, afferents, own, over),
-                f"raster{end}": _raster(results, own, over),
-                f"firing{end}": _firing(results, own, over),
-            }
-    else:
+    figures = {"force": _force(results, over)}
+    slides = len(over.values) > 1
+    if not slides:
         logger.warning(
             "The path in %s ends with its indentation: only forces are drawn.", results.folder
         )
+    for afferents in results.study.populations if slides else ():
+        own = results.receptors_of(afferents.name)
+        for kind, figure_of in _OF_POPULATION.items():
+            name = f"{kind}_{afferents.name}" if results.study.afferents else kind
+            figures[_ALONE.get(name, name)] = figure_of(results, afferents, own, over)
     results.figures.mkdir(exist_ok=True)
-    paths = []
-    for name, figure in figures.items():
-        if figure is not None:
-            path = results.figures / f"{name}.png"
-            write_figure(path, figure)
-            paths.append(path)
-    return paths
+    drawn = {results.figures / f"{name}.png": figure for name, figure in figures.items() if figure}
+    for path, figure in drawn.items():
+        write_figure(path, figure)
+    return list(drawn)
+
+
+def _force(results: Results, over: Abscissa) -> Figure:
+    trace = results.trace
+    indenting = trace["time_s"] <= 1e-12
+    return force_figure(
+        (trace["depth_mm"][indenting], "Indentation (mm)", trace["force_N"][indenting]),
+        (over.values, over.label, trace["force_N"][over.rows]),
+        results.study.stimulus.friction,
+        results.study.finger.force_unit,
+    )
 
 
 def _felt(results: Results, afferents: Afferents, own: Indices, over: Abscissa) -> Figure | None:
-    """Draw what the central receptor of a population feels, if that can be told here."""
+    """Draw what the central receptor of a population feels, if the trace has it."""
     trace = results.trace
     try:
         drive = drive_of(afferents.feels)
@@ -92,7 +97,8 @@ def _felt(results: Results, afferents: Afferents, own: Indices, over: Abscissa) 
     )
 
 
-def _raster(results: Results, own: Indices, over: Abscissa) -> Figure:
+def _raster(results: Results, afferents: Afferents, own: Indices, over: Abscissa) -> Figure:
+    """Draw spikes over the displacement, or over the place that the receptor meets."""
     places, spikes = results.trace["receptors_mm"], results.spikes
     shown = (spikes.time_s >= 0) & np.isin(spikes.receptor, own)
     receptor = spikes.receptor[shown]
@@ -114,7 +120,7 @@ def _raster(results: Results, own: Indices, over: Abscissa) -> Figure:
     )
 
 
-def _firing(results: Results, own: Indices, over: Abscissa) -> Figure | None:
+def _firing(results: Results, afferents: Afferents, own: Indices, over: Abscissa) -> Figure | None:
     """Draw the rates of the receptors on the line Y = 0, if they make an image."""
     places, spikes = results.trace["receptors_mm"], results.spikes
     axis = int(_along_finger(results))
@@ -137,12 +143,6 @@ def _along_finger(results: Results) -> bool:
     return results.study.finger.is_section and bool(np.ptp(places[:, 0]) < 1e-9)
 
 
-def _force(results: Results, over: Abscissa) -> Figure:
-    trace = results.trace
-    indenting = trace["time_s"] <= 1e-12
-    return force_figure(
-        (trace["depth_mm"][indenting], "Indentation (mm)", trace["force_N"][indenting]),
-        (over.values, over.label, trace["force_N"][over.rows]),
-        results.study.stimulus.friction,
-        results.study.finger.force_unit,
-    )
+# Figures of each population, and the name of one that has no population in it.
+_OF_POPULATION = {"felt": _felt, "raster": _raster, "firing": _firing}
+_ALONE = {"felt": "sed"}

@@ -33,28 +33,14 @@ _TOP_PERCENTILE = 99.8
 class Film:
     """Frames of a finger: displacement and colours of each are weighted sums of a few fields.
 
-    Attributes
-    ----------
-    mesh
-        The undeformed finger without facets: linear tetrahedra, or quadratic triangles.
-    moved_mm, values
-        Displacements (fields, n, 3), and the quantity shown by colours, of cells (fields, m) or of
-        nodes (fields, n).
-    weights
-        (frames, fields).
-    stimulator_mm
-        Place of the body, (frames, 3).
-    along, titles
-        What the frames are sorted by, (frames,), and the title of each.
-    label
-        Name and unit of `along`.
-    quantity, top
-        Name and unit of `values`, and the upper end of their colours.
-    strongest
-        Number of the frame with the largest deformation.
-    receptors_mm, fired
-        Deformed places (frames, r, 3), and whether they have fired since the frame before
-        (frames, r).
+    The undeformed `mesh` has no facets; its cells are linear tetrahedra, or quadratic triangles.
+    Displacements `moved_mm` (fields, n, 3) and the `values` that colours show, of cells (fields, m)
+    or of nodes (fields, n), are combined by `weights` (frames, fields). The body is at
+    `stimulator_mm` (frames, 3). Frames are sorted by `along` (frames,), with the name and unit
+    `label`, and have `titles`. `quantity` is the name and unit of the values, `top` the upper end
+    of their colours, and `strongest` the number of the frame with the largest deformation.
+    Receptors have deformed places (frames, r, 3) and may have `fired` since the frame before
+    (frames, r).
     """
 
     mesh: FingerMesh
@@ -93,10 +79,7 @@ class Film:
     def of_scan(cls, results: Results) -> Film:
         """Return the saved states of a scan, and frames between them that are linear in time.
 
-        Raises
-        ------
-        StudyError
-            There are no field files, or one cannot be read.
+        Field files that are missing or cannot be read raise StudyError.
         """
         written_s, files = read_series(results.fields)
         if not files:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tactile_fem.finger.plane import SPACE, Plane
 from tactile_fem.output.film import FRAMES_PER_STATE, Film
 from tactile_fem.output.histories import TIME, central_receptor, extrema
-from tactile_fem.output.section import section_scene
+from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.output.view import Frames
 from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure
@@ -152,7 +152,8 @@ def frames_of(results: Results, film: Film, look: Look, *, off_screen: bool = Tr
     A section is drawn whole, a solid finger is cut open: behind its receptors, or along its middle.
     """
     if not film.mesh.plane.is_space:
-        return section_scene(results, film)
+        own = results.stimulator
+        return SectionScene(film, own.gap if own else gap_of(results.study.stimulus.body()))
     from tactile_fem.output import scene
 
     kinds = {

@@ -13,6 +13,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
@@ -62,28 +63,18 @@ def sed_figure(
     receptor_x_mm: float = 0.0,
     labels: tuple[str, str] = (DISPLACEMENT, "Strain energy density (kPa)"),
 ) -> Figure:
-    """Draw the strain energy density of one receptor, or what else it feels, over the slide.
+    """Draw the strain energy density of one receptor, or another history (steps,), over the slide.
 
-    Parameters
-    ----------
-    displacement_mm, sed_kPa
-        (steps,) of the slide.
-    outlines
-        Outlines of the stimulator; drawn below, with the receptor's path.
-    receptor_x_mm
-        The receptor's position across the finger.
-    labels
-        Of the horizontal and of the vertical axis.
+    Below it are the stimulator's outlines and the path of the receptor, which lies at
+    `receptor_x_mm` across the finger. The labels are those of the horizontal and the vertical axis.
     """
     d, sed = np.asarray(displacement_mm, dtype=float), np.asarray(sed_kPa, dtype=float)
-    figure, top, below = _history_axes(_span(d), outlines, receptor_x_mm)
-    if below is None:
-        top.set_xlabel(labels[0])
-    else:
-        draw_outlines(below, outlines)
-        below.axhline(receptor_x_mm, color=BLUE, lw=1, ls=(0, (4, 3)))
-        below.set(xlabel=labels[0], ylabel="X (mm)")
-        top.tick_params(labelbottom=False)
+    figure, (top, *below) = _history_axes(_span(d), outlines, receptor_x_mm)
+    for axes in below:
+        draw_outlines(axes, outlines)
+        axes.axhline(receptor_x_mm, color=BLUE, lw=1, ls=(0, (4, 3)))
+        axes.set_ylabel("X (mm)")
+    figure.axes[-1].set_xlabel(labels[0])
     top.plot(d, sed, color=BLUE)
     highs, lows = extrema(sed)
     top.plot(d[highs], sed[highs], "o", color=VERMILION, ms=4.5, label="maxima")
@@ -116,24 +107,15 @@ def raster_figure(
     outlines
         Drawn lightly beneath.
     label
-        Of the horizontal axis.
+        Name of the horizontal axis.
     axis
         "Y" for the receptors of a section along the finger.
     """
     figure, axes = _map_axes(rows_mm, range_mm, label, axis)
     draw_outlines(axes, outlines)
-    inside = _within(spike_displacement_mm, range_mm)
-    axes.plot(
-        np.asarray(spike_displacement_mm)[inside],
-        np.asarray(spike_x_mm)[inside],
-        ls="none",
-        marker="o",
-        ms=1.9,
-        mew=0,
-        color=INK,
-        zorder=3,
-        gid="spikes",
-    )
+    at, x = np.asarray(spike_displacement_mm, dtype=float), np.asarray(spike_x_mm, dtype=float)
+    inside = (at >= range_mm[0] - 1e-9) & (at <= range_mm[1] + 1e-9)
+    axes.plot(at[inside], x[inside], "o", ms=1.9, mew=0, color=INK, zorder=3, gid="spikes")
     return figure
 
 
@@ -146,20 +128,10 @@ def firing_figure(
     label: str = DISPLACEMENT,
     axis: str = "X",
 ) -> Figure:
-    """Draw the firing rate of a line of receptors as an image.
+    """Draw the firing rate (rows, columns) of a line of receptors as an image, outlines on top.
 
-    Parameters
-    ----------
-    displacement_mm
-        (columns,) rising evenly.
-    rows_mm
-        (rows,) X of the receptors, rising.
-    rate_Hz
-        (rows, columns).
-    outlines
-        Drawn on top.
-    label, axis
-        As of `raster_figure`.
+    Displacements (columns,) and X of the receptors (rows,) rise evenly. For `label` and `axis` see
+    `raster_figure`.
     """
     d, x = np.asarray(displacement_mm, dtype=float), np.asarray(rows_mm, dtype=float)
     figure, axes = _map_axes(x, (d[0], d[-1]), label, axis)
@@ -181,43 +153,37 @@ def force_figure(
     Parameters
     ----------
     indentation, rest
-        What they are drawn over, (steps,), its label, and the forces on the finger, (steps, 3).
+        Abscissas (steps,), their label, and the forces on the finger (steps, 3).
     friction
         Coefficient of friction, drawn as a line. The ratio exceeds it if inclined faces, such
         as letters' flanks, push sideways; the legend then states this.
     unit
-        Of the forces; a section's are per width.
+        Unit of the forces; a section's are per width.
     """
-    columns = [
-        (np.asarray(along, dtype=float), label, *_normal_and_tangential(force_N))
-        for along, label, force_N in (indentation, rest)
-    ]
+    columns, ratios = [], []
+    for along, label, force_N in (indentation, rest):
+        force = np.asarray(force_N, dtype=float)
+        normal, tangential = force[:, 2], np.hypot(force[:, 0], force[:, 1])
+        columns.append((np.asarray(along, dtype=float), label, normal, tangential))
     touching = 1e-3 * max(normal.max(initial=1e-9) for _, _, normal, _ in columns)
-    ratios = [
-        np.divide(tangential, normal, out=np.full_like(normal, np.nan), where=normal > touching)
-        for _, _, normal, tangential in columns
-    ]
+    for _, _, normal, tangential in columns:
+        nowhere = np.full_like(normal, np.nan)
+        ratios.append(np.divide(tangential, normal, out=nowhere, where=normal > touching))
     largest = np.nanmax(np.concatenate(ratios), initial=0.0)
-    figure = Figure(figsize=(7.0, 4.4), layout="constrained")
-    grid = figure.subplots(
-        2,
-        2,
-        sharex="col",
-        sharey="row",
-        gridspec_kw={"width_ratios": [1, 2], "height_ratios": [2, 1]},
-    )
     bound = "friction coefficient"
     if friction is not None and largest > friction + 0.01:
         bound += ", exceeded where flanks press sideways"
+    figure = Figure(figsize=(7.0, 4.4), layout="constrained")
+    ratio = {"width_ratios": [1, 2], "height_ratios": [2, 1]}
+    grid = figure.subplots(2, 2, sharex="col", sharey="row", gridspec_kw=ratio)
     for column, (along, label, normal, tangential) in enumerate(columns):
-        top, below = grid[0, column], grid[1, column]
+        top, below = grid[:, column]
         top.plot(along, normal, color=BLUE, label="normal")
         top.plot(along, tangential, color=VERMILION, label="tangential")
         below.plot(along, ratios[column], color=INK, lw=1.2)
         if friction is not None:
             below.axhline(friction, color=GREEN, lw=1, ls=(0, (4, 3)), label=bound)
-        below.set_xlabel(label)
-        below.set_xlim(*_span(along))
+        below.set(xlabel=label, xlim=_span(along))
     grid[0, 0].set_ylabel(f"Force on the finger ({unit})")
     grid[0, 0].set_ylim(bottom=0)
     grid[1, 0].set_ylabel("Tangential / normal")
@@ -229,11 +195,6 @@ def force_figure(
 
 
 # --- parts of figures --------------------------------------------------------------------------
-
-
-def _normal_and_tangential(force_N: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    force = np.asarray(force_N, dtype=float)
-    return force[:, 2], np.hypot(force[:, 0], force[:, 1])
 
 
 def _map_axes(
@@ -272,16 +233,8 @@ def draw_rates(
     brightest_Hz: float | None = None,
 ) -> QuadMesh:
     """Draw rates (rows, columns) as an image, colours starting at 0, and the outlines on top."""
-    image = axes.pcolormesh(
-        displacement_mm,
-        rows_mm,
-        rate_Hz,
-        cmap="cividis",
-        shading="nearest",
-        vmin=0,
-        vmax=brightest_Hz,
-        rasterized=True,
-    )
+    style = {"cmap": "cividis", "shading": "nearest", "rasterized": True}
+    image = axes.pcolormesh(displacement_mm, rows_mm, rate_Hz, vmin=0, vmax=brightest_Hz, **style)
     for outline in outlines:
         closed = np.vstack([outline, outline[:1]])
         axes.plot(closed[:, 1], closed[:, 0], color="white", lw=0.8, alpha=0.8)
@@ -290,8 +243,8 @@ def draw_rates(
 
 def _history_axes(
     range_mm: tuple[float, float], outlines: Outlines, receptor_x_mm: float
-) -> tuple[Figure, Axes, Axes | None]:
-    """Return a figure with a history above and, to the same scale, the stimulator below.
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure and its axes: for a history and, below to the same scale, the stimulator.
 
     For a short slide only the part of the stimulator near the receptor's path is shown, if any.
     """
@@ -301,41 +254,29 @@ def _history_axes(
     scale = width / (range_mm[1] - range_mm[0])
     shown = min(high - low, highest / scale)
     low = min(max(low, receptor_x_mm - shown / 2), high - shown)
-    has_map = any(_meets(outline, (low, low + shown), range_mm) for outline in outlines)
-    map_height = shown * scale
-    map_space = map_height + gap if has_map else 0.0
-    size = left + width + 0.2, margin + map_space + history + 0.15
-
-    def place(bottom: float, height: float) -> tuple[float, float, float, float]:
-        return left / size[0], bottom / size[1], width / size[0], height / size[1]
-
+    window = shapely.box(low, range_mm[0], low + shown, range_mm[1])
+    boxes = [shapely.box(*outline.min(axis=0), *outline.max(axis=0)) for outline in outlines]
+    heights = (
+        [history, shown * scale] if any(window.intersects(box) for box in boxes) else [history]
+    )
+    size = left + width + 0.2, margin + sum(heights) + gap * len(heights)
     figure = Figure(figsize=size)
-    top = figure.add_axes(place(margin + map_space, history))
-    top.set_xlim(*range_mm)
-    label = -0.13, 0.5  # aligned, independent of the tick labels
-    top.yaxis.set_label_coords(*label)
-    if not has_map:
-        return figure, top, None
-    below = figure.add_axes(place(margin, map_height), sharex=top)
-    below.set_ylim(low + shown, low)
-    below.yaxis.set_label_coords(*label)
-    return figure, top, below
-
-
-def _meets(
-    outline: NDArray[np.float64], across_mm: tuple[float, float], along_mm: tuple[float, float]
-) -> bool:
-    """Return whether an outline's bounding box overlaps a window."""
-    (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
-    overlaps = x0 < across_mm[1], x1 > across_mm[0], y0 < along_mm[1], y1 > along_mm[0]
-    return all(overlaps)
+    grid = {
+        "left": left / size[0],
+        "right": (left + width) / size[0],
+        "bottom": margin / size[1],
+        "top": 1 - gap / size[1],
+        "hspace": gap / np.mean(heights),
+        "height_ratios": heights,
+    }
+    axes = figure.subplots(len(heights), sharex=True, squeeze=False, gridspec_kw=grid)[:, 0]
+    axes[0].set_xlim(*range_mm)
+    axes[-1].set_ylim(low + shown, low)
+    for one in axes:
+        one.yaxis.set_label_coords(-0.13, 0.5)  # aligned, independent of the tick labels
+    return figure, list(axes)
 
 
 def _span(values: NDArray[np.float64]) -> tuple[float, float]:
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
     return (low, high) if high > low else (low, low + 1.0)
-
-
-def _within(values: ArrayLike, limits: tuple[float, float]) -> NDArray[np.bool_]:
-    array = np.asarray(values, dtype=float)
-    return (array >= limits[0] - 1e-9) & (array <= limits[1] + 1e-9)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
@@ -20,6 +21,8 @@ from tactile_fem.stimulus import RigidBody
 
 if TYPE_CHECKING:
     import pyvista as pv
+
+Extent = tuple[float, float, float, float]
 
 _SIZE_INCHES, _DPI, _PIXELS = (11.5, 5.2), 150, (1050, 1050)
 # Shown around the path of the contact point, from above.
@@ -43,10 +46,8 @@ def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:
 
     surface = scene.body_surface(body, places)
     figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI)
-    side = figure.add_axes((0.0, 0.1, 0.5, 0.82))
-    side.imshow(scene.Scene(film, surface, scene.WHOLE).image(0, _PIXELS), interpolation="lanczos")
-    side.set_axis_off()
-    side.set_title("Where it starts, cut at X = 0", fontsize=10)
+    side = scene.shot(scene.Scene(film, surface, scene.WHOLE).plotter, *_PIXELS)
+    _show(figure, (0.0, 0.1, 0.5, 0.82), side, "Where it starts, cut at X = 0")
     _draw_from_above(figure, finger, surface, places)
     legend = dots(legend_of(COLOURS))
     figure.legend(handles=legend, loc="lower left", ncols=6, frameon=False, fontsize=8)
@@ -66,9 +67,9 @@ def _draw_from_above(
     if surface.n_points:
         plotter.add_mesh(surface, show_scalar_bar=False, **scene.RELIEF)
     scene.look_at(plotter, (0.0, 0.0, 100.0), (x, y, 0.0), half, up=(0.0, 1.0, 0.0))
-    image, extent = scene.shot(plotter, _PIXELS), (x - half, x + half, y - half, y + half)
-    axes = figure.add_axes((0.56, 0.16, 0.42, 0.74))
-    axes.imshow(image, extent=extent, interpolation="lanczos")
+    above, extent = scene.shot(plotter, *_PIXELS), (x - half, x + half, y - half, y + half)
+    title = "From above: path of the contact point"
+    axes = _show(figure, (0.56, 0.16, 0.42, 0.74), above, title, extent)
     hull = finger.nodes[:, :2][ConvexHull(finger.nodes[:, :2]).vertices]
     outline = np.vstack([hull, hull[:1]]) + path[0]
     axes.plot(*outline.T, "k--", lw=0.8, label="finger")
@@ -76,7 +77,6 @@ def _draw_from_above(
     axes.plot(*path[0], "o", color=_PATH, ms=5)
     axes.set(xlabel="X at displacement 0 (mm)", ylabel="Y at displacement 0 (mm)")
     axes.set(xlim=extent[:2], ylim=extent[2:])
-    axes.set_title("From above: path of the contact point", fontsize=10)
     axes.legend(loc="upper right", fontsize=8)
 
 
@@ -97,8 +97,21 @@ def scans_figure(scans: Scans, place_mm: Sequence[float]) -> Figure:
                 plotter.add_mesh(shape, color=colour, opacity=opacity)
         plotter.add_mesh(pv.Sphere(radius=_MARK_MM, center=place_mm), color="red", lighting=False)
         scene.look_at(plotter, eye, (0.0, -2.0, 6.0), half_height_mm=16.0)
-        axes = figure.add_axes((0.5 * k, 0.02, 0.5, 0.9))
-        axes.imshow(scene.shot(plotter, _PIXELS), interpolation="lanczos")
-        axes.set_axis_off()
-        axes.set_title(name, fontsize=10)
+        _show(figure, (0.5 * k, 0.02, 0.5, 0.9), scene.shot(plotter, *_PIXELS), name)
     return figure
+
+
+def _show(
+    figure: Figure,
+    box: Extent,
+    image: NDArray[np.uint8],
+    title: str,
+    extent: Extent | None = None,
+) -> Axes:
+    """Show an image in a box of the figure, with axes if its extent in mm is given."""
+    axes = figure.add_axes(box)
+    axes.imshow(image, extent=extent, interpolation="lanczos")
+    axes.set_title(title, fontsize=10)
+    if extent is None:
+        axes.set_axis_off()
+    return axes

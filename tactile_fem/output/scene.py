@@ -6,8 +6,7 @@ Import it only if `tactile_fem.output.pictures.can_draw` allows it: VTK may cras
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pyvista as pv
@@ -17,16 +16,17 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import TISSUES
-from tactile_fem.finger.simplex import facets_of
 from tactile_fem.output.annotations import (
     COLOURS,
     PICTURE_DPI,
     RIGID,
     SCALE,
     SIZE_INCHES,
+    WINDOW_DPI,
     ColourBar,
     annotate,
     legend_of,
+    pixels,
 )
 from tactile_fem.output.film import Film
 from tactile_fem.simulation.results import Results
@@ -34,7 +34,7 @@ from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.distance_grid import DistanceGrid
 
 Vector = tuple[float, float, float]
-Pixels = NDArray[np.uint8]
+UP = (0.0, 0.0, 1.0)
 
 _GREY_TO_IVORY = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7DA"])
 RELIEF: Any = {"scalars": "height_mm", "cmap": _GREY_TO_IVORY, "smooth_shading": True}
@@ -48,48 +48,27 @@ _BEHIND_MM = 0.15
 _INTERFACE_MM, _MARGIN_MM = 2.3, 0.2
 
 
-@dataclass(frozen=True)
-class Look:
-    """The cut through a finger, and the parallel camera.
-
-    Attributes
-    ----------
-    axis, at_mm
-        Axis across the cut, and its place in the undeformed finger; what lies beyond is removed.
-    eye, focus, half_height_mm
-        Direction from the focus to the camera, Z upwards.
-    """
+class Look(NamedTuple):
+    """The cut through the undeformed finger, beyond which it is removed, and a parallel camera."""
 
     axis: Literal["x", "y"]
-    at_mm: float
-    eye: Vector
+    origin: Vector
+    towards_eye: Vector
     focus: Vector
     half_height_mm: float
 
-    @property
-    def origin(self) -> Vector:
-        """A point of the cut."""
-        return (self.at_mm, 0.0, 0.0) if self.axis == "x" else (0.0, self.at_mm, 0.0)
 
-
-# Beside X = 0, where meshes have faces.
-ALONG = Look("x", -1e-4, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), 8.4)
-WHOLE = Look("x", -1e-4, (30.0, -9.0, 15.0), (0.0, 2.0, 3.8), 11.0)
+# The cut lies beside X = 0, where meshes have faces.
+_MIDDLE = (-1e-4, 0.0, 0.0)
+CLOSE = Look("x", _MIDDLE, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), 8.4)
+WHOLE = Look("x", _MIDDLE, (30.0, -9.0, 15.0), (0.0, 2.0, 3.8), 11.0)
 
 
 class Scene:
-    """The frames of a film of a solid finger.
+    """The frames of a film of a solid finger, on the body's surface given in the body's frame.
 
-    Parameters
-    ----------
-    film, stimulator
-        The finger, and the body's surface in the body's frame.
-    look
-        The cut and the camera.
-    bar
-        Explains the colours of the film's values.
-    coloured
-        Pieces of soft tissue with these colours: the "face" of the cut, the "shell" behind it.
+    The film's values colour those pieces of soft tissue that `coloured` names: the "face" of the
+    cut, the "shell" behind it. The bar explains these colours.
     """
 
     def __init__(
@@ -105,7 +84,7 @@ class Scene:
         self.film, self.look, self.bar = film, look, bar
         self.legend = legend_of(RIGID if coloured else COLOURS)
         self.plotter = new_plotter(off_screen=off_screen)
-        look_at(self.plotter, look.eye, look.focus, look.half_height_mm)
+        look_at(self.plotter, look.towards_eye, look.focus, look.half_height_mm)
         self._updates: list[Callable[[int], None]] = []
         # The faces first: hidden shells are then not shaded, which takes most of the time.
         for tissue, kind, mesh in sorted(_cut(film, look), key=lambda piece: piece[1]):
@@ -144,10 +123,8 @@ class Scene:
 
     def add_rim(self, name: str, mesh: pv.PolyData) -> None:
         """Add the boundary of a surface that moves with the film."""
-        edges = mesh.extract_feature_edges(
-            boundary_edges=True, feature_edges=False, manifold_edges=False
-        )
-        eye = np.array(self.look.eye)
+        edges = mesh.extract_feature_edges(feature_edges=False, manifold_edges=False)
+        eye = np.array(self.look.towards_eye)
         shifted = edges.translate(_RIM_SHIFT_MM * eye / np.linalg.norm(eye))
         self.add(name, shifted, color="black", line_width=1.5)
 
@@ -187,11 +164,6 @@ class Scene:
         self.plotter.reset_camera_clipping_range()
         self.plotter.render()
 
-    def image(self, k: int, pixels: tuple[int, int]) -> Pixels:
-        """Return frame `k` without annotations."""
-        self.show(k)
-        return shot(self.plotter, pixels)
-
     def figure(self, k: int, dots_per_inch: int = PICTURE_DPI) -> Figure:
         """Return frame `k` with title, legend and colour bar."""
         self.show(k)
@@ -206,7 +178,7 @@ class Scene:
 def deformation_scene(results: Results, film: Film, *, off_screen: bool = True) -> Scene:
     """Return the finger cut along X = 0, coloured by strain energy density."""
     bar = ColourBar(film.quantity, LogNorm(film.top / 1000, film.top), (0.3, 0.085, 0.4, 0.022))
-    return Scene(film, stimulator_surface(results), ALONG, bar, ("face",), off_screen=off_screen)
+    return Scene(film, stimulator_surface(results), CLOSE, bar, ("face",), off_screen=off_screen)
 
 
 def receptor_scene(results: Results, film: Film, *, off_screen: bool = True) -> Scene:
@@ -216,7 +188,7 @@ def receptor_scene(results: Results, film: Film, *, off_screen: bool = True) -> 
     sides = [one.receptors.side for one in results.study.populations]
     surface = interface(film, next((s for s in sides if s in ("epidermis", "dermis")), "epidermis"))
     rim = max(surface.bounds.z_min + _INTERFACE_MM, float(receptors[:, 2].max()) + _MARGIN_MM)
-    look = Look("y", cut, (9.0, 27.5, 20.4), (0.0, cut + 0.5, 3.6), 9.6)
+    look = Look("y", (0.0, cut, 0.0), (9.0, 27.5, 20.4), (0.0, cut + 0.5, 3.6), 9.6)
     front = surface.clip("y", origin=look.origin, invert=False).clip("z", origin=(0.0, 0.0, rim))
     top = max(float(np.percentile(front["values"], 99.8, axis=0).max()), 1e-6)
     title = "Strain energy density\non the interface (kPa)"
@@ -288,23 +260,15 @@ def _zero_level(grid: DistanceGrid) -> pv.PolyData:
 
 
 def _grid(film: Film) -> pv.UnstructuredGrid:
-    """Return the undeformed tetrahedra with their tissues and the film's fields."""
-    grid = pv.UnstructuredGrid({pv.CellType.TETRA: film.mesh.cells}, film.mesh.nodes)
-    grid.cell_data["tissue"] = film.mesh.tissue
-    _attach_fields(grid, film, np.arange(grid.n_points), np.arange(grid.n_cells))
+    """Return the undeformed tetrahedra with the film's fields, one column for each component."""
+    mesh = film.mesh
+    grid = pv.UnstructuredGrid({pv.CellType.TETRA: mesh.cells}, mesh.nodes)
+    grid.cell_data["tissue"] = mesh.tissue
+    grid.point_data["node"] = np.arange(len(mesh.nodes))
+    grid.point_data["moved_mm"] = np.moveaxis(film.moved_mm, 0, 1).reshape(len(mesh.nodes), -1)
+    of_nodes = film.values.shape[1] == len(mesh.nodes)
+    (grid.point_data if of_nodes else grid.cell_data)["values"] = film.values.T
     return grid
-
-
-def _attach_fields(
-    mesh: pv.DataSet, film: Film, nodes: NDArray[np.integer], cells: NDArray[np.integer]
-) -> None:
-    """Give a mesh the film's fields at some nodes and cells, a column for each component."""
-    moved = film.moved_mm[:, nodes]
-    mesh.point_data["moved_mm"] = np.moveaxis(moved, 0, 1).reshape(len(nodes), -1)
-    if film.values.shape[1] == len(film.mesh.nodes):
-        mesh.point_data["values"] = film.values[:, nodes].T
-    else:
-        mesh.cell_data["values"] = film.values[:, cells].T
 
 
 def _parts(grid: pv.UnstructuredGrid) -> Iterator[tuple[str, pv.UnstructuredGrid]]:
@@ -328,18 +292,16 @@ def _cut(film: Film, look: Look) -> Iterator[tuple[str, str, pv.PolyData]]:
 
 def interface(film: Film, side: str) -> pv.PolyData:
     """Return the facets between epidermis and dermis, with the film's fields of one of these."""
-    mesh = film.mesh
-    facets, *pair = facets_of(mesh.cells)
-    tissues = np.where(np.array(pair) >= 0, mesh.tissue[np.array(pair)], 0)
-    between = np.sort(tissues, axis=0).T == (TISSUES["epidermis"], TISSUES["dermis"])
-    chosen = between.all(axis=1)
-    if not chosen.any():
+    own, beyond = (film.mesh.tissue == TISSUES[name] for name in ("epidermis", "dermis"))
+    if side == "dermis":
+        own, beyond = beyond, own
+    surface = _grid(film).extract_cells(own).extract_surface(algorithm=None)
+    shared = np.isin(surface["node"], film.mesh.cells[beyond])
+    facets = shared[surface.regular_faces].all(axis=1)
+    if not facets.any():
         raise StudyError("The fields have no interface between epidermis and dermis to view.")
-    nodes, corners = np.unique(facets[chosen], return_inverse=True)
-    surface = pv.PolyData.from_regular_faces(mesh.nodes[nodes], corners.reshape(-1, 3))
-    owner = np.where(tissues[0] == TISSUES[side], *pair)[chosen]
-    _attach_fields(surface, film, nodes, owner)
-    return surface.cell_data_to_point_data()
+    between = surface.extract_cells(facets).extract_surface(algorithm=None)
+    return between.cell_data_to_point_data()
 
 
 # --- plotters ----------------------------------------------------------------------------------
@@ -347,7 +309,8 @@ def interface(film: Film, side: str) -> pv.PolyData:
 
 def new_plotter(*, off_screen: bool = True) -> pv.Plotter:
     """Return a plotter with a white background."""
-    plotter = pv.Plotter(title="tactile-fem", off_screen=off_screen)
+    size = pixels(WINDOW_DPI)
+    plotter = pv.Plotter(title="tactile-fem", window_size=size, off_screen=off_screen)
     plotter.set_background("white")
     if off_screen:
         plotter.enable_anti_aliasing("ssaa")
@@ -355,28 +318,23 @@ def new_plotter(*, off_screen: bool = True) -> pv.Plotter:
 
 
 def look_at(
-    plotter: pv.Plotter,
-    eye: Vector,
-    focus: Vector,
-    half_height_mm: float,
-    up: Vector = (0.0, 0.0, 1.0),
+    plotter: pv.Plotter, towards_eye: Vector, focus: Vector, half_height_mm: float, up: Vector = UP
 ) -> None:
-    """Set a parallel camera in the direction `eye` from the focus."""
-    plotter.camera_position = [np.add(focus, eye), focus, up]
+    """Set a parallel camera."""
+    plotter.camera_position = [np.add(focus, towards_eye), focus, up]
     plotter.enable_parallel_projection()
     plotter.parallel_scale = half_height_mm
 
 
-def shot(plotter: pv.Plotter, pixels: tuple[int, int]) -> Pixels:
+def shot(plotter: pv.Plotter, width: int, height: int) -> NDArray[np.uint8]:
     """Return an image (height, width, 3)."""
-    plotter.window_size = pixels
+    plotter.window_size = (width, height)
     plotter.reset_camera_clipping_range()
     return np.asarray(plotter.screenshot(return_img=True))
 
 
 def _framed(plotter: pv.Plotter, dots_per_inch: int) -> Figure:
     """Return a figure filled by an image, exactly, as resampling takes half as long as drawing."""
-    width, height = (int(dots_per_inch * inches) for inches in SIZE_INCHES)
     figure = Figure(figsize=SIZE_INCHES, dpi=dots_per_inch)
-    figure.figimage(shot(plotter, (width, height)), zorder=-1)
+    figure.figimage(shot(plotter, *pixels(dots_per_inch)), zorder=-1)
     return figure

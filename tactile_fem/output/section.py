@@ -27,7 +27,6 @@ from tactile_fem.output.annotations import (
 )
 from tactile_fem.output.film import Film
 from tactile_fem.output.plots import styled
-from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import RigidBody
 
 Array = NDArray[np.float64]
@@ -47,12 +46,7 @@ _PAD_MM = 9.0, 6.5
 class SectionScene:
     """The frames of a film of a section: fields in the pad, or the layers of a finger at rest.
 
-    Parameters
-    ----------
-    film
-        The section.
-    gap_of
-        Signed distance (n,) of the body at points (n, 3) of its frame.
+    `gap_of` returns the signed distance (n,) of the body at points (n, 3) of its frame.
     """
 
     def __init__(self, film: Film, gap_of: Callable[[Array], Array]) -> None:
@@ -116,12 +110,6 @@ class SectionScene:
         axes.contourf(x, z, gap, [-np.inf, 0.0], colors=_BODY, zorder=3)
         if gap.min() < 0 < gap.max():
             axes.contour(x, z, gap, [0.0], colors="black", linewidths=0.8, zorder=4)
-
-
-def section_scene(results: Results, film: Film) -> SectionScene:
-    """Return the frames of a scan; the body is the study's, or the own one that was saved."""
-    saved = results.stimulator
-    return SectionScene(film, saved.gap if saved else gap_of(results.study.stimulus.body()))
 
 
 def gap_of(body: RigidBody) -> Callable[[Array], Array]:

@@ -21,18 +21,8 @@ def spectrum_figure(
 ) -> Figure:
     """Draw force, strain energy density, displacement and firing rates over the frequency.
 
-    Of each population the receptor closest to the contact point at rest (X = Y = 0) is drawn.
-
-    Parameters
-    ----------
-    spectrum
-        What was computed.
-    names
-        Of the populations.
-    rates_Hz
-        Firing rates, (f, r), see `Spectrum.rates_Hz`.
-    amplitude_mm
-        Of the vibration that evokes them.
+    Of each population the receptor closest to the contact point at rest (X = Y = 0) is drawn. The
+    firing rates (f, r), see `Spectrum.rates_Hz`, are those at the amplitude of the vibration.
     """
     figure = Figure(figsize=(7.2, 7.0), layout="constrained")
     force, sed, moved, rate = axes = figure.subplots(4, 1, sharex=True)

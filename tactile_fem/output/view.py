@@ -23,7 +23,9 @@ from tactile_fem.output.annotations import (
     PICTURE_DPI,
     SCALE,
     SIZE_INCHES,
+    WINDOW_DPI,
     annotate,
+    pixels,
 )
 from tactile_fem.output.film import Film
 from tactile_fem.runtime.files import atomic_write, write_figure, write_text
@@ -105,7 +107,7 @@ def _indexed(image: Image.Image, palette: NDArray[np.uint8]) -> Image.Image:
 def _save_mp4(frames: Frames, path: Path) -> None:
     import imageio_ffmpeg
 
-    size = [int(FILM_DPI * inches) for inches in SIZE_INCHES]
+    size = pixels(FILM_DPI)
     mp4 = {"macro_block_size": 2, "output_params": ["-f", "mp4"]}
     with atomic_write(path) as part:
         stream = imageio_ffmpeg.write_frames(str(part), size, fps=_FRAMES_PER_SECOND, **mp4)
@@ -136,18 +138,12 @@ def _save_html(scene: Scene, path: Path, k: int) -> None:
 # --- window ------------------------------------------------------------------------------------
 
 
-def window(scene: Scene) -> None:
-    """Open a window with a slider, and wait until it is closed."""
-    with_slider(scene).show()
-
-
-def with_slider(scene: Scene) -> pv.Plotter:
-    """Return the scene's plotter with annotations and a slider that chooses the frame."""
+def window(scene: Scene) -> pv.Plotter:
+    """Return a window, to be shown, with annotations and a slider that chooses the frame."""
     import pyvista as pv
 
     film = scene.film
-    scene.plotter.window_size = [int(FILM_DPI * inches) for inches in SIZE_INCHES]
-    chart = pv.ChartMPL(_overlay(scene, "", FILM_DPI), redraw_on_render=False)
+    chart = pv.ChartMPL(_overlay(scene, "", WINDOW_DPI), redraw_on_render=False)
     chart.background_color = chart.border_color = (1.0, 1.0, 1.0, 0.0)
     scene.plotter.add_chart(chart)
     if len(film) > 1:
