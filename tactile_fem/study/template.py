@@ -9,10 +9,11 @@ from typing import Any, get_args
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from tactile_fem.path import Piece
 from tactile_fem.stimulus import Stimulus
 from tactile_fem.study import Study
 from tactile_fem.study.afferents import Afferents
-from tactile_fem.study.explain import KINDS, PIECES, toml_value
+from tactile_fem.study.explain import toml_value
 
 _HEAD = """\
 # A study: all input of a scan. Each value below is the default, which is the paper's if it states
@@ -44,7 +45,7 @@ def commented_template() -> str:
         values = getattr(study, name)
         lines += _table(name, values, _summary(type(values)))
         if name == "stimulus":
-            for kind, model in KINDS.items():
+            for kind, model in Stimulus.kinds.items():
                 if kind != study.stimulus.kind:
                     lines += _comment(f'or kind = "{kind}": {_summary(model)}')
                     lines += [
@@ -52,7 +53,7 @@ def commented_template() -> str:
                         "",
                     ]
         if name == "protocol":
-            for kind, model in PIECES.items():
+            for kind, model in Piece.kinds.items():
                 lines += [*_described(f'[[protocol.path]] with kind = "{kind}"', model), ""]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -94,7 +95,7 @@ def _keys(values: BaseModel, mark: str, without: set[str]) -> Iterator[str]:
     """Write a line for each key, the kind first."""
     schema = type(values).model_json_schema()["properties"]
     if isinstance(values, Stimulus):
-        schema["kind"] = {"enum": list(KINDS)}
+        schema["kind"] = {"enum": list(Stimulus.kinds)}
     for key, field in sorted(type(values).model_fields.items(), key=lambda item: item[0] != "kind"):
         if key in without:
             continue
