@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.settings import Finger
 from tactile_fem.path import Piece
+from tactile_fem.runtime.settings import Settings
 from tactile_fem.runtime.text import read_text
 from tactile_fem.stimulus import Stimulus
 from tactile_fem.study import Study
@@ -138,12 +139,12 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
     """Make the names of files absolute: relative paths start from the study's folder."""
     protocol = data.get("protocol")
     pieces = protocol.get("path") if isinstance(protocol, dict) else None
-    tables = [data.get("finger"), data.get("stimulus")]
+    tables: list[Any] = [data.get("finger"), data.get("stimulus")]
     tables += pieces if isinstance(pieces, list) else []
-    models = [Finger, *Stimulus.kinds.values(), *Piece.kinds.values()]
+    models: list[type[Settings]] = [Finger, *Stimulus.kinds.values(), *Piece.kinds.values()]
     model_of = {key: model for model in models for key in model.file_keys()}
-    for table in filter(lambda one: isinstance(one, dict), tables):
-        for key in model_of.keys() & table.keys():
+    for table in tables:
+        for key in model_of.keys() & table.keys() if isinstance(table, dict) else ():
             if isinstance(table[key], str):
                 table[key] = usable(model_of[key].absolute_name(table[key], folder), folder)
 
