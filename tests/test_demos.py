@@ -225,7 +225,7 @@ def test_own_parts_are_killed_and_resumed_on_two_ranks(tmp_path):
     for name in ("centre_of_pressure_mm", "skin_height_mm", "shear_strain_yz"):
         np.testing.assert_allclose(two[name], one[name], atol=1e-6)
     assert (tmp_path / "killed" / "figures" / "raster.png").is_file()
-    # The process that draws the pictures knows the demo's kinds of stimulus and path.
+    # The process that draws the pictures does not know the demo's kinds of stimulus and path.
     pictures = list((tmp_path / "killed" / "figures").glob("deformation*.png"))
     assert pictures or can_draw() is not None
 

@@ -20,7 +20,7 @@ from tactile_fem.path import Motion, Piece
 from tactile_fem.runtime.settings import File, Positive
 from tactile_fem.simulation.checks import check_study
 from tactile_fem.stimulus import Distance, Stimulus
-from tactile_fem.study import Press, Protocol, Study
+from tactile_fem.study import Plate, Press, Protocol, Study
 from tactile_fem.study.file import dump_study, load_study
 from tactile_fem.study.template import commented_template
 
@@ -146,6 +146,21 @@ def test_what_is_wrong_with_them_is_explained(tmp_path, setting, sentence):
     (tmp_path / "s.toml").write_text(setting)
     with pytest.raises(StudyError, match=re.escape(sentence)):
         load_study(tmp_path / "s.toml")
+
+
+def test_results_are_read_where_they_are_not_known(tmp_path, monkeypatch):
+    study, file = study_of(length_mm=3.0), tmp_path / "study.toml"
+    file.write_text(dump_study(study))
+    monkeypatch.delitem(Stimulus.kinds, "wave")
+    monkeypatch.delitem(Piece.kinds, "zigzag")
+    there = load_study(file, saved=True)
+    assert dump_study(there) == dump_study(study) and there.stimulus.length_mm == 3.0
+    for use in (there.stimulus.body, lambda: there.protocol.route(4.0)):
+        with pytest.raises(StudyError, match=r"is known where its module is imported"):
+            use()
+    with pytest.raises(StudyError, match=r"no kind of stimulus"):
+        load_study(file)
+    assert study.stimulus.is_kept_sampled and not Plate().is_kept_sampled
 
 
 def test_the_template_describes_them():

@@ -8,15 +8,14 @@ from PIL import Image
 
 from tactile_fem.cli import app as cli
 from tactile_fem.finger import read_msh
-from tactile_fem.study import Protocol, Text
-from tactile_fem.study.explain import KINDS
+from tactile_fem.study import Protocol, Stimulus, Text
 
 SMALL = ["--set", "finger.pad_size_mm=3", "--set", "finger.far_size_mm=6"]
 
 
 @pytest.mark.slow
 @needs_graphics
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", Stimulus.kinds)
 def test_every_kind_of_stimulus_is_drawn(kind, tmp_path, capsys):
     settings = [*SMALL, "--set", f"stimulus.kind={kind}"]
     if kind == "mesh":

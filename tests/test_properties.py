@@ -16,8 +16,7 @@ from pydantic import BaseModel
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import respond
-from tactile_fem.study import Afferents, Neuron, Study
-from tactile_fem.study.explain import KINDS
+from tactile_fem.study import Afferents, Neuron, Stimulus, Study
 from tactile_fem.study.file import dump_study, load_study
 
 # The same examples in every run, on however slow a machine.
@@ -48,7 +47,7 @@ VALUES = st.recursive(
 
 def keys_of(section: str) -> list[str]:
     if section == "stimulus":
-        return sorted({key for kind in KINDS.values() for key in kind.model_fields})
+        return sorted({key for kind in Stimulus.kinds.values() for key in kind.model_fields})
     model: type[BaseModel] = type(getattr(Study(), section))
     return list((Afferents if section == "afferents" else model).model_fields)
 

@@ -16,13 +16,14 @@ from tactile_fem.study import (
     Afferents,
     Elastic,
     Finger,
+    Piece,
     Polynomial,
     Protocol,
     Stimulus,
     Study,
     Text,
 )
-from tactile_fem.study.explain import KINDS, PIECES, toml_value
+from tactile_fem.study.explain import toml_value
 from tactile_fem.study.file import dump_study, load_study
 from tactile_fem.study.template import commented_template
 
@@ -45,7 +46,11 @@ def test_the_template_is_the_papers_study_as_it_is_and_with_every_line_in_force(
 def test_the_template_mentions_every_key():
     template = commented_template()
     sections = set(Study.model_fields) - {"afferents"}
-    models = [*(type(getattr(Study(), name)) for name in sections), *KINDS.values(), Afferents]
+    models = [
+        *(type(getattr(Study(), name)) for name in sections),
+        *Stimulus.kinds.values(),
+        Afferents,
+    ]
     for model in models:
         for key, info in model.model_fields.items():
             assert re.search(rf"\b{key}\b", template), key
@@ -112,8 +117,10 @@ def template_blocks():
     tables = {name: getattr(Study(), name) for name in Study.model_fields if name != "afferents"}
     tables |= {f"tissue.{key}": v for key, v in Study().tissue if isinstance(v, Settings)}
     found = {f"[{name}]": type(table) for name, table in tables.items()}
-    found |= {f'# or kind = "{kind}"': m for kind, m in KINDS.items() if kind != "text"}
-    found |= {f'# [[protocol.path]] with kind = "{kind}"': model for kind, model in PIECES.items()}
+    found |= {f'# or kind = "{kind}"': m for kind, m in Stimulus.kinds.items() if kind != "text"}
+    found |= {
+        f'# [[protocol.path]] with kind = "{kind}"': model for kind, model in Piece.kinds.items()
+    }
     return [(model, of(heading)) for heading, model in [*found.items(), ("# [[aff", Afferents)]]
 
 
@@ -132,7 +139,7 @@ def test_the_template_states_what_each_key_allows(model, block):
             continue
         expected = allowed(field.annotation, field.metadata)
         if model is Text and key == "kind":
-            expected = set(map(toml_value, KINDS))
+            expected = set(map(toml_value, Stimulus.kinds))
         listed = re.findall(
             rf"{re.escape(field.description)}(?: \[((?!afferents).*?)\](?= |$))?", words
         )
@@ -141,11 +148,14 @@ def test_the_template_states_what_each_key_allows(model, block):
         assert stated == (field.is_required() and model not in LAWS), key
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "text"])
+@pytest.mark.parametrize("kind", [kind for kind in Stimulus.kinds if kind != "text"])
 def test_a_kind_of_the_template_with_every_line_in_force_is_its_default(kind):
-    (block,) = (b for model, b in template_blocks() if model is KINDS[kind])
+    (block,) = (b for model, b in template_blocks() if model is Stimulus.kinds[kind])
     lines = re.findall(r"^#     (\w+ = .*)$", block, re.MULTILINE)
-    given = {"kind": kind, **({"file": "a.stl"} if "file" in KINDS[kind].model_fields else {})}
+    given = {
+        "kind": kind,
+        **({"file": "a.stl"} if "file" in Stimulus.kinds[kind].model_fields else {}),
+    }
     values = tomllib.loads("\n".join(lines))
     defaults = Study.model_validate({"stimulus": given}).stimulus
     assert Study.model_validate({"stimulus": {**given, **values}}).stimulus == defaults

@@ -29,7 +29,6 @@ from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
-from tactile_fem.study import Study
 from tactile_fem.vibration.modes import Modes
 
 logger = logging.getLogger(__name__)
@@ -69,7 +68,7 @@ def draw_pictures(results: Results, amplitude_mm: float | None = None) -> list[P
         logger.warning("%s", reason)
         return []
     logger.info("drawing pictures of the finger, which can take some minutes")
-    command = [sys.executable, "-c", _program(results.study), str(results.folder)]
+    command = [sys.executable, "-m", _MODULE, str(results.folder)]
     command += [] if amplitude_mm is None else [repr(amplitude_mm)]
     try:
         done = subprocess.run(
@@ -91,14 +90,6 @@ def draw_pictures(results: Results, amplitude_mm: float | None = None) -> list[P
             last,
         )
     return [Path(line) for line in done.stdout.splitlines() if Path(line).is_file()]
-
-
-def _program(study: Study) -> str:
-    """Return the code that runs this module, after the study's own kinds have been imported."""
-    modules = {type(part).__module__ for part in (study.stimulus, *study.protocol.pieces)}
-    own = sorted(name for name in modules if not name.startswith(("tactile_fem.", "__main__")))
-    lines = [f"import runpy, sys; sys.path = {sys.path!r}", *(f"import {name}" for name in own)]
-    return "\n".join([*lines, f"runpy.run_module({_MODULE!r}, run_name='__main__')"])
 
 
 def _environment() -> dict[str, str]:

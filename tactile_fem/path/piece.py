@@ -20,7 +20,9 @@ class Piece(Kind):
 
     def motion(self, start_mm: Array) -> Motion:
         """Return the motion from where the body is when the piece begins, (3,) in mm."""
-        raise NotImplementedError
+        raise StudyError(
+            f'protocol.path: kind = "{self.kind}" is known where its module is imported'
+        )
 
     def __call__(self, start_mm: Array) -> Motion:
         """Return the motion; so a `Path` takes pieces and functions alike."""

@@ -62,8 +62,13 @@ class Settings(BaseModel):
 
     @classmethod
     def file_keys(cls) -> set[str]:
-        """Return the keys whose values are paths of files."""
+        """Return the keys whose values name files."""
         return {key for key, field in cls.model_fields.items() if "Path" in str(field.annotation)}
+
+    @classmethod
+    def absolute_name(cls, name: str, folder: Path) -> str:
+        """Return the name of a file as a path that does not start from a folder."""
+        return str(absolute(name, folder))
 
     def files(self) -> dict[str, Path]:
         """Return the files that it is read from, by their keys."""
@@ -95,8 +100,8 @@ class Kind(Settings):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
-        if "kind" in cls.__annotations__:
-            name = cls.model_fields["kind"].default
+        name = cls.model_fields["kind"].default if "kind" in cls.__annotations__ else None
+        if isinstance(name, str):
             known = cls.kinds.get(name, cls)
             if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
                 raise TypeError(f'kind = "{name}" is taken by {known.__module__}.{known.__name__}')
@@ -118,6 +123,9 @@ class Kind(Settings):
 
     @classmethod
     def _one_of_the_kinds(cls, value: Any, info: ValidationInfo) -> Kind:
+        if info.context and info.context.get("saved") and isinstance(value, dict):
+            if isinstance(name := value.get("kind"), str) and name not in cls.kinds:
+                return _unknown_in(cls).model_validate(value)
         adapter = _adapter_of(tuple(cls.kinds.values()))
         return adapter.validate_python(value, context=info.context)
 
@@ -126,6 +134,17 @@ class Kind(Settings):
 def _adapter_of(kinds: tuple[type[Kind], ...]) -> TypeAdapter[Any]:
     choice: Any = Annotated[Union[kinds], Field(discriminator="kind")]  # noqa: UP007
     return TypeAdapter(choice)
+
+
+@lru_cache
+def _unknown_in(family: type[Kind]) -> type[Kind]:
+    """Return a kind with any keys: a script's own, in results that are read without the script."""
+
+    class Unknown(family):  # type: ignore[valid-type, misc]
+        model_config = ConfigDict(extra="allow")
+        kind: str
+
+    return Unknown
 
 
 class Either(Settings):

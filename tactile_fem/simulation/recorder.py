@@ -85,7 +85,7 @@ class Recorder:
         study, simulation, folder = self._study, self._simulation, self._results.folder
         on_root(self._comm, lambda: keep_files(study, folder, afresh=False))  # if cut off before
         on_root(self._comm, lambda: self._results.save_trace(**self._trace.arrays()))
-        if simulation.parts.body is not None or study.stimulus.is_slow_to_make:
+        if simulation.parts.body is not None or study.stimulus.is_kept_sampled:
             grid = DistanceGrid.of(simulation.body, simulation.path.places_mm())
             on_root(self._comm, lambda: self._results.save_stimulator(grid))
         self._save_run("running")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
@@ -48,7 +48,10 @@ class Mesh(Stimulus):
         description="grid of the distance, half of edge_radius_mm at most; default a third of it",
     )
 
-    is_slow_to_make: ClassVar[bool] = True
+    @property
+    def is_kept_sampled(self) -> bool:
+        """Whether results keep a sampled copy for pictures: it takes long to make."""
+        return True
 
     def shape(self) -> Gridded:
         """Return the rounded part."""

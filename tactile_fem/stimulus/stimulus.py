@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
@@ -33,12 +33,9 @@ class Stimulus(Kind):
         (0.0, 0.0), description="shift of the body across (X) and along (Y) the finger"
     )
 
-    # Whether the body takes so long to make that results keep a sampled copy for pictures.
-    is_slow_to_make: ClassVar[bool] = False
-
     def shape(self) -> RigidBody:
         """Return the body before `shift_mm`, its highest plane at z = 0."""
-        raise NotImplementedError
+        raise StudyError(f'stimulus.kind = "{self.kind}" is known where its module is imported')
 
     def raised(self) -> Sequence[Geometry]:
         """Return the outlines of what is raised from a plate, before `shift_mm`."""
@@ -50,6 +47,11 @@ class Stimulus(Kind):
         It is empty for a smooth body.
         """
         return ""
+
+    @property
+    def is_kept_sampled(self) -> bool:
+        """Whether results keep a sampled copy for pictures: its kind may not be known there."""
+        return not type(self).__module__.startswith("tactile_fem.")
 
     def body(self) -> RigidBody:
         """Return the rigid body.

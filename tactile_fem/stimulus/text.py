@@ -65,6 +65,16 @@ class Text(Stimulus):
         "before it)",
     )
 
+    @classmethod
+    def file_keys(cls) -> set[str]:
+        """Return the font's key."""
+        return {"font"}
+
+    @classmethod
+    def absolute_name(cls, name: str, folder: Path) -> str:
+        """Return an absolute path for a font file; a family's name unchanged."""
+        return font_file(name, folder)
+
     def files(self) -> dict[str, Path]:
         """Return the font's file, if there is one."""
         file = find_font(self.font)

@@ -23,7 +23,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger.settings import Finger
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.path import Follow, Hold, Lift, Piece, Press, Protocol, Slide
-from tactile_fem.receptors.settings import Receptors
+from tactile_fem.receptors.settings import Receptors, misplaced
 from tactile_fem.runtime.settings import Settings
 from tactile_fem.stimulus import (
     Braille,
@@ -38,10 +38,9 @@ from tactile_fem.stimulus import (
     Surface,
     Text,
 )
-from tactile_fem.study.afferents import Afferents, of_kind
+from tactile_fem.study.afferents import Afferents, filled, given_keys
 from tactile_fem.study.output import Output
 from tactile_fem.study.solver import Solver
-from tactile_fem.study.together import disagreements
 from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissue
 
 if TYPE_CHECKING:
@@ -116,12 +115,12 @@ class Study(Settings):
         """
         if not isinstance(data, dict):
             return data
-        finger = _given(data.get("finger", {}))
+        finger = given_keys(data.get("finger", {}))
         if finger.get("kind") != "section":
             return data
         if finger.get("ridge_height_mm") or finger.get("papilla_depth_mm"):
             data = _with_default(data, "solver", "linear", "direct")
-        if {"depth_mm", "path"} & _given(data.get("protocol", {})).keys():
+        if {"depth_mm", "path"} & given_keys(data.get("protocol", {})).keys():
             return data
         return _with_default(data, "protocol", "force_N", _SECTION_FORCE_N_MM)
 
@@ -133,7 +132,7 @@ class Study(Settings):
             return entries
         names = {"receptors", "neuron"}
         shared = {name: value for name, value in info.data.items() if name in names}
-        return [_filled(entry, shared) for entry in entries]
+        return [filled(entry, shared) for entry in entries]
 
     @field_validator("afferents")
     @classmethod
@@ -145,10 +144,19 @@ class Study(Settings):
         return entries
 
     @model_validator(mode="after")
-    def _sections_agree(self, info: ValidationInfo) -> Self:
-        found = list(disagreements(self, saved=bool(info.context and info.context.get("saved"))))
-        if found:
-            raise ValueError("\n".join(found))
+    def _tables_agree(self, info: ValidationInfo) -> Self:
+        problems = []
+        is_saved = info.context and info.context.get("saved")  # its drives may be a script's own
+        for population in self.populations:
+            problem = misplaced(population.receptors, self.finger.section_plane)
+            problems += [f"{self.table_of(population)}{problem}"] if problem else []
+            if self.afferents and not is_saved:
+                try:
+                    _ = population.population().drive
+                except StudyError as error:
+                    problems.append(str(error))
+        if problems:
+            raise ValueError("\n".join(problems))
         return self
 
     @model_serializer(mode="wrap")
@@ -192,37 +200,8 @@ class Study(Settings):
         }
 
 
-def _given(section: Any) -> dict[str, Any]:
-    """Return the keys that a table of the study gives."""
-    if isinstance(section, BaseModel):
-        return section.model_dump(exclude_unset=True)
-    return section if isinstance(section, dict) else {}
-
-
 def _with_default(data: dict[str, Any], name: str, key: str, value: Any) -> dict[str, Any]:
     """Return a study's tables with a key of one of them, where it is not given."""
     if not isinstance(data.get(name, {}), dict | BaseModel):
         return data
-    return {**data, name: {key: value, **_given(data.get(name, {}))}}
-
-
-def _filled(entry: Any, shared: dict[str, Receptors | Neuron]) -> Any:
-    """Return a population with the shared keys that it does not give; a file knows no None."""
-    if not isinstance(entry, dict | Afferents):
-        return entry
-    given = _given(entry)
-    kind = of_kind(given.get("kind"))
-    own = {section: given.get(section, {}) for section in shared}
-    return (
-        {key: value for key, value in kind.items() if key not in shared}
-        | given
-        | {
-            section: shared[section].shared_with(values) | kind.get(section, {}) | _set(values)
-            for section, values in own.items()
-            if isinstance(values, dict)
-        }
-    )
-
-
-def _set(values: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if value is not None}
+    return {**data, name: {key: value, **given_keys(data.get(name, {}))}}

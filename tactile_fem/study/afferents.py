@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from tactile_fem.neuron.settings import Neuron
 from tactile_fem.receptors.settings import Receptors
@@ -13,10 +13,11 @@ from tactile_fem.runtime.settings import Settings
 if TYPE_CHECKING:
     from tactile_fem.neuron import Population
 
-# What the kinds are that is not as in SA1. Densities: Johansson and Vallbo 1979 (RA 140, PC 21 per
-# cm2). RA end in dermal papillae, PC at about 2 mm depth. Filters, gains, spread, refractoriness:
-# demos/neurons/vibration.py. Membrane times of 5 and 1.5 ms: of published models (touchSim).
-_KINDS: dict[Any, dict[str, Any]] = {
+# Defaults of a kind that differ from those of SA1. Densities: Johansson and Vallbo 1979 (RA 140, PC
+# 21 per cm2). RA end in dermal papillae, PC at about 2 mm depth. Filters, gains, spread and
+# refractoriness: demos/neurons/vibration.py. Membrane times of 5 and 1.5 ms: of published models
+# (touchSim).
+_KINDS: dict[str, dict[str, Any]] = {
     "RA": {
         "feels": "compression",
         "receptors": {"density_per_cm2": 140.0, "side": "dermis"},
@@ -54,11 +55,6 @@ _KINDS: dict[Any, dict[str, Any]] = {
 }
 
 
-def of_kind(kind: Any) -> dict[str, Any]:
-    """Return what a population of a kind has by default that one of SA1 has not."""
-    return _KINDS.get(kind if isinstance(kind, str) else None, {})
-
-
 class Afferents(Settings):
     """A population; it takes what its own tables lack from `[receptors]` and `[neuron]`."""
 
@@ -81,3 +77,26 @@ class Afferents(Settings):
         from tactile_fem.neuron import Population
 
         return Population(self.name, self.neuron, self.feels)
+
+
+def given_keys(table: Any) -> dict[str, Any]:
+    """Return the keys that a table of the study gives."""
+    if isinstance(table, BaseModel):
+        return table.model_dump(exclude_unset=True)
+    return table if isinstance(table, dict) else {}
+
+
+def filled(entry: Any, shared: dict[str, Receptors | Neuron]) -> Any:
+    """Return a population with the shared keys that it does not give; a file knows no None."""
+    if not isinstance(entry, dict | Afferents):
+        return entry
+    given = given_keys(entry)
+    kind = given.get("kind")
+    defaults = _KINDS.get(kind, {}) if isinstance(kind, str) else {}
+    found = {key: value for key, value in defaults.items() if key not in shared} | given
+    for name, common in shared.items():
+        own = given.get(name, {})
+        if isinstance(own, dict):
+            own = {key: value for key, value in own.items() if value is not None}
+            found[name] = common.shared_with(given.get(name, {})) | defaults.get(name, {}) | own
+    return found

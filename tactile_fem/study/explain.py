@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
-from functools import partial
 from typing import Any, get_args
 
 import tomlkit
 from pydantic import BaseModel, ValidationError
 
-from tactile_fem.path import Piece
-from tactile_fem.stimulus import Stimulus
+from tactile_fem.runtime.settings import Kind
 from tactile_fem.study import Study
-from tactile_fem.study.afferents import Afferents
-
-KINDS = Stimulus.kinds
-PIECES = Piece.kinds
-# What the kinds of a section are kinds of.
-_WHAT = {"stimulus": "stimulus", "protocol": "piece"}
 
 # What a value must be, by pydantic's kind of error.
 _ALLOWED = {
@@ -43,23 +35,20 @@ _ALLOWED = {
     "model_type": "a table of values",
     "model_attributes_type": "a table of values",
 }
+_PETSC = ("solver", "petsc")
 
 
 def explain(error: ValidationError) -> str:
     """Return one sentence per problem, each naming the field, its value and what is allowed."""
     problems = error.errors(include_url=False)
-    places = [problem["loc"] for problem in problems]
+    parents = {place["loc"][:n] for place in problems for n in range(len(place["loc"]))}
     sentences = (
         _sentence(problem)
         for problem in problems
         # Entries that are wrong are not counted: then a list is too short as well.
-        if problem["type"] != "too_short" or not any(map(partial(_below, problem["loc"]), places))
+        if problem["type"] != "too_short" or problem["loc"] not in parents
     )
     return "\n".join(dict.fromkeys(sentences))
-
-
-def _below(place: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
-    return len(other) > len(place) and other[: len(place)] == place
 
 
 def toml_value(value: Any) -> str:
@@ -75,12 +64,6 @@ def toml_value(value: Any) -> str:
     return " ".join(text.split())
 
 
-def _shown(value: Any) -> str:
-    """Return `value` as in a study file, short enough for a sentence."""
-    text = toml_value(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
 def suggestion(word: str, known: Iterable[str]) -> str:
     """Return a half sentence: the nearest of the known words, or all of them."""
     known = list(known)
@@ -88,15 +71,33 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f"did you mean {near[0]}?" if near else f"allowed: {', '.join(known)}."
 
 
-def path_in_file(location: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return a location without pydantic's union tags: the path in the study file."""
-    if location[:1] == ("stimulus",):
-        return location[:1] + location[2:]
-    if location[:2] == ("protocol", "path"):
-        return location[:3] + location[4:]
-    if location[:2] == ("solver", "petsc"):
-        return location[:3]
-    return location
+def located(location: tuple[Any, ...]) -> tuple[tuple[Any, ...], Any]:
+    """Return a location's path in the study file, and the model of what is there or around it.
+
+    The path lacks pydantic's tags of unions; the model is None for a plain value.
+    """
+    path: tuple[Any, ...] = ()
+    model: Any = Study
+    for part in location:
+        if is_family(model) and part in model.kinds:
+            model = model.kinds[part]
+            continue
+        path += (part,)
+        if isinstance(part, str) and model is not None and part in model.model_fields:
+            model = model_in(model.model_fields[part].annotation)
+    return (path[:3] if path[:2] == _PETSC else path), model
+
+
+def model_in(annotation: Any) -> type[BaseModel] | None:
+    """Return the model in the type of a field, such as that of a list's entries."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(filter(None, map(model_in, get_args(annotation))), None)
+
+
+def is_family(model: Any) -> bool:
+    """Return whether a model is that of all kinds of something."""
+    return isinstance(model, type) and Kind in model.__bases__
 
 
 def _dotted(path: Iterable[str | int]) -> str:
@@ -108,83 +109,64 @@ def _dotted(path: Iterable[str | int]) -> str:
 
 
 def _sentence(problem: Any) -> str:
-    kind, location, context = problem["type"], problem["loc"], problem.get("ctx", {})
-    path = path_in_file(location)
-    name, value = _dotted(path) or "the study", _shown(problem["input"])
+    kind, context = problem["type"], problem.get("ctx", {})
+    path, model = located(problem["loc"])
+    name, value = _dotted(path) or "the study", toml_value(problem["input"])
     if kind == "extra_forbidden":
-        return _unknown(location, path)
+        return _unknown(path, model)
+    if len(value) > 60:
+        value = value[:57] + "..."
     if kind == "missing":
         return f"{name} is missing: {_dotted(path[:-1])} is {value}."
     if kind == "union_tag_invalid":
-        tag, kinds = context["tag"], KINDS if path[0] == "stimulus" else PIECES
-        what, hint = _WHAT[path[0]], suggestion(tag, kinds)
-        return f'{name}.kind is "{tag}", which is no kind of {what}; {hint}'
+        what, hint = model.__name__.lower(), suggestion(context["tag"], model.kinds)
+        return f'{name}.kind is "{context["tag"]}", which is no kind of {what}; {hint}'
     if kind == "union_tag_not_found":
-        return f"{name} has no kind; allowed: {', '.join(PIECES)}."
+        return f"{name} has no kind; allowed: {', '.join(model.kinds)}."
     if kind == "value_error":
-        return _end(f"{name}: {context['error']}" if path else str(context["error"]))
-    return _end(f"{name} is {value} but must be {_allowed(kind, path, context, problem['msg'])}")
-
-
-def _end(sentence: str) -> str:
+        sentence = f"{name}: {context['error']}" if path else str(context["error"])
+    elif path[:2] == _PETSC and len(path) == 3:
+        sentence = f"{name} is {value} but must be text, a number, true or false"
+    elif model is not None and kind in ("tuple_type", "too_short"):
+        sentence = f"{name} is {value} but must be a list of tables, each under [[{name}]]"
+    else:
+        sentence = f"{name} is {value} but must be {_allowed(kind, context, problem['msg'])}"
     return sentence if sentence.endswith((".", "?", "!")) else sentence + "."
 
 
-def _allowed(kind: str, path: tuple[str | int, ...], context: Any, message: str) -> str:
+def _allowed(kind: str, context: Any, message: str) -> str:
     """Return what a value may be, to follow "must be"."""
-    if path[:2] == ("solver", "petsc") and len(path) == 3:
-        return "text, a number, true or false"
     if kind == "literal_error":
         return str(context["expected"]).replace("'", '"')
-    if path == ("afferents",):
-        return "a list of tables, each under [[afferents]]"
-    if path == ("protocol", "path"):
-        return "a list of tables, each under [[protocol.path]]"
     if kind in _ALLOWED:
         return _ALLOWED[kind].format(**context)
     return "valid: " + message[:1].lower() + message[1:]
 
 
-def _unknown(location: tuple[str | int, ...], path: tuple[str | int, ...]) -> str:
-    word = str(path[-1])
-    if len(path) == 1:
-        return f"{word} is not a section of the study; {_section_hint(word)}"
-    model: Any = Study
-    if location[0] in _WHAT and len(location) != len(path):
-        at, kinds = (1, KINDS) if location[0] == "stimulus" else (3, PIECES)
-        model = kinds[str(location[at])]
-        if len(location) == at + 2:
-            return (
-                f'{_dotted(path)} is not a key of a {_WHAT[location[0]]} of kind "{location[at]}"; '
-                f"{_kinds_with(word, kinds) or suggestion(word, model.model_fields)}"
-            )
-        location = location[at + 1 :]
-    for part in location[:-1]:
-        if not isinstance(part, int):
-            annotation = Afferents if part == "afferents" else model.model_fields[part].annotation
-            model = next(
-                (m for m in get_args(annotation) if hasattr(m, "model_fields")), annotation
-            )
+def _unknown(path: tuple[Any, ...], model: type[BaseModel]) -> str:
+    """Return what an unknown key of a model may stand for."""
+    word, name = str(path[-1]), _dotted(path)
+    if model is Study:
+        keys = [f"{table}.{word}" for table, one in _tables() if word in one.model_fields]
+        hint = f"did you mean {' or '.join(dict.fromkeys(keys))}?"
+        return (
+            f"{word} is not a section of the study; "
+            f"{hint if keys else suggestion(word, Study.model_fields)}"
+        )
     hint = suggestion(word, model.model_fields)
-    return f"{_dotted(path)} is not a key of [{_dotted(path[:-1])}]; {hint}"
+    if not issubclass(model, Kind):
+        return f"{name} is not a key of [{_dotted(path[:-1])}]; {hint}"
+    what = next(filter(is_family, model.__mro__)).__name__.lower()
+    kinds = [f'"{kind}"' for kind, one in model.kinds.items() if word in one.model_fields]
+    if kinds:
+        words = " or ".join(part for part in (", ".join(kinds[:-1]), kinds[-1]) if part)
+        hint = f"it goes with kind = {words}."
+    return f'{name} is not a key of a {what} of kind "{model.model_fields["kind"].default}"; {hint}'
 
 
-def _kinds_with(word: str, models: Mapping[str, type[BaseModel]]) -> str:
-    """Return a half sentence that names the kinds with this key, if there are any."""
-    kinds = [f'"{kind}"' for kind, model in models.items() if word in model.model_fields]
-    words = " or ".join(part for part in (", ".join(kinds[:-1]), *kinds[-1:]) if part)
-    return f"it goes with kind = {words}." if kinds else ""
-
-
-def _section_hint(word: str) -> str:
-    models = [(section, info.annotation) for section, info in Study.model_fields.items()]
-    models += [("stimulus", model) for model in KINDS.values()]
-    models += [("afferents", Afferents)]
-    keys = [
-        f"{section}.{word}"
-        for section, model in models
-        if word in getattr(model, "model_fields", ())
-    ]
-    if keys:
-        return f"did you mean {' or '.join(dict.fromkeys(keys))}?"
-    return suggestion(word, Study.model_fields)
+def _tables() -> Iterator[tuple[str, type[BaseModel]]]:
+    """Yield the tables of a study and the models of what they may hold."""
+    for table, field in Study.model_fields.items():
+        model: Any = model_in(field.annotation)
+        for one in model.kinds.values() if is_family(model) else (model,):
+            yield table, one

@@ -13,12 +13,11 @@ from pydantic import ValidationError
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.settings import Finger
 from tactile_fem.path import Piece
-from tactile_fem.runtime.settings import Settings, absolute
+from tactile_fem.runtime.settings import Settings
 from tactile_fem.runtime.text import read_text
 from tactile_fem.stimulus import Stimulus
-from tactile_fem.stimulus.text import font_file
 from tactile_fem.study import Study
-from tactile_fem.study.explain import explain, path_in_file
+from tactile_fem.study.explain import explain, located
 from tactile_fem.study.kept import usable
 
 # --- reading -----------------------------------------------------------------------------------
@@ -38,7 +37,7 @@ def load_study(
         ``section.key=value`` each, ``afferents.name.key=value`` for a population. The value is
         TOML, or else plain text: ``stimulus.text=EFG``.
     saved
-        It is that of a scan's results: a script's own drives need not be known here.
+        It is that of a scan's results: a script's own kinds and drives need not be known here.
 
     Raises
     ------
@@ -49,8 +48,8 @@ def load_study(
     texts: dict[tuple[str, ...], str] = {}
     changes: dict[str, Any] = {}
     for override in overrides:
-        keys, text = _split(override)
-        _put(changes, keys, _value(text), override)
+        keys, text, value = _parsed(override)
+        _put(changes, keys, value, override)
         texts[keys] = text
     if path is not None:
         _resolve_paths(data, Path(path).parent)
@@ -76,21 +75,17 @@ def _read(path: Path) -> dict[str, Any]:
         raise StudyError(f"The study file {path} is not valid TOML: {error}.") from None
 
 
-def _split(override: str) -> tuple[tuple[str, ...], str]:
+def _parsed(override: str) -> tuple[tuple[str, ...], str, Any]:
+    """Return the keys of an override, its text, and its TOML value or the text where it is none."""
     name, equals, text = override.partition("=")
-    keys = tuple(part.strip() for part in name.split("."))
+    keys, text = tuple(part.strip() for part in name.split(".")), text.strip()
     if not equals or len(keys) < 2 or not all(keys):
         raise StudyError(f'"{override}" sets nothing: write section.key=value.')
-    return keys, text.strip()
-
-
-def _value(text: str) -> Any:
-    """Return a TOML value, or the text itself where it is none."""
     try:
         table = tomllib.loads(f"value = {text}")
     except tomllib.TOMLDecodeError:
-        return text
-    return table["value"] if len(table) == 1 else text
+        table = {}
+    return keys, text, table["value"] if len(table) == 1 else text
 
 
 def _put(data: dict[str, Any], keys: tuple[str, ...], value: Any, override: str) -> None:
@@ -130,7 +125,7 @@ def _use_plain_text(
 ) -> None:
     """Put the plain text of overrides where text is expected: ``stimulus.text=123``."""
     for problem in error.errors(include_url=False):
-        keys = path_in_file(problem["loc"])
+        keys, _ = located(problem["loc"])
         if keys[:2] == ("solver", "petsc"):  # text is one of several types there
             continue
         if problem["type"] == "string_type" and keys in texts:
@@ -141,18 +136,17 @@ def _use_plain_text(
 
 
 def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
-    """Make the paths of files absolute: relative ones start from the study's folder."""
-    stimulus, protocol = data.get("stimulus"), data.get("protocol")
-    if isinstance(stimulus, dict) and isinstance(stimulus.get("font"), str):
-        stimulus["font"] = usable(font_file(stimulus["font"], folder), folder)
+    """Make the names of files absolute: relative paths start from the study's folder."""
+    protocol = data.get("protocol")
     pieces = protocol.get("path") if isinstance(protocol, dict) else None
-    tables = [data.get("finger"), stimulus, *(pieces if isinstance(pieces, list) else [])]
+    tables: list[Any] = [data.get("finger"), data.get("stimulus")]
+    tables += pieces if isinstance(pieces, list) else []
     models: list[type[Settings]] = [Finger, *Stimulus.kinds.values(), *Piece.kinds.values()]
-    keys = set[str]().union(*(model.file_keys() for model in models))
+    model_of = {key: model for model in models for key in model.file_keys()}
     for table in tables:
-        for key in keys & table.keys() if isinstance(table, dict) else ():
+        for key in model_of.keys() & table.keys() if isinstance(table, dict) else ():
             if isinstance(table[key], str):
-                table[key] = usable(str(absolute(table[key], folder)), folder)
+                table[key] = usable(model_of[key].absolute_name(table[key], folder), folder)
 
 
 # --- writing -----------------------------------------------------------------------------------

@@ -12,42 +12,42 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
 from tactile_fem.runtime.files import atomic_write, sha256
-from tactile_fem.stimulus.text import Text, find_font
+from tactile_fem.runtime.settings import Settings
+from tactile_fem.stimulus.text import find_font
 
 # Subfolder of the copies.
 INPUTS = "inputs"
 _DIGITS = 8
-_LONGEST = 100  # of a copy's name
+_MAX_STEM = 100  # characters of a copy's name
 
 
 def named_files(part: Any, key: str = "") -> Iterator[tuple[str, str]]:
     """Yield key and name of each file of a study: absolute paths, and a font's path or family."""
-    if isinstance(part, Path):
-        yield key, str(part)
-    elif isinstance(part, tuple):
+    if isinstance(part, tuple):
         for number, entry in enumerate(part, 1):
             yield from named_files(entry, f"{key} (entry {number})")
-    elif isinstance(part, BaseModel):
+    elif isinstance(part, Settings):
         for name, value in part:
-            yield from named_files(value, f"{key}.{name}".lstrip("."))
-        if isinstance(part, Text):
-            yield f"{key}.font", part.font
+            inner = f"{key}.{name}".lstrip(".")
+            if name not in part.file_keys():
+                yield from named_files(value, inner)
+            elif value is not None:
+                yield inner, str(value)
 
 
 def with_files[T](part: T, change: Callable[[str], str]) -> T:
     """Return a study, or a part of it, with other names of its files."""
     new: Any = part
-    if isinstance(part, Path):
-        new = Path(change(str(part)))
-    elif isinstance(part, tuple):
+    if isinstance(part, tuple):
         new = tuple(with_files(entry, change) for entry in part)
-    elif isinstance(part, BaseModel):
-        values = {name: with_files(value, change) for name, value in part}
-        if isinstance(part, Text):
-            values["font"] = change(part.font)
+    elif isinstance(part, Settings):
+        values = {
+            name: type(value)(change(str(value)))
+            if name in part.file_keys() and value is not None
+            else with_files(value, change)
+            for name, value in part
+        }
         changed = {name: value for name, value in values.items() if value != getattr(part, name)}
         new = part.model_copy(update=changed)
     return new
@@ -58,9 +58,8 @@ def file_of(named: str) -> Path | None:
     found = named if Path(named).is_absolute() else find_font(named)
     if found is None:
         return None
-    path = Path(found)
     try:
-        return path if path.is_file() else None
+        return Path(found) if Path(found).is_file() else None
     except OSError:  # in a folder that may not be read
         return None
 
@@ -82,7 +81,7 @@ def usable(named: str, folder: Path, *, though_changed: bool = True) -> str:
     return named if is_same or (file is not None and not though_changed) else str(kept)
 
 
-def keep_files(study: BaseModel, folder: Path, *, afresh: bool) -> None:
+def keep_files(study: Settings, folder: Path, *, afresh: bool) -> None:
     """Copy the files that a study names, and its font, into a subfolder of `folder`.
 
     Files that are not there, as where a script gives its own body, are left out. With `afresh`
@@ -95,7 +94,7 @@ def keep_files(study: BaseModel, folder: Path, *, afresh: bool) -> None:
         if file is None or (not afresh and (is_kept or file.parent == inputs)):
             continue
         inputs.mkdir(exist_ok=True)
-        copy = inputs / f"{file.stem[:_LONGEST]}-{_digits(named)}{file.suffix}"
+        copy = inputs / f"{file.stem[:_MAX_STEM]}-{_digits(named)}{file.suffix}"
         with atomic_write(copy) as part:
             shutil.copyfile(file, part)
         written.add(copy)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from tactile_fem.path import Piece
 from tactile_fem.stimulus import Stimulus
 from tactile_fem.study import Study
 from tactile_fem.study.afferents import Afferents
-from tactile_fem.study.explain import KINDS, PIECES, toml_value
+from tactile_fem.study.explain import model_in, toml_value
 
 _HEAD = """\
 # A study: all input of a scan. Each value below is the default, which is the paper's if it states
@@ -44,15 +45,13 @@ def commented_template() -> str:
         values = getattr(study, name)
         lines += _table(name, values, _summary(type(values)))
         if name == "stimulus":
-            for kind, model in KINDS.items():
+            for kind, model in Stimulus.kinds.items():
                 if kind != study.stimulus.kind:
                     lines += _comment(f'or kind = "{kind}": {_summary(model)}')
-                    lines += [
-                        *_keys(model.model_construct(), "#     ", {"kind", *Stimulus.model_fields}),
-                        "",
-                    ]
+                    hidden = {"kind", *Stimulus.model_fields}
+                    lines += [*_keys(model.model_construct(), "#     ", hidden), ""]
         if name == "protocol":
-            for kind, model in PIECES.items():
+            for kind, model in Piece.kinds.items():
                 lines += [*_described(f'[[protocol.path]] with kind = "{kind}"', model), ""]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -60,27 +59,23 @@ def commented_template() -> str:
 def _described(heading: str, model: type[BaseModel]) -> Iterator[str]:
     """Describe a table that may be added to a study."""
     yield from _comment(f"{heading}: {_summary(model)}")
-    schema = model.model_json_schema()["properties"]
-    for key, field in model.model_fields.items():
+    for key, field, note in _notes(model):
         if key == "kind" and model is not Afferents:  # the heading says it
             continue
-        if not field.description:
+        if not note:
             yield f"#     [afferents.{key}] has the keys of [{key}]"
             continue
-        note = _with_allowed(field.description, schema[key])
-        if field.is_required() or field.default is None:
-            yield from _comment(f"    {key} {_unset(field)}: {note}")
-        else:
-            yield from _comment(f"    {key} = {toml_value(field.default)}: {note}")
-        for nested in get_args(field.annotation):
-            if isinstance(nested, type) and issubclass(nested, BaseModel):
-                yield from _described(f"    keys of {key}", nested)
+        is_set = not field.is_required() and field.default is not None
+        state = f"= {toml_value(field.default)}" if is_set else _unset(field)
+        yield from _comment(f"    {key} {state}: {note}")
+        if nested := model_in(field.annotation):
+            yield from _described(f"    keys of {key}", nested)
 
 
 def _table(name: str, values: BaseModel | dict[str, Any], note: str | None) -> Iterator[str]:
     """Write a table, its keys, and the tables in it."""
     yield from _with_note(f"[{name}]", note)
-    if not isinstance(values, BaseModel):
+    if isinstance(values, dict):
         yield ""
         return
     nested = {key: value for key, value in values if isinstance(value, BaseModel | dict)}
@@ -90,29 +85,30 @@ def _table(name: str, values: BaseModel | dict[str, Any], note: str | None) -> I
         yield from _table(f"{name}.{key}", value, type(values).model_fields[key].description)
 
 
-def _keys(values: BaseModel, mark: str, without: set[str]) -> Iterator[str]:
+def _keys(values: BaseModel, mark: str, hidden: set[str]) -> Iterator[str]:
     """Write a line for each key, the kind first."""
-    schema = type(values).model_json_schema()["properties"]
-    if isinstance(values, Stimulus):
-        schema["kind"] = {"enum": list(KINDS)}
-    for key, field in sorted(type(values).model_fields.items(), key=lambda item: item[0] != "kind"):
-        if key in without:
+    for key, field, note in sorted(_notes(type(values)), key=lambda line: line[0] != "kind"):
+        if key in hidden:
             continue
         value = getattr(values, key, None)
-        note = _with_allowed(field.description or "", schema[key])
         if value is None:
             yield from _comment(f"{key} {_unset(field)}: {note}")
         else:
             yield from _with_note(f"{mark}{key} = {toml_value(value)}", note)
 
 
+def _notes(model: type[BaseModel]) -> Iterator[tuple[str, FieldInfo, str]]:
+    """Yield each key of a model, its field, and its description with what is allowed."""
+    schema = model.model_json_schema()["properties"]
+    if issubclass(model, Stimulus):
+        schema["kind"] = {"enum": list(Stimulus.kinds)}
+    for key, field in model.model_fields.items():
+        note, allowed = field.description or "", _allowed(schema[key])
+        yield key, field, f"{note} [{allowed}]" if note and allowed else note
+
+
 def _unset(field: FieldInfo) -> str:
     return "must be given" if field.is_required() else "is not set"
-
-
-def _with_allowed(note: str, schema: dict[str, Any]) -> str:
-    allowed = _allowed(schema)
-    return f"{note} [{allowed}]" if allowed else note
 
 
 def _allowed(schema: dict[str, Any]) -> str:
