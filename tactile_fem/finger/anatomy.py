@@ -73,18 +73,19 @@ class Anatomy:
         ridges, sizes = Ridges(finger), Sizes.of(finger)
         rows = layering(finger, sizes.epidermis_rows)
         scans = Scans.of(finger) if finger.is_scanned else None
-        if scans is None:
-            skin, by = skin_shape(finger), np.zeros(3)
-        elif scans.skin is None:
-            skin, by = skin_shape(finger), _shift_of_bone(scans.bone, finger)
-        else:
+        skin: Capsule | ScannedSkin
+        bone: Capsule | ScannedBone
+        if scans and scans.skin:
             skin, by = ScannedSkin.of(scans.skin, finger, scans.frame).on_the_plane()
-        if scans is None or scans.bone is None:
-            bone = bone_shape(finger, skin)
         else:
+            skin = skin_shape(finger)
+            by = _shift_of_bone(scans.bone, finger) if scans and scans.bone else np.zeros(3)
+        if scans and scans.bone:
             bone = ScannedBone.of(scans.bone.moved(by), finger, skin.capsule.cut_y)
+        else:
+            bone = bone_shape(finger, skin)
         check_depth_of_bone(skin, bone, finger)
-        scanned_nail = None if scans is None or scans.nail is None else scans.nail.moved(by)
+        scanned_nail = scans.nail.moved(by) if scans and scans.nail else None
         nail = _nail(finger, skin.capsule, scanned_nail)
         return Anatomy(sizes, rows, ridges, skin, bone, nail)
 

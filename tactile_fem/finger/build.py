@@ -122,14 +122,13 @@ def _fill(
 ) -> tuple[Array, Indices, Indices]:
     """Fill the inside of the skin; return the nodes and the tetrahedra of fat and bone."""
     sizes, inner_loop = anatomy.sizes, _rim(inner)
-    ends_before_cut = isinstance(anatomy.bone, ScannedBone)
-    if ends_before_cut:
+    if isinstance(anatomy.bone, ScannedBone):  # ends before the cut
         surface = triangulate_bone(anatomy.bone, sizes.bone)
     else:
         surface, _, _ = triangulate(anatomy.bone, sizes.on_bone(finger))
     bone = surface.triangles + len(nodes)
     nodes = np.vstack([nodes, surface.points])
-    if ends_before_cut:
+    if isinstance(anatomy.bone, ScannedBone):
         nodes, lid = fill_plane(nodes, [inner_loop], sizes.far)
         nodes, fat = fill_volume(nodes, [inner, lid], [bone], improve=True)
         nodes, marrow = fill_volume(nodes, [bone])

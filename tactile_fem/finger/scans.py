@@ -157,18 +157,17 @@ def _frame_of(
     Raises MeshError if directions are parallel, or where the nail lies cannot be found.
     """
     body = skin or bone
+    assert body is not None
     tip = np.array(finger.tip_direction or _towards_tip(body))
     tip /= np.linalg.norm(tip)
     offsets = {"nail": _offset(skin, nail, tip), "bone": _offset(skin, bone, tip)}
-    up = finger.nail_direction
-    if up is None:
-        up = offsets["bone" if nail is None else "nail"]
-        if up is None or np.linalg.norm(up) < _LEAST_OFFSET_MM:
-            raise MeshError(
-                "finger.nail_direction must be given: where the nail is cannot be found without a "
-                "skin and a bone or nail that lies off its middle"
-            )
-    up = np.array(up) / np.linalg.norm(up)
+    towards_nail = finger.nail_direction or offsets["bone" if nail is None else "nail"]
+    if towards_nail is None or np.linalg.norm(towards_nail) < _LEAST_OFFSET_MM:
+        raise MeshError(
+            "finger.nail_direction must be given: where the nail is cannot be found without a skin "
+            "and a bone or nail that lies off its middle"
+        )
+    up = np.array(towards_nail) / np.linalg.norm(towards_nail)
     up -= (up @ tip) * tip
     if np.linalg.norm(up) < _LEAST_SINE:
         given = "given" if finger.tip_direction else "not given: the longest axis of the file"

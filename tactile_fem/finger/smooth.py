@@ -52,8 +52,8 @@ class SmoothSurface:
         high = surface.points.max(axis=0) + _MARGIN_MM
         # Whole steps, so that the grid does not depend on how far the scan goes on.
         low[1] += _STEP_MM * max((least_y - _MARGIN_MM - low[1]) // _STEP_MM, 0)
-        shape = np.ceil((high - low) / _STEP_MM).astype(int) + 1
-        if math.prod(shape.tolist()) > _MOST_POINTS:
+        shape = (np.ceil((high - low) / _STEP_MM).astype(int) + 1).tolist()
+        if math.prod(shape) > _MOST_POINTS:
             raise MeshError(
                 f"{name}: what lies in the finger's length is "
                 f"{' x '.join(f'{x:.0f}' for x in high - low - 2 * _MARGIN_MM)} mm large, more "
