@@ -9,9 +9,9 @@ from synthetic import make_results
 
 from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger import SURFACES, TISSUES, describe, read_msh, write_msh
+from tactile_fem.finger.layers import Ridges
 from tactile_fem.finger.mesh_data import edges_per_ridge
 from tactile_fem.finger.plane import Plane
-from tactile_fem.finger.ridges import Ridges
 from tactile_fem.finger.simplex import volumes
 from tactile_fem.receptors import place
 from tactile_fem.series import numbers_of

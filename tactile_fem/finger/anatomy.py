@@ -8,16 +8,13 @@ import numpy as np
 import shapely
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.bone import ScannedBone
-from tactile_fem.finger.layers import Layering, layering
+from tactile_fem.finger.layers import Layering, Ridges, Sizes, layering
 from tactile_fem.finger.plane import Array
-from tactile_fem.finger.ridges import Ridges
-from tactile_fem.finger.scanned import ScannedSkin
+from tactile_fem.finger.scanned import ScannedBone, ScannedSkin
 from tactile_fem.finger.scans import Scans
 from tactile_fem.finger.settings import Finger
 from tactile_fem.finger.shape import Capsule, bone_shape, check_depth_of_bone, skin_shape
 from tactile_fem.finger.simplex import lowest_height
-from tactile_fem.finger.sizes import Sizes
 from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.runtime.triangles import Triangles
 
@@ -70,28 +67,25 @@ class Anatomy:
     def of(finger: Finger) -> Anatomy:
         """Make what a study states; the last one is kept, since scans of a series often share it.
 
-        Raises
-        ------
-        MeshError
-            The lengths or the scans do not make a finger.
-        StudyError
-            A file cannot be read.
+        Raises MeshError if lengths or scans do not make a finger, StudyError if a file cannot be
+        read.
         """
         ridges, sizes = Ridges(finger), Sizes.of(finger)
         rows = layering(finger, sizes.epidermis_rows)
         scans = Scans.of(finger) if finger.is_scanned else None
-        if scans is None:
-            skin, by = skin_shape(finger), np.zeros(3)
-        elif scans.skin is None:
-            skin, by = skin_shape(finger), _shift_of_bone(scans.bone, finger)
-        else:
+        skin: Capsule | ScannedSkin
+        bone: Capsule | ScannedBone
+        if scans and scans.skin:
             skin, by = ScannedSkin.of(scans.skin, finger, scans.frame).on_the_plane()
-        if scans is None or scans.bone is None:
-            bone = bone_shape(finger, skin)
         else:
+            skin = skin_shape(finger)
+            by = _shift_of_bone(scans.bone, finger) if scans and scans.bone else np.zeros(3)
+        if scans and scans.bone:
             bone = ScannedBone.of(scans.bone.moved(by), finger, skin.capsule.cut_y)
+        else:
+            bone = bone_shape(finger, skin)
         check_depth_of_bone(skin, bone, finger)
-        scanned_nail = None if scans is None or scans.nail is None else scans.nail.moved(by)
+        scanned_nail = scans.nail.moved(by) if scans and scans.nail else None
         nail = _nail(finger, skin.capsule, scanned_nail)
         return Anatomy(sizes, rows, ridges, skin, bone, nail)
 
@@ -114,10 +108,7 @@ def _shift_of_bone(bone: Triangles, finger: Finger) -> Array:
 def _nail(finger: Finger, skin: Capsule, scanned: Triangles | None) -> NailOutline:
     """Return the outline of a scanned nail, or else of the study's.
 
-    Raises
-    ------
-    MeshError
-        The nail is wider or longer than the back of the finger.
+    Raises MeshError if it is wider or longer than the back of the finger.
     """
     if scanned is None:
         end = skin.tip_y - _NAIL_FROM_TIP_MM

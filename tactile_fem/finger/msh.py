@@ -36,7 +36,7 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
     """
     try:
         file = MshFile(Path(path))
-        nodes, names, blocks = file.points, file.names, file.blocks()
+        names, (nodes, blocks) = file.names(), file.content()
     except OSError as error:
         raise MeshError(f"cannot read the mesh {path}: {error.strerror}") from error
     except Exception as error:  # a damaged file fails in many ways
@@ -87,14 +87,13 @@ def _check_groups(mesh: FingerMesh, blocks: list[Block], start: str) -> None:
             "(gmsh -order 2)"
         )
     if mesh.missing:
+        groups = "groups" if len(mesh.missing) > 1 else "group"
+        raise MeshError(f"{start} lacks the physical {groups} {', '.join(mesh.missing)}")
+    ungrouped = int(np.sum(mesh.tissue == 0))
+    if ungrouped:
         raise MeshError(
-            f"{start} lacks the physical group{'s' * (len(mesh.missing) > 1)} "
-            f"{', '.join(mesh.missing)}"
-        )
-    if np.any(mesh.tissue == 0):
-        raise MeshError(
-            f"{int(np.sum(mesh.tissue == 0))} {shape.plural} of {start[4:]} belong to no tissue; "
-            f"the physical {'volumes' if shape is SOLID else 'surfaces'} are {', '.join(TISSUES)}"
+            f"{ungrouped} {shape.plural} of {start.removeprefix('the ')} belong to no tissue; the "
+            f"physical {'volumes' if shape is SOLID else 'surfaces'} are {', '.join(TISSUES)}"
         )
 
 
@@ -107,10 +106,7 @@ def _tagged(
 ) -> tuple[Indices, Indices]:
     """Return quadratic elements, each once, and their tags in this package, 0 for none.
 
-    Raises
-    ------
-    MeshError
-        An element has two of the tags.
+    Raises MeshError if an element has two of the tags.
     """
     tag_of = {number: tags[n] for (d, number), n in names.items() if d == dim and n in tags}
     parts = [block for block in blocks if block.kind == _QUADRATIC[dim]]
@@ -118,10 +114,8 @@ def _tagged(
     _, first, number = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     owner = first[number.ravel()]  # format 2 has an element once for each of its groups
     least, most = np.full(len(cells), np.iinfo(np.int64).max), np.zeros(len(cells), np.int64)
-    at = 0
-    for block in parts:
-        rows = owner[at : at + len(block.nodes)]
-        at += len(block.nodes)
+    ends = np.cumsum([len(block.nodes) for block in parts])[:-1]
+    for block, rows in zip(parts, np.split(owner, ends), strict=True):
         for groups in block.groups.T:
             numbers, index = np.unique(groups, return_inverse=True)
             tag = np.array([tag_of.get(number, 0) for number in numbers.tolist()])[index.ravel()]

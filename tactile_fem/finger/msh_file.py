@@ -1,7 +1,7 @@
-"""Reads Gmsh .msh files 2, 4.0 and 4.1, text and binary, whatever gmsh was told to save.
+"""Reads Gmsh .msh files 2, 4.0 and 4.1, text and binary, with any of gmsh's options for saving.
 
 Elements may belong to no physical group (``Mesh.SaveAll``) or to several, nodes may carry the
-coordinates of their surface (``Mesh.SaveParametric``), and a name may stand for groups of two
+parameters of their surface (``Mesh.SaveParametric``), and a name may belong to groups of two
 dimensions; meshio reads none of these.
 """
 
@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_fem.finger.plane import Array
+from tactile_fem.finger.simplex import Indices
 from tactile_fem.runtime.text import Numbers
-
-Indices = NDArray[np.int64]
 
 _SECTION = re.compile(rb"^[ \t]*\$(\w+)[ \t\r]*\n", re.MULTILINE)
 _GROUP = re.compile(rb'(\d+)\s+(-?\d+)\s+"(.*)"')
@@ -27,18 +25,10 @@ _NODES = [2, 3, 4, 4, 8, 6, 5, 3, 6, 9, 10, 27, 18, 14, 1, 8, 20, 15, 13, 9, 10,
 _NODES_OF = dict(enumerate([*_NODES, 5, 6, 20, 35, 56], 1)) | {92: 64, 93: 125}
 
 
-@dataclass(frozen=True)
-class Block:
-    """Elements of one type.
+class Block(NamedTuple):
+    """Elements of one of gmsh's types: nodes (m, n), numbers of their physical groups (m, k).
 
-    Attributes
-    ----------
-    kind
-        Gmsh's number of the type.
-    nodes
-        (m, n) indices of nodes, in gmsh's order.
-    groups
-        (m, k) numbers of the physical groups of the type's dimension; 0 is none.
+    The groups are those of the type's dimension; 0 is none.
     """
 
     kind: int
@@ -49,17 +39,8 @@ class Block:
 class MshFile:
     """The content of a .msh file.
 
-    Parameters
-    ----------
-    file
-        Its path.
-
-    Raises
-    ------
-    OSError
-        It cannot be read.
-    ValueError
-        It is no .msh file, cut off, or of another version.
+    Raises OSError if it cannot be read; ValueError, from its methods as well, if it is no .msh
+    file, cut off, or of another version.
     """
 
     def __init__(self, file: Path) -> None:
@@ -81,96 +62,76 @@ class MshFile:
         # Of counts and, in 4.1, of numbers of nodes and elements.
         self._size = f"u{int(size)}" if self._version > 4 else "u8"
 
-    @property
     def names(self) -> dict[tuple[int, int], str]:
-        """Names of the physical groups by dimension and number."""
-        lines = _GROUP.findall(self._sections.get("PhysicalNames", b""))
-        return {
-            (int(dim), abs(int(tag))): name.decode(errors="replace") for dim, tag, name in lines
-        }
+        """Return the names of the physical groups by dimension and number."""
+        found = _GROUP.findall(self._sections.get("PhysicalNames", b""))
+        return {(int(d), abs(int(tag))): name.decode(errors="replace") for d, tag, name in found}
 
-    @cached_property
-    def _nodes(self) -> tuple[Indices, NDArray[np.float64]]:
-        """Numbers (n,) and coordinates (n, 3) of the nodes."""
-        if self._version >= 4:
-            return self._nodes_4()
-        parametric = "Nodes" not in self._sections
-        count, numbers = self._counted("ParametricNodes" if parametric else "Nodes")
-        if parametric:
-            found = [self._parametric_node(numbers) for _ in range(count)]
-            return np.array([n for n, _ in found]), np.array([x for _, x in found])
-        node = np.dtype([("number", numbers.type_of("i4")), ("x", numbers.type_of("f8"), (3,))])
-        rows = numbers.take(node, count)
-        return rows["number"].astype(np.int64), rows["x"].astype(float)
+    def content(self) -> tuple[Array, list[Block]]:
+        """Return the nodes' coordinates (n, 3) in the file's order, and the elements.
 
-    @property
-    def points(self) -> NDArray[np.float64]:
-        """Coordinates of the nodes in the file's order, (n, 3)."""
-        return self._nodes[1]
-
-    def blocks(self) -> list[Block]:
-        """Return the elements in the file's order."""
-        number = self._nodes[0]
-        place = np.full(number.max(initial=0) + 1, -1)
-        place[number] = np.arange(len(number))
-        found = []
-        for kind, nodes, groups in self._blocks_4() if self._version >= 4 else self._blocks_2():
-            known = (nodes >= 0) & (nodes < len(place))
-            index = place[np.where(known, nodes, 0)]
-            if not known.all() or (index < 0).any():
+        Elements refer to nodes by their indices.
+        """
+        old = self._version < 4
+        tags, points = self._nodes_2() if old else self._nodes_4()
+        index = np.full(tags.max(initial=0) + 1, -1)
+        index[tags] = np.arange(len(tags))
+        blocks = []
+        for block in self._blocks_2() if old else self._blocks_4():
+            known = (block.nodes >= 0) & (block.nodes < len(index))
+            nodes = index[np.where(known, block.nodes, 0)]
+            if not known.all() or (nodes < 0).any():
                 raise ValueError("elements have nodes that it does not contain")
-            found.append(Block(kind, index, np.abs(groups)))
-        return found
+            blocks.append(Block(block.kind, nodes, np.abs(block.groups)))
+        return points, blocks
 
-    # --- version 2 ---------------------------------------------------------------------------
+    # --- version 2 -------------------------------------------------------------------------------
 
-    @staticmethod
-    def _parametric_node(numbers: Numbers) -> tuple[int, NDArray[np.float64]]:
-        (tag,) = numbers.integers("i4")
-        x = numbers.take("f8", 3)
-        dim, _ = numbers.integers("i4", 2)
-        numbers.take("f8", dim if dim < 3 else 0)
-        return tag, x
+    def _nodes_2(self) -> tuple[Indices, Array]:
+        if "ParametricNodes" in self._sections:
+            count, numbers = self._counted("ParametricNodes")
+            return _records(_parametric_node(numbers) for _ in range(count))
+        count, numbers = self._counted("Nodes")
+        node = np.dtype([("tag", numbers.type_of("i4")), ("x", numbers.type_of("f8"), (3,))])
+        rows = numbers.take(node, count)
+        return rows["tag"].astype(np.int64), rows["x"].astype(float)
 
-    def _blocks_2(self) -> Iterator[tuple[int, Indices, Indices]]:
+    def _blocks_2(self) -> Iterator[Block]:
         count, numbers = self._counted("Elements")
         while count > 0:
             if self._text:  # records of a number, type, number of tags, tags and nodes
                 _, kind, tags = numbers.peek("i4", 3).astype(np.int64).tolist()
-                names, own = ("number", "kind", "tags"), numbers.type_of("i4")
-                fields = [(name, own) for name in names]
-                fields += [("tags and nodes", own, (tags + _nodes_of(kind),))]
-                stated = {"kind": kind, "tags": tags}
-                rows = numbers.alike(np.dtype(fields), count, stated)["tags and nodes"]
-                rows = rows.astype(np.int64)
+                own, width = numbers.type_of("i4"), tags + _nodes_of(kind)
+                fields = [(name, own) for name in ("number", "kind", "tags")]
+                record = np.dtype([*fields, ("tags and nodes", own, (width,))])
+                rows = numbers.alike(record, count, {"kind": kind, "tags": tags})
+                rows = rows["tags and nodes"].astype(np.int64)
             else:
                 kind, run, tags = numbers.integers("i4", 3).tolist()
                 rows = numbers.rows("i4", run, 1 + tags + _nodes_of(kind))[:, 1:]
-            yield kind, rows[:, tags:], rows[:, : min(tags, 1)]
+            yield Block(kind, rows[:, tags:], rows[:, : min(tags, 1)])
             count -= len(rows)
 
-    # --- version 4 ---------------------------------------------------------------------------
+    # --- version 4 -------------------------------------------------------------------------------
 
-    def _nodes_4(self) -> tuple[Indices, NDArray[np.float64]]:
+    def _nodes_4(self) -> tuple[Indices, Array]:
         numbers, new = self._numbers("Nodes"), self._version > 4
-        blocks = numbers.integers(self._size, 4 if new else 2)[0]
         tags, points = [], []
-        for _ in range(blocks):
+        for _ in range(numbers.integers(self._size, 4 if new else 2)[0]):
             one, other, parametric = numbers.integers("i4", 3)
             (count,) = numbers.integers(self._size)
-            dim = one if new else other
-            width = 3 + (dim if new and parametric else 0)
             if new:
-                tags.append(numbers.integers(self._size, count))
-                points.append(numbers.take("f8", count * width).reshape(count, width)[:, :3])
-                continue
-            for _ in range(count):
-                tags.append(numbers.integers("i4"))
-                points.append(numbers.take("f8", 3)[None])
-                numbers.take("f8", dim if parametric and dim < 3 else 0)
+                width = 3 + (one if parametric else 0)
+                own = numbers.integers(self._size, count)
+                at = numbers.take("f8", count * width).reshape(count, width)[:, :3]
+            else:
+                more = other if parametric and other < 3 else 0
+                own, at = _records(_node(numbers, more) for _ in range(count))
+            tags.append(own)
+            points.append(at)
         return np.concatenate(tags), np.concatenate(points)
 
-    def _blocks_4(self) -> Iterator[tuple[int, Indices, Indices]]:
+    def _blocks_4(self) -> Iterator[Block]:
         groups = self._groups()
         numbers, new = self._numbers("Elements"), self._version > 4
         for _ in range(numbers.integers(self._size, 4 if new else 2)[0]):
@@ -178,7 +139,7 @@ class MshFile:
             (count,) = numbers.integers(self._size)
             rows = numbers.rows(self._size if new else "i4", count, 1 + _nodes_of(kind))
             own = groups.get((one, other) if new else (other, one), np.zeros(0, np.int64))
-            yield kind, rows[:, 1:], np.tile(own, (count, 1))
+            yield Block(kind, rows[:, 1:], np.tile(own, (count, 1)))
 
     def _groups(self) -> dict[tuple[int, int], Indices]:
         """Return the physical groups of each entity, by its dimension and number."""
@@ -204,7 +165,7 @@ class MshFile:
         """Return the integers of a list that begins with their count."""
         return numbers.integers("i4", numbers.integers(self._size)[0])
 
-    # --- sections ----------------------------------------------------------------------------
+    # --- sections --------------------------------------------------------------------------------
 
     def _section(self, name: str) -> bytes:
         if name not in self._sections:
@@ -218,6 +179,26 @@ class MshFile:
         """Return the count in the first line of a section, and its numbers."""
         count, _, data = self._section(section).partition(b"\n")
         return int(count), Numbers(data, self._text, self._order)
+
+
+def _node(numbers: Numbers, parameters: int) -> tuple[int, Array]:
+    """Take a node's number, coordinates and parameters; return the former two."""
+    (tag,), x = numbers.integers("i4"), numbers.take("f8", 3)
+    numbers.take("f8", parameters)
+    return tag, x
+
+
+def _parametric_node(numbers: Numbers) -> tuple[int, Array]:
+    """Return the number and coordinates of a node whose entity's dimension follows."""
+    node = _node(numbers, 0)
+    dim, _ = numbers.integers("i4", 2)
+    numbers.take("f8", dim if dim < 3 else 0)
+    return node
+
+
+def _records(nodes: Iterator[tuple[int, Array]]) -> tuple[Indices, Array]:
+    found = list(nodes)
+    return np.array([n for n, _ in found], int), np.reshape([x for _, x in found], (-1, 3))
 
 
 def _nodes_of(kind: int) -> int:

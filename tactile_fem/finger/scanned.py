@@ -1,7 +1,7 @@
-"""A scanned skin: a capsule that is moved along its normals onto the smoothed scan.
+"""Scanned skin and bone: smoothed, and triangulated as the analytic ones are.
 
-So it is triangulated as the analytic finger is, with triangles of the wanted size, whatever those
-of the file are.
+A scanned skin is a capsule that is moved along its normals onto the smoothed scan, and a bone an
+ellipsoid. So their triangles have the wanted size, whatever those of the files are.
 """
 
 from __future__ import annotations
@@ -12,20 +12,28 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from tactile_fem.errors import MeshError, PlaceError
-from tactile_fem.finger.frame import Frame
 from tactile_fem.finger.plane import Array
-from tactile_fem.finger.scans import beyond, connected
+from tactile_fem.finger.scans import Frame, beyond, connected
+from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.finger.settings import Finger
 from tactile_fem.finger.shape import ARC_END, Capsule
 from tactile_fem.finger.simplex import lowest_height
 from tactile_fem.finger.smooth import SmoothSurface
 from tactile_fem.runtime.triangles import Triangles
 
+# Of the skin.
 _BEYOND_CUT_MM = 1.0  # length of the scan beyond the cut, where it may be open
 _REACH_MM = 3.0  # by which the capsule is moved at most
 _CONTACT_FROM_CUT_MM, _CONTACT_FROM_TIP_MM = 3.0, 1.0
 _LARGEST_WIDTH_MM, _EDGE_MM = 45.0, 3.0  # edges from which the width is measured
 _FIT_STEP_MM, _LOWEST_STEP_MM = 1.5, 0.25  # between samples, to fit and to find the lowest point
+# Of the bone.
+_FROM_CUT_MM = 1.5  # a bone that ends here is clear of the cut, so that it can be closed
+_LEAST_LENGTH_MM = 2.0  # in the finger
+# The largest triangles over the bone's least extent; each further attempt makes them smaller.
+_SIZE_SHARE, _ATTEMPTS, _REFINEMENT = 0.25, 4, 1.4
+_SMOOTHINGS = 5  # of the triangulation
+_LEAST_COSINE = 0.2  # of the angle between a triangle and the surface
 
 
 @dataclass(frozen=True)
@@ -39,10 +47,7 @@ class ScannedSkin:
     def of(cls, skin: Triangles, finger: Finger, frame: Frame) -> ScannedSkin:
         """Fit the capsule to a scan.
 
-        Raises
-        ------
-        MeshError
-            The scan is too short, has a hole, intersects itself, or is no finger.
+        Raises MeshError if it is too short, has a hole, intersects itself, or is no finger.
         """
         length = finger.tip_length_mm + finger.straight_length_mm
         whole, skin = skin, beyond(skin, -length - _BEYOND_CUT_MM - _REACH_MM)
@@ -50,7 +55,7 @@ class ScannedSkin:
             skin = connected(skin, np.zeros(3))
         tip = float(skin.points[:, 1].max())
         cut = tip - length
-        _check_contact(skin, finger, frame, (cut, tip))
+        _check_contact(skin, finger, frame, cut, tip)
         _check_length(skin, cut)
         skin = beyond(skin, cut - _BEYOND_CUT_MM - _REACH_MM)
         _check_holes(skin, cut)
@@ -61,12 +66,9 @@ class ScannedSkin:
         return cls(_fitted(guess, surface), surface)
 
     def place(self, reference: Array) -> tuple[Array, Array]:
-        """Move points of the reference capsule onto the scan; see `Capsule.place`.
+        """Move points of the reference capsule onto the scan, as `Capsule.place` does.
 
-        Raises
-        ------
-        MeshError
-            The scan is too far from the capsule.
+        Raises MeshError if the scan is too far from the capsule.
         """
         points, directions = self.capsule.place(reference)
         in_cut = points[:, 1] < self.capsule.cut_y + 1e-9  # remains in the plane
@@ -120,13 +122,10 @@ def _check_holes(skin: Triangles, cut: float) -> None:
         )
 
 
-def _check_contact(
-    skin: Triangles, finger: Finger, frame: Frame, ends: tuple[float, float]
-) -> None:
+def _check_contact(skin: Triangles, finger: Finger, frame: Frame, cut: float, tip: float) -> None:
     """Raise PlaceError if the origin is no point of a pad between the cut and the tip."""
     import trimesh  # takes 0.15 s
 
-    (cut, tip), place = ends, np.zeros(3)
     x, y, z = frame.origin
     if finger.contact_mm is not None:
         contact = f"finger.contact_mm = {[round(float(c), 3) for c in frame.origin]}"
@@ -138,22 +137,21 @@ def _check_contact(
         contact += f", at {x:.1f}, {y:.1f}, {z:.1f} mm in the file,"
         remedy = "give contact_mm, a point of the pad, or correct tip_direction or nail_direction"
     least, most = _CONTACT_FROM_TIP_MM, tip - cut - _CONTACT_FROM_CUT_MM
-    if not least <= tip <= most:
-        raise PlaceError(
-            f"{contact} lies {tip:.1f} mm behind the tip, but it must lie {least:g} to {most:g} mm "
-            "behind it, as the finger is cut at tip_length_mm + straight_length_mm = "
-            f"{tip - cut:g} mm: {remedy}",
-            place,
-        )
     nearest = trimesh.triangles.closest_point(skin.corners, np.zeros((len(skin.triangles), 3)))
     away = float(np.linalg.norm(nearest, axis=1).min())
     pad = lowest_height(0.0, 0.0, skin.corners) or 0.0
-    if pad < -_REACH_MM and away <= _REACH_MM:
-        raise PlaceError(
-            f"{contact} lies {-pad:.1f} mm above the pad, on the side of the nail: {remedy}", place
+    if not least <= tip <= most:
+        problem = (
+            f"lies {tip:.1f} mm behind the tip, but it must lie {least:g} to {most:g} mm behind "
+            f"it, as the finger is cut at tip_length_mm + straight_length_mm = {tip - cut:g} mm"
         )
-    if away > _REACH_MM:
-        raise PlaceError(f"{contact} lies {away:.1f} mm from the scanned skin: {remedy}", place)
+    elif away > _REACH_MM:
+        problem = f"lies {away:.1f} mm from the scanned skin"
+    elif pad < -_REACH_MM:
+        problem = f"lies {-pad:.1f} mm above the pad, on the side of the nail"
+    else:
+        return
+    raise PlaceError(f"{contact} {problem}: {remedy}", np.zeros(3))
 
 
 def _guess(skin: Triangles, finger: Finger, tip: float, cut: float) -> Capsule:
@@ -201,3 +199,87 @@ def _fitted(guess: Capsule, surface: SmoothSurface) -> Capsule:
 
     found = least_squares(misfit, start, bounds=(least, most), x_scale=start)
     return replace(guess, **dict(zip(_FITTED, found.x.tolist(), strict=True)))
+
+
+# --- bone ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ScannedBone:
+    """A smoothed bone that ends before the cut, and the corners (3,) of its box."""
+
+    surface: SmoothSurface
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, bone: Triangles, finger: Finger, cut_y: float) -> ScannedBone:
+        """Smooth a bone and end it before the cut.
+
+        Raises MeshError if it lies behind the cut, or intersects itself.
+        """
+        end = cut_y + _FROM_CUT_MM
+        low, high = bone.points.min(axis=0), bone.points.max(axis=0)
+        if high[1] < end + _LEAST_LENGTH_MM:
+            raise MeshError(
+                f"finger.bone_file: the bone ends at Y {high[1]:.1f} mm in the finger's axes, but "
+                f"the finger is cut at {cut_y:.1f} mm"
+            )
+        low = np.maximum(low, [-np.inf, end, -np.inf])
+        surface = SmoothSurface.of(bone, finger.smooth_mm, "finger.bone_file", end, closed=True)
+        return cls(surface, low, high)
+
+    def sample(self, step_mm: float) -> tuple[Array, Array]:
+        """Return points (n, 3) of the surface about `step_mm` apart and their normals."""
+        half = (self.high - self.low) / 2
+        polar = np.linspace(-np.pi / 2, np.pi / 2, int(np.ceil(np.pi * half.max() / step_mm)))
+        turn = np.arange(0.0, 2 * np.pi, step_mm / max(half[0], half[2]))
+        polar, turn = (grid.ravel() for grid in np.meshgrid(polar, turn))
+        unit = np.column_stack(
+            [np.cos(polar) * np.cos(turn), np.sin(polar), np.cos(polar) * np.sin(turn)]
+        )
+        points = self.surface.project((self.low + self.high) / 2 + half * unit)
+        return points, self.surface.normals(points)
+
+
+def triangulate_bone(bone: ScannedBone, size_mm: float) -> Triangles:
+    """Triangulate a closed bone: an ellipsoid as large as it, moved onto its surface.
+
+    `size_mm` is the largest edge; a slender or ragged bone gets smaller ones. Raises MeshError if
+    triangles fold nevertheless.
+    """
+    size_mm = min(size_mm, _SIZE_SHARE * float((bone.high - bone.low).min()))
+    for _ in range(_ATTEMPTS):
+        found = _moved_ellipsoid(bone, size_mm)
+        vectors, corners = found.area_vectors, found.corners
+        outwards = np.einsum("ij,ij->i", vectors, bone.surface.normals(corners.mean(axis=1)))
+        folded = outwards < _LEAST_COSINE * np.linalg.norm(vectors, axis=1)
+        if not folded.any():
+            return found
+        size_mm /= _REFINEMENT
+    raise PlaceError(
+        "finger.bone_file: the bone is too ragged {place}: raise finger.smooth_mm",
+        corners[np.argmax(folded), 0],
+    )
+
+
+def _moved_ellipsoid(bone: ScannedBone, size_mm: float) -> Triangles:
+    """Return an ellipsoid's triangles that were moved onto a bone and smoothed there."""
+    middle, half = (bone.low + bone.high) / 2, (bone.high - bone.low) / 2
+    with gmsh_model() as gmsh:
+        occ = gmsh.model.occ
+        ball = (3, occ.addSphere(0, 0, 0, 1))
+        occ.dilate([ball], 0, 0, 0, *half)
+        occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size_mm)
+        gmsh.model.mesh.generate(2)
+        points, triangles, _ = simplices(gmsh, 2)
+    ellipsoid = Triangles(points, triangles)
+    triangles = ellipsoid.facing(ellipsoid.corners.mean(axis=1)).triangles
+    points = bone.surface.project(points + middle)
+    edges = Triangles(points, triangles).edges()
+    for _ in range(_SMOOTHINGS):
+        around = np.zeros_like(points)
+        np.add.at(around, edges[:, 0], points[edges[:, 1]])
+        points = bone.surface.project(around / np.bincount(edges[:, 0])[:, None])
+    return Triangles(points, triangles)

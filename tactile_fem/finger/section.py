@@ -55,9 +55,9 @@ def section_cells(
     along = plane.within(middle)[:, 0]
     under_nail = (along > nail[0]) & (along < nail[1]) & _is_dorsal(middle, capsule)
     cells, tissue = _triangles_of_layers(skin, rows, under_nail)
-    bone = _contour(anatomy.bone.capsule, plane)
-    size = sizes.on_bone(finger)
-    at = bone.points - [0, 0, anatomy.bone.capsule.axis_z]
+    assert isinstance(anatomy.bone, Capsule)  # sections have no scans
+    bone, size = _contour(anatomy.bone, plane), sizes.on_bone(finger)
+    at = bone.points - [0, 0, anatomy.bone.axis_z]
     bone = _divided(bone, [_BONE_SHARE * size(*point) for point in at], [0.0])
     nodes, fat, marrow = _fill(nodes, len(skin.points), bone, sizes.far)
     flat = plane.within(nodes)

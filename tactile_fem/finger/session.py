@@ -37,12 +37,7 @@ def gmsh_model() -> Iterator[ModuleType]:
     """Provide gmsh with an empty model and silent, reproducible settings.
 
     Afterwards, also after an error, the model is removed, and gmsh is finalized if it was started
-    here.
-
-    Raises
-    ------
-    MeshError
-        Gmsh is missing, or fails while meshing.
+    here. Raises MeshError if gmsh is missing, or fails while meshing.
     """
     try:
         import gmsh
@@ -75,10 +70,7 @@ def gmsh_model() -> Iterator[ModuleType]:
 def simplices(gmsh: ModuleType, dim: Literal[2, 3]) -> tuple[Array, Indices, Indices]:
     """Return the meshed triangles (`dim` 2) or tetrahedra (3) of the open model.
 
-    Returns
-    -------
-    points, cells, tags
-        (n, 3) used corners in the order of gmsh's tags; (m, dim + 1); (n,) gmsh's tags.
+    These are the used corners (n, 3) in the order of gmsh's tags, cells (m, dim + 1) and tags (n,).
     """
     tags, flat, _ = gmsh.model.mesh.getNodes()
     _, corners = gmsh.model.mesh.getElementsByType({2: 2, 3: 4}[dim])

@@ -67,7 +67,7 @@ class Finger(Either):
         "by bone_tip_gap_mm and subcutaneous_mm",
     )
     nail_file: File | None = Field(
-        None, description="likewise of the nail, beside a skin_file: tells where it lies"
+        None, description="likewise of the nail, beside a skin_file; gives its outline"
     )
     file_unit_mm: Positive = Field(1.0, description="length of the unit of these files")
     smooth_mm: NonNegative = Field(
@@ -295,6 +295,4 @@ class Finger(Either):
         return _kept_mesh(self)
 
 
-@cached_by_content(maxsize=1)
-def _kept_mesh(finger: Finger) -> FingerMesh:
-    return finger.mesh()
+_kept_mesh = cached_by_content(maxsize=1)(Finger.mesh)

@@ -21,8 +21,7 @@ from tactile_fem.finger.plane import Array
 from tactile_fem.finger.settings import Finger
 
 if TYPE_CHECKING:
-    from tactile_fem.finger.bone import ScannedBone
-    from tactile_fem.finger.scanned import ScannedSkin
+    from tactile_fem.finger.scanned import ScannedBone, ScannedSkin
 
 ARC_END = math.radians(30.0)  # the arc of the pad ends at this slope and continues straight
 _LEAST_GAP_MM = 0.15  # bone to dermis
@@ -34,19 +33,10 @@ _BONE_STEP_MM = 0.4  # of the bone's points whose depth is checked
 class Capsule:
     """A smooth closed-tip body along Y, cut at its proximal end (lengths in mm).
 
-    Parameters
-    ----------
-    half_width, below, above
-        Semi-axes of the cross-section: across, palmar and dorsal.
-    axis_z
-        Height of the axis at Y >= 0.
-    tip_y, tip_length, cut_y
-        Y of the end of the tip, length of the tip, and Y of the cut.
-    pad_radius
-        Radius of the contour along Y for Y < 0.
-    fullness
-        Second derivative of the palmar tip contour at Y = 0, divided by that of an ellipse that
-        starts there; with ``None`` the palmar contour closes like the dorsal one.
+    `half_width`, `below` and `above` are the semi-axes of the cross-section: across, palmar and
+    dorsal; `axis_z` is the height of the axis at Y >= 0. `fullness` is the second derivative of the
+    palmar tip contour at Y = 0, divided by that of an ellipse that starts there; with None the
+    palmar contour closes like the dorsal one.
     """
 
     half_width: float
@@ -56,7 +46,7 @@ class Capsule:
     tip_y: float
     tip_length: float
     cut_y: float
-    pad_radius: float
+    pad_radius: float  # of the contour along Y for Y < 0
     fullness: float | None = None
 
     @property
@@ -157,13 +147,7 @@ class Capsule:
 
 
 def skin_shape(finger: Finger) -> Capsule:
-    """Return the outer skin.
-
-    Raises
-    ------
-    MeshError
-        The lengths do not form a finger.
-    """
+    """Return the outer skin; raise MeshError if the lengths do not form a finger."""
     tip = finger.contact_from_tip_mm
     cut = tip - finger.tip_length_mm - finger.straight_length_mm
     if finger.tip_length_mm > tip:

@@ -37,25 +37,10 @@ class SmoothSurface:
     ) -> SmoothSurface:
         """Sample the distance on a grid and smooth it by a Gaussian.
 
-        Parameters
-        ----------
-        surface
-            In the finger's axes.
-        smooth_mm
-            Standard deviation. A surface of radius R moves by ``smooth_mm^2/R`` towards its centre.
-        name
-            The key of the surface's file, for messages.
-        least_y
-            The body ends here, or is of no interest beyond; it is sampled to 3 mm beyond.
-        closed
-            Whether it ends there in a plane.
-
-        Raises
-        ------
-        MeshError
-            The surface intersects itself, or is too large.
-        TactileError
-            libigl is missing.
+        A surface of radius R moves by ``smooth_mm^2/R`` towards its centre. `name` is the key of
+        its file, for messages. At `least_y` the body ends in a plane, if it is `closed`, or is of
+        no interest beyond; it is sampled to 3 mm beyond. Raises MeshError if the surface intersects
+        itself or is too large, TactileError if libigl is missing.
         """
         try:
             import igl
@@ -67,8 +52,8 @@ class SmoothSurface:
         high = surface.points.max(axis=0) + _MARGIN_MM
         # Whole steps, so that the grid does not depend on how far the scan goes on.
         low[1] += _STEP_MM * max((least_y - _MARGIN_MM - low[1]) // _STEP_MM, 0)
-        shape = np.ceil((high - low) / _STEP_MM).astype(int) + 1
-        if math.prod(shape.tolist()) > _MOST_POINTS:
+        shape = (np.ceil((high - low) / _STEP_MM).astype(int) + 1).tolist()
+        if math.prod(shape) > _MOST_POINTS:
             raise MeshError(
                 f"{name}: what lies in the finger's length is "
                 f"{' x '.join(f'{x:.0f}' for x in high - low - 2 * _MARGIN_MM)} mm large, more "

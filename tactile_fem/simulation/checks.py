@@ -7,9 +7,9 @@ import logging
 import numpy as np
 
 from tactile_fem.errors import StudyError
+from tactile_fem.finger.layers import PRESETS
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.plane import AXES, Plane
-from tactile_fem.finger.sizes import PRESETS
 from tactile_fem.neuron import fields_of
 from tactile_fem.path import Path
 from tactile_fem.simulation.parts import Parts
