@@ -21,6 +21,7 @@ from mpi4py import MPI  # isort: skip
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
 from tactile_fem.neuron import Drive, Population
+from tactile_fem.neuron.fields import STANDARD
 from tactile_fem.output.histories import at_time
 from tactile_fem.path import Path
 from tactile_fem.simulation import Parts, completed, resume, scan
@@ -444,7 +445,10 @@ def test_fields_and_states_have_the_times_of_their_steps(study, pieces, tmp_path
 
     with pytest.raises(Stopped):
         scan(pressed, tmp_path / "cut", observers=[stop])
-    check(tmp_path / "cut", Trace.from_arrays(Results(tmp_path / "cut").trace, rows[1] + 2))
+    saved = Results(tmp_path / "cut").trace
+    cut = Trace(saved["receptors_mm"], saved["population"])
+    cut.restore(saved, rows[1] + 2)
+    check(tmp_path / "cut", cut)
     assert check(tmp_path / "cut", resume(tmp_path / "cut").trace) == rows
 
 
@@ -482,11 +486,11 @@ def test_a_scan_with_inertia_holds_a_force_and_survives_an_interruption(study, t
 )
 def test_a_column_that_cannot_be(column, sentence):
     trace = Trace(np.zeros((2, 3)), np.array(["SA1", "SA1"]))
-    seen = SimpleNamespace(**{name: 0.0 for name in trace.arrays()}, indenting=True)
-    seen.columns = vars(seen)
-    trace.add(seen, seen, {"y": np.zeros(3)})
+    step = SimpleNamespace(**{name: 0.0 for name in trace.arrays()}, indenting=True)
+    felt = {field.name: 0.0 for field in STANDARD}
+    trace(SimpleNamespace(step=step, columns={**felt, "y": np.zeros(3)}))
     with pytest.raises(StudyError, match=sentence):
-        trace.add(seen, seen, column)
+        trace(SimpleNamespace(step=step, columns={**felt, **column}))
     assert len(trace) == 2 and np.isnan(trace.y[0]).all() and not trace.y[1].any()
 
 
