@@ -45,11 +45,10 @@ def run(study: Study, changes=()) -> tuple[np.ndarray, np.ndarray]:
     """Return force and SED after each step, and their derivatives."""
     values, derivatives = [], []
     with closing(Simulation(study)) as simulation:
-        problem = simulation.problem
-        sensitivities = Sensitivities(problem, changes)
+        sensitivities = Sensitivities(simulation.problem, changes)
 
         def read():
-            return np.append(problem.load().force_N, simulation.receptors.read().sed_kPa)
+            return np.append(simulation.load().force_N, simulation.receptors.read().sed_kPa)
 
         for _ in simulation.steps():
             sensitivities.follow()

@@ -175,6 +175,9 @@ def test_the_last_step_is_reopened_and_closed_again(gone):
         np.testing.assert_allclose(state.translation_old.value, accepted["translation_before"])
         np.testing.assert_allclose(state.translation.value, accepted["translation"])
         assert state.dt_s == 0.02
+        with state.reopened():  # already is
+            pass
+        assert_close(gone.order.gather(state.u_old), accepted["u_before"])
     assert_same(gone.gathered(), accepted)
     np.testing.assert_array_equal(state.u_old.x.array, state.u.x.array)
 

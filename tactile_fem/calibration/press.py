@@ -138,7 +138,7 @@ def _reading(
     def read() -> Array:
         values = np.empty(len(places))
         if is_force.any():
-            values[is_force] = problem.load().force_N[2]
+            values[is_force] = simulation.load().force_N[2]
         if skin is not None and not is_force.all():
             moved = skin.deformed_mm(problem.order.gather(problem.u))
             values[~is_force] = deflection(moved, skin.rest_mm, places[~is_force], axis)

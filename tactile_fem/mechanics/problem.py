@@ -160,7 +160,10 @@ class Problem:
         )
 
     def load(self) -> Load:
-        """Return forces and energies at the present displacement."""
+        """Return forces and energies at the present displacement, before it is accepted.
+
+        Afterwards friction would be that of a step without motion; see `reopened`.
+        """
         return self.load_cell.read()
 
     @staticmethod

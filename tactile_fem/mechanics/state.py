@@ -121,6 +121,7 @@ class State:
         self.force_old_N = origin.copy()
         self.iterations = 0
         self.histories: Sequence[PointHistory] = ()
+        self._is_reopened = False
 
     @property
     def dt_s(self) -> float:
@@ -166,17 +167,22 @@ class State:
         """Return to the end of the last accepted step, before it was accepted, within the context.
 
         Displacement and body are those that were accepted; all old values are those with which the
-        step began.
+        step began. Within another such context nothing changes.
         """
+        if self._is_reopened:
+            yield
+            return
         accepted = [history.old.x.array.copy() for history in self.histories]
         for history in self.histories:
             history.old.x.array[:] = history.before
         self.u_old.x.array[:] = self.u_before.x.array
         self.translation_old.value[:] = self.translation_before
         self.time_step.value = self.dt_old_s
+        self._is_reopened = True
         try:
             yield
         finally:
+            self._is_reopened = False
             for history, values in zip(self.histories, accepted, strict=True):
                 history.old.x.array[:] = values
             self.place(self.translation.value)

@@ -164,8 +164,9 @@ class Simulation:
         return self.problem.state
 
     def load(self) -> Load:
-        """Return forces, contact area and energies at the present state."""
-        return self.problem.load()
+        """Return forces, contact area and energies at the end of the last accepted step."""
+        with self.problem.reopened():
+            return self.problem.load()
 
     # --- stepping --------------------------------------------------------------------------------
 
