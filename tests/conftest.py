@@ -78,7 +78,7 @@ if RANK is not None:
     from petsc4py import PETSc
 
     from tactile_fem.runtime.ranks import abort_if_one_fails
-    from tactile_fem.solvers import fast
+    from tactile_fem.solvers import finger_problem
 
     # What ranks free together is collected between tests, not whenever one of them has garbage.
     gc.disable()
@@ -107,9 +107,9 @@ if RANK is not None:
     @pytest.fixture(autouse=True)
     def communicators_given_back():
         """Close the test's solvers, which several ranks keep: MPI's communicators are few."""
-        before = set(fast._OPEN)
+        before = set(finger_problem._OPEN)
         yield
-        for opened in [opened for opened in fast._OPEN if opened not in before]:
+        for opened in [opened for opened in finger_problem._OPEN if opened not in before]:
             opened.close()
         gc.collect()
         PETSc.garbage_cleanup(MPI.COMM_WORLD)

@@ -7,7 +7,6 @@ follows from it and the accepted state. So a scan may be restarted from any step
 
 from __future__ import annotations
 
-import atexit
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -40,15 +39,9 @@ _LAST_SOLVE = 0.3
 # For linear equations at a converged state, such as those of sensitivities.
 _LINEAR_RTOL, _LINEAR_MAX_IT = 1e-6, 400
 
-# Solvers on several ranks, until they are closed, in the order in which they were made.
-_OPEN: dict[FastSolver, None] = {}
-
 
 class FastSolver:
     """Solves the steps of a problem.
-
-    On one rank an unused solver is freed by Python. Several ranks must destroy it together, but
-    each collects its garbage at its own time: there a solver stays until it is closed.
 
     Parameters
     ----------
@@ -100,8 +93,6 @@ class FastSolver:
         for snes in [self.snes, *([self.snes.getNPC()] if has_inner else [])]:
             snes.setFunction(residual, self._equations.b)
             snes.setJacobian(jacobian, self._operator, self._equations.A)
-        if problem.domain.comm.size > 1:
-            _OPEN[self] = None
 
     def _nonlinear_problem(self, matrix: str | None) -> fem_petsc.NonlinearProblem:
         """Return the bulk's part as a problem for SNES; the contact's is added in each call."""
@@ -138,7 +129,6 @@ class FastSolver:
         self._two_level = None
         self._clear_options()
         PETSc.garbage_cleanup(self._problem.domain.comm)
-        _OPEN.pop(self, None)
 
     # --- solving -------------------------------------------------------------------------------
 
@@ -338,10 +328,3 @@ def _weakly(method: Callable[..., None]) -> Callable[..., None]:
     """Return a call of a bound method that does not keep its object alive."""
     reference = weakref.WeakMethod(method)
     return lambda *arguments: reference()(*arguments)
-
-
-@atexit.register
-def _close_all() -> None:
-    """Close open solvers at exit, in the same order on all ranks: destruction is collective."""
-    for solver in list(_OPEN):
-        solver.close()

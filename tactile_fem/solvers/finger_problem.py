@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -13,9 +14,16 @@ from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.fast import FastSolver
 from tactile_fem.solvers.report import SolveReport, StepSolver
 
+# Problems on several ranks, until they are closed, in the order in which they were made.
+_OPEN: dict[FingerProblem, None] = {}
+
 
 class FingerProblem(Problem):
     """A finger that is stepped by hand.
+
+    On one rank an unused problem is freed by Python. Several ranks must destroy its solver
+    together, but each collects its garbage at its own time: there a problem stays until it is
+    closed.
 
     ::
 
@@ -47,6 +55,8 @@ class FingerProblem(Problem):
         # A proxy: in a circle, PETSc's objects would wait for the garbage collector.
         self.solver = make_solver(weakref.proxy(self))
         self._iterations = 0
+        if self.domain.comm.size > 1:
+            _OPEN[self] = None
 
     def solve(self, translation: np.ndarray, dt_s: float) -> SolveReport:
         """Find the equilibrium with the body at `translation` (3,), `dt_s` after the last one.
@@ -92,3 +102,11 @@ class FingerProblem(Problem):
     def close(self) -> None:
         """Free the solver; all ranks must call it. `state` stays."""
         self.solver.close()
+        _OPEN.pop(self, None)
+
+
+@atexit.register
+def _close_all() -> None:
+    """Close open problems at exit, in the same order on all ranks: destruction is collective."""
+    for problem in list(_OPEN):
+        problem.close()
