@@ -20,7 +20,6 @@ import ufl
 from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 
-from tactile_fem.errors import TactileError
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.problem import Problem
@@ -29,7 +28,7 @@ from tactile_fem.solvers.jacobian import Jacobian
 from tactile_fem.solvers.lagging import Lagging
 from tactile_fem.solvers.near_skin import NearForm, NearSkin
 from tactile_fem.solvers.options import clear_options, options_of, set_options
-from tactile_fem.solvers.report import LinearSolve, SolveReport
+from tactile_fem.solvers.report import LinearSolve, SolveReport, solve_linear
 
 # Where Newton's method fails: width of the onset of contact, as a multiple, and softness of
 # friction with which it is tried first.
@@ -197,14 +196,7 @@ class FastSolver:
             def solve(right: np.ndarray) -> np.ndarray:
                 own.b.array[:] = right
                 with common.Timer("tactile: solve"):
-                    ksp.solve(own.b, solution)
-                if ksp.getConvergedReason() < 0:
-                    raise TactileError(
-                        "the linear equations at a converged state could not be solved"
-                    )
-                solution.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
-                fem_petsc.assign(solution, field)
-                return field.x.array.copy()
+                    return solve_linear(ksp, own.b, solution, field)
 
             try:
                 yield solve

@@ -18,7 +18,7 @@ from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.options import NEWTON, PLAIN, clear_options, set_options
-from tactile_fem.solvers.report import LinearSolve, SolveReport
+from tactile_fem.solvers.report import LinearSolve, SolveReport, solve_linear
 
 
 class PlainSolver:
@@ -83,10 +83,7 @@ class PlainSolver:
 
         def solve(values: np.ndarray) -> np.ndarray:
             right.array[:] = values
-            ksp.solve(right, solution)
-            solution.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
-            fem_petsc.assign(solution, field)
-            return field.x.array.copy()
+            return solve_linear(ksp, right, solution, field)
 
         try:
             yield solve

@@ -10,7 +10,10 @@ from typing import Protocol
 from petsc4py import PETSc
 
 import numpy as np
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
 
+from tactile_fem.errors import TactileError
 from tactile_fem.mechanics.domain import NodeOrder
 
 _REASONS = {
@@ -49,6 +52,24 @@ class SolveReport:
             float(snes.getFunctionNorm()),
             _REASONS.get(reason, str(reason)),
         )
+
+
+def solve_linear(
+    ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec, field: fem.Function
+) -> np.ndarray:
+    """Return the solution of linear equations as `field` holds it, ghosts included.
+
+    Raises
+    ------
+    TactileError
+        The solver does not converge.
+    """
+    ksp.solve(right, solution)
+    if ksp.getConvergedReason() < 0:
+        raise TactileError("the linear equations at a converged state could not be solved")
+    solution.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+    fem_petsc.assign(solution, field)
+    return field.x.array.copy()
 
 
 class StepSolver(Protocol):

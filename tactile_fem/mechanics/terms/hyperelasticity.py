@@ -45,8 +45,7 @@ class Hyperelasticity(StressTerm):
     def stored(self, w: Expr) -> ufl.Form:
         """Return the strain energy, weighted with `w`."""
         F, X, parts = self.tissues.F, self.tissues.X, self.tissues.parts(self.tissues.dx)
-        form = sum((self.energy(name) * w * dx for name, dx in parts.items()), ufl.Form([]))
-        return form + self._moved_to_centres(lambda law: law.energy(F, X) * w, parts)
+        return super().stored(w) + self._moved_to_centres(lambda law: law.energy(F, X) * w, parts)
 
     def skin_stiffness(self, tissue: str, gamma: Expr, height: Expr) -> Expr:
         """Return ``gamma (K + 4 G/3)/h`` at the last accepted state, MPa/mm."""

@@ -86,15 +86,6 @@ class Relaxation(StressTerm, PointHistory):
         networks = [network.energy(self.tissues.F) for network in self._networks(tissue)]
         return sum(networks[1:], networks[0]) if networks else None
 
-    def stored(self, w: Expr) -> ufl.Form:
-        """Return what all networks store, weighted with `w`."""
-        form = ufl.Form([])
-        for name, dx in self.tissues.parts(self.tissues.dx).items():
-            energy = self.energy(name)
-            if energy is not None:
-                form += energy * w * dx
-        return form
-
     def skin_stiffness(self, tissue: str, gamma: Expr, height: Expr) -> Expr | None:
         """Return ``gamma 4 G/3/h`` of the chains that do not break in the step, MPa/mm."""
         factors, own = self._factors.get(tissue), self.tissues

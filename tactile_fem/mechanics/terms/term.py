@@ -79,8 +79,12 @@ class Term:
 
     def stored(self, w: Expr) -> ufl.Form:
         """Return the stored energy of all tissues, weighted with `w`."""
-        del w
-        return ufl.Form([])
+        form = ufl.Form([])
+        for name, dx in self.tissues.parts(self.tissues.dx).items():
+            energy = self.energy(name)
+            if energy is not None:
+                form += energy * w * dx
+        return form
 
     def skin_stiffness(self, tissue: str, gamma: Expr, height: Expr) -> Expr | None:
         """Return by how much it stiffens the contact, MPa/mm.
