@@ -16,7 +16,7 @@ from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH
 from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.output.deck import Penalty, material_lines, write_deck
-from tactile_fem.stimulus.height_field import height_field
+from tactile_fem.stimulus.sampled import height_field
 from tactile_fem.study import (
     Cylinder,
     Hold,

@@ -13,7 +13,6 @@ from test_topography import sdf
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.topography import read_topography
-from tactile_fem.study import Surface
 
 # A letter F, seen from above; a little noise makes its values differ.
 ROWS = np.random.default_rng(0).normal(0, 0.5, (12, 15)).round(2)
@@ -28,7 +27,7 @@ def library():
 
 def from_above(file, **keys):
     """Return what one sees from above: rows from large Y to small Y, columns along X."""
-    return read_topography(Surface(file=file, **keys)).heights_mm.T[::-1]
+    return read_topography(file, **keys).heights_mm.T[::-1]
 
 
 def tmd(file):
@@ -124,14 +123,14 @@ def test_an_array_without_sizes_lies_as_a_picture_turned_by_a_quarter(name, tmp_
     ARRAYS[name](tmp_path / name)
     assert from_above(tmp_path / name, **SIZES) == pytest.approx(np.rot90(1e-3 * ROWS))
     with pytest.raises(StudyError, match=r"stimulus\.spacing_mm must be given: .* states none"):
-        read_topography(Surface(file=tmp_path / name))
+        read_topography(tmp_path / name)
 
 
 def test_of_several_arrays_none_is_chosen(tmp_path):
     library()
     np.savez(tmp_path / "f.npz", left=ROWS, right=ROWS)
     with pytest.raises(StudyError, match=r"but holds 2 \(left, right\)"):
-        read_topography(Surface(file=tmp_path / "f.npz", **SIZES))
+        read_topography(tmp_path / "f.npz", **SIZES)
 
 
 def test_a_files_own_unit_is_that_of_its_values(tmp_path, caplog):
@@ -176,7 +175,7 @@ def test_a_tiff_of_any_numbers_is_read_as_it_is(kind, order, tmp_path):
         values[0, :5] = np.iinfo(number).min // 2
     file = tiff(tmp_path / "f.tif", values, "uif".index(number.kind) + 1, order=order)
     unit = 1 / float(values.max())
-    found = read_topography(Surface(file=file, spacing_mm=0.2, unit_mm=unit)).heights_mm
+    found = read_topography(file, spacing_mm=0.2, unit_mm=unit).heights_mm
     assert found == pytest.approx(unit * values.astype(float))
 
 
@@ -261,7 +260,7 @@ def test_a_table_of_any_program_is_read(name, ending, tmp_path):
     text, encoding = TABLES[name]
     file = tmp_path / f"f.{ending}"
     file.write_bytes(text.encode(encoding))
-    assert read_topography(Surface(file=file, **SIZES)).heights_mm == pytest.approx(1e-3 * ROWS)
+    assert read_topography(file, **SIZES).heights_mm == pytest.approx(1e-3 * ROWS)
 
 
 HEADERS = {
@@ -280,7 +279,7 @@ def test_the_header_of_a_table_states_its_sizes(name, encoding, tmp_path):
     """Width is that of a row, along Y; the rows follow each other along X over the height."""
     library()
     (tmp_path / "f.txt").write_text(HEADERS[name] + table(), encoding=encoding)
-    found = read_topography(Surface(file=tmp_path / "f.txt"))
+    found = read_topography(tmp_path / "f.txt")
     assert found.heights_mm == pytest.approx(1e-3 * ROWS)
     assert found.spacing_mm == pytest.approx((0.2, 0.3))
 
@@ -288,24 +287,24 @@ def test_the_header_of_a_table_states_its_sizes(name, encoding, tmp_path):
 def test_without_the_library_a_header_is_not_known(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "SurfaceTopography.IO", None)
     (tmp_path / "f.txt").write_text(HEADERS["Gwyddion"] + table())
-    assert read_topography(Surface(file=tmp_path / "f.txt", **SIZES)).spacing_mm == (0.2, 0.2)
+    assert read_topography(tmp_path / "f.txt", **SIZES).spacing_mm == (0.2, 0.2)
     with pytest.raises(StudyError, match="a header is read by SurfaceTopography: pip install"):
-        read_topography(Surface(file=tmp_path / "f.txt"))
+        read_topography(tmp_path / "f.txt")
 
 
 def test_a_header_may_state_less(tmp_path, caplog):
     library()
     file = tmp_path / "f.txt"
     file.write_text("# Width: 4.5 mm\n# Height: 2.4 mm\n" + table())
-    assert read_topography(Surface(file=file, unit_mm=1.0)).spacing_mm == pytest.approx((0.2, 0.3))
+    assert read_topography(file, unit_mm=1.0).spacing_mm == pytest.approx((0.2, 0.3))
     with pytest.raises(StudyError, match=r"stimulus\.unit_mm must be given"):
-        read_topography(Surface(file=file))
+        read_topography(file)
     file.write_text("# Width: 4.5 mm\n# Value units: um\n" + table())
-    assert read_topography(Surface(file=file, spacing_mm=1.0)).heights_mm[0, 0] == 1e-3 * ROWS[0, 0]
+    assert read_topography(file, spacing_mm=1.0).heights_mm[0, 0] == 1e-3 * ROWS[0, 0]
     with pytest.raises(StudyError, match=r"stimulus\.spacing_mm must be given"):
-        read_topography(Surface(file=file))
+        read_topography(file)
     file.write_text("# x-pixels = 16\n" + table())
-    read_topography(Surface(file=file, **SIZES))
+    read_topography(file, **SIZES)
     assert "f.txt is not used: The number of columns (=15)" in caplog.text
 
 
@@ -329,4 +328,4 @@ def test_a_table_with_a_mistake_says_where_it_is(name, tmp_path):
     text, sentence = WRONG[name]
     (tmp_path / "f.csv").write_bytes(text.encode() if isinstance(text, str) else text)
     with pytest.raises(StudyError, match=sentence):
-        read_topography(Surface(file=tmp_path / "f.csv", **SIZES))
+        read_topography(tmp_path / "f.csv", **SIZES)

@@ -16,8 +16,7 @@ from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.receptors import Samples
 from tactile_fem.receptors.probe import Probe
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.stimulus.body import Ball, HalfSpace
-from tactile_fem.stimulus.cut import Cut
+from tactile_fem.stimulus.body import Ball, Cut, HalfSpace
 from tactile_fem.study import Solver, Tissue
 
 SAGITTAL = Plane((1, 2), 0.0)

@@ -5,20 +5,23 @@ import logging
 import numpy as np
 import pytest
 
+from tactile_fem.simulation.checks import tell_resolution
 from tactile_fem.stimulus.body import EXCESS_MM
-from tactile_fem.stimulus.height_field import height_map
-from tactile_fem.stimulus.relief import distance_error, levelled, relief_of
-from tactile_fem.stimulus.topography import Topography
-from tactile_fem.study import Surface
-
-
-def surface(**keys):
-    return Surface(file="unused.npy", **{"low_pass_mm": 0.0, "level": "mean", **keys})
+from tactile_fem.stimulus.relief import Relief, Roughness, levelled
+from tactile_fem.stimulus.sampled import height_map
+from tactile_fem.stimulus.spline import GridSpline
+from tactile_fem.study import Finger, Surface
 
 
 def sampled(function, shape=(81, 121), spacing=(0.05, 0.05)):
+    """Return heights on a grid around the origin, without their mean."""
     x, y = (step * (np.arange(n) - (n - 1) / 2) for n, step in zip(shape, spacing, strict=True))
-    return Topography(function(x[:, None], y[None, :]), spacing)
+    heights = function(x[:, None], y[None, :])
+    return heights - heights.mean()
+
+
+def relief_of(function, shape=(81, 121), spacing=(0.05, 0.05), **keys):
+    return Relief.of(sampled(function, shape, spacing), spacing, **keys)
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
@@ -33,8 +36,12 @@ def test_levelling_takes_polynomials_away_and_nothing_else(degree):
 
 @pytest.mark.parametrize(("wavelength", "share"), [(1.0, 0.5), (2.0, 0.5**0.25), (0.5, 0.5**4)])
 def test_the_filter_halves_its_wavelength(wavelength, share):
-    wave = sampled(lambda x, y: np.sin(2 * np.pi * x / wavelength) + 0 * y, (160, 40))
-    relief = relief_of(wave, surface(low_pass_mm=1.0, repeat="periodic"))
+    relief = relief_of(
+        lambda x, y: np.sin(2 * np.pi * x / wavelength) + 0 * y,
+        (160, 40),
+        low_pass_mm=1.0,
+        beyond="grid-wrap",
+    )
     x = np.linspace(-4, 4, 4001)
     h = relief.heights.derivatives(np.column_stack([x, 0 * x]), 0)[0]
     assert np.ptp(h) == pytest.approx(2 * share, rel=2e-3)
@@ -42,8 +49,7 @@ def test_the_filter_halves_its_wavelength(wavelength, share):
 
 
 def test_a_paraboloid_has_its_height_normal_and_curvature():
-    bowl = sampled(lambda x, y: -(x**2) / 8 - y**2 / 12)
-    body = relief_of(bowl, surface())
+    body = relief_of(lambda x, y: -(x**2) / 8 - y**2 / 12)
     at = body.distance(np.array([[0.0, 0, 0], [0, 0, 0.3], [1.0, 0, -1 / 8], [0, 0, 4]]))
     assert at.gap == pytest.approx([0, 0.3, 0, 4], abs=1e-6)
     assert at.normal[:3] == pytest.approx(
@@ -55,9 +61,7 @@ def test_a_paraboloid_has_its_height_normal_and_curvature():
 def test_derivatives_are_those_of_the_gap():
     rng = np.random.default_rng(5)
     k = 2 * np.pi / np.array([[0.9, 1.3], [1.7, -0.8], [2.2, 0.6]])
-    body = relief_of(
-        sampled(lambda x, y: sum(0.1 * np.sin(a * x + b * y) for a, b in k)), surface()
-    )
+    body = relief_of(lambda x, y: sum(0.1 * np.sin(a * x + b * y) for a, b in k))
     xy = rng.uniform(-1.8, 1.8, (500, 2))
     z = body.heights.derivatives(xy, 0)[0] + rng.uniform(-0.05, 0.2, 500)
     points, eps = np.column_stack([xy, z]), 1e-6
@@ -76,9 +80,7 @@ def test_derivatives_are_those_of_the_gap():
 
 def test_a_cylinder_has_its_distance_near_it():
     radius = 2.0
-    body = relief_of(
-        sampled(lambda x, y: np.sqrt(radius**2 - x**2) - radius + 0 * y, (61, 5)), surface()
-    )
+    body = relief_of(lambda x, y: np.sqrt(radius**2 - x**2) - radius + 0 * y, (61, 5))
     angle = np.linspace(-0.5, 0.5, 21)
     for off in (0.01, 0.1):
         points = (radius + off) * np.column_stack([np.sin(angle), 0 * angle, np.cos(angle)])
@@ -88,11 +90,12 @@ def test_a_cylinder_has_its_distance_near_it():
 
 
 @pytest.mark.parametrize("way_mm", [0.02, 0.3, 2.0])
-@pytest.mark.parametrize("repeat", ["mirrored", "periodic"])
-def test_a_rough_surface_is_never_farther_than_the_way_to_it(way_mm, repeat):
+@pytest.mark.parametrize("beyond", ["mirror", "grid-wrap"])
+def test_a_rough_surface_is_never_farther_than_the_way_to_it(way_mm, beyond):
     rng = np.random.default_rng(5)
-    rough = sampled(lambda x, y: rng.normal(0, 0.1, (x + y).shape))
-    body = relief_of(rough, surface(low_pass_mm=0.15, repeat=repeat))
+    body = relief_of(
+        lambda x, y: rng.normal(0, 0.1, (x + y).shape), low_pass_mm=0.15, beyond=beyond
+    )
     points = rng.uniform([-3, -4, -1], [3, 4, 4], (20_000, 3))
     ways = rng.normal(size=points.shape)
     ways *= way_mm / np.linalg.norm(ways, axis=1)[:, None]
@@ -104,17 +107,19 @@ def test_a_rough_surface_is_never_farther_than_the_way_to_it(way_mm, repeat):
 
 
 def test_beyond_its_edges_it_is_mirrored_or_repeated():
-    ramp = sampled(lambda x, y: 0.1 * x + 0.02 * y, (41, 61))
+    def ramp(**keys):
+        return relief_of(lambda x, y: 0.1 * x + 0.02 * y, (41, 61), **keys).heights
+
     x = np.linspace(-5, 5, 101)
     points = np.column_stack([x, 0 * x])
-    mirrored = relief_of(ramp, surface()).heights.derivatives(points, 1)
+    mirrored = ramp().derivatives(points, 1)
     folded = 2 - np.abs(np.mod(x + 1, 4) - 2) - 1
     inside = np.abs(np.mod(x, 2) - 1) > 0.2
     assert mirrored[0][inside] - mirrored[0].max() == pytest.approx(
         (0.1 * folded - 0.1)[inside], abs=2e-3
     )
     assert np.abs(np.diff(mirrored[0])).max() < 0.0101
-    repeated = relief_of(ramp, surface(repeat="periodic")).heights
+    repeated = ramp(beyond="grid-wrap")
     period = np.array([41, 61]) * 0.05
     here, there = (repeated.derivatives(points + n * period, 2) for n in (0, 3))
     assert np.ptp(here[0]) > 0.19
@@ -149,12 +154,49 @@ def test_the_highest_point_is_zero(tmp_path):
 
 
 def test_a_surface_too_sharp_for_its_distance_is_told(tmp_path, caplog):
-    gentle = sampled(lambda x, y: 0.05 * np.sin(2 * np.pi * x / 2) + 0 * y)
+    gentle = relief_of(lambda x, y: 0.05 * np.sin(2 * np.pi * x / 2) + 0 * y)
+    assert gentle.distance_error(0.02) < 0.01
     sharp = sampled(lambda x, y: 0.05 * np.sin(2 * np.pi * x / 0.2) + 0 * y, spacing=(0.01, 0.01))
-    assert distance_error(relief_of(gentle, surface()), 0.02) < 0.01
-    assert distance_error(relief_of(sharp, surface()), 0.02) > 0.2
+    assert Relief.of(sharp, (0.01, 0.01)).distance_error(0.02) > 0.2
     file = tmp_path / "sharp.npy"
-    np.save(file, sharp.heights_mm)
+    np.save(file, sharp)
     with caplog.at_level(logging.WARNING):
         Surface(file=file, spacing_mm=0.01, unit_mm=1.0).body()
     assert "raise stimulus.low_pass_mm (0.1)" in caplog.text
+
+
+# --- waves ---------------------------------------------------------------------------------------
+
+
+def two_waves():
+    x = 0.05 * (np.arange(200) + 0.5)[:, None]
+    y = 0.04 * (np.arange(300) + 0.5)[None, :]
+    return 0.03 * np.cos(2 * np.pi * x / 2.5) + 0.04 * np.cos(2 * np.pi * y / 0.5) + 7
+
+
+def test_each_wave_has_its_variance():
+    found = Roughness.of(GridSpline.through(two_waves(), [0, 0], [0.05, 0.04]))
+    assert found.rms_mm == pytest.approx(np.sqrt((0.03**2 + 0.04**2) / 2), rel=0.01)
+    for wavelength, share in [(20.0, 0.0), (1.0, 0.36), (0.6, 0.36), (0.4, 1.0), (0.1, 1.0)]:
+        assert found.share(wavelength) == pytest.approx(share, abs=0.01)
+    assert found.wavelength_of(0.3) == pytest.approx(2.5, rel=0.03)
+    assert found.wavelength_of(0.9) == pytest.approx(0.5, rel=0.03)
+
+
+def test_a_plane_is_followed_whole():
+    found = Roughness.of(GridSpline.through(np.zeros((20, 20)), [0, 0], [0.1, 0.1]))
+    assert found.rms_mm == 0 and found.share(5.0) == 1.0
+
+
+def test_a_scan_says_what_the_mesh_can_follow(tmp_path, caplog):
+    file = tmp_path / "waves.npy"
+    np.save(file, two_waves())
+    finger = Finger().mesh()
+    edge = finger.facet_size_mm
+    assert 0.85 < edge < 1.1  # the preset asks for 1 mm
+    surface = Surface(file=file, spacing_mm=0.05, unit_mm=1.0, low_pass_mm=0.0)
+    with caplog.at_level(logging.INFO):
+        tell_resolution(surface, finger)
+    assert "0.0354 mm rms" in caplog.text
+    assert "coarse 36 %, medium 36 %, paper 36 %" in caplog.text
+    assert "pad_size_mm = 0.3" in caplog.text

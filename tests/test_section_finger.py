@@ -16,8 +16,7 @@ from tactile_fem.finger.simplex import volumes
 from tactile_fem.receptors import place
 from tactile_fem.series import numbers_of
 from tactile_fem.simulation.checks import check_study
-from tactile_fem.stimulus.body import Ball
-from tactile_fem.stimulus.cut import Cut
+from tactile_fem.stimulus.body import Ball, Cut
 from tactile_fem.study import Finger, Grating, Plate, Protocol, Receptors, Solver, Study, Text
 
 RIDGED = Finger(kind="section", ridge_height_mm=0.1, papilla_depth_mm=0.2)

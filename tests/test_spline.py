@@ -67,3 +67,6 @@ def test_values_are_met_mirrored_and_repeated():
     mirrored = GridSpline.through(values, [0, 0], [1, 1]).derivatives(points, 0)[0]
     padded = np.pad(values, ((7, 7), (8, 8)), mode="reflect")
     assert mirrored == pytest.approx(padded.ravel())
+    for beyond in ("mirror", "grid-wrap"):
+        spline = GridSpline.through(values, [0, 0], [1, 1], beyond)
+        assert spline.values_on_grid() == pytest.approx(values)

@@ -6,8 +6,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import HalfSpace, smooth_minimum
 from tactile_fem.stimulus.braille import cells
 from tactile_fem.stimulus.embossed import Embossed
-from tactile_fem.stimulus.height_field import height_map
-from tactile_fem.stimulus.letters import Letters
+from tactile_fem.stimulus.sampled import height_map
 from tactile_fem.study import Braille, Cylinder, Dots, Edge, Grating, Plate, Sphere, Text
 
 BODIES = {
@@ -80,7 +79,7 @@ def test_the_gap_is_a_distance(name):
 @pytest.mark.parametrize("relief", [0.6, 0.15])  # less than the foot's blend, too
 def test_what_is_raised_is_united_with_its_plate_everywhere(relief):
     """Also where neither derivatives nor blend are evaluated, on top and far from the sides."""
-    body = Embossed(Letters(Text(text="G")), relief, fillet=0.1)
+    body = Embossed(Text(text="G").shape().outline, relief, fillet=0.1)
     points = np.random.default_rng(5).uniform([-5, -4, -1], [5, 4, 3.0], (40_000, 3))
     plate = HalfSpace(relief).distance(points)
     expected = smooth_minimum(body._extrusion(points), plate, body.blend)
@@ -91,7 +90,7 @@ def test_what_is_raised_is_united_with_its_plate_everywhere(relief):
 
 
 def test_an_outline_need_not_tell_its_distance_alone():
-    quick = Letters(Text())
+    quick = Text().shape().outline
 
     class Slow:
         distance = staticmethod(quick.distance)
@@ -220,10 +219,10 @@ def test_letters_have_size_order_pitch_and_shift():
 @pytest.mark.parametrize("glyph", ["F", "g", "-", "."])
 def test_a_text_of_one_glyph_is_centred_on_it(glyph):
     small = {"corner_radius_mm": 0.1, "fillet_radius_mm": 0.1, "start_mm": 0.0}
-    left, bottom, right, top = Letters(Text(text=glyph, **small)).polygons()[0].bounds
+    left, bottom, right, top = Text(text=glyph, **small).outlines()[0].bounds
     assert (left + right, bottom + top) == pytest.approx((0, 0), abs=1e-4)
     # With others it keeps to their line.
-    _, other = Letters(Text(text=f"G{glyph}", **small)).polygons()
+    _, other = Text(text=f"G{glyph}", **small).outlines()
     assert (glyph == "F") == (abs(other.bounds[0] + other.bounds[2]) < 0.2)
 
 

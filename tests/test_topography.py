@@ -11,13 +11,12 @@ from PIL import Image, PngImagePlugin
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.topography import read_topography
-from tactile_fem.study import Surface
 
 HEIGHTS = np.arange(30).reshape(5, 6) ** 2 % 37
 
 
-def surface(file, **keys):
-    return Surface(file=file, **{"spacing_mm": 0.1, "unit_mm": 0.01, **keys})
+def read(file, **keys):
+    return read_topography(file, **{"spacing_mm": 0.1, "unit_mm": 0.01, **keys})
 
 
 def sdf(file, values, count=None):
@@ -52,7 +51,7 @@ WRITERS = {
 def test_every_format_gives_the_same_heights(name, tmp_path):
     file = tmp_path / name
     WRITERS[name](file)
-    found = read_topography(surface(file))
+    found = read(file)
     assert found.heights_mm == pytest.approx(0.01 * HEIGHTS)
     assert found.spacing_mm == (0.1, 0.1)
 
@@ -60,26 +59,26 @@ def test_every_format_gives_the_same_heights(name, tmp_path):
 def test_an_instruments_file_states_spacing_and_unit(tmp_path):
     file = tmp_path / "instrument.sdf"
     sdf(file, HEIGHTS.T)
-    found = read_topography(Surface(file=file))
+    found = read_topography(file)
     assert found.heights_mm == pytest.approx(1e-3 * HEIGHTS)
     assert found.spacing_mm == pytest.approx((0.02, 0.03))
-    assert read_topography(Surface(file=file, spacing_mm=0.5)).spacing_mm == (0.5, 0.5)
+    assert read_topography(file, spacing_mm=0.5).spacing_mm == (0.5, 0.5)
 
 
 def test_small_values_may_be_high(tmp_path):
     file = tmp_path / "f.npy"
     np.save(file, HEIGHTS)
-    assert read_topography(surface(file, unit_mm=-0.5)).heights_mm == pytest.approx(-0.5 * HEIGHTS)
+    assert read(file, unit_mm=-0.5).heights_mm == pytest.approx(-0.5 * HEIGHTS)
 
 
 def test_a_part_is_cropped_by_lengths(tmp_path):
     file = tmp_path / "f.npy"
     np.save(file, np.arange(200.0).reshape(10, 20))
-    found = read_topography(surface(file, unit_mm=1.0, crop_mm=(0.2, 0.5, 0.6, 1.9)))
+    found = read(file, unit_mm=1.0, crop_mm=(0.2, 0.5, 0.6, 1.9))
     assert found.heights_mm == pytest.approx(np.arange(200.0).reshape(10, 20)[2:7, 5:20])
     for crop in [(0.2, 0.5, 1.0, 1.9), (0.6, 0, 0.2, 1.0), (0.0, 0.0, 0.1, 1.0)]:
         with pytest.raises(StudyError, match=r"crop_mm|make no surface"):
-            read_topography(surface(file, crop_mm=crop))
+            read(file, crop_mm=crop)
 
 
 def bomb(file):
@@ -177,7 +176,7 @@ def test_a_bad_file_is_told_in_one_sentence(name, tmp_path):
     file = tmp_path / name
     write(file)
     with pytest.raises(StudyError, match=message) as error:
-        read_topography(surface(file))
+        read(file)
     assert str(file) in str(error.value) or "make no surface" in str(error.value)
     assert len(str(error.value).splitlines()) == 1
 
@@ -186,7 +185,7 @@ def test_a_tiff_that_unpacks_to_more_than_it_says_stays_small(tmp_path):
     file = tmp_path / "bomb.tif"
     bomb_of_tiff(file)
     try:
-        assert read_topography(surface(file)).heights_mm.shape == (20, 20)
+        assert read(file).heights_mm.shape == (20, 20)
     except StudyError as error:
         assert "cannot be read" in str(error)
 
@@ -195,9 +194,9 @@ def test_a_table_without_spacing_or_unit_says_what_is_missing(tmp_path):
     file = tmp_path / "f.npy"
     np.save(file, HEIGHTS)
     with pytest.raises(StudyError, match=r"stimulus.spacing_mm must be given"):
-        read_topography(Surface(file=file, unit_mm=0.01))
+        read_topography(file, unit_mm=0.01)
     with pytest.raises(StudyError, match=r"stimulus.unit_mm must be given"):
-        read_topography(Surface(file=file, spacing_mm=0.01))
+        read_topography(file, spacing_mm=0.01)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from tactile_fem.output.deck import write_deck
 from tactile_fem.output.film import Film
 from tactile_fem.output.preview import preview_figure
 from tactile_fem.simulation.checks import tell_missed
-from tactile_fem.stimulus.whereabouts import miss
+from tactile_fem.stimulus.check import miss
 from tactile_fem.study import Cylinder, Edge, Finger, Plate, Protocol, Sphere, Study, Text
 
 LINE = np.linspace(-3.0, 3.0, 4)

@@ -27,7 +27,7 @@ from tactile_fem.output.histories import DISPLACEMENT, central_receptor
 from tactile_fem.output.plots import INK
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.series import numbers_of
-from tactile_fem.stimulus.roughness import Roughness
+from tactile_fem.stimulus.relief import Roughness
 from tactile_fem.study import Finger, Protocol, Surface
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

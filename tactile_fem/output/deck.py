@@ -33,8 +33,8 @@ from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, held_par
 from tactile_fem.finger.simplex import SOLID
 from tactile_fem.path import Motion
 from tactile_fem.runtime.files import write_text
-from tactile_fem.stimulus.height_field import HeightField, height_field
-from tactile_fem.stimulus.whereabouts import miss
+from tactile_fem.stimulus.check import miss
+from tactile_fem.stimulus.sampled import HeightField, height_field
 from tactile_fem.study import Elastic, Polynomial, Protocol, Study
 from tactile_fem.tissue.energies import compression_modulus
 

@@ -31,7 +31,7 @@ from tactile_fem.output.annotations import (
 from tactile_fem.output.film import Film
 from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import RigidBody
-from tactile_fem.stimulus.distance_grid import DistanceGrid
+from tactile_fem.stimulus.sampled import DistanceGrid
 
 Vector = tuple[float, float, float]
 UP = (0.0, 0.0, 1.0)

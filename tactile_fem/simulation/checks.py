@@ -14,7 +14,7 @@ from tactile_fem.neuron import fields_of
 from tactile_fem.path import Path
 from tactile_fem.simulation.parts import Parts
 from tactile_fem.stimulus import RigidBody
-from tactile_fem.stimulus.whereabouts import miss
+from tactile_fem.stimulus.check import miss
 from tactile_fem.study import Protocol, Stimulus, Study
 
 logger = logging.getLogger(__name__)

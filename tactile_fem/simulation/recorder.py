@@ -27,7 +27,7 @@ from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Observation, Simulation
 from tactile_fem.simulation.step import Step
 from tactile_fem.simulation.trace import Array, Trace
-from tactile_fem.stimulus.distance_grid import DistanceGrid
+from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study.kept import keep_files
 
 _TIMERS = (

@@ -35,7 +35,7 @@ from tactile_fem.neuron import Response, to_neo
 from tactile_fem.runtime.files import atomic_write, write_text
 from tactile_fem.simulation.states import choose_state
 from tactile_fem.simulation.trace import Trace
-from tactile_fem.stimulus.distance_grid import DistanceGrid
+from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
 from tactile_fem.study.kept import keep_files, usable, with_files

@@ -37,8 +37,8 @@ from tactile_fem.solvers.fast import FastSolver
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.options import check_options
 from tactile_fem.solvers.report import StepSolver
+from tactile_fem.stimulus.body import in_plane
 from tactile_fem.stimulus.check import check_body
-from tactile_fem.stimulus.cut import in_plane
 from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)

@@ -6,10 +6,13 @@ Body frame: X across the finger, Y along it, Z up; the highest plane of the body
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from tactile_fem.finger.plane import Plane
 
 Array = NDArray[np.float64]
 # Near the surface a distance must be accurate; farther away it need only be at least this long.
@@ -17,6 +20,8 @@ NEAR_MM = 0.5
 # Excess of a distance over the true one that the contact search allows for; see `Relief`.
 EXCESS_MM = 0.06
 _ZERO_MM = 1e-12
+# Below this slope within the plane of a section, no direction in it leads out of the body.
+_MIN_SLOPE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -129,3 +134,45 @@ class Moved:
     def distance(self, points: Array) -> Distance:
         """Return the signed distance at `points` (n, 3)."""
         return self.body.distance(points - np.array([*self.shift, 0.0]))
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A body turned about Z by `angle` (rad), from X towards Y."""
+
+    body: RigidBody
+    angle: float
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        c, s = np.cos(self.angle), np.sin(self.angle)
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        own = self.body.distance(points @ R)
+        return Distance(own.gap, own.normal @ R.T, R @ own.hessian @ R.T)
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A body in space, in the coordinates of a plane in the body's frame at displacement 0.
+
+    Its distance is that in space: zero on the contour of the cut body. Where a wall meets the plane
+    at a slant it is shorter than the distance in the plane, and so are gaps; where contact begins
+    is exact.
+    """
+
+    body: RigidBody
+    plane: Plane
+
+    def distance(self, points: Array) -> Distance:
+        """Return the body's signed distance at points (n, 2) of the plane."""
+        found = self.body.distance(self.plane.points(points))
+        axes = np.array(self.plane.axes)
+        normal = self.plane.within(found.normal)
+        flat = np.linalg.norm(normal, axis=1) < _MIN_SLOPE
+        normal[flat] = [0.0, 1.0]
+        return Distance(found.gap, normal, found.hessian[:, axes[:, None], axes])
+
+
+def in_plane(body: RigidBody, plane: Plane) -> RigidBody:
+    """Return a body as the mechanics of a section, or of space, take it."""
+    return body if plane.is_space else Cut(body, plane)

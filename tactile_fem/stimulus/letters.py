@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import shapely
@@ -19,14 +19,11 @@ from shapely import affinity
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array, Distance
+from tactile_fem.stimulus.fonts import find_font
 from tactile_fem.stimulus.spline import GridSpline
-from tactile_fem.stimulus.text import find_font
-
-if TYPE_CHECKING:
-    from tactile_fem.stimulus.text import Text
 
 _GRID_MM = 0.05
-# The distance from an outline is not told beyond its relief and this, where the plate is nearer.
+# Farther from an outline than its relief and this, the distance is constant: the plate is nearer.
 _BEYOND_RELIEF_MM = 0.6
 # How much farther the grid of a letter's distance reaches.
 _MARGIN_MM = 0.4
@@ -52,20 +49,27 @@ class Letters:
     way up a G, or up the glyph of a text that has no other.
     """
 
-    def __init__(self, text: Text) -> None:
-        font = _font(text.font)
-        characters = dict.fromkeys(c for c in text.text if not c.isspace())
-        glyphs = {c: _glyph(c, font, text.font) for c in characters}
+    def __init__(
+        self,
+        text: str,
+        font: str,
+        *,
+        g_width_mm: float,
+        pitch_mm: float,
+        start_mm: float,
+        corner_radius_mm: float,
+        fillet_radius_mm: float,
+        relief_mm: float,
+    ) -> None:
+        opened = _font(font)
+        glyphs = {c: _glyph(c, opened, font) for c in dict.fromkeys(text) if not c.isspace()}
         if not glyphs:
             raise StudyError('stimulus.text holds no letter; for a flat plate set kind = "plate"')
-        left, bottom, right, top = _glyph("G", font, text.font).bounds
-        scale = text.g_width_mm / (right - left)
+        left, bottom, right, top = _glyph("G", opened, font).bounds
+        scale = g_width_mm / (right - left)
         if len(glyphs) == 1:
             _, bottom, _, top = next(iter(glyphs.values())).bounds
         middle = (bottom + top) / 2
-        start = text.start_mm
-        if start is None:
-            start = text.pitch_mm / 2 if len(text.text) > 1 else -text.pitch_mm / 2
         placed = {}
         for character, glyph in glyphs.items():
             centre = (glyph.bounds[0] + glyph.bounds[2]) / 2
@@ -73,14 +77,12 @@ class Letters:
             placed[character] = affinity.affine_transform(
                 glyph, [0, -scale, scale, 0, scale * middle, -scale * centre]
             )
-        _check_radii(placed, text)
-        self._far_mm = text.relief_mm + _BEYOND_RELIEF_MM
-        radius, reach = text.corner_radius_mm, self._far_mm + _MARGIN_MM
-        shapes = {c: _letter(shape, radius, reach) for c, shape in placed.items()}
+        _check_radii(placed, font, corner_radius_mm, fillet_radius_mm)
+        self._far_mm = relief_mm + _BEYOND_RELIEF_MM
+        reach = self._far_mm + _MARGIN_MM
+        shapes = {c: _letter(shape, corner_radius_mm, reach) for c, shape in placed.items()}
         self._letters = [
-            (text.pitch_mm * i - start, shapes[c])
-            for i, c in enumerate(text.text)
-            if not c.isspace()
+            (pitch_mm * i - start_mm, shapes[c]) for i, c in enumerate(text) if c in shapes
         ]
 
     def polygons(self) -> list[shapely.Geometry]:
@@ -160,16 +162,17 @@ def _topology(shape: shapely.Geometry) -> tuple[int, int]:
     return len(parts), sum(len(part.interiors) for part in parts)
 
 
-def _check_radii(shapes: Mapping[str, shapely.Geometry], text: Text) -> None:
-    """Raise StudyError if strokes or gaps are too thin for the radii; tell what would fit."""
-    radius = text.corner_radius_mm
+def _check_radii(
+    shapes: Mapping[str, shapely.Geometry], font: str, radius: float, fillet_radius: float
+) -> None:
+    """Raise StudyError if strokes or gaps are too thin for the radii, with what would fit."""
     thin = [c for c, shape in shapes.items() if _rounded(shape, radius) is None]
     if thin:
         fits = min(_largest_radius(shapes[c], radius) for c in thin)
-        also = " and fillet_radius_mm" if text.fillet_radius_mm > fits else ""
+        also = " and fillet_radius_mm" if fillet_radius > fits else ""
         raise StudyError(
             f'stimulus.corner_radius_mm = {radius:g}: strokes or gaps of "{"".join(thin)}" in '
-            f'"{text.font}" are too thin for it, which must be less than half of each: '
+            f'"{font}" are too thin for it, which must be less than half of each: '
             f"corner_radius_mm{also} must not exceed {fits:g}"
         )
 

@@ -1,4 +1,4 @@
-"""A rigid part from a file of triangles: its keys."""
+"""A rigid part from a file of triangles."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tactile_fem.runtime.settings import File, Finite, Positive
 from tactile_fem.stimulus.stimulus import Stimulus
 
 if TYPE_CHECKING:
-    from tactile_fem.stimulus.gridded import Gridded
+    from tactile_fem.stimulus.part import Gridded
 
 
 class Mesh(Stimulus):
@@ -55,6 +55,15 @@ class Mesh(Stimulus):
 
     def shape(self) -> Gridded:
         """Return the rounded part."""
-        from tactile_fem.stimulus.part import make_part  # libigl is not always installed
+        from tactile_fem.stimulus import part  # libigl is not always installed
 
-        return make_part(self)
+        solid = part.read_solid(self.file, self.unit_mm)
+        piece = part.piece_of(
+            part.placed(solid, self.up, self.tilt_deg, self.turn_deg),
+            radius=self.edge_radius_mm,
+            step=self.grid_mm,
+            reach=self.reach_mm,
+            window=self.window_mm,
+            shift=self.shift_mm,
+        )
+        return part.rounded(piece, self.edge_radius_mm, self.file)

@@ -1,31 +1,21 @@
-"""A measured surface as a rigid body."""
+"""Heights over a plane: levelled, as a rigid body, and the waves of which they consist."""
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from scipy import ndimage
+from scipy.fft import dctn
 
-from tactile_fem.runtime.files import cached_by_content
-from tactile_fem.stimulus.body import EXCESS_MM, Array, Distance, RigidBody
+from tactile_fem.stimulus.body import EXCESS_MM, Array, Distance
 from tactile_fem.stimulus.spline import GridSpline
-from tactile_fem.stimulus.topography import Topography, check_relief, read_topography
-
-if TYPE_CHECKING:
-    from tactile_fem.stimulus.surface import Surface
-
-logger = logging.getLogger(__name__)
 
 # Standard deviation of a Gaussian that halves a wave, to its length (ISO 16610-61).
 _GAUSSIAN = np.sqrt(np.log(2) / 2) / np.pi
-_LEVELS = ["mean", "plane", "quadratic"]
-_BEYOND: dict[str, Literal["mirror", "grid-wrap"]] = {"mirrored": "mirror", "periodic": "grid-wrap"}
-# Relative error of the distance, this far from the surface, beyond which there is a warning.
-_ERROR_AT_MM, _MAX_ERROR = 0.02, 0.1
+_BINS = 400  # of wavelengths
 
 
 @dataclass(frozen=True)
@@ -33,6 +23,25 @@ class Relief:
     """Everything below heights over a plane, ``z = h(x, y)`` in mm; the highest is z = 0."""
 
     heights: GridSpline
+
+    @classmethod
+    def of(
+        cls,
+        heights: Array,
+        spacing: tuple[float, float],
+        low_pass_mm: float = 0.0,
+        beyond: Literal["mirror", "grid-wrap"] = "mirror",
+    ) -> Relief:
+        """Return the body of heights (nx, ny), filtered by a Gaussian that halves a wavelength.
+
+        Beyond them follows their mirror image, or they themselves again.
+        """
+        steps = np.array(spacing)
+        if low_pass_mm:
+            heights = ndimage.gaussian_filter(heights, _GAUSSIAN * low_pass_mm / steps, mode=beyond)
+        middle = steps * (np.array(heights.shape) - 1) / 2
+        top = _highest(GridSpline.through(heights, -middle, steps, beyond), heights)
+        return cls(GridSpline.through(heights - top, -middle, steps, beyond))
 
     def distance(self, points: Array) -> Distance:
         """Return the distance to first order, at `points` (n, 3).
@@ -79,56 +88,58 @@ class Relief:
         slopes = [np.abs(np.diff(padded, axis=k)).max() / spline.spacing[k] for k in (0, 1)]
         return float(1 / np.sqrt(1 + np.dot(slopes, slopes)))
 
+    def distance_error(self, distance_mm: float) -> float:
+        """Return the relative error of the distance that 1 in 100 points of the surface exceed."""
+        heights = self.heights
+        extent = heights.spacing * np.array(heights.coefficients.shape)
+        xy = heights.origin + extent * np.random.default_rng(0).random((10_000, 2))
+        # Exactly on the surface as `distance` evaluates it: just below, its gradient is another.
+        on = np.column_stack([xy, heights.derivatives(xy, 0)[0]])
+        above = on + distance_mm * self.distance(on).normal
+        return float(np.quantile(np.abs(self.distance(above).gap / distance_mm - 1), 0.99))
+
 
 @dataclass(frozen=True)
-class Turned:
-    """A body turned about Z by `angle` (rad), from X towards Y."""
+class Roughness:
+    """The variance of heights (n,), in mm2, of waves between decreasing wavelengths (n + 1,)."""
 
-    body: RigidBody
-    angle: float
+    wavelength_mm: Array
+    variance_mm2: Array
 
-    def distance(self, points: Array) -> Distance:
-        """Return the signed distance at `points` (n, 3)."""
-        c, s = np.cos(self.angle), np.sin(self.angle)
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        own = self.body.distance(points @ R)
-        return Distance(own.gap, own.normal @ R.T, R @ own.hessian @ R.T)
-
-
-@cached_by_content(maxsize=4)
-def make_relief(surface: Surface) -> Relief:
-    """Return the body of a measured surface; warn if it is too steep for its distance."""
-    relief = relief_of(read_topography(surface), surface)
-    error = distance_error(relief, _ERROR_AT_MM)
-    if error > _MAX_ERROR:
-        logger.warning(
-            "stimulus: %g mm from the surface its distance is wrong by up to %.0f %%, because it "
-            "is steep and sharply curved: raise stimulus.low_pass_mm (%g)",
-            _ERROR_AT_MM,
-            100 * error,
-            surface.low_pass_mm,
+    @classmethod
+    def of(cls, heights: GridSpline) -> Roughness:
+        """Analyse heights over a plane, without their mean."""
+        values = heights.values_on_grid()
+        power = dctn(values, type=2, norm="ortho") ** 2 / values.size
+        # The wave of number k goes up and down k / 2 times over the grid.
+        across, along = (
+            np.arange(n) / (2 * n * step)
+            for n, step in zip(values.shape, heights.spacing, strict=True)
         )
-    return relief
+        frequency = np.hypot(across[:, None], along[None, :])
+        power[0, 0] = 0.0
+        lowest, highest = min(across[1], along[1]), frequency[-1, -1]
+        edges = np.geomspace(0.999 * lowest, 1.001 * highest, _BINS + 1)
+        variance, _ = np.histogram(frequency, edges, weights=power)
+        return cls(1 / edges, variance)
 
+    @property
+    def rms_mm(self) -> float:
+        """The root mean square of the heights."""
+        return float(np.sqrt(self.variance_mm2.sum()))
 
-def relief_of(topography: Topography, surface: Surface) -> Relief:
-    """Return the body of heights that are levelled and filtered as a study states.
+    def share(self, wavelength_mm: float) -> float:
+        """Return the share of the variance in waves of this length and longer ones."""
+        total = self.variance_mm2.sum()
+        if not total:
+            return 1.0
+        carried = np.append(0.0, np.cumsum(self.variance_mm2)) / total
+        return float(np.interp(-wavelength_mm, -self.wavelength_mm, carried))
 
-    Raises
-    ------
-    StudyError
-        They differ by more than a finger can follow.
-    """
-    heights = levelled(topography.heights_mm, _LEVELS.index(surface.level))
-    check_relief(heights, surface.file)
-    beyond = _BEYOND[surface.repeat]
-    spacing = np.array(topography.spacing_mm)
-    if surface.low_pass_mm:
-        sigma = _GAUSSIAN * surface.low_pass_mm / spacing
-        heights = ndimage.gaussian_filter(heights, sigma, mode=beyond)
-    middle = spacing * (np.array(heights.shape) - 1) / 2
-    top = _highest(GridSpline.through(heights, -middle, spacing, beyond), heights)
-    return Relief(GridSpline.through(heights - top, -middle, spacing, beyond))
+    def wavelength_of(self, share: float) -> float:
+        """Return the wavelength in mm of which longer waves carry this share of the variance."""
+        carried = np.cumsum(self.variance_mm2) / max(self.variance_mm2.sum(), 1e-300)
+        return float(self.wavelength_mm[1:][np.searchsorted(carried, share)])
 
 
 def levelled(heights: Array, degree: int) -> Array:
@@ -151,14 +162,3 @@ def _highest(spline: GridSpline, heights: Array) -> float:
     index = np.stack(np.unravel_index(top, heights.shape), -1)
     places = spline.origin + spline.spacing * (index[:, None] + around).reshape(-1, 2)
     return float(spline.values(places).max())
-
-
-def distance_error(relief: Relief, distance_mm: float) -> float:
-    """Return the relative error of the distance that 1 in 100 points of the surface exceed."""
-    heights = relief.heights
-    extent = heights.spacing * np.array(heights.coefficients.shape)
-    xy = heights.origin + extent * np.random.default_rng(0).random((10_000, 2))
-    # Exactly on the surface as `distance` evaluates it: just below, its gradient is another.
-    on = np.column_stack([xy, heights.derivatives(xy, 0)[0]])
-    above = on + distance_mm * relief.distance(on).normal
-    return float(np.quantile(np.abs(relief.distance(above).gap / distance_mm - 1), 0.99))

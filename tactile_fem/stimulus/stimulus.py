@@ -53,6 +53,7 @@ class Stimulus(Kind):
         """Whether results keep a sampled copy for pictures: its kind may not be known there."""
         return not type(self).__module__.startswith("tactile_fem.")
 
+    @cached_by_content(maxsize=4)
     def body(self) -> RigidBody:
         """Return the rigid body.
 
@@ -63,7 +64,7 @@ class Stimulus(Kind):
         StudyError
             A font or glyph is missing, a file cannot be used, or a radius does not fit.
         """
-        return _body(self)
+        return Moved(self.shape(), self.shift_mm)
 
     def outlines(self) -> list[Geometry]:
         """Return the outlines of what is raised, at displacement 0; none for smooth bodies.
@@ -73,11 +74,6 @@ class Stimulus(Kind):
         from shapely import affinity  # takes a while
 
         return [affinity.translate(shape, *self.shift_mm) for shape in self.raised()]
-
-
-@cached_by_content(maxsize=4)
-def _body(stimulus: Stimulus) -> RigidBody:
-    return Moved(stimulus.shape(), stimulus.shift_mm)
 
 
 def check_limit(key: str, value: float, limits: Mapping[str, float]) -> None:

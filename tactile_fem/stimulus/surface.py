@@ -1,19 +1,28 @@
-"""A measured surface: its keys."""
+"""A measured surface."""
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
+from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.runtime.settings import File, Finite, NonNegative, Positive, nonzero
+from tactile_fem.stimulus.body import Turned
 from tactile_fem.stimulus.stimulus import Stimulus
 
 if TYPE_CHECKING:
-    from tactile_fem.stimulus.relief import Relief, Turned
+    from tactile_fem.stimulus.relief import Relief
 
+logger = logging.getLogger(__name__)
+
+_LEVELS = ["mean", "plane", "quadratic"]
+_BEYOND: dict[str, Literal["mirror", "grid-wrap"]] = {"mirrored": "mirror", "periodic": "grid-wrap"}
+# Relative error of the distance, this far from the surface, beyond which there is a warning.
+_ERROR_AT_MM, _MAX_ERROR = 0.02, 0.1
 # A quadratic edge can take the shape of half a wave, within 6 % of its height.
 _EDGES_PER_WAVE = 2
 # Share of the variance that a sufficiently fine skin follows.
@@ -53,32 +62,53 @@ class Surface(Stimulus):
     )
     turn_deg: Finite = Field(0.0, description="turn about Z through the middle, from X towards Y")
 
+    @cached_by_content(maxsize=4)
     def relief(self) -> Relief:
-        """Return the levelled and filtered surface, not turned; cached as the body is."""
-        from tactile_fem.stimulus.relief import make_relief  # takes a while
+        """Return the levelled and filtered surface, not turned; cached as the body is.
 
-        return make_relief(self)
+        It warns of a surface that is too steep and sharply curved for its distance.
+
+        Raises
+        ------
+        StudyError
+            The file cannot be used, or no finger can touch such a surface.
+        """
+        from tactile_fem.stimulus.relief import Relief, levelled  # SciPy takes a while
+        from tactile_fem.stimulus.topography import check_relief, read_topography
+
+        found = read_topography(self.file, self.spacing_mm, self.unit_mm, self.crop_mm)
+        heights = levelled(found.heights_mm, _LEVELS.index(self.level))
+        check_relief(heights, self.file)
+        relief = Relief.of(heights, found.spacing_mm, self.low_pass_mm, _BEYOND[self.repeat])
+        error = relief.distance_error(_ERROR_AT_MM)
+        if error > _MAX_ERROR:
+            logger.warning(
+                "stimulus: %g mm from the surface its distance is wrong by up to %.0f %%, because "
+                "it is steep and sharply curved: raise stimulus.low_pass_mm (%g)",
+                _ERROR_AT_MM,
+                100 * error,
+                self.low_pass_mm,
+            )
+        return relief
 
     def shape(self) -> Turned:
         """Return the surface, turned."""
-        from tactile_fem.stimulus.relief import Turned
-
         return Turned(self.relief(), math.radians(self.turn_deg))
 
     def resolution(self, facet_mm: float, preset_facets_mm: Mapping[str, float]) -> str:
         """Return which part of the roughness skin with such facets follows, and which would."""
-        from tactile_fem.stimulus.roughness import Roughness
+        from tactile_fem.stimulus.relief import Roughness
 
         waves = Roughness.of(self.relief().heights)
-        shares = {
-            name: waves.share(_EDGES_PER_WAVE * edge) for name, edge in preset_facets_mm.items()
-        }
+
+        def percent(edge_mm: float) -> str:
+            return f"{100 * waves.share(_EDGES_PER_WAVE * edge_mm):.0f} %"
+
         return (
             f"surface of {waves.rms_mm:.3g} mm rms: waves of {_EDGES_PER_WAVE * facet_mm:.2g} mm "
-            "and more, twice the skin's facets, carry "
-            f"{100 * waves.share(_EDGES_PER_WAVE * facet_mm):.0f} % of its variance, the skin "
-            "cannot follow the others; preset "
-            f"{', '.join(f'{name} {100 * share:.0f} %' for name, share in shares.items())}; "
+            f"and more, twice the skin's facets, carry {percent(facet_mm)} of its variance, the "
+            "skin cannot follow the others; preset "
+            f"{', '.join(f'{name} {percent(edge)}' for name, edge in preset_facets_mm.items())}; "
             f"pad_size_mm = {waves.wavelength_of(_SUFFICIENT_SHARE) / _EDGES_PER_WAVE:.2g} would "
             f"follow {100 * _SUFFICIENT_SHARE:.0f} %"
         )

@@ -1,4 +1,4 @@
-"""Embossed letters: their keys, and where fonts are found."""
+"""Embossed letters."""
 
 from __future__ import annotations
 
@@ -7,38 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from tactile_fem.runtime.settings import Finite, Positive, absolute
+from tactile_fem.runtime.settings import Finite, Positive
 from tactile_fem.stimulus.embossed import Embossed, embossed
+from tactile_fem.stimulus.fonts import find_font, font_file
 from tactile_fem.stimulus.stimulus import Relief, Stimulus
 
 if TYPE_CHECKING:
     from shapely import Geometry
 
-
-def is_font_file(font: str) -> bool:
-    """Return whether a font is given by its file and not by the name of its family."""
-    return Path(font).suffix.lower() in (".ttf", ".otf", ".ttc")
-
-
-def font_file(font: str, folder: Path | str = "") -> str:
-    """Return an absolute path for a font file; return the name of a font family unchanged."""
-    return str(absolute(font, folder)) if is_font_file(font) else font
-
-
-def find_font(font: str) -> str | None:
-    """Return the file of a font, None if no family of this name is installed.
-
-    From matplotlib 3.11 on, it also states the face of a collection (`face_index`).
-    """
-    if is_font_file(font):
-        return font
-    from matplotlib.font_manager import FontProperties, findfont  # takes a while
-
-    try:
-        # As a list, because a plain name is parsed as a fontconfig pattern.
-        return findfont(FontProperties(family=[font]), fallback_to_default=False)
-    except ValueError:
-        return None
+    from tactile_fem.stimulus.letters import Letters
 
 
 class Text(Stimulus):
@@ -82,13 +59,26 @@ class Text(Stimulus):
 
     def shape(self) -> Embossed:
         """Return the raised letters."""
-        from tactile_fem.stimulus.letters import Letters  # takes a while
-
         limits = {"corner_radius_mm": self.corner_radius_mm}
-        return embossed(Letters(self), self.relief_mm, self.fillet_radius_mm, limits)
+        return embossed(self._letters(), self.relief_mm, self.fillet_radius_mm, limits)
 
     def raised(self) -> list[Geometry]:
         """Return the outlines of the letters, their holes cut out."""
+        return self._letters().polygons()
+
+    def _letters(self) -> Letters:
         from tactile_fem.stimulus.letters import Letters  # takes a while
 
-        return Letters(self).polygons()
+        start = self.start_mm
+        if start is None:
+            start = self.pitch_mm / 2 if len(self.text) > 1 else -self.pitch_mm / 2
+        return Letters(
+            self.text,
+            self.font,
+            g_width_mm=self.g_width_mm,
+            pitch_mm=self.pitch_mm,
+            start_mm=start,
+            corner_radius_mm=self.corner_radius_mm,
+            fillet_radius_mm=self.fillet_radius_mm,
+            relief_mm=self.relief_mm,
+        )

@@ -5,18 +5,15 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array
-from tactile_fem.stimulus.height_formats import MIN_VALUES, Raw, read_raw
+from tactile_fem.stimulus.height_formats import MIN_VALUES, read_raw
 from tactile_fem.stimulus.height_table import header_library
-
-if TYPE_CHECKING:
-    from tactile_fem.stimulus.surface import Surface
 
 logger = logging.getLogger(__name__)
 
@@ -49,31 +46,43 @@ class Topography:
     spacing_mm: tuple[float, float]
 
 
-def read_topography(surface: Surface) -> Topography:
-    """Return the heights that a study names, cropped.
+def read_topography(
+    file: Path,
+    spacing_mm: float | None = None,
+    unit_mm: float | None = None,
+    crop_mm: tuple[float, float, float, float] | None = None,
+) -> Topography:
+    """Return the heights in a file, cropped.
+
+    Parameters
+    ----------
+    file
+        The file.
+    spacing_mm, unit_mm
+        Between two values, and the height of one unit of them; by default as the file states.
+    crop_mm
+        Least X and Y and largest X and Y of the part; by default all of it.
 
     Raises
     ------
     StudyError
-        The file cannot be read, is too large, has missing or infinite heights, lacks a spacing or
-        unit that the study does not give either, or no finger can touch a surface of such sizes;
-        the crop lies outside it.
+        The file cannot be read, is too large, has missing or infinite heights, states no spacing or
+        unit that is not given either, or no finger can touch a surface of such sizes; the crop lies
+        outside it.
     """
-    file = surface.file
     raw = read_raw(file)
-    spacing = (surface.spacing_mm,) * 2 if surface.spacing_mm else raw.spacing_mm
-    unit = surface.unit_mm or raw.unit_mm
-    for key, value in {"spacing_mm": spacing, "unit_mm": unit}.items():
-        if value is None:
-            is_header_unread = file.suffix.lower() in _TEXT and not header_library()
-            hint = " (a header is read by SurfaceTopography: pip install SurfaceTopography)"
-            raise StudyError(
-                f"stimulus.{key} must be given: {file} states none that is known"
-                f"{hint if is_header_unread else ''}"
-            )
-    assert spacing and unit
-    _warn_of_other_sizes(surface, raw)
-    values = _cropped(raw.values, spacing, surface.crop_mm)
+    spacing = raw.spacing_mm if spacing_mm is None else (spacing_mm, spacing_mm)
+    unit = raw.unit_mm if unit_mm is None else unit_mm
+    if spacing is None or unit is None:
+        is_header_unread = file.suffix.lower() in _TEXT and not header_library()
+        hint = " (a header is read by SurfaceTopography: pip install SurfaceTopography)"
+        raise StudyError(
+            f"stimulus.{'spacing_mm' if spacing is None else 'unit_mm'} must be given: {file} "
+            f"states none that is known{hint if is_header_unread else ''}"
+        )
+    _warn_of_another("spacing_mm", spacing_mm, raw.spacing_mm, file)
+    _warn_of_another("unit_mm", unit_mm, raw.unit_mm, file)
+    values = _cropped(raw.values, spacing, crop_mm)
     _check_sizes(spacing, values.shape, file)
     missing = ~np.isfinite(values)
     if missing.any():
@@ -86,15 +95,13 @@ def read_topography(surface: Surface) -> Topography:
     return Topography(unit * np.asarray(values, dtype=np.float64), spacing)
 
 
-def _warn_of_other_sizes(surface: Surface, raw: Raw) -> None:
-    """Warn of sizes that replace different ones of the file."""
-    for key, of_file in {"spacing_mm": raw.spacing_mm, "unit_mm": raw.unit_mm}.items():
-        given = getattr(surface, key)
-        if given and of_file and not np.allclose(given, of_file, rtol=_SAME_SIZE, atol=0):
-            numbers = " x ".join(f"{number:.4g}" for number in np.atleast_1d(of_file))
-            logger.warning(
-                "stimulus.%s = %g replaces the %s that %s states", key, given, numbers, surface.file
-            )
+def _warn_of_another(
+    key: str, given: float | None, stated: float | tuple[float, float] | None, file: Path
+) -> None:
+    """Warn of a size that replaces a different one of the file."""
+    if given and stated and not np.allclose(given, stated, rtol=_SAME_SIZE, atol=0):
+        numbers = " x ".join(f"{number:.4g}" for number in np.atleast_1d(stated))
+        logger.warning("stimulus.%s = %g replaces the %s that %s states", key, given, numbers, file)
 
 
 def _cropped(
