@@ -11,7 +11,7 @@ from pydantic import Field
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.settings import Finite, Positive
 from tactile_fem.stimulus.body import Array, Ball, Distance, HalfSpace, smooth_minimum
-from tactile_fem.stimulus.patterns import Row, discs
+from tactile_fem.stimulus.patterns import Row, polygons_of_discs
 from tactile_fem.stimulus.stimulus import Stimulus, check_limit
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class Braille(Stimulus):
 
     def raised(self) -> list[Polygon]:
         """Return the bases of the dots."""
-        return discs(self.dots(), self.dot_diameter_mm / 2)
+        return polygons_of_discs(self.dots(), self.dot_diameter_mm / 2)
 
     def dots(self) -> Array:
         """Return the centres of the dots before `shift_mm`, mm, (dots, 2).

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise, product
 
 import numpy as np
+import shapely
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import EXCESS_MM, NEAR_MM, Array, RigidBody
@@ -131,17 +132,10 @@ def _where(body: RigidBody, places_mm: Array) -> str:
             break
     else:
         return f"it is more than {far:g} mm away, or deeper than {-_LOWEST_MM:g} mm"
-    places = np.column_stack([x[found[:, 0]], y[found[:, 1]]])
-    a, b = path, np.roll(path, -1, axis=0)
-    b[-1] = a[-1]
-    squares = np.maximum(np.sum((b - a) ** 2, axis=1), 1e-12)
-    offset = np.full((len(places), 2), np.inf)
-    for start, line, square in zip(a, b - a, squares, strict=True):
-        share = np.clip((places - start) @ line / square, 0, 1)
-        aside = places - start - share[:, None] * line
-        closer = np.linalg.norm(aside, axis=1) < np.linalg.norm(offset, axis=1)
-        offset[closer] = aside[closer]
-    dx, dy = offset[np.argmin(np.linalg.norm(offset, axis=1))]
+    line = shapely.linestrings(np.vstack([path, path[-1:]]))
+    ways = shapely.shortest_line(line, shapely.points(x[found[:, 0]], y[found[:, 1]]))
+    start, end = shapely.get_coordinates(ways[np.argmin(shapely.length(ways))])
+    dx, dy = end - start
     return (
         f"its nearest place lies {np.hypot(dx, dy):.3g} mm from the contact point, "
         f"{dx:+.3g} mm across and {dy:+.3g} mm along the finger"

@@ -99,8 +99,8 @@ def _array(file: Path) -> Raw:
 
 
 def _table(file: Path) -> Raw:
-    table = read_table(file, _check_count)
-    return Raw(table.values, *sizes_of(table.header, table.values.shape, file))
+    values, header = read_table(file, _check_count)
+    return Raw(values, *sizes_of(header, values.shape, file))
 
 
 def _dat(file: Path) -> Raw:

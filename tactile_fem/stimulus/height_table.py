@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -32,13 +32,6 @@ class UnusableError(ValueError):
     """Why a file holds no heights that can be used: what follows its name in a sentence."""
 
 
-class Table(NamedTuple):
-    """Rows of numbers, and the lines before and after them."""
-
-    values: Array
-    header: list[str]
-
-
 def is_table(file: Path) -> bool:
     """Return whether a file is text whose first row has more numbers than three coordinates."""
     try:
@@ -48,8 +41,10 @@ def is_table(file: Path) -> bool:
     return any(len(_cells(line)) > 3 for line in lines[:100] if _is_row(line))
 
 
-def read_table(file: Path, check: Callable[[tuple[int, int]], None]) -> Table:
-    """Return the numbers of a text file; words for missing numbers become NaN.
+def read_table(file: Path, check: Callable[[tuple[int, int]], None]) -> tuple[Array, list[str]]:
+    """Return the numbers of a text file, and the lines before and after them.
+
+    Words for missing numbers become NaN.
 
     Cells are separated by commas, semicolons, tabs or blanks; numbers may have decimal commas.
     `check` is called with the numbers of rows and columns, before they are read.
@@ -87,7 +82,7 @@ def read_table(file: Path, check: Callable[[tuple[int, int]], None]) -> Table:
     for line in header:
         if (found := _MARKER.search(line)) and _NUMBER.fullmatch(found[1]):
             values[values == float(found[1].replace(",", "."))] = np.nan
-    return Table(values, header)
+    return values, header
 
 
 def _is_row(line: str) -> bool:

@@ -66,4 +66,4 @@ class Mesh(Stimulus):
             window=self.window_mm,
             shift=self.shift_mm,
         )
-        return part.rounded(piece, self.edge_radius_mm, self.file)
+        return part.rounded(piece, self.edge_radius_mm)

@@ -146,21 +146,11 @@ def piece_of(
     window: tuple[float, float] | None,
     shift: tuple[float, float],
 ) -> Piece:
-    """Return the piece of a part that is modelled, its highest point at z = 0.
+    """Return the piece of a part in place that is modelled, its highest point at z = 0; mm.
 
-    Parameters
-    ----------
-    solid
-        The part in place.
-    radius
-        That of its edges, mm.
-    step
-        Step of the lattice in mm, by default a third of the radius.
-    reach
-        How far below its highest point it is modelled, mm.
-    window
-        Width and length of the piece around the origin of the body shifted by `shift`, mm; by
-        default the whole part.
+    It reaches so far down from its highest point, with width and length `window` about the origin
+    of the body moved by `shift`; by default it is the whole part. The lattice's step is a third of
+    the edges' radius by default.
 
     Raises
     ------
@@ -214,34 +204,21 @@ def _within(solid: Triangles, low: Array, high: Array) -> Array:
     return rounding.fine(solid, low, high, np.inf).points
 
 
-def rounded(piece: Piece, radius: float, file: Path) -> Gridded:
+def rounded(piece: Piece, radius: float) -> Gridded:
     """Return the body of a piece whose edges are rounded, its highest point at z = 0.
 
     Raises
     ------
     StudyError
-        Surfaces of the part, which `file` holds, overlap, or it is too thin for the radius.
+        Surfaces of the part overlap, or it is too thin for the radius.
     """
     lattice = piece.lattice
-    inner = _RIM * lattice.step  # beside the window, the part may be higher
-    try:
-        values, core = rounding.rounded_distance(
-            piece.solid, lattice, radius, NEAR_MM + 5 * lattice.step
-        )
-        core = core[np.all((core > piece.low + inner) & (core < piece.high - inner), axis=1)]
-        if not len(core):
-            raise rounding.TooThinError
-    except rounding.OverlapError as error:
-        what = "is inside out" if error.winding < 0 else "overlaps another"
-        raise StudyError(
-            f"stimulus.file = {file}: a part of the surface {what} around "
-            f"{_shown(error.place)}; unite its solids"
-        ) from None
-    except rounding.TooThinError:
-        raise StudyError(
-            f"stimulus.edge_radius_mm = {radius:g} leaves nothing of the part: it must be less "
-            "than half of its thickness"
-        ) from None
+    reach, inner = NEAR_MM + 5 * lattice.step, _RIM * lattice.step
+    values, core = rounding.rounded_distance(piece.solid, lattice, radius, reach)
+    # Beside the window, the part may be higher.
+    core = core[np.all((core > piece.low + inner) & (core < piece.high - inner), axis=1)]
+    if not len(core):
+        raise rounding.too_thin(radius)
     first = np.round((piece.low - lattice.origin) / lattice.step).astype(int)
     last = np.round((piece.high - lattice.origin) / lattice.step).astype(int)
     kept = values[tuple(slice(i, j + 1) for i, j in zip(first, last, strict=True))]
@@ -268,11 +245,6 @@ def _check_nothing_lost(piece: Piece, body: Gridded, radius: float) -> None:
         what = "a wall" if gap[worst] > 0 else "a gap"
         raise StudyError(
             f"stimulus.edge_radius_mm = {radius:g} removes {what} of the part at "
-            f"{_shown(centres[worst])}, which is thinner than twice that: it must be smaller"
+            f"{rounding.shown(centres[worst])}, which is thinner than twice that: it must be "
+            "smaller"
         )
-
-
-def _shown(place: Array) -> str:
-    """Return a place of the part, before its shift, for messages."""
-    x, y, z = place
-    return f"X {x:.2f}, Y {y:.2f}, Z {z:.2f} mm of the part in place"

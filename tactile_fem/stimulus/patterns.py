@@ -38,19 +38,23 @@ class Grating(Stimulus):
         "centre of the first ridge (least Y; least X if they lie along y); default its middle",
     )
 
-    def ridges(self) -> Ridges:
-        """Return the flat outline."""
-        row = Row.of(self.ridge_mm + self.groove_mm, self.count, self.start_mm)
-        return Ridges(self.ridge_mm, row, ACROSS[self.along])
+    def _row(self) -> Row:
+        return Row.of(self.ridge_mm + self.groove_mm, self.count, self.start_mm)
 
     def shape(self) -> Embossed:
         """Return the raised ridges."""
+        ridges = Ridges(self.ridge_mm, self._row(), ACROSS[self.along])
         limits = {"half of ridge_mm": self.ridge_mm / 2}
-        return embossed(self.ridges(), self.relief_mm, self.fillet_radius_mm, limits)
+        return embossed(ridges, self.relief_mm, self.fillet_radius_mm, limits)
 
     def raised(self) -> list[Polygon]:
         """Return the ridges, cut to 20 mm."""
-        return self.ridges().polygons()
+        import shapely  # takes a while
+
+        across, half = ACROSS[self.along], np.full(2, _DRAWN_MM / 2)
+        half[across] = self.ridge_mm / 2
+        middles = np.outer(self._row().places(), np.eye(2)[across])
+        return [shapely.box(*middle - half, *middle + half) for middle in middles]
 
 
 class Dots(Stimulus):
@@ -69,19 +73,19 @@ class Dots(Stimulus):
         "centre of the first row (least Y); default its middle",
     )
 
-    def discs(self) -> Discs:
-        """Return the flat outline."""
-        columns = Row.of(self.spacing_mm, self.columns)
-        return Discs(self.radius_mm, columns, Row.of(self.spacing_mm, self.rows, self.start_mm))
+    def _places(self) -> tuple[Row, Row]:
+        rows = Row.of(self.spacing_mm, self.rows, self.start_mm)
+        return Row.of(self.spacing_mm, self.columns), rows
 
     def shape(self) -> Embossed:
         """Return the raised discs."""
-        limits = {"radius_mm": self.radius_mm}
-        return embossed(self.discs(), self.relief_mm, self.fillet_radius_mm, limits)
+        discs, limits = Discs(self.radius_mm, *self._places()), {"radius_mm": self.radius_mm}
+        return embossed(discs, self.relief_mm, self.fillet_radius_mm, limits)
 
     def raised(self) -> list[Polygon]:
         """Return the discs."""
-        return self.discs().polygons()
+        x, y = self._places()
+        return polygons_of_discs(product(x.places(), y.places()), self.radius_mm)
 
 
 @dataclass(frozen=True)
@@ -122,17 +126,6 @@ class Ridges:
         gradient[:, self.across] = np.where(offset < 0, -1.0, 1.0)
         return Distance(np.abs(offset) - self.width / 2, gradient, np.zeros((len(xy), 2, 2)))
 
-    def polygons(self) -> list[Polygon]:
-        """Return the ridges as polygons."""
-        import shapely  # takes a while
-
-        boxes = []
-        for place in self.row.places():
-            low, high = np.full(2, -_DRAWN_MM / 2), np.full(2, _DRAWN_MM / 2)
-            low[self.across], high[self.across] = place - self.width / 2, place + self.width / 2
-            boxes.append(shapely.box(*low, *high))
-        return boxes
-
 
 @dataclass(frozen=True)
 class Discs:
@@ -148,12 +141,8 @@ class Discs:
         r, n, H = norm_of(xy - centre)
         return Distance(r - self.radius, n, H)
 
-    def polygons(self) -> list[Polygon]:
-        """Return the discs as polygons."""
-        return discs(product(self.x.places(), self.y.places()), self.radius)
 
-
-def discs(centres: Iterable[Sequence[float]], radius: float) -> list[Polygon]:
+def polygons_of_discs(centres: Iterable[Sequence[float]], radius: float) -> list[Polygon]:
     """Return discs as polygons."""
     import shapely  # takes a while
 

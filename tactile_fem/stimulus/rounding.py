@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tactile_fem.errors import StudyError
 from tactile_fem.runtime.triangles import Triangles, in_chunks
 from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.contour import Lattice, level_set
@@ -50,18 +51,6 @@ class Near:
         return replace(self, value=self.value + by)
 
 
-class TooThinError(ValueError):
-    """No part of a solid is as thick as twice the radius."""
-
-
-class OverlapError(ValueError):
-    """Surfaces of a solid overlap at a `place` (3,), or are inside out if `winding` is negative."""
-
-    def __init__(self, place: Array, winding: int) -> None:
-        super().__init__(f"the winding number is {winding} at {place}")
-        self.place, self.winding = place, winding
-
-
 def rounded_distance(
     solid: Triangles, lattice: Lattice, radius: float, reach: float
 ) -> tuple[Array, Array]:
@@ -78,10 +67,8 @@ def rounded_distance(
 
     Raises
     ------
-    OverlapError
-        Parts of the surface overlap, or face inwards.
-    TooThinError
-        No part is as thick as twice the radius.
+    StudyError
+        Parts of the surface overlap or face inwards, or none is as thick as twice the radius.
     """
     h = lattice.step
     spread = lattice.spread(fine(solid, lattice.origin, lattice.end, h).points)
@@ -91,7 +78,7 @@ def rounded_distance(
     sharp = _signed(solid, lattice, value, spread < farthest)
     core = level_set(lattice, sharp.value, sharp.gradient, sharp.row, -radius)
     if not len(core.triangles):
-        raise TooThinError
+        raise too_thin(radius)
     in_core = sharp.value < -radius
     grown = sharp.raised(radius)
     grown = _replaced(grown, core, lattice, _near_edges(grown, lattice) & ~in_core, 1.0)
@@ -127,7 +114,11 @@ def _inside(solid: Triangles, lattice: Lattice, clear: NDArray[np.bool_]) -> NDA
     winding = np.round(exact).astype(np.int64)
     for place, number in zip(places, winding, strict=True):
         if number not in (0, 1):
-            raise OverlapError(place, int(number))
+            what = "is inside out" if number < 0 else "overlaps another"
+            raise StudyError(
+                f"stimulus.file: a part of the surface {what} around {shown(place)}; unite its "
+                "solids"
+            )
     return np.append(False, winding == 1)[region]
 
 
@@ -199,3 +190,17 @@ def _continued(
     """Return a distance that grows away from where it is known."""
     away, nearest = ndimage.distance_transform_edt(~known, sampling=h, return_indices=True)
     return distance[tuple(nearest)] + np.where(inside, -away, away)
+
+
+def too_thin(radius: float) -> StudyError:
+    """Return the error of a part that vanishes where its edges are rounded."""
+    return StudyError(
+        f"stimulus.edge_radius_mm = {radius:g} leaves nothing of the part: it must be less than "
+        "half of its thickness"
+    )
+
+
+def shown(place: Array) -> str:
+    """Return a place of the part, before its shift, for messages."""
+    x, y, z = place
+    return f"X {x:.2f}, Y {y:.2f}, Z {z:.2f} mm of the part in place"
