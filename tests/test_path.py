@@ -55,7 +55,7 @@ def test_a_press_goes_straight_in_from_where_the_body_is():
     np.testing.assert_array_equal(motion.place(motion.duration_s), [0.3, -0.2, 1.5])
     assert motion.phase == "press" and motion.indents
     assert motion.fastest_mm_s == pytest.approx(2.0)
-    assert (motion.slid_mm(0.5), motion.pressed_mm(0.25)) == pytest.approx((0.0, 0.5))
+    assert (motion.slid_mm(0.5), motion.least_steps(1.0, 0.1)) == pytest.approx((0.0, 10.0))
 
 
 def test_a_slide_hits_its_outputs_and_keeps_its_depth():
@@ -79,7 +79,7 @@ def test_a_hold_stays_and_a_lift_leaves():
     held, lifted = Hold(time_s=2.0, output_s=0.5)(at), Lift(depth_mm=-0.2, speed_mm_s=10.0)(at)
     np.testing.assert_array_equal(held.places_mm, [at, at])
     assert held.outputs_s == pytest.approx([0.5, 1.0, 1.5, 2.0])
-    assert held.fastest_mm_s == held.slid_mm(2.0) == held.pressed_mm(2.0) == 0
+    assert held.fastest_mm_s == held.slid_mm(2.0) == 0
     assert lifted.duration_s == pytest.approx(0.1)
     np.testing.assert_allclose(lifted.place(0.05), [0.0, -1.0, 0.3])
     assert not held.indents and not lifted.indents

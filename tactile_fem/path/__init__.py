@@ -1,11 +1,10 @@
 """The path of the body: pieces of motion in order."""
 
 from tactile_fem.path.motion import Motion, Path, straight
-from tactile_fem.path.piece import Piece, Vibration
 
 # isort: off
 # The kinds of piece, in the order in which the template and messages list them.
-from tactile_fem.path.pieces import Press, Hold, Slide, Lift
+from tactile_fem.path.pieces import Piece, Vibration, Press, Hold, Slide, Lift
 from tactile_fem.path.follow import Follow
 
 # isort: on

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from tactile_fem.errors import StudyError
 from tactile_fem.path.motion import Array, Motion, MotionFrom, multiples
-from tactile_fem.path.piece import Piece
+from tactile_fem.path.pieces import Piece
 from tactile_fem.runtime.settings import File, Positive
 from tactile_fem.runtime.text import read_rows
 

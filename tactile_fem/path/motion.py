@@ -83,34 +83,25 @@ class Motion:
         times, across, _ = self._travel
         return float(np.interp(time_s, times, across))
 
-    def pressed_mm(self, time_s: float) -> float:
-        """Return the length of the path in Z up to a time."""
-        times, _, up = self._travel
-        return float(np.interp(time_s, times, up))
-
     def time_within(self, time_s: float, across_mm: float, up_mm: float) -> float:
         """Return how long the body moves, from a time on, before it exceeds a length of path.
 
         The lengths are those across the finger and in Z; at the latest the piece ends.
         """
-        times, across, up = self._travel
+        times, *travel = self._travel
         ends = [self.duration_s]
-        for lengths, limit in (
-            (across, self.slid_mm(time_s) + across_mm),
-            (up, self.pressed_mm(time_s) + up_mm),
-        ):
-            beyond = np.flatnonzero(lengths > limit)
-            if len(beyond):
-                k = beyond[0]
+        for lengths, longest in zip(travel, (across_mm, up_mm), strict=True):
+            limit = np.interp(time_s, times, lengths) + longest
+            k = int(np.searchsorted(lengths, limit, side="right"))
+            if k < len(lengths):
                 share = (limit - lengths[k - 1]) / (lengths[k] - lengths[k - 1])
                 ends.append(times[k - 1] + share * (times[k] - times[k - 1]))
         return float(min(ends) - time_s)
 
     def least_steps(self, across_mm: float, up_mm: float) -> float:
         """Return how many steps it takes if none is longer than `across_mm` or `up_mm`."""
-        end = self.duration_s
-        lengths = self.slid_mm(end) / across_mm, self.pressed_mm(end) / up_mm
-        return max(1.0, len(self.outputs_s), *lengths)
+        _, across, up = self._travel[:, -1]
+        return max(1.0, len(self.outputs_s), float(across / across_mm), float(up / up_mm))
 
     @property
     def fastest_mm_s(self) -> float:

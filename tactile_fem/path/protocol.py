@@ -7,8 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from tactile_fem.path.motion import Path
-from tactile_fem.path.piece import Piece
-from tactile_fem.path.pieces import Press, Slide
+from tactile_fem.path.pieces import Piece, Press, Slide
 from tactile_fem.runtime.settings import Either, NonNegative, Positive
 
 
