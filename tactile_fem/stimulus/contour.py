@@ -6,7 +6,7 @@ level set crosses has one vertex, where the tangent planes known at its corners 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -50,19 +50,34 @@ class Lattice:
         return ndimage.distance_transform_edt(free, sampling=self.step)
 
 
-def level_set(
-    lattice: Lattice,
-    value: Array,
-    gradient: Array,
-    row: NDArray[np.int64],
-    level: float,
-) -> Triangles:
-    """Return the surface on which a distance `value` (lattice.shape) has a level.
+@dataclass(frozen=True)
+class Near:
+    """Distances on a lattice, known near a surface.
 
-    `gradient` are unit vectors (n, 3), `row` the row of each point of the lattice in them, flat; -1
-    where the distance is not known, and only the side of the level is.
+    `value` has the lattice's shape, in mm; where the distance is not known, only its side of the
+    surface is. `gradient` are unit vectors (n, 3), and `row` the row of each point in them, flat;
+    -1 where unknown.
     """
-    offset = value.ravel() - level
+
+    lattice: Lattice
+    value: Array
+    gradient: Array
+    row: NDArray[np.int64]
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Where the distance is known, on the lattice."""
+        return (self.row >= 0).reshape(self.value.shape)
+
+    def raised(self, by: float) -> Near:
+        """Return distances larger by some mm: those to another level, while no edge is near."""
+        return replace(self, value=self.value + by)
+
+
+def level_set(near: Near, level: float) -> Triangles:
+    """Return the surface on which a distance has a level."""
+    lattice, row = near.lattice, near.row
+    offset = near.value.ravel() - level
     below = (offset < 0).reshape(lattice.shape)
     corners = [
         below[tuple(slice(c, n - 1 + c) for c, n in zip(corner, below.shape, strict=True))]
@@ -76,7 +91,7 @@ def level_set(
     cell, node = cell[complete], node[complete]
     vertex_of = np.full(offset.size, -1)
     vertex_of[cell] = np.arange(len(cell))
-    points = _vertices(lattice, cell, node, offset, gradient[row[node]])
+    points = _vertices(lattice, cell, node, offset, near.gradient[row[node]])
     return Triangles(points, _faces(below, vertex_of.reshape(lattice.shape)))
 
 

@@ -7,7 +7,7 @@ than r in the second. Each set is a level set of the distance to the one before.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import igl
 import numpy as np
@@ -17,7 +17,7 @@ from scipy import ndimage
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.triangles import Triangles, in_chunks
 from tactile_fem.stimulus.body import Array
-from tactile_fem.stimulus.contour import Lattice, level_set
+from tactile_fem.stimulus.contour import Lattice, Near, level_set
 
 # In steps of the lattice: how far a cell's corners may be from a surface that crosses it, and the
 # error of `Lattice.spread`.
@@ -27,28 +27,6 @@ _EDGE_STEPS = 0.25
 # Error of a rounded distance, in steps, where nothing is to be rounded.
 _NOISE_STEPS = 0.03
 _UNKNOWN_MM = 1e3
-
-
-@dataclass(frozen=True)
-class Near:
-    """Distances near a surface.
-
-    `value` has the lattice's shape, in mm; where the distance is not known, only its side of the
-    surface is. `gradient` is (n, 3) and `row` the row of each point in it, flat; -1 where unknown.
-    """
-
-    value: Array
-    gradient: Array
-    row: NDArray[np.int64]
-
-    @property
-    def known(self) -> NDArray[np.bool_]:
-        """Where the distance is known, on the lattice."""
-        return (self.row >= 0).reshape(self.value.shape)
-
-    def raised(self, by: float) -> Near:
-        """Return distances larger by some mm: those to another level, while no edge is near."""
-        return replace(self, value=self.value + by)
 
 
 def rounded_distance(
@@ -76,18 +54,18 @@ def rounded_distance(
     value = np.where(inside & (spread > radius), -np.inf, np.inf)
     farthest = np.where(inside, radius, max(reach, radius)) + (_CELL_STEPS + _SPREAD_STEPS) * h
     sharp = _signed(solid, lattice, value, spread < farthest)
-    core = level_set(lattice, sharp.value, sharp.gradient, sharp.row, -radius)
+    core = level_set(sharp, -radius)
     if not len(core.triangles):
         raise too_thin(radius)
     in_core = sharp.value < -radius
     grown = sharp.raised(radius)
-    grown = _replaced(grown, core, lattice, _near_edges(grown, lattice) & ~in_core, 1.0)
+    grown = _replaced(grown, core, _near_edges(grown) & ~in_core, 1.0)
 
-    shell = level_set(lattice, grown.value, grown.gradient, grown.row, 2 * radius)
+    shell = level_set(grown, 2 * radius)
     in_shell = grown.value < 2 * radius
     shrunk = grown.raised(-2 * radius)
-    filled = _near_edges(shrunk, lattice) & in_shell & ~in_core
-    shrunk = _replaced(shrunk, shell, lattice, filled, -1.0)
+    filled = _near_edges(shrunk) & in_shell & ~in_core
+    shrunk = _replaced(shrunk, shell, filled, -1.0)
     distance = np.where(sharp.known, _exact_off_edges(shrunk.value + radius, sharp.value, h), 0.0)
     return _continued(distance, sharp.known, inside, h), core.points
 
@@ -133,15 +111,15 @@ def _signed(surface: Triangles, lattice: Lattice, value: Array, near: NDArray[np
     value.ravel()[flat] = found
     row = np.full(value.size, -1)
     row[flat] = np.arange(len(flat))
-    return Near(value, _unit(points - feet, found), row)
+    return Near(lattice, value, _unit(points - feet, found), row)
 
 
-def _near_edges(near: Near, lattice: Lattice) -> NDArray[np.bool_]:
+def _near_edges(near: Near) -> NDArray[np.bool_]:
     """Return the points to which an edge of the zero level is nearest, not a face.
 
     There the way along the gradient does not end on the level.
     """
-    flat = np.flatnonzero(near.row >= 0)
+    lattice, flat = near.lattice, np.flatnonzero(near.row >= 0)
     value, gradient = near.value.ravel()[flat], near.gradient[near.row[flat]]
     places = lattice.points(flat) - value[:, None] * gradient
     known = np.where(near.known, near.value, np.copysign(_UNKNOWN_MM, near.value))
@@ -152,14 +130,12 @@ def _near_edges(near: Near, lattice: Lattice) -> NDArray[np.bool_]:
     return ndimage.binary_dilation(off_level) & near.known
 
 
-def _replaced(
-    near: Near, surface: Triangles, lattice: Lattice, where: NDArray[np.bool_], sign: float
-) -> Near:
+def _replaced(near: Near, surface: Triangles, where: NDArray[np.bool_], sign: float) -> Near:
     """Return distances of which some are replaced by those to a surface, with a sign."""
     flat = np.flatnonzero(where)
     if not len(flat):
         return near
-    points = lattice.points(flat)
+    points = near.lattice.points(flat)
     squared, _, feet = in_chunks(
         lambda some: igl.point_mesh_squared_distance(some, surface.points, surface.triangles),
         points,
@@ -168,7 +144,7 @@ def _replaced(
     value, gradient = near.value.copy(), near.gradient.copy()
     value.ravel()[flat] = found
     gradient[near.row[flat]] = _unit(points - feet, found)
-    return Near(value, gradient, near.row)
+    return replace(near, value=value, gradient=gradient)
 
 
 def _unit(offset: Array, length: Array) -> Array:

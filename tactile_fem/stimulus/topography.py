@@ -54,14 +54,8 @@ def read_topography(
 ) -> Topography:
     """Return the heights in a file, cropped.
 
-    Parameters
-    ----------
-    file
-        The file.
-    spacing_mm, unit_mm
-        Between two values, and the height of one unit of them; by default as the file states.
-    crop_mm
-        Least X and Y and largest X and Y of the part; by default all of it.
+    Spacing between two values and height of one unit are by default as the file states; the crop is
+    least X and Y and largest X and Y of the part, by default all of it.
 
     Raises
     ------
