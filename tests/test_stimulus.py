@@ -3,9 +3,8 @@ import pytest
 import shapely
 
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus.body import HalfSpace, smooth_minimum
-from tactile_fem.stimulus.braille import cells
-from tactile_fem.stimulus.embossed import Embossed
+from tactile_fem.stimulus.body import Embossed, HalfSpace, smooth_minimum
+from tactile_fem.stimulus.patterns import cells
 from tactile_fem.stimulus.sampled import height_map
 from tactile_fem.study import Braille, Cylinder, Dots, Edge, Grating, Plate, Sphere, Text
 

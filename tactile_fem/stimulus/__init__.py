@@ -1,15 +1,13 @@
 """Rigid stimuli: letters, bars, gratings and other bodies by their signed distance."""
 
-from tactile_fem.stimulus.body import Distance, RigidBody, norm_of
-from tactile_fem.stimulus.embossed import Embossed, Outline
+from tactile_fem.stimulus.body import Distance, Embossed, Outline, RigidBody, norm_of
 from tactile_fem.stimulus.stimulus import Stimulus
 
 # isort: off
 # The kinds of stimulus, in the order in which the template and messages list them.
 from tactile_fem.stimulus.text import Text
 from tactile_fem.stimulus.smooth import Plate, Cylinder, Sphere, Edge
-from tactile_fem.stimulus.patterns import Grating, Dots
-from tactile_fem.stimulus.braille import Braille
+from tactile_fem.stimulus.patterns import Grating, Dots, Braille
 from tactile_fem.stimulus.surface import Surface
 from tactile_fem.stimulus.mesh import Mesh
 

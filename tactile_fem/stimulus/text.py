@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from tactile_fem.runtime.settings import Finite, Positive
-from tactile_fem.stimulus.embossed import Embossed, embossed
+from tactile_fem.stimulus.body import Embossed
 from tactile_fem.stimulus.fonts import find_font, font_file
-from tactile_fem.stimulus.stimulus import Relief, Stimulus
+from tactile_fem.stimulus.stimulus import Relief, Stimulus, embossed
 
 if TYPE_CHECKING:
     from shapely import Geometry
