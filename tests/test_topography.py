@@ -31,16 +31,8 @@ def sdf(file, values, count=None):
 
 WRITERS = {
     "f.npy": lambda file: np.save(file, HEIGHTS),
-    "f32.npy": lambda file: np.save(file, HEIGHTS.astype(np.float32)),
-    "comma.csv": lambda file: np.savetxt(file, HEIGHTS, delimiter=", "),
-    "semicolon.csv": lambda file: np.savetxt(file, HEIGHTS, delimiter=";"),
-    "blank.txt": lambda file: np.savetxt(file, HEIGHTS, header="made by hand"),
-    "tab.asc": lambda file: np.savetxt(file, HEIGHTS, delimiter="\t"),
     "8.png": lambda file: Image.fromarray(HEIGHTS.astype(np.uint8)).save(file),
     "16.png": lambda file: Image.fromarray(HEIGHTS.astype(np.uint16)).save(file),
-    "8.tif": lambda file: Image.fromarray(HEIGHTS.astype(np.uint8)).save(file),
-    "16.tiff": lambda file: Image.fromarray(HEIGHTS.astype(np.uint16)).save(file),
-    "32.tif": lambda file: Image.fromarray(HEIGHTS.astype(np.int32)).save(file),
     "float.tif": lambda file: Image.fromarray(HEIGHTS.astype(np.float32)).save(
         file, compression="tiff_deflate"
     ),
