@@ -20,7 +20,7 @@ MAX_OUTPUTS = 100_000
 _MAX_PATH_S = 100_000.0
 _JOINT_TOLERANCE_MM = 1e-6
 # A press to a force is planned to end at this share of its way: another may go deeper from there.
-_PLANNED_SHARE = 0.9
+_PLAN_SHARE = 0.9
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class Path:
         for piece in self.pieces:
             motion = piece(place)
             yield place, motion
-            share = 1.0 if motion.until_N is None else _PLANNED_SHARE
+            share = 1.0 if motion.until_N is None else _PLAN_SHARE
             place = motion.place(share * motion.duration_s)
 
     def places_mm(self) -> Array:

@@ -29,10 +29,15 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus.height_table import UnusableError, is_table, read_table, sizes_of
+from tactile_fem.stimulus.height_table import (
+    UnusableError,
+    check_count,
+    is_table,
+    read_table,
+    sizes_of,
+)
 
 MIN_VALUES = 4  # along an axis
-_MAX_VALUES = 16_000_000
 _MAX_BYTES = 400_000_000
 # SurfaceTopography's names of formats whose y points upwards, and of those without coordinates.
 _RIGHT_HANDED = {"x3p", "sdf", "nc", "xyz", "nmm"}
@@ -75,7 +80,7 @@ def read_raw(file: Path) -> Raw:
         if raw.values.ndim != 2 or raw.values.dtype.kind not in "iuf":
             what = f"{raw.values.ndim} dimensions of {raw.values.dtype}"
             raise UnusableError(f"holds {what} but must hold real numbers in rows and columns")
-        _check_count(raw.values.shape)
+        check_count(raw.values.shape)
     except StudyError:
         raise
     except UnusableError as error:
@@ -86,20 +91,12 @@ def read_raw(file: Path) -> Raw:
     return raw
 
 
-def _check_count(shape: tuple[int, ...]) -> None:
-    if np.prod([float(n) for n in shape]) > _MAX_VALUES:
-        raise UnusableError(
-            f"holds {' x '.join(map(str, shape))} heights but may hold at most {_MAX_VALUES:,}: "
-            "crop it or thin it out"
-        )
-
-
 def _array(file: Path) -> Raw:
     return Raw(np.lib.format.open_memmap(file, mode="r"))
 
 
 def _table(file: Path) -> Raw:
-    values, header = read_table(file, _check_count)
+    values, header = read_table(file)
     return Raw(values, *sizes_of(header, values.shape, file))
 
 
@@ -151,7 +148,7 @@ def _tiff_of_other_numbers(file: Path) -> Raw:
             raise UnusableError(
                 f"lies turned or mirrored (Orientation {orientation}): save it upright"
             )
-        _check_count(page.shape)
+        check_count(page.shape)
         if page.compression != 1 and sum(page.databytecounts) > 1.1 * page.nbytes + 1000:
             raise UnusableError("cannot be read: it is damaged")
         return Raw(_without_marker(page.asarray(), page.tags.valueof(_NODATA)))
@@ -164,7 +161,7 @@ def _check_gray(image: Image.Image) -> None:
             "transparency"
         )
     _check_single(getattr(image, "n_frames", 1))
-    _check_count(image.size)
+    check_count(image.size)
 
 
 def _check_single(images: int) -> None:
@@ -196,7 +193,7 @@ def _instrument(file: Path) -> Raw:
         channel = _only_map(reader) if reader.format() in _ARRAYS else reader.default_channel
         if channel.dim != 2:
             raise UnusableError("holds a profile but must hold a surface")
-        _check_count(tuple(channel.nb_grid_pts))
+        check_count(tuple(channel.nb_grid_pts))
         has_sizes = channel.physical_sizes is not None
         found = channel.topography(physical_sizes=None if has_sizes else channel.nb_grid_pts)
         values = np.ma.filled(np.ma.asarray(found.heights(), dtype=np.float64), np.nan)

@@ -7,7 +7,7 @@ import io
 import logging
 import math
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -25,11 +25,21 @@ _NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|i
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*(,\d+)?([eE][-+]?\d+)?")
 _MARKER = re.compile(r"no.?data(?:.?value)?\s*[:=]?\s*(\S+)", re.I)
 _STATEMENT = re.compile(r"#.*[:=]")
-_INSPECTED = 2000  # characters of a line
+_MAX_VALUES = 16_000_000
+_LONGEST_LINE = 2000  # characters; of longer ones the first
 
 
 class UnusableError(ValueError):
     """Why a file holds no heights that can be used: what follows its name in a sentence."""
+
+
+def check_count(shape: tuple[int, ...]) -> None:
+    """Raise UnusableError if so many heights do not fit into memory."""
+    if np.prod([float(n) for n in shape]) > _MAX_VALUES:
+        raise UnusableError(
+            f"holds {' x '.join(map(str, shape))} heights but may hold at most {_MAX_VALUES:,}: "
+            "crop it or thin it out"
+        )
 
 
 def is_table(file: Path) -> bool:
@@ -41,48 +51,51 @@ def is_table(file: Path) -> bool:
     return any(len(_cells(line)) > 3 for line in lines[:100] if _is_row(line))
 
 
-def read_table(file: Path, check: Callable[[tuple[int, int]], None]) -> tuple[Array, list[str]]:
+def read_table(file: Path) -> tuple[Array, list[str]]:
     """Return the numbers of a text file, and the lines before and after them.
 
-    Words for missing numbers become NaN.
-
-    Cells are separated by commas, semicolons, tabs or blanks; numbers may have decimal commas.
-    `check` is called with the numbers of rows and columns, before they are read.
+    Cells are separated by commas, semicolons, tabs or blanks; numbers may have decimal commas, and
+    words for missing numbers become NaN.
 
     Raises
     ------
     UnusableError
-        It has no rows of numbers, rows that differ in length, or other words in them.
+        It has no rows of numbers, too many, rows that differ in length, or other words in them.
     StudyError
         It is no text.
     """
     start = f"stimulus.file = {file}"
     lines = read_text(file, start, western=True, binary="it is no text").split("\n")
-    first = next((k for k, line in enumerate(lines) if _is_row(line)), None)
-    if first is None:
-        raise UnusableError("cannot be read: it has no rows of numbers")
-    last = next(k for k in range(len(lines) - 1, first - 1, -1) if _is_row(lines[k]))
-    rows = {
-        k + 1: line.replace('"', "").rstrip(" ")
-        for k, line in enumerate(lines[first : last + 1], first)
-        if line.strip() and not line.lstrip().startswith("#")
-    }
-    header = [line for line in [*lines[:first], *lines[last + 1 :]] if line.strip()]
-    second = next((k for k in range(first, last) if _STATEMENT.match(lines[k].lstrip())), None)
-    if second is not None:
-        raise UnusableError(f"holds several maps, the second from line {second + 1} on: keep one")
+    rows, header = _divided(lines)
     delimiter, decimal = _dialect(rows.values())
     if decimal == ",":
         rows = {number: line.replace(",", ".") for number, line in rows.items()}
     if delimiter and all(line.endswith(delimiter) for line in rows.values()):
         rows = {number: line[: -len(delimiter)] for number, line in rows.items()}
-    columns = rows[first + 1].count(delimiter) if delimiter else len(rows[first + 1].split())
-    check((len(rows), columns + bool(delimiter)))
+    row = next(iter(rows.values()))
+    check_count((len(rows), row.count(delimiter) + 1 if delimiter else len(row.split())))
     values = _numbers(rows, delimiter)
     for line in header:
         if (found := _MARKER.search(line)) and _NUMBER.fullmatch(found[1]):
             values[values == float(found[1].replace(",", "."))] = np.nan
     return values, header
+
+
+def _divided(lines: list[str]) -> tuple[dict[int, str], list[str]]:
+    """Return the rows of numbers by the number of their line, and the other lines."""
+    full = (k for k, line in enumerate(lines) if _is_row(line))
+    if (first := next(full, None)) is None:
+        raise UnusableError("cannot be read: it has no rows of numbers")
+    last = next(k for k in reversed(range(len(lines))) if _is_row(lines[k]))
+    second = next((k for k in range(first, last) if _STATEMENT.match(lines[k].lstrip())), None)
+    if second is not None:
+        raise UnusableError(f"holds several maps, the second from line {second + 1} on: keep one")
+    rows = {
+        k + 1: line.replace('"', "").rstrip(" ")
+        for k, line in enumerate(lines[first : last + 1], first)
+        if line.strip() and not line.lstrip().startswith("#")
+    }
+    return rows, [line for line in [*lines[:first], *lines[last + 1 :]] if line.strip()]
 
 
 def _is_row(line: str) -> bool:
@@ -94,8 +107,8 @@ def _is_row(line: str) -> bool:
 
 def _cells(line: str) -> list[str]:
     """Return the cells of a line, of a long one the first."""
-    cells = re.split(r"[;,\s]+", line[:_INSPECTED].replace('"', "").strip(" \t;,"))
-    return cells if len(line) <= _INSPECTED else cells[:-1]
+    cells = re.split(r"[;,\s]+", line[:_LONGEST_LINE].replace('"', "").strip(" \t;,"))
+    return cells if len(line) <= _LONGEST_LINE else cells[:-1]
 
 
 def _dialect(rows: Collection[str]) -> tuple[str | None, str]:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from shapely import Polygon
 
 # Endless ridges are drawn so long.
-_DRAWN_MM = 20.0
+_RIDGE_LENGTH_MM = 20.0
 # Unicode's Braille patterns: the bits of a cell are its dots 1 to 8.
 _BLANK = 0x2800
 # Row from the top and column of the dots 1 to 8.
@@ -66,7 +66,7 @@ class Grating(Stimulus):
         """Return the ridges, cut to 20 mm."""
         import shapely  # takes a while
 
-        across, half = ACROSS[self.along], np.full(2, _DRAWN_MM / 2)
+        across, half = ACROSS[self.along], np.full(2, _RIDGE_LENGTH_MM / 2)
         half[across] = self.ridge_mm / 2
         middles = np.outer(self._row().places(), np.eye(2)[across])
         return [shapely.box(*middle - half, *middle + half) for middle in middles]
