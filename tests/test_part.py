@@ -1,6 +1,5 @@
 """Parts from files of triangles beside bodies whose distance is known."""
 
-import gzip
 import logging
 from itertools import product
 
@@ -337,40 +336,15 @@ def test_a_ball_from_a_file_presses_like_the_ball(small_finger, tmp_path):
     assert error < 0.005 * np.linalg.norm(exact)
 
 
-@pytest.fixture
-def files(tmp_path):
-    good = trimesh.creation.box([4, 4, 2]).export(file_type="stl")
-    (tmp_path / "empty.stl").touch()
-    (tmp_path / "text.stl").write_text("no part\n")
-    (tmp_path / "cut.stl").write_bytes(good[:300])
-    (tmp_path / "many.stl").write_bytes(bytes(80) + (10**9).to_bytes(4, "little") + bytes(500))
-    (tmp_path / "nan.stl").write_bytes(good[:96] + np.float32(np.nan).tobytes() + good[100:])
-    with gzip.open(tmp_path / "bomb.stl.gz", "wb") as stream:
-        stream.write(bytes(1_000_000))
-    (tmp_path / "bomb.stl").write_bytes((tmp_path / "bomb.stl.gz").read_bytes())
-    return tmp_path
-
-
-@pytest.mark.parametrize(
-    ("file", "words"),
-    [
-        ("none.stl", "does not exist"),
-        ("empty.stl", "is empty"),
-        ("text.stl", "no .stl file, or cut off"),
-        ("cut.stl", "cut off"),
-        ("many.stl", "its header announces"),
-        ("nan.stl", "no finite numbers"),
-        ("bomb.stl", "no .stl file, or cut off"),
-        ("bomb.stl.gz", "must be a surface of triangles"),
-    ],
-)
-def test_a_wrong_file_is_told_in_a_sentence(file, words, files, capsys):
-    options = ["--set", "stimulus.kind=mesh", "--set", f"stimulus.file={files / file}"]
-    assert cli.main(["scan", *options, "--results", str(files / "out")]) == 2
+def test_a_wrong_file_is_told_in_a_sentence(tmp_path, capsys):
+    file = tmp_path / "many.stl"
+    file.write_bytes(bytes(80) + (10**9).to_bytes(4, "little") + bytes(500))
+    options = ["--set", "stimulus.kind=mesh", "--set", f"stimulus.file={file}"]
+    assert cli.main(["scan", *options, "--results", str(tmp_path / "out")]) == 2
     message = capsys.readouterr().err
-    assert message.startswith(f"tactile-fem: stimulus.file = {files / file} ")
-    assert words in message and message.count("\n") == 1
-    assert not (files / "out").exists()
+    assert message.startswith(f"tactile-fem: stimulus.file = {file} ")
+    assert "its header announces" in message and message.count("\n") == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_file_lies_beside_its_study(tmp_path):
