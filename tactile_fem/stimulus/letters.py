@@ -158,8 +158,8 @@ def _glyph(character: str, font: FT2Font, name: str) -> shapely.Geometry:
 
 def _topology(shape: shapely.Geometry) -> tuple[int, int]:
     """Return the number of parts and of holes."""
-    parts = [part for part in shapely.get_parts(shape) if not part.is_empty]
-    return len(parts), sum(len(part.interiors) for part in parts)
+    parts = shapely.get_parts(shape)
+    return len(parts), int(shapely.get_num_interior_rings(parts).sum())
 
 
 def _check_radii(
