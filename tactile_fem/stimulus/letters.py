@@ -19,7 +19,6 @@ from shapely import affinity
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array, Distance
-from tactile_fem.stimulus.fonts import find_font
 from tactile_fem.stimulus.spline import GridSpline
 
 _GRID_MM = 0.05
@@ -53,6 +52,7 @@ class Letters:
         self,
         text: str,
         font: str,
+        font_file: str | None,
         *,
         g_width_mm: float,
         pitch_mm: float,
@@ -61,7 +61,7 @@ class Letters:
         fillet_radius_mm: float,
         relief_mm: float,
     ) -> None:
-        opened = _font(font)
+        opened = _font(font, font_file)
         glyphs = {c: _glyph(c, opened, font) for c in dict.fromkeys(text) if not c.isspace()}
         if not glyphs:
             raise StudyError('stimulus.text holds no letter; for a flat plate set kind = "plate"')
@@ -115,12 +115,11 @@ class Letters:
         return gap, nearest
 
 
-def _font(name: str) -> FT2Font:
+def _font(name: str, file: str | None) -> FT2Font:
     """Return the font of a family name or file, without silent replacement.
 
     It is read anew: matplotlib keeps fonts by their path, whatever has become of the file.
     """
-    file = find_font(name)
     if file is None:
         raise StudyError(
             f'stimulus.font = "{name}": no such font is installed; give a family name or the path '

@@ -1,4 +1,4 @@
-"""Embossed letters."""
+"""Embossed letters, and where fonts are found."""
 
 from __future__ import annotations
 
@@ -7,15 +7,39 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from tactile_fem.runtime.settings import Finite, Positive
+from tactile_fem.runtime.settings import Finite, Positive, absolute
 from tactile_fem.stimulus.body import Embossed
-from tactile_fem.stimulus.fonts import find_font, font_file
 from tactile_fem.stimulus.stimulus import Relief, Stimulus, embossed
 
 if TYPE_CHECKING:
     from shapely import Geometry
 
     from tactile_fem.stimulus.letters import Letters
+
+
+def _is_font_file(font: str) -> bool:
+    return Path(font).suffix.lower() in (".ttf", ".otf", ".ttc")
+
+
+def font_file(font: str, folder: Path | str = "") -> str:
+    """Return an absolute path for a font file; return the name of a font family unchanged."""
+    return str(absolute(font, folder)) if _is_font_file(font) else font
+
+
+def find_font(font: str) -> str | None:
+    """Return the file of a font, None if no family of this name is installed.
+
+    From matplotlib 3.11 on, it also states the face of a collection (`face_index`).
+    """
+    if _is_font_file(font):
+        return font
+    from matplotlib.font_manager import FontProperties, findfont  # takes a while
+
+    try:
+        # As a list, because a plain name is parsed as a fontconfig pattern.
+        return findfont(FontProperties(family=[font]), fallback_to_default=False)
+    except ValueError:
+        return None
 
 
 class Text(Stimulus):
@@ -75,6 +99,7 @@ class Text(Stimulus):
         return Letters(
             self.text,
             self.font,
+            find_font(self.font),
             g_width_mm=self.g_width_mm,
             pitch_mm=self.pitch_mm,
             start_mm=start,

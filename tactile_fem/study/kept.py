@@ -14,7 +14,7 @@ from typing import Any
 
 from tactile_fem.runtime.files import atomic_write, sha256
 from tactile_fem.runtime.settings import Settings
-from tactile_fem.stimulus.fonts import find_font
+from tactile_fem.stimulus.text import find_font
 
 # Subfolder of the copies.
 INPUTS = "inputs"
