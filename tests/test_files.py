@@ -14,7 +14,7 @@ from synthetic import make_results
 from tactile_fem.calibration.measurements import Experiment, parse_indenter
 from tactile_fem.calibration.model import Task
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.settings import MESH_FOLDERS
+from tactile_fem.finger import MESH_FOLDERS
 from tactile_fem.runtime.files import cached_by_content, check_unchanged, hashes
 from tactile_fem.series.members import Member
 from tactile_fem.series.run import run_series

@@ -13,7 +13,8 @@ from needs import needs_gmsh
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger import SURFACES, TISSUES, build_finger, describe, read_msh, write_msh
-from tactile_fem.finger.shape import depth_below, skin_shape
+from tactile_fem.finger.anatomy import depth_below
+from tactile_fem.finger.shape import skin_shape
 from tactile_fem.finger.simplex import facets_of, gammas, volumes
 from tactile_fem.study import Finger
 

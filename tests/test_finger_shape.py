@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from tactile_fem.finger import TISSUES
+from tactile_fem.finger.anatomy import depth_below
 from tactile_fem.finger.layers import layering
-from tactile_fem.finger.shape import bone_shape, depth_below, skin_shape
+from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.study import Finger
 
 FINGER = Finger()

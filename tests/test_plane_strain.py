@@ -19,7 +19,7 @@ from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus.body import Ball, Cut, HalfSpace
 from tactile_fem.study import Solver, Tissue
 
-SAGITTAL = Plane((1, 2), 0.0)
+SAGITTAL = Plane((1, 2))
 SOLVER = Solver(held=("cut",), linear="direct", petsc={"snes_atol": 1e-12, "snes_max_it": 60})
 
 

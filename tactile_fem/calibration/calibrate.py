@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-3
 # Loggers of what describes the finger, which is often that of the press before.
-_FINGER_LOGGERS = ("finger.settings", "finger.build", "mechanics.domain", "simulation.simulation")
+_FINGER_LOGGERS = ("finger.finger", "finger.build", "mechanics.domain", "simulation.simulation")
 _SD_OF_95_PERCENT = float(ndtri(0.975))
 # Share of the variance that the measurements must take away to call a parameter identified.
 _IDENTIFIED = 0.5

@@ -6,20 +6,24 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 
-from tactile_fem.errors import MeshError
+from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger.layers import Layering, Ridges, Sizes, layering
 from tactile_fem.finger.plane import Array
 from tactile_fem.finger.scanned import ScannedBone, ScannedSkin
 from tactile_fem.finger.scans import Scans
-from tactile_fem.finger.settings import Finger
-from tactile_fem.finger.shape import Capsule, bone_shape, check_depth_of_bone, skin_shape
+from tactile_fem.finger.settings import FingerSettings
+from tactile_fem.finger.shape import Capsule, bone_shape, skin_shape
 from tactile_fem.finger.simplex import lowest_height
 from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.runtime.triangles import Triangles
 
 _NAIL_FROM_TIP_MM, _NAIL_FROM_CUT_MM = 1.0, 2.0
 _NAIL_SHARE = 0.97  # of the finger's width
+_LEAST_GAP_MM = 0.15  # bone to dermis
+_DEPTH_STEP_MM = 0.25  # of the skin's points, to measure the depth below it
+_BONE_STEP_MM = 0.4  # of the bone's points whose depth is checked
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,7 @@ class Anatomy:
 
     @staticmethod
     @cached_by_content(maxsize=1)
-    def of(finger: Finger) -> Anatomy:
+    def of(finger: FingerSettings) -> Anatomy:
         """Make what a study states; the last one is kept, since scans of a series often share it.
 
         Raises MeshError if lengths or scans do not make a finger, StudyError if a file cannot be
@@ -83,14 +87,14 @@ class Anatomy:
         if scans and scans.bone:
             bone = ScannedBone.of(scans.bone.moved(by), finger, skin.capsule.cut_y)
         else:
-            bone = bone_shape(finger, skin)
-        check_depth_of_bone(skin, bone, finger)
+            bone = bone_shape(finger, skin.capsule)
+        _check_depth_of_bone(skin, bone, finger)
         scanned_nail = scans.nail.moved(by) if scans and scans.nail else None
         nail = _nail(finger, skin.capsule, scanned_nail)
         return Anatomy(sizes, rows, ridges, skin, bone, nail)
 
 
-def _shift_of_bone(bone: Triangles, finger: Finger) -> Array:
+def _shift_of_bone(bone: Triangles, finger: FingerSettings) -> Array:
     """Return how far a bone with its distal end at the origin moves into the analytic finger."""
     low, high = bone.points.min(axis=0), bone.points.max(axis=0)
     end = finger.contact_from_tip_mm - finger.bone_tip_gap_mm
@@ -105,7 +109,7 @@ def _shift_of_bone(bone: Triangles, finger: Finger) -> Array:
     return by
 
 
-def _nail(finger: Finger, skin: Capsule, scanned: Triangles | None) -> NailOutline:
+def _nail(finger: FingerSettings, skin: Capsule, scanned: Triangles | None) -> NailOutline:
     """Return the outline of a scanned nail, or else of the study's.
 
     Raises MeshError if it is wider or longer than the back of the finger.
@@ -126,3 +130,27 @@ def _nail(finger: Finger, skin: Capsule, scanned: Triangles | None) -> NailOutli
     if outline.start_y < skin.cut_y + _NAIL_FROM_CUT_MM:
         raise MeshError(f"{size} comes too near to the proximal cut")
     return outline
+
+
+def _check_depth_of_bone(
+    skin: Capsule | ScannedSkin, bone: Capsule | ScannedBone, finger: FingerSettings
+) -> None:
+    """Raise MeshError if a bone is closer to the skin than the layers allow."""
+    bone_points, _ = bone.sample(_BONE_STEP_MM)
+    depth = depth_below(skin, bone_points)
+    need = finger.skin_thickness_mm + _LEAST_GAP_MM
+    worst = int(np.argmin(depth))
+    if depth[worst] < need:
+        where = "outside the skin" if depth[worst] <= 0 else f"{depth[worst]:.2f} mm below the skin"
+        raise PlaceError(
+            f"the bone comes to lie {where} {{place}}, but the layers need {need:.2f} mm: use "
+            "thinner layers, a smaller bone or a thicker finger",
+            bone_points[worst],
+        )
+
+
+def depth_below(skin: Capsule | ScannedSkin, points: Array) -> Array:
+    """Return the depth of points (n, 3) below the skin in mm, negative outside (error < 0.02)."""
+    surface, _ = skin.sample(_DEPTH_STEP_MM)
+    distance, _ = cKDTree(surface).query(points)
+    return np.where(skin.level(points) < 0, distance, -distance)

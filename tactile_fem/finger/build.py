@@ -23,7 +23,7 @@ from tactile_fem.finger.plane import Array
 from tactile_fem.finger.scanned import ScannedBone, ScannedSkin, triangulate_bone
 from tactile_fem.finger.section import section_cells
 from tactile_fem.finger.session import fill_plane, fill_volume, gmsh_model, simplices
-from tactile_fem.finger.settings import Finger
+from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.shape import Capsule
 from tactile_fem.finger.simplex import Indices, facets_of, quadratic
 from tactile_fem.runtime.triangles import Triangles
@@ -34,7 +34,7 @@ _LEAST_LIFT_MM = 2.5  # of the skin at the cut
 _LEAST_SHARE = 0.7  # of the layers' depth that their inner limit is at least below the skin
 
 
-def build_finger(finger: Finger) -> FingerMesh:
+def build_finger(finger: FingerSettings) -> FingerMesh:
     """Mesh a finger; the same parameters give the same mesh.
 
     Raises
@@ -81,7 +81,7 @@ def _tagged_surfaces(
 
 
 def _solid_cells(
-    finger: Finger, anatomy: Anatomy
+    finger: FingerSettings, anatomy: Anatomy
 ) -> tuple[Array, tuple[Indices, Indices], Indices, Indices]:
     """Return nodes (n, 3); tetrahedra (m, 4) of the layers, their tissues (m,); of fat; of bone."""
     skin, cut_y = anatomy.skin, anatomy.skin.capsule.cut_y
@@ -118,7 +118,7 @@ def _check_room(skin: ScannedSkin, inner: Array, depth: float) -> None:
 
 
 def _fill(
-    nodes: Array, inner: Indices, anatomy: Anatomy, finger: Finger
+    nodes: Array, inner: Indices, anatomy: Anatomy, finger: FingerSettings
 ) -> tuple[Array, Indices, Indices]:
     """Fill the inside of the skin; return the nodes and the tetrahedra of fat and bone."""
     sizes, inner_loop = anatomy.sizes, _rim(inner)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import LAYERS, TISSUES
 from tactile_fem.finger.plane import Array
-from tactile_fem.finger.settings import Finger
+from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.shape import Capsule
 from tactile_fem.finger.simplex import Indices
 from tactile_fem.runtime.triangles import Triangles
@@ -56,7 +56,7 @@ class Sizes:
     epidermis_rows: int
 
     @classmethod
-    def of(cls, finger: Finger) -> Sizes:
+    def of(cls, finger: FingerSettings) -> Sizes:
         """Return the preset's sizes, overridden by the finger's own values.
 
         Raises MeshError if they contradict each other, or are too long for the ridges.
@@ -74,7 +74,7 @@ class Sizes:
         solid = cls(pad, far, bone, preset.growth, preset.curve, rows)
         return solid._of_section(finger) if finger.is_section else solid
 
-    def _of_section(self, finger: Finger) -> Sizes:
+    def _of_section(self, finger: FingerSettings) -> Sizes:
         pad, pitch = finger.pad_size_mm or _SECTION_PAD * self.pad, finger.ridge_pitch_mm
         if finger.is_ridged:
             pad = finger.pad_size_mm or min(pad, pitch / _EDGES_PER_RIDGE)
@@ -99,7 +99,7 @@ class Sizes:
 
         return size
 
-    def on_bone(self, finger: Finger) -> Size:
+    def on_bone(self, finger: FingerSettings) -> Size:
         """Return the bone's edge length; on its palmar side it follows the gap to the dermis."""
         near = min(self.bone, max(self.pad, _BONE_EDGE_PER_GAP * finger.subcutaneous_mm))
         return lambda x, y, z: near if z < 0.0 else self.bone
@@ -149,7 +149,7 @@ class Layering:
         return Layering(np.array(depths), np.array(tissue), nail_rows)
 
 
-def layering(finger: Finger, epidermis_rows: int) -> Layering:
+def layering(finger: FingerSettings, epidermis_rows: int) -> Layering:
     """Divide the layers into rows; the underside of the nail is one of the boundaries.
 
     If a boundary within the epidermis is close to the underside of the nail, it is moved there;
@@ -231,7 +231,7 @@ class Ridges:
     Raises MeshError if ridges or papillae are higher than the layers allow.
     """
 
-    finger: Finger
+    finger: FingerSettings
 
     def __post_init__(self) -> None:
         """Check them against the layers."""

@@ -6,13 +6,13 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.plane import SPACE, Array, Plane
+from tactile_fem.finger.plane import PLANES, SPACE, Array, Plane
+from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.simplex import (
     SOLID,
     Indices,
@@ -25,9 +25,6 @@ from tactile_fem.finger.simplex import (
     simplex_of,
     volumes,
 )
-
-if TYPE_CHECKING:
-    from tactile_fem.finger.settings import Finger
 
 TISSUES = {
     "stratum_corneum": 1,
@@ -80,7 +77,9 @@ class FingerMesh:
     @cached_property
     def plane(self) -> Plane:
         """The plane in which it deforms; space, if it is no section."""
-        return SPACE if self.simplex is SOLID else Plane.through(self.nodes)
+        if self.simplex is SOLID:
+            return SPACE
+        return min(PLANES.values(), key=lambda plane: plane.distance_mm(self.nodes))
 
     def corners_of(self, surface: str) -> Array:
         """Return the corners of a surface's facets, (k, 3, 3) or (k, 2, 3) in mm."""
@@ -202,12 +201,12 @@ def held_parts(
     return cells, nodes
 
 
-def edges_per_ridge(mesh: FingerMesh, finger: Finger) -> float | None:
+def edges_per_ridge(mesh: FingerMesh, finger: FingerSettings) -> float | None:
     """Return how many edges of the skin under the patch a fingerprint's ridge has; None: smooth."""
     return finger.ridge_pitch_mm / mesh.facet_size_mm if finger.is_ridged else None
 
 
-def describe(mesh: FingerMesh, finger: Finger) -> str:
+def describe(mesh: FingerMesh, finger: FingerSettings) -> str:
     """Return a table to print: tissues, surfaces and layers, with the study's layers if any."""
     shape, nodes = mesh.simplex, mesh.plane.within(mesh.nodes)
     volume, gamma = volumes(nodes, mesh.cells), gammas(nodes, mesh.cells)

@@ -5,6 +5,7 @@ Outside the mechanics a section lies in the finger's axes X, Y and Z as a solid 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,30 +17,26 @@ AXES = "XYZ"
 
 @dataclass(frozen=True)
 class Plane:
-    """An upright plane, or the whole of space.
+    """An upright plane through the contact point, or the whole of space.
 
     Parameters
     ----------
     axes
         The finger's axes in it, the upright one last: (1, 2) for Y and Z, (0, 2) for X and Z,
         (0, 1, 2) for space.
-    at_mm
-        Its position on the axis across it.
     """
 
-    axes: tuple[int, ...] = (0, 1, 2)
-    at_mm: float = 0.0
-
-    @classmethod
-    def through(cls, points: Array) -> Plane:
-        """Return the upright plane that points (n, 3) lie in."""
-        across = int(np.argmin(np.ptp(points[:, :2], axis=0)))
-        return cls((1 - across, 2), float(points[0, across]))
+    axes: tuple[int, ...]
 
     @property
     def is_space(self) -> bool:
         """Whether it is all of space."""
         return len(self.axes) == 3
+
+    @property
+    def kind(self) -> str:
+        """The kind of a finger that deforms in it."""
+        return "solid" if self.is_space else "section"
 
     @property
     def force_unit(self) -> str:
@@ -55,29 +52,26 @@ class Plane:
     @property
     def equation(self) -> str:
         """For example "X = 0"; of a plane only."""
-        return f"{AXES[self.across]} = {self.at_mm:g}"
+        return f"{AXES[self.across]} = 0"
 
     def within(self, vectors: ArrayLike) -> Array:
         """Return the components in the plane, (..., 2), of vectors or points (..., 3)."""
         return np.asarray(vectors)[..., list(self.axes)]
 
     def vectors(self, within: ArrayLike) -> Array:
-        """Return vectors (..., 3) of which the components in the plane are given."""
+        """Return vectors or points (..., 3) of the plane from their components in it."""
         own = np.asarray(within)
         found = np.zeros((*own.shape[:-1], 3), dtype=own.dtype)
         found[..., list(self.axes)] = own
         return found
 
-    def points(self, within: ArrayLike) -> Array:
-        """Return points (..., 3) of the plane of which its two coordinates are given."""
-        found = self.vectors(within)
-        if not self.is_space:
-            found[..., self.across] = self.at_mm
-        return found
-
     def distance_mm(self, points: Array) -> float:
         """Return the largest distance of points (n, 3) from the plane; 0 in space."""
-        return float(np.abs(self.points(self.within(points)) - points).max())
+        return float(np.abs(self.vectors(self.within(points)) - points).max())
+
+    def cuts(self, bounds: Sequence[float]) -> bool:
+        """Return whether it cuts a box, given by its least X and Y and its largest X and Y."""
+        return self.is_space or bounds[self.across] < 0 < bounds[self.across + 2]
 
     def moment(self, within: ArrayLike) -> Array:
         """Return a moment as a vector (3,); in a plane (1,) is given, about its third axis.
@@ -92,6 +86,6 @@ class Plane:
         return found
 
 
-SPACE = Plane()
-# The planes of a section through the contact point.
+SPACE = Plane((0, 1, 2))
+# The planes of a section.
 PLANES = {"sagittal": Plane((1, 2)), "transverse": Plane((0, 2))}

@@ -15,7 +15,7 @@ from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger.plane import Array
 from tactile_fem.finger.scans import Frame, beyond, connected
 from tactile_fem.finger.session import gmsh_model, simplices
-from tactile_fem.finger.settings import Finger
+from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.shape import ARC_END, Capsule
 from tactile_fem.finger.simplex import lowest_height
 from tactile_fem.finger.smooth import SmoothSurface
@@ -44,7 +44,7 @@ class ScannedSkin:
     surface: SmoothSurface
 
     @classmethod
-    def of(cls, skin: Triangles, finger: Finger, frame: Frame) -> ScannedSkin:
+    def of(cls, skin: Triangles, finger: FingerSettings, frame: Frame) -> ScannedSkin:
         """Fit the capsule to a scan.
 
         Raises MeshError if it is too short, has a hole, intersects itself, or is no finger.
@@ -122,7 +122,9 @@ def _check_holes(skin: Triangles, cut: float) -> None:
         )
 
 
-def _check_contact(skin: Triangles, finger: Finger, frame: Frame, cut: float, tip: float) -> None:
+def _check_contact(
+    skin: Triangles, finger: FingerSettings, frame: Frame, cut: float, tip: float
+) -> None:
     """Raise PlaceError if the origin is no point of a pad between the cut and the tip."""
     import trimesh  # takes 0.15 s
 
@@ -154,7 +156,7 @@ def _check_contact(skin: Triangles, finger: Finger, frame: Frame, cut: float, ti
     raise PlaceError(f"{contact} {problem}: {remedy}", np.zeros(3))
 
 
-def _guess(skin: Triangles, finger: Finger, tip: float, cut: float) -> Capsule:
+def _guess(skin: Triangles, finger: FingerSettings, tip: float, cut: float) -> Capsule:
     """Return a capsule as wide and high as a scan; raise MeshError if that is no finger's size."""
     import trimesh  # takes 0.15 s
 
@@ -213,7 +215,7 @@ class ScannedBone:
     high: Array
 
     @classmethod
-    def of(cls, bone: Triangles, finger: Finger, cut_y: float) -> ScannedBone:
+    def of(cls, bone: Triangles, finger: FingerSettings, cut_y: float) -> ScannedBone:
         """Smooth a bone and end it before the cut.
 
         Raises MeshError if it lies behind the cut, or intersects itself.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.plane import Array
-from tactile_fem.finger.settings import Finger
+from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.simplex import Indices
 from tactile_fem.runtime.triangles import Triangles, read_triangles
 
@@ -60,7 +60,7 @@ class Scans:
     frame: Frame
 
     @classmethod
-    def of(cls, finger: Finger) -> Scans:
+    def of(cls, finger: FingerSettings) -> Scans:
         """Read a finger's files and find its axes; raise StudyError if either fails."""
         at = None if finger.contact_mm is None else np.array(finger.contact_mm)
         found: dict[str, Triangles | None] = {}
@@ -76,7 +76,7 @@ class Scans:
         return cls(**placed, frame=frame)
 
 
-def _read(file: Path, field: str, finger: Finger) -> Triangles:
+def _read(file: Path, field: str, finger: FingerSettings) -> Triangles:
     """Read a surface; raise MeshError if it cannot be that of a finger."""
     surface = read_triangles(file, field, finger.file_unit_mm)
     size, (least, most) = float(np.ptp(surface.points, axis=0).max()), _SIZES_MM
@@ -150,7 +150,7 @@ def _surrounded(surface: Triangles, piece: Indices, main: int) -> NDArray[np.boo
 
 
 def _frame_of(
-    finger: Finger, skin: Triangles | None, bone: Triangles | None, nail: Triangles | None
+    finger: FingerSettings, skin: Triangles | None, bone: Triangles | None, nail: Triangles | None
 ) -> Frame:
     """Return the finger's frame; that of a bone alone has its origin at the bone's distal end.
 

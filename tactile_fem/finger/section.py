@@ -17,7 +17,7 @@ from tactile_fem.finger.anatomy import Anatomy
 from tactile_fem.finger.layers import Layering, extrusion_directions
 from tactile_fem.finger.plane import Array, Plane
 from tactile_fem.finger.session import fill_plane
-from tactile_fem.finger.settings import Finger
+from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.shape import Capsule
 from tactile_fem.finger.simplex import Indices, volumes
 
@@ -40,7 +40,7 @@ class Contour:
 
 
 def section_cells(
-    finger: Finger, anatomy: Anatomy
+    finger: FingerSettings, anatomy: Anatomy
 ) -> tuple[Array, tuple[Indices, Indices], Indices, Indices]:
     """Return nodes (n, 3); triangles (m, 3) of the layers, their tissues (m,); of fat; of bone."""
     sizes, plane, capsule = anatomy.sizes, finger.section_plane, anatomy.skin.capsule
@@ -95,7 +95,7 @@ def _is_dorsal(points: Array, body: Capsule) -> NDArray[np.bool_]:
     return points[:, 2] > body.axis_z + body.rise(points[:, 1])[0]
 
 
-def _skin_sizes(skin: Contour, finger: Finger, anatomy: Anatomy) -> list[float]:
+def _skin_sizes(skin: Contour, finger: FingerSettings, anatomy: Anatomy) -> list[float]:
     """Return the edge length at each point of the skin's contour."""
     capsule = anatomy.skin.capsule
     at = skin.points - [0.0, 0.0, capsule.axis_z]
@@ -139,7 +139,7 @@ def _divided(contour: Contour, size: list[float], ends: list[float]) -> Contour:
 # --- layers --------------------------------------------------------------------------------------
 
 
-def _columns(skin: Contour, rows: Layering, finger: Finger, anatomy: Anatomy) -> Array:
+def _columns(skin: Contour, rows: Layering, finger: FingerSettings, anatomy: Anatomy) -> Array:
     """Return the nodes of the layers, node i of row k at n k + i; ridges shift their limits."""
     directions = extrusion_directions(skin.points, skin.normals, anatomy.skin.capsule.cut_y)
     s, ridges = skin.length, anatomy.ridges

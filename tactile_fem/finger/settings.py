@@ -1,31 +1,18 @@
-"""The finger of a study: whole or a section, parametric, scanned or from a mesh file."""
+"""The keys of a study's finger, and what follows from them without a mesh."""
 
 from __future__ import annotations
 
-import logging
-import tomllib
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from tactile_fem.errors import MeshError, StudyError
+from tactile_fem.errors import StudyError
 from tactile_fem.finger.plane import PLANES, SPACE, Plane
-from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.runtime.settings import Either, File, Finite, NonNegative, Positive, Whole
 
-if TYPE_CHECKING:
-    from tactile_fem.finger.mesh_data import FingerMesh
-
-logger = logging.getLogger(__name__)
-
-_BESIDE = Path(__file__).resolve().parents[2:]
-# Beside the package in a clone; when installed in the share folder of the environment, of the
-# user (pip --user), of /usr/local (Debian) or of any other folder (pip --target).
-MESH_FOLDERS = (
-    _BESIDE[0] / "meshes",
-    *(folder / "share" / "tactile_fem" / "meshes" for folder in _BESIDE),
-)
+# Of a section, in N for each mm of its width: the paper's 0.6 N over 10 mm, a contact's width.
+_SECTION_FORCE_N_MM = 0.06
 
 
 def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -37,7 +24,7 @@ def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
 Direction = Annotated[tuple[Finite, Finite, Finite], AfterValidator(_not_zero)]
 
 
-class Finger(Either):
+class FingerSettings(Either):
     """Shape of the fingertip and of its mesh."""
 
     kind: Literal["solid", "section"] = Field(
@@ -179,6 +166,23 @@ class Finger(Either):
                 raise ValueError(f'{name} needs kind = "section"')
         return self
 
+    @staticmethod
+    def defaults_beside(given: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+        """Return a section's defaults of a study's other tables, from the keys given in all tables.
+
+        It is pressed to a force per width: to the depth of a solid it would be crushed. With ridges
+        its equations are factorized: multigrid is poor in many fine rows of elements.
+        """
+        finger, protocol = (given.get(name, {}) for name in ("finger", "protocol"))
+        if finger.get("kind") != "section":
+            return {}
+        defaults: dict[str, dict[str, Any]] = {}
+        if not {"depth_mm", "path"} & protocol.keys():
+            defaults["protocol"] = {"force_N": _SECTION_FORCE_N_MM}
+        if finger.get("ridge_height_mm") or finger.get("papilla_depth_mm"):
+            defaults["solver"] = {"linear": "direct"}
+        return defaults
+
     # --- its kind --------------------------------------------------------------------------------
 
     @property
@@ -227,72 +231,3 @@ class Finger(Either):
     def pad_thickness_mm(self) -> float:
         """Skin surface to bone under the contact point, of the parametric finger."""
         return self.skin_thickness_mm + self.subcutaneous_mm
-
-    # --- its mesh --------------------------------------------------------------------------------
-
-    def mesh(self) -> FingerMesh:
-        """Return the finger's mesh.
-
-        A `mesh_file` is read. If all values equal those of a shipped recipe, the shipped mesh is
-        read. Every other finger is meshed, which needs gmsh.
-
-        Raises
-        ------
-        MeshError
-            The mesh cannot be read, generated or used.
-        """
-        from tactile_fem.finger.build import build_finger
-        from tactile_fem.finger.msh import read_msh
-
-        file = self.mesh_file or self.shipped_file()
-        if file is None:
-            return build_finger(self)
-        if not file.is_file():
-            raise MeshError(f"finger.mesh_file = {file} does not exist")
-        mesh = read_msh(file)
-        if self.mesh_file is None:
-            logger.info("finger from %s", file.name)
-        else:
-            self.check_mesh(mesh)
-        return mesh
-
-    def shipped_file(self) -> Path | None:
-        """Return the shipped mesh with this finger as its recipe, if there is one."""
-        for folder in MESH_FOLDERS:
-            for recipe in sorted(folder.glob("*.toml")):
-                mesh = recipe.with_suffix(".msh")
-                values = tomllib.loads(recipe.read_text(encoding="utf-8")).get("finger", {})
-                if mesh.is_file() and Finger.model_validate(values) == self:
-                    return mesh
-        return None
-
-    def check_mesh(self, mesh: FingerMesh) -> None:
-        """Raise MeshError if an own mesh cannot be used, or is a section where this is none."""
-        mesh.check()
-        if mesh.plane.is_space == self.is_section:
-            kind = "solid" if mesh.plane.is_space else "section"
-            raise MeshError(
-                f'finger.kind is "{self.kind}" but must be "{kind}" for a mesh of '
-                f"{mesh.simplex.plural}"
-            )
-
-    def check(self) -> FingerMesh | None:
-        """Try within a second what could fail; return the mesh if it is read from a file.
-
-        The last finger is kept: the scans of a series often share it.
-
-        Raises
-        ------
-        StudyError
-            Lengths or scans do not make a finger, a file cannot be read ...
-        """
-        from tactile_fem.finger.anatomy import Anatomy
-
-        if self.mesh_file is None:
-            Anatomy.of(self)
-            if self.shipped_file() is None:
-                return None
-        return _kept_mesh(self)
-
-
-_kept_mesh = cached_by_content(maxsize=1)(Finger.mesh)

@@ -10,23 +10,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
-from tactile_fem.errors import MeshError, PlaceError
+from tactile_fem.errors import MeshError
 from tactile_fem.finger.plane import Array
-from tactile_fem.finger.settings import Finger
-
-if TYPE_CHECKING:
-    from tactile_fem.finger.scanned import ScannedBone, ScannedSkin
+from tactile_fem.finger.settings import FingerSettings
 
 ARC_END = math.radians(30.0)  # the arc of the pad ends at this slope and continues straight
-_LEAST_GAP_MM = 0.15  # bone to dermis
-_DEPTH_STEP_MM = 0.25  # of the skin's points, to measure the depth below it
-_BONE_STEP_MM = 0.4  # of the bone's points whose depth is checked
 
 
 @dataclass(frozen=True)
@@ -146,7 +138,7 @@ class Capsule:
         )
 
 
-def skin_shape(finger: Finger) -> Capsule:
+def skin_shape(finger: FingerSettings) -> Capsule:
     """Return the outer skin; raise MeshError if the lengths do not form a finger."""
     tip = finger.contact_from_tip_mm
     cut = tip - finger.tip_length_mm - finger.straight_length_mm
@@ -179,13 +171,13 @@ def skin_shape(finger: Finger) -> Capsule:
     )
 
 
-def bone_shape(finger: Finger, skin: Capsule | ScannedSkin) -> Capsule:
+def bone_shape(finger: FingerSettings, skin: Capsule) -> Capsule:
     """Return the bone, pad_thickness_mm above the contact point; it follows the skin's rise."""
-    tip = skin.capsule.tip_y - finger.bone_tip_gap_mm
+    tip = skin.tip_y - finger.bone_tip_gap_mm
     if tip < 1.0:
         raise MeshError(
             f"finger.bone_tip_gap_mm = {finger.bone_tip_gap_mm:g} leaves no bone over the contact "
-            f"point: it must be at most {skin.capsule.tip_y - 1.0:.3g}"
+            f"point: it must be at most {skin.tip_y - 1.0:.3g}"
         )
     return Capsule(
         half_width=finger.bone_half_width_mm,
@@ -194,30 +186,6 @@ def bone_shape(finger: Finger, skin: Capsule | ScannedSkin) -> Capsule:
         axis_z=finger.pad_thickness_mm + finger.bone_half_height_mm,
         tip_y=tip,
         tip_length=min(finger.bone_half_width_mm, tip),
-        cut_y=skin.capsule.cut_y,
-        pad_radius=skin.capsule.pad_radius,
+        cut_y=skin.cut_y,
+        pad_radius=skin.pad_radius,
     )
-
-
-def check_depth_of_bone(
-    skin: Capsule | ScannedSkin, bone: Capsule | ScannedBone, finger: Finger
-) -> None:
-    """Raise MeshError if a bone is closer to the skin than the layers allow."""
-    bone_points, _ = bone.sample(_BONE_STEP_MM)
-    depth = depth_below(skin, bone_points)
-    need = finger.skin_thickness_mm + _LEAST_GAP_MM
-    worst = int(np.argmin(depth))
-    if depth[worst] < need:
-        where = "outside the skin" if depth[worst] <= 0 else f"{depth[worst]:.2f} mm below the skin"
-        raise PlaceError(
-            f"the bone comes to lie {where} {{place}}, but the layers need {need:.2f} mm: use "
-            "thinner layers, a smaller bone or a thicker finger",
-            bone_points[worst],
-        )
-
-
-def depth_below(skin: Capsule | ScannedSkin, points: Array) -> Array:
-    """Return the depth of points (n, 3) below the skin in mm, negative outside (error < 0.02)."""
-    surface, _ = skin.sample(_DEPTH_STEP_MM)
-    distance, _ = cKDTree(surface).query(points)
-    return np.where(skin.level(points) < 0, distance, -distance)

@@ -69,7 +69,7 @@ class SectionScene:
         ends = self._x_limits[0] - places[:, 0].max(), self._x_limits[1] - places[:, 0].min()
         x, z = np.arange(*ends, _SAMPLE_MM[0]), np.arange(*_BODY_MM, _SAMPLE_MM[1])
         grid = np.stack(np.meshgrid(x, z), axis=-1).reshape(-1, 2)
-        gap = gap_of(self._plane.points(grid + places[0]) - film.stimulator_mm[0])
+        gap = gap_of(self._plane.vectors(grid + places[0]) - film.stimulator_mm[0])
         self._body = x, z, gap.reshape(len(z), len(x))
 
     @styled

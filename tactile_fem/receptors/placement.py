@@ -35,6 +35,13 @@ class Layout(NamedTuple):
     samples: Samples
 
     @classmethod
+    def of(cls, receptors: Receptors, finger: FingerMesh, population: str) -> Layout:
+        """Place the receptors of a population; raises what `place` and `sample` raise."""
+        positions = place(receptors, finger)
+        names = np.full(len(positions), population)
+        return cls(positions, names, sample(receptors, positions, finger))
+
+    @classmethod
     def joined(cls, layouts: Sequence[Layout]) -> Layout:
         """Return the receptors of several layouts, numbered on from one to the next."""
         positions, names, samples = zip(*layouts, strict=True)

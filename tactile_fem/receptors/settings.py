@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from tactile_fem.finger.plane import Plane
 from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Settings, Whole
-
-if TYPE_CHECKING:
-    from tactile_fem.finger.mesh_data import FingerMesh
-    from tactile_fem.receptors.placement import Layout
 
 _MAX_COUNT = 100_000
 # Placements at the tips of a section's epidermis-dermis interface.
@@ -80,29 +75,20 @@ class Receptors(Settings):
         """Return the keys that a population inherits: all."""
         return self.model_dump()
 
-    def lay_out(self, finger: FingerMesh, population: str) -> Layout:
-        """Place the receptors of a population; raises what `place` and `sample` raise."""
-        from tactile_fem.receptors.placement import Layout, place, sample
-
-        positions = place(self, finger)
-        names = np.full(len(positions), population)
-        return Layout(positions, names, sample(self, positions, finger))
-
 
 def misplaced(receptors: Receptors, plane: Plane) -> str:
     """Return why receptors cannot be placed in a section, or in space; empty if they can."""
-    placement, is_section = receptors.placement, not plane.is_space
-    if placement in TIPS and not is_section:
-        return (
-            f'receptors.placement = "{placement}" needs a section with papillae: '
-            'finger.kind = "section" and finger.papilla_depth_mm'
-        )
-    if is_section and receptors.end_organs > 1:
+    placement = receptors.placement
+    if plane.is_space:
+        needed = 'finger.kind = "section" and finger.papilla_depth_mm'
+        wrong = f'receptors.placement = "{placement}" needs a section with papillae: {needed}'
+        return wrong if placement in TIPS else ""
+    if receptors.end_organs > 1:
         return (
             f"receptors.end_organs = {receptors.end_organs} do not lie in the plane of a section: "
             "use 1"
         )
-    if is_section and placement not in ("line", *TIPS):
+    if placement not in ("line", *TIPS):
         return (
             f'receptors.placement = "{placement}" does not lie in a section: '
             'use "line", "intermediate_ridges" or "papillae"'

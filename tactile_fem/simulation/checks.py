@@ -130,24 +130,21 @@ def check_section(study: Study, path: Path, plane: Plane, *, own_body: bool = Fa
     StudyError
         One or the other.
     """
-    if plane.is_space:
-        return
-    across, name = plane.across, plane.equation
-    off = np.abs(path.places_mm()[:, across]).max()
+    off = plane.distance_mm(path.places_mm())
     if off > _TOUCH_TOLERANCE_MM:
-        along = "Y" if across == 0 else "X"
+        along = plane.axes[0]
         raise StudyError(
-            f"protocol: its path leaves the section's plane, {name}, by {off:.3g} mm; slide along "
-            f"{along} only, for example protocol.path with by_mm = "
-            f"{'[0, -10]' if across == 0 else '[10, 0]'}, or choose another finger.plane"
+            f"protocol: its path leaves the section's plane, {plane.equation}, by {off:.3g} mm; "
+            f"slide along {AXES[along]} only, for example protocol.path with by_mm = "
+            f"{'[0, -10]' if along else '[10, 0]'}, or choose another finger.plane"
         )
-    shapes = [] if own_body else study.stimulus.outlines()
-    ends = [(b[across], b[across + 2]) for b in (shape.bounds for shape in shapes)]
-    if shapes and not any(low < plane.at_mm < high for low, high in ends):
+    boxes = [] if own_body else [shape.bounds for shape in study.stimulus.outlines()]
+    if boxes and not any(plane.cuts(box) for box in boxes):
+        across = plane.across
         raise StudyError(
-            f"stimulus: the section's plane, {name}, cuts none of its raised parts, which lie "
-            f"between {AXES[across]} {min(e[0] for e in ends):.3g} and "
-            f"{max(e[1] for e in ends):.3g} mm; choose another stimulus.shift_mm"
+            f"stimulus: the section's plane, {plane.equation}, cuts none of its raised parts, "
+            f"which lie between {AXES[across]} {min(box[across] for box in boxes):.3g} and "
+            f"{max(box[across + 2] for box in boxes):.3g} mm; choose another stimulus.shift_mm"
         )
 
 

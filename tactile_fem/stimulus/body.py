@@ -236,7 +236,7 @@ class Cut:
 
     def distance(self, points: Array) -> Distance:
         """Return the body's signed distance at points (n, 2) of the plane."""
-        found = self.body.distance(self.plane.points(points))
+        found = self.body.distance(self.plane.vectors(points))
         axes = np.array(self.plane.axes)
         normal = self.plane.within(found.normal)
         flat = np.linalg.norm(normal, axis=1) < _MIN_SLOPE

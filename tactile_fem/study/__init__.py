@@ -8,7 +8,7 @@ Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from pydantic import (
     BaseModel,
@@ -20,9 +20,10 @@ from pydantic import (
 )
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.settings import Finger
+from tactile_fem.finger import Finger, FingerMesh
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.path import Follow, Hold, Lift, Piece, Press, Protocol, Slide
+from tactile_fem.receptors import Layout
 from tactile_fem.receptors.settings import Receptors, misplaced
 from tactile_fem.runtime.settings import Settings
 from tactile_fem.stimulus import (
@@ -42,10 +43,6 @@ from tactile_fem.study.afferents import Afferents, filled, given_keys
 from tactile_fem.study.output import Output
 from tactile_fem.study.solver import Solver
 from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissue
-
-if TYPE_CHECKING:
-    from tactile_fem.finger import FingerMesh
-    from tactile_fem.receptors import Layout
 
 __all__ = [
     "DEFAULT_NAME",
@@ -82,10 +79,6 @@ __all__ = [
 ]
 
 
-# Of a section, in N for each mm of its width: the paper's 0.6 N over 10 mm, a contact's width.
-_SECTION_FORCE_N_MM = 0.06
-
-
 class Study(Settings):
     """A complete, resolved study."""
 
@@ -108,21 +101,14 @@ class Study(Settings):
 
     @model_validator(mode="before")
     @classmethod
-    def _defaults_of_a_section(cls, data: Any) -> Any:
-        """Press a section to a force per width: to the depth of a solid it would be crushed.
-
-        With ridges its equations are factorized: multigrid is poor in many fine rows of elements.
-        """
+    def _defaults_of_the_finger(cls, data: Any) -> Any:
+        """Fill in the defaults of other tables that the finger states."""
         if not isinstance(data, dict):
             return data
-        finger = given_keys(data.get("finger", {}))
-        if finger.get("kind") != "section":
-            return data
-        if finger.get("ridge_height_mm") or finger.get("papilla_depth_mm"):
-            data = _with_default(data, "solver", "linear", "direct")
-        if {"depth_mm", "path"} & given_keys(data.get("protocol", {})).keys():
-            return data
-        return _with_default(data, "protocol", "force_N", _SECTION_FORCE_N_MM)
+        given = {name: given_keys(table) for name, table in data.items()}
+        defaults = Finger.defaults_beside(given)
+        usable = {name for name in defaults if isinstance(data.get(name, {}), dict | BaseModel)}
+        return data | {name: defaults[name] | given.get(name, {}) for name in usable}
 
     @field_validator("afferents", mode="before")
     @classmethod
@@ -177,13 +163,11 @@ class Study(Settings):
         return f"afferents.{afferents.name}." if self.afferents else ""
 
     def lay_out(self, finger: FingerMesh) -> Layout:
-        """Place the receptors of all populations, see `Receptors.lay_out`."""
-        from tactile_fem.receptors import Layout
-
+        """Place the receptors of all populations; raises StudyError if one cannot be placed."""
         layouts = []
         for afferents in self.populations:
             try:
-                layouts.append(afferents.receptors.lay_out(finger, afferents.name))
+                layouts.append(Layout.of(afferents.receptors, finger, afferents.name))
             except StudyError as error:
                 raise StudyError(f"{self.table_of(afferents)}{error}") from None
         return Layout.joined(layouts)
@@ -198,10 +182,3 @@ class Study(Settings):
             for name, section in sections.items()
             for key, file in section.files().items()
         }
-
-
-def _with_default(data: dict[str, Any], name: str, key: str, value: Any) -> dict[str, Any]:
-    """Return a study's tables with a key of one of them, where it is not given."""
-    if not isinstance(data.get(name, {}), dict | BaseModel):
-        return data
-    return {**data, name: {key: value, **given_keys(data.get(name, {}))}}

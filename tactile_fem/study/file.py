@@ -11,7 +11,7 @@ import tomlkit
 from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.settings import Finger
+from tactile_fem.finger import Finger
 from tactile_fem.path import Piece
 from tactile_fem.runtime.settings import Settings
 from tactile_fem.runtime.text import read_text

@@ -106,8 +106,7 @@ def vibrate(
         raise StudyError(f"density_kg_m3 is {density_kg_m3:g} but must not be negative.")
     with abort_if_one_fails(comm):
         results = on_root(comm, lambda: Results.open(folder))
-        if on_root(comm, lambda: results.study.finger.is_section):
-            raise StudyError(f"{folder} is the scan of a section: only a solid finger can vibrate.")
+        on_root(comm, lambda: results.study.finger.require_solid(f"a vibration of {folder}"))
         simulation = Simulation(on_root(comm, lambda: results.study), parts, comm)
         saved = on_root(comm, lambda: Origin.of(simulation).read(results, at_mm, at_s))
         with closing(simulation):
