@@ -57,8 +57,9 @@ class NailOutline:
 
 @dataclass(frozen=True)
 class Anatomy:
-    """Edge lengths and layers of a finger; its skin, bone and nail in the finger's axes."""
+    """A finger with its edge lengths and layers; its skin, bone and nail in the finger's axes."""
 
+    finger: FingerSettings
     sizes: Sizes
     rows: Layering
     ridges: Ridges
@@ -76,22 +77,22 @@ class Anatomy:
         """
         ridges, sizes = Ridges(finger), Sizes.of(finger)
         rows = layering(finger, sizes.epidermis_rows)
-        scans = Scans.of(finger) if finger.is_scanned else None
+        scans = Scans.of(finger)
         skin: Capsule | ScannedSkin
         bone: Capsule | ScannedBone
-        if scans and scans.skin:
+        if scans.skin:
             skin, by = ScannedSkin.of(scans.skin, finger, scans.frame).on_the_plane()
         else:
             skin = skin_shape(finger)
-            by = _shift_of_bone(scans.bone, finger) if scans and scans.bone else np.zeros(3)
-        if scans and scans.bone:
+            by = _shift_of_bone(scans.bone, finger) if scans.bone else np.zeros(3)
+        if scans.bone:
             bone = ScannedBone.of(scans.bone.moved(by), finger, skin.capsule.cut_y)
         else:
             bone = bone_shape(finger, skin.capsule)
         _check_depth_of_bone(skin, bone, finger)
-        scanned_nail = scans.nail.moved(by) if scans and scans.nail else None
-        nail = _nail(finger, skin.capsule, scanned_nail)
-        return Anatomy(sizes, rows, ridges, skin, bone, nail)
+        nail = _scanned_nail(scans.nail.moved(by)) if scans.nail else _nail(finger, skin.capsule)
+        _check_nail(nail, skin.capsule)
+        return Anatomy(finger, sizes, rows, ridges, skin, bone, nail)
 
 
 def _shift_of_bone(bone: Triangles, finger: FingerSettings) -> Array:
@@ -109,27 +110,26 @@ def _shift_of_bone(bone: Triangles, finger: FingerSettings) -> Array:
     return by
 
 
-def _nail(finger: FingerSettings, skin: Capsule, scanned: Triangles | None) -> NailOutline:
-    """Return the outline of a scanned nail, or else of the study's.
+def _nail(finger: FingerSettings, skin: Capsule) -> NailOutline:
+    end = skin.tip_y - _NAIL_FROM_TIP_MM
+    return NailOutline(0.5 * finger.nail_width_mm, end - finger.nail_length_mm, end)
 
-    Raises MeshError if it is wider or longer than the back of the finger.
-    """
-    if scanned is None:
-        end = skin.tip_y - _NAIL_FROM_TIP_MM
-        outline = NailOutline(0.5 * finger.nail_width_mm, end - finger.nail_length_mm, end)
-    else:
-        low, high = scanned.points.min(axis=0).tolist(), scanned.points.max(axis=0).tolist()
-        outline = NailOutline(max(-low[0], high[0]), low[1], high[1])
+
+def _scanned_nail(nail: Triangles) -> NailOutline:
+    low, high = nail.points.min(axis=0).tolist(), nail.points.max(axis=0).tolist()
+    return NailOutline(max(-low[0], high[0]), low[1], high[1])
+
+
+def _check_nail(outline: NailOutline, skin: Capsule) -> None:
+    """Raise MeshError if a nail is wider or longer than the back of the finger."""
     width, length = 2 * outline.half_width, outline.end_y - outline.start_y
     size = f"the nail ({width:.3g} mm wide, {length:.3g} mm long)"
     x, y = np.array(outline.polygon.exterior.coords).T
-    t = np.clip((y - skin.shoulder_y) / skin.tip_length, 0.0, 1.0)
-    room = skin.half_width * np.sqrt(1.0 - t**2)
+    room = skin.half_width * np.sqrt(skin.closing(y)[0])
     if np.any(np.abs(x) > _NAIL_SHARE * room):
         raise MeshError(f"{size} does not fit on the back of the finger")
     if outline.start_y < skin.cut_y + _NAIL_FROM_CUT_MM:
         raise MeshError(f"{size} comes too near to the proximal cut")
-    return outline
 
 
 def _check_depth_of_bone(

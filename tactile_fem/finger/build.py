@@ -44,7 +44,7 @@ def build_finger(finger: FingerSettings) -> FingerMesh:
     """
     anatomy = Anatomy.of(finger)
     make_cells = section_cells if finger.is_section else _solid_cells
-    nodes, (layers, tissue), fat, marrow = make_cells(finger, anatomy)
+    nodes, (layers, tissue), fat, marrow = make_cells(anatomy)
     cells = np.concatenate([layers, fat, marrow])
     tags = [np.full(len(fat), TISSUES["subcutaneous"]), np.full(len(marrow), TISSUES["bone"])]
     tissue = np.concatenate([tissue, *tags])
@@ -80,9 +80,7 @@ def _tagged_surfaces(
 # --- solid finger --------------------------------------------------------------------------------
 
 
-def _solid_cells(
-    finger: FingerSettings, anatomy: Anatomy
-) -> tuple[Array, tuple[Indices, Indices], Indices, Indices]:
+def _solid_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Indices, Indices]:
     """Return nodes (n, 3); tetrahedra (m, 4) of the layers, their tissues (m,); of fat; of bone."""
     skin, cut_y = anatomy.skin, anatomy.skin.capsule.cut_y
     size = anatomy.sizes.on_skin(skin.capsule)
@@ -93,7 +91,7 @@ def _solid_cells(
     first = len(nodes) - len(outer.points)
     if isinstance(skin, ScannedSkin):  # the lengths of an analytic one have been checked
         _check_room(skin, nodes[first:], anatomy.rows.depths[-1])
-    nodes, fat, marrow = _fill(nodes, outer.triangles + first, anatomy, finger)
+    nodes, fat, marrow = _fill(nodes, outer.triangles + first, anatomy)
     return nodes, (cells, tissue), fat, marrow
 
 
@@ -117,27 +115,23 @@ def _check_room(skin: ScannedSkin, inner: Array, depth: float) -> None:
         )
 
 
-def _fill(
-    nodes: Array, inner: Indices, anatomy: Anatomy, finger: FingerSettings
-) -> tuple[Array, Indices, Indices]:
+def _fill(nodes: Array, inner: Indices, anatomy: Anatomy) -> tuple[Array, Indices, Indices]:
     """Fill the inside of the skin; return the nodes and the tetrahedra of fat and bone."""
-    sizes, inner_loop = anatomy.sizes, _rim(inner)
+    sizes = anatomy.sizes
     if isinstance(anatomy.bone, ScannedBone):  # ends before the cut
-        surface = triangulate_bone(anatomy.bone, sizes.bone)
+        bone = triangulate_bone(anatomy.bone, sizes.bone)
+        surface = bone.triangles + len(nodes)
+        nodes, lid = fill_plane(np.vstack([nodes, bone.points]), [_rim(inner)], sizes.far)
+        nodes, fat = fill_volume(nodes, [inner, lid], [surface], improve=True)
+        nodes, marrow = fill_volume(nodes, [surface])
     else:
-        surface, _, _ = triangulate(anatomy.bone, sizes.on_bone(finger))
-    bone = surface.triangles + len(nodes)
-    nodes = np.vstack([nodes, surface.points])
-    if isinstance(anatomy.bone, ScannedBone):
-        nodes, lid = fill_plane(nodes, [inner_loop], sizes.far)
-        nodes, fat = fill_volume(nodes, [inner, lid], [bone], improve=True)
-        nodes, marrow = fill_volume(nodes, [bone])
-    else:
-        bone_loop = _rim(bone)
-        nodes, annulus = fill_plane(nodes, [inner_loop, bone_loop], sizes.far)
-        nodes, disc = fill_plane(nodes, [bone_loop], sizes.far)
-        nodes, fat = fill_volume(nodes, [inner, bone, annulus], improve=True)
-        nodes, marrow = fill_volume(nodes, [bone, disc])
+        bone, _, _ = triangulate(anatomy.bone, sizes.on_bone(anatomy.finger))
+        surface = bone.triangles + len(nodes)
+        loops = [_rim(inner), _rim(surface)]
+        nodes, annulus = fill_plane(np.vstack([nodes, bone.points]), loops, sizes.far)
+        nodes, disc = fill_plane(nodes, loops[1:], sizes.far)
+        nodes, fat = fill_volume(nodes, [inner, surface, annulus], improve=True)
+        nodes, marrow = fill_volume(nodes, [surface, disc])
     return nodes, fat, marrow
 
 

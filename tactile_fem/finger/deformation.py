@@ -16,27 +16,18 @@ class SkinSurface:
 
     Parameters
     ----------
-    finger
-        The mesh.
     xy_mm
-        (k, 2) places X, Y of the points.
+        (k, 2) places X, Y of the points; StudyError is raised if there is no skin.
 
     Attributes
     ----------
     rest_mm
         (k, 3) undeformed points.
-
-    Raises
-    ------
-    StudyError
-        There is no skin at a place.
     """
 
     def __init__(self, finger: FingerMesh, xy_mm: ArrayLike) -> None:
-        facets, corners = (
-            finger.facets[finger.surface == SURFACES["skin"]],
-            finger.corners_of("skin"),
-        )
+        facets = finger.facets[finger.surface == SURFACES["skin"]]
+        corners = finger.corners_of("skin")
         nodes, weights = [], []
         for x, y in np.asarray(xy_mm, float):
             found = lowest_facet(x, y, corners)
@@ -62,14 +53,7 @@ class SkinSurface:
 def deformation_gradients(finger: FingerMesh, displacement_mm: Array, tissue: str) -> Array:
     """Return F (cells, d, d) at the centres of a tissue's cells; d is 2 in a section.
 
-    Parameters
-    ----------
-    finger
-        The mesh.
-    displacement_mm
-        Of its nodes, (n, d).
-    tissue
-        Its name.
+    `displacement_mm` (n, d) is that of the nodes.
     """
     cells, shape = finger.cells[finger.tissue == TISSUES[tissue]], finger.simplex
     corners = finger.plane.within(finger.nodes)[cells[:, : shape.corners]]
@@ -81,10 +65,7 @@ def deformation_gradients(finger: FingerMesh, displacement_mm: Array, tissue: st
 
 
 def principal_strains(finger: FingerMesh, displacement_mm: Array, tissue: str) -> Array:
-    """Return the principal strains (cells, d), stretch less 1, in increasing order.
-
-    Parameters are those of `deformation_gradients`.
-    """
+    """Return the principal strains (cells, d), stretch less 1, in increasing order."""
     F = deformation_gradients(finger, displacement_mm, tissue)
     return np.linalg.svd(F, compute_uv=False)[:, ::-1] - 1
 

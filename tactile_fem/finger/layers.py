@@ -57,10 +57,7 @@ class Sizes:
 
     @classmethod
     def of(cls, finger: FingerSettings) -> Sizes:
-        """Return the preset's sizes, overridden by the finger's own values.
-
-        Raises MeshError if they contradict each other, or are too long for the ridges.
-        """
+        """Return the preset's sizes or the finger's own; MeshError if they contradict others."""
         preset = PRESETS[finger.preset]
         pad = finger.pad_size_mm or preset.pad
         far = finger.far_size_mm or max(preset.far, pad)
@@ -117,14 +114,11 @@ PRESETS = {
 
 @dataclass(frozen=True)
 class Layering:
-    """Depths (r + 1,) in mm that bound the rows, and the tissue tag (r,) of each row.
+    """Rows of elements through the layers of skin."""
 
-    Under the nail's outline the first `nail_rows` rows belong to the nail.
-    """
-
-    depths: Array
-    tissue: Indices
-    nail_rows: int
+    depths: Array  # (r + 1,) mm, between the rows
+    tissue: Indices  # (r,) tag of each row
+    nail_rows: int  # the first ones, which belong to the nail under its outline
 
     def tissue_of(self, row: int, under_nail: NDArray[np.bool_]) -> Indices:
         """Return the tags of a row's parts, of which some lie under the nail."""
@@ -271,10 +265,8 @@ class Ridges:
         return self.finger.ridge_height_mm * self._fade(s) * wave
 
     def interface(self, s: Array) -> Array:
-        """Return how much deeper than its mean the epidermis-dermis interface lies, (n,) mm.
-
-        A cosine whose phase is warped, so that a papilla has its width at half its height.
-        """
+        """Return how much deeper than its mean the epidermis-dermis interface lies, (n,) mm."""
+        # A cosine whose phase is warped, so that a papilla has its width at half its height.
         finger, half = self.finger, self.finger.ridge_pitch_mm / 2
         shift = 0.0 if finger.papillae_aligned else half / 2
         from_papilla = np.abs((s + shift) % half - half / 2)

@@ -103,13 +103,7 @@ class FingerMesh:
 
     @cached_property
     def pad_thickness_mm(self) -> float:
-        """Height from skin to bone above the contact point, X = Y = 0.
-
-        Raises
-        ------
-        MeshError
-            There is no skin or no bone.
-        """
+        """Height from skin to bone above the contact point; MeshError if it lacks either."""
         heights = []
         for name in ("skin", "bone_surface"):
             height = lowest_height(0.0, 0.0, self.corners_of(name))
@@ -131,10 +125,9 @@ class FingerMesh:
 
     @cached_property
     def layer_thickness_mm(self) -> dict[str, Array]:
-        """Thickness of each layer of the pad, the stratum corneum first; missing ones are left out.
+        """Thickness (facets,) of each layer that the pad has, the stratum corneum first.
 
-        Distances from the facet centres of the layer's outer boundary on the pad to the nearest
-        point of its inner boundary.
+        It is the distance from the centre of each facet of the outer boundary to the inner one.
         """
         facets, first, second = facets_of(self.cells)
         inner = second >= 0

@@ -21,13 +21,9 @@ _LINEAR, _QUADRATIC = {1: 1, 2: 2, 3: 4}, {1: 8, 2: 9, 3: 11}
 def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
     """Read a .msh file of any version; the tags follow from the names of its physical groups.
 
-    Nodes keep the file's order; nodes that belong to no tetrahedron are left out.
-
-    Parameters
-    ----------
-    path
-        A mesh in mm of ten-node tetrahedra and six-node triangles; of a section, of six-node
-        triangles and three-node lines.
+    It contains a mesh in mm of ten-node tetrahedra and six-node triangles; of a section, of
+    six-node triangles and three-node lines. Nodes keep the file's order; nodes that belong to no
+    cell are left out.
 
     Raises
     ------
@@ -104,36 +100,27 @@ def _tagged(
     tags: dict[str, int],
     start: str,
 ) -> tuple[Indices, Indices]:
-    """Return quadratic elements, each once, and their tags in this package, 0 for none.
-
-    Raises MeshError if an element has two of the tags.
-    """
-    tag_of = {number: tags[n] for (d, number), n in names.items() if d == dim and n in tags}
+    """Return quadratic elements, each once, and their only tag in this package, 0 for none."""
+    numbers = [[k for (d, k), n in names.items() if (d, n) == (dim, name)] for name in tags]
     parts = [block for block in blocks if block.kind == _QUADRATIC[dim]]
     cells = np.concatenate([block.nodes for block in parts])
     _, first, number = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     owner = first[number.ravel()]  # format 2 has an element once for each of its groups
-    least, most = np.full(len(cells), np.iinfo(np.int64).max), np.zeros(len(cells), np.int64)
     ends = np.cumsum([len(block.nodes) for block in parts])[:-1]
+    has_tag = np.zeros((len(tags), len(cells)), dtype=bool)
     for block, rows in zip(parts, np.split(owner, ends), strict=True):
-        for groups in block.groups.T:
-            numbers, index = np.unique(groups, return_inverse=True)
-            tag = np.array([tag_of.get(number, 0) for number in numbers.tolist()])[index.ravel()]
-            np.minimum.at(least, rows[tag > 0], tag[tag > 0])
-            np.maximum.at(most, rows, tag)
-    if np.any(least < most):
+        for elements, own in zip(has_tag, numbers, strict=True):
+            elements[rows[np.isin(block.groups, own).any(axis=1)]] = True
+    if np.any(has_tag.sum(axis=0) > 1):
         raise MeshError(f"{start} has elements in two of the groups {', '.join(tags)}")
     kept = np.sort(first)
-    return cells[kept], most[kept]
+    return cells[kept], (np.array([*tags.values()]) @ has_tag)[kept]
 
 
 def write_msh(path: str | os.PathLike[str], mesh: FingerMesh) -> None:
     """Write a mesh as .msh 2.2 in ASCII; the same mesh gives the same bytes.
 
-    Raises
-    ------
-    OSError
-        It cannot be written; names `path`.
+    Raises an OSError that names `path` if it cannot be written.
     """
     shape = mesh.simplex
     names = [(shape.dim - 1, tag, n) for n, tag in SURFACES.items() if np.any(mesh.surface == tag)]

@@ -26,14 +26,11 @@ _NODES_OF = dict(enumerate([*_NODES, 5, 6, 20, 35, 56], 1)) | {92: 64, 93: 125}
 
 
 class Block(NamedTuple):
-    """Elements of one of gmsh's types: nodes (m, n), numbers of their physical groups (m, k).
-
-    The groups are those of the type's dimension; 0 is none.
-    """
+    """Elements of one of gmsh's types."""
 
     kind: int
-    nodes: Indices
-    groups: Indices
+    nodes: Indices  # (m, n)
+    groups: Indices  # (m, k) physical groups of the type's dimension; 0 is none
 
 
 class MshFile:
@@ -68,10 +65,7 @@ class MshFile:
         return {(int(d), abs(int(tag))): name.decode(errors="replace") for d, tag, name in found}
 
     def content(self) -> tuple[Array, list[Block]]:
-        """Return the nodes' coordinates (n, 3) in the file's order, and the elements.
-
-        Elements refer to nodes by their indices.
-        """
+        """Return the coordinates (n, 3) of the nodes, and the elements by the nodes' indices."""
         old = self._version < 4
         tags, points = self._nodes_2() if old else self._nodes_4()
         index = np.full(tags.max(initial=0) + 1, -1)

@@ -45,10 +45,7 @@ class ScannedSkin:
 
     @classmethod
     def of(cls, skin: Triangles, finger: FingerSettings, frame: Frame) -> ScannedSkin:
-        """Fit the capsule to a scan.
-
-        Raises MeshError if it is too short, has a hole, intersects itself, or is no finger.
-        """
+        """Fit the capsule to a scan; MeshError if it is too short, has a hole, is no finger ..."""
         length = finger.tip_length_mm + finger.straight_length_mm
         whole, skin = skin, beyond(skin, -length - _BEYOND_CUT_MM - _REACH_MM)
         if skin is not whole:  # fingers of one hand are apart here
@@ -66,10 +63,7 @@ class ScannedSkin:
         return cls(_fitted(guess, surface), surface)
 
     def place(self, reference: Array) -> tuple[Array, Array]:
-        """Move points of the reference capsule onto the scan, as `Capsule.place` does.
-
-        Raises MeshError if the scan is too far from the capsule.
-        """
+        """Move points of the reference capsule onto the scan, as `Capsule.place` does."""
         points, directions = self.capsule.place(reference)
         in_cut = points[:, 1] < self.capsule.cut_y + 1e-9  # remains in the plane
         directions[in_cut, 1] = 0.0
@@ -216,10 +210,7 @@ class ScannedBone:
 
     @classmethod
     def of(cls, bone: Triangles, finger: FingerSettings, cut_y: float) -> ScannedBone:
-        """Smooth a bone and end it before the cut.
-
-        Raises MeshError if it lies behind the cut, or intersects itself.
-        """
+        """Smooth a bone and end it before the cut; MeshError if it lies behind that."""
         end = cut_y + _FROM_CUT_MM
         low, high = bone.points.min(axis=0), bone.points.max(axis=0)
         if high[1] < end + _LEAST_LENGTH_MM:

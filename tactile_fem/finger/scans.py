@@ -7,7 +7,7 @@ pad is touched. What the study does not give is found from the surfaces.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -49,24 +49,23 @@ class Frame:
 
 @dataclass(frozen=True)
 class Scans:
-    """The surfaces of a finger in its own axes, None where the study has no file.
+    """The surfaces of a finger in its own axes, which are a frame in the files; None: no file."""
 
-    `frame` has these axes in the files' coordinates.
-    """
-
-    skin: Triangles | None
-    bone: Triangles | None
-    nail: Triangles | None
-    frame: Frame
+    skin: Triangles | None = None
+    bone: Triangles | None = None
+    nail: Triangles | None = None
+    frame: Frame = field(default_factory=lambda: Frame(np.eye(3), np.zeros(3)))
 
     @classmethod
     def of(cls, finger: FingerSettings) -> Scans:
         """Read a finger's files and find its axes; raise StudyError if either fails."""
+        if not finger.is_scanned:
+            return cls()
         at = None if finger.contact_mm is None else np.array(finger.contact_mm)
         found: dict[str, Triangles | None] = {}
         for name in ("skin", "bone", "nail"):
-            file, field = getattr(finger, f"{name}_file"), f"finger.{name}_file"
-            surface = file and _without_islands(_read(file, field, finger), field, at)
+            file, key = getattr(finger, f"{name}_file"), f"finger.{name}_file"
+            surface = file and _without_islands(_read(file, key, finger), key, at)
             found[name] = surface and surface.outwards()
         frame = _frame_of(finger, **found)
         placed = {
@@ -76,9 +75,9 @@ class Scans:
         return cls(**placed, frame=frame)
 
 
-def _read(file: Path, field: str, finger: FingerSettings) -> Triangles:
+def _read(file: Path, key: str, finger: FingerSettings) -> Triangles:
     """Read a surface; raise MeshError if it cannot be that of a finger."""
-    surface = read_triangles(file, field, finger.file_unit_mm)
+    surface = read_triangles(file, key, finger.file_unit_mm)
     size, (least, most) = float(np.ptp(surface.points, axis=0).max()), _SIZES_MM
     if not least < size < most:
         raise MeshError(
@@ -102,11 +101,8 @@ def connected(surface: Triangles, at: Array) -> Triangles:
     return surface.part(_surrounded(surface, piece, _next_to(surface, piece, at))[piece])
 
 
-def _without_islands(surface: Triangles, field: str, at: Array | None) -> Triangles:
-    """Return a scan without small pieces, and with a warning of them.
-
-    If `at` (3,) is a place, what does not surround the piece next to it is left out as well.
-    """
+def _without_islands(surface: Triangles, key: str, at: Array | None) -> Triangles:
+    """Leave out small pieces, and those that do not surround the one next to a place (3,)."""
     piece = _pieces(surface)
     area = np.bincount(piece, surface.areas)
     kept = area >= _ISLAND_SHARE * area.max()
@@ -116,7 +112,7 @@ def _without_islands(surface: Triangles, field: str, at: Array | None) -> Triang
     if not kept.all():
         logger.warning(
             "%s has %d separate pieces: %d of them, %.2g %% of the area, are left out.",
-            field,
+            key,
             len(kept),
             np.count_nonzero(~kept),
             100 * area[~kept].sum() / area.sum(),
@@ -152,10 +148,7 @@ def _surrounded(surface: Triangles, piece: Indices, main: int) -> NDArray[np.boo
 def _frame_of(
     finger: FingerSettings, skin: Triangles | None, bone: Triangles | None, nail: Triangles | None
 ) -> Frame:
-    """Return the finger's frame; that of a bone alone has its origin at the bone's distal end.
-
-    Raises MeshError if directions are parallel, or where the nail lies cannot be found.
-    """
+    """Return the finger's frame; that of a bone alone has its origin at the bone's distal end."""
     body = skin or bone
     assert body is not None
     tip = np.array(finger.tip_direction or _towards_tip(body))

@@ -17,7 +17,6 @@ from tactile_fem.finger.anatomy import Anatomy
 from tactile_fem.finger.layers import Layering, extrusion_directions
 from tactile_fem.finger.plane import Array, Plane
 from tactile_fem.finger.session import fill_plane
-from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.shape import Capsule
 from tactile_fem.finger.simplex import Indices, volumes
 
@@ -27,29 +26,24 @@ _SAMPLES = 20_001  # of a contour, to measure its length
 
 @dataclass(frozen=True)
 class Contour:
-    """A curve in the plane of a section, from the palmar side of the cut around the tip.
+    """A curve in the plane of a section, from the palmar side of the cut around the tip."""
 
-    `points` and outward unit `normals` are (n, 3); `length` (n,) is that of the curve from the
-    contact point on, mm. Across the finger it is `closed`: it ends where it begins.
-    """
-
-    points: Array
-    normals: Array
-    length: Array
-    closed: bool
+    points: Array  # (n, 3)
+    normals: Array  # (n, 3) outward unit vectors
+    length: Array  # (n,) of the curve from the contact point on, mm
+    closed: bool  # across the finger, where it ends where it begins
 
 
-def section_cells(
-    finger: FingerSettings, anatomy: Anatomy
-) -> tuple[Array, tuple[Indices, Indices], Indices, Indices]:
+def section_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Indices, Indices]:
     """Return nodes (n, 3); triangles (m, 3) of the layers, their tissues (m,); of fat; of bone."""
-    sizes, plane, capsule = anatomy.sizes, finger.section_plane, anatomy.skin.capsule
+    finger, sizes, capsule = anatomy.finger, anatomy.sizes, anatomy.skin.capsule
+    plane = finger.section_plane
     rows = anatomy.rows.divided(sizes.pad)
     skin = _contour(capsule, plane)
     nail = anatomy.nail.ends(plane.axes[0])
     at_nail = _dorsal_lengths(skin, capsule, plane, nail)
-    skin = _divided(skin, _skin_sizes(skin, finger, anatomy), [0.0, *at_nail])
-    nodes = _columns(skin, rows, finger, anatomy)
+    skin = _divided(skin, _skin_sizes(skin, anatomy), [0.0, *at_nail])
+    nodes = _columns(skin, rows, anatomy)
     following = np.roll(skin.points, -1, axis=0)
     middle = ((skin.points + following) / 2)[: None if skin.closed else -1]
     along = plane.within(middle)[:, 0]
@@ -95,9 +89,9 @@ def _is_dorsal(points: Array, body: Capsule) -> NDArray[np.bool_]:
     return points[:, 2] > body.axis_z + body.rise(points[:, 1])[0]
 
 
-def _skin_sizes(skin: Contour, finger: FingerSettings, anatomy: Anatomy) -> list[float]:
+def _skin_sizes(skin: Contour, anatomy: Anatomy) -> list[float]:
     """Return the edge length at each point of the skin's contour."""
-    capsule = anatomy.skin.capsule
+    finger, capsule = anatomy.finger, anatomy.skin.capsule
     at = skin.points - [0.0, 0.0, capsule.axis_z]
     at[:, 2] -= capsule.rise(skin.points[:, 1])[0]
     size = anatomy.sizes.on_skin(capsule)
@@ -139,10 +133,10 @@ def _divided(contour: Contour, size: list[float], ends: list[float]) -> Contour:
 # --- layers --------------------------------------------------------------------------------------
 
 
-def _columns(skin: Contour, rows: Layering, finger: FingerSettings, anatomy: Anatomy) -> Array:
+def _columns(skin: Contour, rows: Layering, anatomy: Anatomy) -> Array:
     """Return the nodes of the layers, node i of row k at n k + i; ridges shift their limits."""
     directions = extrusion_directions(skin.points, skin.normals, anatomy.skin.capsule.cut_y)
-    s, ridges = skin.length, anatomy.ridges
+    s, ridges, finger = skin.length, anatomy.ridges, anatomy.finger
     dermis = finger.stratum_corneum_mm + finger.epidermis_mm
     limits = np.array([0.0, finger.stratum_corneum_mm, dermis, finger.skin_thickness_mm])
     shifts = [ridges.skin(s), ridges.skin(s), ridges.interface(s), 0 * s, 0 * s]
@@ -163,13 +157,11 @@ def _triangles_of_layers(
     count = len(skin.points)
     i = np.arange(len(under_nail))
     j = (i + 1) % count
+    quads = np.column_stack([i, j, j + count, i + count])
     # Diagonals lean to both sides alike about the contact point.
     leans = (skin.length[i] < 0)[:, None]
-    one = np.where(leans, *(np.column_stack(c) for c in ([i, j, j + count], [i, j, i + count])))
-    other = np.where(
-        leans,
-        *(np.column_stack(c) for c in ([i, j + count, i + count], [j, j + count, i + count])),
-    )
+    one = np.where(leans, quads[:, [0, 1, 2]], quads[:, [0, 1, 3]])
+    other = np.where(leans, quads[:, [0, 2, 3]], quads[:, [1, 2, 3]])
     pair, numbers = np.concatenate([one, other]), range(len(rows.tissue))
     tissue = [np.tile(rows.tissue_of(row, under_nail), 2) for row in numbers]
     return np.concatenate([pair + row * count for row in numbers]), np.concatenate(tissue)

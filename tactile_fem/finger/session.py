@@ -34,10 +34,9 @@ _OPTIONS = {
 
 @contextmanager
 def gmsh_model() -> Iterator[ModuleType]:
-    """Provide gmsh with an empty model and silent, reproducible settings.
+    """Provide gmsh with an empty model and silent, reproducible settings; leave it as it was.
 
-    Afterwards, also after an error, the model is removed, and gmsh is finalized if it was started
-    here. Raises MeshError if gmsh is missing, or fails while meshing.
+    Raises MeshError if gmsh is missing, or fails while meshing.
     """
     try:
         import gmsh
@@ -68,10 +67,7 @@ def gmsh_model() -> Iterator[ModuleType]:
 
 
 def simplices(gmsh: ModuleType, dim: Literal[2, 3]) -> tuple[Array, Indices, Indices]:
-    """Return the meshed triangles (`dim` 2) or tetrahedra (3) of the open model.
-
-    These are the used corners (n, 3) in the order of gmsh's tags, cells (m, dim + 1) and tags (n,).
-    """
+    """Return used corners (n, 3), cells (m, dim + 1) and the corners' tags (n,) of the model."""
     tags, flat, _ = gmsh.model.mesh.getNodes()
     _, corners = gmsh.model.mesh.getElementsByType({2: 2, 3: 4}[dim])
     used, cells = np.unique(corners, return_inverse=True)
@@ -83,7 +79,7 @@ def simplices(gmsh: ModuleType, dim: Literal[2, 3]) -> tuple[Array, Indices, Ind
 def fill_plane(nodes: Array, loops: list[NDArray[np.int64]], size: float) -> tuple[Array, Indices]:
     """Triangulate a plane inside the first loop of nodes and outside the second.
 
-    Return the nodes, to which those inside are appended, and the triangles.
+    Return all nodes, the new ones last, and the triangles.
     """
     with gmsh_model() as gmsh:
         geo = gmsh.model.geo
@@ -117,8 +113,7 @@ def fill_volume(
 ) -> tuple[Array, Indices]:
     """Fill a closed shell of triangles around closed holes with tetrahedra.
 
-    Return the nodes, to which those inside are appended, and the tetrahedra. `improve` removes
-    slivers and adds a few cells.
+    Return all nodes, the new ones last, and the tetrahedra. `improve` removes slivers.
     """
     with gmsh_model() as gmsh:
         mesh = gmsh.model.mesh

@@ -60,16 +60,14 @@ class Capsule:
         slope = on_arc / root
         return self.pad_radius - root + slope * (back - on_arc), -slope
 
-    def _closing(self, y: Array) -> tuple[Array, Array]:
+    def closing(self, y: Array) -> tuple[Array, Array]:
         """Return the squared section factor (1 in the shaft, 0 at the tip) and its derivative."""
         t = np.clip((y - self.shoulder_y) / self.tip_length, 0.0, 1.0)
         return 1.0 - t**2, -2.0 * t / self.tip_length
 
     def _palmar(self, y: Array) -> tuple[Array, Array]:
-        """Return the squared palmar height over that of the closing, and its derivative.
-
-        The height itself closes as (1 - s^2)(1 + (1 - a) s^2) with s = y/tip_y, a the fullness.
-        """
+        """Return the squared palmar height over that of the closing, and its derivative."""
+        # The height closes as (1 - s^2)(1 + (1 - a) s^2) with s = y/tip_y, a the fullness.
         if self.fullness is None:
             return np.ones_like(y), np.zeros_like(y)
         s = np.clip(y / self.tip_y, 0.0, 1.0)
@@ -93,7 +91,7 @@ class Capsule:
         """
         u, y, v = np.asarray(reference, dtype=float).T
         y = np.clip(y, self.cut_y, self.tip_y)
-        closing, dclosing = self._closing(y)
+        closing, dclosing = self.closing(y)
         length = np.hypot(u, v)
         scale = np.where(length > 1e-9, np.sqrt(closing) / np.maximum(length, 1e-9), 0.0)
         u, v = u * scale, v * scale
@@ -116,7 +114,7 @@ class Capsule:
     def level(self, points: Array) -> Array:
         """Return a function of (n, 3) points that is negative inside and zero on the body."""
         x, y, z = np.asarray(points, dtype=float).T
-        closing, _ = self._closing(y)
+        closing, _ = self.closing(y)
         palmar, _ = self._palmar(y)
         zeta = z - self.axis_z - self.rise(y)[0]
         height2 = np.where(zeta < 0, self.below**2 * palmar, self.above**2)

@@ -20,21 +20,16 @@ _CANDIDATES = 12  # facets with the nearest centres, of which one is the nearest
 
 @dataclass(frozen=True)
 class Simplex:
-    """The cells of one dimension; their nodes are in gmsh's order.
-
-    `edges` (e, 2) are the corners of the edges that carry mid-nodes, `facets` those of the facets,
-    oriented outwards, and `facet_edges` the edges of a facet. `vtk_order` has the position of each
-    of VTK's nodes. `meshio` is the name of the quadratic cell, `measure` that of its size.
-    """
+    """The cells of one dimension; their nodes are in gmsh's order."""
 
     dim: int
-    edges: Indices
-    facets: Indices
-    facet_edges: Indices
-    vtk_order: list[int]
-    meshio: str
+    edges: Indices  # (e, 2) corners of the edges, which carry the mid-nodes
+    facets: Indices  # (corners, dim) corners of the facets, oriented outwards
+    facet_edges: Indices  # edges of a facet
+    vtk_order: list[int]  # position of each of VTK's nodes
+    meshio: str  # name of the quadratic cell
     plural: str
-    measure: str
+    measure: str  # name of the size
 
     @property
     def corners(self) -> int:
@@ -42,9 +37,9 @@ class Simplex:
         return self.dim + 1
 
     def gradients(self, weights: Array) -> Array:
-        """Return the gradients (nodes, dim) of the quadratic shape functions at a point.
+        """Return the gradients (nodes, dim) of the quadratic shape functions.
 
-        `weights` (corners,) are the point's barycentric coordinates.
+        They are those at a point with barycentric coordinates `weights` (corners,).
         """
         linear = np.vstack([-np.ones(self.dim), np.eye(self.dim)])
         one, other = self.edges.T
@@ -84,16 +79,9 @@ def simplex_of(cells: Indices) -> Simplex:
 def facets_of(cells: Indices) -> tuple[Indices, Indices, Indices]:
     """Find the facets of tetrahedra or triangles, linear or quadratic.
 
-    Returns
-    -------
-    facets, first, second
-        (f, 3) or (f, 2) corners, oriented outwards from the cell `first` (f,); the cell `second`
-        (f,) on the other side is -1 on the boundary.
-
-    Raises
-    ------
-    ValueError
-        A facet belongs to more than two cells.
+    Return their corners (f, 3) or (f, 2), oriented outwards from their first cell (f,), that cell,
+    and the one on the other side (f,), -1 on the boundary. Raises ValueError if a facet belongs to
+    more than two cells.
     """
     shape = simplex_of(cells)
     corners = cells[:, shape.facets].reshape(-1, shape.dim)
@@ -113,11 +101,8 @@ def facets_of(cells: Indices) -> tuple[Indices, Indices, Indices]:
 def quadratic(nodes: Array, cells: Indices, facets: Indices) -> tuple[Array, Indices, Indices]:
     """Add midpoints: linear cells and facets become straight quadratic ones.
 
-    Returns
-    -------
-    nodes, cells, facets
-        The corner nodes come first and keep their numbers. Coordinates are rounded to 1e-8 mm
-        (midpoints 1e-9), which keeps files short.
+    Return nodes, cells and facets; corners come first and keep their numbers. Coordinates are
+    rounded to 1e-8 mm (midpoints 1e-9), which keeps files short.
     """
     shape = simplex_of(cells)
     nodes = np.round(nodes, 8)
@@ -144,18 +129,12 @@ def _edges(nodes: Array, cells: Indices) -> Array:
 
 
 def volumes(nodes: Array, cells: Indices) -> Array:
-    """Return the signed volumes (m,) in mm^3 of tetrahedra, or the areas in mm^2 of triangles.
-
-    The nodes are (n, 3) or, in the plane of a section, (n, 2).
-    """
+    """Return signed volumes (m,) of tetrahedra, nodes (n, 3), or areas of triangles, (n, 2)."""
     return np.linalg.det(_edges(nodes, cells)) / math.factorial(nodes.shape[1])
 
 
 def gammas(nodes: Array, cells: Indices) -> Array:
-    """Return gmsh's quality gamma (m,): d times inradius over circumradius, 1 if regular.
-
-    Nodes are (n, 3), or (n, 2) for triangles.
-    """
+    """Return gmsh's quality gamma (m,): d times inradius over circumradius, 1 if regular."""
     edges = _edges(nodes, cells)
     # Barycentric coordinates grow by 1 over a height: the inradius is 1 over their slopes' sum.
     slopes = np.linalg.inv(edges)
@@ -187,10 +166,10 @@ def distances(points: Array, facets: Array) -> Array:
 
 
 def lowest_facet(x: float, y: float, facets: Array) -> tuple[int, Array] | None:
-    """Return the lowest facet over or under a point of the XY plane, and where it meets it.
+    """Return the lowest facet over or under a point of the XY plane, None if there is none.
 
-    That is the facet's index in `facets`, (m, 3, 3) corners of triangles or (m, 2, 3) of lines in
-    an upright plane, and barycentric coordinates (3,) or (2,) in it; None if there is no facet.
+    `facets` are (m, 3, 3) corners of triangles or (m, 2, 3) of lines in an upright plane. The facet
+    is given by its index and the point's barycentric coordinates (3,) or (2,) in it.
     """
     weights = _barycentric(np.array([x, y]), facets[..., :2])
     inside = np.flatnonzero(np.all(weights >= -_TOLERANCE, axis=1))

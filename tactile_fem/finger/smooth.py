@@ -109,10 +109,8 @@ class SmoothSurface:
         return gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
 
     def along(self, points: Array, directions: Array, reach_mm: float) -> Array:
-        """Return the distances (n,) from points to the surface along lines; NaN if too far.
-
-        The lines lead outwards, about along the normals, so that the distance is about the step.
-        """
+        """Return the distances (n,) from points to the surface along outward lines, or NaN."""
+        # The lines are about the normals, so that the distance is about the step.
         t = np.zeros(len(points))
         for _ in range(_LINE_ITERATIONS):
             t = np.clip(t - self.level(points + t[:, None] * directions), -reach_mm, reach_mm)

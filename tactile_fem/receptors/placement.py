@@ -18,7 +18,7 @@ _PAD_MM = 3.0  # height of the pad above its lowest point
 
 
 class Samples(NamedTuple):
-    """Points whose weighted mean is a receptor's reading, (samples,) each."""
+    """Points whose weighted mean is the reading of a receptor, (samples,) each."""
 
     receptor: np.ndarray  # index
     cell: np.ndarray  # index in the mesh
@@ -55,13 +55,9 @@ class Layout(NamedTuple):
 def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
     """Return the receptors' positions (n, 3) in mm, over the pad.
 
-    Raises
-    ------
-    StudyError
-        A receptor's X, Y lies outside the finger, or the placement does not suit the finger.
+    Raises StudyError if one lies outside the finger, or the placement does not suit the finger.
     """
-    problem = misplaced(receptors, finger.plane)
-    if problem:
+    if problem := misplaced(receptors, finger.plane):
         raise StudyError(problem)
     half = np.array([receptors.half_width_mm, receptors.half_length_mm])
     if receptors.placement in TIPS:
@@ -124,16 +120,14 @@ def _layout(receptors: Receptors, half: np.ndarray, finger: FingerMesh) -> np.nd
     axes = finger.plane.axes
     at = np.zeros((len(lines[axes[0]]), len(axes)))
     at[:, 0] = lines[axes[0]]
-    return finger.plane.points(at)[:, :2]
+    return finger.plane.vectors(at)[:, :2]
 
 
 def _poisson_disc(receptors: Receptors, half: np.ndarray, facets: np.ndarray) -> list[np.ndarray]:
-    """Return places on the interface by density, none close to another.
-
-    Random points, evenly distributed over the interface's area, are accepted if they keep a
-    distance of 0.75/sqrt(density) from all others. Points jam at 0.83/sqrt(density); where they
-    cannot keep it, the distance is shortened.
-    """
+    """Return places on the interface by density, none close to another."""
+    # Random points, evenly distributed over the interface's area, are accepted if they keep a
+    # distance of 0.75/sqrt(density) from all others. Points jam at 0.83/sqrt(density); where they
+    # cannot keep it, the distance is shortened.
     random = np.random.default_rng(receptors.seed)
     tries = [_lift(x, y, facets) for x, y in random.uniform(-1, 1, (_BATCH, 2)) * half]
     area_mm2 = 4 * half[0] * half[1] * np.mean([stretch for _, stretch in tries])
@@ -176,12 +170,8 @@ def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> S
 
     Points lie on a cubic lattice (in a section a square one) with a spacing of a third of the
     radius; with radius 0 the receptor itself is the only point. A point on the boundary of several
-    cells belongs to the one with the lowest index, whatever the partition.
-
-    Raises
-    ------
-    StudyError
-        A receptor is too far from the tissue.
+    cells belongs to the one with the lowest index, whatever the partition. Raises StudyError if a
+    receptor is too far from the tissue.
     """
     tag, plane = TISSUES[receptors.side], finger.plane
     cells = np.flatnonzero(finger.tissue == tag)
@@ -207,7 +197,7 @@ def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> S
         first = near[inside[hit].argmax(axis=1)]
         ones = np.ones(len(first), dtype=int)
         weight = ones / (len(first) * receptors.end_organs)
-        found.append((number * ones, cells[first], tag * ones, plane.points(points[hit]), weight))
+        found.append((number * ones, cells[first], tag * ones, plane.vectors(points[hit]), weight))
     return Samples(*map(np.concatenate, zip(*found, strict=True)))
 
 
@@ -225,10 +215,7 @@ def _end_organs(
 
 
 def _sheet(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
-    """Return the corners (m, 3, 3) or (m, 2, 3) of the facets on which receptors lie.
-
-    They are those of the epidermis-dermis interface, or the skin's moved inwards by the depth.
-    """
+    """Return the corners (m, 3, 3) or (m, 2, 3) of the interface, or of the skin moved inwards."""
     name = "interface" if receptors.below_skin_mm is None else "skin"
     return finger.corners_of(name) + np.array([0.0, 0.0, receptors.below_skin_mm or 0.0])
 
