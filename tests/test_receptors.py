@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import ufl
 from scipy.spatial.distance import pdist
+from trimesh.triangles import closest_point
 
 from tactile_fem.runtime import backend  # noqa: F401
 
@@ -19,6 +20,7 @@ from blocks import block_mesh, curved
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import SURFACES
 from tactile_fem.finger.mesh_data import FingerMesh
+from tactile_fem.finger.simplex import facets_of
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.neuron import (
@@ -43,22 +45,17 @@ def layered_block() -> FingerMesh:
     """A block whose interface, at z = 1, is tagged."""
     line = np.linspace(-2, 2, 5)
     finger = block_mesh(line, line, DEPTHS, ["stratum_corneum", "epidermis", "dermis"])
-    faces = []
-    for corners in ([0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]):
-        face = finger.cells[:, corners]
-        flat = np.all(np.isclose(finger.nodes[face][..., 2], 1.0), axis=1)
-        faces.append(face[flat & (finger.tissue == 2)])
-    face = np.concatenate(faces)
+    facets, _, _ = facets_of(finger.cells)
+    face = facets[np.all(np.isclose(finger.nodes[facets][..., 2], 1.0), axis=1)]
     triangles = np.concatenate([finger.facets, np.hstack([face, face])])
     surface = np.concatenate([finger.surface, np.full(len(face), SURFACES["interface"])])
     return FingerMesh(finger.nodes, finger.cells, finger.tissue, triangles, surface)
 
 
-def block_problem() -> tuple[FingerProblem, FingerMesh]:
-    finger = layered_block()
-    domain = create_domain(finger, MPI.COMM_WORLD, ("cut",))
+def problem_of(finger: FingerMesh, comm: MPI.Comm = MPI.COMM_WORLD) -> FingerProblem:
+    domain = create_domain(finger, comm, ("cut",))
     tissue, settings = Tissue.model_validate({}), Solver(held=("cut",))
-    return FingerProblem(domain, tissue, Plate().body(), 0.3, settings), finger
+    return FingerProblem(domain, tissue, Plate().body(), 0.3, settings)
 
 
 def test_line_lies_on_the_fingers_interface():
@@ -66,21 +63,12 @@ def test_line_lies_on_the_fingers_interface():
     positions = place(Receptors(), finger)
     assert len(positions) == 51
     np.testing.assert_allclose(positions[:, 0], np.linspace(-5, 5, 51), atol=1e-12)
-    facets = finger.nodes[finger.facets[finger.surface == SURFACES["interface"], :3]]
-    normal = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    facets = finger.corners_of("interface")
     for point in positions:
-        height = np.abs(np.einsum("fi,fi->f", point - facets[:, 0], normal))
-        touching = [f for f in np.flatnonzero(height < 1e-6) if _inside(point, facets[f])]
-        assert touching
+        nearest = closest_point(facets, np.tile(point, (len(facets), 1)))
+        assert np.linalg.norm(nearest - point, axis=1).min() < 1e-6
     # The nominal depth of stratum corneum and epidermis.
     assert positions[25, 2] == pytest.approx(0.82, rel=0.05)
-
-
-def _inside(point, triangle) -> bool:
-    edges = (triangle[1:] - triangle[0]).T
-    s, t = np.linalg.lstsq(edges, point - triangle[0], rcond=None)[0]
-    return bool(s >= -1e-7 and t >= -1e-7 and s + t <= 1 + 1e-7)
 
 
 @pytest.mark.parametrize("placement", ["grid", "random"])
@@ -166,7 +154,8 @@ def test_end_organs_share_a_receptors_mean():
 @pytest.mark.ranks
 @pytest.mark.parametrize("radius", [0.0, 0.25])
 def test_probe_reads_a_homogeneous_state_exactly(radius):
-    problem, finger = block_problem()
+    finger = layered_block()
+    problem = problem_of(finger)
     wanted = Receptors(half_width_mm=1, spacing_mm=1, average_radius_mm=radius)
     positions = place(wanted, finger)
     tissue = Tissue.model_validate({})
@@ -223,7 +212,8 @@ def test_a_drive_with_a_field_of_its_own_is_one_file(monkeypatch):
         )
     )
     populations = [afferents.population() for afferents in study.populations]
-    problem, finger = block_problem()
+    finger = layered_block()
+    problem = problem_of(finger)
     positions = place(Receptors(half_width_mm=1, spacing_mm=1), finger)
     samples = sample(Receptors(), positions, finger)
     probe = Probe(problem, samples, len(positions), fields_of(populations))
@@ -265,22 +255,17 @@ def test_probe_finds_its_points_in_a_curved_mesh():
     finger = curved(layered_block())
     wanted = Receptors(half_width_mm=1.2, spacing_mm=0.3, average_radius_mm=0.0)
     positions = place(wanted, finger)
-    domain = create_domain(finger, MPI.COMM_SELF, ("cut",))
-    problem = FingerProblem(
-        domain, Tissue.model_validate({}), Plate().body(), 0.3, Solver(held=("cut",))
-    )
+    problem = problem_of(finger, MPI.COMM_SELF)
     probe = Probe(problem, sample(wanted, positions, finger), len(positions))
     # A field that is cubic in each cell is read exactly: so is the place itself.
-    place_of = expression(ufl.SpatialCoordinate(domain.mesh), probe.nodes)
-    places = place_of.eval(domain.mesh, probe.cells).reshape(-1, 3)
+    mesh = problem.domain.mesh
+    place_of = expression(ufl.SpatialCoordinate(mesh), probe.nodes)
+    places = place_of.eval(mesh, probe.cells).reshape(-1, 3)
     np.testing.assert_allclose(probe.weights @ places, positions, atol=1e-9)
 
 
 def test_a_step_accepted_leaves_what_its_viscous_stress_needs():
-    domain = create_domain(layered_block(), MPI.COMM_SELF, ("cut",))
-    problem = FingerProblem(
-        domain, Tissue.model_validate({}), Plate().body(), 0.3, Solver(held=("cut",))
-    )
+    problem = problem_of(layered_block(), MPI.COMM_SELF)
     accepted = [problem.u.x.array.copy()]
     for depth in (0.05, 0.1):
         assert problem.solve(np.array([0.0, 0.0, depth]), 0.01).converged

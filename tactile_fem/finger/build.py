@@ -30,8 +30,8 @@ from tactile_fem.runtime.triangles import Triangles
 
 logger = logging.getLogger(__name__)
 
-_LEAST_LIFT_MM = 2.5  # of the skin at the cut
-_LEAST_SHARE = 0.7  # of the layers' depth that their inner limit is at least below the skin
+_LEAST_CUT_HEIGHT_MM = 2.5  # of the skin at the cut
+_LEAST_DEPTH_SHARE = 0.7  # of the layers' depth that their inner limit is at least below the skin
 
 
 def build_finger(finger: FingerSettings) -> FingerMesh:
@@ -98,7 +98,7 @@ def _solid_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Indi
 def _warn_of_low_cut(skin_points: Array, cut_y: float) -> None:
     """Warn if the skin at the cut is so low that a flat stimulator might touch it."""
     lift = skin_points[skin_points[:, 1] < cut_y + 1e-6, 2].min()
-    if lift < _LEAST_LIFT_MM:
+    if lift < _LEAST_CUT_HEIGHT_MM:
         logger.warning("the skin rises only %.1f mm from the contact point to the cut", lift)
 
 
@@ -107,7 +107,7 @@ def _check_room(skin: ScannedSkin, inner: Array, depth: float) -> None:
     clear = inner[:, 1] > skin.capsule.cut_y + CUT_BLEND_MM
     room = np.where(clear, -skin.level(inner), depth)
     worst = int(np.argmin(room))
-    if room[worst] < _LEAST_SHARE * depth:
+    if room[worst] < _LEAST_DEPTH_SHARE * depth:
         raise PlaceError(
             f"the finger is too thin or too sharply bent for layers of {depth:.2f} mm {{place}}: "
             "use thinner layers or a larger smooth_mm",

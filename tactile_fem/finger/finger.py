@@ -16,12 +16,12 @@ from tactile_fem.runtime.files import cached_by_content
 
 logger = logging.getLogger(__name__)
 
-_BESIDE = Path(__file__).resolve().parents[2:]
+_PARENT_FOLDERS = Path(__file__).resolve().parents[2:]
 # Beside the package in a clone; when installed in the share folder of the environment, of the
 # user (pip --user), of /usr/local (Debian) or of any other folder (pip --target).
 MESH_FOLDERS = (
-    _BESIDE[0] / "meshes",
-    *(folder / "share" / "tactile_fem" / "meshes" for folder in _BESIDE),
+    _PARENT_FOLDERS[0] / "meshes",
+    *(folder / "share" / "tactile_fem" / "meshes" for folder in _PARENT_FOLDERS),
 )
 
 

@@ -35,8 +35,8 @@ _BONE_EDGE_PER_GAP = 1.5  # on the palmar side, over the thickness of the subcut
 # dermis they grow by this share of the depth below its upper limit.
 _HEIGHT_PER_EDGE, _DERMIS_GROWTH = 1.3, 0.35
 CUT_BLEND_MM = 4.0  # over this length the extrusion turns into the plane of the cut
-_FADE_PITCHES = 1.0  # length over which ridges fade out at the end of the ridged skin
-_LEAST_SHARE = 0.2  # of the epidermis that remains where ridges or papillae are deepest
+_FADE_LENGTH_PITCHES = 1.0  # length over which ridges fade out at the end of the ridged skin
+_LEAST_EPIDERMIS_SHARE = 0.2  # of the epidermis that remains where ridges or papillae are deepest
 
 Size = Callable[[float, float, float], float]  # of x, y, z on the unbent capsule
 
@@ -120,10 +120,17 @@ class Layering:
     tissue: Indices  # (r,) tag of each row
     nail_rows: int  # the first ones, which belong to the nail under its outline
 
-    def tissue_of(self, row: int, under_nail: NDArray[np.bool_]) -> Indices:
-        """Return the tags of a row's parts, of which some lie under the nail."""
-        nail = under_nail & (row < self.nail_rows)
-        return np.where(nail, TISSUES["nail"], self.tissue[row])
+    def stacked(
+        self, cells: Indices, under_nail: NDArray[np.bool_], count: int
+    ) -> tuple[Indices, Indices]:
+        """Return the cells of all rows and their tags, from those of the first, with `count` nodes.
+
+        `under_nail` (m,) are those of a row that lie under the nail's outline.
+        """
+        rows = range(len(self.tissue))
+        nail = [under_nail & (row < self.nail_rows) for row in rows]
+        tags = [np.where(nail[row], TISSUES["nail"], self.tissue[row]) for row in rows]
+        return np.concatenate([cells + row * count for row in rows]), np.concatenate(tags)
 
     def divided(self, edge_mm: float) -> Layering:
         """Return the layering with rows divided that are too high for edges of this length."""
@@ -194,7 +201,7 @@ def extrude(
     For r rows return nodes (n (r + 1), 3), node i of depth k at n k + i; tetrahedra (3 m r, 4); and
     their tags (3 m r,).
     """
-    count, rows = len(skin.points), range(len(layers.tissue))
+    count = len(skin.points)
     nodes = np.vstack([skin.points - depth * directions for depth in layers.depths])
     # Sorted corners give the two prisms at a common side the same diagonal.
     order = np.argsort(skin.triangles, axis=1)
@@ -210,9 +217,7 @@ def extrude(
     odd = (order[:, 0] > order[:, 1]) ^ (order[:, 1] > order[:, 2]) ^ (order[:, 0] > order[:, 2])
     # (i, j, k) is oriented outwards and the fourth corner is inside, so even ones are inverted.
     prism[~odd] = prism[~odd][..., [1, 0, 2, 3]]
-    tets = np.concatenate([prism.reshape(-1, 4) + row * count for row in rows])
-    tissue = np.concatenate([np.repeat(layers.tissue_of(row, under_nail), 3) for row in rows])
-    return nodes, tets, tissue
+    return nodes, *layers.stacked(prism.reshape(-1, 4), np.repeat(under_nail, 3), count)
 
 
 # --- fingerprints --------------------------------------------------------------------------------
@@ -241,7 +246,7 @@ class Ridges:
                     f"{layer} = {thickness:g}"
                 )
         rest = finger.epidermis_mm - finger.ridge_height_mm - finger.papilla_depth_mm / 2
-        if rest < _LEAST_SHARE * finger.epidermis_mm:
+        if rest < _LEAST_EPIDERMIS_SHARE * finger.epidermis_mm:
             raise MeshError(
                 f"finger.ridge_height_mm = {finger.ridge_height_mm:g} and papilla_depth_mm = "
                 f"{finger.papilla_depth_mm:g} leave {rest:.2g} mm of the epidermis' "
@@ -256,7 +261,7 @@ class Ridges:
     def _fade(self, s: Array) -> Array:
         """Return the share of the full height (n,)."""
         pitches = (self.finger.ridged_half_length_mm - np.abs(s)) / self.finger.ridge_pitch_mm
-        t = np.clip(pitches / _FADE_PITCHES, 0.0, 1.0)
+        t = np.clip(pitches / _FADE_LENGTH_PITCHES, 0.0, 1.0)
         return t * t * (3 - 2 * t)
 
     def skin(self, s: Array) -> Array:

@@ -22,14 +22,14 @@ from tactile_fem.finger.smooth import SmoothSurface
 from tactile_fem.runtime.triangles import Triangles
 
 # Of the skin.
-_BEYOND_CUT_MM = 1.0  # length of the scan beyond the cut, where it may be open
+_SCAN_BEYOND_CUT_MM = 1.0  # length of the scan beyond the cut, where it may be open
 _REACH_MM = 3.0  # by which the capsule is moved at most
 _CONTACT_FROM_CUT_MM, _CONTACT_FROM_TIP_MM = 3.0, 1.0
 _LARGEST_WIDTH_MM, _EDGE_MM = 45.0, 3.0  # edges from which the width is measured
 _FIT_STEP_MM, _LOWEST_STEP_MM = 1.5, 0.25  # between samples, to fit and to find the lowest point
 # Of the bone.
-_FROM_CUT_MM = 1.5  # a bone that ends here is clear of the cut, so that it can be closed
-_LEAST_LENGTH_MM = 2.0  # in the finger
+_BONE_TO_CUT_MM = 1.5  # a bone that ends here is clear of the cut, so that it can be closed
+_LEAST_BONE_LENGTH_MM = 2.0  # in the finger
 # The largest triangles over the bone's least extent; each further attempt makes them smaller.
 _SIZE_SHARE, _ATTEMPTS, _REFINEMENT = 0.25, 4, 1.4
 _SMOOTHINGS = 5  # of the triangulation
@@ -47,18 +47,18 @@ class ScannedSkin:
     def of(cls, skin: Triangles, finger: FingerSettings, frame: Frame) -> ScannedSkin:
         """Fit the capsule to a scan; MeshError if it is too short, has a hole, is no finger ..."""
         length = finger.tip_length_mm + finger.straight_length_mm
-        whole, skin = skin, beyond(skin, -length - _BEYOND_CUT_MM - _REACH_MM)
+        whole, skin = skin, beyond(skin, -length - _SCAN_BEYOND_CUT_MM - _REACH_MM)
         if skin is not whole:  # fingers of one hand are apart here
             skin = connected(skin, np.zeros(3))
         tip = float(skin.points[:, 1].max())
         cut = tip - length
         _check_contact(skin, finger, frame, cut, tip)
         _check_length(skin, cut)
-        skin = beyond(skin, cut - _BEYOND_CUT_MM - _REACH_MM)
+        skin = beyond(skin, cut - _SCAN_BEYOND_CUT_MM - _REACH_MM)
         _check_holes(skin, cut)
         guess = _guess(skin, finger, tip, cut)
         surface = SmoothSurface.of(
-            skin, finger.smooth_mm, "finger.skin_file", cut - _BEYOND_CUT_MM, closed=False
+            skin, finger.smooth_mm, "finger.skin_file", cut - _SCAN_BEYOND_CUT_MM, closed=False
         )
         return cls(_fitted(guess, surface), surface)
 
@@ -96,11 +96,11 @@ class ScannedSkin:
 
 def _check_length(skin: Triangles, cut: float) -> None:
     first = float(skin.points[:, 1].min())
-    if first > cut - _BEYOND_CUT_MM:
+    if first > cut - _SCAN_BEYOND_CUT_MM:
         last = float(skin.points[:, 1].max())
         raise MeshError(
             f"finger.skin_file is {last - first:.1f} mm long, but tip_length_mm and "
-            f"straight_length_mm ask for {last - cut:.1f} mm and {_BEYOND_CUT_MM:g} mm more: "
+            f"straight_length_mm ask for {last - cut:.1f} mm and {_SCAN_BEYOND_CUT_MM:g} mm more: "
             "shorten straight_length_mm, or correct tip_direction"
         )
 
@@ -108,7 +108,7 @@ def _check_length(skin: Triangles, cut: float) -> None:
 def _check_holes(skin: Triangles, cut: float) -> None:
     pairs, count = np.unique(np.sort(skin.edges(), axis=1), axis=0, return_counts=True)
     middle = skin.points[pairs[count == 1]].mean(axis=1)
-    inside = middle[middle[:, 1] > cut - _BEYOND_CUT_MM]
+    inside = middle[middle[:, 1] > cut - _SCAN_BEYOND_CUT_MM]
     if len(inside):
         raise PlaceError(
             "finger.skin_file has a hole {place}: close it (only its proximal end may be open)",
@@ -178,23 +178,23 @@ def _guess(skin: Triangles, finger: FingerSettings, tip: float, cut: float) -> C
     )
 
 
-_FITTED = ("half_width", "below", "above", "axis_z", "tip_length", "pad_radius", "fullness")
+_FIT_PARAMETERS = ("half_width", "below", "above", "axis_z", "tip_length", "pad_radius", "fullness")
 
 
 def _fitted(guess: Capsule, surface: SmoothSurface) -> Capsule:
     """Return the capsule whose samples are nearest to a surface."""
-    start = np.array([getattr(guess, name) for name in _FITTED])
+    start = np.array([getattr(guess, name) for name in _FIT_PARAMETERS])
     steepest = -guess.cut_y / np.sin(ARC_END)  # an arc that ends at the cut at the latest
     least = [*(0.5 * start[:3]), start[3] - 3, 0.3 * start[4], min(0.5 * steepest, 15.0), 0.3]
     most = [*(1.5 * start[:3]), start[3] + 3, guess.tip_y, 300.0, 1.85]
     start = np.clip(start, np.array(least) + 1e-6, np.array(most) - 1e-6)
 
     def misfit(values: Array) -> Array:
-        capsule = replace(guess, **dict(zip(_FITTED, values.tolist(), strict=True)))
+        capsule = replace(guess, **dict(zip(_FIT_PARAMETERS, values.tolist(), strict=True)))
         return surface.level(capsule.place(guess.reference(_FIT_STEP_MM))[0])
 
     found = least_squares(misfit, start, bounds=(least, most), x_scale=start)
-    return replace(guess, **dict(zip(_FITTED, found.x.tolist(), strict=True)))
+    return replace(guess, **dict(zip(_FIT_PARAMETERS, found.x.tolist(), strict=True)))
 
 
 # --- bone ----------------------------------------------------------------------------------------
@@ -211,9 +211,9 @@ class ScannedBone:
     @classmethod
     def of(cls, bone: Triangles, finger: FingerSettings, cut_y: float) -> ScannedBone:
         """Smooth a bone and end it before the cut; MeshError if it lies behind that."""
-        end = cut_y + _FROM_CUT_MM
+        end = cut_y + _BONE_TO_CUT_MM
         low, high = bone.points.min(axis=0), bone.points.max(axis=0)
-        if high[1] < end + _LEAST_LENGTH_MM:
+        if high[1] < end + _LEAST_BONE_LENGTH_MM:
             raise MeshError(
                 f"finger.bone_file: the bone ends at Y {high[1]:.1f} mm in the finger's axes, but "
                 f"the finger is cut at {cut_y:.1f} mm"

@@ -21,7 +21,7 @@ from tactile_fem.finger.shape import Capsule
 from tactile_fem.finger.simplex import Indices, volumes
 
 _BONE_SHARE = 0.5  # of the solid finger's edges on the bone
-_SAMPLES = 20_001  # of a contour, to measure its length
+_SAMPLE_COUNT = 20_001  # of a contour, to measure its length
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,10 @@ def _contour(body: Capsule, plane: Plane) -> Contour:
     """Return the contour of a body, densely sampled; its length counts from below the contact."""
     closed = plane.axes[0] == 0
     if closed:
-        turn, zero = np.linspace(-np.pi, np.pi, _SAMPLES) - np.pi / 2, np.zeros(_SAMPLES)
-        reference = np.column_stack([np.cos(turn), zero, np.sin(turn)])
+        turn = np.linspace(-np.pi, np.pi, _SAMPLE_COUNT) - np.pi / 2
+        reference = np.column_stack([np.cos(turn), np.zeros_like(turn), np.sin(turn)])
     else:
-        half = np.linspace(0.0, 1.0, _SAMPLES // 2 + 1)
+        half = np.linspace(0.0, 1.0, _SAMPLE_COUNT // 2 + 1)
         shaft = body.shoulder_y - body.cut_y
         y = body.cut_y + half * (shaft + np.pi / 2 * body.tip_length)
         beyond = np.clip((y - body.shoulder_y) / body.tip_length, 0.0, np.pi / 2)
@@ -162,9 +162,7 @@ def _triangles_of_layers(
     leans = (skin.length[i] < 0)[:, None]
     one = np.where(leans, quads[:, [0, 1, 2]], quads[:, [0, 1, 3]])
     other = np.where(leans, quads[:, [0, 2, 3]], quads[:, [1, 2, 3]])
-    pair, numbers = np.concatenate([one, other]), range(len(rows.tissue))
-    tissue = [np.tile(rows.tissue_of(row, under_nail), 2) for row in numbers]
-    return np.concatenate([pair + row * count for row in numbers]), np.concatenate(tissue)
+    return rows.stacked(np.concatenate([one, other]), np.tile(under_nail, 2), count)
 
 
 # --- fat and bone --------------------------------------------------------------------------------

@@ -16,10 +16,10 @@ from tactile_fem.runtime.triangles import Triangles, in_chunks
 _STEP_MM, _MARGIN_MM = 0.3, 3.0
 _MOST_POINTS = 6_000_000  # some 200 bytes each while they are sampled
 # Winding numbers of points that lie in two solids, or in one that is inside out.
-_DOUBLE, _INVERTED = 1.5, -0.5
+_DOUBLE_WINDING, _INVERTED_WINDING = 1.5, -0.5
 # Iterations along a line to the surface, and the distance of a point that has reached it; Newton's
 # iterations to the nearest point of the surface.
-_LINE_ITERATIONS, _REACHED_MM, _PROJECTIONS = 30, 1e-4, 10
+_LINE_ITERATIONS, _LINE_TOLERANCE_MM, _PROJECTION_ITERATIONS = 30, 1e-4, 10
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class SmoothSurface:
         distance = np.sqrt(squared)
         clear = distance > _STEP_MM
         for wrong, what in (
-            (clear & (winding > _DOUBLE), "overlaps itself"),
-            (clear & (winding < _INVERTED), "is inside out"),
+            (clear & (winding > _DOUBLE_WINDING), "overlaps itself"),
+            (clear & (winding < _INVERTED_WINDING), "is inside out"),
         ):
             if wrong.any():
                 worst = np.argmax(np.where(wrong, distance, 0.0))
@@ -115,11 +115,11 @@ class SmoothSurface:
         for _ in range(_LINE_ITERATIONS):
             t = np.clip(t - self.level(points + t[:, None] * directions), -reach_mm, reach_mm)
         error = np.abs(self.level(points + t[:, None] * directions))
-        return np.where(error < _REACHED_MM, t, np.nan)
+        return np.where(error < _LINE_TOLERANCE_MM, t, np.nan)
 
     def project(self, points: Array) -> Array:
         """Return the surface's points next to points (n, 3) near it."""
-        for _ in range(_PROJECTIONS):
+        for _ in range(_PROJECTION_ITERATIONS):
             gradient = self.gradient(points)
             step = self.level(points) / np.maximum(np.sum(gradient**2, axis=1), 0.1)
             points = points - step[:, None] * gradient

@@ -12,7 +12,7 @@ from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.simplex import lowest_facet
 from tactile_fem.receptors.settings import TIPS, Receptors, misplaced
 
-_BATCH = 1000  # random points that are tried at a time
+_BATCH_SIZE = 1000  # random points that are tried at a time
 _PROMINENCE_MM = 0.01  # of a tip: more than the mesh's noise, far less than a papilla
 _PAD_MM = 3.0  # height of the pad above its lowest point
 
@@ -129,14 +129,14 @@ def _poisson_disc(receptors: Receptors, half: np.ndarray, facets: np.ndarray) ->
     # distance of 0.75/sqrt(density) from all others. Points jam at 0.83/sqrt(density); where they
     # cannot keep it, the distance is shortened.
     random = np.random.default_rng(receptors.seed)
-    tries = [_lift(x, y, facets) for x, y in random.uniform(-1, 1, (_BATCH, 2)) * half]
+    tries = [_lift(x, y, facets) for x, y in random.uniform(-1, 1, (_BATCH_SIZE, 2)) * half]
     area_mm2 = 4 * half[0] * half[1] * np.mean([stretch for _, stretch in tries])
     count = max(1, round(receptors.density_per_cm2 * area_mm2 / 100))
     distance = 7.5 / np.sqrt(receptors.density_per_cm2)
     largest = max(stretch for _, stretch in tries)
     found: list[np.ndarray] = []
     while len(found) < count:
-        for _ in range(_BATCH):
+        for _ in range(_BATCH_SIZE):
             (x, y), chance = random.uniform(-1, 1, 2) * half, random.uniform()
             point, stretch = _lift(x, y, facets)
             if chance * largest > stretch:
