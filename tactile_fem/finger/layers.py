@@ -123,10 +123,7 @@ class Layering:
     def stacked(
         self, cells: Indices, under_nail: NDArray[np.bool_], count: int
     ) -> tuple[Indices, Indices]:
-        """Return the cells of all rows and their tags, from those of the first, with `count` nodes.
-
-        `under_nail` (m,) are those of a row that lie under the nail's outline.
-        """
+        """Return the cells of all rows, whose nodes are `count` apart, and their tags."""
         rows = range(len(self.tissue))
         nail = [under_nail & (row < self.nail_rows) for row in rows]
         tags = [np.where(nail[row], TISSUES["nail"], self.tissue[row]) for row in rows]

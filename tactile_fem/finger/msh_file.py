@@ -84,7 +84,7 @@ class MshFile:
     def _nodes_2(self) -> tuple[Indices, Array]:
         if "ParametricNodes" in self._sections:
             count, numbers = self._counted("ParametricNodes")
-            return _records(_parametric_node(numbers) for _ in range(count))
+            return _loose_nodes(numbers, count)
         count, numbers = self._counted("Nodes")
         node = np.dtype([("tag", numbers.type_of("i4")), ("x", numbers.type_of("f8"), (3,))])
         rows = numbers.take(node, count)
@@ -119,8 +119,7 @@ class MshFile:
                 own = numbers.integers(self._size, count)
                 at = numbers.take("f8", count * width).reshape(count, width)[:, :3]
             else:
-                more = other if parametric and other < 3 else 0
-                own, at = _records(_node(numbers, more) for _ in range(count))
+                own, at = _loose_nodes(numbers, count, other if parametric else 0)
             tags.append(own)
             points.append(at)
         return np.concatenate(tags), np.concatenate(points)
@@ -175,24 +174,17 @@ class MshFile:
         return int(count), Numbers(data, self._text, self._order)
 
 
-def _node(numbers: Numbers, parameters: int) -> tuple[int, Array]:
-    """Take a node's number, coordinates and parameters; return the former two."""
-    (tag,), x = numbers.integers("i4"), numbers.take("f8", 3)
-    numbers.take("f8", parameters)
-    return tag, x
-
-
-def _parametric_node(numbers: Numbers) -> tuple[int, Array]:
-    """Return the number and coordinates of a node whose entity's dimension follows."""
-    node = _node(numbers, 0)
-    dim, _ = numbers.integers("i4", 2)
-    numbers.take("f8", dim if dim < 3 else 0)
-    return node
-
-
-def _records(nodes: Iterator[tuple[int, Array]]) -> tuple[Indices, Array]:
-    found = list(nodes)
-    return np.array([n for n, _ in found], int), np.reshape([x for _, x in found], (-1, 3))
+def _loose_nodes(
+    numbers: Numbers, count: int, parameters: int | None = None
+) -> tuple[Indices, Array]:
+    """Take nodes with parameters, as many as their entity has dimensions, which may follow them."""
+    tags, points = [], []
+    for _ in range(count):
+        tags += numbers.integers("i4").tolist()
+        points.append(numbers.take("f8", 3))
+        dim = int(numbers.integers("i4", 2)[0]) if parameters is None else parameters
+        numbers.take("f8", dim if dim < 3 else 0)
+    return np.array(tags, dtype=np.int64), np.reshape(points, (-1, 3))
 
 
 def _nodes_of(kind: int) -> int:
