@@ -64,6 +64,23 @@ def skin_only(scans) -> dict[str, Path]:
     return {"skin_file": scans["skin_file"]}
 
 
+@pytest.fixture(scope="module")
+def nail_file(tmp_path_factory) -> Path:
+    """A plate of 9 by 9 mm above the bone."""
+    nail = trimesh.creation.box([9.0, 9.0, 2.0])
+    file = tmp_path_factory.mktemp("nail") / "nail.stl"
+    return write(file, nail.vertices + np.array([0, 4.0, 12.0]), nail.faces)
+
+
+@pytest.fixture(scope="module")
+def skin_with_hole(tmp_path_factory) -> dict[str, object]:
+    """The keys of a skin that lacks what lies within 2 mm of X 8, Y 0, Z 7.2 mm."""
+    points, triangles = surface("skin", Finger(straight_length_mm=18.0))
+    aside = np.linalg.norm(points[triangles].mean(axis=1) - [8.0, 0.0, 7.2], axis=1)
+    file = write(tmp_path_factory.mktemp("hole") / "skin.ply", points, triangles[aside > 2.0])
+    return {"skin_file": file, "nail_direction": UP, "tip_direction": TIP}
+
+
 def test_axes_and_contact_point_are_found(scans):
     frame = Scans.of(Finger(**scans)).frame
     turned = Rotation.from_matrix(frame.axes @ TURN.as_matrix()).magnitude()
@@ -135,11 +152,8 @@ def test_a_bone_inside_an_analytic_skin_is_closed():
     assert tip == pytest.approx(12.0 - finger.bone_tip_gap_mm, abs=0.3)
 
 
-def test_a_nail_file_tells_where_the_nail_lies(scans, tmp_path):
-    nail = trimesh.creation.box([9.0, 9.0, 2.0])
-    placed = nail.vertices + np.array([0, 4.0, 12.0])
-    file = write(tmp_path / "nail.stl", placed, nail.faces)
-    finger = Finger(skin_file=scans["skin_file"], nail_file=file, **COARSE)  # the nail is above
+def test_a_nail_file_tells_where_the_nail_lies(skin_only, nail_file):
+    finger = Finger(**skin_only, nail_file=nail_file, **COARSE)  # the nail is above
     anatomy = Anatomy.of(finger)
     assert anatomy.nail.half_width == pytest.approx(4.5, abs=0.15)
     assert (anatomy.nail.start_y, anatomy.nail.end_y) == pytest.approx((-0.5, 8.5), abs=0.2)
@@ -150,21 +164,19 @@ def test_a_nail_file_tells_where_the_nail_lies(scans, tmp_path):
 
 
 def test_a_direction_away_from_the_nail_is_refused_and_from_the_bone_doubted(
-    scans, tmp_path, caplog
+    scans, nail_file, caplog
 ):
-    nail = trimesh.creation.box([9.0, 9.0, 2.0])
-    file = write(tmp_path / "nail.stl", nail.vertices + np.array([0, 4.0, 12.0]), nail.faces)
     down = tuple(-np.array(UP))
     with pytest.raises(MeshError, match="nail_direction points away from the nail in"):
-        Scans.of(Finger(**scans, nail_file=file, nail_direction=down))
-    Scans.of(Finger(**scans, nail_file=file, nail_direction=UP))
+        Scans.of(Finger(**scans, nail_file=nail_file, nail_direction=down))
+    Scans.of(Finger(**scans, nail_file=nail_file, nail_direction=UP))
     assert not caplog.records
     Scans.of(Finger(**scans, nail_direction=down))
     assert "nail_direction points away from the bone in finger.bone_file" in caplog.text
 
 
-@pytest.mark.parametrize("scale", [0.75, 1.25])
-def test_the_unit_makes_a_child_and_a_large_man(scale, scans):
+def test_the_unit_makes_the_finger_of_a_child(scans):
+    scale = 0.75
     lengths = ("tip_length_mm", "contact_from_tip_mm", "nail_width_mm", "nail_length_mm")
     finger = Finger(
         **scans,
@@ -179,18 +191,9 @@ def test_the_unit_makes_a_child_and_a_large_man(scale, scans):
     assert mesh.layer_thickness_mm["dermis"].mean() == pytest.approx(ANALYTIC.dermis_mm, rel=0.08)
 
 
-def without(points, triangles, place) -> np.ndarray:
-    """Return the triangles but for those within 2 mm of a place."""
-    middle = points[triangles].mean(axis=1)
-    return triangles[np.linalg.norm(middle - place, axis=1) > 2.0]
-
-
-def test_a_hole_is_told_with_its_place(tmp_path):
-    points, triangles = surface("skin", Finger(straight_length_mm=18.0))
-    file = write(tmp_path / "skin.ply", points, without(points, triangles, [8.0, 0.0, 7.2]))
-    finger = Finger(skin_file=file, nail_direction=UP, tip_direction=TIP)
+def test_a_hole_is_told_with_its_place(skin_with_hole):
     with pytest.raises(PlaceError, match="skin_file has a hole at X ") as error:
-        Anatomy.of(finger)
+        Anatomy.of(Finger(**skin_with_hole))
     np.testing.assert_allclose(error.value.place_mm, [8, 0, 7.2], atol=3.0)
 
 
@@ -258,12 +261,12 @@ def test_a_damaged_file_is_one_sentence(tmp_path, capsys):
 
 
 @needs_graphics
-def test_preview_draws_where_a_scan_does_not_fit(tmp_path, capsys):
-    points, triangles = surface("skin", Finger(straight_length_mm=18.0))
-    file = write(tmp_path / "skin.ply", points, without(points, triangles, [8.0, 0.0, 7.2]))
+def test_preview_draws_where_a_scan_does_not_fit(skin_with_hole, tmp_path, capsys):
     picture = tmp_path / "preview.png"
-    keys = {"skin_file": file, "nail_direction": list(UP), "tip_direction": list(TIP)}
-    settings = [word for key, value in keys.items() for word in ("--set", f"finger.{key}={value}")]
+    settings = []
+    for key, value in skin_with_hole.items():
+        text = list(value) if isinstance(value, tuple) else value
+        settings += ["--set", f"finger.{key}={text}"]
     assert cli.main(["preview", *settings, "-o", str(picture)]) == 2
     told = capsys.readouterr()
     assert told.out == f"The scans and the place are drawn in {picture}\n"
