@@ -20,10 +20,10 @@ from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.runtime.triangles import Triangles
 
 _NAIL_FROM_TIP_MM, _NAIL_FROM_CUT_MM = 1.0, 2.0
-_NAIL_SHARE = 0.97  # of the finger's width
+_NAIL_SHARE = 0.97  # share of the width of the finger
 _LEAST_GAP_MM = 0.15  # bone to dermis
-_DEPTH_STEP_MM = 0.25  # of the skin's points, to measure the depth below it
-_BONE_STEP_MM = 0.4  # of the bone's points whose depth is checked
+_DEPTH_STEP_MM = 0.25  # between points of the skin, from which depths are measured
+_BONE_STEP_MM = 0.4  # between points of the bone, whose depth is checked
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class NailOutline:
 
     @property
     def centres(self) -> tuple[float, float, float, float]:
-        """Least X and Y, largest X and Y of the corners' centres."""
+        """Least X and Y, largest X and Y of the centres of the corners."""
         x, r = self.half_width - self.corner, self.corner
         return -x, self.start_y + r, x, self.end_y - r
 
@@ -57,7 +57,7 @@ class NailOutline:
 
 @dataclass(frozen=True)
 class Anatomy:
-    """A finger with its edge lengths and layers; its skin, bone and nail in the finger's axes."""
+    """A finger with its edge lengths and layers; its skin, bone and nail in its own axes."""
 
     finger: FingerSettings
     sizes: Sizes

@@ -31,7 +31,7 @@ from tactile_fem.runtime.triangles import Triangles
 logger = logging.getLogger(__name__)
 
 _LEAST_CUT_HEIGHT_MM = 2.5  # of the skin at the cut
-_LEAST_DEPTH_SHARE = 0.7  # of the layers' depth that their inner limit is at least below the skin
+_LEAST_DEPTH_SHARE = 0.7  # of the thickness of the layers: how far their inner limit lies inside
 
 
 def build_finger(finger: FingerSettings) -> FingerMesh:

@@ -42,7 +42,7 @@ class SkinSurface:
         self.rest_mm = self.at(finger.nodes)
 
     def at(self, nodal: ArrayLike) -> Array:
-        """Return the points' values (k, c) of nodal values (n, c) in the mesh file's order."""
+        """Return values (k, c) at the points from nodal values (n, c), in the order of the file."""
         return np.einsum("kn,knc->kc", self._basis, np.asarray(nodal)[self._nodes])
 
     def deformed_mm(self, displacement_mm: ArrayLike) -> Array:
@@ -51,7 +51,7 @@ class SkinSurface:
 
 
 def deformation_gradients(finger: FingerMesh, displacement_mm: Array, tissue: str) -> Array:
-    """Return F (cells, d, d) at the centres of a tissue's cells; d is 2 in a section.
+    """Return F (cells, d, d) at the centres of the cells of a tissue; d is 2 in a section.
 
     `displacement_mm` (n, d) is that of the nodes.
     """
@@ -71,13 +71,13 @@ def principal_strains(finger: FingerMesh, displacement_mm: Array, tissue: str) -
 
 
 def centres(finger: FingerMesh, tissue: str) -> Array:
-    """Return the centres (cells, 3) of a tissue's undeformed cells, mm."""
+    """Return the centres (cells, 3) of the undeformed cells of a tissue, mm."""
     cells = finger.cells[finger.tissue == TISSUES[tissue], : finger.simplex.corners]
     return finger.nodes[cells].mean(axis=1)
 
 
 def under_contact(finger: FingerMesh, tissue: str, half_mm: float) -> NDArray[np.bool_]:
-    """Return which of a tissue's cells lie within `half_mm` of the contact point, X and Y."""
+    """Return which cells of a tissue lie within `half_mm` of the contact point, X and Y."""
     at = centres(finger, tissue)
     palmar = at[:, 2] < np.median(finger.nodes[:, 2])
     return palmar & np.all(np.abs(at[:, :2]) < half_mm, axis=1)

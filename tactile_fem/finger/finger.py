@@ -29,7 +29,7 @@ class Finger(FingerSettings):
     """Shape of the fingertip and of its mesh."""
 
     def mesh(self) -> FingerMesh:
-        """Return the finger's mesh.
+        """Return the mesh of the finger.
 
         A `mesh_file` is read. If all values equal those of a shipped recipe, the shipped mesh is
         read. Every other finger is meshed, which needs gmsh.

@@ -1,4 +1,4 @@
-"""Edge lengths of a finger's elements, rows of its skin's layers, and fingerprints.
+"""Edge lengths of the elements, rows through the layers of skin, and fingerprints.
 
 A ridge shifts the outer skin and the inner side of the stratum corneum together, so that the layer
 keeps its thickness. The crests remain where the smooth skin was; grooves lie deeper by the ridges'
@@ -57,7 +57,7 @@ class Sizes:
 
     @classmethod
     def of(cls, finger: FingerSettings) -> Sizes:
-        """Return the preset's sizes or the finger's own; MeshError if they contradict others."""
+        """Return the sizes given, else those of the preset; MeshError if they contradict."""
         preset = PRESETS[finger.preset]
         pad = finger.pad_size_mm or preset.pad
         far = finger.far_size_mm or max(preset.far, pad)
@@ -97,7 +97,7 @@ class Sizes:
         return size
 
     def on_bone(self, finger: FingerSettings) -> Size:
-        """Return the bone's edge length; on its palmar side it follows the gap to the dermis."""
+        """Return the edge length on the bone; below, it follows the gap to the dermis."""
         near = min(self.bone, max(self.pad, _BONE_EDGE_PER_GAP * finger.subcutaneous_mm))
         return lambda x, y, z: near if z < 0.0 else self.bone
 
@@ -222,7 +222,7 @@ def extrude(
 
 @dataclass(frozen=True)
 class Ridges:
-    """How much deeper a section's layers end, over the length `s` from the contact point in mm.
+    """How much deeper the layers of a section end, at a length `s` from the contact point, mm.
 
     Raises MeshError if ridges or papillae are higher than the layers allow.
     """

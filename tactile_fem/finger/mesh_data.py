@@ -39,7 +39,7 @@ LAYERS = ("stratum_corneum", "epidermis", "dermis")
 
 _LENGTH_MM = 1.0, 1000.0  # of a mesh in mm
 _IN_PLANE_MM = 1e-6
-# Half width and half length of the pad, whose layers are measured; the pad's lower side is as high
+# Half width and half length of the pad, whose layers are measured; its lower side is as high
 # as it is wide. Half the width of the contact patch, whose facets are measured.
 _PAD_MM, _PATCH_MM = (6.0, 9.0), 3.0
 
@@ -82,7 +82,7 @@ class FingerMesh:
         return min(PLANES.values(), key=lambda plane: plane.distance_mm(self.nodes))
 
     def corners_of(self, surface: str) -> Array:
-        """Return the corners of a surface's facets, (k, 3, 3) or (k, 2, 3) in mm."""
+        """Return the corners of the facets of a surface, (k, 3, 3) or (k, 2, 3) in mm."""
         return self.nodes[self.facets[self.surface == SURFACES[surface], : self.simplex.dim]]
 
     @property
@@ -114,7 +114,7 @@ class FingerMesh:
 
     @cached_property
     def facet_size_mm(self) -> float:
-        """Mean length of the edges of the skin's facets under the contact patch."""
+        """Mean edge length of the facets of the skin under the contact patch."""
         facets = self.corners_of("skin")
         middle = facets.mean(axis=1)
         near = np.all(np.abs(middle[:, :2]) < _PATCH_MM, axis=1) & (middle[:, 2] < _PATCH_MM)
@@ -195,12 +195,12 @@ def held_parts(
 
 
 def edges_per_ridge(mesh: FingerMesh, finger: FingerSettings) -> float | None:
-    """Return how many edges of the skin under the patch a fingerprint's ridge has; None: smooth."""
+    """Return how many edges of the skin a ridge of the fingerprint has; None for smooth skin."""
     return finger.ridge_pitch_mm / mesh.facet_size_mm if finger.is_ridged else None
 
 
 def describe(mesh: FingerMesh, finger: FingerSettings) -> str:
-    """Return a table to print: tissues, surfaces and layers, with the study's layers if any."""
+    """Return a table to print: tissues, surfaces and layers, measured and in the study."""
     shape, nodes = mesh.simplex, mesh.plane.within(mesh.nodes)
     volume, gamma = volumes(nodes, mesh.cells), gammas(nodes, mesh.cells)
     count, unit = len(nodes), f"mm^{shape.dim}"

@@ -14,7 +14,7 @@ from tactile_fem.finger.msh_file import Block, MshFile
 from tactile_fem.finger.simplex import FLAT, SOLID, Indices
 from tactile_fem.runtime.files import write_text
 
-# Gmsh's numbers of lines, triangles and tetrahedra.
+# Numbers of lines, triangles and tetrahedra in gmsh.
 _LINEAR, _QUADRATIC = {1: 1, 2: 2, 3: 4}, {1: 8, 2: 9, 3: 11}
 
 
@@ -22,7 +22,7 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
     """Read a .msh file of any version; the tags follow from the names of its physical groups.
 
     It contains a mesh in mm of ten-node tetrahedra and six-node triangles; of a section, of
-    six-node triangles and three-node lines. Nodes keep the file's order; nodes that belong to no
+    six-node triangles and three-node lines. Nodes keep their order; nodes that belong to no
     cell are left out.
 
     Raises

@@ -1,4 +1,4 @@
-"""Reads Gmsh .msh files 2, 4.0 and 4.1, text and binary, with any of gmsh's options for saving.
+"""Reads Gmsh .msh files 2, 4.0 and 4.1, text and binary, with any option of gmsh for saving.
 
 Elements may belong to no physical group (``Mesh.SaveAll``) or to several, nodes may carry the
 parameters of their surface (``Mesh.SaveParametric``), and a name may belong to groups of two
@@ -20,17 +20,17 @@ from tactile_fem.runtime.text import Numbers
 
 _SECTION = re.compile(rb"^[ \t]*\$(\w+)[ \t\r]*\n", re.MULTILINE)
 _GROUP = re.compile(rb'(\d+)\s+(-?\d+)\s+"(.*)"')
-# Of gmsh's types of elements, from the line (1) to the tetrahedron with 56 nodes (31), and higher.
+# By type of element in gmsh, from the line (1) to the tetrahedron with 56 nodes (31), and higher.
 _NODES = [2, 3, 4, 4, 8, 6, 5, 3, 6, 9, 10, 27, 18, 14, 1, 8, 20, 15, 13, 9, 10, 12, 15, 15, 21, 4]
 _NODES_OF = dict(enumerate([*_NODES, 5, 6, 20, 35, 56], 1)) | {92: 64, 93: 125}
 
 
 class Block(NamedTuple):
-    """Elements of one of gmsh's types."""
+    """Elements of one type."""
 
     kind: int
     nodes: Indices  # (m, n)
-    groups: Indices  # (m, k) physical groups of the type's dimension; 0 is none
+    groups: Indices  # (m, k) physical groups of this dimension; 0 is none
 
 
 class MshFile:
@@ -65,7 +65,7 @@ class MshFile:
         return {(int(d), abs(int(tag))): name.decode(errors="replace") for d, tag, name in found}
 
     def content(self) -> tuple[Array, list[Block]]:
-        """Return the coordinates (n, 3) of the nodes, and the elements by the nodes' indices."""
+        """Return the coordinates (n, 3) of the nodes, and the elements by indices of nodes."""
         old = self._version < 4
         tags, points = self._nodes_2() if old else self._nodes_4()
         index = np.full(tags.max(initial=0) + 1, -1)

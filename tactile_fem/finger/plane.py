@@ -1,6 +1,6 @@
 """The plane in which a section of the finger deforms, or space, in which a solid finger does.
 
-Outside the mechanics a section lies in the finger's axes X, Y and Z as a solid finger does.
+Outside the mechanics a section lies in the axes X, Y and Z of the finger as a solid finger does.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Plane:
     Parameters
     ----------
     axes
-        The finger's axes in it, the upright one last: (1, 2) for Y and Z, (0, 2) for X and Z,
+        Axes of the finger in it, the upright one last: (1, 2) for Y and Z, (0, 2) for X and Z,
         (0, 1, 2) for space.
     """
 
@@ -76,7 +76,7 @@ class Plane:
     def moment(self, within: ArrayLike) -> Array:
         """Return a moment as a vector (3,); in a plane (1,) is given, about its third axis.
 
-        That is the one to which the plane's first axis turns into its second counterclockwise.
+        About it the first axis of the plane turns counterclockwise into the second.
         """
         if self.is_space:
             return np.asarray(within)

@@ -30,7 +30,7 @@ _FIT_STEP_MM, _LOWEST_STEP_MM = 1.5, 0.25  # between samples, to fit and to find
 # Of the bone.
 _BONE_TO_CUT_MM = 1.5  # a bone that ends here is clear of the cut, so that it can be closed
 _LEAST_BONE_LENGTH_MM = 2.0  # in the finger
-# The largest triangles over the bone's least extent; each further attempt makes them smaller.
+# The largest triangles over the least extent of the bone; each further attempt makes them smaller.
 _SIZE_SHARE, _ATTEMPTS, _REFINEMENT = 0.25, 4, 1.4
 _SMOOTHINGS = 5  # of the triangulation
 _LEAST_COSINE = 0.2  # of the angle between a triangle and the surface
@@ -151,7 +151,7 @@ def _check_contact(
 
 
 def _guess(skin: Triangles, finger: FingerSettings, tip: float, cut: float) -> Capsule:
-    """Return a capsule as wide and high as a scan; raise MeshError if that is no finger's size."""
+    """Return a capsule as wide and high as a scan; raise MeshError if no finger is so large."""
     import trimesh  # takes 0.15 s
 
     # Triangles may be longer than the finger.
@@ -257,7 +257,7 @@ def triangulate_bone(bone: ScannedBone, size_mm: float) -> Triangles:
 
 
 def _moved_ellipsoid(bone: ScannedBone, size_mm: float) -> Triangles:
-    """Return an ellipsoid's triangles that were moved onto a bone and smoothed there."""
+    """Return the triangles of an ellipsoid, moved onto a bone and smoothed there."""
     middle, half = (bone.low + bone.high) / 2, (bone.high - bone.low) / 2
     with gmsh_model() as gmsh:
         occ = gmsh.model.occ

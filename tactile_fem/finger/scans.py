@@ -1,4 +1,4 @@
-"""The files of a scanned finger: what of them belongs to the finger, and the finger's axes in them.
+"""The files of a scanned finger: what of them belongs to the finger, and its axes in them.
 
 X goes across the finger, Y towards the tip, Z from the pad to the nail; the origin is where the
 pad is touched. What the study does not give is found from the surfaces.
@@ -22,9 +22,9 @@ from tactile_fem.runtime.triangles import Triangles, read_triangles
 logger = logging.getLogger(__name__)
 
 _SIZES_MM = 4.0, 300.0  # of skin, bone and nail
-# A piece with less of the largest one's area is an island: dirt, or noise of the scanner.
+# A piece with less of the area of the largest one is an island: dirt, or noise of the scanner.
 _ISLAND_SHARE = 0.05
-_END_SHARE = 0.1  # of a body's length, at its ends, in which its thickness is compared
+_END_SHARE = 0.1  # of the length of a body, at its ends, where its thickness is compared
 _LEAST_OFFSET_MM = 0.3  # of bone or nail from the middle of the skin, to show where the nail is
 _LEAST_SINE = 0.17  # of the angle between the directions to tip and nail: 10 degrees
 _FIT_RADIUS_MM, _COEFFICIENTS = 3.0, 6  # of the paraboloid that is fitted to the pad
@@ -33,17 +33,17 @@ _LEVEL_ITERATIONS = 5
 
 @dataclass(frozen=True)
 class Frame:
-    """Axes (3, 3), X, Y, Z in rows, and origin (3,) of the finger in mm of a file's coordinates."""
+    """Axes (3, 3), X, Y, Z in rows, and origin (3,) of the finger in a file, mm."""
 
     axes: Array
     origin: Array
 
     def to_finger(self, points: Array) -> Array:
-        """Return points (n, 3) of the file in the finger's axes."""
+        """Return points (n, 3) of the file in the axes of the finger."""
         return (points - self.origin) @ self.axes.T
 
     def from_finger(self, place: Array) -> Array:
-        """Return the file's coordinates of a place (3,) in the finger's axes."""
+        """Return the coordinates in the file of a place (3,) in the finger."""
         return self.origin + place @ self.axes
 
 
@@ -58,7 +58,7 @@ class Scans:
 
     @classmethod
     def of(cls, finger: FingerSettings) -> Scans:
-        """Read a finger's files and find its axes; raise StudyError if either fails."""
+        """Read the files of a finger and find its axes; raise StudyError if either fails."""
         if not finger.is_scanned:
             return cls()
         at = None if finger.contact_mm is None else np.array(finger.contact_mm)
@@ -148,7 +148,7 @@ def _surrounded(surface: Triangles, piece: Indices, main: int) -> NDArray[np.boo
 def _frame_of(
     finger: FingerSettings, skin: Triangles | None, bone: Triangles | None, nail: Triangles | None
 ) -> Frame:
-    """Return the finger's frame; that of a bone alone has its origin at the bone's distal end."""
+    """Return the frame of the finger; without skin its origin is the distal end of the bone."""
     body = skin or bone
     assert body is not None
     tip = np.array(finger.tip_direction or _towards_tip(body))
@@ -225,7 +225,7 @@ def _check_up(up: Array, offsets: dict[str, Array | None]) -> None:
 
 
 def _lowest(frame: Frame, skin: Triangles) -> Array:
-    """Return the pad's lowest point in the file, of a smooth surface through its neighbours."""
+    """Return the lowest point of a smooth surface through the pad, in the file."""
     points = frame.to_finger(skin.points)
     guess = points[np.argmin(points[:, 2])]
     height = _paraboloid(points, skin.triangles, guess[:2])
@@ -258,7 +258,7 @@ def _levelled(frame: Frame, skin: Triangles, from_tip_mm: float) -> Frame:
 
 
 def _paraboloid(points: Array, triangles: Indices, xy: Array) -> Array:
-    """Return the coefficients of 1, x, y, x^2, xy, y^2 of the pad's height around a place."""
+    """Return the coefficients of 1, x, y, x^2, xy, y^2 in the height of the pad around a place."""
     near = _around(points, xy)
     if len(near) < _COEFFICIENTS:  # long triangles
         import trimesh  # takes 0.15 s

@@ -1,7 +1,7 @@
 """Meshes a plane section of the parametric finger with triangles.
 
-The skin's contour is divided, and each of its points carries a column of nodes through the layers;
-gmsh fills fat and bone.
+The contour of the skin is divided, and each of its points carries a column of nodes through the
+layers; gmsh fills fat and bone.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tactile_fem.finger.session import fill_plane
 from tactile_fem.finger.shape import Capsule
 from tactile_fem.finger.simplex import Indices, volumes
 
-_BONE_SHARE = 0.5  # of the solid finger's edges on the bone
+_BONE_SHARE = 0.5  # edges on the bone over those of a solid finger
 _SAMPLE_COUNT = 20_001  # of a contour, to measure its length
 
 
@@ -85,12 +85,12 @@ def _contour(body: Capsule, plane: Plane) -> Contour:
 
 
 def _is_dorsal(points: Array, body: Capsule) -> NDArray[np.bool_]:
-    """Return which points (n, 3) lie above the body's axis."""
+    """Return which points (n, 3) lie above the axis of a body."""
     return points[:, 2] > body.axis_z + body.rise(points[:, 1])[0]
 
 
 def _skin_sizes(skin: Contour, anatomy: Anatomy) -> list[float]:
-    """Return the edge length at each point of the skin's contour."""
+    """Return the edge length at each point of the contour of the skin."""
     finger, capsule = anatomy.finger, anatomy.skin.capsule
     at = skin.points - [0.0, 0.0, capsule.axis_z]
     at[:, 2] -= capsule.rise(skin.points[:, 1])[0]
@@ -104,7 +104,7 @@ def _skin_sizes(skin: Contour, anatomy: Anatomy) -> list[float]:
 def _dorsal_lengths(
     skin: Contour, capsule: Capsule, plane: Plane, ends: tuple[float, float]
 ) -> list[float]:
-    """Return the lengths at which the skin's dorsal side has two coordinates along the plane."""
+    """Return the lengths at which the dorsal side of the skin has two coordinates."""
     dorsal = np.flatnonzero(_is_dorsal(skin.points, capsule))
     along = plane.within(skin.points[dorsal])[:, 0]
     return [float(skin.length[dorsal[np.argmin(np.abs(along - end))]]) for end in ends]

@@ -67,7 +67,7 @@ def gmsh_model() -> Iterator[ModuleType]:
 
 
 def simplices(gmsh: ModuleType, dim: Literal[2, 3]) -> tuple[Array, Indices, Indices]:
-    """Return used corners (n, 3), cells (m, dim + 1) and the corners' tags (n,) of the model."""
+    """Return used corners (n, 3), cells (m, dim + 1) and tags of the corners (n,) of the model."""
     tags, flat, _ = gmsh.model.mesh.getNodes()
     _, corners = gmsh.model.mesh.getElementsByType({2: 2, 3: 4}[dim])
     used, cells = np.unique(corners, return_inverse=True)
@@ -100,7 +100,7 @@ def fill_plane(nodes: Array, loops: list[NDArray[np.int64]], size: float) -> tup
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
         gmsh.option.setNumber("Mesh.MeshSizeMax", size)
         gmsh.model.mesh.generate(2)
-        # The number of a point's mesh node differs from that of the point.
+        # The mesh node of a point has another number.
         number = {}
         for tag in known:
             ((node,), _, _) = gmsh.model.mesh.getNodes(0, int(tag) + 1)
@@ -128,7 +128,7 @@ def fill_volume(
         gmsh.model.geo.synchronize()
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
         mesh.generate(3)
-        if improve:  # with gmsh's own optimizer if it was built without Netgen, as in Debian
+        if improve:  # with the optimizer of gmsh if it was built without Netgen, as in Debian
             has_netgen = "Netgen" in gmsh.option.getString("General.BuildOptions")
             mesh.optimize("Netgen" if has_netgen else "", force=True)
         return _with_new_nodes(gmsh, nodes, {int(k) + 1: int(k) for k in known}, 3)
@@ -137,7 +137,7 @@ def fill_volume(
 def _with_new_nodes(
     gmsh: ModuleType, nodes: Array, number: dict[int, int], dim: Literal[2, 3]
 ) -> tuple[Array, Indices]:
-    """Append gmsh's new nodes and return the cells in our numbering."""
+    """Append the new nodes of gmsh and return the cells in our numbering."""
     points, cells, tags = simplices(gmsh, dim)
     if len(cells) == 0:
         raise MeshError("gmsh left a part of the finger empty: bone and skin may be too near")

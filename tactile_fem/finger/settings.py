@@ -1,4 +1,4 @@
-"""The keys of a study's finger, and what follows from them without a mesh."""
+"""The keys of a finger in a study, and what follows from them without a mesh."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger.plane import PLANES, SPACE, Plane
 from tactile_fem.runtime.settings import Either, File, Finite, NonNegative, Positive, Whole
 
-# Of a section, in N for each mm of its width: the paper's 0.6 N over 10 mm, a contact's width.
+# Of a section, for each mm of its width: the 0.6 N of the paper over 10 mm, as a contact is wide.
 _SECTION_FORCE_N_MM = 0.06
 
 
@@ -168,7 +168,7 @@ class FingerSettings(Either):
 
     @staticmethod
     def defaults_beside(given: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-        """Return a section's defaults of a study's other tables, from the keys given in all tables.
+        """Return defaults of other tables, which a section has, from the keys given in all tables.
 
         It is pressed to a force per width: to the depth of a solid it would be crushed. With ridges
         its equations are factorized: multigrid is poor in many fine rows of elements.

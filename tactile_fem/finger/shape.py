@@ -170,7 +170,7 @@ def skin_shape(finger: FingerSettings) -> Capsule:
 
 
 def bone_shape(finger: FingerSettings, skin: Capsule) -> Capsule:
-    """Return the bone, pad_thickness_mm above the contact point; it follows the skin's rise."""
+    """Return the bone, pad_thickness_mm above the contact point; it rises like the skin."""
     tip = skin.tip_y - finger.bone_tip_gap_mm
     if tip < 1.0:
         raise MeshError(

@@ -13,14 +13,14 @@ from tactile_fem.finger.plane import Array
 
 Indices = NDArray[np.int64]
 
-# Barycentric tolerance of a point in a facet, and how far off a section's plane it may lie.
+# Barycentric tolerance of a point in a facet, and how far off the plane of a section it may lie.
 _TOLERANCE, _IN_PLANE_MM = 1e-9, 1e-6
 _CANDIDATES = 12  # facets with the nearest centres, of which one is the nearest
 
 
 @dataclass(frozen=True)
 class Simplex:
-    """The cells of one dimension; their nodes are in gmsh's order."""
+    """The cells of one dimension; their nodes are in the order of gmsh."""
 
     dim: int
     edges: Indices  # (e, 2) corners of the edges, which carry the mid-nodes
@@ -33,7 +33,7 @@ class Simplex:
 
     @property
     def corners(self) -> int:
-        """Number of a cell's corners."""
+        """Number of corners of a cell."""
         return self.dim + 1
 
     def gradients(self, weights: Array) -> Array:
@@ -134,9 +134,9 @@ def volumes(nodes: Array, cells: Indices) -> Array:
 
 
 def gammas(nodes: Array, cells: Indices) -> Array:
-    """Return gmsh's quality gamma (m,): d times inradius over circumradius, 1 if regular."""
+    """Return the quality gamma of gmsh (m,): d times inradius over circumradius, 1 if regular."""
     edges = _edges(nodes, cells)
-    # Barycentric coordinates grow by 1 over a height: the inradius is 1 over their slopes' sum.
+    # Barycentric coordinates grow by 1 over a height: 1 over the sum of slopes is the inradius.
     slopes = np.linalg.inv(edges)
     slopes = np.concatenate([slopes, -slopes.sum(axis=2, keepdims=True)], axis=2)
     to_centre = np.linalg.solve(2 * edges, np.sum(edges**2, axis=2, keepdims=True))[..., 0]
@@ -169,7 +169,7 @@ def lowest_facet(x: float, y: float, facets: Array) -> tuple[int, Array] | None:
     """Return the lowest facet over or under a point of the XY plane, None if there is none.
 
     `facets` are (m, 3, 3) corners of triangles or (m, 2, 3) of lines in an upright plane. The facet
-    is given by its index and the point's barycentric coordinates (3,) or (2,) in it.
+    is given by its index and the barycentric coordinates (3,) or (2,) in it.
     """
     weights = _barycentric(np.array([x, y]), facets[..., :2])
     inside = np.flatnonzero(np.all(weights >= -_TOLERANCE, axis=1))
@@ -187,7 +187,7 @@ def lowest_height(x: float, y: float, facets: Array) -> float | None:
 
 
 def _barycentric(point: Array, facets: Array) -> Array:
-    """Return a point's coordinates in facets of the XY plane, -1 where it has none."""
+    """Return coordinates of a point in facets of the XY plane, -1 where it has none."""
     corner, edges = facets[:, 0], facets[:, 1:] - facets[:, :1]
     p = point - corner
     if edges.shape[1] == 1:

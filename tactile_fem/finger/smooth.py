@@ -26,7 +26,7 @@ _LINE_ITERATIONS, _LINE_TOLERANCE_MM, _PROJECTION_ITERATIONS = 30, 1e-4, 10
 class SmoothSurface:
     """The smoothed signed distance of a closed or nearly closed surface in mm, negative inside.
 
-    It is a cubic spline of X, Y, Z; beyond its grid the distance is that of the grid's rim.
+    It is a cubic spline of X, Y, Z; beyond its grid the distance is that of the rim of the grid.
     """
 
     spline: NdBSpline
@@ -118,7 +118,7 @@ class SmoothSurface:
         return np.where(error < _LINE_TOLERANCE_MM, t, np.nan)
 
     def project(self, points: Array) -> Array:
-        """Return the surface's points next to points (n, 3) near it."""
+        """Return the points of the surface next to points (n, 3) near it."""
         for _ in range(_PROJECTION_ITERATIONS):
             gradient = self.gradient(points)
             step = self.level(points) / np.maximum(np.sum(gradient**2, axis=1), 0.1)

@@ -13,7 +13,7 @@ from tactile_fem.finger.simplex import lowest_facet
 from tactile_fem.receptors.settings import TIPS, Receptors, misplaced
 
 _BATCH_SIZE = 1000  # random points that are tried at a time
-_PROMINENCE_MM = 0.01  # of a tip: more than the mesh's noise, far less than a papilla
+_PROMINENCE_MM = 0.01  # of a tip: more than the noise of the mesh, far less than a papilla
 _PAD_MM = 3.0  # height of the pad above its lowest point
 
 
@@ -24,14 +24,14 @@ class Samples(NamedTuple):
     cell: np.ndarray  # index in the mesh
     tissue: np.ndarray  # tag
     point: np.ndarray  # (samples, 3) mm
-    weight: np.ndarray  # share in the receptor's mean
+    weight: np.ndarray  # share in the mean of its receptor
 
 
 class Layout(NamedTuple):
     """Receptors of one or more populations, one population after the other."""
 
     positions_mm: np.ndarray  # (receptors, 3)
-    population: np.ndarray  # name of each receptor's population
+    population: np.ndarray  # population of each receptor
     samples: Samples
 
     @classmethod
@@ -53,7 +53,7 @@ class Layout(NamedTuple):
 
 
 def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
-    """Return the receptors' positions (n, 3) in mm, over the pad.
+    """Return the positions of receptors (n, 3) in mm, over the pad.
 
     Raises StudyError if one lies outside the finger, or the placement does not suit the finger.
     """
@@ -73,7 +73,7 @@ def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
 
 
 def tips(finger: FingerMesh, placement: str) -> np.ndarray:
-    """Return the tips of a section's interface (n, 3) in mm, from one end of the pad to the other.
+    """Return the tips of the interface of a section (n, 3) in mm, from one end of the pad on.
 
     "intermediate_ridges" are deepest at their tips, "papillae" shallowest. Limiting ridges are left
     out where the skin has ridges: they lie below its grooves or, if the papillae are not aligned
@@ -125,7 +125,7 @@ def _layout(receptors: Receptors, half: np.ndarray, finger: FingerMesh) -> np.nd
 
 def _poisson_disc(receptors: Receptors, half: np.ndarray, facets: np.ndarray) -> list[np.ndarray]:
     """Return places on the interface by density, none close to another."""
-    # Random points, evenly distributed over the interface's area, are accepted if they keep a
+    # Random points, evenly distributed over the interface, are accepted if they keep a
     # distance of 0.75/sqrt(density) from all others. Points jam at 0.83/sqrt(density); where they
     # cannot keep it, the distance is shortened.
     random = np.random.default_rng(receptors.seed)
@@ -166,7 +166,7 @@ def _lift(x: float, y: float, facets: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> Samples:
-    """Return the points of one tissue within the receptors' balls, and their cells.
+    """Return the points of one tissue within the balls of receptors, and their cells.
 
     Points lie on a cubic lattice (in a section a square one) with a spacing of a third of the
     radius; with radius 0 the receptor itself is the only point. A point on the boundary of several
@@ -204,7 +204,7 @@ def sample(receptors: Receptors, positions: np.ndarray, finger: FingerMesh) -> S
 def _end_organs(
     receptors: Receptors, positions: np.ndarray, finger: FingerMesh
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the receptor's number and the place of each end organ."""
+    """Yield the number of the receptor and the place of each end organ."""
     angle = np.linspace(0, 2 * np.pi, receptors.end_organs - 1, endpoint=False)
     around = receptors.end_organs_radius_mm * np.column_stack([np.cos(angle), np.sin(angle)])
     facets = _sheet(receptors, finger)

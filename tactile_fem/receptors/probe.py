@@ -50,7 +50,7 @@ class Probe:
     """Evaluates fields at the receptors: points located once, one small product for each step.
 
     Within a cell the fields are interpolated at cubic `nodes` (nodes, 3) of the reference cell, so
-    a reading is a product with `weights` (receptors, cells x nodes); `cells` are this rank's.
+    a reading is a product with `weights` (receptors, cells x nodes) of the `cells` of this rank.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class Probe:
         return element.tabulate(0, reference)[0, :, :, 0]
 
     def read(self) -> ReceptorState:
-        """Return what the receptors feel at the problem's present displacement."""
+        """Return what the receptors feel at the present displacement."""
         sizes = [math.prod(shape) for shape in self._shapes]
         with common.Timer("tactile: probe"):
             nodal = np.zeros((len(self.cells), len(self.nodes), sum(sizes)))
@@ -156,7 +156,7 @@ class CellEnergy:
             self._parts.append((energy, cells, owned[cells]))
 
     def gather(self) -> np.ndarray:
-        """Return the mean strain energy density in kPa of the file's cells, on every rank."""
+        """Return the mean strain energy density in kPa of all cells, on every rank."""
         values = np.zeros(self._count)
         for energy, cells, file_cells in self._parts:
             if len(cells):

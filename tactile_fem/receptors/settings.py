@@ -10,7 +10,7 @@ from tactile_fem.finger.plane import Plane
 from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Settings, Whole
 
 _MAX_COUNT = 100_000
-# Placements at the tips of a section's epidermis-dermis interface.
+# Placements at tips of the epidermis-dermis interface, in a section.
 TIPS = ("intermediate_ridges", "papillae")
 
 
