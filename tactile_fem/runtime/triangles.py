@@ -1,17 +1,18 @@
 """Reads triangulated surfaces, as scanners, segmentations and CAD programs write them.
 
-trimesh reads STL files. Of OBJ and PLY files it divides each polygon like a fan, which is wrong if
-it is not convex, counts negative indices of OBJ from the end of the file, and reads no binary PLY
-whose faces differ in length; those are read here.
+trimesh reads STL files, of either kind. OBJ and PLY files are read here: trimesh divides each
+polygon like a fan, which is wrong if it is not convex, counts negative indices of OBJ from the end
+of the file, and reads no binary PLY whose faces differ in length.
 """
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -116,12 +117,8 @@ def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
         raise StudyError(f"{start} {what}.")
     try:
         _refuse_too_large(file, kind, start)
-        if kind == "stl":
-            points, triangles = _read_stl(file)
-        else:
-            polygons = (_read_ply if kind == "ply" else _read_obj)(file.read_bytes())
-            points, triangles = polygons.points, polygons.triangles()
-        points = points * unit_mm
+        polygons = {"stl": _read_stl, "obj": _read_obj, "ply": _read_ply}[kind](file.read_bytes())
+        triangles = _triangles(*polygons)
     except OSError as error:
         raise StudyError(f"{start} cannot be read: {error.strerror}.") from None
     except StudyError:
@@ -131,7 +128,7 @@ def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
         raise StudyError(
             f"{start} cannot be read: it is no .{kind} file, or damaged ({reason})."
         ) from error
-    return _merged(points, triangles, start)
+    return _merged(polygons.points * unit_mm, triangles, start)
 
 
 def _refuse_too_large(file: Path, kind: str, start: str) -> None:
@@ -141,8 +138,8 @@ def _refuse_too_large(file: Path, kind: str, start: str) -> None:
         raise StudyError(f"{start} is empty.")
     with file.open("rb") as stream:
         head = stream.read(10_000)
-    if kind == "stl":
-        _refuse_many(_stl_triangles(file, size, head, start), start)
+    if kind == "stl" and size == _stl_bytes(head):
+        _refuse_many((size - _STL_HEADER) // _STL_TRIANGLE, start)
     elif kind == "ply" and (found := re.search(rb"element\s+face\s+(\d{1,20})", head)):
         _refuse_many(int(found[1]), start)
     if size > MOST_BYTES:
@@ -160,37 +157,18 @@ def _refuse_many(triangles: int, start: str) -> None:
         )
 
 
-def _stl_triangles(file: Path, size: int, head: bytes, start: str) -> int:
-    """Return the number of triangles that a binary file states, 0 for text; refuse a part of one.
-
-    A binary file is as long as its header says; its comment may start with "solid" like text.
-    """
+def _stl_bytes(head: bytes) -> int:
+    """Return the length of a binary file by its header, whose comment may start with "solid"."""
     count = int.from_bytes(head[_STL_HEADER - 4 : _STL_HEADER], "little")
-    announced = _STL_HEADER + _STL_TRIANGLE * count
-    if size == announced:
-        return count
-    if head.lstrip()[:5].lower() != b"solid":
-        raise StudyError(
-            f"{start} is no .stl file, or cut off: it has {size} bytes, not the {announced} that "
-            "its header announces."
-        )
-    with file.open("rb") as stream:
-        stream.seek(max(size - 1000, 0))
-        if b"endsolid" not in stream.read().lower():  # trimesh would not mind
-            raise StudyError(f"{start} is cut off: it does not end with endsolid.")
-    return 0
+    return _STL_HEADER + _STL_TRIANGLE * count
 
 
 def _merged(points: Points, triangles: Indices, start: str) -> Triangles:
-    """Check the coordinates and merge equal vertices."""
+    """Check the size and merge equal vertices."""
     if len(triangles) == 0:
         raise StudyError(f"{start} contains no triangles.")
     _refuse_many(len(triangles), start)
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise StudyError(f"{start} is damaged: triangles have corners that it does not contain.")
     corners = points[triangles.ravel()]
-    if not np.all(np.isfinite(corners)):
-        raise StudyError(f"{start} has coordinates that are no finite numbers.")
     largest = np.abs(corners).max()
     if largest > _MAX_COORDINATE_MM:
         raise StudyError(
@@ -210,42 +188,38 @@ def _merged(points: Points, triangles: Indices, start: str) -> Triangles:
 
 # --- polygons ------------------------------------------------------------------------------------
 
-# A face is divided like a fan if each triangle has more than this share of its area.
-_FAN_SHARE = 1e-4
 # Largest difference between the area of a face and that of its triangles: share of the area, and
 # of its size's square.
 _AREA_ERROR, _AREA_ERROR_OF_SIZE = 1e-6, 1e-9
 
 
-@dataclass(frozen=True)
-class _Polygons:
+class _Polygons(NamedTuple):
     """Points (n, 3), and faces: their corners one after the other, and how many each has."""
 
     points: Points
     corners: Indices
     counts: Indices
 
-    def triangles(self) -> Indices:
-        """Divide the faces into triangles (m, 3); faces of less than three corners are left out.
 
-        It raises ValueError if a face has corners that do not exist, or if its sides cross.
-        """
-        if len(self.corners) and not 0 <= self.corners.min() <= self.corners.max() < len(
-            self.points
-        ):
-            raise ValueError("faces have corners that it does not contain")
-        if not np.all(np.isfinite(self.points[self.corners])):
-            raise ValueError("coordinates are no finite numbers")
-        first = np.cumsum(self.counts) - self.counts
-        found = [np.zeros((0, 3), np.int64)]
-        for count in np.unique(self.counts[self.counts > 2]).tolist():
-            faces = self.corners[first[self.counts == count][:, None] + np.arange(count)]
-            if count == 4:
-                faces = _halves(self.points, faces)
-            elif count > 4:
-                faces = _divided(self.points, faces)
-            found.append(faces)
-        return np.concatenate(found)
+def _triangles(points: Points, corners: Indices, counts: Indices) -> Indices:
+    """Divide faces into triangles (m, 3); faces of less than three corners are left out.
+
+    It raises ValueError if a face has corners that do not exist, or if its sides cross.
+    """
+    if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
+        raise ValueError("faces have corners that it does not contain")
+    if not np.all(np.isfinite(points[corners])):
+        raise ValueError("coordinates are no finite numbers")
+    first = np.cumsum(counts) - counts
+    found = [np.zeros((0, 3), np.int64)]
+    for count in np.unique(counts[counts > 2]).tolist():
+        faces = corners[first[counts == count][:, None] + np.arange(count)]
+        if count == 4:
+            faces = _halves(points, faces)
+        elif count > 4:
+            faces = _divided(points, faces)
+        found.append(faces)
+    return np.concatenate(found)
 
 
 def _area(corners: Points) -> Points:
@@ -271,43 +245,39 @@ def _halves(points: Points, faces: Indices) -> Indices:
 
 
 def _divided(points: Points, faces: Indices) -> Indices:
-    """Divide faces (k, n) with five or more corners: like fans where these are right."""
+    """Divide faces (k, n) of five or more corners and of any shape, each in its plane."""
     corners = points[faces]
     normal = _area(corners)
-    spokes = corners[:, 1:] - corners[:, :1]
-    areas = np.einsum("kni,ki->kn", np.cross(spokes[:, :-1], spokes[:, 1:]), normal)
-    forwards = np.einsum("kni,kni->kn", spokes[:, :-1], spokes[:, 1:])
-    angles = np.arctan2(areas, np.linalg.norm(normal, axis=1)[:, None] * forwards)
-    square = np.einsum("ki,ki->k", normal, normal)[:, None]
-    # From the first corner the others are seen one after the other, in less than a full turn.
-    is_fan = np.all(areas > _FAN_SHARE * square, axis=1) & (angles.sum(axis=1) < 2 * np.pi)
-    n = np.arange(1, faces.shape[1] - 1)
-    fan = np.column_stack([0 * n, n, n + 1])
-    found = [faces[is_fan][:, fan].reshape(-1, 3)]
-    return np.concatenate(found + [_clipped(points, face) for face in faces[~is_fan]])
-
-
-def _clipped(points: Points, face: Indices) -> Indices:
-    """Return the triangles of a polygon of any shape, in its plane."""
-    corners = points[face]
-    normal = _area(corners[None])[0]
-    if not normal.any():
-        return np.column_stack([np.broadcast_to(face[0], len(face) - 2), face[1:-1], face[2:]])
-    axes = np.linalg.svd(normal[None])[2][1:]
-    if np.cross(*axes) @ normal < 0:
-        axes = axes[::-1]
-    flat = (corners - corners[0]) @ axes.T
-    number = dict(zip(map(tuple, flat.tolist()), face.tolist(), strict=True))
-    try:
-        parts = shapely.constrained_delaunay_triangles(shapely.Polygon(flat))
-    except shapely.GEOSException:
-        parts = shapely.GeometryCollection()
-    area, size = np.linalg.norm(normal) / 2, np.ptp(flat)
-    if abs(parts.area - area) > _AREA_ERROR * area + _AREA_ERROR_OF_SIZE * size**2:
-        x, y, z = corners[0]
+    axes = np.linalg.svd(normal[:, None])[2][:, 1:]
+    flat = np.einsum("kni,kji->knj", corners - corners[:, :1], axes)
+    parts = np.array([_delaunay(polygon) for polygon in shapely.polygons(flat)])
+    area, size = np.linalg.norm(normal, axis=1) / 2, np.ptp(flat, axis=(1, 2))
+    error = np.abs(shapely.area(parts) - area)
+    if np.any(wrong := error > _AREA_ERROR * area + _AREA_ERROR_OF_SIZE * size**2):
+        x, y, z = corners[wrong.argmax(), 0]
         raise ValueError(f"the sides of its face at {x:.3g}, {y:.3g}, {z:.3g} cross")
-    rings = [list(part.exterior.coords)[:3] for part in shapely.orient_polygons(parts).geoms]
-    return np.array([[number[corner] for corner in ring] for ring in rings], dtype=np.int64)
+    triangles, face = shapely.get_parts(parts, return_index=True)
+    places = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+    # The corners of the triangles are those of their face.
+    own = np.column_stack([np.repeat(np.arange(len(faces)), faces.shape[1]), flat.reshape(-1, 2)])
+    of_parts = np.column_stack([np.repeat(face, 3), places.reshape(-1, 2)])
+    _, place = np.unique(np.vstack([own, of_parts]), axis=0, return_inverse=True)
+    number = np.empty(len(place), np.int64)
+    number[place[: len(own)]] = faces.ravel()
+    found = number[place[len(own) :]].reshape(-1, 3)
+    turned = np.einsum("ki,ki->k", _area(points[found]), normal[face]) < 0
+    found[turned] = found[turned, ::-1]
+    # Faces on a line keep the surface closed.
+    spokes = np.arange(1, faces.shape[1] - 1)
+    fan = faces[area == 0][:, np.column_stack([0 * spokes, spokes, spokes + 1])]
+    return np.concatenate([found, fan.reshape(-1, 3)])
+
+
+def _delaunay(polygon: shapely.Polygon) -> shapely.GeometryCollection:
+    try:
+        return shapely.constrained_delaunay_triangles(polygon)
+    except shapely.GEOSException:
+        return shapely.GeometryCollection()
 
 
 # --- files ---------------------------------------------------------------------------------------
@@ -324,17 +294,21 @@ _Column = tuple[Array, Indices]
 _Property = tuple[str, str, str | None]
 
 
-def _read_stl(file: Path) -> tuple[Points, Indices]:
-    """Return the corners of a file's triangles and, of each triangle, which they are."""
+def _read_stl(data: bytes) -> _Polygons:
     import trimesh  # takes 0.15 s, and most studies have no such file
 
-    with file.open("rb") as stream:
-        # Unprocessed: trimesh would drop triangles with NaN, and merge in the file's unit.
-        mesh = trimesh.load_mesh(stream, file_type="stl", process=False)
-    return (
-        np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3),
-        np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3),
-    )
+    if len(data) != (announced := _stl_bytes(data)):
+        if data.lstrip()[:5].lower() != b"solid":
+            raise ValueError(
+                f"cut off: {len(data)} bytes, not the {announced} its header announces"
+            )
+        if b"endsolid" not in data[-1000:].lower():  # trimesh would not mind
+            raise ValueError("cut off: it does not end with endsolid")
+    # Unprocessed: trimesh would drop triangles with NaN, and merge in the file's unit.
+    mesh = trimesh.load_mesh(io.BytesIO(data), file_type="stl", process=False)
+    points = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+    corners = np.asarray(mesh.faces, dtype=np.int64)
+    return _Polygons(points, corners.ravel(), np.full(len(corners), 3))
 
 
 def _read_obj(data: bytes) -> _Polygons:
