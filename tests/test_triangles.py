@@ -42,7 +42,7 @@ BROKEN = trimesh.Trimesh(WITH_NAN, BALL.faces, process=False).export(file_type="
         ("a.stl", b"this is a text\n" * 20, "is no .stl file, or damaged"),
         ("a.obj", b"this is a text\n" * 20, "contains no triangles"),
         ("a.ply", b"this is a text\n" * 20, "is no .ply file, or damaged"),
-        ("a.stl", STL[:-100], "or damaged (cut off: 15984 bytes, not the 16084"),
+        ("a.stl", STL[:-100], "or damaged (cut off: 15984 bytes, not its header's 16084"),
         ("a.stl", BALL.export(file_type="stl_ascii")[:-100].encode(), "does not end with endsolid"),
         ("a.ply", PLY[:-100], "is no .ply file, or damaged"),
         ("a.stl", BROKEN, "no finite numbers"),
