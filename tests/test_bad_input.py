@@ -354,14 +354,14 @@ COMMANDS = [
         "mean dermis_mm?",
     ),
     ("mesh -o finger.stl", '--output is "finger.stl" but must end in .msh.'),
-    ("mesh -o none/finger.msh", "none/finger.msh cannot be written: No such file or directory."),
+    ("mesh -o none/finger.msh", '--output is "none/finger.msh" but there is no folder none.'),
     ("init no.ttf", "no.ttf exists already: choose another name."),
-    ("init none/study.toml", "none/study.toml cannot be written: No such file or directory."),
+    ("init none/study.toml", 'FILE is "none/study.toml" but there is no folder none.'),
     ("export", 'Command "export" parameter --deck requires an argument.'),
     ("export --deck finger.stl", '--deck is "finger.stl" but must end in .inp.'),
     (
         "export --deck none/finger.inp",
-        "none/finger.inp cannot be written: No such file or directory.",
+        '--deck is "none/finger.inp" but there is no folder none.',
     ),
     (
         "export --deck new.inp --format ansys",

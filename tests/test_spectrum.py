@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from synthetic import make_results
 
-from tactile_fem.cli.compute import write_vibration
 from tactile_fem.neuron import DRIVES, Drive, Population
-from tactile_fem.output.spectrum import spectrum_figure
+from tactile_fem.output.spectrum import spectrum_figure, write_vibration
 from tactile_fem.study import Study
 from tactile_fem.vibration import Spectrum
 from tactile_fem.vibration.spectrum import unfelt

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -24,10 +25,7 @@ from tactile_fem.runtime import ranks
 from tactile_fem.runtime.ranks import raise_stopped, signal_handler
 
 if TYPE_CHECKING:
-    from tactile_fem import Results
     from tactile_fem.series import Member
-    from tactile_fem.vibration import Spectrum
-    from tactile_fem.vibration.modes import Modes
 
 logger = logging.getLogger(__name__)
 
@@ -107,10 +105,21 @@ def _finish(folder: Path) -> None:
 # --- series --------------------------------------------------------------------------------------
 
 _SeriesFolder = Annotated[Path, Parameter(help="Folder for the scans' folders and summary.csv.")]
-_Jobs = Annotated[Count, Parameter(help="Parallel scans.")]
-_Share = Annotated[
-    str, Parameter(help="Run only the K-th of N shares, K/N; for schedulers' job arrays.")
-]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Shares:
+    """How the scans of a series are divided."""
+
+    jobs: Annotated[Count, Parameter(help="Parallel scans.")] = 1
+    ranks: Ranks = 1
+    task: Annotated[
+        str, Parameter(help="Run only the K-th of N shares, K/N; for schedulers' job arrays.")
+    ] = "1/1"
+
+
+_WHOLE = Shares()
 
 
 def sweep(
@@ -120,9 +129,7 @@ def sweep(
     over: list[str],
     changes: Changes = (),
     results: _SeriesFolder = Path("results/sweep"),
-    jobs: _Jobs = 1,
-    ranks_: Ranks = 1,
-    task: _Share = "1/1",
+    shares: Shares = _WHOLE,
 ) -> None:
     """Scan with every combination of the given values, and tabulate the results.
 
@@ -135,7 +142,7 @@ def sweep(
     """
     from tactile_fem import series
 
-    _run_series(series.sweep(over, study, changes), results, jobs, ranks_, task)
+    _run_series(series.sweep(over, study, changes), results, shares)
 
 
 def fibre(
@@ -146,9 +153,7 @@ def fibre(
     half_width_mm: float = 5.0,
     changes: Changes = (),
     results: _SeriesFolder = Path("results/fibre"),
-    jobs: _Jobs = 1,
-    ranks_: Ranks = 1,
-    task: _Share = "1/1",
+    shares: Shares = _WHOLE,
 ) -> None:
     """Scan in passes over one receptor, with the stimulator shifted across the finger each time.
 
@@ -166,13 +171,13 @@ def fibre(
     members = series.single_fibre(
         load_study(study, changes), spacing_mm=spacing_mm, half_width_mm=half_width_mm
     )
-    _run_series(members, results, jobs, ranks_, task)
+    _run_series(members, results, shares)
 
 
-def _run_series(members: Sequence[Member], folder: Path, jobs: int, ranks_: int, task: str) -> None:
+def _run_series(members: Sequence[Member], folder: Path, shares: Shares) -> None:
     from tactile_fem import series
 
-    outcomes = series.run_series(members, folder, jobs=jobs, ranks=ranks_, task=task)
+    outcomes = series.run_series(members, folder, **vars(shares))
     print(f"Written to {series.write_summary(members, folder)}")
     failed = [outcome.member.name for outcome in outcomes if outcome.problem]
     if failed:
@@ -309,35 +314,10 @@ def vibrate(
     )
     modes = keeper.modes()
     if ranks.is_first():
-        write_vibration(found, spectrum, modes, amplitude_um / 1000)
+        from tactile_fem.output.spectrum import write_vibration
 
-
-def write_vibration(
-    results: Results, spectrum: Spectrum, modes: Modes | None, amplitude_mm: float
-) -> None:
-    """Write data, tables and figures of a vibration into the folder of its scan, name each."""
-    from tactile_fem.output.pictures import draw_pictures
-    from tactile_fem.output.spectrum import spectrum_figure
-    from tactile_fem.runtime.files import write_figure
-
-    folder = results.vibration
-    folder.mkdir(exist_ok=True)
-    populations = [afferents.population() for afferents in results.study.populations]
-    names = [population.name for population in populations]
-    rates = spectrum.all_rates_Hz(populations, amplitude_mm)
-    files = [folder / f"spectrum.{kind}" for kind in ("npz", "csv", "png")]
-    spectrum.save(files[0])
-    spectrum.write_table(files[1], rates, amplitude_mm)
-    write_figure(files[2], spectrum_figure(spectrum, names, rates, amplitude_mm))
-    if modes is not None:
-        for earlier in folder.glob("shape_*_Hz.png"):
-            earlier.unlink()
-        files.append(folder / "modes.npz")
-        modes.save(files[-1])
-        if results.study.output.pictures:
-            files += draw_pictures(results, amplitude_mm)
-    for file in files:
-        print(file)
+        for file in write_vibration(found, spectrum, modes, amplitude_um / 1000):
+            print(file)
 
 
 COMMANDS = (scan, resume, sweep, fibre, fit, vibrate)

@@ -1,9 +1,8 @@
-"""What several commands share: their options, how they start the mechanics and write a file."""
+"""What several commands share: their options, the start of mechanics, checks of file names."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from contextvars import ContextVar
 from importlib import import_module
 from pathlib import Path
@@ -58,11 +57,9 @@ def _without_ranks(words: Sequence[str]) -> list[str]:
     return kept
 
 
-@contextmanager
-def written(file: Path) -> Iterator[None]:
-    """Print that a file was written, or raise StudyError if it cannot be."""
-    try:
-        yield
-    except OSError as error:
-        raise StudyError(f"{file} cannot be written: {error.strerror}.") from None
-    print(f"Written to {file}")
+def check_file(option: str, file: Path, *endings: str) -> None:
+    """Raise StudyError if a file to be written has another ending or no folder."""
+    if file.suffix not in (endings or (file.suffix,)):
+        raise StudyError(f'{option} is "{file}" but must end in {", ".join(endings)}.')
+    if not file.absolute().parent.is_dir():
+        raise StudyError(f'{option} is "{file}" but there is no folder {file.parent}.')

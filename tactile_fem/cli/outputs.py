@@ -14,7 +14,7 @@ from tactile_fem.cli.options import (
     ScanFolder,
     StudyFile,
     Written,
-    written,
+    check_file,
 )
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime import doctor as diagnosis
@@ -33,8 +33,9 @@ def init(file: Path = Path("study.toml"), /) -> None:
 
     if file.exists():
         raise StudyError(f"{file} exists already: choose another name.")
-    with written(file):
-        write_text(file, commented_template())
+    check_file("FILE", file)
+    write_text(file, commented_template())
+    print(f"Written to {file}")
 
 
 def mesh(
@@ -51,13 +52,13 @@ def mesh(
     from tactile_fem.finger import describe, write_msh
 
     finger = load_study(study, changes).finger
-    if output is not None and output.suffix != ".msh":
-        raise StudyError(f'--output is "{output}" but must end in .msh.')
+    if output is not None:
+        check_file("--output", output, ".msh")
     the_mesh = finger.mesh()
     print(describe(the_mesh, finger))
     if output is not None:
-        with written(output):
-            write_msh(output, the_mesh)
+        write_msh(output, the_mesh)
+        print(f"Written to {output}")
 
 
 def export(
@@ -96,28 +97,26 @@ def export(
     from tactile_fem.simulation.checks import check_study, check_with_mesh
 
     the_study = load_study(study, changes)
-    if deck.suffix != ".inp":
-        raise StudyError(f'--deck is "{deck}" but must end in .inp.')
+    check_file("--deck", deck, ".inp")
     if deck.exists() and not overwrite:
         raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
     the_study.finger.require_solid("an input deck")
     check_study(the_study)
     finger = the_study.finger.mesh()
     check_with_mesh(the_study, the_study.stimulus.body(), finger)
-    with written(deck):
-        size = write_deck(
-            the_study,
-            finger,
-            deck,
-            press_step_mm=press_step_mm,
-            slide_step_mm=slide_step_mm,
-            grid_mm=(grid_mm, grid_mm),
-            code=format_,
-        )
-        print(
-            f"{size.cells} tetrahedra, {size.unknowns} unknowns, "
-            f"{size.skin_facets} faces of the skin"
-        )
+    size = write_deck(
+        the_study,
+        finger,
+        deck,
+        press_step_mm=press_step_mm,
+        slide_step_mm=slide_step_mm,
+        grid_mm=(grid_mm, grid_mm),
+        code=format_,
+    )
+    print(
+        f"{size.cells} tetrahedra, {size.unknowns} unknowns, {size.skin_facets} faces of the skin"
+    )
+    print(f"Written to {deck}")
 
 
 def plot(results: ScanFolder, /) -> None:

@@ -6,14 +6,20 @@ import ctypes
 import logging
 import os
 import sys
-from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tactile_fem.cli.options import Changes, PositiveFloat, ScanFolder, StudyFile, Written
+from tactile_fem.cli.options import (
+    Changes,
+    PositiveFloat,
+    ScanFolder,
+    StudyFile,
+    Written,
+    check_file,
+)
 from tactile_fem.errors import PlaceError, StudyError, TactileError
 
 if TYPE_CHECKING:
@@ -37,7 +43,7 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
     from tactile_fem.simulation.checks import check_with_mesh, tell_missed
 
     the_study = load_study(study, changes)
-    _check_file("--output", output, (".png",))
+    check_file("--output", output, ".png")
     _prepare_drawing(the_study.finger.section_plane)
     body = the_study.stimulus.body()
     try:
@@ -120,7 +126,7 @@ def _check_options(
     """Raise errors that can be detected before a graphics library is loaded."""
     endings = (".gif", ".mp4", ".png", ".html")[: None if plane.is_space else 3]
     if save is not None:
-        _check_file("--save", save, endings)
+        check_file("--save", save, *endings)
     elif not plane.is_space:
         raise StudyError(f"A section needs --save with a name in {', '.join(endings)}.")
     kind = None if save is None else save.suffix
@@ -132,14 +138,6 @@ def _check_options(
         raise TactileError('An .html file needs trame: pip install "tactile-fem[html]".')
     if kind == ".mp4" and find_spec("imageio_ffmpeg") is None:
         raise TactileError("An .mp4 file needs ffmpeg: pip install imageio-ffmpeg, or save a .gif.")
-
-
-def _check_file(option: str, file: Path, endings: Sequence[str]) -> None:
-    """Raise StudyError if a file to be written has another ending or no folder."""
-    if file.suffix not in endings:
-        raise StudyError(f'{option} is "{file}" but must end in {", ".join(endings)}.')
-    if not file.absolute().parent.is_dir():
-        raise StudyError(f'{option} is "{file}" but there is no folder {file.parent}.')
 
 
 def _prepare_drawing(plane: Plane, *, in_window: bool = False) -> None:

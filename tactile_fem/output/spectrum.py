@@ -1,18 +1,46 @@
-"""The figure of a vibration: amplitude and phase over frequency, and firing rates."""
+"""What is written of a vibration, and its figure: amplitude, phase, firing rates over frequency."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tactile_fem.output.histories import central_receptor
+from tactile_fem.output.pictures import draw_pictures
 from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
+from tactile_fem.runtime.files import write_figure
+from tactile_fem.simulation.results import Results
+from tactile_fem.vibration.modes import Modes
 from tactile_fem.vibration.spectrum import Spectrum
 
 _COLOURS = (BLUE, VERMILION, GREEN, INK)
+
+
+def write_vibration(
+    results: Results, spectrum: Spectrum, modes: Modes | None, amplitude_mm: float
+) -> list[Path]:
+    """Write data, tables and figures of a vibration into the folder of its scan; return them."""
+    folder = results.vibration
+    folder.mkdir(exist_ok=True)
+    populations = [afferents.population() for afferents in results.study.populations]
+    names = [population.name for population in populations]
+    rates = spectrum.all_rates_Hz(populations, amplitude_mm)
+    files = [folder / f"spectrum.{kind}" for kind in ("npz", "csv", "png")]
+    spectrum.save(files[0])
+    spectrum.write_table(files[1], rates, amplitude_mm)
+    write_figure(files[2], spectrum_figure(spectrum, names, rates, amplitude_mm))
+    if modes is not None:
+        for earlier in folder.glob("shape_*_Hz.png"):
+            earlier.unlink()
+        files.append(folder / "modes.npz")
+        modes.save(files[-1])
+        if results.study.output.pictures:
+            files += draw_pictures(results, amplitude_mm)
+    return files
 
 
 @styled

@@ -299,9 +299,7 @@ def _read_stl(data: bytes) -> _Polygons:
 
     if len(data) != (announced := _stl_bytes(data)):
         if data.lstrip()[:5].lower() != b"solid":
-            raise ValueError(
-                f"cut off: {len(data)} bytes, not its header's {announced}"
-            )
+            raise ValueError(f"cut off: {len(data)} bytes, not its header's {announced}")
         if b"endsolid" not in data[-1000:].lower():  # trimesh would not mind
             raise ValueError("cut off: it does not end with endsolid")
     # Unprocessed: trimesh would drop triangles with NaN, and merge in the file's unit.
