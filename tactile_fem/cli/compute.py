@@ -119,7 +119,7 @@ class Shares:
     ] = "1/1"
 
 
-_WHOLE = Shares()
+_ALL_SCANS = Shares()
 
 
 def sweep(
@@ -129,7 +129,7 @@ def sweep(
     over: list[str],
     changes: Changes = (),
     results: _SeriesFolder = Path("results/sweep"),
-    shares: Shares = _WHOLE,
+    shares: Shares = _ALL_SCANS,
 ) -> None:
     """Scan with every combination of the given values, and tabulate the results.
 
@@ -153,7 +153,7 @@ def fibre(
     half_width_mm: float = 5.0,
     changes: Changes = (),
     results: _SeriesFolder = Path("results/fibre"),
-    shares: Shares = _WHOLE,
+    shares: Shares = _ALL_SCANS,
 ) -> None:
     """Scan in passes over one receptor, with the stimulator shifted across the finger each time.
 

@@ -32,13 +32,13 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     **{f"generator_times_s[{k}]": _TIME_S for k in range(3)},
 }
 _GAIN_FACTORS = np.logspace(-2, 2, 17)  # tried before the fit
-_MOMENTS = 200  # of a window, at which the current is evaluated
+_SAMPLES_PER_WINDOW = 200  # of a window, at which the current is evaluated
 _CONFIDENCE = 0.95
 # Relative step of derivatives. With a small one, a receptor that reaches its rheobase, where the
 # rate increases vertically, would dominate the derivative.
 _RELATIVE_STEP = 0.02
 # Constants are not determined in directions with relatively smaller singular values.
-_SINGULAR = 2e-3
+_SMALLEST_SINGULAR_RATIO = 2e-3
 
 
 class FitWarning(UserWarning):
@@ -163,12 +163,12 @@ def mean_rates(time_s: Array, drive: Array, windows: Sequence[Window], neuron: N
     They are the membrane's steady rate at the present current, averaged over the window: the limit
     of many trials with irregular spikes.
     """
-    share = (np.arange(_MOMENTS) + 0.5) / _MOMENTS
+    share = (np.arange(_SAMPLES_PER_WINDOW) + 0.5) / _SAMPLES_PER_WINDOW
     at = np.concatenate([w.start_s + share * (w.end_s - w.start_s) for w in windows])
     order = np.argsort(at, kind="stable")
     rates = np.empty((len(at), drive.shape[1]))
     rates[order] = rate_of(current_at(at[order], time_s, drive, neuron), neuron)
-    return rates.reshape(len(windows), _MOMENTS, -1).mean(axis=1)
+    return rates.reshape(len(windows), _SAMPLES_PER_WINDOW, -1).mean(axis=1)
 
 
 def rate_of(current_pA: ArrayLike, neuron: Neuron) -> Array:
@@ -236,7 +236,7 @@ def _estimates(free: Sequence[str], found: Any, scale: Array) -> tuple[dict[str,
     covariance = np.full((count, count), np.inf)
     unit = jacobian[:, acting] / norms[acting]
     singular = np.linalg.svd(unit, compute_uv=False)
-    if singular.size and singular[-1] > _SINGULAR * singular[0]:
+    if singular.size and singular[-1] > _SMALLEST_SINGULAR_RATIO * singular[0]:
         pseudo = np.linalg.pinv(unit)
         leverage = np.einsum("ki,ik->i", pseudo, unit)
         spread = pseudo * found.fun / np.maximum(1 - leverage, 1e-6) / norms[acting, None]

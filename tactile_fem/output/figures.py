@@ -23,8 +23,8 @@ logger = logging.getLogger(__name__)
 
 Indices = NDArray[np.intp]
 
-_MET = "Place on the stimulator that the receptor meets (mm)"
-_COLUMNS = 201
+_MEETING_POINT = "Place on the stimulator that the receptor meets (mm)"
+_RATE_COLUMNS = 201
 # Standard deviation of the Gaussian that spreads a spike.
 _WINDOW_S = 0.01
 
@@ -56,9 +56,9 @@ def draw_plots(results: Results) -> list[Path]:
         )
     for afferents in results.study.populations if slides else ():
         own = results.receptors_of(afferents.name)
-        for kind, figure_of in _OF_POPULATION.items():
+        for kind, figure_of in _POPULATION_FIGURES.items():
             name = f"{kind}_{afferents.name}" if results.study.afferents else kind
-            figures[_ALONE.get(name, name)] = figure_of(results, afferents, own, over)
+            figures[_SINGLE_NAMES.get(name, name)] = figure_of(results, afferents, own, over)
     results.figures.mkdir(exist_ok=True)
     drawn = {results.figures / f"{name}.png": figure for name, figure in figures.items() if figure}
     for path, figure in drawn.items():
@@ -101,22 +101,20 @@ def _raster(results: Results, afferents: Afferents, own: Indices, over: Abscissa
     """Draw spikes over the displacement, or over the place that the receptor meets."""
     places, spikes = results.trace["receptors_mm"], results.spikes
     shown = (spikes.time_s >= 0) & np.isin(spikes.receptor, own)
-    receptor = spikes.receptor[shown]
-    x, y = places[own, :2].T
-    along_finger = _along_finger(results)
-    if over.label == TIME or along_finger:
-        axis, ends = int(along_finger), (float(over.values[0]), float(over.values[-1]))
-        at = spikes.time_s[shown] if over.label == TIME else spikes.displacement_mm[shown]
-        rows = places[own, axis]
-        return raster_figure(at, places[receptor, axis], rows, ends, (), over.label, "XY"[axis])
-    on_the_origin = np.ptp(y) < 1e-9 and abs(y[0]) < 1e-9
+    receptor, at = spikes.receptor[shown], spikes.displacement_mm[shown]
+    axis, ends, label = 0, (float(over.values[0]), float(over.values[-1])), over.label
+    if label == TIME:
+        at = spikes.time_s[shown]
+    if _along_finger(results):
+        axis = 1
+    elif label == DISPLACEMENT:
+        y = places[own, 1]
+        at = at + places[receptor, 1]
+        ends = float(y.min()), ends[1] + float(y.max())
+        label = DISPLACEMENT if np.abs(y).max() < 1e-9 else _MEETING_POINT
+    shapes = () if axis else over.outlines
     return raster_figure(
-        spikes.displacement_mm[shown] + places[receptor, 1],
-        places[receptor, 0],
-        x,
-        (float(y.min()), float(over.values[-1] + y.max())),
-        over.outlines,
-        DISPLACEMENT if on_the_origin else _MET,
+        at, places[receptor, axis], places[own, axis], ends, shapes, label, "XY"[axis]
     )
 
 
@@ -129,7 +127,7 @@ def _firing(results: Results, afferents: Afferents, own: Indices, over: Abscissa
     if len(rows) < 3 or not np.allclose(np.diff(rows), np.diff(rows)[0]):
         logger.info("firing.png needs an even line of receptors across the finger")
         return None
-    columns = np.linspace(over.values[0], over.values[-1], _COLUMNS)
+    columns = np.linspace(over.values[0], over.values[-1], _RATE_COLUMNS)
     times = np.interp(columns, over.values, results.trace["time_s"][over.rows])
     response = Response([spikes.time_s[spikes.receptor == k] for k in line], 0.0, times[-1])
     rate = response.rate(times, _WINDOW_S).T
@@ -144,5 +142,5 @@ def _along_finger(results: Results) -> bool:
 
 
 # Figures of each population, and the name of one that has no population in it.
-_OF_POPULATION = {"felt": _felt, "raster": _raster, "firing": _firing}
-_ALONE = {"felt": "sed"}
+_POPULATION_FIGURES = {"felt": _felt, "raster": _raster, "firing": _firing}
+_SINGLE_NAMES = {"felt": "sed"}

@@ -24,7 +24,7 @@ Array = NDArray[np.floating]
 # Frames from one saved state to the next, and in a period of a vibration.
 FRAMES_PER_STATE, FRAMES_PER_PERIOD = 4, 24
 # Largest amplitude of a vibration as drawn.
-_DRAWN_AMPLITUDE_MM = 0.6
+_LARGEST_AMPLITUDE_MM = 0.6
 # The colours end at this percentile of the soft tissue: at edges, SED is singular.
 _TOP_PERCENTILE = 99.8
 
@@ -132,7 +132,7 @@ class Film:
         moved = modes.moved[k, used]
         amplitude = np.linalg.norm(moved, axis=1)
         top = max(float(amplitude[mesh.cells[is_soft(mesh.tissue)]].max()), 1e-6)
-        factor = float(f"{_DRAWN_AMPLITUDE_MM / (amplitude_mm * top):.1g}")
+        factor = float(f"{_LARGEST_AMPLITUDE_MM / (amplitude_mm * top):.1g}")
         phase = np.arange(FRAMES_PER_PERIOD) * 360 / FRAMES_PER_PERIOD
         swing = factor * amplitude_mm * np.exp(1j * np.radians(phase))
         title = (

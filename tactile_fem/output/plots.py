@@ -25,7 +25,7 @@ from tactile_fem.output.histories import DISPLACEMENT, Outlines, extrema
 
 # Okabe and Ito's colours, which colour-blind readers can distinguish.
 BLUE, VERMILION, GREEN, INK, PAPER = "#0072B2", "#D55E00", "#009E73", "#222222", "#E6E3DC"
-_LONG = 2.0  # maps that are longer than wide by this factor get flat figures
+_FLAT_RATIO = 2.0  # maps that are longer than wide by this factor get flat figures
 ACROSS = "Receptor position across the finger, X (mm)"
 _STYLE: Any = {
     "font.size": 9,
@@ -204,14 +204,14 @@ def _map_axes(
     margin = 0.3
     to_scale = label.endswith("(mm)")
     longer = np.ptp(range_mm) / (np.ptp(rows) + 2 * margin) if to_scale else 1.0
-    size = (5.6, 5.2) if longer < _LONG else (9.5, 1.0 + 8.0 / longer)
+    size = (5.6, 5.2) if longer < _FLAT_RATIO else (9.5, 1.0 + 8.0 / longer)
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots()
     axes.set_xlim(*_span(np.asarray(range_mm)))
     # X decreases upwards, so that letters that read along the scan are upright.
     ends = rows.max() + margin, rows.min() - margin
     axes.set_ylim(*(ends if axis == "X" else ends[::-1]))
-    across = ACROSS if longer < _LONG and axis == "X" else f"{axis} (mm)"
+    across = ACROSS if longer < _FLAT_RATIO and axis == "X" else f"{axis} (mm)"
     axes.set(xlabel=label, ylabel=across, aspect="equal" if to_scale else "auto")
     return figure, axes
 

@@ -27,10 +27,10 @@ Extent = tuple[float, float, float, float]
 _SIZE_INCHES, _DPI, _PIXELS = (11.5, 5.2), 150, (1050, 1050)
 # Shown around the path of the contact point, from above.
 _MARGIN_MM = 11.0
-_PATH = "#C8553D"
+_PATH_COLOUR = "#C8553D"
 # Scans from two sides, and the radius of the ball that marks a place of them.
-_VIEWS = {"From the side": (40.0, -10.0, 12.0), "From the pad": (10.0, -6.0, -40.0)}
-_MARK_MM = 0.6
+_EYES = {"From the side": (40.0, -10.0, 12.0), "From the pad": (10.0, -6.0, -40.0)}
+_BALL_RADIUS_MM = 0.6
 
 
 def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:
@@ -73,8 +73,8 @@ def _draw_from_above(
     hull = finger.nodes[:, :2][ConvexHull(finger.nodes[:, :2]).vertices]
     outline = np.vstack([hull, hull[:1]]) + path[0]
     axes.plot(*outline.T, "k--", lw=0.8, label="finger")
-    axes.plot(*path.T, color=_PATH, lw=1.5, label="contact point")
-    axes.plot(*path[0], "o", color=_PATH, ms=5)
+    axes.plot(*path.T, color=_PATH_COLOUR, lw=1.5, label="contact point")
+    axes.plot(*path[0], "o", color=_PATH_COLOUR, ms=5)
     axes.set(xlabel="X at displacement 0 (mm)", ylabel="Y at displacement 0 (mm)")
     axes.set(xlim=extent[:2], ylim=extent[2:])
     axes.legend(loc="upper right", fontsize=8)
@@ -87,7 +87,7 @@ def scans_figure(scans: Scans, place_mm: Sequence[float]) -> Figure:
     from tactile_fem.output import scene
 
     figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI)
-    for k, (name, eye) in enumerate(_VIEWS.items()):
+    for k, (name, eye) in enumerate(_EYES.items()):
         plotter = scene.new_plotter()
         colours = COLOURS["stratum_corneum"], COLOURS["bone"], COLOURS["nail"]
         surfaces = (scans.skin, 0.35), (scans.bone, 1.0), (scans.nail, 0.7)
@@ -95,7 +95,8 @@ def scans_figure(scans: Scans, place_mm: Sequence[float]) -> Figure:
             if surface is not None:
                 shape = pv.PolyData.from_regular_faces(surface.points, surface.triangles)
                 plotter.add_mesh(shape, color=colour, opacity=opacity)
-        plotter.add_mesh(pv.Sphere(radius=_MARK_MM, center=place_mm), color="red", lighting=False)
+        ball = pv.Sphere(radius=_BALL_RADIUS_MM, center=place_mm)
+        plotter.add_mesh(ball, color="red", lighting=False)
         scene.look_at(plotter, eye, (0.0, -2.0, 6.0), half_height_mm=16.0)
         _show(figure, (0.5 * k, 0.02, 0.5, 0.9), scene.shot(plotter, *_PIXELS), name)
     return figure

@@ -43,9 +43,9 @@ _RIM_SHIFT_MM = 0.035
 # Receptors: colour and radius in mm.
 RECEPTORS = {"receptor, silent": ("#101010", 0.07), "receptor, firing": ("#FFFFFF", 0.1)}
 # Distance from the receptors to the cut behind them.
-_BEHIND_MM = 0.15
+_CUT_DISTANCE_MM = 0.15
 # The interface is shown up to this height above its lowest point, or above the receptors.
-_INTERFACE_MM, _MARGIN_MM = 2.3, 0.2
+_INTERFACE_HEIGHT_MM, _MARGIN_MM = 2.3, 0.2
 
 
 class Look(NamedTuple):
@@ -59,9 +59,9 @@ class Look(NamedTuple):
 
 
 # The cut lies beside X = 0, where meshes have faces.
-_MIDDLE = (-1e-4, 0.0, 0.0)
-CLOSE = Look("x", _MIDDLE, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), 8.4)
-WHOLE = Look("x", _MIDDLE, (30.0, -9.0, 15.0), (0.0, 2.0, 3.8), 11.0)
+_CUT_ORIGIN = (-1e-4, 0.0, 0.0)
+CLOSE = Look("x", _CUT_ORIGIN, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), 8.4)
+WHOLE = Look("x", _CUT_ORIGIN, (30.0, -9.0, 15.0), (0.0, 2.0, 3.8), 11.0)
 
 
 class Scene:
@@ -134,16 +134,14 @@ class Scene:
         # They move with the tetrahedra as drawn, which deviate from the quadratic solution.
         sampled = pv.PolyData(places_mm).sample(_grid(film), snap_to_closest_point=True)
         moved = sampled["moved_mm"].reshape(len(places_mm), -1, 3)
-        corners = ball.regular_faces + ball.n_points * np.arange(len(places_mm))[:, None, None]
-        points = np.tile(ball.points, (len(places_mm), 1))
-        balls = pv.PolyData.from_regular_faces(points, corners.reshape(-1, 3))
         (silent, small), (firing, large) = RECEPTORS.values()
+        balls = pv.PolyData()
 
         def place(k: int) -> None:
-            centres = places_mm + np.einsum("rfi,f->ri", moved, film.weights[k])
-            radius = np.where(film.fired[k], large, small)[:, None, None]
-            balls.points = (centres[:, None] + radius * ball.points).reshape(-1, 3)
-            balls["firing"] = np.repeat(film.fired[k], ball.n_points).astype(float)
+            centres = pv.PolyData(places_mm + np.einsum("rfi,f->ri", moved, film.weights[k]))
+            centres["firing"] = film.fired[k].astype(float)
+            centres["radius_mm"] = np.where(film.fired[k], large, small)
+            balls.copy_from(centres.glyph(orient=False, scale="radius_mm", geom=ball))
 
         style = {"scalars": "firing", "cmap": [silent, firing], "clim": (0, 1), "ambient": 0.4}
         self._add("receptors", balls, place, **style)
@@ -184,10 +182,11 @@ def deformation_scene(results: Results, film: Film, *, off_screen: bool = True) 
 def receptor_scene(results: Results, film: Film, *, off_screen: bool = True) -> Scene:
     """Return the finger cut behind its receptors, with the interface on which they lie."""
     receptors = results.trace["receptors_mm"]
-    cut = float(receptors[:, 1].min()) - _BEHIND_MM
+    cut = float(receptors[:, 1].min()) - _CUT_DISTANCE_MM
     sides = [one.receptors.side for one in results.study.populations]
     surface = interface(film, next((s for s in sides if s in ("epidermis", "dermis")), "epidermis"))
-    rim = max(surface.bounds.z_min + _INTERFACE_MM, float(receptors[:, 2].max()) + _MARGIN_MM)
+    highest = float(receptors[:, 2].max())
+    rim = max(surface.bounds.z_min + _INTERFACE_HEIGHT_MM, highest + _MARGIN_MM)
     look = Look("y", (0.0, cut, 0.0), (9.0, 27.5, 20.4), (0.0, cut + 0.5, 3.6), 9.6)
     front = surface.clip("y", origin=look.origin, invert=False).clip("z", origin=(0.0, 0.0, rim))
     top = max(float(np.percentile(front["values"], 99.8, axis=0).max()), 1e-6)

@@ -31,16 +31,16 @@ from tactile_fem.stimulus import RigidBody
 
 Array = NDArray[np.float64]
 
-_BODY = "#B9BDC2"
+_BODY_COLOUR = "#B9BDC2"
 # Receptors: colour and size.
 _RECEPTORS = {"receptor, silent": ("#101010", 4), "receptor, firing": ("#FF3B30", 22)}
 # The nodes around a quadratic triangle.
-_AROUND = [0, 3, 1, 4, 2, 5]
+_TRIANGLE_BOUNDARY = [0, 3, 1, 4, 2, 5]
 _MARGIN_MM, _MARGIN_BELOW_MM = 0.6, 1.5
 # The body is sampled at these intervals, from below its contact plane to above it.
-_SAMPLE_MM, _BODY_MM = (0.03, 0.0125), (-4.0, 1.0)
+_SPACING_MM, _BODY_HEIGHTS_MM = (0.03, 0.0125), (-4.0, 1.0)
 # Fields are shown in the pad: half its width, and its height.
-_PAD_MM = 9.0, 6.5
+_PAD_SIZE_MM = 9.0, 6.5
 
 
 class SectionScene:
@@ -62,12 +62,14 @@ class SectionScene:
             self.legend |= {name: colour for name, (colour, _) in _RECEPTORS.items()}
         (left, low), (right, high) = self._nodes.min(axis=0), self._nodes.max(axis=0)
         if film.quantity:
-            left, right, high = max(left, -_PAD_MM[0]), min(right, _PAD_MM[0]), _PAD_MM[1]
+            half_width, high = _PAD_SIZE_MM
+            left, right = max(left, -half_width), min(right, half_width)
         self._x_limits = left - _MARGIN_MM, right + _MARGIN_MM
         self._z_limits = low - _MARGIN_BELOW_MM, high + _MARGIN_MM
         places = self._plane.within(film.stimulator_mm)
         ends = self._x_limits[0] - places[:, 0].max(), self._x_limits[1] - places[:, 0].min()
-        x, z = np.arange(*ends, _SAMPLE_MM[0]), np.arange(*_BODY_MM, _SAMPLE_MM[1])
+        x = np.arange(*ends, _SPACING_MM[0])
+        z = np.arange(*_BODY_HEIGHTS_MM, _SPACING_MM[1])
         grid = np.stack(np.meshgrid(x, z), axis=-1).reshape(-1, 2)
         gap = gap_of(self._plane.vectors(grid + places[0]) - film.stimulator_mm[0])
         self._body = x, z, gap.reshape(len(z), len(x))
@@ -88,7 +90,7 @@ class SectionScene:
             scale = ScalarMappable(LogNorm(least, film.top), SCALE)
             colours[soft] = scale.to_rgba(np.maximum(weights @ film.values, least)[soft])
             figure.colorbar(scale, ax=axes, extend="both", shrink=0.8, label=film.quantity)
-        around = nodes[mesh.cells[:, _AROUND]]
+        around = nodes[mesh.cells[:, _TRIANGLE_BOUNDARY]]
         style = {"edgecolors": "face", "linewidths": 0.3, "rasterized": True}
         axes.add_collection(PolyCollection(around, facecolors=colours, **style))
         axes.add_collection(LineCollection(nodes[self._edges], colors="black", linewidths=0.4))
@@ -107,7 +109,7 @@ class SectionScene:
         """Fill the body where the plane cuts it."""
         x, z, gap = self._body
         x, z = x + place_mm[0], z + place_mm[1]
-        axes.contourf(x, z, gap, [-np.inf, 0.0], colors=_BODY, zorder=3)
+        axes.contourf(x, z, gap, [-np.inf, 0.0], colors=_BODY_COLOUR, zorder=3)
         if gap.min() < 0 < gap.max():
             axes.contour(x, z, gap, [0.0], colors="black", linewidths=0.8, zorder=4)
 

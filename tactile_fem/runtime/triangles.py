@@ -29,7 +29,7 @@ FORMATS = ("stl", "obj", "ply")
 MOST_TRIANGLES = 500_000  # half a GB of memory while they are read
 MOST_BYTES = 40_000_000
 _MAX_COORDINATE_MM = 1e6  # a kilometre: certainly a wrong unit
-_MERGED_DIGITS = 5  # of mm: corners that agree so far are one vertex
+_VERTEX_DECIMALS = 5  # of mm: corners that agree so far are one vertex
 _STL_HEADER, _STL_TRIANGLE = 84, 50  # bytes: a comment and the number of triangles; each of them
 # A second or two; libigl builds its trees anew for each part, at most a second of that.
 _CHUNK_POINTS = 50_000
@@ -175,7 +175,7 @@ def _merged(points: Points, triangles: Indices, start: str) -> Triangles:
             f"{start} has coordinates of {largest:g} mm, but at most {_MAX_COORDINATE_MM:g} mm are "
             "allowed: is its unit right?"
         )
-    rounded = np.round(corners, _MERGED_DIGITS)
+    rounded = np.round(corners, _VERTEX_DECIMALS)
     _, first, number = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     faces = number.reshape(-1, 3).astype(np.int64)
     a, b, c = faces.T

@@ -13,7 +13,7 @@ from tactile_fem.runtime.settings import Kind
 from tactile_fem.study import Study
 
 # What a value must be, by pydantic's kind of error.
-_ALLOWED = {
+_REQUIREMENTS = {
     "greater_than": "greater than {gt:g}",
     "greater_than_equal": "at least {ge:g}",
     "less_than": "less than {lt:g}",
@@ -138,8 +138,8 @@ def _allowed(kind: str, context: Any, message: str) -> str:
     """Return what a value may be, to follow "must be"."""
     if kind == "literal_error":
         return str(context["expected"]).replace("'", '"')
-    if kind in _ALLOWED:
-        return _ALLOWED[kind].format(**context)
+    if kind in _REQUIREMENTS:
+        return _REQUIREMENTS[kind].format(**context)
     return "valid: " + message[:1].lower() + message[1:]
 
 

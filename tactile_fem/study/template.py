@@ -15,7 +15,7 @@ from tactile_fem.study import Study
 from tactile_fem.study.afferents import Afferents
 from tactile_fem.study.explain import model_in, toml_value
 
-_HEAD = """\
+_HEADING = """\
 # A study: all input of a scan. Each value below is the default, which is the paper's if it states
 # one (Hamasaki et al. 2020, DOI 10.1177/1687814020984651). To change a value, remove the
 # "#" in front of its line. A name carries its unit. Square brackets in a comment hold the allowed
@@ -23,7 +23,7 @@ _HEAD = """\
 # origin is the pad's lowest point.
 """
 _WIDTH = 98
-_NOTES_AT = 32
+_NOTE_COLUMN = 32
 _LIMITS = {
     "exclusiveMinimum": "> {:g}",
     "minimum": ">= {:g}",
@@ -36,7 +36,7 @@ _LIMITS = {
 
 def commented_template() -> str:
     """Return a study file with every key commented out at its default and described."""
-    lines = [_HEAD]
+    lines = [_HEADING]
     study = Study()
     for name in Study.model_fields:
         if name == "afferents":
@@ -134,7 +134,7 @@ def _with_note(line: str, note: str | None) -> list[str]:
     """Return the line with its note behind it or, if that is too long, before it."""
     if not note:
         return [line]
-    both = f"{line:<{_NOTES_AT}}  # {note}"
+    both = f"{line:<{_NOTE_COLUMN}}  # {note}"
     return [both] if len(both) <= _WIDTH else [*_comment(note), line]
 
 
