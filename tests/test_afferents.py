@@ -259,48 +259,6 @@ def test_without_afferents_there_is_one_population_and_no_word_of_it():
     assert one.population() == Population("SA1", NOISY, "sed")
 
 
-@pytest.mark.parametrize(
-    ("override", "sentence"),
-    [
-        ("afferents.RA.name=SA1", 'afferents: two populations have the name "SA1".'),
-        (
-            'afferents.RA.name="fast one"',
-            'afferents (entry 2).name is "fast one" but must be made of letters, digits, _ and -.',
-        ),
-        (
-            "afferents.PC.feels=sed",
-            "afferents.PC is no population of the study: it has SA1, RA.",
-        ),
-        ("afferents.RA=1", "afferents.RA is a population: set afferents.RA.key=value."),
-        (
-            "afferents.RA.neuron.adaptaton=1",
-            "afferents (entry 2).neuron.adaptaton is not a key of [afferents (entry 2).neuron]; "
-            "did you mean adaptation?",
-        ),
-        (
-            "afferents.RA.fells=sed",
-            "afferents (entry 2).fells is not a key of [afferents (entry 2)]; did you mean feels?",
-        ),
-        (
-            "afferents=[]",
-            '"afferents=[]" sets nothing: write section.key=value.',
-        ),
-        ("neuron.adaptation=3", "neuron.adaptation is 3 but must be at most 1."),
-    ],
-)
-def test_what_is_wrong_with_a_population_is_told_once(tmp_path, override, sentence):
-    with pytest.raises(StudyError) as caught:
-        read(tmp_path, TWO, override)
-    assert str(caught.value) == sentence
-
-
-def test_one_table_is_no_list(tmp_path):
-    with pytest.raises(StudyError, match=r"must be a list of tables, each under \[\[afferents"):
-        read(tmp_path, '[afferents]\nname = "RA"\n')
-    with pytest.raises(StudyError, match="RA is no population of the study: it has none"):
-        load_study(None, ["afferents.RA.feels=sed"])
-
-
 def test_drives_and_places_are_checked_before_a_scan(tmp_path):
     check_study(read(tmp_path, TWO))
     with pytest.raises(StudyError, match=r'afferents.RA.feels: There is no drive "strain"'):

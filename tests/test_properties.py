@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-import pytest
 import tomlkit
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -187,17 +186,3 @@ def test_any_arrays_are_a_response_or_a_sentence(time, sed):
         assert str(error).strip()
     else:
         assert all(np.isfinite(spikes).all() for spikes in response.spikes)
-
-
-def test_a_membrane_that_fires_without_end_is_told():
-    neuron = Neuron(refractory_s=0.0, static_gain_pA_per_kPa=1e9)
-    with pytest.raises(StudyError, match="more than 100,000 times a second"):
-        respond([0.0, 0.1], [[1.0], [1.0]], neuron)
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, -1.0])
-def test_a_bad_value_among_good_ones_is_named(bad):
-    sed = np.ones((3, 2))
-    sed[1, 1] = bad
-    with pytest.raises(StudyError, match=r"sed_kPa is .*1.*1"):
-        respond([0.0, 0.1, 0.2], sed, Neuron())
