@@ -69,13 +69,6 @@ def test_constant_current_fires_at_the_closed_form_rate():
         assert 1 / np.diff(times) == pytest.approx(rate, rel=1e-10)
 
 
-def test_refractoriness_limits_the_rate():
-    n = PLAIN.model_copy(update={"refractory_s": 0.00123})
-    (times,) = respond(*constant([1e5], 0.1), n).spikes
-    assert np.diff(times).min() >= 0.00123
-    assert len(times) == pytest.approx(0.1 / 0.00123, abs=1)
-
-
 def test_a_raised_threshold_makes_intervals_longer():
     jump, recovery = 60.0, 0.03
     slow = PLAIN.model_copy(update={"threshold_jump_mV": jump, "threshold_recovery_s": recovery})
@@ -91,14 +84,6 @@ def test_a_raised_threshold_makes_intervals_longer():
     assert potential == pytest.approx(slow.threshold_mV + left, rel=1e-6)
 
 
-def test_many_spikes_fit_between_two_samples():
-    n = PLAIN.model_copy(update={"refractory_s": 0})
-    (times,) = respond(*constant([20.0], 0.5), n).spikes
-    assert len(times) > 50
-    current = n.threshold_mV / n.resistance_GOhm + 200
-    assert 1 / np.diff(times) == pytest.approx(closed_form(current, n), rel=1e-9)
-
-
 def test_a_finger_at_rest_is_silent():
     n = Neuron(model="hamasaki2020", intercept_pA=1000.0)
     time = np.array([-1.0, -0.5, 0.0, 0.5])
@@ -106,25 +91,6 @@ def test_a_finger_at_rest_is_silent():
     silent, touched = respond(time, sed, n).spikes
     assert silent.size == 0
     assert touched.size and touched.min() > -0.5
-
-
-def test_rate_decays_with_the_adaptation():
-    n = PLAIN.model_copy(update={"adaptation": 0.4, "adaptation_time_s": 0.5})
-    (times,) = respond(*constant([4.0], 5.0), n).spikes
-    rest = n.threshold_mV / n.resistance_GOhm
-    middle = 0.5 * (times[1:] + times[:-1])
-    expected = closed_form(rest + 40 * (0.6 + 0.4 * np.exp(-middle / 0.5)), n)
-    assert 1 / np.diff(times) == pytest.approx(expected, rel=2e-3)
-    assert 1 / np.diff(times)[-1] == pytest.approx(closed_form(rest + 40 * 0.6, n), rel=1e-3)
-
-
-def test_dynamic_part_counts_on_a_rise_only():
-    time = np.array([0, 0.2, 0.4, 0.6])
-    sed = np.array([0, 4, 4, 0])[:, None]
-    gain, none = (USUAL.model_copy(update={"dynamic_gain_pA_s_per_kPa": k}) for k in (5.0, 0.0))
-    dynamic, static = (respond(time, sed, n).psth(0.2)[1][:, 0] for n in (gain, none))
-    assert dynamic[0] > static[0] + 5
-    assert np.abs(dynamic - static)[1:].max() <= 1
 
 
 def history(receptors=7, samples=40):
@@ -347,16 +313,6 @@ def test_signs_of_a_sum_of_exponentials_change_where_a_fine_grid_says():
     assert found >= 3
     single = curves.of(np.array([3])).at(zeros[:, [3]])
     assert np.abs(single[zeros[:, [3]] < end]).max() < 1e-13
-
-
-def test_parts_of_the_generator_function_never_hinder_each_other():
-    """After a fall of S the fast parts are below zero: the current is the lasting part's."""
-    time = np.array([0.0, 0.1, 0.12, 0.6])
-    sed = np.array([5.0, 5.0, 3.0, 3.0])[:, None]
-    n = GENERATOR.model_copy(update={"generator_gains_pA_per_kPa": (500.0, 0.0, 0.0, 10.0)})
-    late = respond(time, sed, n).spikes[0]
-    intervals = np.diff(late[late > 0.12])
-    assert 1 / intervals == pytest.approx(closed_form(30.0, n), rel=1e-9)
 
 
 def test_rate_and_psth_hold_all_spikes():

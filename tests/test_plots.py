@@ -99,14 +99,6 @@ def test_raster_has_one_dot_per_spike_in_range():
     assert (extents.x0, extents.x1) == (2.0, 8.0)  # along the finger = displacement
 
 
-def test_raster_of_a_silent_finger():
-    axes = raster_figure([], [], np.arange(-5, 6), (0.0, 10.0)).axes[0]
-    (dots,) = axes.lines
-    assert dots.get_gid() == "spikes" and len(dots.get_xydata()) == 0
-    assert axes.get_xlim() == (0.0, 10.0)
-    assert sorted(axes.get_ylim()) == pytest.approx([-5.3, 5.3])
-
-
 def test_firing_figure_shows_the_rates():
     rate = np.arange(12.0).reshape(3, 4)
     figure = firing_figure([0.0, 1.0, 2.0, 3.0], [-1.0, 0.0, 1.0], rate, [SQUARE])
@@ -239,12 +231,13 @@ def test_letters_have_holes():
     assert drawn[1] == pytest.approx(to_rgb(PAPER), abs=0.01)
 
 
-def test_spikes_of_the_synthetic_folder_are_all_drawn(tmp_path):
+def test_spikes_of_the_synthetic_folder_are_all_drawn(tmp_path, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr(figures, "write_figure", lambda path, figure: drawn.update({path: figure}))
     trace = make_trace()
     results = make_results(tmp_path / "r", trace=trace)
-    figure = figures._raster(
-        results, results.study.populations[0], np.arange(21), histories.Abscissa.of(results)
-    )
-    dots = next(one for one in figure.axes[0].lines if one.get_gid() == "spikes")
+    figures.draw_plots(results)
+    axes = drawn[results.figures / "raster.png"].axes[0]
+    dots = next(one for one in axes.lines if one.get_gid() == "spikes")
     assert len(dots.get_xdata()) == sum(map(len, make_spikes(trace)))
     assert np.unique(dots.get_xdata()) == pytest.approx([1, 3, 5, 7, 9])

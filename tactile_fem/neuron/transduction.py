@@ -14,6 +14,7 @@ from tactile_fem.neuron.currents import ExponentialSum, Segment, Transduction
 from tactile_fem.neuron.settings import Neuron
 
 Array = NDArray[Any]
+Stretch = tuple[Any, Any, Any, Array, Array]
 # Largest distance of a logarithm from the chords that replace it, as a share of its scale.
 CHORD_ERROR = 0.002
 # Values of the filter in a period of its centre frequency; lines between them err by up to 1.2 %.
@@ -92,9 +93,7 @@ class StaticDynamic:
         """Return S of a drive."""
         return drive
 
-    def _stretches(
-        self, time_s: Array, drive: Array
-    ) -> Iterator[tuple[Any, Any, Any, Array, Array]]:
+    def _stretches(self, time_s: Array, drive: Array) -> Iterator[Stretch]:
         """Yield receptors, start, length, and S at both ends, of stretches where S is linear."""
         S = self._compressed(drive)
         for k, h in enumerate(np.diff(time_s)):
@@ -125,9 +124,7 @@ class Logarithmic(StaticDynamic):
     def _drive(self, S: Array) -> Array:
         return np.sign(S) * self._scale * np.expm1(np.abs(S) / self._scale)
 
-    def _stretches(
-        self, time_s: Array, drive: Array
-    ) -> Iterator[tuple[Any, Any, Any, Array, Array]]:
+    def _stretches(self, time_s: Array, drive: Array) -> Iterator[Stretch]:
         """Divide stretches into equal increments of S; a chord over x S_0 is off by x^2/8 S_0."""
         longest = np.sqrt(8 * CHORD_ERROR) * self._scale
         for who, start, h, S, end in super()._stretches(time_s, drive):

@@ -160,15 +160,15 @@ def force_figure(
     unit
         Unit of the forces; a section's are per width.
     """
-    columns, ratios = [], []
+    columns = []
     for along, label, force_N in (indentation, rest):
-        force = np.asarray(force_N, dtype=float)
-        normal, tangential = force[:, 2], np.hypot(force[:, 0], force[:, 1])
-        columns.append((np.asarray(along, dtype=float), label, normal, tangential))
-    touching = 1e-3 * max(normal.max(initial=1e-9) for _, _, normal, _ in columns)
-    for _, _, normal, tangential in columns:
-        nowhere = np.full_like(normal, np.nan)
-        ratios.append(np.divide(tangential, normal, out=nowhere, where=normal > touching))
+        x, y, normal = np.asarray(force_N, dtype=float).T
+        columns.append((np.asarray(along, dtype=float), label, normal, np.hypot(x, y)))
+    least = 1e-3 * max(normal.max(initial=1e-9) for _, _, normal, _ in columns)
+    ratios = [
+        np.divide(tangential, normal, out=np.full_like(normal, np.nan), where=normal > least)
+        for _, _, normal, tangential in columns
+    ]
     largest = np.nanmax(np.concatenate(ratios), initial=0.0)
     bound = "friction coefficient"
     if friction is not None and largest > friction + 0.01:

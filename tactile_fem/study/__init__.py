@@ -94,17 +94,12 @@ class Study(Settings):
 
     @model_validator(mode="before")
     @classmethod
-    def _default_kind(cls, data: Any) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("stimulus"), dict):
-            return {**data, "stimulus": {"kind": "text", **data["stimulus"]}}
-        return data
-
-    @model_validator(mode="before")
-    @classmethod
-    def _defaults_of_the_finger(cls, data: Any) -> Any:
-        """Fill in the defaults of other tables that the finger states."""
+    def _defaults(cls, data: Any) -> Any:
+        """Add the default kind of a stimulus, and defaults of other tables that the finger states."""
         if not isinstance(data, dict):
             return data
+        if isinstance(data.get("stimulus"), dict):
+            data = {**data, "stimulus": {"kind": "text", **data["stimulus"]}}
         given = {name: given_keys(table) for name, table in data.items()}
         defaults = Finger.defaults_beside(given)
         usable = {name for name in defaults if isinstance(data.get(name, {}), dict | BaseModel)}
