@@ -267,26 +267,21 @@ def test_doctor_names_packages(capsys, monkeypatch):
     assert "DOLFINx" in out
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["--version"], [], ["scan", "--help"]])
-def test_help_and_version(capsys, arguments):
-    assert cli.main(arguments) == 0
-    assert capsys.readouterr().out.strip()
-
-
 SLOW_TO_IMPORT = {
     *("dolfinx", "gmsh", "igl", "matplotlib", "meshio", "mpi4py", "petsc4py", "pydantic"),
     *("pyvista", "scipy", "shapely", "trimesh", "ufl", "vtkmodules"),
 }
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["scan", "--help"], ["--version"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["scan", "--help"], ["--version"], []])
 def test_help_loads_nothing_that_takes_long(arguments):
     code = (
         f"import sys; from tactile_fem.cli.app import main; main({arguments}); "
         "print(*{name.partition('.')[0] for name in sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not SLOW_TO_IMPORT.intersection(done.stdout.splitlines()[-1].split())
+    *shown, modules = done.stdout.splitlines()
+    assert shown and not SLOW_TO_IMPORT.intersection(modules.split())
 
 
 def test_the_module_ends_with_the_code():

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import batched, pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -308,8 +308,8 @@ def _rows(numbers: NDArray[np.int64], values: NDArray) -> list[str]:
     return [_row(number, *row) for number, row in pairs]
 
 
-def _listed(numbers: NDArray[np.int64], width: int = 16) -> list[str]:
-    return [_row(*numbers[i : i + width].tolist()) for i in range(0, len(numbers), width)]
+def _listed(numbers: NDArray[np.int64]) -> list[str]:
+    return [_row(*line) for line in batched(numbers.tolist(), 16)]
 
 
 def _row(*values: float | str) -> str:

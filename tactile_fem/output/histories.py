@@ -18,18 +18,12 @@ Outlines = Sequence[Array]
 DISPLACEMENT, TIME = "Stimulator displacement (mm)", "Time (s)"
 
 
-def extrema(
-    values: ArrayLike, prominence: float = 0.1
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the indices of local maxima and of local minima of a history.
-
-    A maximum is at least `prominence` above its surroundings (a minimum below them), as a fraction
-    of the range; smaller oscillations are ignored.
-    """
+def extrema(values: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the indices of local maxima and of local minima that are a tenth of the range high."""
     from scipy.signal import find_peaks  # takes 0.3 s, and few commands need it
 
     series = np.asarray(values, dtype=float)
-    least = prominence * np.ptp(series) if len(series) else 0.0
+    least = 0.1 * np.ptp(series) if len(series) else 0.0
     if least == 0.0:
         nothing = np.empty(0, dtype=np.intp)
         return nothing, nothing

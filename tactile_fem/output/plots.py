@@ -94,22 +94,10 @@ def raster_figure(
     label: str = DISPLACEMENT,
     axis: str = "X",
 ) -> Figure:
-    """Draw one dot per spike: its receptor's X, or Y, over the displacement.
+    """Draw one dot for each spike (spikes,): X of its receptor over the displacement.
 
-    Parameters
-    ----------
-    spike_displacement_mm, spike_x_mm
-        (spikes,) displacement of the stimulator and X of the receptor.
-    rows_mm
-        X of all receptors, including silent ones.
-    range_mm
-        First and last displacement.
-    outlines
-        Drawn lightly beneath.
-    label
-        Name of the horizontal axis.
-    axis
-        "Y" for the receptors of a section along the finger.
+    The rows are X of all receptors, silent ones included; the range is that of the displacement.
+    The label is that of the horizontal axis; in a section along the finger, the axis is "Y".
     """
     figure, axes = _map_axes(rows_mm, range_mm, label, axis)
     draw_outlines(axes, outlines)
@@ -150,15 +138,9 @@ def force_figure(
 ) -> Figure:
     """Draw normal and tangential force and their ratio over indentation and slide.
 
-    Parameters
-    ----------
-    indentation, rest
-        Abscissas (steps,), their label, and the forces on the finger (steps, 3).
-    friction
-        Coefficient of friction, drawn as a line. The ratio exceeds it if inclined faces, such
-        as letters' flanks, push sideways; the legend then states this.
-    unit
-        Unit of the forces; a section's are per width.
+    Both have an abscissa (steps,), its label, and the forces on the finger (steps, 3), in a section
+    per width. The ratio exceeds the coefficient of friction, drawn as a line, if inclined faces,
+    such as the flanks of letters, push sideways; the legend then states this.
     """
     columns = []
     for along, label, force_N in (indentation, rest):
