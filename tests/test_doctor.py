@@ -45,25 +45,20 @@ def test_any_c_compiler_will_do(monkeypatch, names):
     assert doctor.compiler() == names
 
 
-def test_headers_that_are_missing_name_their_package(monkeypatch):
-    found = "Python.h"
-    monkeypatch.setattr(doctor, "_problem", lambda compiler, code: "none" if found in code else "")
+def test_headers_that_are_missing_are_named_with_their_packages(monkeypatch):
+    monkeypatch.setattr(doctor.sysconfig, "get_path", lambda name: "/nowhere")
+    monkeypatch.setattr(doctor.sys, "prefix", "/nowhere")
     finding = doctor.compiler_finding()
     assert finding is not None and finding.fatal
-    assert finding.packages[0].startswith("python3.") and finding.packages[0].endswith("-dev")
-    found = "stdio.h"
-    finding = doctor.compiler_finding()
-    assert finding is not None and finding.packages == ("gcc", "libc6-dev")
+    assert "Python.h" in str(finding) and "apt-get install gcc libc6-dev python3." in str(finding)
 
 
 @pytest.mark.parametrize("command", ["false", "true", "sh -c 'echo no licence >&2; exit 3'"])
-def test_a_compiler_that_does_not_work_is_told_from_missing_headers(monkeypatch, command):
+def test_a_compiler_that_does_not_work_is_told(monkeypatch, command):
     monkeypatch.setenv("CC", command)
     finding = doctor.compiler_finding()
     assert finding is not None and finding.fatal
-    said = f"The C compiler {command} does not work ("
-    assert str(finding).startswith(said) and "unset the variable CC" in str(finding)
-    assert "headers" not in str(finding) and "apt-get" not in str(finding)
+    assert f"DOLFINx needs {command} to compile" in str(finding) and "unset it" in str(finding)
     assert ("no licence" in str(finding)) == ("licence" in command)
 
 

@@ -64,21 +64,15 @@ def compiler() -> list[str]:
 
 def compiler_finding() -> Finding | None:
     """Try to compile against Python, because DOLFINx compiles each form on first use."""
-    words, packages = compiler(), ("gcc", "libc6-dev")
+    words, version = compiler(), f"{sys.version_info.major}.{sys.version_info.minor}"
+    packages = "gcc", "libc6-dev", f"python{version}-dev"
     if not words:
         return Finding("There is no C compiler, which DOLFINx needs to run.", packages, fatal=True)
-    if problem := _problem(words, "int nothing;\n"):
-        what = f"The C compiler {shlex.join(words)} does not work ({problem})"
+    if problem := _problem(words):
+        what = f"DOLFINx needs {shlex.join(words)} to compile for Python {version}, but: {problem}."
         if words == _program(os.environ.get("CC", "")):
-            return Finding(f"{what}: unset the variable CC, or name another.", fatal=True)
-        return Finding(f"{what}.", packages, fatal=True)
-    if _problem(words, "#include <stdio.h>\n#include <math.h>\n"):
-        what = f"The C compiler {words[0]} does not compile: headers of the C library are missing."
+            what += " The variable CC names this compiler: unset it, or name another."
         return Finding(what, packages, fatal=True)
-    if _problem(words, "#include <Python.h>\n"):
-        python = f"{sys.version_info.major}.{sys.version_info.minor}"
-        what = f"The headers of Python {python} are missing, which DOLFINx needs to run."
-        return Finding(what, (f"python{python}-dev",), fatal=True)
     return None
 
 
@@ -129,11 +123,11 @@ def _program(command: str) -> list[str]:
     return words if words and shutil.which(words[0]) else []
 
 
-def _problem(compiler: list[str], code: str) -> str:
-    """Return why code does not compile, in the compiler's words; nothing if it does."""
+def _problem(compiler: list[str]) -> str:
+    """Return why headers of C and Python do not compile, in the compiler's words, or nothing."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "probe.c"
-        source.write_text(code)
+        source.write_text("#include <stdio.h>\n#include <math.h>\n#include <Python.h>\n")
         # As in setuptools: an environment may provide headers that its Python lacks.
         folders = [f"-I{sys.prefix}/include", f"-I{sysconfig.get_path('include')}"]
         command = [*compiler, "-c", *folders, str(source), "-o", f"{source}.o"]
@@ -147,8 +141,8 @@ def _problem(compiler: list[str], code: str) -> str:
             return str(error)
         if done.returncode == 0 and Path(f"{source}.o").exists():
             return ""
-        lines = done.stderr.strip().splitlines()
-        return lines[-1] if lines else f"exit code {done.returncode}, and nothing compiled"
+        lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}, no object file"]
+        return next((line for line in lines if "error" in line), lines[-1])
 
 
 def install_line(missing: Iterable[Finding]) -> str:
