@@ -13,7 +13,8 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.runtime.triangles import Triangles, read_triangles
+from tactile_fem.runtime.surface_files import read_triangles
+from tactile_fem.runtime.triangles import Triangles
 from tactile_fem.stimulus.body import NEAR_MM, Array, Distance
 from tactile_fem.stimulus.contour import Lattice
 from tactile_fem.stimulus.spline import GridSpline

@@ -95,7 +95,7 @@ class Study(Settings):
     @model_validator(mode="before")
     @classmethod
     def _defaults(cls, data: Any) -> Any:
-        """Add the default kind of a stimulus, and defaults of other tables that the finger states."""
+        """Add the default kind of a stimulus, and what the finger states for other tables."""
         if not isinstance(data, dict):
             return data
         if isinstance(data.get("stimulus"), dict):
