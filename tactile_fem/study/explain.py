@@ -28,6 +28,7 @@ _REQUIREMENTS = {
     "string_too_long": "at most {max_length} characters long",
     "bool_type": "true or false",
     "path_type": "the path of a file",
+    "petsc_type": "text, a number, true or false",
     "tuple_type": "a list",
     "too_long": "a list of at most {max_length} entries",
     "too_short": "a list of at least {min_length} entry",
@@ -35,7 +36,6 @@ _REQUIREMENTS = {
     "model_type": "a table of values",
     "model_attributes_type": "a table of values",
 }
-_PETSC = ("solver", "petsc")
 
 
 def explain(error: ValidationError) -> str:
@@ -85,7 +85,7 @@ def located(location: tuple[Any, ...]) -> tuple[tuple[Any, ...], Any]:
         path += (part,)
         if isinstance(part, str) and model is not None and part in model.model_fields:
             model = model_in(model.model_fields[part].annotation)
-    return (path[:3] if path[:2] == _PETSC else path), model
+    return path, model
 
 
 def model_in(annotation: Any) -> type[BaseModel] | None:
@@ -125,8 +125,6 @@ def _sentence(problem: Any) -> str:
         return f"{name} has no kind; allowed: {', '.join(model.kinds)}."
     if kind == "value_error":
         sentence = f"{name}: {context['error']}" if path else str(context["error"])
-    elif path[:2] == _PETSC and len(path) == 3:
-        sentence = f"{name} is {value} but must be text, a number, true or false"
     elif model is not None and kind in ("tuple_type", "too_short"):
         sentence = f"{name} is {value} but must be a list of tables, each under [[{name}]]"
     else:

@@ -126,8 +126,6 @@ def _use_plain_text(
     """Put the plain text of overrides where text is expected: ``stimulus.text=123``."""
     for problem in error.errors(include_url=False):
         keys, _ = located(problem["loc"])
-        if keys[:2] == ("solver", "petsc"):  # text is one of several types there
-            continue
         if problem["type"] == "string_type" and keys in texts:
             section = data
             for key in keys[:-1]:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
+from pydantic_core import PydanticCustomError
 
 from tactile_fem.runtime.settings import NonNegative, Positive, Settings, Whole
+
+
+def _option_value(value: Any) -> Any:
+    if isinstance(value, str | int | float):
+        return value
+    raise PydanticCustomError("petsc_type", "no value of an option")
 
 
 class Solver(Settings):
@@ -74,6 +81,6 @@ class Solver(Settings):
         description="linear solver; direct (MUMPS), the default of ridged sections, needs much "
         "more time and memory for a solid finger",
     )
-    petsc: dict[str, str | int | float | bool] = Field(
+    petsc: dict[str, Annotated[str | int | float | bool, BeforeValidator(_option_value)]] = Field(
         default_factory=dict, description="PETSc options without the prefix tactile_"
     )
