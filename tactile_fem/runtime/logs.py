@@ -21,8 +21,8 @@ logger = logging.getLogger(__name__)
 
 PACKAGE = "tactile_fem"
 _FORMAT = "%(asctime)s %(levelname)-7s %(message)s"
-_TERMINAL = f"{PACKAGE}.terminal"
 _TIME = "%H:%M:%S"
+# The handlers that `set_up` has added: one or none.
 _consoles: dict[logging.Handler, Console] = {}
 
 
@@ -50,7 +50,6 @@ def set_up(*, level: int = logging.INFO, console: Console | None = None) -> None
     handler.addFilter(lambda record: record.levelno >= logging.ERROR or is_first())
     handler.setLevel(level)
     package = logging.getLogger(PACKAGE)
-    handler.name = _TERMINAL
     _remove_terminal()
     _consoles[handler] = console
     package.addHandler(handler)
@@ -80,10 +79,9 @@ def each_once(*modules: str) -> Iterator[None]:
 
 
 def _remove_terminal() -> None:
-    package = logging.getLogger(PACKAGE)
-    for old in [h for h in package.handlers if h.name == _TERMINAL]:
-        package.removeHandler(old)
-        _consoles.pop(old, None)
+    for handler in list(_consoles):
+        logging.getLogger(PACKAGE).removeHandler(handler)
+        del _consoles[handler]
 
 
 @contextmanager
