@@ -128,12 +128,6 @@ def test_missing_graphics_is_a_warning_and_a_missing_compiler_an_error(monkeypat
     assert "Error: There is no C compiler" in capsys.readouterr().out
 
 
-def test_nothing_missing_is_nothing_said(monkeypatch, capsys):
-    monkeypatch.setattr(doctor, "findings", list)
-    assert doctor.main() == 0
-    assert capsys.readouterr().out == ""
-
-
 @pytest.mark.parametrize("version", ["0.11.0", "0.11.0.post0", "0.11.2"])
 def test_the_tested_dolfinx_is_taken(version):
     backend.check(version, np.float64)

@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 from synthetic import make_results
 
-from tactile_fem.calibration.measurements import Experiment, parse_indenter
-from tactile_fem.calibration.model import Task
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import MESH_FOLDERS
 from tactile_fem.runtime.files import cached_by_content, check_unchanged, hashes
@@ -140,17 +138,6 @@ def test_a_scan_records_what_it_has_read(tmp_path, monkeypatch):
     monkeypatch.setattr(Surface, "body", body_and_change)
     with pytest.raises(StudyError, match=r"map\.npy was changed while it was read"):
         Simulation(study, Parts(), MPI.COMM_SELF)
-
-
-def test_a_press_that_was_saved_belongs_to_its_files(tmp_path):
-    skin, where = tmp_path / "skin.stl", "a plate"
-    numbers = (np.ones(1), np.full(1, np.nan), np.ones(1), np.ones(1))
-    experiment = Experiment(where, parse_indenter("plate", where), 1.0, *numbers)
-    names = []
-    for content in ("one", "two", "one"):
-        skin.write_text(content)
-        names.append(Task(Study(finger=Finger(skin_file=skin)), experiment, ()).name)
-    assert names[0] == names[2] != names[1]
 
 
 def test_finished_results_belong_to_the_files_they_were_made_from(tmp_path):

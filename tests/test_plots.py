@@ -7,7 +7,7 @@ from PIL import Image
 from synthetic import make_results, make_spikes, make_trace
 
 from tactile_fem.output import figures, histories
-from tactile_fem.output.histories import DISPLACEMENT, TIME, central_receptor, extrema
+from tactile_fem.output.histories import DISPLACEMENT, TIME, extrema
 from tactile_fem.output.plots import PAPER, firing_figure, force_figure, raster_figure, sed_figure
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Cylinder, Dots, Protocol, Study, Text
@@ -26,10 +26,6 @@ def test_extrema_are_found_and_wiggles_are_not():
     assert x[lows] == pytest.approx([3 * np.pi / 2, 7 * np.pi / 2], abs=0.2)
     for nothing in ([], [1.0], np.ones(10)):
         assert all(len(found) == 0 for found in extrema(nothing))
-
-
-def test_the_central_receptor_is_the_one_next_to_the_origin():
-    assert central_receptor(make_trace()["receptors_mm"]) == 10
 
 
 def test_sed_figure_shows_history_extrema_and_letters_to_scale():
