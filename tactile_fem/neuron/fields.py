@@ -62,7 +62,7 @@ class Field:
     of_mean: Callable[[Array], Array] = np.asarray
 
     def at_rest(self, count: int) -> Array:
-        """Return the column's row for `count` receptors of the undeformed finger."""
+        """Return the row of the column for `count` receptors of the undeformed finger."""
         rest = np.asarray(self.rest, dtype=float)
         return np.tile(rest, (count, *[1] * rest.ndim))
 

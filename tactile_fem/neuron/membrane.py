@@ -214,7 +214,7 @@ class Variability:
     """Log-normal factors of the gains and of the distances from reset to threshold.
 
     Each afferent has its own stream of random numbers, which follows from the seed and the
-    afferent's number, `units` (n,): spikes do not depend on the other afferents.
+    number of the afferent, `units` (n,): spikes do not depend on the other afferents.
     """
 
     def __init__(self, neuron: Neuron, units: NDArray[np.int64]) -> None:
@@ -224,7 +224,7 @@ class Variability:
         self._normal = np.zeros((self.count, _BLOCK_SIZE if neuron.threshold_noise else 0))
 
     def gains(self) -> Array:
-        """Return the factor of each afferent's gains, median 1, (n,)."""
+        """Return the factor of the gains of each afferent, median 1, (n,)."""
         first = [self._draw(_GAIN_STREAM, unit, 0)[0] for unit in self._units.tolist()]
         return np.exp(self._neuron.gain_spread * np.array(first))
 

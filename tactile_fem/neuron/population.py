@@ -62,7 +62,7 @@ def fire(
     transduction: Transduction | None = None,
     units: ArrayLike | None = None,
 ) -> Response:
-    """Return the spikes that a checked history evokes; default transduction: the neuron's."""
+    """Return the spikes that a checked history evokes, by default with the model of the neuron."""
     variability = Variability(neuron, _numbered(units, drive.shape[1]))
     membrane = Membrane(neuron, variability)
     if neuron.gain_spread:
@@ -113,7 +113,7 @@ class Population:
             raise StudyError(f"afferents.{self.name}.feels: {error}") from None
 
     def fire(self, histories: Histories) -> Response:
-        """Return the spikes of the population's afferents; raises what `respond` raises.
+        """Return the spikes of the afferents; raises what `respond` raises.
 
         Parameters
         ----------

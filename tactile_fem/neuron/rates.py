@@ -158,10 +158,10 @@ def fit(
 
 
 def mean_rates(time_s: Array, drive: Array, windows: Sequence[Window], neuron: Neuron) -> Array:
-    """Return the model's mean rates, spikes/s, (windows, receptors).
+    """Return the mean rates of the model, spikes/s, (windows, receptors).
 
-    They are the membrane's steady rate at the present current, averaged over the window: the limit
-    of many trials with irregular spikes.
+    They are the steady rate of the membrane at the present current, averaged over the window: the
+    limit of many trials with irregular spikes.
     """
     share = (np.arange(_SAMPLES_PER_WINDOW) + 0.5) / _SAMPLES_PER_WINDOW
     at = np.concatenate([w.start_s + share * (w.end_s - w.start_s) for w in windows])
@@ -225,7 +225,7 @@ def _with(neuron: Neuron, names: Sequence[str], values: Iterable[float]) -> Neur
 def _estimates(free: Sequence[str], found: Any, scale: Array) -> tuple[dict[str, Estimate], Array]:
     """Return values with intervals from the linearized model, and their correlations.
 
-    The residuals' variances may differ, as those of ramp and hold do (MacKinnon and White's HC3).
+    Variances of the residuals may differ, as those of ramp and hold do (MacKinnon and White's HC3).
     """
     from scipy.special import stdtrit
 

@@ -29,7 +29,7 @@ SIZE_INCHES, PICTURE_DPI, WINDOW_DPI, FILM_DPI = (7.5, 4.775), 200, 147, 112
 
 
 class ColourBar(NamedTuple):
-    """A quantity, its colours, and the bar's left, bottom, width and height in the figure."""
+    """A quantity, its colours, and left, bottom, width and height of the bar in the figure."""
 
     quantity: str
     scale: Normalize

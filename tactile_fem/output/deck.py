@@ -95,7 +95,7 @@ def write_deck(
 ) -> DeckSize:
     """Write a study as an input deck.
 
-    Nodes and tetrahedra keep the mesh's order and are counted from 1. Parts in ``solver.held``
+    Nodes and tetrahedra keep the order of the mesh and are counted from 1. Parts in ``solver.held``
     are fixed as in this package: their tissues are left out, and the nodes that they share with
     others do not move. The sum of forces on the sets STIMULATOR (force on the finger) and HELD
     (its reaction) is printed for each increment.

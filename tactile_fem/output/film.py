@@ -125,8 +125,8 @@ class Film:
     def of_vibration(cls, modes: Modes, k: int, amplitude_mm: float) -> Film:
         """Return a period at the k-th frequency, displacements drawn larger than they are.
 
-        Colours show the displacement's amplitude, ``sqrt(sum_i |u_i|^2)``, per amplitude of the
-        body or bone that vibrates; it is the same in all frames.
+        Colours show the amplitude of the displacement, ``sqrt(sum_i |u_i|^2)``, per amplitude of
+        the body or bone that vibrates; it is the same in all frames.
         """
         mesh, used = _drawn_mesh(modes.nodes_mm, modes.tets, modes.tissue)
         moved = modes.moved[k, used]

@@ -59,10 +59,10 @@ def at_time(trace: Mapping[str, Array], name: str, time_s: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Abscissa:
-    """The horizontal axis of a scan's figures, from the end of the indentation on.
+    """The horizontal axis of the figures of a scan, from the end of the indentation on.
 
     For a steady slide along the finger, towards the palm, it is the displacement, which is also Y
-    of the stimulator's outlines. For any other path it is the time, without outlines.
+    of the outlines of the stimulator. For any other path it is the time, without outlines.
 
     ``rows`` (steps,) selects the trace's rows, of which ``values`` are the coordinates.
     """
@@ -74,7 +74,7 @@ class Abscissa:
 
     @classmethod
     def of(cls, results: Results) -> Abscissa:
-        """Return the axis of a scan's figures."""
+        """Return the axis of the figures of a scan."""
         trace = results.trace
         rows = trace["time_s"] >= -1e-12
         slid, places = trace["displacement_mm"][rows], trace["stimulator_mm"][rows, :2]

@@ -65,7 +65,7 @@ def sed_figure(
 ) -> Figure:
     """Draw the strain energy density of one receptor, or another history (steps,), over the slide.
 
-    Below it are the stimulator's outlines and the path of the receptor, which lies at
+    Below it are the outlines of the stimulator and the path of the receptor, which lies at
     `receptor_x_mm` across the finger. The labels are those of the horizontal and the vertical axis.
     """
     d, sed = np.asarray(displacement_mm, dtype=float), np.asarray(sed_kPa, dtype=float)
@@ -228,7 +228,7 @@ def _history_axes(
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure and its axes: for a history and, below to the same scale, the stimulator.
 
-    For a short slide only the part of the stimulator near the receptor's path is shown, if any.
+    For a short slide only the part of the stimulator near the path of the receptor is shown.
     """
     left, width, history, highest, margin, gap = 0.75, 4.4, 2.2, 4.0, 0.5, 0.15  # inches
     across = np.concatenate([[receptor_x_mm], *(outline[:, 0] for outline in outlines)])

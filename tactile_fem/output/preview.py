@@ -1,4 +1,4 @@
-"""A picture of finger and stimulator before a scan, and of a finger's scanned surfaces."""
+"""A picture of finger and stimulator before a scan, and of the scanned surfaces of a finger."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:
 def _draw_from_above(
     figure: Figure, finger: FingerMesh, surface: pv.PolyData, places: NDArray[np.float64]
 ) -> None:
-    """Draw a body's heights, in its own frame, and the path of the contact point over it."""
+    """Draw the heights of a body, in its own frame, and the path of the contact point over it."""
     from tactile_fem.output import scene
 
     path = -places[:, :2]

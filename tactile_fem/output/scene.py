@@ -67,7 +67,7 @@ WHOLE = Look("x", _CUT_ORIGIN, (30.0, -9.0, 15.0), (0.0, 2.0, 3.8), 11.0)
 class Scene:
     """The frames of a film of a solid finger, on the body's surface given in the body's frame.
 
-    The film's values colour those pieces of soft tissue that `coloured` names: the "face" of the
+    Values of the film colour those pieces of soft tissue that `coloured` names: the "face" of the
     cut, the "shell" behind it. The bar explains these colours.
     """
 
@@ -104,7 +104,7 @@ class Scene:
             self._add("stimulator", drawn, place, **RELIEF)
 
     def add(self, name: str, mesh: pv.PolyData, **style: Any) -> None:
-        """Add a mesh that moves with the film; without a colour it shows the film's values."""
+        """Add a mesh that moves with the film; without a colour it shows the values of the film."""
         drawn = mesh.copy()
         drawn.clear_data()
         moved = mesh["moved_mm"].reshape(mesh.n_points, -1, 3)
@@ -226,7 +226,7 @@ def finger_figure(film: Film) -> Figure:
 
 
 def stimulator_surface(results: Results) -> pv.PolyData:
-    """Return the part of the stimulator's surface that comes near the finger, in the body's frame.
+    """Return the part of the surface of the stimulator, in its frame, that comes near the finger.
 
     It is the zero level of the signed distance, which a scan saves for an own body.
     """
@@ -247,7 +247,7 @@ def body_surface(body: RigidBody, places_mm: NDArray[np.float64]) -> pv.PolyData
 
 
 def _zero_level(grid: DistanceGrid) -> pv.PolyData:
-    """Return the surface at which a distance vanishes; its normals are the distance's gradient."""
+    """Return the surface at which a distance vanishes; its normals are the gradient."""
     if grid.is_empty:
         return pv.PolyData()
     spacing = (grid.step_mm,) * 3
@@ -259,7 +259,7 @@ def _zero_level(grid: DistanceGrid) -> pv.PolyData:
 
 
 def _grid(film: Film) -> pv.UnstructuredGrid:
-    """Return the undeformed tetrahedra with the film's fields, one column for each component."""
+    """Return the undeformed tetrahedra with the fields, one column for each component."""
     mesh = film.mesh
     grid = pv.UnstructuredGrid({pv.CellType.TETRA: mesh.cells}, mesh.nodes)
     grid.cell_data["tissue"] = mesh.tissue
@@ -290,7 +290,7 @@ def _cut(film: Film, look: Look) -> Iterator[tuple[str, str, pv.PolyData]]:
 
 
 def interface(film: Film, side: str) -> pv.PolyData:
-    """Return the facets between epidermis and dermis, with the film's fields of one of these."""
+    """Return the facets between epidermis and dermis, with the fields of one of these."""
     own, beyond = (film.mesh.tissue == TISSUES[name] for name in ("epidermis", "dermis"))
     if side == "dermis":
         own, beyond = beyond, own

@@ -53,7 +53,7 @@ def findings() -> list[Finding]:
 
 
 def compiler() -> list[str]:
-    """Return the words of the C compiler's command; none if there is no compiler.
+    """Return the words of the command of the C compiler; none if there is no compiler.
 
     The compiler that Python was built with need not be installed; any other can be used.
     """
@@ -124,7 +124,7 @@ def _program(command: str) -> list[str]:
 
 
 def _problem(compiler: list[str]) -> str:
-    """Return why headers of C and Python do not compile, in the compiler's words, or nothing."""
+    """Return why headers of C and Python do not compile, as the compiler says, or nothing."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "probe.c"
         source.write_text("#include <stdio.h>\n#include <math.h>\n#include <Python.h>\n")

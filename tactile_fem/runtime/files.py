@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, read again if they change, and a run's lock."""
+"""Files that are written whole or not at all, read again if they change, and the lock of a run."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def write_table(path: Path, rows: Sequence[Any]) -> None:
 
 
 def sha256(file: Path) -> str:
-    """Return the hash of a file's content."""
+    """Return the hash of the content of a file."""
     with file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 

@@ -35,7 +35,7 @@ def stderr_console() -> Console:
 
 
 def set_up(*, level: int = logging.INFO, console: Console | None = None) -> None:
-    """Send the package's log to stderr: rich on a terminal, plain lines elsewhere.
+    """Send the log of the package to stderr: rich on a terminal, plain lines elsewhere.
 
     `level` is the lowest that is shown; MPI ranks other than the first report errors only.
     """
@@ -86,7 +86,7 @@ def _remove_terminal() -> None:
 
 @contextmanager
 def shown() -> Iterator[None]:
-    """Show the package's log on stderr for a while, unless logging is configured.
+    """Show the log of the package on stderr for a while, unless logging is configured.
 
     It is configured if the root logger or that of ``tactile_fem`` has a handler, even a
     `logging.NullHandler`, which therefore keeps the package quiet. Also a decorator.
@@ -106,7 +106,7 @@ def shown() -> Iterator[None]:
 
 
 def live_console() -> Console | None:
-    """Return the log's console if it may draw a bar: on a terminal or in a notebook."""
+    """Return the console of the log if it may draw a bar: on a terminal or in a notebook."""
     for handler in logging.getLogger(PACKAGE).handlers:
         console = _consoles.get(handler)
         if console is not None and handler.level <= logging.INFO:
@@ -141,7 +141,7 @@ class _LogFile(logging.FileHandler):
 
 @contextmanager
 def log_to(path: Path, rank: int = 0) -> Iterator[None]:
-    """Also write the package's log, with every step, to a file on rank 0."""
+    """Also write the log of the package, with every step, to a file on rank 0."""
     if rank != 0:
         yield
         return

@@ -43,7 +43,7 @@ _WAIT_S = 5.0
 
 
 def launched_rank() -> int | None:
-    """Return this process's rank from its launcher's variables, before MPI starts, or None."""
+    """Return the rank from the variables of the launcher, before MPI starts, or None."""
     values = (os.environ.get(name, "") for name in _RANK_VARIABLES)
     return next((int(value) for value in values if value.isdigit()), None)
 
@@ -68,7 +68,7 @@ def launcher() -> str:
 
 
 def restart(ranks: int, arguments: Sequence[str]) -> None:
-    """Replace this process by `ranks` processes of the package's command line."""
+    """Replace this process by `ranks` processes of the command line of the package."""
     command = [launcher(), "-n", str(ranks), sys.executable, "-m", "tactile_fem", *arguments]
     environment = {"OMP_NUM_THREADS": "1", **SHARED_CORES, **os.environ}
     if sys.stderr.isatty():  # behind mpiexec this is not visible

@@ -79,8 +79,8 @@ class Kind(Settings):
     """Settings of one of several kinds, which their key `kind` names.
 
     A class directly below this one is a family, such as `Stimulus`; a class below that one which
-    states a `kind` joins it. A field of the family's type takes any of its kinds, in a study file
-    too, once the module that defines it has been imported:
+    states a `kind` joins it. A field of the type of the family takes any of its kinds, in a
+    study file too, once the module that defines it has been imported:
 
         class Wave(Stimulus):
             kind: Literal["wave"] = "wave"

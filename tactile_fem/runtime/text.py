@@ -80,7 +80,7 @@ def _with_point(cell: str) -> str:
 
 
 class Numbers:
-    """Reads a sequence of numbers whose types the file's format states.
+    """Reads a sequence of numbers whose types the format of the file states.
 
     `data` are their bytes, in the order "<" or ">", or a text with white space between them. A word
     that is no number, and a method that finds too few numbers, raise ValueError.
@@ -118,7 +118,7 @@ class Numbers:
         return found
 
     def alike(self, dtype: np.dtype, most: int, values: Mapping[str, int]) -> NDArray[Any]:
-        """Return the next records that share the first one's `values`, at most so many."""
+        """Return the next records that share `values` with the first one, at most so many."""
         ahead = 1
         while True:
             rows = self.peek(dtype, min(ahead, most))

@@ -108,7 +108,7 @@ class Study(Settings):
     @field_validator("afferents", mode="before")
     @classmethod
     def _filled(cls, entries: Any, info: ValidationInfo) -> Any:
-        """Give each population the keys of the study's receptors and neuron that it lacks."""
+        """Give each population the keys that it lacks of receptors and neuron of the study."""
         if not isinstance(entries, list | tuple):
             return entries
         names = {"receptors", "neuron"}

@@ -72,7 +72,7 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 
 
 def located(location: tuple[Any, ...]) -> tuple[tuple[Any, ...], Any]:
-    """Return a location's path in the study file, and the model of what is there or around it.
+    """Return the path of a location in the study file, and the model of what is there or around it.
 
     The path lacks pydantic's tags of unions; the model is None for a plain value.
     """
@@ -89,7 +89,7 @@ def located(location: tuple[Any, ...]) -> tuple[tuple[Any, ...], Any]:
 
 
 def model_in(annotation: Any) -> type[BaseModel] | None:
-    """Return the model in the type of a field, such as that of a list's entries."""
+    """Return the model in the type of a field, such as that of the entries of a list."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next(filter(None, map(model_in, get_args(annotation))), None)

@@ -134,7 +134,7 @@ def _use_plain_text(
 
 
 def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
-    """Make the names of files absolute: relative paths start from the study's folder."""
+    """Make the names of files absolute: relative paths start from the folder of the study."""
     protocol = data.get("protocol")
     pieces = protocol.get("path") if isinstance(protocol, dict) else None
     tables: list[Any] = [data.get("finger"), data.get("stimulus")]

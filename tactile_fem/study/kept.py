@@ -19,11 +19,11 @@ from tactile_fem.stimulus.text import find_font
 # Subfolder of the copies.
 INPUTS = "inputs"
 _DIGITS = 8
-_MAX_STEM = 100  # characters of a copy's name
+_MAX_STEM = 100  # characters of the name of a copy
 
 
 def named_files(part: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Yield key and name of each file of a study: absolute paths, and a font's path or family."""
+    """Yield key and name of each file of a study: absolute paths, and path or family of a font."""
     if isinstance(part, tuple):
         for number, entry in enumerate(part, 1):
             yield from named_files(entry, f"{key} (entry {number})")
@@ -107,7 +107,7 @@ def keep_files(study: Settings, folder: Path, *, afresh: bool) -> None:
 
 
 def content_of(named: str) -> str:
-    """Return the hash of a named file's content, or its name where there is none."""
+    """Return the hash of the content of a named file, or its name where there is none."""
     file = file_of(named)
     return named if file is None else sha256(file)
 
