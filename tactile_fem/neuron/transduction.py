@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -19,19 +19,6 @@ Stretch = tuple[Any, Any, Any, Array, Array]
 CHORD_ERROR = 0.002
 # Values of the filter in a period of its centre frequency; lines between them err by up to 1.2 %.
 _VALUES_PER_PERIOD = 20
-
-
-def transduction_of(neuron: Neuron) -> Transduction:
-    """Return the model that the study names."""
-    match neuron.model:
-        case "hamasaki2020":
-            return StaticDynamic(neuron)
-        case "gerling2018":
-            return GeneratorFunction(neuron)
-        case "logarithmic":
-            return Logarithmic(neuron)
-        case "band_pass":
-            return BandPass(neuron)
 
 
 def intercept_pA(neuron: Neuron) -> float:
@@ -257,3 +244,16 @@ class BandPass:
     def _current(self, state: Array) -> Array:
         y = self._b * state[-1]
         return self._gain * (np.maximum(y, 0.0) + self._off * np.maximum(-y, 0.0))
+
+
+_MODELS: dict[str, Callable[[Neuron], Transduction]] = {
+    "hamasaki2020": StaticDynamic,
+    "gerling2018": GeneratorFunction,
+    "logarithmic": Logarithmic,
+    "band_pass": BandPass,
+}
+
+
+def transduction_of(neuron: Neuron) -> Transduction:
+    """Return the model that the study names."""
+    return _MODELS[neuron.model](neuron)
