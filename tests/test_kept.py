@@ -80,13 +80,13 @@ def test_every_file_is_kept_with_the_results(kind, away, monkeypatch):
     study = studies(away)[kind]
     contents = [
         (Path(name) if Path(name).is_absolute() else DEJAVU).read_bytes()
-        for _, name in named_files(study)
+        for name in named_files(study)
     ]
     results = make_results(away.parent / "r", study)
     assert results.study == study and Results.open(results.folder).study == study
     assert not results.is_of(Study(stimulus=Plate()))
     there = moved(results, away, monkeypatch)
-    kept = [Path(name) for _, name in named_files(there.study)]
+    kept = [Path(name) for name in named_files(there.study)]
     assert [file.read_bytes() for file in kept] == contents
     assert {file.parent for file in kept} == {Path("here/inputs").absolute()}
     assert there.is_of(study) and there.is_of(there.study)

@@ -86,15 +86,9 @@ def on_root[T](comm: MPI.Comm, action: Callable[[], T], *, share: bool = True) -
     All ranks of the communicator must call. If the action raises, all of them raise its error.
     """
     result: Any = None
-    error: Exception | None = None
-    if comm.rank == 0:
-        try:
+    with shared_errors(comm):
+        if comm.rank == 0:
             result = action()
-        except Exception as caught:
-            error = caught
-    sent = comm.bcast(_sendable(error))
-    if sent is not None:
-        raise error or sent
     return comm.bcast(result) if share else result
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,20 +20,6 @@ from tactile_fem.stimulus.text import find_font
 INPUTS = "inputs"
 _DIGITS = 8
 _MAX_STEM = 100  # characters of the name of a copy
-
-
-def named_files(part: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Yield key and name of each file of a study: absolute paths, and path or family of a font."""
-    if isinstance(part, tuple):
-        for number, entry in enumerate(part, 1):
-            yield from named_files(entry, f"{key} (entry {number})")
-    elif isinstance(part, Settings):
-        for name, value in part:
-            inner = f"{key}.{name}".lstrip(".")
-            if name not in part.file_keys():
-                yield from named_files(value, inner)
-            elif value is not None:
-                yield inner, str(value)
 
 
 def with_files[T](part: T, change: Callable[[str], str]) -> T:
@@ -51,6 +37,18 @@ def with_files[T](part: T, change: Callable[[str], str]) -> T:
         changed = {name: value for name, value in values.items() if value != getattr(part, name)}
         new = part.model_copy(update=changed)
     return new
+
+
+def named_files(study: Settings) -> list[str]:
+    """Return the names of the files of a study: absolute paths, and path or family of a font."""
+    names: list[str] = []
+
+    def note(name: str) -> str:
+        names.append(name)
+        return name
+
+    with_files(study, note)
+    return names
 
 
 def file_of(named: str) -> Path | None:
@@ -88,7 +86,7 @@ def keep_files(study: Settings, folder: Path, *, afresh: bool) -> None:
     copies for an earlier study are replaced; without, what is missing is added.
     """
     inputs, written = folder / INPUTS, set()
-    for _, named in named_files(study):
+    for named in named_files(study):
         file = file_of(named)
         is_kept = _copy_of(named, folder) is not None
         if file is None or (not afresh and (is_kept or file.parent == inputs)):
