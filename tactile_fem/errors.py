@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterable
+from typing import Any
 
 
 class TactileError(Exception):
     """Base of the package's own errors."""
 
     exit_code = 1
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Allow pickling, to send the error to other ranks, whatever its constructor takes."""
+        return type(self).__new__, (type(self), *self.args), vars(self)
 
 
 class StudyError(TactileError):
@@ -39,10 +44,6 @@ class PlaceError(MeshError):
         place = f"at X {x:.1f}, Y {y:.1f}, Z {z:.1f} mm in the finger's axes"
         super().__init__(message.format(place=place))
 
-    def __reduce__(self) -> tuple[type[PlaceError], tuple[str, tuple[float, ...]]]:
-        """Allow the error to be sent to other ranks."""
-        return type(self), (self.message, self.place_mm)
-
 
 class ConvergenceError(TactileError):
     """The mechanics diverged at the smallest allowed step.
@@ -64,10 +65,6 @@ class ConvergenceError(TactileError):
         self.stimulator_mm = tuple(float(x) for x in stimulator_mm)
         self.reason = reason
 
-    def __reduce__(self) -> tuple[type[ConvergenceError], tuple[str, tuple[float, ...], str]]:
-        """Allow the error to be sent to other ranks."""
-        return type(self), (str(self), self.stimulator_mm, self.reason)
-
 
 class StoppedError(TactileError):
     """A signal ended the work; the exit code is 128 plus its number, as in a shell.
@@ -86,7 +83,3 @@ class StoppedError(TactileError):
         super().__init__(
             f"stopped by {signal.Signals(number).name}" + (f": {kept}" if kept else "")
         )
-
-    def __reduce__(self) -> tuple[type[StoppedError], tuple[int, str]]:
-        """Allow pickling, to send the error to other ranks."""
-        return type(self), (self.number, self.kept)
