@@ -53,10 +53,9 @@ class SkinProbe:
         # Tested with the quadrature element a form gives the values at the points times weights.
         q = ufl.TestFunction(obstacle.quadrature_function(()).function_space)
         (part,) = problem.contact.parts
-        pressure, friction = part.law.tractions(part.t, problem.u, problem.state.u_old)
-        bulk = ufl.dot(part.t, obstacle.normal)
+        bulk = ufl.dot(part.law.t, obstacle.normal)
         X = ufl.SpatialCoordinate(problem.domain.mesh)
-        values = [*X, *(X + problem.u), *friction, pressure, bulk, obstacle.gap]
+        values = [*X, *(X + problem.u), *part.law.s_t, part.law.s_n, bulk, obstacle.gap]
         self._area = obstacle.compile(q * part.ds)
         self._values = [obstacle.compile(value * q * part.ds) for value in values]
 

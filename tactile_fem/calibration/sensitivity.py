@@ -121,12 +121,12 @@ class Sensitivities:
             array += amount * by
         for constant, power in zip(constants, change.values(), strict=True):
             constant.value *= np.exp(amount * power)
-        self._problem.carry_histories()
+        self._problem.terms.begin_step()
         try:
             yield
         finally:
             for array, before in zip(arrays, saved, strict=True):
                 array[:] = before
-            self._problem.carry_histories()
+            self._problem.terms.begin_step()
             for constant, number in zip(constants, numbers, strict=True):
                 constant.value = number

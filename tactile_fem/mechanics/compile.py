@@ -31,9 +31,9 @@ from tactile_fem.runtime.doctor import compiler
 ufl.Constant._counter = itertools.count(10**9)
 
 # How long to wait for another process that compiles the same form.
-_WAIT_S = 300
+_LONGEST_WAIT_S = 300
 # Compiling a form never takes this long: its process was killed.
-_ABANDONED_S = 600
+_LONGEST_COMPILATION_S = 600
 # A folder of our own, so that `clean_cache` never removes forms that other programs compile.
 _SUBFOLDER = "tactile_fem"
 
@@ -64,7 +64,7 @@ def _common_options() -> dict[str, Any]:
     folder = jit.get_options()["cache_dir"] / _SUBFOLDER
     if folder not in _locks:
         _lock(folder)
-    return {"cache_dir": folder, "timeout": _WAIT_S}
+    return {"cache_dir": folder, "timeout": _LONGEST_WAIT_S}
 
 
 def _cpuinfo(key: str) -> str:
@@ -104,9 +104,9 @@ def c_functions(
     source
         The file.
     declarations
-        Of its functions, in C.
+        Declarations of its functions, in C.
     jit_options
-        Of the compiler, see `jit_options`.
+        Options of the compiler, see `jit_options`.
     **definitions
         Preprocessor constants.
 
@@ -142,7 +142,7 @@ def clean_cache(folder: Path) -> None:
     still be compiling are not removed; a lock shows whether there are other processes.
     """
     ours = folder / _SUBFOLDER
-    least_age_s = 0.0 if _lock(ours) else _ABANDONED_S
+    least_age_s = 0.0 if _lock(ours) else _LONGEST_COMPILATION_S
     libraries: defaultdict[str, list[Path]] = defaultdict(list)
     for library in ours.glob("libffcx_*.so"):  # once: a listing for each form takes seconds
         libraries[library.name.partition(".")[0]].append(library)

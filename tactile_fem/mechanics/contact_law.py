@@ -58,12 +58,16 @@ def smooth_coulomb(q: Expr, bound: Expr, softness: Expr | float) -> Expr:
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Traction between the finger and a rigid body.
+    """Traction between the finger and a rigid body, on skin of one tissue.
 
     Parameters
     ----------
     obstacle
         Supplies gap, normal and the body's motion.
+    t
+        Piola traction of the tissue, MPa.
+    u, u_old
+        Displacement now and at the last accepted step, mm.
     friction
         Coulomb's coefficient.
     stiffness
@@ -79,6 +83,9 @@ class ContactLaw:
     """
 
     obstacle: Obstacle
+    t: Expr
+    u: Expr
+    u_old: Expr
     friction: Expr | float
     stiffness: Expr | float
     width: Expr | float
@@ -86,35 +93,41 @@ class ContactLaw:
     untransmitted_old: Expr
     theta: int = 0
 
-    def tractions(self, t: Expr, u: Expr, u_old: Expr) -> tuple[Expr, Expr]:
-        """Return pressure `s_n` and friction `s_t` on the finger, given its Piola traction `t`."""
-        nu, g = self.obstacle.normal, self.obstacle.gap
-        p = ufl.dot(t, nu)
-        s_n = smooth_positive(p - self.stiffness * g, self.width)
-        advance = self.obstacle.translation - self.obstacle.translation_old
-        trial = t - self.untransmitted_old - self.stiffness * ((u - u_old) - advance)
-        trial -= ufl.dot(trial, nu) * nu
-        s_t = smooth_coulomb(trial, self.friction * s_n, self.softness)
-        return s_n, s_t
+    def tangential(self, vector: Expr) -> Expr:
+        """Return a vector without its component along the normal."""
+        nu = self.obstacle.normal
+        return vector - ufl.dot(vector, nu) * nu
 
-    def closed(self, t: Expr) -> Expr:
+    @property
+    def s_n(self) -> Expr:
+        """Pressure on the finger, MPa."""
+        p = ufl.dot(self.t, self.obstacle.normal)
+        return smooth_positive(p - self.stiffness * self.obstacle.gap, self.width)
+
+    @property
+    def s_t(self) -> Expr:
+        """Friction on the finger, MPa."""
+        advance = self.obstacle.translation - self.obstacle.translation_old
+        slip = (self.u - self.u_old) - advance
+        trial = self.tangential(self.t - self.untransmitted_old - self.stiffness * slip)
+        return smooth_coulomb(trial, self.friction * self.s_n, self.softness)
+
+    def closed(self) -> Expr:
         """Return how `s_n` grows with ``p - gamma_h g``, 0 to 1; see `smooth_positive`."""
-        x = ufl.variable(ufl.dot(t, self.obstacle.normal) - self.stiffness * self.obstacle.gap)
+        p = ufl.dot(self.t, self.obstacle.normal)
+        x = ufl.variable(p - self.stiffness * self.obstacle.gap)
         return ufl.diff(smooth_positive(x, self.width), x)
 
-    def untransmitted(self, t: Expr, u: Expr, u_old: Expr) -> Expr:
+    def untransmitted(self) -> Expr:
         """Return ``d = t_t - s_t`` in MPa; zero without contact."""
-        nu = self.obstacle.normal
-        s_n, s_t = self.tractions(t, u, u_old)
-        d = t - ufl.dot(t, nu) * nu - s_t
-        return ufl.conditional(ufl.gt(s_n, 0.0), d, 0.0 * d)
+        d = self.tangential(self.t) - self.s_t
+        return ufl.conditional(ufl.gt(self.s_n, 0.0), d, 0.0 * d)
 
-    def residual(self, t: Expr, u: Expr, u_old: Expr, v: Expr) -> Expr:
+    def residual(self, v: Expr) -> Expr:
         """Return the contact part of the residual's integrand over the skin."""
-        s_n, s_t = self.tractions(t, u, u_old)
-        s = s_n * self.obstacle.normal + s_t
+        s = self.s_n * self.obstacle.normal + self.s_t
         residual = -ufl.dot(s, v)
         if self.theta:
-            Dt = ufl.derivative(t, u, v)
-            residual -= self.theta / self.stiffness * ufl.dot(t - s, Dt)
+            Dt = ufl.derivative(self.t, self.u, v)
+            residual -= self.theta / self.stiffness * ufl.dot(self.t - s, Dt)
         return residual

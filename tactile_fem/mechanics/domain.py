@@ -200,8 +200,8 @@ def roller(
 
 # Larger groups (unstructured meshes) fall apart into single nodes.
 _LONGEST_LINE = 24
-# Share of the nodes in the skin's layers that may do so without a word.
-_FEW_BROKEN = 0.1
+# Warn if a larger share of the nodes in the skin's layers does so.
+_BROKEN_SHARE = 0.1
 
 
 class NodeOrder:
@@ -254,7 +254,7 @@ class NodeOrder:
         """Warn if many nodes of the skin's layers are in no line: multigrid needs the lines."""
         broken = sum(np.sum(line[group] >= 0) for group in groups if group.shape[1] == 1)
         counts = self._comm.allreduce(np.array([broken, np.sum(line >= 0)]))
-        if counts[0] > _FEW_BROKEN * counts[1]:
+        if counts[0] > _BROKEN_SHARE * counts[1]:
             logger.warning(
                 "%.0f %% of the nodes in the skin's layers are in no line of at most %d nodes "
                 "under a node of the skin, as in unstructured layers: multigrid may need several "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from petsc4py import PETSc
@@ -12,14 +11,12 @@ import ufl
 from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 
-from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.terms.contact import Contact
 from tactile_fem.mechanics.terms.term import Term
-from tactile_fem.mechanics.tissues import Tissues
 
 # Skin that is nearer to the body than this touches it, as ink on the finger would. Less would
 # show the noise of the gap on coarse meshes, one or two micrometres.
-_TOUCHING_MM = 0.01
+_CONTACT_GAP_MM = 0.01
 
 
 @dataclass(frozen=True)
@@ -75,27 +72,15 @@ class LoadCell:
 
     Parameters
     ----------
-    state
-        Displacement and body, and the load at the last accepted step.
-    tissues, bulk, contact
-        The tissues and the terms of the virtual work.
-    bulk_residual
-        Virtual work of the terms `bulk`.
+    bulk, contact
+        The terms of the virtual work.
     held
         This rank's dofs (blocks) of the nodes that do not move.
     """
 
-    def __init__(
-        self,
-        state: State,
-        tissues: Tissues,
-        bulk: Sequence[Term],
-        contact: Contact,
-        bulk_residual: ufl.Form,
-        held: np.ndarray,
-    ) -> None:
-        self._state, self._obstacle = state, contact.obstacle
-        self._comm = tissues.domain.comm
+    def __init__(self, bulk: Term, contact: Contact, held: np.ndarray) -> None:
+        self._obstacle, self._comm = contact.obstacle, bulk.tissues.domain.comm
+        self._state = state = bulk.tissues.state
         dim = len(state.u)
         # Of the moment; a section has the one out of its plane.
         self._planes = ((1, 2), (2, 0), (0, 1)) if dim == 3 else ((0, 1),)
@@ -105,16 +90,15 @@ class LoadCell:
         self._is_free = np.ones(owned, dtype=bool)
         self._is_free[held[held < owned]] = False
         v = ufl.TestFunction(V)
-        pressure = friction = 0
+        pressure, friction = ufl.Form([]), ufl.Form([])
         for part in contact.parts:
-            s_n, s_t = part.law.tractions(part.t, state.u, state.u_old)
-            pressure += s_n * ufl.dot(self._obstacle.normal, v) * part.ds
-            friction += ufl.dot(s_t, v) * part.ds
+            pressure += part.law.s_n * ufl.dot(self._obstacle.normal, v) * part.ds
+            friction += ufl.dot(part.law.s_t, v) * part.ds
         compile_ = self._obstacle.compile
         self._pressure_form = compile_(pressure)
         self._friction_form = compile_(friction)
-        self._bulk_form = compile_(bulk_residual)
-        self._integrals_form = compile_(_integrals(tissues, bulk, contact))
+        self._bulk_form = compile_(bulk.residual(v))
+        self._integrals_form = compile_(_integrals(bulk, contact))
 
     def read(self) -> Load:
         """Return the load at the present displacement, of all skin."""
@@ -172,26 +156,27 @@ class LoadCell:
 _COUNT = 7
 
 
-def _integrals(tissues: Tissues, bulk: Sequence[Term], contact: Contact) -> ufl.Form:
+def _integrals(bulk: Term, contact: Contact) -> ufl.Form:
     """Return the integrals over skin and tissue, one for each component of a DG0 test function.
 
     So one kernel computes them all, cell by cell: contact area, pressure, pressure times
     gap, traction of the tissue; strain energy, volume now and at rest.
     """
+    tissues = bulk.tissues
     w = ufl.TestFunction(fem.functionspace(tissues.domain.mesh, ("DG", 0, (_COUNT,))))
     gap, normal = contact.obstacle.gap, contact.obstacle.normal
-    touching = ufl.conditional(ufl.lt(gap, _TOUCHING_MM), 1.0, 0.0)
+    touching = ufl.conditional(ufl.lt(gap, _CONTACT_GAP_MM), 1.0, 0.0)
     form = ufl.Form([])
     for part in contact.parts:
-        s_n, _ = part.law.tractions(part.t, tissues.u, tissues.state.u_old)
+        law = part.law
         values = (
             touching * tissues.area_stretch(),
-            s_n,
-            s_n * abs(gap),
-            touching * ufl.dot(part.t, normal),
+            law.s_n,
+            law.s_n * abs(gap),
+            touching * ufl.dot(law.t, normal),
         )
         form += sum(value * w[i] for i, value in enumerate(values)) * part.ds
-    form += sum((term.stored(w[4]) for term in bulk), ufl.Form([]))
+    form += bulk.stored(w[4])
     return form + (ufl.det(tissues.F) * w[5] + w[6]) * tissues.dx
 
 

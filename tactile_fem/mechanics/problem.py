@@ -13,15 +13,15 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from tactile_fem.errors import ConvergenceError, MeshError
+from tactile_fem.errors import MeshError
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.load import Load, LoadCell
 from tactile_fem.mechanics.state import State
-from tactile_fem.mechanics.terms.contact import Contact, sum_of
+from tactile_fem.mechanics.terms.contact import Contact
 from tactile_fem.mechanics.terms.hyperelasticity import Hyperelasticity
 from tactile_fem.mechanics.terms.inertia import Inertia
 from tactile_fem.mechanics.terms.relaxation import Relaxation
-from tactile_fem.mechanics.terms.term import Term
+from tactile_fem.mechanics.terms.term import MakeTerm, Sum
 from tactile_fem.mechanics.terms.viscosity import Viscosity
 from tactile_fem.mechanics.tissues import NO_LAWS, Tissues
 from tactile_fem.stimulus.body import RigidBody
@@ -30,7 +30,6 @@ from tactile_fem.tissue.constants import Tissue
 from tactile_fem.tissue.energies import Law
 
 Constraints = Callable[[fem.FunctionSpace], Sequence[fem.DirichletBC]]
-MakeTerm = Callable[[Tissues], Term]
 
 # Each says whether a finger has it.
 KINDS = (Hyperelasticity, Relaxation, Viscosity, Inertia)
@@ -62,8 +61,8 @@ class Problem:
         Displacement (P2), position of the body, and all that an accepted step leaves for the next.
     tissues
         Deformation and laws.
-    bulk, contact
-        The terms of tissues and of the skin.
+    bulk, contact, terms
+        The terms of the tissues as one, that of the skin, and their sum.
     order
         Carries displacements to and from the mesh file's node order.
     held
@@ -88,11 +87,11 @@ class Problem:
         V = fem.functionspace(domain.mesh, ("Lagrange", 2, (dim,)))
         self.state = State(V)
         self.tissues = Tissues(domain, constants, self.state, solver.bulk_degree, laws)
-        self.bulk = [term for kind in KINDS for term in kind.of(self.tissues, solver)]
-        self.bulk += [make(self.tissues) for make in terms]
-        self.contact = Contact(self.tissues, self.bulk, body, friction, solver)
-        self.terms: list[Term] = [*self.bulk, self.contact]
-        self.state.histories = [history for term in self.terms for history in term.histories]
+        bulk = [term for kind in KINDS for term in kind.of(self.tissues, solver)]
+        self.bulk = Sum(self.tissues, [*bulk, *(make(self.tissues) for make in terms)])
+        self.contact = Contact(self.bulk, body, friction, solver)
+        self.terms = Sum(self.tissues, [self.bulk, self.contact])
+        self.state.histories = self.terms.histories
         self.order = NodeOrder(domain, V)
         self.held = self.order.held_dofs()
         if not domain.comm.allreduce(len(self.held)):
@@ -115,32 +114,11 @@ class Problem:
         """The test function."""
         return ufl.TestFunction(self.u.function_space)
 
-    def residual(self) -> ufl.Form:
-        """Return the virtual work of tissues and contact."""
-        return self.bulk_residual() + self.contact.residual(self.test)
-
-    def bulk_residual(self) -> ufl.Form:
-        """Return the virtual work of all terms but the contact."""
-        return sum((term.residual(self.test) for term in self.bulk), ufl.Form([]))
-
-    def stress(self, tissue: str) -> ufl.core.expr.Expr:
-        """Return the first Piola stress of all terms in a tissue, MPa, (3, 3)."""
-        return sum_of(term.stress(tissue) for term in self.bulk)
-
-    def energy(self, tissue: str) -> ufl.core.expr.Expr:
-        """Return the strain energy density that a tissue stores, MPa."""
-        return sum_of(term.energy(tissue) for term in self.bulk)
-
     def begin_step(self, translation: np.ndarray, dt_s: float) -> None:
         """Move the body to `translation` (3,), `dt_s` after the last accepted step."""
         self.state.translation.value[:] = translation
         self.state.time_step.value = dt_s
-        self.carry_histories()
-
-    def carry_histories(self) -> None:
-        """Let the terms carry their histories over the time step."""
-        for term in self.terms:
-            term.begin_step()
+        self.terms.begin_step()
 
     @contextmanager
     def reopened(self) -> Iterator[None]:
@@ -149,15 +127,13 @@ class Problem:
         There its residual vanishes again.
         """
         with self.state.reopened():
-            self.carry_histories()
+            self.terms.begin_step()
             yield
 
     @cached_property
     def load_cell(self) -> LoadCell:
         """Evaluates the load on the finger; compiled when first used."""
-        return LoadCell(
-            self.state, self.tissues, self.bulk, self.contact, self.bulk_residual(), self.held
-        )
+        return LoadCell(self.bulk, self.contact, self.held)
 
     def load(self) -> Load:
         """Return forces and energies at the present displacement, before it is accepted.
@@ -165,11 +141,3 @@ class Problem:
         Afterwards friction would be that of a step without motion; see `reopened`.
         """
         return self.load_cell.read()
-
-    @staticmethod
-    def checked(load: Load) -> Load:
-        """Return a load; raise ConvergenceError if it is not finite."""
-        if not load.is_finite:
-            reason = "the load is not finite"
-            raise ConvergenceError(f"a state cannot be accepted: {reason}", load.force_N, reason)
-        return load

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from tactile_fem.mechanics.domain import NodeOrder
 
 Array = np.ndarray
-_SAME_POINT_MM = 1e-6
+_POINT_TOLERANCE_MM = 1e-6
 
 
 class PointHistory(ABC):
@@ -78,7 +78,7 @@ class PointHistory(ABC):
             rows = values.reshape(len(points), -1)
             dim = points.shape[1]
             distance, place = cKDTree(points).query(saved[:, :dim])
-            own = distance < _SAME_POINT_MM
+            own = distance < _POINT_TOLERANCE_MM
             rows[place[own]] = saved[own, dim:]
 
 

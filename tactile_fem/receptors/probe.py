@@ -128,12 +128,12 @@ class Probe:
 def material_point(problem: Problem, tissue: str) -> MaterialPoint:
     """Return the state of a tissue after an accepted step; viscosity acts over that step."""
     F, state = problem.tissues.F, problem.state
-    P = ufl.replace(problem.stress(tissue), {state.u_old: state.u_before})
+    P = ufl.replace(problem.bulk.stress(tissue), {state.u_old: state.u_before})
     displacement = [ufl.as_ufl(0)] * 3
     for component, axis in enumerate(problem.domain.plane.axes):
         displacement[axis] = problem.u[component]
     return MaterialPoint(
-        ufl.as_vector(displacement), F, problem.energy(tissue), P * F.T / ufl.det(F)
+        ufl.as_vector(displacement), F, problem.bulk.energy(tissue), P * F.T / ufl.det(F)
     )
 
 
@@ -152,7 +152,7 @@ class CellEnergy:
         for name, tag in domain.tissues_of(domain.tissue).items():
             cells = domain.tissue.find(tag)
             cells = cells[cells < len(owned)]
-            energy = expression(problem.energy(name), points)
+            energy = expression(problem.bulk.energy(name), points)
             self._parts.append((energy, cells, owned[cells]))
 
     def gather(self) -> np.ndarray:

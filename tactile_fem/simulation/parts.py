@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -20,16 +20,15 @@ from tactile_fem.stimulus.check import POINTS, check_body, check_lipschitz
 from tactile_fem.study import Tissue
 from tactile_fem.tissue.energies import Law
 
+if TYPE_CHECKING:  # it needs DOLFINx
+    from tactile_fem.mechanics.terms.term import MakeTerm
+
 # Where laws are tried: small deformations of either sign.
 _DEFORMATIONS = (
     np.eye(3),
     np.array([[1.02, 0.05, 0.0], [0.0, 0.97, 0.01], [0.0, 0.0, 1.01]]),
     np.array([[0.95, 0.0, 0.02], [0.03, 1.04, 0.0], [0.0, -0.04, 1.02]]),
 )
-
-
-# Makes a term of the virtual work of `tactile_fem.mechanics.tissues.Tissues`.
-MakeTerm = Callable[[Any], Any]
 
 
 @dataclass(frozen=True)

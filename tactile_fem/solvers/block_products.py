@@ -30,10 +30,10 @@ class BlockProduct:
     matrix
         Its values are copied by `take`.
     jit_options
-        Of the compiler.
+        Options of the compiler.
     is_symmetric
-        Whether it is; then its blocks beyond the diagonal are not read, and each row has a
-        diagonal block.
+        Whether the matrix is symmetric; then its blocks beyond the diagonal are not read, and each
+        row has a diagonal block.
     """
 
     def __init__(

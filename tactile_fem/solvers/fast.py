@@ -28,18 +28,18 @@ from tactile_fem.solvers.jacobian import Jacobian
 from tactile_fem.solvers.lagging import Lagging
 from tactile_fem.solvers.near_skin import NearForm, NearSkin
 from tactile_fem.solvers.options import clear_options, options_of, set_options
-from tactile_fem.solvers.report import LinearSolve, SolveReport, solve_linear
+from tactile_fem.solvers.report import LinearSolve, SolveReport, StepSolver, solve_linear
 
 # Where Newton's method fails: width of the onset of contact, as a multiple, and softness of
 # friction with which it is tried first.
 _REGULARIZATIONS = ((1.0, 0.3), (4.0, 0.3))
 # Share of the residual that ends Newton's method, at which any linear solve may end (Kelley 1995).
-_LAST_SOLVE = 0.3
+_LINEAR_ATOL_SHARE = 0.3
 # For linear equations at a converged state, such as those of sensitivities.
 _LINEAR_RTOL, _LINEAR_MAX_IT = 1e-6, 400
 
 
-class FastSolver:
+class FastSolver(StepSolver):
     """Solves the steps of a problem.
 
     Parameters
@@ -76,7 +76,7 @@ class FastSolver:
             problem.bcs,
             self._equations.A,
             self._jit,
-            is_symmetric=all(term.is_symmetric for term in problem.bulk),
+            is_symmetric=problem.bulk.is_symmetric,
         )
         self._tangent_at = problem.u.x.array.copy()
         self._two_level: multigrid.TwoLevel | None = None
@@ -99,10 +99,10 @@ class FastSolver:
         prefix = set_options(self.options, problem.domain.comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
         self._clear_options.atexit = False  # PETSc may be gone by then
-        residual = problem.bulk_residual()
+        residual = problem.bulk.residual(problem.test)
         tangent = ufl.derivative(residual, problem.u)
         if self._lagging.is_on:
-            tangent = sum((term.tangent(problem.test) for term in problem.bulk), ufl.Form([]))
+            tangent = problem.bulk.tangent(problem.test)
         equations = fem_petsc.NonlinearProblem(
             residual,
             problem.u,
@@ -117,7 +117,7 @@ class FastSolver:
         snes.setFromOptions()
         snes.setConvergenceHistory(reset=True)
         if "ksp_atol" not in self.options:
-            snes.getKSP().setTolerances(atol=_LAST_SOLVE * snes.getTolerances()[1])
+            snes.getKSP().setTolerances(atol=_LINEAR_ATOL_SHARE * snes.getTolerances()[1])
         return equations
 
     def close(self) -> None:
@@ -222,7 +222,8 @@ class FastSolver:
     def _exact_tangent(self) -> fem.Form:
         """The bulk's tangent at all of the residual's points; compiled when first used."""
         problem = self._problem
-        return problem.contact.obstacle.compile(ufl.derivative(problem.bulk_residual(), problem.u))
+        exact = ufl.derivative(problem.bulk.residual(problem.test), problem.u)
+        return problem.contact.obstacle.compile(exact)
 
     # --- from step to step -----------------------------------------------------------------------
 
@@ -277,7 +278,6 @@ class FastSolver:
             self._near.update()
 
     def _assemble_residual(self, snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
-        del snes
         self._update(x)
         with common.Timer("tactile: residual"):
             with b.localForm() as with_ghosts:
@@ -291,7 +291,6 @@ class FastSolver:
     def _assemble_jacobian(
         self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat
     ) -> None:
-        del J, P
         if self._lagging.needs_nothing(snes):
             return
         self._update(x)

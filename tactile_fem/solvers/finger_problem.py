@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.fast import FastSolver
@@ -27,7 +28,7 @@ class FingerProblem(Problem):
 
     ::
 
-        problem = FingerProblem(domain, tissue, body, friction=0.3, settings=Solver())
+        problem = FingerProblem(domain, tissue, body, friction=0.3, solver=Solver())
         for place in path:
             assert problem.solve(place, dt_s=0.01).converged
             load = problem.accept()
@@ -81,7 +82,10 @@ class FingerProblem(Problem):
         ConvergenceError
             The load is not finite.
         """
-        load = self.checked(load or self.load())
+        load = load or self.load()
+        if not load.is_finite:
+            reason = "the load is not finite"
+            raise ConvergenceError(f"a state cannot be accepted: {reason}", load.force_N, reason)
         if self._iterations or self.state.iterations:
             self.solver.end_step()
         self.state.accept(load.force_N, load.friction_N, self._iterations)

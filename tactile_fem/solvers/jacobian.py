@@ -31,9 +31,9 @@ class Jacobian:
     matrix
         PETSc's matrix for the bulk's form.
     jit_options
-        Of the compiler.
+        Options of the compiler.
     is_symmetric
-        Whether the bulk's part is.
+        Whether the bulk's part is symmetric.
 
     Attributes
     ----------
@@ -112,7 +112,6 @@ class Jacobian:
 
     def mult(self, operator: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set ``y`` to the product with ``x``."""
-        del operator
         given, result = x.array_r, y.array_w
         result[:] = 0.0
         self._bulk_product.add(given, result)
@@ -120,7 +119,6 @@ class Jacobian:
 
     def multTranspose(self, operator: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set ``y`` to the transpose's product with ``x``, of which only trust regions need one."""
-        del operator
         self.fill()
         self.matrix.multTranspose(x, y)
 

@@ -21,11 +21,11 @@ from contextlib import contextmanager
 from petsc4py import PETSc
 
 # The viscous stress hardly changes where the time step changes by less than this share.
-_SAME_STEP = 0.01
+_STEP_TOLERANCE = 0.01
 # By how much an iteration with the last Jacobian may be worse than expected.
 _SAFETY_FACTOR = 4.0
-# At first the active contact set changes; below this share of the largest residual it does not.
-_CONTACT_FOUND = 0.1
+# At first the active contact set changes; below this share of the largest residual it is found.
+_CONTACT_SEARCH_SHARE = 0.1
 # Ratio of two residuals above which an iteration near the solution was slow.
 _SLOW_RATIO = 0.5
 # Beyond this many linear iterations a new preconditioner (cost: about twenty) pays off.
@@ -79,7 +79,7 @@ class Lagging:
         renew = (
             self._uses >= self._max_uses
             or not self.is_on
-            or not math.isclose(dt_s, self._dt_s, rel_tol=_SAME_STEP)
+            or not math.isclose(dt_s, self._dt_s, rel_tol=_STEP_TOLERANCE)
             or self.needs_preconditioner(snes)
             or (found and not self.is_of_this_solve)
             or (found and _was_slow(snes))
@@ -116,7 +116,7 @@ def _contact_is_found(snes: PETSc.SNES) -> bool:
     At first the active contact set changes and the residual hardly falls; then it falls fast.
     """
     norms, _ = snes.getConvergenceHistory()
-    return bool(len(norms) and norms[-1] < _CONTACT_FOUND * max(norms))
+    return bool(len(norms) and norms[-1] < _CONTACT_SEARCH_SHARE * max(norms))
 
 
 def _was_slow(snes: PETSc.SNES) -> bool:

@@ -162,7 +162,6 @@ class LineJacobi:
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set ``y`` to the block-diagonal inverse times ``x``."""
-        del pc
         self._scatter.scatter(x, self._values)
         given, result = self._values.array_r, self._result.array_w
         for (first, end), inverse in zip(self._spans, self._inverses, strict=True):

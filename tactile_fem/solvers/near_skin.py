@@ -86,7 +86,7 @@ class NearForm:
     near
         Which facets are near.
     jit_options
-        Of the compiler.
+        Options of the compiler.
     """
 
     def __init__(self, form: ufl.Form, near: NearSkin, jit_options: Mapping[str, Any]) -> None:

@@ -15,13 +15,12 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 from tactile_fem.mechanics.compile import jit_options
-from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.options import NEWTON, PLAIN, clear_options, set_options
-from tactile_fem.solvers.report import LinearSolve, SolveReport, solve_linear
+from tactile_fem.solvers.report import LinearSolve, SolveReport, StepSolver, solve_linear
 
 
-class PlainSolver:
+class PlainSolver(StepSolver):
     """Newton's method with the exact Jacobian, factorized in each iteration."""
 
     def __init__(self, problem: Problem) -> None:
@@ -29,7 +28,7 @@ class PlainSolver:
         self.options = {**NEWTON, **PLAIN, **problem.settings.petsc}
         self._prefix = set_options(self.options, problem.domain.comm)
         self._equations = equations = fem_petsc.NonlinearProblem(
-            problem.residual(),
+            problem.terms.residual(problem.test),
             problem.u,
             bcs=problem.bcs,
             petsc_options_prefix=self._prefix,
@@ -52,17 +51,6 @@ class PlainSolver:
         """Run Newton's method from the problem's displacement, which becomes the result."""
         self._equations.solve()
         return SolveReport.of(self.snes)
-
-    def end_step(self) -> None:
-        """Do nothing: the next step begins anew."""
-
-    def gather(self, order: NodeOrder) -> dict[str, np.ndarray]:
-        """Return nothing."""
-        del order
-        return {}
-
-    def restore(self, saved: dict[str, np.ndarray], order: NodeOrder) -> None:
-        """Do nothing."""
 
     def residual(self) -> np.ndarray:
         """Return this rank's residual at the present displacement, in N; zero where held."""

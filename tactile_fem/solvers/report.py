@@ -32,7 +32,7 @@ class SolveReport:
     Attributes
     ----------
     iterations, linear_iterations
-        Of Newton's method, and of the linear solver in all of them.
+        Iterations of Newton's method, and of the linear solver in all of them.
     """
 
     converged: bool
@@ -75,6 +75,8 @@ def solve_linear(
 class StepSolver(Protocol):
     """Finds the equilibrium of a problem's present step.
 
+    By default, nothing is carried from step to step.
+
     Attributes
     ----------
     snes
@@ -94,6 +96,7 @@ class StepSolver(Protocol):
 
     def gather(self, order: NodeOrder) -> dict[str, np.ndarray]:
         """Return what it carries to the next step, independent of the number of ranks."""
+        return {}
 
     def restore(self, saved: dict[str, np.ndarray], order: NodeOrder) -> None:
         """Go on from what `gather` returned, the problem being at the end of the last step."""

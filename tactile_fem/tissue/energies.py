@@ -53,7 +53,6 @@ class PolynomialEnergy:
 
     def energy(self, F: Expr, X: Expr) -> Expr:
         """Return the strain energy density of `F`, in MPa; the same everywhere."""
-        del X
         terms, (J, a, b) = self.constants, _invariants(F)
         c = self.values or terms
         W = self._of_shape(a, b)
@@ -64,7 +63,6 @@ class PolynomialEnergy:
 
     def in_shear(self, a: Expr, X: Expr) -> Expr:
         """Return the energy in the simple shear ``gamma^2 = a``, where both invariants are `a`."""
-        del X
         return self._of_shape(a, a)
 
     def _of_shape(self, a: Expr, b: Expr) -> Expr:
@@ -94,7 +92,6 @@ class StVenantKirchhoff:
 
     def energy(self, F: Expr, X: Expr) -> Expr:
         """Return the strain energy density of `F`, in MPa; the same everywhere."""
-        del X
         c = self.values or self.constants
         lame = c.E_MPa * c.nu / ((1 + c.nu) * (1 - 2 * c.nu))
         shear = shear_modulus(self.constants, c)
@@ -103,7 +100,6 @@ class StVenantKirchhoff:
 
     def in_shear(self, a: Expr, X: Expr) -> Expr:
         """Return the energy in the simple shear ``gamma^2 = a`` as far as it is linear in `a`."""
-        del X
         return shear_modulus(self.constants, self.values or self.constants) / 2 * a
 
 
@@ -185,7 +181,6 @@ def compression_modulus(constants: Polynomial | Elastic) -> float:
 @singledispatch
 def law_of(constants: Any, values: Any = None) -> Law:
     """Return the law for a tissue's constants; ``law_of.register`` adds one."""
-    del values
     raise TypeError(f"no law goes with {type(constants).__name__}")
 
 

@@ -106,7 +106,7 @@ class Harmonic:
         self._inertia = [self._vector(pull, problem.bcs) for pull in pulls]
         self._mass = fem_petsc.assemble_matrix(mass, problem.bcs, diag=0.0)
         self._mass.assemble()
-        self._delays = [delay for term in problem.bulk for delay in term.delays]
+        self._delays = problem.bulk.delays
         self._at_once = self._assembled(None)
         self._late = [self._without_at_once(self._assembled(delay)) for delay in self._delays]
         self._field = fem.Function(V)
@@ -118,8 +118,7 @@ class Harmonic:
 
     def freeze(self, delay: Delay | None) -> None:
         """Set the forms to the accepted state, with all of one delay or with none."""
-        for term in self._problem.terms:
-            term.freeze(delay)
+        self._problem.terms.freeze(delay)
 
     def respond(
         self,
@@ -176,12 +175,12 @@ class Harmonic:
             """Return the work of the change of traction in `on`."""
             form = ufl.Form([])
             for part in skin:
-                dt = still if of_skin is None else ufl.derivative(part.t, self._u, of_skin)
+                dt = still if of_skin is None else ufl.derivative(part.law.t, self._u, of_skin)
                 form += ufl.dot(touch.change(part.law, dt, motion), on) * part.ds
             return form
 
-        residual = sum((term.static_residual(v) for term in problem.bulk), ufl.Form([]))
-        stiffness, compile_ = ufl.derivative(residual, self._u, u), self._compile_form
+        stiffness = ufl.derivative(problem.bulk.static_residual(v), self._u, u)
+        compile_ = self._compile_form
         return _Forms(
             compile_(stiffness - traction(u, u, v)),
             [compile_(traction(None, -axis, v)) for axis in axes],

@@ -22,7 +22,7 @@ from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.contact_law import ContactLaw
 from tactile_fem.mechanics.obstacle import PointValues
-from tactile_fem.mechanics.terms.contact import Contact, SkinPart
+from tactile_fem.mechanics.terms.contact import Contact
 
 # Share of Coulomb's bound from which on skin slides.
 _SLIDES = 0.99
@@ -48,16 +48,17 @@ class Touch:
     @classmethod
     def of(cls, contact: Contact) -> Touch:
         """Read it at the accepted state, which the forms have to be at."""
-        obstacle, u = contact.obstacle, contact.tissues.u
+        obstacle = contact.obstacle
         scalars = [obstacle.quadrature_function(()) for _ in range(2)]
         touch = cls(*scalars, obstacle.quadrature_function(obstacle.u.ufl_shape))
-        wanted: list[tuple[fem.Function, Callable[[SkinPart], Expr]]] = [
-            (touch.pressure, lambda part: part.law.tractions(part.t, u, u)[0]),
-            (touch.closed, lambda part: part.law.closed(part.t)),
-            (touch.friction, _transmitted),
+        wanted: list[tuple[fem.Function, Callable[[ContactLaw], Expr]]] = [
+            (touch.pressure, lambda law: law.s_n),
+            (touch.closed, lambda law: law.closed()),
+            # that with which the last accepted step ended; see `terms.contact`
+            (touch.friction, lambda law: law.tangential(law.t) - law.untransmitted_old),
         ]
         for function, of in wanted:
-            values = [(of(part), part.ds) for part in contact.parts]
+            values = [(of(part.law), part.ds) for part in contact.parts]
             found = PointValues(obstacle, values).read()
             function.x.array[: len(found)] = found
         return touch
@@ -80,12 +81,6 @@ class Touch:
         size = ufl.sqrt(ufl.dot(self.friction, self.friction) + _TINY_MPa**2)
         slides = ufl.ge(size, _SLIDES * law.friction * self.pressure)
         follows = law.friction * ds_n * self.friction / size
-        ds_t = ufl.conditional(slides, follows, q - ufl.dot(q, nu) * nu)
+        ds_t = ufl.conditional(slides, follows, law.tangential(q))
         ds = ds_n * nu + self.pressure * (law.obstacle.hessian * motion) + ds_t
         return ufl.conditional(ufl.gt(self.pressure, 0.0), ds, 0.0 * ds)
-
-
-def _transmitted(part: SkinPart) -> Expr:
-    """Return the friction that the last accepted step ended with, in MPa; see `terms.contact`."""
-    nu = part.law.obstacle.normal
-    return part.t - ufl.dot(part.t, nu) * nu - part.law.untransmitted_old

@@ -13,7 +13,7 @@ is subtracted in the present step. Since it is a traction, it remains valid if `
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -26,15 +26,14 @@ from ufl.core.expr import Expr
 from tactile_fem.mechanics.contact_law import ZERO_BELOW, ContactLaw
 from tactile_fem.mechanics.obstacle import Obstacle, PointValues
 from tactile_fem.mechanics.state import PointHistory
-from tactile_fem.mechanics.terms.term import Term
-from tactile_fem.mechanics.tissues import Tissues
+from tactile_fem.mechanics.terms.term import Sum, Term
 from tactile_fem.stimulus.body import RigidBody
 from tactile_fem.study import Solver
 
 # Share of its outermost tetrahedron's height by which skin may be pulled out; the traction that
 # does this would be a third of the skin's modulus.
-_PULL_OUT = 0.25
-_EVERYWHERE_MM = 1e6
+_PULL_OUT_SHARE = 0.25
+_UNLIMITED_MM = 1e6
 
 
 @dataclass(frozen=True)
@@ -45,8 +44,6 @@ class SkinPart:
     ----------
     law
         Its contact law.
-    t
-        The tissue's Piola traction.
     ds
         Measure of its facets.
     reach
@@ -54,7 +51,6 @@ class SkinPart:
     """
 
     law: ContactLaw
-    t: Expr
     ds: ufl.Measure
     reach: Expr
 
@@ -64,8 +60,6 @@ class Contact(Term):
 
     Parameters
     ----------
-    tissues
-        Displacement and tissues.
     bulk
         The other terms: what they pull at the skin, and how stiff they make it.
     body, friction
@@ -87,16 +81,9 @@ class Contact(Term):
 
     is_symmetric = False
 
-    def __init__(
-        self,
-        tissues: Tissues,
-        bulk: Sequence[Term],
-        body: RigidBody,
-        friction: float,
-        solver: Solver,
-    ) -> None:
-        super().__init__(tissues)
-        msh = tissues.u.function_space.mesh
+    def __init__(self, bulk: Sum, body: RigidBody, friction: float, solver: Solver) -> None:
+        super().__init__(bulk.tissues)
+        tissues, msh = bulk.tissues, bulk.tissues.u.function_space.mesh
         self.facets = tissues.domain.skin_by_tissue()
         self.obstacle = Obstacle(body, tissues.state, np.sort(self.facets.indices), solver)
         self._solver = solver
@@ -107,15 +94,14 @@ class Contact(Term):
             fem.Constant(msh, 0.0),
         )
         self._untransmitted = self.obstacle.quadrature_function(tissues.u.ufl_shape)
-        self.parts = self.skin([term for term in bulk if term.pulls_at_skin])
-        u, u_old = tissues.u, tissues.state.u_old
-        values = [(part.law.untransmitted(part.t, u, u_old), part.ds) for part in self.parts]
+        self.parts = self.skin(bulk.at_skin())
+        values = [(part.law.untransmitted(), part.ds) for part in self.parts]
         self.histories = [
             _Stick(self._untransmitted, self.obstacle, PointValues(self.obstacle, values))
         ]
 
-    def skin(self, bulk: Sequence[Term]) -> list[SkinPart]:
-        """Return the parts of the skin, pulled at and stiffened by the terms `bulk`."""
+    def skin(self, bulk: Term) -> list[SkinPart]:
+        """Return the parts of the skin, pulled at and stiffened by `bulk`."""
         own, solver = self.tissues, self._solver
         msh = own.u.function_space.mesh
         # Height of the cell over its facet; point by point where the mesh is curved.
@@ -124,9 +110,12 @@ class Contact(Term):
         ds = ufl.Measure("ds", msh, subdomain_data=self.facets, metadata=metadata)
         parts = []
         for tissue, tag in own.domain.tissues_of(self.facets).items():
-            stiffness = sum_of(term.skin_stiffness(tissue, self._gamma, height) for term in bulk)
+            stiffness = bulk.skin_stiffness(tissue, self._gamma, height)
             law = ContactLaw(
                 self.obstacle,
+                own.on_surface(bulk.stress(tissue)),
+                own.u,
+                own.state.u_old,
                 self.friction,
                 stiffness,
                 self._width,
@@ -134,19 +123,15 @@ class Contact(Term):
                 self._untransmitted,
                 solver.nitsche_theta,
             )
-            reach = ZERO_BELOW * self._width / stiffness + _PULL_OUT * height
+            reach = ZERO_BELOW * self._width / stiffness + _PULL_OUT_SHARE * height
             if solver.nitsche_theta:  # the form has terms where nothing touches as well
-                reach = fem.Constant(msh, _EVERYWHERE_MM)
-            t = own.on_surface(sum_of(term.stress(tissue) for term in bulk))
-            parts.append(SkinPart(law, t, ds(tag), reach))
+                reach = fem.Constant(msh, _UNLIMITED_MM)
+            parts.append(SkinPart(law, ds(tag), reach))
         return parts
 
     def residual(self, v: Expr) -> ufl.Form:
         """Return the virtual work of the contact tractions in `v`."""
-        u, u_old, form = self.tissues.u, self.tissues.state.u_old, ufl.Form([])
-        for part in self.parts:
-            form += part.law.residual(part.t, u, u_old, v) * part.ds
-        return form
+        return sum((part.law.residual(v) * part.ds for part in self.parts), ufl.Form([]))
 
     @contextmanager
     def regularized(self, width: float, softness: float) -> Iterator[None]:
@@ -173,9 +158,3 @@ class _Stick(PointHistory):
     def present(self) -> np.ndarray:
         """Return the traction that the contact does not transmit at the present state."""
         return self._values.read()
-
-
-def sum_of(values: Iterator[Expr | None]) -> Expr:
-    """Return the sum of those expressions that there are, at least one."""
-    first, *others = [value for value in values if value is not None]
-    return sum(others, first)

@@ -88,7 +88,6 @@ class Inertia(Term):
 
     def static_residual(self, v: Expr) -> ufl.Form:
         """Return nothing."""
-        del v
         return ufl.Form([])
 
     def skin_stiffness(self, tissue: str, gamma: Expr, height: Expr) -> Expr:
@@ -98,7 +97,6 @@ class Inertia(Term):
         this addition, skin in contact flutters where steps are shorter than the time that waves
         take through its elements.
         """
-        del tissue, gamma
         return self._per_mm * height
 
 

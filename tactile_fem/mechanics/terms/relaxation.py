@@ -19,7 +19,7 @@ from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.state import PointHistory
-from tactile_fem.mechanics.terms.term import Delay, StressTerm
+from tactile_fem.mechanics.terms.term import Delay, StressTerm, sum_of
 from tactile_fem.mechanics.tissues import Tissues
 from tactile_fem.study import Solver
 from tactile_fem.tissue.energies import shear_stiffness
@@ -29,7 +29,7 @@ from tactile_fem.tissue.relaxation import Network, Prony, inverse_metric
 _ENTRIES = (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)
 _SIZE = len(_ENTRIES)
 # Corners that several tetrahedra share are shifted towards each centre to tell them apart.
-_SHIFT = 0.1
+_SHIFT_SHARE = 0.1
 
 
 class Relaxation(StressTerm, PointHistory):
@@ -71,20 +71,17 @@ class Relaxation(StressTerm, PointHistory):
     @classmethod
     def of(cls, tissues: Tissues, solver: Solver) -> list[Relaxation]:
         """Return the term, if any tissue of the finger relaxes."""
-        del solver
         constants = {name: getattr(tissues.constants, name) for name in tissues.tags}
         series = {name: Prony(c.g, c.tau_s) for name, c in constants.items() if c.g}
         return [cls(tissues, series)] if series else []
 
     def stress(self, tissue: str) -> Expr | None:
         """Return the stress of a tissue's networks, MPa; None if it does not relax."""
-        networks = [network.stress(self.tissues.F) for network in self._networks(tissue)]
-        return sum(networks[1:], networks[0]) if networks else None
+        return sum_of(network.stress(self.tissues.F) for network in self._networks(tissue))
 
     def energy(self, tissue: str) -> Expr | None:
         """Return what a tissue's networks store, MPa; None if it does not relax."""
-        networks = [network.energy(self.tissues.F) for network in self._networks(tissue)]
-        return sum(networks[1:], networks[0]) if networks else None
+        return sum_of(network.energy(self.tissues.F) for network in self._networks(tissue))
 
     def skin_stiffness(self, tissue: str, gamma: Expr, height: Expr) -> Expr | None:
         """Return ``gamma 4 G/3/h`` of the chains that do not break in the step, MPa/mm."""
@@ -150,7 +147,7 @@ class Relaxation(StressTerm, PointHistory):
         V = self.old.function_space
         corners = V.tabulate_dof_coordinates()[:, :dim]
         in_cells = corners[V.dofmap.list]
-        inside = (1 - _SHIFT) * in_cells + _SHIFT * in_cells.mean(axis=1, keepdims=True)
+        inside = (1 - _SHIFT_SHARE) * in_cells + _SHIFT_SHARE * in_cells.mean(axis=1, keepdims=True)
         places = np.empty_like(corners)
         places[V.dofmap.list] = inside
         return places

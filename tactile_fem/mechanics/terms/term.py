@@ -6,7 +6,7 @@ active tissue, is one more term: a file of its own, which nothing else has to kn
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import ufl
@@ -71,11 +71,9 @@ class Term:
 
     def stress(self, tissue: str) -> Expr | None:
         """Return the first Piola stress in a tissue, MPa, (3, 3)."""
-        del tissue
 
     def energy(self, tissue: str) -> Expr | None:
         """Return the strain energy density that a tissue stores, MPa."""
-        del tissue
 
     def stored(self, w: Expr) -> ufl.Form:
         """Return the stored energy of all tissues, weighted with `w`."""
@@ -96,7 +94,6 @@ class Term:
         gamma, height
             Nitsche's constant, and height of the cell behind the facet, mm.
         """
-        del tissue, gamma, height
 
     def begin_step(self) -> None:
         """Take the state's time step over; called before a step is solved."""
@@ -109,7 +106,73 @@ class Term:
         delay
             The one that has fully relaxed; all others have not begun to.
         """
-        del delay
+
+
+# Makes a term of the virtual work of given tissues; a `Term` itself is one.
+MakeTerm = Callable[[Tissues], Term]
+
+
+class Sum(Term):
+    """Several terms as one."""
+
+    def __init__(self, tissues: Tissues, terms: Iterable[Term]) -> None:
+        super().__init__(tissues)
+        self.terms = tuple(terms)
+        self.is_symmetric = all(term.is_symmetric for term in self.terms)
+        self.histories = [history for term in self.terms for history in term.histories]
+        self.delays = [delay for term in self.terms for delay in term.delays]
+
+    def at_skin(self) -> Sum:
+        """Return the sum of those terms that pull at the skin."""
+        return Sum(self.tissues, [term for term in self.terms if term.pulls_at_skin])
+
+    def residual(self, v: Expr) -> ufl.Form:
+        """Return the virtual work in `v`."""
+        return _sum_of_forms(term.residual(v) for term in self.terms)
+
+    def tangent(self, v: Expr) -> ufl.Form:
+        """Return the sum of the terms' tangents."""
+        return _sum_of_forms(term.tangent(v) for term in self.terms)
+
+    def static_residual(self, v: Expr) -> ufl.Form:
+        """Return the virtual work in `v` without that of inertia."""
+        return _sum_of_forms(term.static_residual(v) for term in self.terms)
+
+    def stress(self, tissue: str) -> Expr | None:
+        """Return the first Piola stress in a tissue, MPa, (3, 3)."""
+        return sum_of(term.stress(tissue) for term in self.terms)
+
+    def energy(self, tissue: str) -> Expr | None:
+        """Return the strain energy density that a tissue stores, MPa."""
+        return sum_of(term.energy(tissue) for term in self.terms)
+
+    def stored(self, w: Expr) -> ufl.Form:
+        """Return the stored energy of all tissues, weighted with `w`."""
+        return _sum_of_forms(term.stored(w) for term in self.terms)
+
+    def skin_stiffness(self, tissue: str, gamma: Expr, height: Expr) -> Expr | None:
+        """Return by how much the terms stiffen the contact, MPa/mm."""
+        return sum_of(term.skin_stiffness(tissue, gamma, height) for term in self.terms)
+
+    def begin_step(self) -> None:
+        """Take the state's time step over."""
+        for term in self.terms:
+            term.begin_step()
+
+    def freeze(self, delay: Delay | None) -> None:
+        """Take the values at the accepted state."""
+        for term in self.terms:
+            term.freeze(delay)
+
+
+def sum_of(values: Iterable[Expr | None]) -> Expr | None:
+    """Return the sum of those expressions that there are; None without any."""
+    present = [value for value in values if value is not None]
+    return sum(present[1:], present[0]) if present else None
+
+
+def _sum_of_forms(forms: Iterable[ufl.Form]) -> ufl.Form:
+    return sum(forms, ufl.Form([]))
 
 
 class StressTerm(Term):

@@ -36,7 +36,6 @@ class Viscosity(StressTerm):
     @classmethod
     def of(cls, tissues: Tissues, solver: Solver) -> list[Viscosity]:
         """Return the term, if the tissues are viscous."""
-        del solver
         time_s = tissues.constants.viscous_time_s
         return [cls(tissues, time_s)] if time_s else []
 
