@@ -1,6 +1,13 @@
-"""Constants that every kind of polynomial energy has, for tests."""
+"""Constants of the tissues for tests.
 
-from tactile_fem.study import Elastic, Polynomial
+Forms are compiled for the terms that a tissue has, whatever their constants. Tests therefore share
+few kinds of tissues: layers as in `PROPOSED`, `RELAXING`, or one neo-Hookean layer of dermis, all
+of them viscous, those of `NO_VISCOSITY_S` to no effect.
+"""
+
+from blocks import LAYERS
+
+from tactile_fem.study import Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import bulk_modulus, shear_modulus
 
 NEO_HOOKEAN = Polynomial(C10_MPa=0.02297, D1_per_MPa=1.765)
@@ -16,6 +23,23 @@ FULL = Polynomial(
     D2_per_MPa=3.0,
 )
 YEOH = Polynomial(C10_MPa=0.02, C30_MPa=0.1, D1_per_MPa=2.0)
+
+NO_VISCOSITY_S = 1e-12
+PROPOSED = Tissue.model_validate({"set": "proposed"})
+ELASTIC = PROPOSED.model_copy(update={"viscous_time_s": NO_VISCOSITY_S})
+_SERIES = {"g": (0.3, 0.2), "tau_s": (0.01, 0.5)}
+RELAXING = Tissue.model_validate({"set": "proposed", **dict.fromkeys(LAYERS, _SERIES)})
+
+ONE_LAYER = Tissue.model_validate({"set": "maeno1998", "viscous_time_s": NO_VISCOSITY_S})
+
+
+def uniform(C10_MPa: float, D1_per_MPa: float, **more: float) -> Tissue:
+    """Return one neo-Hookean law in all layers; compiled as `PROPOSED`."""
+    layer = {"C10_MPa": C10_MPa, "D1_per_MPa": D1_per_MPa, "C20_MPa": 0.0, "C30_MPa": 0.0}
+    tiny = 1e-9 * C10_MPa
+    shapes = dict(zip(LAYERS, ("C30_MPa", "C30_MPa", "C20_MPa", "C20_MPa"), strict=True))
+    layers = {name: {**layer, shape: tiny} for name, shape in shapes.items()}
+    return Tissue.model_validate({"viscous_time_s": NO_VISCOSITY_S, **layers, **more})
 
 
 def young_modulus(constants: Polynomial | Elastic) -> float:

@@ -139,7 +139,7 @@ def test_whatever_breaks_in_a_vibration_the_state_stays_that_of_the_scan():
         Tissue.model_validate({"set": "proposed", "viscous_time_s": 0.0, **relaxing}),
         compiler_flags=("-O0",),
     )
-    tissues_form = problem.contact.obstacle.compile(problem.bulk_residual())
+    tissues_form = problem.contact.obstacle.compile(problem.bulk.residual(problem.test))
     for depth in np.linspace(0, 1.2, 13)[1:]:
         assert problem.solve(np.array([0.0, 0.0, depth]), 0.01).converged
         tissues = fem.assemble_vector(tissues_form).array.copy()

@@ -10,7 +10,8 @@ from tactile_fem.runtime import backend  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
-from sphere_on_block import sphere_on_block
+from materials import uniform
+from sphere_on_block import follow, sphere_on_block
 
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.mechanics.state import PointHistory
@@ -23,6 +24,7 @@ MODULUS = 2 / D1 + 4 / 3 * 2 * C10
 WAVE_MM_S = np.sqrt(MODULUS / (DENSITY * 1e-12))
 PERIOD_S = 3 * HEIGHT / WAVE_MM_S
 DEPTH_MM, AMPLITUDE_MM = 1e-4, 1e-5
+VISCOUS_S = 5e-4
 
 
 def column(layers: int = 12) -> FingerProblem:
@@ -30,15 +32,12 @@ def column(layers: int = 12) -> FingerProblem:
     line, depths = np.array([-0.5, 0.5]), np.linspace(0, HEIGHT, layers + 1)
     names = [LAYERS[4 * k // layers] for k in range(layers)]
     domain = create_domain(block_mesh(line, line, depths, names), MPI.COMM_WORLD, ("cut",))
-    layer = {"C10_MPa": C10, "D1_per_MPa": D1, "C20_MPa": 0.0, "C30_MPa": 0.0}
-    made = {"viscous_time_s": 0.0, "density_kg_m3": DENSITY, **dict.fromkeys(LAYERS, layer)}
     settings = Solver(
         inertia=True,
         held=("cut",),
         linear="direct",
         petsc={"snes_atol": 1e-13},
         contact_width_MPa=1e-8,
-        compiler_flags=("-O0",),
     )
 
     def sides(axis: int):
@@ -46,7 +45,7 @@ def column(layers: int = 12) -> FingerProblem:
 
     return FingerProblem(
         domain,
-        Tissue.model_validate(made),
+        uniform(C10, D1, density_kg_m3=DENSITY),
         Plate().body(),
         0.0,
         settings,
@@ -75,14 +74,12 @@ def echoes(of, z: np.ndarray, t: float, sign: int) -> np.ndarray:
 def wave_errors(shares: list[float]) -> np.ndarray:
     """Follow a wave in steps, given as shares of its period; return errors of u, mm, and F, N."""
     problem = column()
-    assert problem.solve(np.array([0.0, 0.0, DEPTH_MM]), 1e3).converged
-    still, u = problem.accept().force_N[2], problem.u.x.array.copy()
+    still, u = follow(problem, (0, 0, DEPTH_MM), dt_s=1e3).force_N[2], problem.u.x.array.copy()
     z = problem.u.function_space.tabulate_dof_coordinates()[:, 2]
     t, errors = 0.0, np.zeros(2)
     for step_s in PERIOD_S * np.array(shares):
         t += step_s
-        assert problem.solve(np.array([0.0, 0.0, DEPTH_MM + wave(t)]), step_s).converged
-        load = problem.accept()
+        load = follow(problem, (0, 0, DEPTH_MM + wave(t)), dt_s=step_s)
         assert load.imbalance_N < 1e-8
         moved = (problem.u.x.array - u)[2::3] - echoes(wave, z, t, -1)
         force = MODULUS / WAVE_MM_S * echoes(slope, np.zeros(1), t, 1)[0]
@@ -115,13 +112,11 @@ def test_steps_may_be_cut():
 def test_a_body_that_vibrates_in_time_gives_the_harmonic_response(
     axis, friction, frequency, without
 ):
-    relaxing = {layer: {"g": (0.4,), "tau_s": (0.01,)} for layer in LAYERS}
-    made = Tissue.model_validate({"set": "proposed", "viscous_time_s": 0.0, **relaxing})
-    problem = sphere_on_block(made, compiler_flags=("-O0",), inertia=True)
+    made = Tissue.model_validate({"set": "proposed", "viscous_time_s": VISCOUS_S})
+    problem = sphere_on_block(made, inertia=True)
 
     def force(place: np.ndarray, step_s: float) -> float:
-        assert problem.solve(place, step_s).converged
-        load = problem.accept()
+        load = follow(problem, place, dt_s=step_s)
         assert load.imbalance_N < 1e-9
         return load.force_N[axis]
 
@@ -146,10 +141,6 @@ def test_a_body_that_vibrates_in_time_gives_the_harmonic_response(
     np.testing.assert_allclose(np.mean(found), exact, rtol=0.02)
 
 
-def pressed(comm: MPI.Comm) -> FingerProblem:
-    return sphere_on_block(Tissue(), comm, compiler_flags=("-O0",), inertia=True)
-
-
 def motion_of(problem: FingerProblem) -> PointHistory:
     return next(history for history in problem.state.histories if history.name == "motion")
 
@@ -158,9 +149,7 @@ def go(problem: FingerProblem, steps: range) -> list[np.ndarray]:
     """Press in steps of growing length; return the forces."""
     forces = []
     for k in steps:
-        place, step_s = np.array([0.0, 0.01 * k, 0.04 * k]), 1e-4 * (1 + k)
-        assert problem.solve(place, step_s).converged
-        load = problem.accept()
+        load = follow(problem, (0.0, 0.01 * k, 0.04 * k), dt_s=1e-4 * (1 + k))
         assert load.imbalance_N < 1e-9
         forces.append(load.force_N)
     return forces
@@ -168,7 +157,7 @@ def go(problem: FingerProblem, steps: range) -> list[np.ndarray]:
 
 @pytest.mark.ranks
 def test_motion_is_kept_restored_and_the_same_on_all_ranks():
-    whole = pressed(MPI.COMM_WORLD)
+    whole = sphere_on_block(inertia=True)
     first = go(whole, range(1, 4))
     saved = whole.gather()
     u, motion = whole.u.x.array.copy(), motion_of(whole).old.x.array.copy()
@@ -178,13 +167,12 @@ def test_motion_is_kept_restored_and_the_same_on_all_ranks():
     np.testing.assert_array_equal(whole.u.x.array, u)
     rest = go(whole, range(4, 6))
     for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
-        again = pressed(comm)
+        again = sphere_on_block(comm=comm, inertia=True)
         again.restore(saved)
         np.testing.assert_allclose(go(again, range(4, 6)), rest, atol=1e-9)
-    alone = pressed(MPI.COMM_SELF)
+    alone = sphere_on_block(comm=MPI.COMM_SELF, inertia=True)
     np.testing.assert_allclose(go(alone, range(1, 6)), first + rest, atol=1e-9)
 
 
 def test_without_inertia_there_is_no_motion():
-    problem = sphere_on_block(Tissue(), compiler_flags=("-O0",))
-    assert not any("motion" in name for name in problem.gather())
+    assert not any("motion" in name for name in sphere_on_block().gather())

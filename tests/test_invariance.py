@@ -15,12 +15,14 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
 from dolfinx import fem
+from materials import PROPOSED
 from scipy.spatial.transform import Rotation
+from sphere_on_block import DEPTHS
 
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus.body import Distance, RigidBody
-from tactile_fem.study import Solver, Text, Tissue
+from tactile_fem.study import Solver, Text
 
 LETTER = Text(text="F", g_width_mm=5.0, start_mm=0.0, corner_radius_mm=0.2, fillet_radius_mm=0.2)
 PATH = [(0.0, 0.0, 0.05), (0.0, 0.0, 0.1), (0.01, -0.02, 0.1), (0.03, -0.08, 0.1)]
@@ -53,13 +55,11 @@ class Outcome:
 def made(Q, c) -> FingerProblem:
     """Return block and letter, both turned by `Q`; the block shifted by `c` as well."""
     line = np.linspace(-3, 3, 5)
-    depths = np.array([0.0, 0.17, 0.82, 1.62, 3.0])
-    block = block_mesh(line, line, depths, LAYERS)
+    block = block_mesh(line, line, DEPTHS, LAYERS)
     block = replace(block, nodes=block.nodes @ Q.T + c)
     tight = Solver(held=("cut",), linear="direct", petsc={"snes_atol": 1e-9})
     domain = create_domain(block, MPI.COMM_WORLD, tight.held)
-    tissue = Tissue.model_validate({"set": "maeno1998"})
-    problem = FingerProblem(domain, tissue, Turned(LETTER.body(), Q), LETTER.friction, tight)
+    problem = FingerProblem(domain, PROPOSED, Turned(LETTER.body(), Q), LETTER.friction, tight)
     problem.state.place(c)
     return problem
 
@@ -67,8 +67,7 @@ def made(Q, c) -> FingerProblem:
 def outcome(problem: FingerProblem) -> Outcome:
     domain = problem.domain
     q = ufl.TestFunction(fem.functionspace(domain.mesh, ("DG", 0)))
-    form = sum((term.stored(q) for term in problem.bulk), ufl.Form([]))
-    of_cells = fem.assemble_vector(fem.form(form)).array
+    of_cells = fem.assemble_vector(fem.form(problem.bulk.stored(q))).array
     energy, owned = np.zeros(domain.cell_count), domain.owned_file_cells()
     energy[owned] = of_cells[: len(owned)]
     domain.comm.Allreduce(MPI.IN_PLACE, energy)

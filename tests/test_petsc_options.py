@@ -12,20 +12,16 @@ from tactile_fem.runtime import backend  # noqa: F401
 from mpi4py import MPI  # isort: skip
 from petsc4py import PETSc  # isort: skip
 
-from blocks import LAYERS, block_mesh
+from sphere_on_block import sphere_on_block
 
-from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.options import check_options
-from tactile_fem.study import Solver, Sphere, Tissue
+from tactile_fem.study import Solver
 
 
-def layered_block(**solver) -> FingerProblem:
+def layered_block(**petsc) -> FingerProblem:
     """Return a layered block under a ball, not solved yet."""
-    line, depths = np.linspace(-3, 3, 4), np.array([0.0, 0.17, 0.82, 1.62, 3.0])
-    domain = create_domain(block_mesh(line, line, depths, LAYERS), MPI.COMM_SELF, ("cut",))
-    settings = Solver(held=("cut",), **solver)
-    return FingerProblem(domain, Tissue.model_validate({}), Sphere().body(), 0.3, settings)
+    return sphere_on_block(comm=MPI.COMM_SELF, petsc=petsc)
 
 
 def press(problem: FingerProblem) -> int:
@@ -52,9 +48,9 @@ def database() -> Iterator[PETSc.Options]:
 
 
 def test_a_second_problem_leaves_the_first_ones_options_alone():
-    alone = press(layered_block(petsc={"mg_levels_ksp_max_it": 2}))
-    first = layered_block(petsc={"mg_levels_ksp_max_it": 2})
-    second = layered_block(petsc={"mg_levels_ksp_max_it": 5})
+    alone = press(layered_block(mg_levels_ksp_max_it=2))
+    first = layered_block(mg_levels_ksp_max_it=2)
+    second = layered_block(mg_levels_ksp_max_it=5)
     check_options(Solver(linear="direct"))
     assert press(first) == alone
     press(second)
@@ -64,7 +60,7 @@ def test_a_second_problem_leaves_the_first_ones_options_alone():
 def test_what_a_script_sets_after_import_is_heeded_and_wins(database):
     database["tactile_snes_max_it"] = 40
     database["tactile_mg_levels_ksp_max_it"] = 4
-    problem = layered_block(petsc={"snes_max_it": 2, "snes_atol": 1e-9})
+    problem = layered_block(snes_max_it=2, snes_atol=1e-9)
     press(problem)
     _, atol, _, most = problem.solver.snes.getTolerances()
     assert (atol, most, smoothing_steps(problem)) == (1e-9, 40, 4)

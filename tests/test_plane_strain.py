@@ -9,6 +9,8 @@ from tactile_fem.runtime import backend  # noqa: F401  # isort: skip
 
 from mpi4py import MPI
 
+from sphere_on_block import follow
+
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.plane import Plane
 from tactile_fem.finger.simplex import quadratic
@@ -76,9 +78,7 @@ def pressed(mesh: FingerMesh, body, made: Tissue, place: np.ndarray, sides) -> F
     domain = create_domain(mesh, MPI.COMM_SELF, ("cut",))
     exact = {"bulk_degree": 10, "locking_ratio": 1e9, "contact_degree": 16}
     problem = FingerProblem(domain, made, body, 50.0, SOLVER.model_copy(update=exact), sides)
-    for share in (0.5, 1.0):
-        assert problem.solve(share * place, 1e3).converged
-        problem.accept()
+    follow(problem, place / 2, place, dt_s=1e3)
     return problem
 
 
@@ -117,16 +117,13 @@ def test_a_bar_presses_as_hertz_says():
     mesh = section(np.concatenate([-line[:0:-1], line]), line)
     nu = 0.3
     shear, bulk = modulus / (2 * (1 + nu)), modulus / (3 * (1 - 2 * nu))
-    layer = {"C10_MPa": shear / 2, "D1_per_MPa": 2 / bulk, "C20_MPa": 0.0, "C30_MPa": 0.0}
-    layers = ("stratum_corneum", "epidermis", "dermis", "subcutaneous")
-    made = Tissue.model_validate({"viscous_time_s": 0.0, **dict.fromkeys(layers, layer)})
+    # Compiled as in test_section.
+    dermis = {"C10_MPa": shear / 2, "D1_per_MPa": 2 / bulk, "C20_MPa": 1e-12}
+    made = Tissue.model_validate({"viscous_time_s": 0.0, "dermis": dermis})
     settings = SOLVER.model_copy(update={"contact_width_MPa": 1e-5})
     domain = create_domain(mesh, MPI.COMM_SELF, ("cut",))
     problem = FingerProblem(domain, made, Cut(Ball(radius, (1, 2)), SAGITTAL), 0.0, settings)
-    for depth in (0.005, 0.01, 0.015):
-        assert problem.solve(np.array([0.0, depth]), 1e3).converged
-        problem.accept()
-    force = problem.load().force_N[1]
+    force = follow(problem, (0, 0.005), (0, 0.01), (0, 0.015), dt_s=1e3).force_N[1]
     plane_modulus = modulus / (1 - nu**2)
     width = np.sqrt(4 * force * radius / (np.pi * plane_modulus))
     assert 0.03 < width < 0.1

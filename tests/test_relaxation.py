@@ -11,19 +11,20 @@ from scipy.optimize import brentq
 
 from tactile_fem.runtime import backend, ranks  # noqa: F401
 
-from dolfinx import fem  # isort: skip
+import ufl  # isort: skip
 from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
-from sphere_on_block import sphere_on_block
+from materials import PROPOSED, RELAXING
+from sphere_on_block import PRESS_AND_SLIDE, follow, sphere_on_block
 from terms import Bulk
 
+from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.study import Tissue
 from tactile_fem.tissue.relaxation import Prony
 
 C10, C20, D1 = 0.01, 0.02, 20.0
-PLACES = [(0, 0, 0.15), (0, 0, 0.3), (0, -0.1, 0.3)]
 
 
 def skin(g: tuple[float, ...], tau_s: tuple[float, ...], **more: float) -> Tissue:
@@ -34,7 +35,10 @@ def skin(g: tuple[float, ...], tau_s: tuple[float, ...], **more: float) -> Tissu
 
 
 class Piece:
-    """A homogeneous piece of tissue whose deformation gradient is prescribed."""
+    """A homogeneous piece of tissue whose deformation gradient is prescribed.
+
+    `stored` is its energy at the last one, in MPa.
+    """
 
     def __init__(self, tissue: Tissue) -> None:
         line = np.array([0.0, 1.0])
@@ -42,19 +46,17 @@ class Piece:
         domain = create_domain(mesh, MPI.COMM_SELF)
         self._bulk = bulk = Bulk(domain, tissue)
         name = next(iter(bulk.tissues.tags))
-        P, dx = bulk.stress(name), bulk.tissues.dx
-        self._P = [fem.form(P[i, j] * dx) for i in range(3) for j in range(3)]
-        self._W = fem.form(bulk.energy(name) * dx)
+        P, W = bulk.stress(name), bulk.energy(name)
+        both = ufl.as_vector([*(P[i, j] for i in range(3) for j in range(3)), W])
+        self._both, self._mesh = expression(both, np.full((1, 3), 0.25)), domain.mesh
 
     def stress(self, F: np.ndarray, dt_s: float) -> np.ndarray:
         """Return the first Piola stress at `F`, a time step after what was accepted, in MPa."""
         self._bulk.u.interpolate(lambda x: (F - np.eye(3)) @ x)
-        self._bulk.begin_step(dt_s)
-        return np.array([fem.assemble_scalar(form) for form in self._P]).reshape(3, 3)
-
-    def stored(self) -> float:
-        """Return the energy at the last `F`, in MPa."""
-        return fem.assemble_scalar(self._W)
+        self._bulk.state.time_step.value = dt_s
+        self._bulk.begin_step()
+        *P, self.stored = self._both.eval(self._mesh, np.array([0], dtype=np.int32)).ravel()
+        return np.reshape(P, (3, 3))
 
     def accept(self) -> None:
         self._bulk.accept()
@@ -188,8 +190,9 @@ def test_a_rotation_turns_the_stress():
     R = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     path = lambda t: sheared(5 * t) @ stretched(1 + 3 * t)  # noqa: E731
     times = np.array([0.02, 0.05, 0.1])
-    plain = Piece(skin((0.5,), (0.05,), C20_MPa=C20)).follow(path, times)
-    turned = Piece(skin((0.5,), (0.05,), C20_MPa=C20)).follow(lambda t: R @ path(t), times)
+    made = skin((0.3, 0.2), (0.05, 0.7), C20_MPa=C20)
+    plain = Piece(made).follow(path, times)
+    turned = Piece(made).follow(lambda t: R @ path(t), times)
     for P, RP in zip(plain, turned, strict=True):
         np.testing.assert_allclose(RP, R @ P, rtol=0, atol=1e-13)
 
@@ -205,47 +208,32 @@ def test_work_is_stored_or_lost_and_never_gained():
             there = start + share * (goal - start)
             new = piece.stress(there, 0.002)
             work = np.sum((P + new) / 2 * (there - F))
-            lost.append(work - (piece.stored() - stored))
-            F, P, stored = there, new, piece.stored()
+            lost.append(work - (piece.stored - stored))
+            F, P, stored = there, new, piece.stored
             piece.accept()
     assert min(lost) > -1e-3 * max(lost)  # the trapezoid's error
     assert sum(lost) > 0.1 * stored
     piece.stress(np.eye(3), 1e3)
-    assert piece.stored() < 1e-6 * stored  # at rest again, all of it is lost
-
-
-def relaxing() -> Tissue:
-    series = {"g": (0.3, 0.2), "tau_s": (0.01, 0.5)}
-    return Tissue.model_validate({"set": "proposed", **dict.fromkeys(LAYERS, series)})
+    assert piece.stored < 1e-6 * stored  # at rest again, all of it is lost
 
 
 @pytest.mark.ranks
 def test_contact_holds_relaxing_skin_and_a_checkpoint_goes_on():
-    made, forces = sphere_on_block(relaxing()), []
-    for place, dt_s in [*((place, 0.01) for place in PLACES), (PLACES[-1], 0.1)]:
-        made.state.reset()
-        assert made.solve(np.array(place, dtype=float), dt_s).converged
-        load = made.accept()
-        forces.append(load.force_N[2])
-        assert load.imbalance_N < 1e-9
-        assert load.gap_error_mm < 0.01
-    assert forces[-1] < 0.95 * forces[-2]  # the skin relaxes
-    saved = made.gather()
-    other = sphere_on_block(relaxing())
-    other.restore(saved)
+    first, last = PRESS_AND_SLIDE[0], PRESS_AND_SLIDE[-1]
+    made = sphere_on_block(RELAXING)
+    loads = [follow(made, place) for place in PRESS_AND_SLIDE] + [follow(made, last, dt_s=0.1)]
+    assert max(load.imbalance_N for load in loads) < 1e-9
+    assert max(load.gap_error_mm for load in loads) < 0.01
+    assert loads[-1].force_N[2] < 0.95 * loads[-2].force_N[2]  # the skin relaxes
+    other = sphere_on_block(RELAXING)
+    other.restore(made.gather())
     for problem in (made, other):
-        problem.state.reset()
-        assert problem.solve(np.array(PLACES[-1], dtype=float), 1.0).converged
-    there, again = (problem.order.gather(problem.u) for problem in (made, other))
-    np.testing.assert_allclose(again, there, rtol=0, atol=1e-9)
-    long = sphere_on_block(relaxing())
-    elastic_one = sphere_on_block(Tissue.model_validate({"set": "proposed"}))
+        follow(problem, last, dt_s=1.0)
+    np.testing.assert_allclose(other.u.x.array, made.u.x.array, rtol=0, atol=1e-9)
+    long, elastic_one = sphere_on_block(RELAXING), sphere_on_block(PROPOSED)
     for problem in (long, elastic_one):
-        problem.state.reset()
-        assert problem.solve(np.array(PLACES[0], dtype=float), 1e3).converged
-    np.testing.assert_allclose(
-        long.order.gather(long.u), elastic_one.order.gather(elastic_one.u), rtol=0, atol=2e-5
-    )
+        follow(problem, first, dt_s=1e3)
+    np.testing.assert_allclose(long.u.x.array, elastic_one.u.x.array, rtol=0, atol=2e-5)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ from mpi4py import MPI  # isort: skip
 from blocks import block_mesh
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
+from materials import ONE_LAYER
+from sphere_on_block import follow
 from terms import Bulk
 
 from tactile_fem.finger.mesh_data import SURFACES
@@ -22,9 +24,8 @@ from tactile_fem.mechanics.domain import NodeOrder, create_domain, roller
 from tactile_fem.mechanics.obstacle import Obstacle
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.options import LINEAR, NEWTON
-from tactile_fem.study import Solver, Sphere, Tissue
+from tactile_fem.study import Solver, Sphere
 
-TISSUE = Tissue.model_validate({"set": "maeno1998", "viscous_time_s": 0.0})
 BALL = Sphere(radius_mm=4.0, friction=0.3)
 PATH = np.array(
     [(0, 0, 0.1), (0, 0, 0.2), (0, 0, 0.3), (0, 0, 0.4)] + [(0, -y, 0.4) for y in (0.02, 0.05, 0.1)]
@@ -50,7 +51,7 @@ class Penalty:
     def __init__(self, stiffness: float) -> None:
         domain, degree = block(), 10
         msh = domain.mesh
-        bulk = Bulk(domain, TISSUE)
+        bulk = Bulk(domain, ONE_LAYER)
         V = bulk.V
         self.state = state = bulk.state
         self.u = state.u
@@ -112,12 +113,8 @@ class Penalty:
 @cache
 def nitsche() -> np.ndarray:
     solver = Solver(held=("cut",), linear="direct", contact_width_MPa=1e-5)
-    problem = FingerProblem(block(), TISSUE, BALL.body(), BALL.friction, solver, symmetry)
-    forces = []
-    for place in PATH:
-        assert problem.solve(place, 1.0).converged
-        forces.append(problem.accept().force_N)
-    return np.array(forces)
+    problem = FingerProblem(block(), ONE_LAYER, BALL.body(), BALL.friction, solver, symmetry)
+    return np.array([follow(problem, place, dt_s=1.0).force_N for place in PATH])
 
 
 @cache

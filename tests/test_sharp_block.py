@@ -10,6 +10,7 @@ from tactile_fem.runtime import backend  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from blocks import block_mesh
+from sphere_on_block import follow
 
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.solvers.finger_problem import FingerProblem
@@ -26,12 +27,8 @@ def forces(count: int, gamma: float, slides=(), **choice) -> np.ndarray:
     solver = Solver(held=("cut",), linear="direct", nitsche_gamma=gamma, **choice)
     domain = create_domain(block, MPI.COMM_WORLD, solver.held)
     problem = FingerProblem(domain, TISSUE, PLATE.body(), PLATE.friction, solver)
-    found = []
-    for y, z in [(0.0, 0.1), (0.0, 0.2), (0.0, 0.3), *((slide, 0.3) for slide in slides)]:
-        report = problem.solve(np.array([0.0, -y, z]), 0.01)
-        assert report.converged, report
-        found.append(problem.accept().force_N)
-    return np.array(found[2:])
+    follow(problem, (0, 0, 0.1), (0, 0, 0.2))
+    return np.array([follow(problem, (0, -y, 0.3)).force_N for y in (0.0, *slides)])
 
 
 def test_what_gamma_changes_is_small_and_goes_with_the_mesh():

@@ -32,22 +32,23 @@ class Point:
         self.mesh = mesh.create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
         self.F = fem.Constant(self.mesh, np.eye(3))
         law, X = law_of(constants), ufl.SpatialCoordinate(self.mesh)
-        centre = np.full((1, 3), 0.25)
-        self._stress = fem.Expression(stress(law, self.F, X), centre)
-        self._energy = fem.Expression(law.energy(self.F, X), centre)
-        self._stiffness = fem.Expression(stiffness(law, self.F, X), centre)
+        P = stress(law, self.F, X)
+        values = [law.energy(self.F, X), stiffness(law, self.F, X)]
+        values += [P[i, j] for i in range(3) for j in range(3)]
+        self._values = fem.Expression(ufl.as_vector(values), np.full((1, 3), 0.25))
 
-    def stress(self, F):
+    def _at(self, F):
         self.F.value[:] = F
-        return self._stress.eval(self.mesh, np.array([0], dtype=np.int32)).reshape(3, 3)
-
-    def stiffness(self, F):
-        self.F.value[:] = F
-        return self._stiffness.eval(self.mesh, np.array([0], dtype=np.int32)).item()
+        return self._values.eval(self.mesh, np.array([0], dtype=np.int32)).ravel()
 
     def energy(self, F):
-        self.F.value[:] = F
-        return self._energy.eval(self.mesh, np.array([0], dtype=np.int32)).item()
+        return self._at(F)[0]
+
+    def stiffness(self, F):
+        return self._at(F)[1]
+
+    def stress(self, F):
+        return self._at(F)[2:].reshape(3, 3)
 
 
 def closed_form(c: Polynomial, stretch: np.ndarray) -> np.ndarray:
