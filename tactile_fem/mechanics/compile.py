@@ -91,7 +91,7 @@ def expression(value: Expr, points: np.ndarray) -> fem.Expression:
     return fem.Expression(value, points, jit_options=_common_options())
 
 
-@jit.mpi_jit_decorator
+@jit.mpi_jit_decorator  # type: ignore[untyped-decorator]
 def c_functions(
     source: Path, declarations: str, jit_options: Mapping[str, Any], **definitions: int
 ) -> tuple[Any, Callable[[str, np.ndarray], Any]]:
@@ -130,6 +130,7 @@ def c_functions(
         with tempfile.TemporaryDirectory(dir=folder) as own:  # at once: others may be compiling it
             Path(builder.compile(tmpdir=own)).replace(library)
     spec = importlib.util.spec_from_file_location(name, library)
+    assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module.lib, module.ffi.from_buffer

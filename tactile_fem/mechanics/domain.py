@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx import fem, graph, mesh
 from dolfinx.io import distribute_entity_data
 from dolfinx.io.gmsh import cell_perm_array
+from dolfinx.mesh import Mesh, MeshTags
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError
@@ -52,9 +53,9 @@ class Domain:
         That of a section.
     """
 
-    mesh: mesh.Mesh
-    tissue: mesh.MeshTags
-    surface: mesh.MeshTags
+    mesh: Mesh
+    tissue: MeshTags
+    surface: MeshTags
     nodes: np.ndarray
     held: np.ndarray
     line: np.ndarray
@@ -67,7 +68,7 @@ class Domain:
         """The communicator of the mesh."""
         return self.mesh.comm
 
-    def tissues_of(self, tags: mesh.MeshTags) -> dict[str, int]:
+    def tissues_of(self, tags: MeshTags) -> dict[str, int]:
         """Return name and tag of the tissues in `tags` on any rank.
 
         All ranks get the same tissues in the same order, so that they create the same forms.
@@ -79,7 +80,7 @@ class Domain:
             if self.comm.allreduce(tag in here, op=MPI.LOR)
         }
 
-    def skin_by_tissue(self) -> mesh.MeshTags:
+    def skin_by_tissue(self) -> MeshTags:
         """Return the skin's facets, each tagged with its tissue."""
         topology = self.mesh.topology
         dim = topology.dim
@@ -116,7 +117,7 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
     dim, degree = nodes.shape[1], 1 if straight else 2
     cell, facet = _SIMPLEX[dim], _SIMPLEX[dim - 1]
     corners, sides = math.comb(dim + degree, degree), math.comb(dim - 1 + degree, degree)
-    if comm.rank == 0:
+    if finger and comm.rank == 0:
         given = finger.cells[file_cells]
         used = np.unique(given[:, :corners])
         index = np.full(len(finger.nodes), -1)
@@ -142,7 +143,7 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
         held_nodes,
         line,
         file_cells,
-        comm.bcast(len(finger.cells) if comm.rank == 0 else None),
+        comm.bcast(len(finger.cells) if finger else 0),
         plane,
     )
 
@@ -176,7 +177,7 @@ def _is_straight(finger: FingerMesh) -> bool:
 
 def _tags(
     msh: mesh.Mesh, dim: int, entities: np.ndarray, values: np.ndarray, name: str
-) -> mesh.MeshTags:
+) -> MeshTags:
     msh.topology.create_connectivity(dim, 0)
     msh.topology.create_connectivity(dim, msh.topology.dim)
     msh.topology.create_connectivity(msh.topology.dim, dim)

@@ -318,4 +318,4 @@ class FastSolver(StepSolver):
 def _weakly(method: Callable[..., None]) -> Callable[..., None]:
     """Return a call of a bound method that does not keep its object alive."""
     reference = weakref.WeakMethod(method)
-    return lambda *arguments: reference()(*arguments)
+    return lambda *arguments: reference()(*arguments)  # type: ignore[misc]

@@ -14,6 +14,8 @@ from dolfinx import common, fem, la
 from tactile_fem.solvers.block_products import BlockProduct
 from tactile_fem.solvers.near_skin import NearForm
 
+_BLOCKS = la.BlockMode.compact  # type: ignore[attr-defined]
+
 
 class Jacobian:
     """The derivative of the residual, a matrix of PETSc's Python type.
@@ -53,7 +55,7 @@ class Jacobian:
     ) -> None:
         self._bulk_form, self._contact, self._bcs = bulk, contact, bcs
         self.matrix = matrix
-        self._bulk = fem.create_matrix(bulk, block_mode=la.BlockMode.compact)
+        self._bulk = fem.create_matrix(bulk, block_mode=_BLOCKS)
         self._skin = _matrix_with_diagonal(contact.over_all_skin(), bcs)
         self._bulk_product = BlockProduct(self._bulk, jit_options, is_symmetric=is_symmetric)
         self._skin_product = BlockProduct(self._skin, jit_options)
@@ -77,7 +79,7 @@ class Jacobian:
     def assemble_contact(self) -> None:
         """Assemble the contact's part at the present displacement and place of the body."""
         self._skin.set_value(0.0)
-        fem.assemble_matrix(self._skin, self._contact(), self._bcs, diag=0.0)
+        fem.assemble_matrix(self._skin, self._contact(), self._bcs, diag=0.0)  # type: ignore[misc]
         self._skin.scatter_reverse()
         self._skin_product.take()
 
@@ -131,4 +133,4 @@ def _matrix_with_diagonal(form: fem.Form, bcs: Sequence[fem.DirichletBC]) -> la.
         dofs, own = bc.dof_indices()
         pattern.insert_diagonal(np.unique(dofs[:own] // size).astype(np.int32))
     pattern.finalize()
-    return la.matrix_csr(pattern, block_mode=la.BlockMode.compact)
+    return la.matrix_csr(pattern, block_mode=_BLOCKS)

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -103,8 +104,8 @@ class Lagging:
         Jacobian would square this factor.
         """
         norms, _ = snes.getConvergenceHistory()
-        iterating = snes.getConvergedReason() == PETSc.SNES.ConvergedReason.ITERATING
-        if not iterating or len(norms) < 2:
+        reason: Any = snes.getConvergedReason()
+        if reason != PETSc.SNES.ConvergedReason.ITERATING or len(norms) < 2:
             return False
         expected = norms[-1] ** 2 / norms[-2]
         return bool(_SAFETY_FACTOR * expected < snes.getTolerances()[1])

@@ -9,6 +9,7 @@ below it.
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -74,7 +75,7 @@ class TwoLevel:
         self._fine = PETSc.Mat()  # the Jacobian in AIJ format, for the coarse operator
         self._coarse: PETSc.Mat | None = None
         # `FastSolver` decides about set-ups; Newton's method would set up with each Jacobian.
-        PETSc.Options(snes.getOptionsPrefix())["snes_lag_preconditioner"] = -2
+        PETSc.Options(snes.getOptionsPrefix()).setValue("snes_lag_preconditioner", -2)
         snes.setFromOptions()
 
     @property
@@ -129,7 +130,7 @@ class LineJacobi:
         ends = np.cumsum([0, *(size * nodes.size for nodes in lines)]).tolist()
         self._spans = list(pairwise(ends))
         self._sizes = [size * nodes.shape[1] for nodes in lines]
-        self._parts: list[PETSc.Mat] | None = None
+        self._parts: Any = None
         self._entries = PETSc.Mat()  # the same in AIJ format
         self._positions: list[np.ndarray] = []
         self._inverses: list[np.ndarray] = []

@@ -13,7 +13,6 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from tactile_fem.mechanics.obstacle import PointValues
 from tactile_fem.mechanics.terms.contact import Contact
 
 # Skin within this multiple of its reach is included, so that the forms do not change at each
@@ -48,7 +47,7 @@ class NearSkin:
             self._rows[tag] = np.array(
                 [row[tuple(pair)] for pair in pairs.tolist()], dtype=np.int64
             )
-        self._reach = PointValues(obstacle, [(part.reach, part.ds) for part in contact.parts])
+        self._reach = contact.at_points(lambda part: part.reach)
         self._reach_mm: np.ndarray | None = None
         self._is_chosen = np.zeros(len(obstacle.entities), dtype=bool)
         self.chosen: dict[int, np.ndarray] = {}

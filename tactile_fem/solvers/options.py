@@ -99,10 +99,10 @@ def set_options(options: Mapping[str, PetscOption], comm: MPI.Comm) -> str:
     prefix = f"tactile{_latest}_"
     database = PETSc.Options(prefix)
     for name, value in options.items():
-        database[name] = value
+        database.setValue(name, value)
     whole = PETSc.Options()
     if not whole.hasName("options_left"):
-        whole["options_left"] = False  # a press without contact uses few of them
+        whole.setValue("options_left", False)  # a press without contact uses few of them
     return prefix
 
 
@@ -110,4 +110,4 @@ def clear_options(prefix: str) -> None:
     """Remove a problem's options from PETSc's database."""
     database = PETSc.Options(prefix)
     for name in database.getAll():
-        del database[name]
+        database.delValue(name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from petsc4py import PETSc
 
@@ -44,7 +44,7 @@ class SolveReport:
     @classmethod
     def of(cls, snes: PETSc.SNES) -> SolveReport:
         """Return how the last solve of `snes` ended."""
-        reason = snes.getConvergedReason()
+        reason: Any = snes.getConvergedReason()
         return cls(
             reason > 0,
             snes.getIterationNumber(),
@@ -65,7 +65,8 @@ def solve_linear(
         The solver does not converge.
     """
     ksp.solve(right, solution)
-    if ksp.getConvergedReason() < 0:
+    reason: Any = ksp.getConvergedReason()
+    if reason < 0:
         raise TactileError("the linear equations at a converged state could not be solved")
     solution.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
     fem_petsc.assign(solution, field)

@@ -13,7 +13,6 @@ the body, ``dt`` the change of the tissue's traction and `H` the curvature of th
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import ufl
@@ -21,7 +20,6 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.contact_law import ContactLaw
-from tactile_fem.mechanics.obstacle import PointValues
 from tactile_fem.mechanics.terms.contact import Contact
 
 # Share of Coulomb's bound from which on skin slides.
@@ -51,15 +49,12 @@ class Touch:
         obstacle = contact.obstacle
         scalars = [obstacle.quadrature_function(()) for _ in range(2)]
         touch = cls(*scalars, obstacle.quadrature_function(obstacle.u.ufl_shape))
-        wanted: list[tuple[fem.Function, Callable[[ContactLaw], Expr]]] = [
-            (touch.pressure, lambda law: law.s_n),
-            (touch.closed, lambda law: law.closed()),
-            # that with which the last accepted step ended; see `terms.contact`
-            (touch.friction, lambda law: law.tangential(law.t) - law.untransmitted_old),
-        ]
-        for function, of in wanted:
-            values = [(of(part.law), part.ds) for part in contact.parts]
-            found = PointValues(obstacle, values).read()
+        for function, values in (
+            (touch.pressure, contact.at_points(lambda part: part.law.s_n)),
+            (touch.closed, contact.at_points(lambda part: part.law.closed())),
+            (touch.friction, contact.at_points(lambda part: _transmitted(part.law))),
+        ):
+            found = values.read()
             function.x.array[: len(found)] = found
         return touch
 
@@ -84,3 +79,8 @@ class Touch:
         ds_t = ufl.conditional(slides, follows, law.tangential(q))
         ds = ds_n * nu + self.pressure * (law.obstacle.hessian * motion) + ds_t
         return ufl.conditional(ufl.gt(self.pressure, 0.0), ds, 0.0 * ds)
+
+
+def _transmitted(law: ContactLaw) -> Expr:
+    """Return the friction that the last accepted step ended with, in MPa; see `terms.contact`."""
+    return law.tangential(law.t) - law.untransmitted_old

@@ -13,7 +13,7 @@ is subtracted in the present step. Since it is a traction, it remains valid if `
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -89,16 +89,12 @@ class Contact(Term):
         self._solver = solver
         self.friction = fem.Constant(msh, friction)
         self._gamma = fem.Constant(msh, solver.nitsche_gamma)
-        self._width, self._softness = (
-            fem.Constant(msh, solver.contact_width_MPa),
-            fem.Constant(msh, 0.0),
-        )
+        self._width = fem.Constant(msh, solver.contact_width_MPa)
+        self._softness = fem.Constant(msh, 0.0)
         self._untransmitted = self.obstacle.quadrature_function(tissues.u.ufl_shape)
         self.parts = self.skin(bulk.at_skin())
-        values = [(part.law.untransmitted(), part.ds) for part in self.parts]
-        self.histories = [
-            _Stick(self._untransmitted, self.obstacle, PointValues(self.obstacle, values))
-        ]
+        untransmitted = self.at_points(lambda part: part.law.untransmitted())
+        self.histories = [_Stick(self._untransmitted, self.obstacle, untransmitted)]
 
     def skin(self, bulk: Term) -> list[SkinPart]:
         """Return the parts of the skin, pulled at and stiffened by `bulk`."""
@@ -128,6 +124,10 @@ class Contact(Term):
                 reach = fem.Constant(msh, _UNLIMITED_MM)
             parts.append(SkinPart(law, ds(tag), reach))
         return parts
+
+    def at_points(self, of: Callable[[SkinPart], Expr]) -> PointValues:
+        """Return what evaluates a value of each part at the contact quadrature points."""
+        return PointValues(self.obstacle, [(of(part), part.ds) for part in self.parts])
 
     def residual(self, v: Expr) -> ufl.Form:
         """Return the virtual work of the contact tractions in `v`."""
