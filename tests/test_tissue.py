@@ -15,6 +15,7 @@ from dolfinx import fem, mesh
 from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH, young_modulus
 
 from tactile_fem.errors import StudyError
+from tactile_fem.mechanics.compile import expression
 from tactile_fem.study import TISSUE_SETS, Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import (
     compression_modulus,
@@ -35,7 +36,7 @@ class Point:
         P = stress(law, self.F, X)
         values = [law.energy(self.F, X), stiffness(law, self.F, X)]
         values += [P[i, j] for i in range(3) for j in range(3)]
-        self._values = fem.Expression(ufl.as_vector(values), np.full((1, 3), 0.25))
+        self._values = expression(ufl.as_vector(values), np.full((1, 3), 0.25))
 
     def _at(self, F):
         self.F.value[:] = F

@@ -22,7 +22,11 @@ import cffi
 import numpy as np
 import ufl
 from dolfinx import fem, jit
+from ufl.algorithms.analysis import extract_type
+from ufl.classes import Label
 from ufl.core.expr import Expr
+from ufl.corealg.map_dag import map_expr_dag
+from ufl.corealg.multifunction import MultiFunction
 
 from tactile_fem.runtime.doctor import compiler
 
@@ -88,7 +92,28 @@ def compiled_by() -> dict[str, str]:
 
 def expression(value: Expr, points: np.ndarray) -> fem.Expression:
     """Compile a UFL expression at points of the reference cell or facet, (points, 3 or 2)."""
-    return fem.Expression(value, points, jit_options=_common_options())
+    return fem.Expression(_with_own_labels(value), points, jit_options=_common_options())
+
+
+def _with_own_labels(value: Expr) -> Expr:
+    """Return an expression whose variables are counted from 0, as UFL counts those of a form.
+
+    Otherwise each problem of a process would have another signature, and be compiled again.
+    """
+    labels = sorted(extract_type(value, Label), key=lambda label: label.count())
+    own = {label: Label(number) for number, label in enumerate(labels)}
+    return map_expr_dag(_Relabeled(own), value)
+
+
+class _Relabeled(MultiFunction):
+    expr = MultiFunction.reuse_if_untouched
+
+    def __init__(self, own: Mapping[Label, Label]) -> None:
+        super().__init__()
+        self._own = own
+
+    def label(self, label: Label) -> Label:
+        return self._own[label]
 
 
 @jit.mpi_jit_decorator  # type: ignore[untyped-decorator]
