@@ -51,10 +51,10 @@ def test_iterations_do_not_depend_on_the_number_of_ranks():
 
 
 def test_iterations_do_not_grow_with_the_mesh_and_lines_through_the_layers_are_worth_it():
-    """Point blocks in their place need several times the iterations."""
+    """Point blocks in their place need more than twice the iterations."""
     coarse, fine = (iterations(count=count) for count in (4, 7))
     assert fine < 1.2 * coarse
-    assert iterations(count=7, mg_levels_pc_type="pbjacobi") > 2.5 * fine
+    assert iterations(count=7, mg_levels_pc_type="pbjacobi") > 2 * fine
 
 
 @pytest.mark.ranks

@@ -109,7 +109,7 @@ class _Relabeled(MultiFunction):
     expr = MultiFunction.reuse_if_untouched
 
     def __init__(self, own: Mapping[Label, Label]) -> None:
-        super().__init__()
+        super().__init__()  # type: ignore[no-untyped-call]
         self._own = own
 
     def label(self, label: Label) -> Label:
