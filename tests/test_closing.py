@@ -16,7 +16,7 @@ from mpi4py import MPI  # isort: skip
 from test_multigrid import pressed
 
 from tactile_fem.errors import ConvergenceError
-from tactile_fem.simulation import scan
+from tactile_fem.simulation.run import scan
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Finger, Solver, Study
 

@@ -30,7 +30,7 @@ MEASURED = [
 ]
 
 
-def of(study: Study, unknowns: float, ranks: float) -> module.Estimate:
+def of(study: Study, unknowns: float, ranks: float) -> module.Cost:
     """Return what a study on the default finger needs; a press to a force goes 4 mm deep."""
     return estimate(study, study.protocol.route(4.0), int(unknowns), int(ranks))
 

@@ -28,9 +28,9 @@ from tactile_fem.mechanics.compile import clean_cache, jit_options
 from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.runtime.files import locked
-from tactile_fem.simulation import resume, scan
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
+from tactile_fem.simulation.run import resume, scan
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import (
     Finger,

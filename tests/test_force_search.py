@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from tactile_fem.simulation.force_search import TOLERANCE, ForceSearch
+from tactile_fem.simulation.control import TOLERANCE, ForceSearch
 
 
 def sought(law, force_N=0.4, z_mm=0.3, stiffness_N_mm=0.5) -> ForceSearch:

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
 from tactile_fem.path import Motion, Path, Vibration
-from tactile_fem.simulation.checks import DEEPEST, check_study
+from tactile_fem.simulation.checks import LARGEST_DEPTH_SHARE, check_study
 from tactile_fem.study import Finger, Follow, Hold, Lift, Press, Protocol, Slide, Study
 from tactile_fem.study.file import dump_study, load_study
 
@@ -292,7 +292,7 @@ def test_pieces_that_cannot_be(pieces, sentence):
 
 def test_a_press_to_a_force_may_go_on_until_the_bone_is_near():
     check_study(Study(protocol=Protocol(path=(Press(force_N=1.0), Slide(force_N=1.0)))))
-    (_, motion) = next(Protocol(force_N=1.0).route(DEEPEST * THICKNESS).plan())
+    (_, motion) = next(Protocol(force_N=1.0).route(LARGEST_DEPTH_SHARE * THICKNESS).plan())
     assert motion.place(motion.duration_s)[2] == pytest.approx(0.8 * THICKNESS)
 
 

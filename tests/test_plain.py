@@ -10,7 +10,7 @@ from materials import PROPOSED, RELAXING
 from needs import needs_gmsh
 from sphere_on_block import PRESS_AND_SLIDE, follow, sphere_on_block
 
-from tactile_fem.simulation import Simulation
+from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.solvers.fast import FastSolver
 from tactile_fem.solvers.plain import PlainSolver
 from tactile_fem.study import Cylinder, Finger, Protocol, Receptors, Solver, Study, Text

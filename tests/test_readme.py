@@ -13,8 +13,7 @@ from tactile_fem.cli import app as cli
 from tactile_fem.simulation.checks import check_study
 from tactile_fem.study import Finger, Protocol, Receptors, Study, Text
 from tactile_fem.study.file import load_study
-from tactile_fem.vibration import frequencies_of
-from tactile_fem.vibration.modes import few_of
+from tactile_fem.vibration import few_of, frequencies_of
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"

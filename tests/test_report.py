@@ -13,7 +13,6 @@ from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
 from tactile_fem.series import fibre_image, report, single_fibre, sweep, write_summary
 from tactile_fem.series.report import write_report
-from tactile_fem.series.run import folder_of
 from tactile_fem.study import Study, Text
 
 
@@ -56,7 +55,7 @@ def test_scan(tmp_path, capsys):
 def test_passes_over_one_receptor_are_one_image(tmp_path, monkeypatch):
     passes = single_fibre(Study(), spacing_mm=1.0, half_width_mm=2.0)
     for member in passes:
-        make_results(folder_of(member, tmp_path), member.study, make_trace(np.zeros(1)))
+        make_results(tmp_path / member.name, member.study, make_trace(np.zeros(1)))
     write_summary(passes, tmp_path)
     images = []
     draw = lambda p, **k: images.append(fibre_image(p, **k)) or images[0]  # noqa: E731
@@ -72,14 +71,14 @@ def test_a_population_among_the_passes(tmp_path):
     passes = single_fibre(Study(), spacing_mm=1.0, half_width_mm=1.0)
     for member in passes:
         receptors = np.zeros(1) if member.values["shift_mm"] else np.arange(-1, 2) * 1.0
-        make_results(folder_of(member, tmp_path), member.study, make_trace(receptors))
+        make_results(tmp_path / member.name, member.study, make_trace(receptors))
     write_summary(passes, tmp_path)
     assert tags(write_report(tmp_path)).count("img") == 3
 
 
 def test_sweep_and_nothing(tmp_path):
     members = sweep(["stimulus.friction=0.1,0.2"])
-    make_results(folder_of(members[0], tmp_path), members[0].study, make_trace())
+    make_results(tmp_path / members[0].name, members[0].study, make_trace())
     write_summary(members, tmp_path)
     path = write_report(tmp_path)
     assert tags(path).count("img") == 1

@@ -19,18 +19,17 @@ from tactile_fem.runtime import backend, ranks  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from tactile_fem.errors import ConvergenceError, StudyError
-from tactile_fem.finger import FingerMesh, read_msh, write_msh
+from tactile_fem.finger import read_msh, write_msh
 from tactile_fem.neuron import Drive, Population
 from tactile_fem.neuron.fields import STANDARD
 from tactile_fem.output.histories import at_time
 from tactile_fem.path import Path
-from tactile_fem.simulation import Parts, completed, resume, scan
 from tactile_fem.simulation.fields import read_series
+from tactile_fem.simulation.parts import Parts
 from tactile_fem.simulation.results import Results
-from tactile_fem.simulation.run import ScanResult
+from tactile_fem.simulation.run import ScanResult, completed, resume, scan
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.simulation.trace import Trace
-from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import Distance
 from tactile_fem.study import (
     Afferents,
@@ -226,29 +225,6 @@ def test_two_populations_share_a_scan_that_is_cut_off(finished, study, tmp_path)
     assert again.counts()[:5].tolist() == counts[:5] and again.counts()[6] != counts[6]
 
 
-def test_pressing_to_a_force(study, monkeypatch, caplog):
-    solve, reports, steps = FingerProblem.solve, [], []
-
-    def counted(problem, *args):
-        reports.append(solve(problem, *args))
-        return reports[-1]
-
-    monkeypatch.setattr(FingerProblem, "solve", counted)
-    monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)
-    wanted = Protocol(force_N=0.05, distance_mm=0)
-    with caplog.at_level(logging.INFO, "tactile_fem"):
-        to_force = study.model_copy(update={"protocol": wanted})
-        trace = scan(to_force, observers=[lambda seen: steps.append(seen.step)]).trace
-    assert trace.force_N[-1, 2] == pytest.approx(0.05, rel=2e-3)
-    assert 0.3 < trace.depth_mm[-1] < 1.5
-    reached = f"{trace.force_N[-1, 2]:.4f} N are reached at a depth of {trace.depth_mm[-1]:.4f} mm"
-    assert reached in caplog.text
-    # What overshoots the force is work as well.
-    assert sum(len(step.discarded) for step in steps) == len(reports) - len(steps) > 0
-    assert trace.newton_iterations.sum() == sum(report.iterations for report in reports)
-    assert trace.linear_iterations.sum() == sum(report.linear_iterations for report in reports)
-
-
 def test_a_users_finger_is_pressed_as_deep_as_it_is_thick(study, small_finger, tmp_path):
     """Half as thick, up to four fifths of its own thickness, not of the default's."""
     finger = read_msh(small_finger)
@@ -316,17 +292,6 @@ def test_divergence_keeps_what_came_before_and_says_where(study, tmp_path):
     assert error.value.exit_code == 3
     assert "diverged" in error.value.reason
     assert Results.open(tmp_path / "failed").run["status"].startswith("failed")
-
-
-def test_a_stimulus_that_starts_inside_the_finger_is_refused(study, small_finger, tmp_path):
-    finger = read_msh(small_finger)
-    sunk = finger.nodes - [0, 0, 0.5]
-    path = tmp_path / "sunk.msh"
-    write_msh(path, FingerMesh(sunk, finger.cells, finger.tissue, finger.facets, finger.surface))
-    inside = study.model_copy(update={"finger": Finger(mesh_file=path)})
-    with pytest.raises(StudyError, match=r"inside the finger"):
-        scan(inside, tmp_path / "results")
-    assert not (tmp_path / "results").exists()
 
 
 # --- paths, observers' columns, own parts ---------------------------------------------------------
@@ -597,10 +562,11 @@ class Walled(Floor):
         ),
     ],
 )
-def test_bad_parts_are_found_before_any_long_work(study, parts, sentence, monkeypatch):
+def test_bad_parts_are_found_before_any_long_work(study, parts, sentence, tmp_path, monkeypatch):
     monkeypatch.setattr("tactile_fem.simulation.simulation.create_domain", None)
     with pytest.raises(StudyError, match=sentence):
-        scan(study, parts=parts)
+        scan(study, tmp_path / "results", parts=parts)
+    assert not (tmp_path / "results").exists()
 
 
 class Soft:

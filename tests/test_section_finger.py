@@ -172,7 +172,7 @@ def test_what_does_not_fit_a_section_is_told_at_once(study, says):
 def test_a_section_is_scanned(tmp_path):
     from mpi4py import MPI
 
-    from tactile_fem.simulation import scan
+    from tactile_fem.simulation.run import scan
 
     study = Study(
         finger=Finger(kind="section", pad_size_mm=0.6, far_size_mm=3.0),

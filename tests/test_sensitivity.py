@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactile_fem.calibration.sensitivity import Sensitivities
-from tactile_fem.simulation import Simulation
+from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.study import Finger, Protocol, Receptors, Solver, Sphere, Study, Tissue
 
 # Modulus and inverse of a bulk modulus; a law's own terms and viscosity's modulus change with them.

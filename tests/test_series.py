@@ -23,7 +23,6 @@ from tactile_fem.series import (
     sweep,
     write_summary,
 )
-from tactile_fem.series.run import folder_of
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Surface, Text
 
@@ -87,7 +86,7 @@ def test_tasks_share_a_series():
 def test_complete_scans_are_not_repeated_and_foreign_ones_refused(tmp_path):
     members = sweep(["stimulus.friction=0.1,0.2"], overrides=["finger.preset=coarse"])
     for member in members:
-        make_results(folder_of(member, tmp_path), member.study)
+        make_results(tmp_path / member.name, member.study)
     outcomes = run_series(members, tmp_path)  # would take minutes if it ran
     assert [(o.member.name, o.problem, o.wall_s) for o in outcomes] == [
         (member.name, "", 0.0) for member in members
@@ -117,7 +116,7 @@ def test_the_columns_of_the_summary_stand_in_the_documentation(tmp_path, members
     _, section = RESULTS_PAGE.read_text().split("\n## `summary.csv`\n")
     rows = re.findall(r"^\| `(\w+)` \| (.*?) ?\| .+ \|$", section.split("\n## ")[0], re.MULTILINE)
     for member in members:
-        make_results(folder_of(member, tmp_path), member.study)
+        make_results(tmp_path / member.name, member.study)
     columns = next(csv.reader(write_summary(members, tmp_path).open()))
     (axis,) = members[0].values
     assert f"`{axis}`" in section
@@ -141,7 +140,7 @@ def small_study(small_finger) -> Study:
 def test_a_failed_scan_loses_no_other(small_study, tmp_path):
     members = single_fibre(small_study, spacing_mm=1.0, half_width_mm=1.0)
     # A folder that is in use by something else: this pass cannot run.
-    blocked = folder_of(members[1], tmp_path)
+    blocked = tmp_path / members[1].name
     blocked.mkdir(parents=True)
     (blocked / "notes.txt").write_text("mine")
     outcomes = run_series(members, tmp_path, jobs=2)
@@ -150,11 +149,11 @@ def test_a_failed_scan_loses_no_other(small_study, tmp_path):
     rows = list(csv.DictReader(write_summary(members, tmp_path).open()))
     assert [row["status"] for row in rows] == ["complete", "not complete", "complete"]
     (blocked / "notes.txt").unlink()
-    before = (folder_of(members[0], tmp_path) / "trace.npz").stat().st_mtime_ns
+    before = (tmp_path / members[0].name / "trace.npz").stat().st_mtime_ns
     again = run_series(members, tmp_path)
     assert not any(outcome.problem for outcome in again)
-    assert (folder_of(members[0], tmp_path) / "trace.npz").stat().st_mtime_ns == before
-    shapes = {Results.open(folder_of(m, tmp_path)).trace["sed_kPa"].shape[1] for m in members}
+    assert (tmp_path / members[0].name / "trace.npz").stat().st_mtime_ns == before
+    shapes = {Results.open(tmp_path / m.name).trace["sed_kPa"].shape[1] for m in members}
     assert shapes == {1}
 
 
@@ -164,7 +163,7 @@ def test_a_series_with_a_file_that_changed_is_another_one(tmp_path):
     surface = Surface(file=heights, spacing_mm=1.0, unit_mm=0.001)
     members = single_fibre(Study(stimulus=surface), spacing_mm=5.0)
     for member in members:
-        make_results(folder_of(member, tmp_path / "series"), member.study)
+        make_results(tmp_path / "series" / member.name, member.study)
     for _ in range(2):
         assert {outcome.wall_s for outcome in run_series(members, tmp_path / "series")} == {0.0}
     np.savetxt(heights, np.ones((9, 9)), delimiter=",")

@@ -12,8 +12,7 @@ from synthetic import make_results
 from tactile_fem.neuron import DRIVES, Drive, Population
 from tactile_fem.output.spectrum import spectrum_figure, write_vibration
 from tactile_fem.study import Study
-from tactile_fem.vibration import Spectrum
-from tactile_fem.vibration.spectrum import unfelt
+from tactile_fem.vibration import Spectrum, unfelt
 
 FELT = {"fast": "sed", "soft": "compression", "deep": "pressure", "own": "squeeze"}
 

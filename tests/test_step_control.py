@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_fem.simulation.step_control import StepControl, StepTooSmallError
+from tactile_fem.simulation.control import StepControl, StepTooSmallError
 
 
 def walk(control: StepControl, iterations=lambda time: 4, most_s=lambda time: np.inf):

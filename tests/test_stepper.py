@@ -113,7 +113,8 @@ def test_presses_go_on_from_force_to_force():
 
 
 def test_a_held_force_is_held():
-    steps = steps_of(TO_FORCE)
+    problem = Spring()
+    steps = list(Stepper(problem, TO_FORCE, SOLVER))
     assert list(dict.fromkeys(step.phase for step in steps)) == ["press", "hold", "slide", "lift"]
     reached = of(steps, "press")[-1]
     assert reached.force_N[2] == pytest.approx(0.4, rel=1e-3)
@@ -125,6 +126,10 @@ def test_a_held_force_is_held():
     assert slid[-1].displacement_mm == pytest.approx(1.0)
     np.testing.assert_allclose(steps[-1].stimulator_mm, [0.0, -1.0, -0.1], atol=1e-12)
     assert not steps[-1].force_N.any()
+    # What overshoots the force is work as well.
+    assert sum(len(step.discarded) for step in steps) == len(problem.solves) - len(steps) > 0
+    assert sum(step.newton_iterations for step in steps) == 3 * len(problem.solves)
+    assert sum(step.linear_iterations for step in steps) == 9 * len(problem.solves)
     # Where the secant has the spring's stiffness, most steps take one solve, few more than two.
     assert np.mean([len(step.discarded) for step in slid]) < 1
 

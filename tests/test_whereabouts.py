@@ -17,7 +17,7 @@ from tactile_fem.output import pictures
 from tactile_fem.output.deck import write_deck
 from tactile_fem.output.film import Film
 from tactile_fem.output.preview import preview_figure
-from tactile_fem.simulation.checks import tell_missed
+from tactile_fem.simulation.checks import warn_if_missed
 from tactile_fem.stimulus.check import miss
 from tactile_fem.study import Cylinder, Edge, Finger, Plate, Protocol, Sphere, Study, Text
 
@@ -76,9 +76,9 @@ def test_no_deck_is_written_of_a_stimulator_beside_the_finger(tmp_path):
 def test_a_stimulator_beside_the_finger_is_warned_of(small_finger, caplog):
     finger, path = read_msh(small_finger), PRESS.route(0.0)
     with caplog.at_level(logging.WARNING):
-        tell_missed(Sphere().body(), path, finger)
+        warn_if_missed(Sphere().body(), path, finger)
         assert not caplog.records
-        tell_missed(Sphere(shift_mm=(60, 0)).body(), path, finger)
+        warn_if_missed(Sphere(shift_mm=(60, 0)).body(), path, finger)
     assert caplog.messages[0].endswith("finger: correct stimulus.shift_mm or the protocol.")
 
 

@@ -33,7 +33,7 @@ from shear import SHEAR
 from skin_height import SkinHeight
 
 from tactile_fem import Parts, Population, Results, Simulation, Study, draw, run_script, scan
-from tactile_fem.simulation import ScanResult
+from tactile_fem.simulation.run import ScanResult
 from tactile_fem.study import Finger, Hold, Lift, Output, Press, Protocol, Receptors
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

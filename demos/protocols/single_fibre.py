@@ -38,7 +38,6 @@ from tactile_fem.series import (
     single_fibre,
     write_summary,
 )
-from tactile_fem.series.run import folder_of
 
 # Spikes further apart belong to different bundles: 33 spikes/s at 20 mm/s.
 GAP_MM = 0.6
@@ -94,7 +93,7 @@ def main(
     members = [unshifted, *(member for member in shifted if member.values["shift_mm"])]
     run_series(members, folder, jobs=jobs)
     print(write_summary(members, folder))
-    population = Results.open(folder_of(unshifted, folder))
+    population = Results.open(folder / unshifted.name)
     passes = complete_scans(members, folder)
     images = {"population": population_image(population), "single fibre": fibre_image(passes)}
     print_results(images, study, folder)

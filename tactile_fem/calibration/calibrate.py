@@ -46,7 +46,7 @@ _TOLERANCE = 1e-3
 _FINGER_LOGGERS = ("finger.finger", "finger.build", "mechanics.domain", "simulation.simulation")
 _SD_OF_95_PERCENT = float(ndtri(0.975))
 # Share of the variance that the measurements must take away to call a parameter identified.
-_IDENTIFIED = 0.5
+_IDENTIFIED_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,9 @@ class Calibration:
     predicted
         The model's numbers at `x`, an array for each experiment.
     jacobian
-        Derivatives of all experiments' numbers, in their standard deviations, (numbers,
-        parameters).
-    evaluations
-        Points that the optimizer tried.
-    converged
-        Whether it ended before the limit of points.
+        Derivatives of all numbers, in their standard deviations, (numbers, parameters).
+    evaluations, converged
+        Points that the optimizer tried; whether it ended before their limit.
     """
 
     start: Study
@@ -109,8 +106,8 @@ class Calibration:
     def covariance(self) -> Array:
         """Of `x`, (parameters, parameters).
 
-        It assumes independent deviations, which those of one finger are not, and known standard
-        deviations: intervals are those of a normal distribution.
+        It assumes independent deviations, which those of one finger are not, with known and normal
+        distributions.
         """
         return np.linalg.inv(self.jacobian.T @ self.jacobian + np.diag(1 / self._prior_sd**2))
 
@@ -131,17 +128,14 @@ class Calibration:
 
     @property
     def influence(self) -> Array:
-        """Influence of each measured number, (numbers, parameters).
-
-        Change of x, in its standard deviations, if the number were one of its own larger.
-        """
+        """Change of `x`, in its deviations, by one of a measured number, (numbers, parameters)."""
         return (self.jacobian @ self.covariance) / self.sd
 
     def estimate(self, k: int, start: float, power: float = 1.0) -> Estimate:
         """Return the estimate of a value that parameter k multiplies by ``exp(power x)``."""
         ends = self.x[k] + _SD_OF_95_PERCENT * self.sd[k] * np.array([-1, 0, 1])
         low, value, high = np.sort(start * np.exp(power * ends)).tolist()
-        known = self.learnt[k] >= _IDENTIFIED
+        known = self.learnt[k] >= _IDENTIFIED_SHARE
         return Estimate(value, low, high, "" if known else "not identified")
 
 
@@ -204,15 +198,15 @@ def calibrate(
         )
         predicted = model.predictions(solution.x)
     return Calibration(
-        study,
-        with_values(study, parameters, solution.x),
-        tuple(parameters),
-        tuple(experiments),
-        solution.x,
-        tuple(p.values for p in predicted),
-        solution.jac[: -len(parameters)],
-        int(solution.nfev),
-        solution.status > 0,
+        start=study,
+        study=with_values(study, parameters, solution.x),
+        parameters=tuple(parameters),
+        experiments=tuple(experiments),
+        x=solution.x,
+        predicted=tuple(p.values for p in predicted),
+        jacobian=solution.jac[: -len(parameters)],
+        evaluations=int(solution.nfev),
+        converged=solution.status > 0,
     )
 
 

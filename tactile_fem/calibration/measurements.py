@@ -46,8 +46,6 @@ class Experiment:
     ----------
     name
         The indenter as it is written in the file, with its speed.
-    indenter, speed_mm_s
-        What is pressed into the pad, and how fast.
     depth_mm
         Depth of each measured number, (n,).
     place_mm

@@ -6,10 +6,9 @@ import hashlib
 import logging
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from tactile_fem.calibration.parameters import Parameter, with_values
 from tactile_fem.calibration.press import Prediction, press, study_of
 from tactile_fem.calibration.sensitivity import Change
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.runtime.files import atomic_write, write_text
+from tactile_fem.runtime.files import write_arrays, write_text
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.study import Study
 from tactile_fem.study.file import dump_study
@@ -67,26 +66,23 @@ class Task:
         text = pressed + repr([array.tolist() for array in wanted]) + repr(changes)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def press(self, comm: MPI.Comm) -> Prediction:
-        """Press; all ranks call."""
-        return press(self.study, self.experiment, self.changes, comm)
+    def run(self, file: Path, comm: MPI.Comm = MPI.COMM_SELF) -> None:
+        """Press and save what the model predicts, and beside it the study; all ranks call."""
+        prediction = press(self.study, self.experiment, self.changes, comm)
 
-    def save(self, file: Path, prediction: Prediction) -> None:
-        """Write a prediction, and beside it the study that it belongs to."""
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_text(file.with_suffix(".toml"), dump_study(study_of(self.study, self.experiment)))
-        with atomic_write(file) as beside, beside.open("wb") as stream:
-            np.savez(stream, **vars(prediction))
+        def save() -> None:
+            pressed = dump_study(study_of(self.study, self.experiment))
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_text(file.with_suffix(".toml"), pressed)
+            write_arrays(file, vars(prediction))
 
-    def run(self, file: Path) -> None:
-        """Press in this process and save."""
-        self.save(file, self.press(MPI.COMM_SELF))
+        on_root(comm, save)
 
 
 def load(file: Path) -> Prediction:
     """Return a saved prediction."""
     with np.load(file, allow_pickle=False) as saved:
-        return Prediction(saved["values"], saved["derivatives"])
+        return Prediction(**saved)
 
 
 class Model:
@@ -134,36 +130,30 @@ class Model:
             )
         return np.concatenate([numbers, prior])
 
-    def predictions(self, x: Array) -> list[Prediction]:
+    def predictions(self, x: Array, *, with_derivatives: bool = True) -> list[Prediction]:
         """Return what the model gives for each experiment."""
-        return self._predictions(x, self._changes)
-
-    def _predictions(self, x: Array, changes: tuple[Change, ...]) -> list[Prediction]:
+        changes = self._changes if with_derivatives else ()
         study = with_values(self._study, self._parameters, x)
         tasks = [Task(study, experiment, changes) for experiment in self._experiments]
         files = [self._folder / f"{task.name}.npz" for task in tasks]
         left = on_root(self._comm, lambda: [k for k, file in enumerate(files) if not file.exists()])
         begun = time.perf_counter()
         if self._jobs > 1:
-            self._press_in_parallel({files[k]: tasks[k] for k in left})
+            # MPI does not survive a fork.
+            with ProcessPoolExecutor(self._jobs, get_context("spawn")) as pool:
+                waiting = [pool.submit(tasks[k].run, files[k]) for k in left]
+                try:
+                    for done in as_completed(waiting):
+                        done.result()
+                except BaseException:
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    raise
         else:
             for k in left:
-                prediction = tasks[k].press(self._comm)
-                on_root(self._comm, partial(tasks[k].save, files[k], prediction))
+                tasks[k].run(files[k], self._comm)
         self._pressed += len(left)
         self._spent_s += time.perf_counter() - begun
         return on_root(self._comm, lambda: [load(file) for file in files])
-
-    def _press_in_parallel(self, tasks: Mapping[Path, Task]) -> None:
-        """Press each in a process that starts anew: MPI does not survive a fork."""
-        with ProcessPoolExecutor(self._jobs, get_context("spawn")) as pool:
-            waiting = [pool.submit(task.run, file) for file, task in tasks.items()]
-            try:
-                for done in as_completed(waiting):
-                    done.result()
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives of `residuals`, (numbers + parameters, parameters).
@@ -186,7 +176,7 @@ class Model:
     def _along_length(self, x: Array, i: int, here: Array) -> Array:
         """Return the derivatives of the numbers, `here` at x, from a longer or shorter length."""
         for step in (_LENGTH_STEP, -_LENGTH_STEP):
-            found = self._predictions(x + step * np.eye(len(x))[i], ())
+            found = self.predictions(x + step * np.eye(len(x))[i], with_derivatives=False)
             column = (np.concatenate([p.values for p in found]) - here) / step
             if np.isfinite(column).all():
                 return column

@@ -34,18 +34,10 @@ _PROFILE_MM, _PROFILE_POINTS = 8.0, 321  # half the length of the line of skin t
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model gives for an experiment.
+    """What the model gives for an experiment."""
 
-    Attributes
-    ----------
-    values
-        In place of the measured numbers, (n,); NaN beyond where the press ended.
-    derivatives
-        Along each change of the constants, (n, changes).
-    """
-
-    values: Array
-    derivatives: Array
+    values: Array  # in place of the measured numbers, (n,); NaN beyond where the press ended
+    derivatives: Array  # along each change of the constants, (n, changes)
 
 
 def study_of(study: Study, experiment: Experiment) -> Study:
@@ -61,20 +53,10 @@ def press(
     changes: Sequence[Change] = (),
     comm: MPI.Comm | None = None,
 ) -> Prediction:
-    """Press the indenter to the measured depths.
+    """Press the indenter to the measured depths; all ranks of `comm`, by default all, call.
 
-    A press that ends before, because the mechanics diverges, is logged.
-
-    Parameters
-    ----------
-    study
-        Finger, tissues and solver.
-    experiment
-        Indenter, speed, and what is wanted.
-    changes
-        Of the constants, along which derivatives are wanted.
-    comm
-        Communicator; all its ranks must call. Default: all ranks.
+    A press that ends before, because the mechanics diverges, is logged. Derivatives are those
+    along the `changes` of the constants.
     """
     comm = comm or MPI.COMM_WORLD
     depths = np.unique(experiment.depth_mm)
@@ -148,16 +130,10 @@ def _reading(
 
 
 def deflection(moved_mm: Array, rest_mm: Array, places_mm: Array, axis: int) -> Array:
-    """Return the skin's deflection at distances from the indenter, the mean of both sides.
+    """Return the deflection of the skin at distances from the indenter, the mean of both sides.
 
-    Parameters
-    ----------
-    moved_mm, rest_mm
-        Deformed and undeformed points of a line across the indenter, (points, 3).
-    places_mm
-        The distances, (k,).
-    axis
-        Along which they are measured.
+    `moved_mm` and `rest_mm` are deformed and undeformed points of a line across the indenter,
+    (points, 3); the distances (k,) are measured along an axis.
     """
     along, up = moved_mm[:, axis], moved_mm[:, 2] - rest_mm[:, 2]
     sides = [np.interp(sign * places_mm, along, up) for sign in (-1, 1)]

@@ -46,14 +46,8 @@ class _Derivatives:
 class Sensitivities:
     """Derivatives along changes of the constants, carried from step to step.
 
-    An observer: `follow` is to be called after each accepted step, from the first on.
-
-    Parameters
-    ----------
-    problem
-        Without own laws in the place of the constants that change.
-    changes
-        What to differentiate along.
+    `follow` is to be called after each accepted step, from the first on. The problem has no own
+    laws in the place of the constants that change.
     """
 
     def __init__(self, problem: FingerProblem, changes: Sequence[Change]) -> None:
@@ -64,13 +58,9 @@ class Sensitivities:
         ]
 
     def derivative(self, of: Callable[[], Array]) -> Array:
-        """Return the derivatives (changes, k) of what `of` returns at the present state.
+        """Return the derivatives (changes, k) of the numbers (k,) that `of` returns.
 
-        Parameters
-        ----------
-        of
-            Returns numbers (k,), such as forces, at the end of the last accepted step; all ranks
-            call.
+        It evaluates them at the end of the last accepted step; all ranks call.
         """
         with self._problem.reopened():
             found = [

@@ -19,7 +19,9 @@ from tactile_fem.study.kept import keep_files
 
 Row = dict[str, str | float]
 
-_UNLIKELY = 0.01  # probability below which the deviations are not only the measurements'
+_SMALLEST_PROBABILITY = (
+    0.01  # probability below which the deviations are not only the measurements'
+)
 _STRONG_CORRELATION = 0.7
 _BLUE, _ORANGE = "#0072B2", "#D55E00"
 
@@ -123,7 +125,7 @@ def summary(found: Calibration) -> str:
     lines.append(f"{squares_in_words(*found.squares)}; {numbers}")
     if not found.converged:
         lines.append("not converged: allow more points; no press is repeated")
-    if found.probability < _UNLIKELY:
+    if found.probability < _SMALLEST_PROBABILITY:
         lines.append(
             "the model is farther from the measurements than their standard deviations allow: the "
             "intervals are too narrow"

@@ -288,21 +288,17 @@ def vibrate(
         Amplitude for the table and the firing rates.
     """
     from tactile_fem import Results
-    from tactile_fem.vibration import frequencies_of
-    from tactile_fem.vibration.modes import few_of, nearest
-    from tactile_fem.vibration.spectrum import unfelt
+    from tactile_fem.vibration import few_of, frequencies_of, nearest, unfelt
 
     wanted = frequencies_of(frequencies, "--frequencies")
     shaped = few_of(wanted) if shapes is None else frequencies_of(shapes, "--shapes")
     found = Results.open(results)
     found.load_state(at_mm, at_s)  # raises here if there is no such state
     module = with_mechanics("tactile_fem.vibration.vibrate", ranks_)
-    from tactile_fem.vibration.keeper import ModeKeeper
-
     for population in [afferents.population() for afferents in found.study.populations]:
         if reason := unfelt(population):
             logger.warning("%s afferents get no firing rates here: %s", population.name, reason)
-    keeper = ModeKeeper(wanted[nearest(wanted, shaped)])
+    keeper = module.ModeKeeper(wanted[nearest(wanted, shaped)])
     spectrum = module.vibrate(
         results,
         wanted,

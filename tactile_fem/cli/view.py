@@ -40,7 +40,7 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
     from tactile_fem.finger.scans import Scans
     from tactile_fem.output.preview import preview_figure, scans_figure
     from tactile_fem.runtime.files import write_figure
-    from tactile_fem.simulation.checks import check_with_mesh, tell_missed
+    from tactile_fem.simulation.checks import check_with_mesh, warn_if_missed
 
     the_study = load_study(study, changes)
     check_file("--output", output, ".png")
@@ -54,7 +54,7 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
             print(f"The scans and the place are drawn in {output}")
         raise
     path = check_with_mesh(the_study, body, finger)
-    tell_missed(body, path, finger)
+    warn_if_missed(body, path, finger)
     logger.info("drawing finger and stimulator")
     write_figure(output, preview_figure(finger, body, path))
     print(f"Written to {output}")
@@ -102,7 +102,7 @@ def view(
     from tactile_fem.output import view as viewing
     from tactile_fem.output.film import Film
     from tactile_fem.output.histories import DISPLACEMENT
-    from tactile_fem.vibration.modes import Modes
+    from tactile_fem.vibration import Modes
 
     look: pictures.Look = "receptors"
     if vibration is None:

@@ -17,7 +17,7 @@ from tactile_fem.output.histories import TIME, Abscissa, at_time
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
-from tactile_fem.vibration.modes import Modes
+from tactile_fem.vibration import Modes
 
 Array = NDArray[np.floating]
 

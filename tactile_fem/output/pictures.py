@@ -29,7 +29,7 @@ from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
-from tactile_fem.vibration.modes import Modes
+from tactile_fem.vibration import Modes
 
 logger = logging.getLogger(__name__)
 

@@ -14,8 +14,7 @@ from tactile_fem.output.pictures import draw_pictures
 from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.simulation.results import Results
-from tactile_fem.vibration.modes import Modes
-from tactile_fem.vibration.spectrum import Spectrum
+from tactile_fem.vibration import Modes, Spectrum
 
 _COLOURS = (BLUE, VERMILION, GREEN, INK)
 

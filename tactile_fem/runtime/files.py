@@ -18,6 +18,7 @@ from tactile_fem.errors import StudyError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
 
 logger = logging.getLogger(__name__)
 
@@ -49,6 +50,18 @@ def write_text(path: Path, text: str) -> None:
     """Write a text file atomically."""
     with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")
+
+
+def write_arrays(path: Path, arrays: Mapping[str, ArrayLike], *, compressed: bool = False) -> None:
+    """Write a NumPy archive of numbers and text; to compress it takes ten times as long."""
+    import numpy as np
+
+    values = {name: np.asarray(value) for name, value in arrays.items()}
+    if any(array.dtype.hasobject for array in values.values()):
+        raise ValueError(f"{path.name} takes arrays of numbers and text only")
+    save: Callable[..., None] = np.savez_compressed if compressed else np.savez
+    with atomic_write(path) as part, part.open("wb") as stream:
+        save(stream, **values)
 
 
 def write_figure(path: Path, figure: Figure, dpi: float | None = None) -> None:

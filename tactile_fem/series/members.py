@@ -21,19 +21,11 @@ from tactile_fem.study.file import load_study
 
 @dataclass(frozen=True)
 class Member:
-    """One scan of a series.
+    """One scan of a series."""
 
-    Attributes
-    ----------
-    name
-        Of its folder.
-    values
-        Its varied values, by their names in the study.
-    """
-
-    name: str
+    name: str  # of its folder
     study: Study
-    values: dict[str, Any]
+    values: dict[str, Any]  # its varied values, by their names in the study
 
 
 def single_fibre(
@@ -41,12 +33,8 @@ def single_fibre(
 ) -> list[Member]:
     """Return the passes of the classic protocol: one receptor, and a shifted stimulator in each.
 
-    Parameters
-    ----------
-    study
-        The study of every pass; only its receptor at X = Y = 0 is used.
-    spacing_mm, half_width_mm
-        The shifts in X go from ``-half_width_mm`` to ``half_width_mm`` (paper: 0.2 and 5 mm).
+    Only the study's receptor at X = Y = 0 is used. The shifts in X go from ``-half_width_mm`` to
+    ``half_width_mm`` (paper: in steps of 0.2 to 5 mm).
 
     Raises
     ------
@@ -85,12 +73,8 @@ def sweep(
 ) -> list[Member]:
     """Return the studies with every combination of the given values.
 
-    Parameters
-    ----------
-    axes
-        ``section.key=value,value,...`` each.
-    path, overrides
-        The study to vary, as for `load_study`.
+    Each axis is ``section.key=value,value,...``; `path` and `overrides` name the study to vary, as
+    for `load_study`.
 
     Raises
     ------

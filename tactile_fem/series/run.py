@@ -6,9 +6,9 @@ import logging
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,25 +29,17 @@ from tactile_fem.study.kept import keep_files
 logger = logging.getLogger(__name__)
 
 _POLL_S = 0.3
-_END_S = 1e-12  # of the indentation, with what rounding leaves
-_KEPT = "scans that ran are saved up to their last steps; start it again to continue"
+_ROUNDING_S = 1e-12
+_SAVED_SCANS = "scans that ran are saved up to their last steps; start it again to continue"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a scan of a series ended.
-
-    Attributes
-    ----------
-    problem
-        Why it failed, in one sentence; empty if it is complete.
-    wall_s
-        Wall time of this run; 0 if it was complete before.
-    """
+    """How a scan of a series ended."""
 
     member: Member
-    problem: str
-    wall_s: float
+    problem: str  # why it failed, in one sentence; empty if it is complete
+    wall_s: float  # of this run; 0 if it was complete before
 
 
 def share_of(members: Sequence[Member], task: str) -> list[Member]:
@@ -64,11 +56,6 @@ def share_of(members: Sequence[Member], task: str) -> list[Member]:
     return list(members[int(first) - 1 :: int(last)])
 
 
-def folder_of(member: Member, folder: Path) -> Path:
-    """Return the results folder of a member."""
-    return folder / member.name
-
-
 @shown()
 def run_series(
     members: Sequence[Member],
@@ -80,14 +67,11 @@ def run_series(
 ) -> list[Outcome]:
     """Run the scans that are not complete; one that fails does not stop the others.
 
-    If interrupted and called again, it continues. Several tasks may share a folder.
+    If interrupted and called again, it continues. Several tasks may share a folder, which holds a
+    study file and a results folder for each scan.
 
     Parameters
     ----------
-    members
-        All scans of the series.
-    folder
-        Holds a study file and a results folder for each of them.
     jobs, ranks
         Number of scans in parallel, and of MPI processes for each.
     task
@@ -105,31 +89,27 @@ def run_series(
     for member in mine:
         check_study(member.study)
         _save_study(member, folder)
-    left = [member for member in mine if not is_complete(member, folder)]
+    left = [member for member in mine if not Results(folder / member.name).complete]
     outcomes = {member.name: Outcome(member, "", 0.0) for member in mine}
     logger.info("%d scans, %d of them complete", len(mine), len(mine) - len(left))
-    begun, done = time.perf_counter(), 0
-    waiting, signals = list(left), list[int]()
-    running: list[_Scan] = []
-    with signal_handler(signals.append):
+    running, signals, begun = list[subprocess.Popen[str]](), list[int](), time.perf_counter()
+    with signal_handler(signals.append), ThreadPoolExecutor(jobs) as pool:
+        waiting = {pool.submit(_scan, one, folder, ranks, running, signals) for one in left}
         try:
-            while waiting or running:
-                while waiting and len(running) < jobs:
-                    running.append(_Scan(waiting.pop(0), folder, ranks))
-                time.sleep(_POLL_S)
+            while waiting:
+                ended, waiting = wait(waiting, _POLL_S, FIRST_COMPLETED)
                 if signals:
-                    raise StoppedError(signals[0], _KEPT)
-                for scan in [scan for scan in running if scan.process.poll() is not None]:
-                    running.remove(scan)
-                    outcomes[scan.member.name] = outcome = scan.outcome()
-                    done += 1
-                    minutes = (time.perf_counter() - begun) / done * (len(left) - done) / 60
+                    raise StoppedError(signals[0], _SAVED_SCANS)
+                for outcome in [future.result() for future in ended]:
+                    outcomes[outcome.member.name] = outcome
+                    done = len(left) - len(waiting)
+                    minutes = (time.perf_counter() - begun) / done * len(waiting) / 60
                     _log(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
-        finally:
-            for scan in running:
-                scan.process.terminate()
-            for scan in running:
-                scan.process.wait()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in list(running):
+                process.terminate()
+            raise
     return list(outcomes.values())
 
 
@@ -146,26 +126,21 @@ def run_all(
     for outcome in run_series(members, folder, jobs=jobs, ranks=ranks):
         if outcome.problem:
             raise TactileError(outcome.problem)
-    return [Results.open(folder_of(member, folder)) for member in members]
-
-
-def is_complete(member: Member, folder: Path) -> bool:
-    """Return whether a member's scan is complete."""
-    return Results(folder_of(member, folder)).complete
+    return complete_scans(members, folder)
 
 
 def complete_scans(members: Sequence[Member], folder: Path) -> list[Results]:
     """Return the results of the complete members, in the order of the members."""
-    return [
-        Results.open(folder_of(member, folder)) for member in members if is_complete(member, folder)
-    ]
+    scans = [Results(folder / member.name) for member in members]
+    return [scan for scan in scans if scan.complete]
 
 
 def write_summary(members: Sequence[Member], folder: Path | str) -> Path:
     """Write ``summary.csv``: values, status and numbers of each scan; return its path."""
     folder = Path(folder)
     rows = [
-        {"scan": member.name, **member.values, **_numbers(member, folder)} for member in members
+        {"scan": member.name, **member.values, **_numbers(Results(folder / member.name))}
+        for member in members
     ]
     columns = list(dict.fromkeys(name for row in rows for name in row))
     path = folder / "summary.csv"
@@ -173,11 +148,11 @@ def write_summary(members: Sequence[Member], folder: Path | str) -> Path:
     return path
 
 
-def _numbers(member: Member, folder: Path) -> dict[str, Any]:
+def _numbers(results: Results) -> dict[str, Any]:
     """Return the numbers of a scan; only its status if it is not complete."""
-    if not is_complete(member, folder):
+    if not results.complete:
         return {"status": "not complete"}
-    numbers = numbers_of(Results.open(folder_of(member, folder)))
+    numbers = numbers_of(results)
     short = {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in numbers.items()}
     return {"status": "complete", **short, "wall_s": round(numbers["wall_s"], 1)}
 
@@ -205,7 +180,7 @@ def numbers_of(results: Results) -> dict[str, int | float]:
         "steps": len(trace["time_s"]),
         "newton_iterations": int(trace["newton_iterations"].sum()),
         "wall_s": float(trace["wall_s"].sum()),
-        f"pressed_{unit}": float(trace["force_N"][trace["time_s"] <= _END_S][-1, 2]),
+        f"pressed_{unit}": float(trace["force_N"][trace["time_s"] <= _ROUNDING_S][-1, 2]),
         f"normal_{unit}": float(force[:, 2].mean()),
         f"tangential_{unit}": float(np.hypot(force[:, 0], force[:, 1]).mean()),
         "largest_sed_kPa": float(sed.max()),
@@ -216,35 +191,37 @@ def numbers_of(results: Results) -> dict[str, int | float]:
     }
 
 
-class _Scan:
-    """A scan that runs in a process of its own."""
-
-    def __init__(self, member: Member, folder: Path, ranks: int) -> None:
-        self.member = member
-        self._begun = time.perf_counter()
-        self._errors = tempfile.TemporaryFile("w+", errors="replace")
-        command = [sys.executable, "-m", "tactile_fem", "scan", str(_study_file(member, folder))]
-        command += ["--results", str(folder_of(member, folder)), "--ranks", str(ranks)]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=self._errors, env=environment
-        )
-
-    def outcome(self) -> Outcome:
-        """Return how the scan ended; its process has."""
-        code, wall_s = self.process.returncode, time.perf_counter() - self._begun
-        self._errors.seek(0)
-        lines = self._errors.read().strip().splitlines() or [f"exit code {code}"]
-        return Outcome(self.member, lines[-1] if code else "", wall_s)
-
-
-def _study_file(member: Member, folder: Path) -> Path:
-    return folder / f"{member.name}.toml"
+def _scan(
+    member: Member,
+    folder: Path,
+    ranks: int,
+    running: list[subprocess.Popen[str]],
+    signals: list[int],
+) -> Outcome:
+    """Scan in a process of its own, which is added to those that run; it ends after a signal."""
+    begun = time.perf_counter()
+    command = [sys.executable, "-m", "tactile_fem", "scan", f"{folder / member.name}.toml"]
+    command += ["--results", str(folder / member.name), "--ranks", str(ranks)]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    running.append(process)
+    if signals:
+        process.terminate()
+    lines = process.communicate()[1].strip().splitlines()
+    running.remove(process)
+    problem = (lines or [f"exit code {process.returncode}"])[-1] if process.returncode else ""
+    return Outcome(member, problem, time.perf_counter() - begun)
 
 
 def _save_study(member: Member, folder: Path) -> None:
     """Write a member's study file and keep what it names, or check that it is the same."""
-    path = _study_file(member, folder)
+    path = folder / f"{member.name}.toml"
     try:
         if path.is_file():
             if load_study(path) != member.study:

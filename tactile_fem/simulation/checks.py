@@ -12,15 +12,15 @@ from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.plane import AXES, Plane
 from tactile_fem.neuron import fields_of
 from tactile_fem.path import Path
-from tactile_fem.simulation.parts import Parts
+from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.check import miss
-from tactile_fem.study import Protocol, Stimulus, Study
+from tactile_fem.study import Stimulus, Study
 
 logger = logging.getLogger(__name__)
 
-# A press to a force is given up when this share of the pad is squeezed.
-DEEPEST = 0.8
+# A press to a force is given up at this share of the thickness of the pad.
+LARGEST_DEPTH_SHARE = 0.8
 _TOUCH_TOLERANCE_MM = 1e-3
 
 
@@ -35,9 +35,10 @@ def check_study(study: Study) -> None:
     """
     body = study.stimulus.body()
     fields_of(afferents.population() for afferents in study.populations)
-    mesh = study.finger.check()
-    if study.finger.is_parametric:
-        _checked_path(study, study.finger.pad_thickness_mm, study.finger.section_plane)
+    mesh, finger = study.finger.check(), study.finger
+    if finger.is_parametric:
+        path = study.protocol.route(LARGEST_DEPTH_SHARE * finger.pad_thickness_mm)
+        _check_path(study, path, finger.pad_thickness_mm, finger.section_plane, NO_PARTS)
     if mesh is not None:
         check_with_mesh(study, body, mesh)
 
@@ -48,52 +49,46 @@ def check_with_mesh(study: Study, body: RigidBody, mesh: FingerMesh) -> Path:
     Raises
     ------
     StudyError
-        The body goes too deep, starts in the finger or leaves the plane of a section, or a
-        receptor lies outside or far from the tissue that it feels.
+        See `check_motion`; or a receptor lies outside or far from the tissue that it feels.
     """
-    path = _checked_path(study, mesh.pad_thickness_mm, mesh.plane)
-    check_apart(body, path, mesh)
+    path = study.protocol.route(LARGEST_DEPTH_SHARE * mesh.pad_thickness_mm)
+    check_motion(study, body, path, mesh)
     study.lay_out(mesh)
     return path
 
 
-def check_made(
-    study: Study, body: RigidBody, path: Path, mesh: FingerMesh | None, parts: Parts
+def check_motion(
+    study: Study, body: RigidBody, path: Path, mesh: FingerMesh, parts: Parts = NO_PARTS
 ) -> None:
-    """Try stimulus and path with the finger; own ones are no section's of the study.
+    """Try the body on its path with the finger.
 
     Raises
     ------
     StudyError
-        The body goes too deep, starts in the finger or leaves the plane of a section.
+        The body goes too deep, starts in the finger or leaves the plane of a section, or the plane
+        cuts none of the raised parts of the study's stimulus.
     """
-    assert mesh is not None
-    check_section(study, path, mesh.plane, own_body=parts.body is not None)
-    check_depth(None if parts.path else study.protocol, path, mesh.pad_thickness_mm)
-    check_apart(body, path, mesh)
+    _check_path(study, path, mesh.pad_thickness_mm, mesh.plane, parts)
+    gap = body.distance(mesh.nodes - path.start_mm).gap
+    worst = int(np.argmin(gap))
+    if gap[worst] < -_TOUCH_TOLERANCE_MM:
+        x, y, z = mesh.nodes[worst]
+        raise StudyError(
+            f"stimulus: it starts {-gap[worst]:.3g} mm inside the finger, at X {x:.1f}, Y {y:.1f}, "
+            f"Z {z:.1f} mm; the finger must lie above its highest plane, Z = {path.start_mm[2]:g}"
+        )
 
 
-def _checked_path(study: Study, pad_thickness_mm: float, plane: Plane) -> Path:
-    path = study.protocol.route(DEEPEST * pad_thickness_mm)
-    check_depth(study.protocol, path, pad_thickness_mm)
-    check_section(study, path, plane)
-    return path
-
-
-def check_depth(protocol: Protocol | None, path: Path, pad_thickness_mm: float) -> None:
-    """Refuse to press the skin onto the bone or through it; an own path is no protocol's.
-
-    Raises
-    ------
-    StudyError
-        The depth is not less than what lies between skin and bone.
-    """
+def _check_path(
+    study: Study, path: Path, pad_thickness_mm: float, plane: Plane, parts: Parts
+) -> None:
+    """Refuse to press the skin onto the bone or through it, and a path out of a section's plane."""
     for number, (_, motion) in enumerate(path.plan(), 1):
         depth_mm = motion.places_mm[:, 2].max()
         if depth_mm >= pad_thickness_mm and motion.until_N is None:
-            if protocol is None:
+            if parts.path is not None:
                 what = f"parts.path (piece {number}) goes {depth_mm:g} mm deep"
-            elif protocol.path is None:
+            elif study.protocol.path is None:
                 what = f"protocol.depth_mm is {depth_mm:g}"
             else:
                 what = f"protocol.path (entry {number}) goes {depth_mm:g} mm deep"
@@ -101,35 +96,11 @@ def check_depth(protocol: Protocol | None, path: Path, pad_thickness_mm: float) 
                 f"{what} but must be less than {pad_thickness_mm:.4g}, the finger's thickness "
                 "from skin to bone over the contact point"
             )
+    _check_section(study, path, plane, parts)
 
 
-def check_apart(body: RigidBody, path: Path, finger: FingerMesh) -> None:
-    """Raise StudyError if the body starts inside the finger."""
-    gap = body.distance(finger.nodes - path.start_mm).gap
-    worst = int(np.argmin(gap))
-    if gap[worst] < -_TOUCH_TOLERANCE_MM:
-        x, y, z = finger.nodes[worst]
-        raise StudyError(
-            f"stimulus: it starts {-gap[worst]:.3g} mm inside the finger, at X {x:.1f}, Y {y:.1f}, "
-            f"Z {z:.1f} mm; the finger must lie above its highest plane, Z = {path.start_mm[2]:g}"
-        )
-
-
-def tell_missed(body: RigidBody, path: Path, finger: FingerMesh) -> None:
-    """Warn if the body does not touch the finger on its way: nothing is felt then."""
-    missed = miss(body, path.places_mm(), finger.corners_of("skin"))
-    if missed is not None:
-        logger.warning("%s: correct stimulus.shift_mm or the protocol.", missed)
-
-
-def check_section(study: Study, path: Path, plane: Plane, *, own_body: bool = False) -> None:
-    """Refuse a path that leaves the plane of a section, and letters that it does not cut.
-
-    Raises
-    ------
-    StudyError
-        One or the other.
-    """
+def _check_section(study: Study, path: Path, plane: Plane, parts: Parts) -> None:
+    """Refuse a path that leaves the plane of a section, and letters that it does not cut."""
     off = plane.distance_mm(path.places_mm())
     if off > _TOUCH_TOLERANCE_MM:
         along = plane.axes[0]
@@ -138,7 +109,8 @@ def check_section(study: Study, path: Path, plane: Plane, *, own_body: bool = Fa
             f"slide along {AXES[along]} only, for example protocol.path with by_mm = "
             f"{'[0, -10]' if along else '[10, 0]'}, or choose another finger.plane"
         )
-    boxes = [] if own_body else [shape.bounds for shape in study.stimulus.outlines()]
+    outlines = [] if parts.body is not None else study.stimulus.outlines()
+    boxes = [shape.bounds for shape in outlines]
     if boxes and not any(plane.cuts(box) for box in boxes):
         across = plane.across
         raise StudyError(
@@ -148,7 +120,14 @@ def check_section(study: Study, path: Path, plane: Plane, *, own_body: bool = Fa
         )
 
 
-def tell_resolution(stimulus: Stimulus, finger: FingerMesh) -> None:
+def warn_if_missed(body: RigidBody, path: Path, finger: FingerMesh) -> None:
+    """Warn if the body does not touch the finger on its way: nothing is felt then."""
+    missed = miss(body, path.places_mm(), finger.corners_of("skin"))
+    if missed is not None:
+        logger.warning("%s: correct stimulus.shift_mm or the protocol.", missed)
+
+
+def log_resolution(stimulus: Stimulus, finger: FingerMesh) -> None:
     """Log which part of a stimulus' roughness the skin's facets can follow, and which would."""
     sentence = stimulus.resolution(
         finger.facet_size_mm, {name: size.pad for name, size in PRESETS.items()}

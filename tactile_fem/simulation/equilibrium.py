@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tactile_fem.mechanics.load import Load
-from tactile_fem.simulation.force_search import ForceSearch
+from tactile_fem.simulation.control import ForceSearch
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.report import SolveReport
 
@@ -16,30 +16,24 @@ logger = logging.getLogger(__name__)
 
 # Normal force over depth before any contact.
 _FIRST_STIFFNESS_N_MM = 0.5
+# Contact force and the forces of the tissues differ by what the residual's norm allows.
+_BALANCE_N = 1e-5
+
+# How a solve ended and, if it succeeded, the load at its end.
+Solved = tuple[SolveReport, Load | None]
 
 
 class Equilibrium:
-    """Solves for the end of a step.
+    """Solves for the end of a step; messages state forces in `force_unit`.
 
-    Parameters
-    ----------
-    problem
-        The finger and the body.
-    force_unit
-        Unit of forces in messages.
-
-    Attributes
-    ----------
-    discarded
-        Solves of the present step that failed or did not meet the wanted force.
-    stiffness_N_mm
-        Normal force over depth, as last observed; 0 if not known.
+    In the search for a force two heights of the body are at most `longest_mm` apart.
     """
 
-    def __init__(self, problem: FingerProblem, force_unit: str) -> None:
-        self._problem, self._unit = problem, force_unit
+    def __init__(self, problem: FingerProblem, force_unit: str, longest_mm: float) -> None:
+        self._problem, self._unit, self._longest_mm = problem, force_unit, longest_mm
+        # Solves of the present step that failed or did not meet the wanted force.
         self.discarded: list[SolveReport] = []
-        self.stiffness_N_mm = 0.0
+        self.stiffness_N_mm = 0.0  # normal force over depth, as last observed; 0 if not known
 
     def predict(self, dt_s: float) -> None:
         """Extrapolate the last step as the initial guess, which halves the Newton iterations."""
@@ -49,34 +43,29 @@ class Equilibrium:
             u, old, before = state.u.x.array, state.u_old.x.array, state.u_before.x.array
             u += (dt_s / state.dt_old_s) * (old - before)
 
-    def at_position(self, position: np.ndarray, dt_s: float) -> tuple[SolveReport, Load | None]:
-        """Solve with the body at `position`; return the report and the load, None if it failed."""
+    def predicted_z_mm(self, dt_s: float) -> float:
+        """Return the height of the body if it goes on as in the last step."""
+        state = self._problem.state
+        z = state.translation_old.value[-1]
+        if state.dt_old_s:
+            z += (dt_s / state.dt_old_s) * (z - state.translation_before[-1])
+        return float(z)
+
+    def at_position(self, position: np.ndarray, dt_s: float) -> Solved:
+        """Solve with the body at `position`."""
         report = self._problem.solve(position, dt_s)
         load = self._problem.load() if report.converged else None
         if load is not None and not load.is_finite:
             return replace(report, converged=False, reason="the load is not finite"), None
         return report, load
 
-    def at_force(
-        self, position: np.ndarray, dt_s: float, force_N: float, max_step_mm: float, phase: str
-    ) -> tuple[SolveReport, Load | None]:
-        """Solve for a normal force, with the body's height as unknown.
+    def at_force(self, position: np.ndarray, dt_s: float, force_N: float, phase: str) -> Solved:
+        """Solve for a normal force; the height in `position` is where its search begins.
 
-        Parameters
-        ----------
-        position
-            The body's X and Y, and the height at which the search begins, mm.
-        dt_s
-            Duration of the step.
-        force_N
-            Normal force that is sought.
-        max_step_mm
-            Longest distance between two heights.
-        phase
-            Name of the piece of the path, for messages.
+        The piece of the path is called `phase` in messages.
         """
         stiffness = self.stiffness_N_mm or _FIRST_STIFFNESS_N_MM
-        search = ForceSearch(force_N, float(position[-1]), stiffness, max_step_mm)
+        search = ForceSearch(force_N, float(position[-1]), stiffness, self._longest_mm)
         while True:
             z = search.z_mm
             report, load = self.at_position(np.array([*position[:-1], z]), dt_s)
@@ -95,14 +84,6 @@ class Equilibrium:
                 return replace(report, converged=False, reason=search.reason), None
             self.discarded.append(report)
 
-    def goes_on_to_mm(self, dt_s: float) -> float:
-        """Return the height of the body if it goes on as in the last step."""
-        state = self._problem.state
-        z = state.translation_old.value[-1]
-        if state.dt_old_s:
-            z += (dt_s / state.dt_old_s) * (z - state.translation_before[-1])
-        return float(z)
-
     def note_stiffness(self, load: Load) -> None:
         """Note how the normal force grew with the depth, in a step towards the finger."""
         state = self._problem.state
@@ -113,6 +94,11 @@ class Equilibrium:
 
     def accept(self, load: Load, report: SolveReport) -> tuple[SolveReport, ...]:
         """Accept the step; return all of its solves, the last one being `report`."""
+        if not load.imbalance_N <= _BALANCE_N:
+            logger.warning(
+                "contact force and held reaction differ by %.1e %s: the step is not in equilibrium",
+                *(load.imbalance_N, self._unit),
+            )
         self._problem.accept(load)
         solves, self.discarded = (*self.discarded, report), []
         return solves

@@ -27,28 +27,28 @@ _FACTORS_MB = 390.0  # of the direct solver, at the reference
 # One iteration at the reference on one core; of 0.26 s, what keeping the tangent and so on leave.
 _NEWTON_S = 0.107
 _DIRECT_NEWTON_S = 1.6
-# Likewise of a section, each unknown.
-_FLAT_NEWTON_S, _FLAT_UNKNOWN_MB = 2.0e-6, 0.003
+# Of a section, for each unknown.
+_SECTION_NEWTON_S, _SECTION_UNKNOWN_MB = 2.0e-6, 0.003
 _NEWTON_PER_STEP = 6.9
 _FIRST_STEPS = 3  # shorter ones, of each piece of the path
 _SOLVES_AT_FORCE = 1.8  # cost of a step at a held force, relative to one at a held depth
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Cost:
     """Memory of all ranks together, and wall time."""
 
     memory_MB: float
     wall_s: float
 
 
-def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Estimate:
+def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Cost:
     """Return the expected cost for `unknowns` displacement components on `ranks` cores."""
     size = unknowns / _REFERENCE_UNKNOWNS
     flat = study.finger.is_section
-    memory = _RANK_MB * ranks + (_FLAT_UNKNOWN_MB if flat else _UNKNOWN_MB) * unknowns
+    memory = _RANK_MB * ranks + (_SECTION_UNKNOWN_MB if flat else _UNKNOWN_MB) * unknowns
     if flat:
-        newton = _FLAT_NEWTON_S * unknowns
+        newton = _SECTION_NEWTON_S * unknowns
     elif study.solver.linear == "direct":
         memory += _FACTORS_MB * size**1.35
         newton = _DIRECT_NEWTON_S * size**1.7
@@ -59,7 +59,7 @@ def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Estimate:
         count = motion.least_steps(solver.max_slide_step_mm, solver.max_press_step_mm)
         steps += count * (1.0 if motion.held_N is None else _SOLVES_AT_FORCE)
     steps += _FIRST_STEPS * len(path.pieces)
-    return Estimate(memory, newton * _NEWTON_PER_STEP * steps * ranks**-0.7)
+    return Cost(memory, newton * _NEWTON_PER_STEP * steps * ranks**-0.7)
 
 
 def announce(simulation: Simulation) -> None:

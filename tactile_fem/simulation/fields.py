@@ -17,18 +17,11 @@ SERIES = "deformation.pvd"
 
 
 class FieldWriter:
-    """Writes the deformed finger, one file per state.
+    """Writes the deformed finger, one file per state: ``deformation_0000.vtu`` ... and their index.
 
-    Parameters
-    ----------
-    folder
-        Folder of ``deformation_0000.vtu`` ... and ``deformation.pvd``; created when needed.
-    nodes
-        (n, 3) undeformed nodes in mm.
-    cells
-        (m, 10) nodes of each tetrahedron, or (m, 6) of each triangle of a section, in gmsh's order.
-    tissue
-        (m,) tags.
+    The folder is created when needed. Nodes are undeformed, (n, 3) in mm; cells are the nodes of
+    each tetrahedron, (m, 10), or of each triangle of a section, (m, 6), in gmsh's order; the
+    tissues are tags, (m,).
     """
 
     def __init__(self, folder: Path, nodes: ArrayLike, cells: ArrayLike, tissue: ArrayLike) -> None:
@@ -37,21 +30,15 @@ class FieldWriter:
         self._shape = shape = simplex_of(np.asarray(cells))
         self.cells = np.asarray(cells)[:, shape.vtk_order]
         self.tissue = np.asarray(tissue, dtype=np.int32)
-        self._series: list[tuple[float, str]] = []
+        self._times_s: list[float] = []
 
     def write(self, time_s: float, displacement_mm: ArrayLike, sed_kPa: ArrayLike) -> Path:
         """Write one state and add it to the series.
 
-        Parameters
-        ----------
-        time_s
-            Since the end of the indentation, as in the trace.
-        displacement_mm
-            (n, 3) displacement of the nodes.
-        sed_kPa
-            (m,) strain energy density of the cells.
+        Displacements are those of the nodes, (n, 3), densities those of the cells, (m,); the time
+        is that of the trace.
         """
-        path = self.folder / _name(len(self._series))
+        path = self.folder / _name(len(self._times_s))
         mesh = meshio.Mesh(
             self.nodes,
             [(self._shape.meshio, self.cells)],
@@ -64,30 +51,22 @@ class FieldWriter:
         self.folder.mkdir(exist_ok=True)
         with atomic_write(path) as part:
             meshio.write(part, mesh, file_format="vtu")
-        self._series.append((float(time_s), path.name))
-        self._write_series()
+        self.set_times([*self._times_s, time_s])
         return path
-
-    @property
-    def count(self) -> int:
-        """Number of states in the series."""
-        return len(self._series)
 
     def set_times(self, times_s: ArrayLike) -> None:
         """Let the series be that of the folder's first states, at these times.
 
         They are counted from the end of the indentation, which moves on with its steps.
         """
-        times = np.asarray(times_s, dtype=float).tolist()
-        self._series = [(time, _name(number)) for number, time in enumerate(times)]
-        if times:
-            self._write_series()
-
-    def _write_series(self) -> None:
+        self._times_s = np.asarray(times_s, dtype=float).tolist()
+        if not self._times_s:
+            return
         root = ET.Element("VTKFile", type="Collection", version="0.1")
         collection = ET.SubElement(root, "Collection")
-        for time, name in self._series:
-            ET.SubElement(collection, "DataSet", timestep=repr(time), part="0", file=name)
+        for number, time in enumerate(self._times_s):
+            entry = {"timestep": repr(time), "part": "0", "file": _name(number)}
+            ET.SubElement(collection, "DataSet", entry)
         ET.indent(root)
         text = '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
         write_text(self.folder / SERIES, text)

@@ -83,12 +83,9 @@ NO_PARTS = Parts()
 
 
 def check_parts(parts: Parts, of_study: Tissue) -> None:
-    """Try own parts before any long work; raise StudyError where one does not do its part.
+    """Try own parts before any long work; raise StudyError for one that is not valid.
 
-    Parameters
-    ----------
-    of_study
-        The study's tissues, with the series of those that relax.
+    Laws have to suit the tissues of the study, some of which relax.
     """
     for tissue, law in parts.laws.items():
         if tissue not in TISSUES:

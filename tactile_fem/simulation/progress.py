@@ -32,16 +32,8 @@ def progress(
 ) -> Iterator[Callable[[Observation], None]]:
     """Provide an observer that shows how far a scan is: a bar, or else some lines of the log.
 
-    Within another one it shows nothing. `tactile_fem.simulation.scan` uses one itself.
-
-    Parameters
-    ----------
-    rank
-        MPI rank; only rank 0 shows progress.
-    console
-        Default that of the log, see `tactile_fem.runtime.logs.live_console`.
-    every_s
-        Minimum time between two lines if there is no bar.
+    Only rank 0 shows it, and not within another one. `console` is by default that of the log, see
+    `tactile_fem.runtime.logs.live_console`; `every_s` is the minimum time between two lines.
     """
     if rank != 0 or _active:
         yield lambda seen: None

@@ -15,13 +15,12 @@ import numpy as np
 from dolfinx import common
 
 from tactile_fem import __version__
-from tactile_fem.finger import FingerMesh
 from tactile_fem.mechanics.compile import compiled_by
 from tactile_fem.neuron import Response
 from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.ranks import on_root
-from tactile_fem.simulation.checkpoint import Origin
+from tactile_fem.simulation.checkpoint import origin_of
 from tactile_fem.simulation.fields import FieldWriter
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Observation, Simulation
@@ -31,63 +30,50 @@ from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study.kept import keep_files
 
 _TIMERS = (
-    "solve",
-    "jacobian",
-    "residual",
-    "obstacle",
-    "preconditioner",
-    "load",
-    "probe",
-    "output",
+    *("solve", "jacobian", "residual", "obstacle", "preconditioner"),
+    *("load", "probe", "output"),
 )
 
 
 class Recorder:
     """Writes a scan into its results folder; all ranks call, rank 0 writes.
 
-    An observer of a simulation's steps.
-
-    Parameters
-    ----------
-    results
-        Where to write.
-    simulation, origin
-        What is run, and what its checkpoints are made from.
-    trace
-        Its histories, which observe each step before.
+    An observer of a simulation's steps, after its trace.
     """
 
-    def __init__(
-        self, results: Results, simulation: Simulation, origin: Origin, trace: Trace
-    ) -> None:
-        self._results, self._simulation, self._study = results, simulation, simulation.study
-        self._trace = trace
-        self._problem = problem = simulation.problem
-        finger = simulation.finger
-        self._comm = problem.domain.comm
-        self._energy = CellEnergy(problem)
-        self._origin = origin
-        self._started = time.perf_counter()
-        self._timers_before = _timers()
-        self._memory_MB = 0.0
+    def __init__(self, results: Results, simulation: Simulation, trace: Trace) -> None:
+        self._results, self._simulation, self._trace = results, simulation, trace
+        self._comm = simulation.comm
+        self._energy = CellEnergy(simulation.problem)
+        self._started, self._timers_before = time.perf_counter(), _timers()
+        # Cost of the scan before it was interrupted.
+        self._earlier: dict[str, Any] = {"wall_s": 0.0, "peak_memory_MB": 0.0, "timers_s": {}}
         self._next_field_mm = 0.0
-        self._field_rows: list[int] = []  # of the trace, on the first rank
-        self._mesh = on_root(self._comm, lambda: _measured(finger))
-        self._compiled_by = on_root(self._comm, compiled_by)
-        self._fields = (
-            FieldWriter(results.fields, finger.nodes, finger.cells, finger.tissue)
-            if finger is not None and self._comm.rank == 0
-            else None
-        )
+        # On the first rank: what stays the same in checkpoints and in run.json; the field files,
+        # and the rows of the trace that have one.
+        self._origin, self._run = dict[str, Any](), dict[str, Any]()
+        self._fields: FieldWriter | None = None
+        self._field_rows: list[int] = []
+
+        def prepare() -> None:
+            finger = simulation.finger
+            self._origin, self._run = origin_of(simulation), _described(simulation)
+            self._fields = FieldWriter(results.fields, finger.nodes, finger.cells, finger.tissue)
+
+        on_root(self._comm, prepare)
 
     def begin(self) -> None:
         """Save the state at rest, so that a scan that fails at once leaves a complete folder."""
-        study, simulation, folder = self._study, self._simulation, self._results.folder
-        on_root(self._comm, lambda: keep_files(study, folder, afresh=False))  # if cut off before
-        on_root(self._comm, lambda: self._results.save_trace(**self._trace.arrays()))
-        if simulation.parts.body is not None or study.stimulus.is_kept_sampled:
-            grid = DistanceGrid.of(simulation.body, simulation.path.places_mm())
-            on_root(self._comm, lambda: self._results.save_stimulator(grid))
+        simulation, study = self._simulation, self._simulation.study
+
+        def save() -> None:
+            keep_files(study, self._results.folder, afresh=False)  # if it was cut off before
+            self._results.save_trace(**self._trace.arrays())
+            if simulation.parts.body is not None or study.stimulus.is_kept_sampled:
+                places_mm = simulation.path.places_mm()
+                self._results.save_stimulator(DistanceGrid.of(simulation.body, places_mm))
+
+        on_root(self._comm, save)
         self._save_run("running")
 
     def __call__(self, seen: Observation) -> None:
@@ -97,15 +83,17 @@ class Recorder:
         state, spent = self._simulation.gather(), self._spent()
 
         def write() -> None:
-            if sed is not None and self._fields is not None:
-                moved = self._problem.domain.plane.vectors(state["u"])
-                self._fields.write(float(trace.time_s[-1]), moved, sed)
+            fields = self._fields
+            assert fields is not None
+            if sed is not None:
+                moved = self._simulation.problem.domain.plane.vectors(state["u"])
+                fields.write(float(trace.time_s[-1]), moved, sed)
                 self._field_rows.append(len(trace) - 1)
-            if step.indenting and self._fields is not None:
-                self._fields.set_times(trace.time_s[self._field_rows])
+            if step.indenting:
+                fields.set_times(trace.time_s[self._field_rows])
             self._results.save_trace(**trace.arrays())
             saved = {
-                **self._origin.stamp(),
+                **self._origin,
                 "rows": len(trace),
                 "fields": np.array(self._field_rows, dtype=int),
                 "next_field_mm": self._next_field_mm,
@@ -113,8 +101,8 @@ class Recorder:
                 **state,
             }
             self._results.save_checkpoint(**saved)
-            if sed is not None and self._fields and self._study.output.states:
-                self._results.save_state(self._fields.count - 1, **saved)
+            if sed is not None and self._simulation.study.output.states:
+                self._results.save_state(len(self._field_rows) - 1, **saved)
 
         with common.Timer("tactile: output"):
             on_root(self._comm, write)
@@ -124,7 +112,7 @@ class Recorder:
         slid = step.displacement_mm >= self._next_field_mm - 1e-9
         if not step.output or not (slid or step.ends_piece):
             return False
-        self._next_field_mm = step.displacement_mm + self._study.output.fields_mm
+        self._next_field_mm = step.displacement_mm + self._simulation.study.output.fields_mm
         return True
 
     def restore(self, saved: dict[str, Array]) -> None:
@@ -139,7 +127,7 @@ class Recorder:
         self._trace.restore(arrays, int(saved["rows"]))
         self._simulation.restore(saved)
         self._next_field_mm = float(saved["next_field_mm"])
-        self._spend(json.loads(str(saved["spent"])))
+        self._earlier = json.loads(str(saved["spent"]))
         if self._fields is not None:
             self._field_rows = saved["fields"].tolist()
             self._fields.set_times(self._trace.time_s[self._field_rows])
@@ -152,52 +140,46 @@ class Recorder:
 
     def _spent(self) -> dict[str, Any]:
         """Return seconds and memory of the scan, those before an interruption included."""
-        now, before = _timers(), self._timers_before
+        seconds, before, earlier = _timers(), self._timers_before, self._earlier["timers_s"]
         memory_MB = self._comm.allreduce(
             resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, MPI.SUM
         )
         return {
-            "wall_s": time.perf_counter() - self._started,
-            "peak_memory_MB": max(memory_MB, self._memory_MB),
+            "wall_s": self._earlier["wall_s"] + time.perf_counter() - self._started,
+            "peak_memory_MB": max(memory_MB, self._earlier["peak_memory_MB"]),
             "timers_s": {
-                name: now.get(name, 0.0) - before.get(name, 0.0) for name in {**before, **now}
+                name: earlier.get(name, 0.0) + seconds.get(name, 0.0) - before.get(name, 0.0)
+                for name in {**earlier, **seconds}
             },
         }
-
-    def _spend(self, earlier: dict[str, Any]) -> None:
-        """Add the cost of the scan before it was interrupted."""
-        self._started -= earlier["wall_s"]
-        self._memory_MB = earlier["peak_memory_MB"]
-        for name, seconds in earlier["timers_s"].items():
-            self._timers_before[name] = self._timers_before.get(name, 0.0) - seconds
 
     def _save_run(self, status: str) -> None:
-        run = {
-            "status": status,
-            "versions": {
-                "tactile_fem": __version__,
-                "dolfinx": backend.DOLFINX_VERSION,
-                "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
-                "python": platform.python_version(),
-            },
-            "mesh": {**self._mesh, "unknowns": self._problem.unknowns},
-            "ranks": self._comm.size,
-            "compiler": {"flags": self._study.solver.compiler_flags, **self._compiled_by},
-            "petsc_options": self._problem.solver.options,
-            "files": self._origin.files,
-            "own_parts": self._origin.own_parts,
-            **self._spent(),
-        }
+        run = {"status": status, **self._run, **self._spent()}
         on_root(self._comm, lambda: self._results.save_run(run))
 
 
-def _measured(finger: FingerMesh) -> dict[str, Any]:
-    """Return the measures of a mesh."""
+def _described(simulation: Simulation) -> dict[str, Any]:
+    """Return versions, mesh, options and parts of a scan, for ``run.json``."""
+    finger, problem = simulation.finger, simulation.problem
     return {
-        "hash": finger.hash,
-        finger.simplex.plural: len(finger.cells),
-        "pad_thickness_mm": finger.pad_thickness_mm,
-        "layers_mm": finger.layers_mm,
+        "versions": {
+            "tactile_fem": __version__,
+            "dolfinx": backend.DOLFINX_VERSION,
+            "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+            "python": platform.python_version(),
+        },
+        "mesh": {
+            "hash": finger.hash,
+            finger.simplex.plural: len(finger.cells),
+            "pad_thickness_mm": finger.pad_thickness_mm,
+            "layers_mm": finger.layers_mm,
+            "unknowns": problem.unknowns,
+        },
+        "ranks": simulation.comm.size,
+        "compiler": {"flags": simulation.study.solver.compiler_flags, **compiled_by()},
+        "petsc_options": problem.solver.options,
+        "files": simulation.files,
+        "own_parts": simulation.parts.identity(),
     }
 
 

@@ -19,10 +19,7 @@ from __future__ import annotations
 
 import csv
 import json
-import os
-import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,8 +29,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, to_neo
-from tactile_fem.runtime.files import atomic_write, write_text
-from tactile_fem.simulation.states import choose_state
+from tactile_fem.runtime.files import atomic_write, write_arrays, write_text
+from tactile_fem.simulation.folder import check_folder, choose_state, make_folder
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
@@ -43,35 +40,6 @@ from tactile_fem.study.kept import keep_files, usable, with_files
 if TYPE_CHECKING:
     import neo
 
-# Everything this package writes into the folder; nothing else is ever removed.
-_OWN = (
-    "study.toml",
-    "run.json",
-    "trace.npz",
-    "spikes.csv",
-    "checkpoint.npz",
-    "stimulator.npz",
-    "log.txt",
-    "states/state_*.npz",
-    "fields/deformation.pvd",
-    "fields/deformation_*.vtu",
-    "figures/sed.png",
-    "figures/raster.png",
-    "figures/firing.png",
-    "figures/felt_*.png",
-    "figures/raster_*.png",
-    "figures/firing_*.png",
-    "figures/force.png",
-    "figures/finger.png",
-    "figures/deformation_*.png",
-    "vibration/spectrum.*",
-    "vibration/modes.npz",
-    "vibration/shape_*_Hz.png",
-    ".*.part",
-    "states/.*.part",
-    "fields/.*.part",
-    "figures/.*.part",
-)
 _VECTORS = ("stimulator_mm", "force_N", "moment_Nmm")
 _TRACE = ("time_s", "displacement_mm", "depth_mm", "force_N", "receptors_mm", "sed_kPa")
 
@@ -86,72 +54,46 @@ class Spikes(NamedTuple):
 
 
 class Results:
-    """A results folder; use `create` to write a new one and `open` to read one."""
+    """A results folder; use `create` to write a new one and `open` to read one.
+
+    Attributes
+    ----------
+    folder
+        All of it.
+    fields, figures, states, vibration
+        Subfolders, each made with the first file in it.
+    log_file, checkpoint_file
+        The log, and the state to go on from.
+    """
 
     def __init__(self, folder: Path | str) -> None:
-        self.folder = Path(folder)
+        self.folder = folder = Path(folder)
+        self.fields, self.figures = folder / "fields", folder / "figures"
+        self.states, self.vibration = folder / "states", folder / "vibration"
+        self.log_file, self.checkpoint_file = folder / "log.txt", folder / "checkpoint.npz"
 
     # --- making and finding ---------------------------------------------------------------
 
     @classmethod
     def create(cls, folder: Path | str, *, overwrite: bool = False) -> Results:
-        """Make the folder ready to be written.
+        """Make the folder ready to be written, with its parents.
 
-        Parameters
-        ----------
-        folder
-            Created with its parents if needed.
-        overwrite
-            Remove what an earlier scan left there; other files stay, and `save_study` replaces
-            the files that its study named.
+        With `overwrite` what an earlier scan left there is removed; other files stay, and
+        `save_study` replaces the files that its study named.
 
         Raises
         ------
         StudyError
             It is a file, is not writable, or is not empty and `overwrite` is false.
         """
-        results = cls(folder)
         cls.check(folder, overwrite=overwrite)
-        try:
-            results.folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=results.folder):
-                pass
-            for pattern in _OWN:
-                for path in results.folder.glob(pattern):
-                    path.unlink()
-            for emptied in (results.fields, results.figures, results.states, results.vibration):
-                with suppress(OSError):  # what is not its own stays there
-                    emptied.rmdir()
-        except OSError as error:
-            raise StudyError(
-                f"The results folder {folder} is not writable: {error.strerror}."
-            ) from None
-        return results
+        make_folder(Path(folder))
+        return cls(folder)
 
     @staticmethod
     def check(folder: Path | str, *, overwrite: bool = False) -> None:
         """Raise what `create` would raise, as far as this is known without writing."""
-        path = Path(folder)
-        try:
-            if path.is_dir():
-                if _has_files(path) and not overwrite:
-                    raise StudyError(
-                        f"The results folder {folder} is not empty: choose another one, or "
-                        "overwrite the scan in it."
-                    )
-            elif path.exists() or path.is_symlink():
-                raise StudyError(f"The results folder {folder} is a file: choose another name.")
-            parent = path.absolute()
-            while not parent.exists():
-                parent = parent.parent
-            if not parent.is_dir():
-                raise StudyError(f"The results folder {folder} cannot be made: {parent} is a file.")
-            if not os.access(parent, os.W_OK | os.X_OK):
-                raise StudyError(f"The results folder {folder} is not writable.")
-        except OSError as error:
-            raise StudyError(
-                f"The results folder {folder} cannot be used: {error.strerror}."
-            ) from None
+        check_folder(Path(folder), overwrite=overwrite)
 
     @classmethod
     def open(cls, folder: Path | str) -> Results:
@@ -207,36 +149,6 @@ class Results:
         """Whether the scan is complete."""
         return bool(self.run.get("status") == "complete")
 
-    @property
-    def fields(self) -> Path:
-        """Folder of the field files, made with the first of them."""
-        return self.folder / "fields"
-
-    @property
-    def figures(self) -> Path:
-        """Folder of the pictures, made with the first of them."""
-        return self.folder / "figures"
-
-    @property
-    def states(self) -> Path:
-        """Folder of the states that were kept, made with the first of them."""
-        return self.folder / "states"
-
-    @property
-    def vibration(self) -> Path:
-        """Folder of what `vibrate` finds."""
-        return self.folder / "vibration"
-
-    @property
-    def log_file(self) -> Path:
-        """The log."""
-        return self.folder / "log.txt"
-
-    @property
-    def checkpoint_file(self) -> Path:
-        """The state to go on from."""
-        return self.folder / "checkpoint.npz"
-
     # --- writing --------------------------------------------------------------------------
 
     def save_study(self, study: Study) -> None:
@@ -255,46 +167,32 @@ class Results:
     def save_trace(self, **arrays: ArrayLike) -> None:
         """Write ``trace.npz``.
 
-        Parameters
-        ----------
-        **arrays
-            ``time_s`` and ``displacement_mm`` (steps; the slide from 0, the indentation at
-            negative times), ``stimulator_mm``, ``force_N`` and ``moment_Nmm`` (steps, 3; on the
-            finger), ``receptors_mm`` (receptors, 3), ``population`` (receptors,), names,
-            ``sed_kPa`` (steps, receptors), and further fields and observers' columns, a row for
-            each step.
+        ``time_s`` and ``displacement_mm`` (steps; the slide from 0, the indentation at negative
+        times), ``stimulator_mm``, ``force_N`` and ``moment_Nmm`` (steps, 3; on the finger),
+        ``receptors_mm`` (receptors, 3), ``population`` (receptors,), names, ``sed_kPa`` (steps,
+        receptors), and further fields and observers' columns, a row for each step.
         """
-        trace = {name: np.asarray(array) for name, array in arrays.items()}
-        _check_trace(trace)
-        self._save_npz("trace.npz", trace)
+        _check_trace({name: np.asarray(array) for name, array in arrays.items()})
+        write_arrays(self.folder / "trace.npz", arrays)
         self.__dict__.pop("trace", None)
 
     def save_checkpoint(self, **arrays: ArrayLike) -> None:
         """Write ``checkpoint.npz``."""
-        self._save_npz("checkpoint.npz", arrays)
+        write_arrays(self.checkpoint_file, arrays)
 
     def save_state(self, number: int, **arrays: ArrayLike) -> None:
         """Write ``states/state_<number>.npz``, which holds what a checkpoint does."""
         self.states.mkdir(exist_ok=True)
-        self._save_npz(f"states/state_{number:04d}.npz", arrays)
+        write_arrays(self.states / f"state_{number:04d}.npz", arrays)
 
     def save_stimulator(self, grid: DistanceGrid) -> None:
         """Write ``stimulator.npz``."""
-        self._save_npz("stimulator.npz", vars(grid), np.savez_compressed)
+        write_arrays(self.folder / "stimulator.npz", vars(grid), compressed=True)
         self.__dict__.pop("stimulator", None)
 
     def save_spikes(self, spikes: Sequence[ArrayLike], trace: Trace) -> None:
-        """Write ``spikes.csv``.
-
-        Parameters
-        ----------
-        spikes
-            Spike times in s of each receptor.
-        trace
-            Gives displacements and populations.
-        """
+        """Write ``spikes.csv``: spike times in s of each receptor of a trace."""
         time, displacement = trace.time_s, trace.displacement_mm
-        population = trace.population.tolist()
         with (
             atomic_write(self.folder / "spikes.csv") as part,
             part.open("w", newline="", encoding="utf-8") as stream,
@@ -302,21 +200,10 @@ class Results:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(Spikes._fields)
             for receptor, times in enumerate(spikes):
-                for t in np.asarray(times, dtype=float):
-                    # The paper's slide starts at time 0; before, the displacement stays 0.
-                    at = np.interp(t, time, displacement)
-                    writer.writerow([receptor, f"{t:.7g}", f"{at:.7g}", population[receptor]])
+                name, moments = trace.population[receptor], np.asarray(times, dtype=float)
+                for t, at in zip(moments, np.interp(moments, time, displacement), strict=True):
+                    writer.writerow([receptor, f"{t:.7g}", f"{at:.7g}", name])
         self.__dict__.pop("spikes", None)
-
-    def _save_npz(
-        self, name: str, values: Mapping[str, ArrayLike], save: Callable[..., None] = np.savez
-    ) -> None:
-        """Write arrays; what each step writes is not compressed, which takes ten times as long."""
-        arrays = {name: np.asarray(value) for name, value in values.items()}
-        if any(array.dtype.hasobject for array in arrays.values()):
-            raise ValueError(f"{name} takes arrays of numbers and text only")
-        with atomic_write(self.folder / name) as part, part.open("wb") as stream:
-            save(stream, **arrays)
 
     # --- reading --------------------------------------------------------------------------
 
@@ -372,13 +259,7 @@ class Results:
         return Spikes(values[:, 0].astype(int), values[:, 1], values[:, 2], population)
 
     def receptors_of(self, population: str) -> NDArray[np.intp]:
-        """Return the indices of a population's receptors.
-
-        Raises
-        ------
-        StudyError
-            It has none.
-        """
+        """Return the indices of a population's receptors; StudyError if it has none."""
         indices = np.flatnonzero(self.trace["population"] == population)
         if not len(indices):
             names = ", ".join(dict.fromkeys(self.trace["population"].tolist()))
@@ -428,7 +309,7 @@ class Results:
         Raises
         ------
         StudyError
-            None was kept there, or several, see `tactile_fem.simulation.states.choose_state`.
+            None was kept there, or several.
         """
         if at_mm is None and at_s is None:
             return self.load_checkpoint()
@@ -451,11 +332,6 @@ class Results:
             raise StudyError(f"There is no {path}: it has not been written yet.") from None
         except Exception as error:  # a damaged archive fails in many ways
             raise StudyError(f"{path} cannot be read: {error}.") from None
-
-
-def _has_files(folder: Path) -> bool:
-    """Return whether a folder has files other than hidden ones, also in its subfolders."""
-    return any(path.is_file() and not path.name.startswith(".") for path in folder.rglob("*"))
 
 
 def _check_trace(trace: dict[str, NDArray[Any]]) -> None:

@@ -20,38 +20,26 @@ from tactile_fem.neuron import Response, fire_all
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import log_to, shown
 from tactile_fem.runtime.ranks import StopRequest, abort_if_one_fails, on_root, signal_handler
-from tactile_fem.simulation.checkpoint import Origin
+from tactile_fem.simulation.checkpoint import read_checkpoint
 from tactile_fem.simulation.estimate import announce
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.progress import progress
 from tactile_fem.simulation.recorder import Recorder
 from tactile_fem.simulation.results import Results
-from tactile_fem.simulation.simulation import Observation, Observer, Simulation
+from tactile_fem.simulation.simulation import Observer, Simulation
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import Study
-
-__all__ = ["Observation", "Observer", "Parts", "ScanResult", "completed", "resume", "scan"]
 
 logger = logging.getLogger(__name__)
 
 # Mean distance of pressed skin from the body, as a share of the depth, that is worth a warning.
 _GAP_ERROR = 0.01
-_NOTHING_KEPT = "nothing is saved, because there is no results folder"
+_NOTHING_SAVED = "nothing is saved, because there is no results folder"
 
 
 @dataclass(frozen=True)
 class ScanResult:
-    """Result of a scan.
-
-    Attributes
-    ----------
-    trace
-        Histories of motion, forces and receptors.
-    response
-        Spikes of the receptors' afferents.
-    folder
-        The results folder, or None.
-    """
+    """Result of a scan: histories, spikes of the receptors' afferents, and its folder, if any."""
 
     trace: Trace
     response: Response
@@ -160,14 +148,20 @@ def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None)
     """
     comm = comm or MPI.COMM_WORLD
     results = Results(folder)
-    if not on_root(comm, lambda: (results.folder / "study.toml").exists()):
+
+    def status() -> str:
+        if not (results.folder / "study.toml").exists():
+            return "new"
+        if not results.is_of(study, though_changed=True):
+            raise StudyError(f"{folder} holds the scan of another study: choose another folder.")
+        results.check_files(study)
+        return "complete" if results.complete else "begun"
+
+    found = on_root(comm, status)
+    if found == "new":
         scan(study, folder, comm=comm)
-    elif not on_root(comm, lambda: results.is_of(study, though_changed=True)):
-        raise StudyError(f"{folder} holds the scan of another study: choose another folder.")
-    else:
-        on_root(comm, lambda: results.check_files(study))
-        if not on_root(comm, lambda: results.complete):
-            resume(folder, comm=comm)
+    elif found == "begun":
+        resume(folder, comm=comm)
     return Results(folder)
 
 
@@ -180,12 +174,11 @@ def _run(
 ) -> ScanResult:
     """Run or continue a scan."""
     comm, saved = simulation.comm, None
-    origin = on_root(comm, lambda: Origin.of(simulation))
     if results and proceed and on_root(comm, lambda: _has_checkpoint(results)):
-        saved = on_root(comm, lambda: origin.read(results))
+        saved = read_checkpoint(simulation, results)
     with log_to(results.log_file, comm.rank) if results else nullcontext():
         trace = Trace.of(simulation)
-        recorder = Recorder(results, simulation, origin, trace) if results else None
+        recorder = Recorder(results, simulation, trace) if results else None
         if recorder and saved:
             recorder.restore(saved)
         else:
@@ -205,7 +198,7 @@ def _step_to_end(
     """Step to the end of the path; save what was computed if that fails or is stopped."""
     comm = simulation.comm
     # A signal while the end is saved is heeded afterwards.
-    end = StopRequest(comm, "the scan is complete" if recorder else _NOTHING_KEPT)
+    end = StopRequest(comm, "the scan is complete" if recorder else _NOTHING_SAVED)
     with signal_handler(end.request):
         try:
             with (
@@ -243,7 +236,7 @@ def _conclude(
 def _keep(simulation: Simulation, trace: Trace, recorder: Recorder | None, error: Exception) -> str:
     """Save a scan that an error or a signal ends; return in words what is kept."""
     if not recorder:
-        return _NOTHING_KEPT
+        return _NOTHING_SAVED
     is_stopped = isinstance(error, StoppedError)
     status = "stopped" if is_stopped else f"failed: {error}"
     try:
@@ -255,13 +248,7 @@ def _keep(simulation: Simulation, trace: Trace, recorder: Recorder | None, error
 
 
 def _has_checkpoint(results: Results) -> bool:
-    """Return whether there is a state to continue from; False before the first accepted step.
-
-    Raises
-    ------
-    StudyError
-        There are steps but no state.
-    """
+    """Return whether there is a state to continue from; StudyError if there are steps without."""
     if results.checkpoint_file.is_file():
         return True
     if (results.folder / "trace.npz").is_file() and len(results.trace["time_s"]) > 1:

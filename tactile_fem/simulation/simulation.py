@@ -17,7 +17,6 @@ from dolfinx import jit
 from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger import FingerMesh
 from tactile_fem.mechanics.compile import clean_cache
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.faults import compilation_errors
@@ -29,7 +28,7 @@ from tactile_fem.receptors import Layout
 from tactile_fem.receptors.probe import Probe, ReceptorState
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.ranks import on_root
-from tactile_fem.simulation.checks import DEEPEST, check_made, tell_resolution
+from tactile_fem.simulation.checks import LARGEST_DEPTH_SHARE, check_motion, log_resolution
 from tactile_fem.simulation.parts import NO_PARTS, Parts, check_parts
 from tactile_fem.simulation.step import Step
 from tactile_fem.simulation.stepper import Stepper, stopped
@@ -102,18 +101,19 @@ class Simulation:
         self.finger: Any = None  # a FingerMesh on the first rank, which alone uses it
 
         def on_first_rank() -> tuple[dict[str, str], float, Layout]:
-            named = study.files()
-            files = hashes(named)
-            self.finger = finger = _finger(study, parts)
+            files = hashes(study.files())
+            if parts.finger is not None:
+                study.finger.check_mesh(parts.finger)
+            self.finger = finger = parts.finger or study.finger.mesh()
             return files, finger.pad_thickness_mm, study.lay_out(finger)
 
         self.files, thickness_mm, self.layout = on_root(comm, on_first_rank)
         self.body = parts.body or study.stimulus.body()
         if parts.body is None:  # an own one has been tried
             check_body(self.body, "stimulus")
-        self.path = parts.path or study.protocol.route(DEEPEST * thickness_mm)
+        self.path = parts.path or study.protocol.route(LARGEST_DEPTH_SHARE * thickness_mm)
         check_unchanged(study.files(), self.files)  # the hashes are those of what each rank read
-        on_root(comm, lambda: check_made(study, self.body, self.path, self.finger, parts))
+        on_root(comm, lambda: check_motion(study, self.body, self.path, self.finger, parts))
 
     # --- the mechanics ---------------------------------------------------------------------------
 
@@ -155,7 +155,7 @@ class Simulation:
             self.comm.size,
         )
         if not self.parts.body:
-            on_root(self.comm, lambda: tell_resolution(study.stimulus, self.finger))
+            on_root(self.comm, lambda: log_resolution(study.stimulus, self.finger))
         return Stepper(problem, self.path, study.solver, problem.domain.plane)
 
     @property
@@ -260,10 +260,3 @@ class Observation:
 # Called on every rank after each accepted step; what it returns joins the trace, a column by each
 # name.
 Observer = Callable[[Observation], Mapping[str, ArrayLike] | None]
-
-
-def _finger(study: Study, parts: Parts) -> FingerMesh:
-    if parts.finger is None:
-        return study.finger.mesh()
-    study.finger.check_mesh(parts.finger)
-    return parts.finger

@@ -27,8 +27,6 @@ class Step(Load):
         Whether the step belongs to the indentation.
     displacement_mm
         Length of the path across the finger so far.
-    depth_mm
-        Z of `stimulator_mm`.
     dt_s, clock_s
         Duration of the step; time since the start.
     stimulator_mm
@@ -51,7 +49,6 @@ class Step(Load):
     phase: str
     indenting: bool
     displacement_mm: float
-    depth_mm: float
     dt_s: float
     clock_s: float
     stimulator_mm: np.ndarray
@@ -63,6 +60,11 @@ class Step(Load):
     fraction: float
     wall_s: float
     force_unit: str = "N"
+
+    @property
+    def depth_mm(self) -> float:
+        """Z of `stimulator_mm`."""
+        return float(self.stimulator_mm[2])
 
     def __str__(self) -> str:
         """Return one line that describes the step."""

@@ -14,10 +14,9 @@ from tactile_fem.errors import ConvergenceError
 from tactile_fem.finger.plane import SPACE, Plane
 from tactile_fem.mechanics.load import Load
 from tactile_fem.path import Motion, Path
+from tactile_fem.simulation.control import TOLERANCE, StepControl, StepTooSmallError
 from tactile_fem.simulation.equilibrium import Equilibrium
-from tactile_fem.simulation.force_search import TOLERANCE
 from tactile_fem.simulation.step import Step
-from tactile_fem.simulation.step_control import StepControl, StepTooSmallError
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.report import SolveReport
 from tactile_fem.study import Solver
@@ -27,68 +26,35 @@ logger = logging.getLogger(__name__)
 # Least share of a step that passes a force at which the force is sought.
 _MIN_SHARE = 0.05
 # At this speed or faster a step may not be shorter than `min_step_mm`.
-_FAST_MM_S = 20.0
-# Contact force and the forces of the tissues differ by what the residual's norm allows.
-_BALANCE_N = 1e-5
+_FULL_SPEED_MM_S = 20.0
 
 
 @dataclass
-class Progress:
-    """Position along the path; plain numbers.
+class _Progress:
+    """Position along the path, in plain numbers."""
 
-    Attributes
-    ----------
-    piece
-        Index of the piece of the path.
-    start_mm
-        Position of the body when the piece began.
-    start_s, slid_mm
-        Time and length of the path across the finger when it began.
-    indenting
-        Whether the steps so far belong to the indentation.
-    index
-        Number of accepted steps.
-    control
-        Control of the steps along the piece.
-    """
-
-    piece: int
-    start_mm: tuple[float, float, float]
-    start_s: float
-    slid_mm: float
-    indenting: bool
-    index: int
-    control: StepControl
+    piece: int  # index of the piece of the path
+    start_mm: tuple[float, float, float]  # position of the body when it began
+    start_s: float  # time when it began
+    slid_mm: float  # length of the path across the finger when it began
+    indenting: bool  # whether the steps so far belong to the indentation
+    index: int  # number of accepted steps
+    control: StepControl  # of the steps along the piece
 
 
 class Stepper:
-    """The path as a sequence of accepted steps.
+    """The path as a sequence of accepted steps; a step that fails is halved.
 
-    The problem of a section knows its plane's two axes only; the path and the steps have three.
-    A step that fails is halved.
-
-    Parameters
-    ----------
-    problem
-        The finger and the body.
-    path
-        Where the body moves.
-    settings
-        Bounds of the steps.
-    plane
-        That of a section.
+    The problem of a section knows the two axes of its plane only; the path and the steps have
+    three.
     """
 
     def __init__(
-        self,
-        problem: FingerProblem,
-        path: Path,
-        settings: Solver,
-        plane: Plane = SPACE,
+        self, problem: FingerProblem, path: Path, settings: Solver, plane: Plane = SPACE
     ) -> None:
         self._problem, self._state, self._plane = problem, problem.state, plane
         self._path, self._settings = path, settings
-        self._equilibrium = Equilibrium(problem, plane.force_unit)
+        self._equilibrium = Equilibrium(problem, plane.force_unit, settings.max_press_step_mm)
         longest = settings.max_slide_step_mm, settings.max_press_step_mm
         self._weights = [motion.least_steps(*longest) for _, motion in path.plan()]
         self._state.place(plane.within(path.start_mm))
@@ -127,7 +93,7 @@ class Stepper:
         self._equilibrium.stiffness_N_mm = values.pop("stiffness_N_mm")
         self._motion = self._path.pieces[values["piece"]](np.array(start))
         control.outputs_s = tuple(self._motion.outputs_s)
-        self._progress = Progress(**values, start_mm=start, control=control)
+        self._progress = _Progress(**values, start_mm=start, control=control)
         self._problem.restore(saved)
 
     # --- pieces of the path --------------------------------------------------------------------
@@ -146,13 +112,13 @@ class Stepper:
 
     def _begin(
         self, piece: int, *, start_s: float, slid_mm: float, indenting: bool, index: int
-    ) -> Progress:
+    ) -> _Progress:
         start = self._position_mm()
         self._motion = self._path.pieces[piece](start)
         control = self._control(self._motion)
         self._end_at_force(control)
         indenting = indenting and self._motion.indents
-        return Progress(piece, tuple(start.tolist()), start_s, slid_mm, indenting, index, control)
+        return _Progress(piece, tuple(start.tolist()), start_s, slid_mm, indenting, index, control)
 
     def _control(self, motion: Motion) -> StepControl:
         """Return the control of the steps of a motion.
@@ -164,7 +130,7 @@ class Stepper:
         first = motion.time_within(0.0, s.first_slide_step_mm, s.first_step_mm)
         if motion.fastest_mm_s == 0.0 and self._state.dt_old_s:
             first = min(first, self._state.dt_old_s)
-        smallest = s.min_step_mm / max(motion.fastest_mm_s, _FAST_MM_S)
+        smallest = s.min_step_mm / max(motion.fastest_mm_s, _FULL_SPEED_MM_S)
         return StepControl(motion.duration_s, first, smallest, tuple(motion.outputs_s))
 
     def _slid_mm(self) -> float:
@@ -180,7 +146,7 @@ class Stepper:
     def _try_step(self, started: float) -> Step | None:
         """Solve for the next position; return the accepted step, or None if it was rejected."""
         s, control, motion = self._settings, self._progress.control, self._motion
-        equilibrium = self._equilibrium
+        equilibrium, until_N = self._equilibrium, motion.until_N
         longest = motion.time_within(control.time_s, s.max_slide_step_mm, s.max_press_step_mm)
         target = control.target_s(longest)
         dt = target - control.time_s
@@ -189,15 +155,14 @@ class Stepper:
         if motion.held_N is None:
             report, load = equilibrium.at_position(position, dt)
         else:
-            position[-1] = equilibrium.goes_on_to_mm(dt)
-            report, load = self._at_force(position, dt, motion.held_N)
-        if load is not None and motion.until_N is not None and _exceeds(load, motion.until_N):
-            target, report, load = self._solve_press_end(target, load, report, motion.until_N)
+            position[-1] = equilibrium.predicted_z_mm(dt)
+            report, load = equilibrium.at_force(position, dt, motion.held_N, motion.phase)
+        if load and until_N is not None and load.force_N[-1] > until_N * (1 + TOLERANCE):
+            target, report, load = self._solve_press_end(target, load, report, until_N)
             dt = target - control.time_s
         if load is None:
-            self._cut(target, report)
+            self._halve(target, report)
             return None
-        _check_balance(load, self._plane.force_unit)
         if motion.held_N is None:
             equilibrium.note_stiffness(load)
         solves = equilibrium.accept(load, report)
@@ -205,19 +170,12 @@ class Stepper:
         self._end_at_force(control)
         return self._step(load, solves, dt, started)
 
-    def _at_force(
-        self, position: np.ndarray, dt_s: float, force_N: float
-    ) -> tuple[SolveReport, Load | None]:
-        max_step_mm = self._settings.max_press_step_mm
-        return self._equilibrium.at_force(position, dt_s, force_N, max_step_mm, self._motion.phase)
-
     def _step(
         self, load: Load, solves: tuple[SolveReport, ...], dt_s: float, started: float
     ) -> Step:
         """Return the step that was accepted."""
-        progress = self._progress
+        progress, plane = self._progress, self._plane
         progress.index += 1
-        position, plane = self._position_mm(), self._plane
         force, moment = plane.vectors(load.force_N), plane.moment(load.moment_Nmm)
         return Step(
             **vars(replace(load, force_N=force, moment_Nmm=moment)),
@@ -225,10 +183,9 @@ class Stepper:
             phase=self._motion.phase,
             indenting=progress.indenting,
             displacement_mm=progress.slid_mm + self._slid_mm(),
-            depth_mm=float(position[2]),
             dt_s=dt_s,
             clock_s=progress.start_s + progress.control.time_s,
-            stimulator_mm=position,
+            stimulator_mm=self._position_mm(),
             newton_iterations=sum(solve.iterations for solve in solves),
             linear_iterations=sum(solve.linear_iterations for solve in solves),
             discarded=solves[:-1],
@@ -245,7 +202,7 @@ class Stepper:
         share = progress.control.time_s / progress.control.end_s
         return (done + share * self._weights[progress.piece]) / sum(self._weights)
 
-    def _cut(self, target_s: float, report: SolveReport) -> None:
+    def _halve(self, target_s: float, report: SolveReport) -> None:
         self._equilibrium.discarded.append(report)
         self._state.reset()
         logger.info(
@@ -278,17 +235,16 @@ class Stepper:
         that of the last step, because relaxing tissues are stiffer in them, and the contact with
         them.
         """
-        equilibrium = self._equilibrium
+        equilibrium, begin_s = self._equilibrium, self._progress.control.time_s
         equilibrium.discarded.append(report)
         before, passed = float(self._state.force_old_N[-1]), float(load.force_N[-1])
-        begin_s = self._progress.control.time_s
         share = max((force_N - before) / (passed - before), _MIN_SHARE)
-        dt_s = share * (target_s - begin_s)
-        end_s = begin_s + dt_s
+        end_s = begin_s + share * (target_s - begin_s)
+        dt_s = end_s - begin_s
         equilibrium.note_stiffness(load)
-        equilibrium.predict(end_s - begin_s)
+        equilibrium.predict(dt_s)
         position = self._plane.within(self._motion.place(end_s))
-        return end_s, *self._at_force(position, end_s - begin_s, force_N)
+        return end_s, *equilibrium.at_force(position, dt_s, force_N, self._motion.phase)
 
     def _end_at_force(self, control: StepControl) -> None:
         """End a press where its force is reached, which it may be from the start."""
@@ -333,18 +289,3 @@ def stopped(
         stimulator_mm,
         reason,
     )
-
-
-def _exceeds(load: Load, force_N: float) -> bool:
-    """Return whether a load has passed a normal force."""
-    return bool(load.force_N[-1] > force_N * (1 + TOLERANCE))
-
-
-def _check_balance(load: Load, unit: str) -> None:
-    """Warn if the contact force and the forces of the tissues differ."""
-    if not load.imbalance_N <= _BALANCE_N:
-        logger.warning(
-            "contact force and held reaction differ by %.1e %s: the step is not in equilibrium",
-            load.imbalance_N,
-            unit,
-        )

@@ -16,42 +16,28 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
+# Numbers of each step, 0 at rest.
+_COUNTS = ("newton_iterations", "linear_iterations")
+_SCALARS = (
+    *("displacement_mm", "clock_s", "contact_area_mm2", "gap_error_mm", "traction_error"),
+    *("volume_change", "stored_mJ", "work_mJ", "friction_mJ", "imbalance_N", "wall_s"),
+)
+
 
 class Trace:
     """Motion, load and receptors of all steps; the first row is the finger at rest.
 
-    Columns are attributes. An observer's own columns join them; a row without a value has NaN.
-
-    Parameters
-    ----------
-    receptors_mm, population
-        Positions, (receptors, 3), and names of their populations, (receptors,).
-    start_mm
-        Where the body starts, (3,).
-    fields
-        Of the receptors; each is a column.
+    Columns are attributes: those of `tactile_fem.simulation.step.Step`, of its load and motion,
+    (steps,) or (steps, 3); a column for each of the `fields` of the receptors, such as ``sed_kPa``,
+    (steps, receptors), or displacement and principal values, (steps, receptors, 3); and the
+    observers' own columns, where a row without a value has NaN.
 
     Attributes
     ----------
-    time_s, clock_s
-        Per step, (steps,). The indentation ends at time 0; the clock starts with the path.
-    phase
-        Name of the piece of the path, (steps,).
-    displacement_mm, depth_mm
-        (steps,): length of the path across the finger; Z of the stimulator.
-    stimulator_mm, force_N, moment_Nmm
-        (steps, 3); force and moment (about the origin) act on the finger.
-    contact_area_mm2, gap_error_mm, traction_error, volume_change, stored_mJ
-        (steps,): see `tactile_fem.mechanics.load.Load`.
-    work_mJ, friction_mJ
-        Of each step, (steps,): work of the stimulator on the finger; heat of friction.
-    imbalance_N, newton_iterations, linear_iterations, wall_s
-        (steps,): contact force against held reaction; what the step cost.
     receptors_mm, population
-        (receptors, 3), (receptors,).
-    moved_mm, sed_kPa, von_mises_kPa, stretches, stresses_kPa
-        (steps, receptors), displacement and principal values (steps, receptors, 3). Further
-        fields follow, as drives need them.
+        Undeformed positions, (receptors, 3), and names of their populations, (receptors,).
+    time_s
+        (steps,). The indentation ends at time 0; ``clock_s`` starts with the path.
     """
 
     def __init__(
@@ -62,21 +48,20 @@ class Trace:
         fields: Sequence[Field] = STANDARD,
     ) -> None:
         count, start = len(receptors_mm), np.asarray(start_mm, dtype=float)
-        self.receptors_mm, self.population = receptors_mm, population
+        self._fixed = {"receptors_mm": receptors_mm, "population": population}
         self._indented_s = 0.0
-        self._of_receptors = {field.name: [field.at_rest(count)] for field in fields}
-        self._of_step: dict[str, list[Any]] = {
-            "phase": ["rest"],
-            "stimulator_mm": [start],
-            "depth_mm": [start[2]],
-            "force_N": [np.zeros(3)],
-            "moment_Nmm": [np.zeros(3)],
-            **{name: [0] for name in ("newton_iterations", "linear_iterations")},
-            **{name: [0.0] for name in _SCALARS},
+        of_step: dict[str, Any] = {
+            **{"phase": "rest", "stimulator_mm": start, "depth_mm": start[2]},
+            **{"force_N": np.zeros(3), "moment_Nmm": np.zeros(3)},
+            **dict.fromkeys(_COUNTS, 0),
+            **dict.fromkeys(_SCALARS, 0.0),
         }
-        self._own: dict[str, list[Any]] = {}
-        for name in {*self._of_step, *self._fixed, "time_s"} & self._of_receptors.keys():
+        felt = {field.name: field.at_rest(count) for field in fields}
+        self._of_step, self._felt = tuple(of_step), tuple(felt)
+        self._reserved = {*of_step, *self._fixed, "time_s"}
+        for name in self._reserved & felt.keys():
             raise StudyError(f"The trace has a column {name}: choose another name for the field.")
+        self._columns = {name: [value] for name, value in {**of_step, **felt}.items()}
 
     @classmethod
     def of(cls, simulation: Simulation) -> Trace:
@@ -93,49 +78,42 @@ class Trace:
         StudyError
             It has fewer rows or columns.
         """
-        known = {**self._of_receptors, **self._of_step}
-        missing = [name for name in known if name not in saved]
+        missing = [name for name in (*self._felt, *self._of_step) if name not in saved]
         if missing or len(saved["time_s"]) < rows:
             lack = f"columns {', '.join(missing)}" if missing else f"rows: {rows} are needed"
             raise StudyError(f"The trace does not belong to its checkpoint: it lacks {lack}.")
-        for columns in (self._of_receptors, self._of_step):
-            columns.update({name: list(saved[name][:rows]) for name in columns})
-        own = set(saved) - {*known, *self._fixed, "time_s"}
-        self._own = {name: list(saved[name][:rows]) for name in sorted(own)}
+        names = [name for name in saved if name not in {*self._fixed, "time_s"}]
+        self._columns = {name: list(saved[name][:rows]) for name in names}
         self._indented_s = float(saved["clock_s"][0] - saved["time_s"][0])
 
     def __len__(self) -> int:
         """Return the number of rows."""
-        return len(self._of_step["clock_s"])
+        return len(self._columns["clock_s"])
 
     def __call__(self, seen: Observation) -> None:
         """Append a row: the step, what the receptors feel, and the observers' own columns."""
-        step, rows = seen.step, len(self)
-        values = self._checked(seen.columns)
-        for name, column in self._of_receptors.items():
-            column.append(seen.columns[name])
-        for name, column in self._of_step.items():
-            column.append(getattr(step, name))
-        for name, value in values.items():
-            self._own.setdefault(name, [np.full_like(value, np.nan)] * rows).append(value)
-        for name in set(self._own) - set(values):
-            self._own[name].append(np.full_like(self._own[name][-1], np.nan))
-        if step.indenting:
-            self._indented_s = step.clock_s
-
-    def _checked(self, own: Mapping[str, ArrayLike]) -> dict[str, Array]:
-        """Return an observer's values as arrays; raise StudyError where they make no column."""
-        values = {}
+        rows, own = len(self), self._checked(seen.columns)
+        of_step = {name: getattr(seen.step, name) for name in self._of_step}
+        row = {**of_step, **{name: seen.columns[name] for name in self._felt}, **own}
         for name, value in own.items():
-            if name in self._of_receptors:
-                continue
-            if name in {*self._of_step, *self._fixed, "time_s"}:
+            self._columns.setdefault(name, [np.full_like(value, np.nan)] * rows)
+        for name, column in self._columns.items():
+            column.append(row[name] if name in row else np.full_like(column[-1], np.nan))
+        if seen.step.indenting:
+            self._indented_s = seen.step.clock_s
+
+    def _checked(self, columns: Mapping[str, ArrayLike]) -> dict[str, Array]:
+        """Return the observers' values as arrays; raise StudyError where they make no column."""
+        values = {}
+        for name in [name for name in columns if name not in self._felt]:
+            value = columns[name]
+            if name in self._reserved:
                 raise StudyError(f"observers: the trace has a column {name}: choose another name.")
             try:
                 values[name] = np.asarray(value, dtype=float)
             except (TypeError, ValueError):
                 raise StudyError(f"observers: {name} must be numbers but is {value!r}.") from None
-            shape, before = values[name].shape, np.shape(self._own.get(name, [value])[0])
+            shape, before = values[name].shape, np.shape(self._columns.get(name, [value])[0])
             if shape != before:
                 raise StudyError(
                     f"observers: {name} has the shape {shape}, before it had {before}."
@@ -144,38 +122,18 @@ class Trace:
 
     def arrays(self) -> dict[str, Array]:
         """Return the columns by name."""
-        columns = {**self._of_step, **self._of_receptors, **self._own}
-        arrays = {name: np.array(column) for name, column in columns.items()}
-        return {"time_s": self.time_s, **self._fixed, **arrays}
-
-    @property
-    def _fixed(self) -> dict[str, Array]:
-        return {"receptors_mm": self.receptors_mm, "population": self.population}
+        columns = {name: np.array(column) for name, column in self._columns.items()}
+        return {"time_s": self.time_s, **self._fixed, **columns}
 
     @property
     def time_s(self) -> Array:
         """Time since the end of the indentation, (steps,)."""
-        return np.array(self._of_step["clock_s"]) - self._indented_s
+        return np.array(self._columns["clock_s"]) - self._indented_s
 
     def __getattr__(self, name: str) -> Array:
         """Return a column."""
-        if not name.startswith("_"):
-            for columns in (self._of_step, self._of_receptors, self._own):
-                if name in columns:
-                    return np.array(columns[name])
+        if name in vars(self).get("_fixed", ()):
+            return self._fixed[name]
+        if name in vars(self).get("_columns", ()):
+            return np.array(self._columns[name])
         raise AttributeError(f"a trace has no {name}")
-
-
-_SCALARS = (
-    "displacement_mm",
-    "clock_s",
-    "contact_area_mm2",
-    "gap_error_mm",
-    "traction_error",
-    "volume_change",
-    "stored_mJ",
-    "work_mJ",
-    "friction_mJ",
-    "imbalance_N",
-    "wall_s",
-)

@@ -9,10 +9,21 @@ with
 `w` breaks the share ``c_j = 1/(1 + i w tau_j)`` of the chains of relaxation time ``tau_j``
 (`tactile_fem.tissue.relaxation`: ``dA/dt`` is linear in `A`), so ``D_j`` is how the tangent changes
 if all of them break. Kelvin and Voigt's viscosity adds ``c = i w tau_v``. Together these are the
-complex moduli of the tissues at their present strain. Contact is that of the state
-(`tactile_fem.vibration.small_contact`).
+complex moduli of the tissues at their present strain.
 
-They are solved with one factorization per frequency (`tactile_fem.vibration.complex_solver`).
+The contact stays that of the state: what touches goes on touching and what does not stays free;
+what sticks goes on sticking, and what slides goes on in its direction with Coulomb's friction. With
+`m` the motion of the skin relative to the body, ``dt`` the change of the tissue's traction and `H`
+the curvature of the body,
+
+    ds_n = c (dt.nu - gamma_h m.nu),    dnu = H m                    where s_n > 0
+    ds_t = (dt - gamma_h m)_t                                        where it sticks
+    ds_t = mu ds_n s_t/|s_t|                                         where it slides
+
+`c` is 1 but where the onset of contact is regularized.
+
+The equations are solved with one factorization per frequency
+(`tactile_fem.vibration.complex_solver`).
 """
 
 from __future__ import annotations
@@ -26,24 +37,19 @@ import ufl
 from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import ArrayLike
+from ufl.core.expr import Expr
 
+from tactile_fem.mechanics.contact_law import ContactLaw
 from tactile_fem.mechanics.problem import Problem
+from tactile_fem.mechanics.terms.contact import Contact
 from tactile_fem.mechanics.terms.inertia import mass_density
 from tactile_fem.mechanics.terms.term import Delay
 from tactile_fem.vibration.complex_solver import complex_solver
-from tactile_fem.vibration.small_contact import Touch
 
 Array = np.ndarray
-
-
-@dataclass(frozen=True)
-class _Forms:
-    """Compiled: stiffness, load of the body's three motions, force on the body's three axes."""
-
-    stiffness: fem.Form
-    loads: list[fem.Form]
-    forces: list[fem.Form]
-    direct: list[list[fem.Form]]
+# Share of Coulomb's bound from which on skin slides.
+_SLIDING_SHARE = 0.99
+_TINY_MPa = 1e-12
 
 
 @dataclass
@@ -51,43 +57,26 @@ class _Parts:
     """What the forms assemble to on this rank with one set of coefficients."""
 
     stiffness: PETSc.Mat
-    loads: list[Array]
-    forces: list[Array]
-    direct: Array
+    loads: Array  # of a motion of the body along each axis, (3, dofs)
+    forces: Array  # on the body along each axis, over the displacement, (3, dofs)
+    direct: Array  # those without displacement, over the body's motion, (3, 3)
 
 
 @dataclass(frozen=True)
 class HarmonicResponse:
-    """The answer to a vibration of 1 mm.
-
-    Attributes
-    ----------
-    frequency_Hz
-        Of the vibration.
-    u
-        Complex amplitude of this rank's displacement, absolute, as `State.u` holds it, mm.
-    force_N
-        Complex amplitude of the force on the finger, (3,).
-    iterations
-        Of GMRES.
-    """
+    """The answer to a vibration of 1 mm."""
 
     frequency_Hz: float
-    u: Array
-    force_N: Array
-    iterations: int
+    u: Array  # complex amplitude of this rank's displacement, absolute, as `State.u` holds it, mm
+    force_N: Array  # complex amplitude of the force on the finger, (3,)
+    iterations: int  # of GMRES
 
 
 class Harmonic:
-    """The finger about an accepted state.
+    """The finger about the last accepted state of a problem, with one density of all tissues.
 
-    Parameters
-    ----------
-    problem
-        Its last accepted state is taken; nothing of it changes but the time step's duration, which
-        each solve sets.
-    density_kg_m3
-        Of all tissues.
+    Nothing of the problem changes but the duration of its time step, which each solve sets.
+    `delays` are what depends on the frequency besides inertia.
     """
 
     def __init__(self, problem: Problem, density_kg_m3: float) -> None:
@@ -96,8 +85,8 @@ class Harmonic:
         V = self._u.function_space
         problem.state.reset()
         self.freeze(None)
-        self._compile_form = compile_ = problem.contact.obstacle.compile
-        self._forms = self._compile(Touch.of(problem.contact))
+        self._compile = compile_ = problem.contact.obstacle.compile
+        self._stiffness, self._loads, self._forces, self._direct = self._forms()
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
         density = mass_density(V.mesh, density_kg_m3)
         dx, dim = problem.tissues.dx, V.mesh.geometry.dim
@@ -106,15 +95,10 @@ class Harmonic:
         self._inertia = [self._vector(pull, problem.bcs) for pull in pulls]
         self._mass = fem_petsc.assemble_matrix(mass, problem.bcs, diag=0.0)
         self._mass.assemble()
-        self._delays = problem.bulk.delays
+        self.delays = problem.bulk.delays
         self._at_once = self._assembled(None)
-        self._late = [self._without_at_once(self._assembled(delay)) for delay in self._delays]
+        self._late = [self._without_at_once(self._assembled(delay)) for delay in self.delays]
         self._field = fem.Function(V)
-
-    @property
-    def delays(self) -> list[Delay]:
-        """What depends on the frequency besides inertia."""
-        return self._delays
 
     def freeze(self, delay: Delay | None) -> None:
         """Set the forms to the accepted state, with all of one delay or with none."""
@@ -146,7 +130,7 @@ class Harmonic:
             The linear equations could not be solved.
         """
         w = 2 * np.pi * frequency_Hz
-        amounts = [delay.amount(w) for delay in self._delays]
+        amounts = [delay.amount(w) for delay in self.delays]
         bone = np.asarray(bone_mm)
         motion = np.asarray(body_mm) - bone
         parts = [(1.0, self._at_once), *zip(amounts, self._late, strict=True)]
@@ -156,22 +140,22 @@ class Harmonic:
             right = right + load
         x, iterations = self._solve(w, amounts, right)
         owned = len(right)
-        force = sum(
-            c * (np.array(part.forces) @ x[:owned] + part.direct @ motion) for c, part in parts
-        )
+        force = sum(c * (part.forces @ x[:owned] + part.direct @ motion) for c, part in parts)
         u = x + np.tile(bone, len(x) // len(bone))
         return HarmonicResponse(frequency_Hz, u, self._comm.allreduce(force), iterations)
 
-    def _compile(self, touch: Touch) -> _Forms:
+    def _forms(self) -> tuple[fem.Form, list[fem.Form], list[fem.Form], list[list[fem.Form]]]:
+        """Return the compiled forms of what `_Parts` has."""
         problem, V = self._problem, self._u.function_space
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
         dim = V.mesh.geometry.dim
         axes = [ufl.as_vector([float(i == k) for i in range(dim)]) for k in range(dim)]
         still = ufl.as_vector([0.0] * dim)
+        touch = _Touch.of(problem.contact)
         # Here the viscous stress pulls at the skin as well, and the contact is as much stiffer.
         skin = problem.contact.skin(problem.bulk)
 
-        def traction(of_skin: ufl.core.expr.Expr | None, motion, on) -> ufl.Form:
+        def traction(of_skin: Expr | None, motion: Expr, on: Expr) -> ufl.Form:
             """Return the work of the change of traction in `on`."""
             form = ufl.Form([])
             for part in skin:
@@ -180,8 +164,8 @@ class Harmonic:
             return form
 
         stiffness = ufl.derivative(problem.bulk.static_residual(v), self._u, u)
-        compile_ = self._compile_form
-        return _Forms(
+        compile_ = self._compile
+        return (
             compile_(stiffness - traction(u, u, v)),
             [compile_(traction(None, -axis, v)) for axis in axes],
             [compile_(traction(v, v, axis)) for axis in axes],
@@ -190,17 +174,16 @@ class Harmonic:
 
     def _assembled(self, delay: Delay | None) -> _Parts:
         self.freeze(delay)
-        forms, bcs = self._forms, self._problem.bcs
+        bcs = self._problem.bcs
         with common.Timer("tactile: harmonic tangent"):
-            K = fem_petsc.assemble_matrix(forms.stiffness, bcs)
+            K = fem_petsc.assemble_matrix(self._stiffness, bcs)
             K.assemble()
-            direct = [[fem.assemble_scalar(form) for form in row] for row in forms.direct]
-            return _Parts(
-                K,
-                [self._vector(form, bcs) for form in forms.loads],
-                [self._vector(form, bcs) for form in forms.forces],
-                np.array(direct),
+            direct = [[fem.assemble_scalar(form) for form in row] for row in self._direct]
+            loads, forces = (
+                np.array([self._vector(form, bcs) for form in forms])
+                for forms in (self._loads, self._forces)
             )
+            return _Parts(K, loads, forces, np.array(direct))
 
     def _vector(self, form: fem.Form, bcs: list[fem.DirichletBC]) -> Array:
         """Return this rank's owned entries of an assembled vector, zero where held."""
@@ -217,8 +200,8 @@ class Harmonic:
         parts.stiffness.axpy(-1.0, own.stiffness, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         return _Parts(
             parts.stiffness,
-            [b - a for a, b in zip(own.loads, parts.loads, strict=True)],
-            [b - a for a, b in zip(own.forces, parts.forces, strict=True)],
+            parts.loads - own.loads,
+            parts.forces - own.forces,
             parts.direct - own.direct,
         )
 
@@ -240,3 +223,51 @@ class Harmonic:
         self._field.x.array[: len(owned)] = owned
         self._field.x.scatter_forward()
         return self._field.x.array.copy()
+
+
+# --- small motions of the contact --------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Touch:
+    """The contact of the accepted state at the quadrature points."""
+
+    pressure: fem.Function  # MPa
+    closed: fem.Function  # how it grows with what it would be without regularization, 0 to 1
+    friction: fem.Function  # MPa
+
+    @classmethod
+    def of(cls, contact: Contact) -> _Touch:
+        """Read it at the accepted state, which the forms have to be at."""
+        obstacle = contact.obstacle
+        scalars = [obstacle.quadrature_function(()) for _ in range(2)]
+        touch = cls(*scalars, obstacle.quadrature_function(obstacle.u.ufl_shape))
+        for function, values in (
+            (touch.pressure, contact.at_points(lambda part: part.law.s_n)),
+            (touch.closed, contact.at_points(lambda part: part.law.closed())),
+            (touch.friction, contact.at_points(lambda part: _transmitted(part.law))),
+        ):
+            found = values.read()
+            function.x.array[: len(found)] = found
+        return touch
+
+    def change(self, law: ContactLaw, dt: Expr, motion: Expr) -> Expr:
+        """Return how the traction `s` on the finger changes, in MPa.
+
+        `dt` is the change of the traction of the tissue, `motion` that of the skin relative to the
+        body, mm.
+        """
+        nu, stiffness = law.obstacle.normal, law.stiffness
+        q = dt - stiffness * motion
+        ds_n = self.closed * ufl.dot(q, nu)
+        size = ufl.sqrt(ufl.dot(self.friction, self.friction) + _TINY_MPa**2)
+        slides = ufl.ge(size, _SLIDING_SHARE * law.friction * self.pressure)
+        follows = law.friction * ds_n * self.friction / size
+        ds_t = ufl.conditional(slides, follows, law.tangential(q))
+        ds = ds_n * nu + self.pressure * (law.obstacle.hessian * motion) + ds_t
+        return ufl.conditional(ufl.gt(self.pressure, 0.0), ds, 0.0 * ds)
+
+
+def _transmitted(law: ContactLaw) -> Expr:
+    """Return the friction that the last accepted step ended with, in MPa; see `terms.contact`."""
+    return law.tangential(law.t) - law.untransmitted_old

@@ -1,11 +1,12 @@
-"""A computed vibration: complex amplitudes over frequency, and the firing that they evoke."""
+"""A computed vibration over frequency: what receptors feel, how they fire, the finger's shape."""
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,12 +14,28 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population
 from tactile_fem.neuron.fields import MOVED, SED, STRETCHES, trial_histories
-from tactile_fem.runtime.files import write_table
-from tactile_fem.vibration.archive import Archived
+from tactile_fem.runtime.files import write_arrays, write_table
 
 Array = NDArray[Any]
 _SAMPLES_PER_PERIOD = 24
 _SETTLING_S, _COUNTING_S = 0.25, 1.0  # membranes and adaptation settle before spikes are counted
+
+
+class Archived:
+    """A dataclass of arrays with a file of them."""
+
+    def save(self, path: Path) -> None:
+        """Write all fields as a compressed NumPy archive."""
+        write_arrays(path, vars(self), compressed=True)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Return what `save` wrote; StudyError if it cannot be read."""
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                return cls(**{field.name: arrays[field.name] for field in fields(cast(Any, cls))})
+        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise StudyError(f"{path} cannot be read as a vibration: {error}.") from None
 
 
 @dataclass(frozen=True)
@@ -128,6 +145,46 @@ class Spectrum(Archived):
         write_table(path, records)
 
 
+@dataclass(frozen=True)
+class Modes(Archived):
+    """Motion of the whole finger in a vibration about a state.
+
+    Attributes
+    ----------
+    frequency_Hz
+        (f,).
+    moved
+        Complex displacement amplitudes per mm of the vibration, (f, n, 3), single precision. The
+        real part of the amplitude times ``exp(i w t)`` is the displacement.
+    still_mm
+        Displacement of the state itself, (n, 3).
+    nodes_mm, tets, tissue
+        Of the mesh, in its file's order: (n, 3); (m, 10), gmsh's order; (m,) tags.
+    stimulator_mm
+        Position of the body in the state, (3,).
+    body
+        How the body vibrates, (3,): a unit vector, or 0 if the bone vibrates.
+    """
+
+    frequency_Hz: Array
+    moved: Array
+    still_mm: Array
+    nodes_mm: Array
+    tets: Array
+    tissue: Array
+    stimulator_mm: Array
+    body: Array
+
+    def nearest(self, frequency_Hz: float) -> int:
+        """Return the number of the frequency nearest to one, by their ratio."""
+        return int(nearest(self.frequency_Hz, [frequency_Hz])[0])
+
+    def largest_phase(self, k: int) -> float:
+        """Return the phase w t, rad, at which the nodes' mean square displacement is largest."""
+        # |Re(a e^(i p))|^2 = (|a|^2 + Re(a.a e^(2 i p)))/2
+        return float(-0.5 * np.angle(np.sum(self.moved[k].astype(complex) ** 2)))
+
+
 def unfelt(population: Population) -> str:
     """Return why a vibration does not have the drive of a population; empty if it does."""
     try:
@@ -164,3 +221,15 @@ def frequencies_of(text: str, name: str = "frequencies") -> Array:
             "in Hz and greater than 0."
         ) from None
     return found
+
+
+def nearest(frequencies_Hz: ArrayLike, wanted_Hz: ArrayLike) -> NDArray[np.intp]:
+    """Return the numbers, rising, of the frequencies nearest to the wanted ones, by their ratio."""
+    logs, wanted = np.log(frequencies_Hz), np.log(wanted_Hz)
+    return np.unique(np.abs(logs[:, None] - wanted).argmin(axis=0))
+
+
+def few_of(frequencies_Hz: ArrayLike) -> Array:
+    """Return the lowest, the middle and the highest frequency: shapes of all nodes are large."""
+    rising = np.sort(np.asarray(frequencies_Hz, dtype=float))
+    return np.unique(rising[[0, len(rising) // 2, -1]])

@@ -14,17 +14,18 @@ from tactile_fem.runtime import backend  # noqa: F401  # isort: skip
 from mpi4py import MPI
 
 import numpy as np
+from dolfinx import fem
 from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.ranks import StopRequest, abort_if_one_fails, on_root, signal_handler
-from tactile_fem.simulation.checkpoint import Origin
+from tactile_fem.simulation.checkpoint import read_checkpoint
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.vibration.harmonic import Harmonic, HarmonicResponse
-from tactile_fem.vibration.spectrum import Spectrum
+from tactile_fem.vibration.spectrum import Modes, Spectrum
 
 logger = logging.getLogger(__name__)
 
@@ -50,6 +51,50 @@ class OperatingPoint:
 
 # Called on all ranks with the response at each frequency.
 ResponseObserver = Callable[[OperatingPoint, HarmonicResponse], None]
+
+
+class ModeKeeper:
+    """An observer of `vibrate` that keeps the displacement of all nodes at some frequencies."""
+
+    def __init__(self, frequencies_Hz: ArrayLike) -> None:
+        self._wanted = np.asarray(frequencies_Hz)
+        self._kept: dict[float, Array] = {}
+        self._point: OperatingPoint | None = None
+
+    def __call__(self, point: OperatingPoint, response: HarmonicResponse) -> None:
+        """Keep the displacement if it is wanted at this frequency; all ranks call."""
+        if response.frequency_Hz not in self._wanted:
+            return
+        problem = point.simulation.problem
+        if self._point is None:
+            self._point = point
+            self._still = problem.order.gather(problem.u).astype(np.float32)
+        values = fem.Function(problem.u.function_space)
+
+        def gathered(of_space: ArrayLike) -> Array:
+            values.x.array[:] = of_space
+            return problem.order.gather(values)
+
+        inside = gathered(1.0) != 0  # rigid tissues are outside the space
+        moved = gathered(response.u.real) + 1j * gathered(response.u.imag)
+        kept = np.where(inside, moved, point.bone).astype(np.complex64)
+        self._kept[response.frequency_Hz] = kept
+
+    def modes(self) -> Modes | None:
+        """Return what was kept, on the first rank; None on the others or if there is nothing."""
+        if self._point is None or self._point.simulation.finger is None:
+            return None
+        finger = self._point.simulation.finger
+        return Modes(
+            np.array(list(self._kept)),
+            np.array(list(self._kept.values())),
+            self._still,
+            finger.nodes.astype(np.float32),
+            finger.cells.astype(np.int32),
+            finger.tissue.astype(np.int32),
+            self._point.simulation.state.translation_old.value.copy(),
+            self._point.body,
+        )
 
 
 @shown()
@@ -89,7 +134,7 @@ def vibrate(
         The scan's own parts, see `tactile_fem.scan`.
     observers
         Called with the response at each frequency, such as
-        `tactile_fem.vibration.keeper.ModeKeeper`.
+        `ModeKeeper`.
 
     Raises
     ------
@@ -108,7 +153,7 @@ def vibrate(
         results = on_root(comm, lambda: Results.open(folder))
         on_root(comm, lambda: results.study.finger.require_solid(f"a vibration of {folder}"))
         simulation = Simulation(on_root(comm, lambda: results.study), parts, comm)
-        saved = on_root(comm, lambda: Origin.of(simulation).read(results, at_mm, at_s))
+        saved = read_checkpoint(simulation, results, at_mm, at_s)
         with closing(simulation):
             simulation.restore(saved)
             own = simulation.study.tissue.density_kg_m3
@@ -127,8 +172,9 @@ def _spectrum(
     point: OperatingPoint,
     observers: Sequence[ResponseObserver],
 ) -> Spectrum:
+    """Return what the receptors feel at each frequency."""
     harmonic.freeze(None)
-    still = point.simulation.receptors.read()
+    still, layout = point.simulation.receptors.read(), point.simulation.layout
     amplitudes, forces = [], []
     for number, frequency in enumerate(frequencies, 1):
         response = harmonic.respond(frequency, point.body, point.bone)
@@ -140,19 +186,19 @@ def _spectrum(
             "%.4g Hz (%d of %d), %d iterations",
             *(frequency, number, len(frequencies), response.iterations),
         )
-    felt, layout = np.array(amplitudes), point.simulation.layout
+    felt = np.array(amplitudes)
     return Spectrum(
-        frequencies,
-        point.body + point.bone,
-        layout.positions_mm,
-        layout.population,
-        felt[..., :3],
-        felt[..., 3],
-        felt[..., 4:],
-        np.array(forces),
-        still.moved_mm,
-        still.sed_kPa,
-        still.stretches,
+        frequency_Hz=frequencies,
+        motion=point.body + point.bone,
+        receptors_mm=layout.positions_mm,
+        population=layout.population,
+        moved=felt[..., :3],
+        sed_kPa=felt[..., 3],
+        stretches=felt[..., 4:],
+        force_N=np.array(forces),
+        still_moved_mm=still.moved_mm,
+        still_sed_kPa=still.sed_kPa,
+        still_stretches=still.stretches,
     )
 
 
