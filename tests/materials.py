@@ -27,9 +27,6 @@ YEOH = Polynomial(C10_MPa=0.02, C30_MPa=0.1, D1_per_MPa=2.0)
 NO_VISCOSITY_S = 1e-12
 PROPOSED = Tissue.model_validate({"set": "proposed"})
 ELASTIC = PROPOSED.model_copy(update={"viscous_time_s": NO_VISCOSITY_S})
-_SERIES = {"g": (0.3, 0.2), "tau_s": (0.01, 0.5)}
-RELAXING = Tissue.model_validate({"set": "proposed", **dict.fromkeys(LAYERS, _SERIES)})
-
 ONE_LAYER = Tissue.model_validate({"set": "maeno1998", "viscous_time_s": NO_VISCOSITY_S})
 
 
@@ -40,6 +37,25 @@ def uniform(C10_MPa: float, D1_per_MPa: float, **more: float) -> Tissue:
     shapes = dict(zip(LAYERS, ("C30_MPa", "C30_MPa", "C20_MPa", "C20_MPa"), strict=True))
     layers = {name: {**layer, shape: tiny} for name, shape in shapes.items()}
     return Tissue.model_validate({"viscous_time_s": NO_VISCOSITY_S, **layers, **more})
+
+
+def relaxing(
+    tissue: Tissue = PROPOSED,
+    *,
+    g: tuple[float, float] = (0.3, 0.2),
+    tau_s: tuple[float, float] = (0.01, 0.5),
+    viscous_time_s: float | None = None,
+) -> Tissue:
+    """Return tissues whose layers relax by two networks; all compile the same forms."""
+    data = tissue.model_dump(exclude_none=True)
+    for name in LAYERS:
+        data[name] |= {"g": g, "tau_s": tau_s}
+    if viscous_time_s is not None:
+        data["viscous_time_s"] = viscous_time_s
+    return Tissue.model_validate(data)
+
+
+RELAXING = relaxing()
 
 
 def young_modulus(constants: Polynomial | Elastic) -> float:

@@ -11,7 +11,8 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
 from dolfinx import fem
-from sphere_on_block import sphere_on_block
+from materials import NO_VISCOSITY_S, relaxing, uniform
+from sphere_on_block import follow, sphere_on_block
 
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.solvers.finger_problem import FingerProblem
@@ -25,10 +26,10 @@ KELVIN = 0.001
 FREQUENCIES = [1.0, 100.0, 900.0]
 
 
-def tissue(**more) -> Tissue:
-    layer = {"C10_MPa": C10, "D1_per_MPa": D1, "C20_MPa": 0.0, "C30_MPa": 0.0, **more}
-    viscous = KELVIN if not more else 0.0
-    return Tissue.model_validate({"viscous_time_s": viscous, **dict.fromkeys(LAYERS, layer)})
+def tissue(*, relaxes: bool) -> Tissue:
+    if relaxes:
+        return relaxing(uniform(C10, D1), **SERIES)
+    return uniform(C10, D1, viscous_time_s=KELVIN)
 
 
 def modulus(frequency_Hz: float, *, relaxes: bool) -> complex:
@@ -56,7 +57,6 @@ def block(made: Tissue, *axes: int, sides: bool = False, layers: int = 12) -> Fi
         linear="direct",
         petsc={"snes_atol": 1e-13},
         contact_width_MPa=1e-8,
-        compiler_flags=("-O0",),
     )
     body = Plate(friction=0.5)
     return FingerProblem(
@@ -70,9 +70,7 @@ def block(made: Tissue, *axes: int, sides: bool = False, layers: int = 12) -> Fi
 
 
 def touched(problem: FingerProblem, depth_mm: float = 1e-4) -> FingerProblem:
-    report = problem.solve(np.array([0.0, 0.0, depth_mm]), 1e3)
-    assert report.converged
-    problem.accept()
+    follow(problem, (0, 0, depth_mm), dt_s=1e3)
     return problem
 
 
@@ -85,8 +83,7 @@ def nodal(problem: FingerProblem, u: np.ndarray) -> tuple[np.ndarray, np.ndarray
 @pytest.mark.ranks
 @pytest.mark.parametrize("relaxes", [True, False])
 def test_a_column_carries_the_exact_pressure_waves(relaxes):
-    made = tissue(**SERIES) if relaxes else tissue()
-    problem = touched(block(made, 0, 1, sides=True))
+    problem = touched(block(tissue(relaxes=relaxes), 0, 1, sides=True))
     vibrating = Harmonic(problem, DENSITY)
     for frequency in FREQUENCIES:
         shear = modulus(frequency, relaxes=relaxes)
@@ -104,8 +101,7 @@ def test_a_column_carries_the_exact_pressure_waves(relaxes):
 @pytest.mark.ranks
 @pytest.mark.parametrize("relaxes", [True, False])
 def test_a_plate_that_sticks_sends_the_exact_shear_waves(relaxes):
-    made = tissue(**SERIES) if relaxes else tissue()
-    problem = touched(block(made, 1, 2))
+    problem = touched(block(tissue(relaxes=relaxes), 1, 2))
     vibrating = Harmonic(problem, DENSITY)
     for frequency in FREQUENCIES:
         shear = modulus(frequency, relaxes=relaxes)
@@ -119,7 +115,7 @@ def test_a_plate_that_sticks_sends_the_exact_shear_waves(relaxes):
 
 
 def test_what_one_place_does_to_another_it_does_in_return():
-    problem = block(tissue(**SERIES), 1)
+    problem = block(tissue(relaxes=True), 1)
     problem.state.place(np.array([0.0, 0.0, -1.0]))  # far from the plate
     vibrating = Harmonic(problem, DENSITY)
     count = len(problem.u.x.array)
@@ -134,11 +130,7 @@ def test_what_one_place_does_to_another_it_does_in_return():
 
 def test_whatever_breaks_in_a_vibration_the_state_stays_that_of_the_scan():
     """Also where cells are so distorted that strains linear in them are none."""
-    relaxing = {layer: {"g": (0.4, 0.3), "tau_s": (0.01, 1.0)} for layer in LAYERS}
-    problem = sphere_on_block(
-        Tissue.model_validate({"set": "proposed", "viscous_time_s": 0.0, **relaxing}),
-        compiler_flags=("-O0",),
-    )
+    problem = sphere_on_block(relaxing(viscous_time_s=NO_VISCOSITY_S))
     tissues_form = problem.contact.obstacle.compile(problem.bulk.residual(problem.test))
     for depth in np.linspace(0, 1.2, 13)[1:]:
         assert problem.solve(np.array([0.0, 0.0, depth]), 0.01).converged
@@ -157,14 +149,12 @@ def test_whatever_breaks_in_a_vibration_the_state_stays_that_of_the_scan():
     ("axis", "friction"), [(0, 0.5), pytest.param(2, 0.0, marks=pytest.mark.slow)]
 )
 def test_a_slow_and_small_motion_of_a_body_in_time_gives_the_same(axis, friction):
-    steps, period_s, tau_s = 32, 0.1, 0.01
-    relaxing = {layer: {"g": (0.4,), "tau_s": (tau_s,)} for layer in LAYERS}
-    made = Tissue.model_validate({"set": "proposed", "viscous_time_s": 0.0, **relaxing})
-    problem = sphere_on_block(made, compiler_flags=("-O0",))
+    steps, period_s = 32, 0.1
+    short = {"g": (0.2, 0.2), "tau_s": (0.01, 0.004)}
+    problem = sphere_on_block(relaxing(viscous_time_s=NO_VISCOSITY_S, **short))
 
     def force(place: np.ndarray) -> float:
-        assert problem.solve(place, period_s / steps).converged
-        return problem.accept().force_N[axis]
+        return follow(problem, place, dt_s=period_s / steps).force_N[axis]
 
     def set_friction(value: float) -> None:
         problem.contact.friction.value = value

@@ -420,7 +420,7 @@ def test_fields_and_states_have_the_times_of_their_steps(study, pieces, tmp_path
 @pytest.mark.slow
 def test_a_scan_with_inertia_holds_a_force_and_survives_an_interruption(study, tmp_path):
     pieces = Press(force_N=0.02), Slide(by_mm=(0.0, -0.1), output_mm=0.05, force_N=0.02)
-    solver = study.solver.model_copy(update={"inertia": True, "compiler_flags": ("-O1",)})
+    solver = study.solver.model_copy(update={"inertia": True})
     changed = {"protocol": Protocol(path=pieces), "solver": solver}
     moving = study.model_copy(update=changed)
 

@@ -38,7 +38,6 @@ STUDY = Study.model_validate(
         "stimulus": {"kind": "plate", "friction": 0.0},
         "protocol": {"depth_mm": 0.4, "distance_mm": 0.2, "output_mm": 0.1},
         "afferents": KINDS,
-        "solver": {"compiler_flags": ["-O1"]},
         "output": {"pictures": False, "states": True, "fields_mm": 0.2},
     }
 )
