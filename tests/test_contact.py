@@ -130,6 +130,18 @@ def test_tangent_is_the_derivative_of_the_residual(state, theta):
     assert error.norm() < 1e-6 * product.norm()
 
 
+@pytest.mark.parametrize("theta", [0, 1])
+def test_without_friction_the_symmetric_variant_has_a_symmetric_tangent(theta):
+    """On a flat body it is the derivative of ``(s_n^2 - |t|^2)/(2 gamma_h)`` on the skin."""
+    contact = problem(Plate(friction=0.0), nitsche_theta=theta, tangent_iterations=1)
+    contact.state.place((0, 0, 0.4))
+    snes = contact.solver.snes
+    A, nothing = snes.getJacobian()[0], snes.getFunction()[0].duplicate()
+    snes.computeJacobian(nothing, A)
+    K = A.convert("dense").getDenseArray()
+    assert (np.abs(K - K.T).max() < 1e-9 * np.abs(K).max()) == (theta == 1)
+
+
 @pytest.mark.ranks
 def test_newton_converges_quadratically_on_a_fixed_contact_set():
     """A large ball over the whole face: the contact set cannot change."""
