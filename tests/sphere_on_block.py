@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tactile_fem.runtime import backend, ranks  # noqa: F401
@@ -18,6 +20,7 @@ from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus.body import RigidBody
 from tactile_fem.study import Solver, Sphere, Tissue
 
+TWO_TISSUES = ["stratum_corneum", *["subcutaneous"] * 3]  # half the code to compile
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0])
 BALL = Sphere(radius_mm=3.0).body()
 PRESS_AND_SLIDE = [(0, 0, 0.15), (0, 0, 0.3), (0, -0.05, 0.3), (0, -0.1, 0.3)]
@@ -29,12 +32,13 @@ def sphere_on_block(
     make_solver=FastSolver,
     body: RigidBody = BALL,
     count: int = 3,
+    layers: Sequence[str] = LAYERS,
     petsc=None,
     **solver,
 ) -> FingerProblem:
     """Return a body, by default a ball, below a block of count x count bricks in each layer."""
     line = np.linspace(-3, 3, count + 1)
-    mesh = block_mesh(line, line, DEPTHS, LAYERS) if comm.rank == 0 else None
+    mesh = block_mesh(line, line, DEPTHS, layers) if comm.rank == 0 else None
     domain = create_domain(mesh, comm, ("cut",))
     settings = Solver(held=("cut",), petsc={"snes_atol": 1e-11, **(petsc or {})}, **solver)
     return FingerProblem(domain, tissue, body, 0.3, settings, make_solver=make_solver)

@@ -13,7 +13,7 @@ from tactile_fem.runtime import backend, ranks  # noqa: F401
 
 from mpi4py import MPI  # isort: skip
 
-from test_multigrid import pressed
+from sphere_on_block import PRESS_AND_SLIDE, follow, sphere_on_block
 
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.simulation.run import scan
@@ -42,9 +42,15 @@ def test_problems_left_open_on_two_ranks_let_the_program_end():
     subprocess.run(command, check=True, capture_output=True, timeout=300)
 
 
+def pressed(comm: MPI.Comm, **solver) -> FingerProblem:
+    problem = sphere_on_block(comm=comm, **solver)
+    follow(problem, *PRESS_AND_SLIDE)
+    return problem
+
+
 def alive_after(comm: MPI.Comm, *, closed: bool) -> list[bool]:
     """Leave a problem; tell of each rank whether it lives on."""
-    problem, _ = pressed(comm)
+    problem = pressed(comm)
     trace = weakref.ref(problem)
     if closed:
         problem.close()

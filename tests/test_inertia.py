@@ -10,13 +10,13 @@ from tactile_fem.runtime import backend  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from blocks import LAYERS, block_mesh
-from materials import uniform
-from sphere_on_block import follow, sphere_on_block
+from materials import NO_VISCOSITY_S, relaxing, uniform
+from sphere_on_block import TWO_TISSUES, follow, sphere_on_block
 
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.mechanics.state import PointHistory
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.study import Plate, Solver, Tissue
+from tactile_fem.study import Plate, Solver
 from tactile_fem.vibration.harmonic import Harmonic
 
 C10, D1, HEIGHT, DENSITY = 0.01, 20.0, 2.0, 1000.0
@@ -102,15 +102,12 @@ def test_steps_may_be_cut():
 
 
 @pytest.mark.parametrize(
-    ("axis", "friction", "frequency", "without"),
-    [(2, 0.0, 200.0, 1.33), pytest.param(0, 0.5, 50.0, 1.24, marks=pytest.mark.slow)],
+    ("axis", "friction", "frequency"),
+    [(2, 0.0, 100.0), pytest.param(0, 0.5, 30.0, marks=pytest.mark.slow)],
 )
-def test_a_body_that_vibrates_in_time_gives_the_harmonic_response(
-    axis, friction, frequency, without
-):
-    relaxing = {layer: {"g": (0.4,), "tau_s": (0.01,)} for layer in LAYERS}
-    made = Tissue.model_validate({"set": "proposed", "viscous_time_s": 0.0, **relaxing})
-    problem = sphere_on_block(made, compiler_flags=("-O0",), inertia=True)
+def test_a_body_that_vibrates_in_time_gives_the_harmonic_response(axis, friction, frequency):
+    made = relaxing(g=(0.2, 0.2), tau_s=(0.01, 0.004), viscous_time_s=NO_VISCOSITY_S)
+    problem = sphere_on_block(made, layers=TWO_TISSUES, inertia=True)
 
     def force(place: np.ndarray, step_s: float) -> float:
         load = follow(problem, place, dt_s=step_s)
@@ -134,7 +131,7 @@ def test_a_body_that_vibrates_in_time_gives_the_harmonic_response(
         Harmonic(problem, density).respond(frequency, along).force_N[axis]
         for density in (DENSITY, 1e-6)
     )
-    assert abs(massless / exact) == pytest.approx(without, abs=0.02)
+    assert abs(massless / exact) > 1.1  # mass counts
     np.testing.assert_allclose(np.mean(found), exact, rtol=0.02)
 
 

@@ -1,4 +1,4 @@
-"""How the package's modules import one another: never in a circle, deferred and for types neither."""
+"""How modules import one another: never in a circle, not even deferred or for types alone."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from tactile_fem.finger.plane import Plane
 from tactile_fem.finger.simplex import quadratic
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.receptors import Samples
-from tactile_fem.receptors.probe import Probe
+from tactile_fem.simulation.probe import Probe
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus.body import Ball, Cut, HalfSpace
 from tactile_fem.study import Solver, Tissue

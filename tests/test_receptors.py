@@ -32,7 +32,7 @@ from tactile_fem.neuron import (
     fire_all,
 )
 from tactile_fem.receptors import place, sample
-from tactile_fem.receptors.probe import CellEnergy, Probe
+from tactile_fem.simulation.probe import CellEnergy, Probe
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.solvers.finger_problem import FingerProblem

@@ -48,8 +48,8 @@ from tactile_fem import FingerMesh, Stimulus, Study, run_script, write_table
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.output.deck import DeckSize, Penalty, write_deck
 from tactile_fem.receptors import Samples, place, sample
-from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend  # noqa: F401  (brings DOLFINx, before MPI)
+from tactile_fem.simulation.probe import CellEnergy
 from tactile_fem.simulation.stepper import Stepper
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import (

@@ -35,9 +35,9 @@ from scipy.optimize import brentq
 from tactile_fem import Results, Simulation, Study, completed, run_script, write_table
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.receptors import place, sample
-from tactile_fem.receptors.probe import Probe
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.fields import read_series
+from tactile_fem.simulation.probe import Probe
 from tactile_fem.study import Finger, Output, Protocol, Solver
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

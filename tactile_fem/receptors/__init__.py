@@ -1,4 +1,4 @@
-"""Receptors: where they are, and what they feel (`tactile_fem.receptors.probe`)."""
+"""Receptors: where they are, and what they feel (`tactile_fem.simulation.probe`)."""
 
 from tactile_fem.receptors.placement import Layout, Samples, place, sample
 

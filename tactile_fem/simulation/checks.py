@@ -101,7 +101,7 @@ def _check_path(
 
 def _check_section(study: Study, path: Path, plane: Plane, parts: Parts) -> None:
     """Refuse a path that leaves the plane of a section, and letters that it does not cut."""
-    off = plane.distance_mm(path.places_mm())
+    off = float(np.abs(path.places_mm()[:, plane.outside]).max(initial=0.0))
     if off > _TOUCH_TOLERANCE_MM:
         along = plane.axes[0]
         raise StudyError(

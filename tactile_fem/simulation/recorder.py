@@ -17,11 +17,11 @@ from dolfinx import common
 from tactile_fem import __version__
 from tactile_fem.mechanics.compile import compiled_by
 from tactile_fem.neuron import Response
-from tactile_fem.receptors.probe import CellEnergy
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.checkpoint import origin_of
 from tactile_fem.simulation.fields import FieldWriter
+from tactile_fem.simulation.probe import CellEnergy
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Observation, Simulation
 from tactile_fem.simulation.step import Step

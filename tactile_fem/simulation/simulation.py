@@ -25,11 +25,11 @@ from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.state import State
 from tactile_fem.neuron import fields_of, replaced
 from tactile_fem.receptors import Layout
-from tactile_fem.receptors.probe import Probe, ReceptorState
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.checks import LARGEST_DEPTH_SHARE, check_motion, log_resolution
 from tactile_fem.simulation.parts import NO_PARTS, Parts, check_parts
+from tactile_fem.simulation.probe import Probe, ReceptorState
 from tactile_fem.simulation.step import Step
 from tactile_fem.simulation.stepper import Stepper, stopped
 from tactile_fem.solvers.fast import FastSolver

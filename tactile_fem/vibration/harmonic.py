@@ -28,6 +28,7 @@ The equations are solved with one factorization per frequency
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from petsc4py import PETSc
@@ -86,13 +87,15 @@ class Harmonic:
         problem.state.reset()
         self.freeze(None)
         self._compile = compile_ = problem.contact.obstacle.compile
-        self._stiffness, self._loads, self._forces, self._direct = self._forms()
+        # Unit vectors of the body's motion and of the force on it, for forms compiled once.
+        zero = np.zeros(V.mesh.geometry.dim)
+        self._motion, self._axis = fem.Constant(V.mesh, zero), fem.Constant(V.mesh, zero)
+        self._stiffness, self._load, self._force, self._direct = self._forms()
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-        density = mass_density(V.mesh, density_kg_m3)
-        dx, dim = problem.tissues.dx, V.mesh.geometry.dim
+        density, dx = mass_density(V.mesh, density_kg_m3), problem.tissues.dx
         mass = compile_(density * ufl.inner(u, v) * dx)
-        pulls = [compile_(density * v[k] * dx) for k in range(dim)]
-        self._inertia = [self._vector(pull, problem.bcs) for pull in pulls]
+        pull = compile_(density * ufl.dot(self._axis, v) * dx)
+        self._inertia = [self._vector(pull) for _ in _along(self._axis)]
         self._mass = fem_petsc.assemble_matrix(mass, problem.bcs, diag=0.0)
         self._mass.assemble()
         self.delays = problem.bulk.delays
@@ -144,13 +147,11 @@ class Harmonic:
         u = x + np.tile(bone, len(x) // len(bone))
         return HarmonicResponse(frequency_Hz, u, self._comm.allreduce(force), iterations)
 
-    def _forms(self) -> tuple[fem.Form, list[fem.Form], list[fem.Form], list[list[fem.Form]]]:
+    def _forms(self) -> tuple[fem.Form, fem.Form, fem.Form, fem.Form]:
         """Return the compiled forms of what `_Parts` has."""
         problem, V = self._problem, self._u.function_space
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-        dim = V.mesh.geometry.dim
-        axes = [ufl.as_vector([float(i == k) for i in range(dim)]) for k in range(dim)]
-        still = ufl.as_vector([0.0] * dim)
+        still = ufl.as_vector([0.0] * len(self._u))
         touch = _Touch.of(problem.contact)
         # Here the viscous stress pulls at the skin as well, and the contact is as much stiffer.
         skin = problem.contact.skin(problem.bulk)
@@ -164,32 +165,32 @@ class Harmonic:
             return form
 
         stiffness = ufl.derivative(problem.bulk.static_residual(v), self._u, u)
-        compile_ = self._compile
+        compile_, relative = self._compile, -self._motion  # of the skin to the body
         return (
             compile_(stiffness - traction(u, u, v)),
-            [compile_(traction(None, -axis, v)) for axis in axes],
-            [compile_(traction(v, v, axis)) for axis in axes],
-            [[compile_(traction(None, -b, on)) for b in axes] for on in axes],
+            compile_(traction(None, relative, v)),
+            compile_(traction(v, v, self._axis)),
+            compile_(traction(None, relative, self._axis)),
         )
 
     def _assembled(self, delay: Delay | None) -> _Parts:
         self.freeze(delay)
-        bcs = self._problem.bcs
         with common.Timer("tactile: harmonic tangent"):
-            K = fem_petsc.assemble_matrix(self._stiffness, bcs)
+            K = fem_petsc.assemble_matrix(self._stiffness, self._problem.bcs)
             K.assemble()
-            direct = [[fem.assemble_scalar(form) for form in row] for row in self._direct]
-            loads, forces = (
-                np.array([self._vector(form, bcs) for form in forms])
-                for forms in (self._loads, self._forces)
-            )
-            return _Parts(K, loads, forces, np.array(direct))
+            loads = [self._vector(self._load) for _ in _along(self._motion)]
+            forces = [self._vector(self._force) for _ in _along(self._axis)]
+            direct = [
+                [fem.assemble_scalar(self._direct) for _ in _along(self._motion)]
+                for _ in _along(self._axis)
+            ]
+            return _Parts(K, np.array(loads), np.array(forces), np.array(direct))
 
-    def _vector(self, form: fem.Form, bcs: list[fem.DirichletBC]) -> Array:
+    def _vector(self, form: fem.Form) -> Array:
         """Return this rank's owned entries of an assembled vector, zero where held."""
         b = fem_petsc.assemble_vector(form)
         b.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-        fem_petsc.set_bc(b, bcs, alpha=0.0)
+        fem_petsc.set_bc(b, self._problem.bcs, alpha=0.0)
         values = b.array.copy()
         b.destroy()
         return values
@@ -223,6 +224,13 @@ class Harmonic:
         self._field.x.array[: len(owned)] = owned
         self._field.x.scatter_forward()
         return self._field.x.array.copy()
+
+
+def _along(vector: fem.Constant) -> Iterator[None]:
+    """Make a constant vector each unit vector in turn."""
+    for unit in np.eye(len(vector.value)):
+        vector.value[:] = unit
+        yield
 
 
 # --- small motions of the contact --------------------------------------------------------------
