@@ -182,7 +182,7 @@ def test_bars_ball_and_edge_have_their_distances():
 @pytest.mark.parametrize("kind", ["text", "grating across", "dots"])
 def test_the_top_edge_is_a_circle(kind):
     stimulus = BODIES[kind]
-    r = stimulus.fillet_radius_mm
+    r = stimulus.fillet_radius_mm or 0.3
     inward = np.linspace(0.02, 0.98, 25) * r
     # The way inwards over a straight (or, for the dot, the round) wall; H's left stem for text.
     if kind == "text":
@@ -294,7 +294,12 @@ def test_outlines_of_patterns():
         (Text(font="DejaVu Sans:bold"), "no such font is installed"),
         # The G would fall in two, with most of its area kept.
         (Text(corner_radius_mm=0.42), "less than half of each"),
-        (Text(relief_mm=0.2), "must not exceed relief_mm"),
+        (Text(relief_mm=0.2, fillet_radius_mm=0.3), "must not exceed relief_mm"),
+        (
+            Text(corner_radius_mm=0.45, fillet_radius_mm=0.45),
+            r"exceed 0.4; stimulus.fillet_radius_mm = 0.45 must not exceed corner_radius_mm",
+        ),
+        (Text(g_width_mm=0.5), "too thin: rounded by 0.05 mm"),
         (Grating(ridge_mm=0.3), "must not exceed half of ridge_mm"),
         (Dots(radius_mm=0.1), "must not exceed radius_mm"),
         (Braille(text="  "), "stimulus.text holds no dot"),
@@ -307,20 +312,16 @@ def test_bad_input_is_told_in_a_sentence(stimulus, sentence):
         stimulus.body()
 
 
-@pytest.mark.parametrize(
-    "stimulus",
-    [Text(g_width_mm=3.0, text="W"), Text(g_width_mm=3.0, text="FGH", fillet_radius_mm=0.1)],
-)
-def test_the_radius_that_would_fit_stands_in_the_message(stimulus):
+def test_the_radius_that_would_fit_stands_in_the_message_and_is_used_unless_one_is_given():
+    letters = {"g_width_mm": 3.0, "text": "W"}
     with pytest.raises(StudyError) as told:
-        stimulus.body()
-    message = str(told.value)
-    assert ("corner_radius_mm and fillet_radius_mm must" in message) == (stimulus.text == "W")
-    fits = float(message.rsplit(" ", 1)[1])
-    radii = {"corner_radius_mm": fits, "fillet_radius_mm": min(fits, stimulus.fillet_radius_mm)}
-    stimulus.model_copy(update=radii).body()
+        Text(corner_radius_mm=0.3, **letters).body()
+    fits = float(str(told.value).rsplit(" ", 1)[1])
     with pytest.raises(StudyError):
-        stimulus.model_copy(update={**radii, "corner_radius_mm": 1.1 * fits}).body()
+        Text(corner_radius_mm=1.1 * fits, **letters).body()
+    given = Text(corner_radius_mm=fits, fillet_radius_mm=fits, **letters)
+    points = np.random.default_rng(0).uniform([-3, 3, -1], [3, 8, 0], (500, 3))
+    np.testing.assert_array_equal(gap(Text(**letters), points), gap(given, points))
 
 
 def test_curves_are_smooth():

@@ -8,6 +8,7 @@ from tactile_fem.stimulus.stimulus import Stimulus
 from tactile_fem.stimulus.text import Text
 from tactile_fem.stimulus.smooth import Plate, Cylinder, Sphere, Edge
 from tactile_fem.stimulus.patterns import Grating, Dots, Braille
+from tactile_fem.stimulus.drawing import Drawing
 from tactile_fem.stimulus.surface import Surface
 from tactile_fem.stimulus.mesh import Mesh
 
@@ -18,6 +19,7 @@ __all__ = [
     "Cylinder",
     "Distance",
     "Dots",
+    "Drawing",
     "Edge",
     "Embossed",
     "Grating",

@@ -196,6 +196,24 @@ class Embossed:
 
 
 @dataclass(frozen=True)
+class United:
+    """Raised outlines of different heights on one plate, the highest first."""
+
+    levels: tuple[Embossed, ...]
+
+    def distance(self, points: Array) -> Distance:
+        """Return the signed distance at `points` (n, 3)."""
+        first, *others = self.levels
+        found = first.distance(points)
+        for level in others:
+            lower = level.distance(points + np.array([0.0, 0.0, first.relief - level.relief]))
+            nearer = lower.gap < found.gap
+            for name in ("gap", "normal", "hessian"):
+                getattr(found, name)[nearer] = getattr(lower, name)[nearer]
+        return found
+
+
+@dataclass(frozen=True)
 class Moved:
     """A body shifted in its plane by `shift` (x, y) mm."""
 

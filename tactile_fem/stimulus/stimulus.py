@@ -17,6 +17,21 @@ if TYPE_CHECKING:
 
 # The finger is some 13 mm thick.
 Relief = Annotated[Positive, Field(le=20)]
+# Of outlines; see `tactile_fem.stimulus.outlines.radii_that_fit`.
+CornerRadius = Annotated[
+    Positive | None,
+    Field(
+        description="proposed: least radius of the outline; default 0.3, or the largest that its "
+        "strokes and gaps allow"
+    ),
+]
+FilletRadius = Annotated[
+    Positive | None,
+    Field(
+        description="proposed: radius of the top edge; default 0.3, or the largest that relief and "
+        "corner radius allow"
+    ),
+]
 # Axis across something that lies along "x" or "y".
 ACROSS = {"x": 1, "y": 0}
 

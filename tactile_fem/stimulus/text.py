@@ -9,12 +9,12 @@ from pydantic import AfterValidator, Field
 
 from tactile_fem.runtime.settings import Finite, Positive, absolute
 from tactile_fem.stimulus.body import Embossed
-from tactile_fem.stimulus.stimulus import Relief, Stimulus, embossed
+from tactile_fem.stimulus.stimulus import CornerRadius, FilletRadius, Relief, Stimulus
 
 if TYPE_CHECKING:
     from shapely import Geometry
 
-    from tactile_fem.stimulus.letters import Letters
+    from tactile_fem.stimulus.outlines import Outlines
 
 
 def _is_font_file(font: str) -> bool:
@@ -57,8 +57,8 @@ class Text(Stimulus):
     )
     pitch_mm: Positive = Field(10.0, description="paper: centre to centre")
     relief_mm: Relief = Field(0.6, description="paper: height of the letters")
-    corner_radius_mm: Positive = Field(0.3, description="proposed: least radius of the outline")
-    fillet_radius_mm: Positive = Field(0.3, description="proposed: radius of the top edge")
+    corner_radius_mm: CornerRadius = None
+    fillet_radius_mm: FilletRadius = None
     start_mm: Finite | None = Field(
         None,
         description="place of the text over the contact point at displacement 0, from the first "
@@ -83,27 +83,31 @@ class Text(Stimulus):
 
     def shape(self) -> Embossed:
         """Return the raised letters."""
-        limits = {"corner_radius_mm": self.corner_radius_mm}
-        return embossed(self._letters(), self.relief_mm, self.fillet_radius_mm, limits)
+        outlines, fillet_mm = self._outlines()
+        return Embossed(outlines, self.relief_mm, fillet_mm)
 
     def raised(self) -> list[Geometry]:
         """Return the outlines of the letters, their holes cut out."""
-        return self._letters().polygons()
+        return self._outlines()[0].polygons()
 
-    def _letters(self) -> Letters:
-        from tactile_fem.stimulus.letters import Letters  # takes a while
+    def _outlines(self) -> tuple[Outlines, float]:
+        """Return the rounded letters and the radius of their top edges, mm."""
+        from tactile_fem.stimulus.letters import Glyphs  # takes a while
+        from tactile_fem.stimulus.outlines import Outlines, radii_that_fit
 
         start = self.start_mm
         if start is None:
             start = self.pitch_mm / 2 if len(self.text) > 1 else -self.pitch_mm / 2
-        return Letters(
+        glyphs = Glyphs(
             self.text,
             self.font,
             find_font(self.font),
             g_width_mm=self.g_width_mm,
             pitch_mm=self.pitch_mm,
             start_mm=start,
-            corner_radius_mm=self.corner_radius_mm,
-            fillet_radius_mm=self.fillet_radius_mm,
-            relief_mm=self.relief_mm,
         )
+        names = {f'"{c}" in "{self.font}"': shape for c, shape in glyphs.shapes.items()}
+        corner_mm, fillet_mm = radii_that_fit(
+            names, self.corner_radius_mm, self.fillet_radius_mm, self.relief_mm
+        )
+        return Outlines(glyphs.placed, corner_mm, self.relief_mm), fillet_mm

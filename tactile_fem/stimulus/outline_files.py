@@ -1,0 +1,199 @@
+"""Flat shapes from drawings: rings of points, SVG files and pictures.
+
+A drawing lies as letters do: its right is along Y, its top towards -X.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from shapely import affinity
+
+from tactile_fem.errors import StudyError
+
+_MM_PER_INCH = 25.4
+# CSS pixels, in which an SVG without units counts.
+_PIXELS_PER_INCH = 96.0
+# Chords of an SVG's curves, as a share of the drawing's size.
+_CHORD_SHARE = 1 / 2000
+_MAX_PIXELS = 20_000_000
+# Gray values of a picture are smoothed over this many pixels, so that steps of pixels vanish.
+_SMOOTHING_PIXELS = 1.0
+# Points of an outline that lie closer than this to a line are left out, in pixels.
+_TOLERANCE_PIXELS = 0.1
+
+
+def shape_of(rings: Sequence[ArrayLike]) -> shapely.Geometry:
+    """Return the shape of rings of points (n, 2): what an odd number of them goes around.
+
+    Raises
+    ------
+    StudyError
+        It has no area.
+    """
+    shape: shapely.Geometry = shapely.Polygon()
+    for ring in rings:
+        shape = shape.symmetric_difference(shapely.Polygon(np.asarray(ring)).buffer(0))
+    if shape.is_empty or not shape.area:
+        raise StudyError("stimulus.polygons: a shape has no area")
+    return shape
+
+
+def read_outlines(file: Path, needs_size: bool) -> list[shapely.Geometry]:
+    """Return the shapes of an SVG, in mm, or of a picture, in pixels.
+
+    Parameters
+    ----------
+    file
+        An .svg, or a picture that Pillow reads.
+    needs_size
+        Whether the file must state its size.
+
+    Raises
+    ------
+    StudyError
+        It cannot be read, is too large, shows nothing, or states no size that is needed.
+    """
+    start = f"stimulus.file = {file}"
+    if not file.is_file():
+        raise StudyError(f"{start}: there is no such file")
+    try:
+        if file.suffix.lower() == ".svg":
+            found = _read_svg(file)
+        elif needs_size:
+            raise StudyError(f"{start} is a picture, which has no size in mm: give width_mm")
+        else:
+            found = _read_picture(file)
+    except StudyError:
+        raise
+    except Exception as error:  # each library has its own for what it cannot parse
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise StudyError(f"{start} cannot be read: {reason}") from None
+    if not found:
+        raise StudyError(f"{start} shows nothing that could be raised: it must be black there")
+    return found
+
+
+def _read_svg(file: Path) -> list[shapely.Geometry]:
+    """Return the filled shapes, and the strokes of lines, in the order of the file."""
+    try:
+        import svgelements
+    except ImportError:
+        raise StudyError(
+            "stimulus.file: svgelements, which reads .svg files, is not installed: pip install "
+            "svgelements"
+        ) from None
+    svg = svgelements.SVG.parse(str(file), ppi=_PIXELS_PER_INCH)
+    elements = [e for e in svg.elements() if isinstance(e, svgelements.Shape) and _is_shown(e)]
+    box = svgelements.Group.union_bbox(elements)
+    if box is None:
+        return []
+    chord = max(box[2] - box[0], box[3] - box[1]) * _CHORD_SHARE
+    mm = _MM_PER_INCH / _PIXELS_PER_INCH
+    found = []
+    for element in elements:
+        lines = _polylines(svgelements.Path(element).reify(), chord)
+        shape: shapely.Geometry = shapely.Polygon()
+        if _is_painted(element.fill):
+            for line in lines:
+                if len(line) > 3:
+                    shape = shape.symmetric_difference(shapely.Polygon(line).buffer(0))
+        if _is_painted(element.stroke) and element.stroke_width:
+            width = float(element.stroke_width)
+            strokes = [shapely.LineString(line).buffer(width / 2) for line in lines]
+            shape = shapely.union_all([shape, *strokes])
+        if shape.area:
+            found.append(affinity.affine_transform(shape, [0, mm, mm, 0, 0, 0]))
+    return found
+
+
+def _is_shown(element: Any) -> bool:
+    values = element.values
+    return values.get("display") != "none" and values.get("visibility") != "hidden"
+
+
+def _is_painted(color: Any) -> bool:
+    """Return whether a colour is one, and not white, which is the plate."""
+    if color is None or color.value is None or color.opacity == 0:
+        return False
+    return min(color.red, color.green, color.blue) < 255
+
+
+def _polylines(path: Any, chord: float) -> list[NDArray[np.float64]]:
+    """Return the subpaths as points (n, 2), curves with chords of some length."""
+    found = []
+    for subpath in path.as_subpaths():
+        points: list[tuple[float, float]] = []
+        for segment in subpath:
+            if segment.start is None or segment.end is None:
+                continue
+            name = type(segment).__name__
+            count = 1
+            if name not in ("Line", "Close", "Move"):
+                count = int(np.ceil(segment.length(error=1e-2) / chord)) + 1
+            if name == "Move":
+                continue
+            for t in np.linspace(0, 1, count + 1)[0 if not points else 1 :]:
+                point = segment.point(t)
+                points.append((point.x, point.y))
+        if len(points) > 1:
+            found.append(np.array(points))
+    return found
+
+
+def _read_picture(file: Path) -> list[shapely.Geometry]:
+    from PIL import Image, ImageOps
+
+    with Image.open(file) as image:
+        if image.width * image.height > _MAX_PIXELS:
+            raise StudyError(
+                f"stimulus.file = {file} has {image.width * image.height:,} pixels but may have at "
+                f"most {_MAX_PIXELS:,}"
+            )
+        upright = ImageOps.exif_transpose(image).convert("RGBA")
+        white = Image.new("RGBA", upright.size, "white")
+        gray = np.asarray(Image.alpha_composite(white, upright).convert("L"), dtype=float)
+    return _contours(1 - gray / 255)
+
+
+def outlines_of_pixels(pixels: ArrayLike, pixel_mm: float) -> list[shapely.Geometry]:
+    """Return the shapes of a picture in an array (rows, columns), in mm; see `Drawing.of_pixels`.
+
+    Raises
+    ------
+    StudyError
+        Nothing is raised.
+    """
+    values = np.asarray(pixels, dtype=float)
+    if values.ndim != 2 or not np.isfinite(values).all():
+        raise StudyError("Drawing.of_pixels needs finite values in rows and columns")
+    shapes = _contours(values)
+    if not shapes:
+        raise StudyError("Drawing.of_pixels: no pixel is raised")
+    return [affinity.scale(shape, pixel_mm, pixel_mm, origin=(0, 0)) for shape in shapes]
+
+
+def _contours(darkness: NDArray[np.float64]) -> list[shapely.Geometry]:
+    """Return the regions with values above a half, X along rows and Y along columns, in pixels."""
+    import contourpy
+    from scipy import ndimage
+
+    edge = int(np.ceil(4 * _SMOOTHING_PIXELS))
+    padded = np.pad(darkness, edge)
+    smooth = ndimage.gaussian_filter(padded, _SMOOTHING_PIXELS)
+    lines = contourpy.contour_generator(
+        z=smooth.T, fill_type=contourpy.FillType.OuterOffset
+    ).filled(0.5, np.inf)
+    shapes = []
+    for points, offsets in zip(*lines, strict=True):
+        rings = [points[a:b] - edge for a, b in pairwise(offsets)]
+        shape = shape_of(rings).simplify(_TOLERANCE_PIXELS)
+        if not shape.is_empty:
+            shapes.append(shape)
+    return shapes

@@ -1,0 +1,163 @@
+"""What is drawn goes in: polygons, SVG files and pictures raised from a plate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from PIL import Image
+from pydantic import ValidationError
+from shapely import box
+
+from tactile_fem.errors import StudyError
+from tactile_fem.study import Drawing, Study
+from tactile_fem.study.file import dump_study, load_study
+
+PLUS = box(-2, -0.6, 2, 0.6) | box(-0.6, -2, 0.6, 2)
+SVG = """<svg xmlns="http://www.w3.org/2000/svg" width="10mm" height="8mm" viewBox="0 0 100 80">
+<rect width="100" height="80" fill="white"/>
+<rect width="9" height="9" display="none"/>
+<g transform="translate(10 0)"><circle cx="20" cy="40" r="20"/></g>
+<path fill="#333" d="M60 20 h30 v40 h-30 z M70 30 v20 h10 v-20 z"/>
+<line x1="0" y1="75" x2="100" y2="75" stroke="black" stroke-width="10"/></svg>"""
+# An F, as its file shows it: the upright at the left, the longer arm on top.
+F = np.zeros((70, 50), dtype=bool)
+F[5:65, 5:17] = F[5:17, 5:45] = F[30:42, 5:35] = True
+
+
+def gap(drawing: Drawing, *points) -> np.ndarray:
+    return drawing.body().distance(np.array(points, dtype=float)).gap
+
+
+def areas(drawing: Drawing) -> list[float]:
+    return [shape.area for shape in drawing.outlines()]
+
+
+def test_a_plus_is_raised_with_rounded_corners():
+    plus = Drawing(polygons=PLUS, relief_mm=0.5)
+    (outline,) = plus.outlines()
+    # Eight corners outwards and four inwards, each by r^2 (1 - pi/4).
+    assert outline.area == pytest.approx(PLUS.area - (8 - 4) * 0.3**2 * (1 - np.pi / 4), abs=2e-3)
+    found = gap(plus, (0, 0, 0.1), (0, 1.5, 0.1), (1.5, 1.5, -0.4), (4, 4, -0.3))
+    np.testing.assert_allclose(found, [0.1, 0.1, 0.1, 0.2], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "polygons",
+    [
+        [[[-2.0, -1.0], [2.0, -1.0], [2.0, 1.0], [-2.0, 1.0]]],
+        [[[[-2.0, -1.0], [2.0, -1.0], [2.0, 1.0], [-2.0, 1.0]]]],
+        [np.array([[-2.0, -1.0], [2.0, -1.0], [2.0, 1.0], [-2.0, 1.0]])],
+        box(-2, -1, 2, 1),
+        [box(-2, -1, 2, 1)],
+        shapely.MultiPolygon([box(-2, -1, 2, 1)]),
+    ],
+    ids=["points", "rings", "array", "polygon", "polygons", "multipolygon"],
+)
+def test_polygons_may_be_given_as_one_has_them(polygons):
+    drawing = Drawing(polygons=polygons)
+    assert drawing.outlines()[0].bounds == pytest.approx((-2, -1, 2, 1))
+    assert hash(drawing) and drawing == Drawing.model_validate(drawing.model_dump())
+
+
+def test_a_drawing_is_written_into_a_study(tmp_path):
+    ring = PLUS.difference(box(-0.2, -0.2, 0.2, 0.2))
+    study = Study(stimulus=Drawing(polygons=[ring, box(3, 3, 5, 5)], relief_mm=(0.5, 0.4)))
+    (tmp_path / "s.toml").write_text(dump_study(study))
+    assert load_study(tmp_path / "s.toml") == study
+
+
+def test_size_turn_and_place():
+    bar = Drawing(polygons=box(1, 10, 2, 14), width_mm=8.0)
+    assert bar.outlines()[0].bounds == pytest.approx((-1, -4, 1, 4))
+    turned = Drawing(polygons=box(1, 10, 2, 14), turn_deg=90.0, start_mm=-3.0, shift_mm=(1.0, 0.0))
+    assert turned.outlines()[0].bounds == pytest.approx((-1, 2.5, 3, 3.5), abs=1e-9)
+    ell = Drawing(polygons=[[[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]]], turn_deg=90.0)
+    np.testing.assert_allclose(gap(ell, (-1, -1.5, 0), (1, 1.5, 0), (-1, 1.5, 0)), [0, 0, 0.6])
+
+
+def test_several_heights_on_one_plate():
+    steps = Drawing(polygons=[box(-3, -3, 3, 3), box(-1, -1, 1, 1)], relief_mm=(0.4, 0.9))
+    found = gap(steps, (0, 0, 0.1), (2, 2, -0.4), (5, 5, -0.8))
+    np.testing.assert_allclose(found, [0.1, 0.1, 0.1], atol=1e-6)
+
+
+def test_an_svg_is_placed_as_letters_and_in_its_units(tmp_path):
+    (tmp_path / "d.svg").write_text(SVG)
+    pytest.importorskip("svgelements")
+    drawing = Drawing(file=tmp_path / "d.svg", corner_radius_mm=0.05)
+    assert areas(drawing) == pytest.approx([np.pi * 2**2, 12 - 2, 10 + np.pi / 4], rel=2e-3)
+    disc, ring, line = drawing.outlines()
+    # On top of the picture is -X, its left is -Y. All of it reaches from 2 to 8 mm down.
+    assert (disc.centroid.x, disc.centroid.y) == pytest.approx((-1, -2), abs=1e-3)
+    assert ring.centroid.y == pytest.approx(2.5, abs=1e-3) and line.centroid.x > ring.centroid.x
+    assert Drawing(file=tmp_path / "d.svg", width_mm=5.0).outlines()[0].area == pytest.approx(
+        np.pi * (2 * 5 / 11) ** 2, rel=2e-3
+    )
+
+
+def test_a_picture_reads_as_letters_do(tmp_path):
+    Image.fromarray(np.where(F, 0, 255).astype(np.uint8)).save(tmp_path / "f.png")
+    for drawing in (Drawing.of_pixels(F, 0.1), Drawing(file=tmp_path / "f.png", width_mm=4.0)):
+        (outline,) = drawing.outlines()
+        assert outline.bounds == pytest.approx((-3, -2, 3, 2), abs=0.02)
+        assert outline.area == pytest.approx(0.01 * F.sum(), rel=0.02)
+        upright, arm, nothing = gap(drawing, (2, -1.4, 0), (-2.4, 1.4, 0), (2, 1.4, 0))
+        assert upright == arm == pytest.approx(0, abs=1e-3) and nothing > 0.5
+
+
+def test_steps_of_pixels_are_no_edges():
+    """The outline of a disc of pixels has the disc's curvature."""
+    x = np.arange(80) - 39.5
+    drawing = Drawing.of_pixels(x[:, None] ** 2 + x**2 < 30**2, 0.1)
+    (outline,) = drawing.outlines()
+    radii = np.linalg.norm(shapely.get_coordinates(outline), axis=1)
+    assert np.ptp(radii) < 0.06 and radii.mean() == pytest.approx(3, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        ({}, "polygons or file must be given, and not both"),
+        ({"polygons": PLUS, "file": "f.svg"}, "polygons or file must be given, and not both"),
+        ({"polygons": [[[0, 0], [1, 0]]]}, "at least 3 items"),
+        ({"polygons": [[[0, 0], [1, 0], [float("nan"), 1]]]}, "finite"),
+        ({"polygons": "plus"}, "tuple"),
+    ],
+)
+def test_what_is_no_drawing_is_refused(keys, sentence):
+    with pytest.raises(ValidationError, match=sentence):
+        Drawing(**keys)
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        ({"polygons": [[[0, 0], [1, 0], [2, 0]]]}, "a shape has no area"),
+        (
+            {"polygons": PLUS, "corner_radius_mm": 0.8, "fillet_radius_mm": 0.7},
+            r"of shape 1 \(around X 0.0, Y 0.0 mm\) .* exceed 0.59; .* corner_radius_mm \(0.59\)",
+        ),
+        ({"polygons": PLUS, "width_mm": 0.2}, "make the stimulus larger or simpler"),
+        ({"polygons": PLUS, "relief_mm": (0.5, 0.3)}, "has 2 heights for 1 shapes"),
+        ({"file": "none.svg"}, "there is no such file"),
+        ({"file": "white.png", "width_mm": 3.0}, "shows nothing that could be raised"),
+        ({"file": "white.png"}, "which has no size in mm: give width_mm"),
+        ({"file": "text.png", "width_mm": 3.0}, "cannot be read"),
+        ({"file": "text.svg"}, "cannot be read"),
+    ],
+)
+def test_a_drawing_that_cannot_be_raised_is_told_in_a_sentence(keys, sentence, tmp_path):
+    Image.new("L", (20, 20), 255).save(tmp_path / "white.png")
+    for name in ("text.png", "text.svg"):
+        (tmp_path / name).write_text("no drawing")
+    keys = {key: tmp_path / value if key == "file" else value for key, value in keys.items()}
+    with pytest.raises(StudyError, match=sentence) as told:
+        Drawing(**keys).body()
+    assert "\n" not in str(told.value)
+
+
+def test_pixels_that_raise_nothing_are_refused():
+    for pixels, sentence in ((np.zeros((9, 9)), "no pixel is raised"), (np.ones(9), "in rows")):
+        with pytest.raises(StudyError, match=sentence):
+            Drawing.of_pixels(pixels, 0.1)
