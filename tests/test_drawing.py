@@ -122,7 +122,9 @@ def test_steps_of_pixels_are_no_edges():
         ({"polygons": PLUS, "file": "f.svg"}, "polygons or file must be given, and not both"),
         ({"polygons": [[[0, 0], [1, 0]]]}, "at least 3 items"),
         ({"polygons": [[[0, 0], [1, 0], [float("nan"), 1]]]}, "finite"),
-        ({"polygons": "plus"}, "tuple"),
+        ({"polygons": "plus"}, "valid tuple"),
+        ({"polygons": PLUS, "relief_mm": -1.0}, "greater than 0"),
+        ({"polygons": PLUS, "relief_mm": "high"}, "valid number"),
     ],
 )
 def test_what_is_no_drawing_is_refused(keys, sentence):

@@ -156,7 +156,8 @@ class Simulation:
         )
         if not self.parts.body:
             on_root(self.comm, lambda: log_resolution(study.stimulus, self.finger))
-        return Stepper(problem, self.path, study.solver, problem.domain.plane)
+        smoother_by = () if self.parts.body else study.stimulus.smoother_by
+        return Stepper(problem, self.path, study.solver, problem.domain.plane, smoother_by)
 
     @property
     def state(self) -> State:

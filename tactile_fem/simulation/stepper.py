@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -50,10 +50,15 @@ class Stepper:
     """
 
     def __init__(
-        self, problem: FingerProblem, path: Path, settings: Solver, plane: Plane = SPACE
+        self,
+        problem: FingerProblem,
+        path: Path,
+        settings: Solver,
+        plane: Plane = SPACE,
+        smoother_by: Sequence[str] = (),
     ) -> None:
         self._problem, self._state, self._plane = problem, problem.state, plane
-        self._path, self._settings = path, settings
+        self._path, self._settings, self._smoother_by = path, settings, smoother_by
         self._equilibrium = Equilibrium(problem, plane.force_unit, settings.max_press_step_mm)
         longest = settings.max_slide_step_mm, settings.max_press_step_mm
         self._weights = [motion.least_steps(*longest) for _, motion in path.plan()]
@@ -215,12 +220,14 @@ class Stepper:
             raise self._failure(report.reason) from None
 
     def _failure(self, reason: str) -> ConvergenceError:
+        smoother = [f"a larger stimulus.{key}" for key in self._smoother_by]
         return stopped(
             self._motion.phase,
             self._position_mm(),
             self._progress.slid_mm + self._slid_mm(),
             reason,
-            "a finer mesh, rounder edges, less friction or a longer tissue.viscous_time_s",
+            ", ".join(["a finer mesh", *smoother, "less friction"]) + " or a longer "
+            "tissue.viscous_time_s",
         )
 
     # --- a press to a force ----------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 Point = tuple[Finite, Finite]
 Ring = Annotated[tuple[Point, ...], Field(min_length=3)]
+Heights = Annotated[tuple[Relief, ...], Field(min_length=1)]
 Shape = Annotated[tuple[Ring, ...], Field(min_length=1)]
 
 
@@ -27,7 +28,7 @@ def _shapes(given: Any) -> Any:
     """Return polygons of Shapely, or lists of points, as shapes of rings."""
     if hasattr(given, "geom_type"):
         given = [given]
-    if not isinstance(given, Iterable):
+    if isinstance(given, str) or not isinstance(given, Iterable):
         return given
     found: list[Any] = []
     for one in given:
@@ -52,6 +53,10 @@ def _is_ring(value: Any) -> bool:
         return False
 
 
+def _heights(given: Any) -> Any:
+    return given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
+
+
 class Drawing(Stimulus):
     """Flat shapes raised from a plate: your own polygons, or those of a file.
 
@@ -59,6 +64,7 @@ class Drawing(Stimulus):
     a boolean array.
     """
 
+    smoother_by = ("corner_radius_mm", "fillet_radius_mm")
     kind: Literal["drawing"] = "drawing"
     polygons: Annotated[tuple[Shape, ...], BeforeValidator(_shapes)] = Field(
         (),
@@ -76,8 +82,8 @@ class Drawing(Stimulus):
         "states",
     )
     turn_deg: Finite = Field(0.0, description="turn about Z through the middle, from X towards Y")
-    relief_mm: Relief | tuple[Relief, ...] = Field(
-        0.6, description="height of the shapes, or of each of them"
+    relief_mm: Annotated[tuple[Relief, ...], Field(min_length=1), BeforeValidator(_heights)] = (
+        Field((0.6,), description="height of the shapes: one number, or a list with one for each")
     )
     corner_radius_mm: CornerRadius = None
     fillet_radius_mm: FilletRadius = None
@@ -130,7 +136,7 @@ class Drawing(Stimulus):
         from tactile_fem.stimulus.outlines import Outlines, radii_that_fit
 
         shapes = self._placed()
-        heights = self.relief_mm if isinstance(self.relief_mm, tuple) else (self.relief_mm,)
+        heights = self.relief_mm
         if len(heights) not in (1, len(shapes)):
             raise StudyError(
                 f"stimulus.relief_mm has {len(heights)} heights for {len(shapes)} shapes: give "

@@ -102,6 +102,7 @@ def radii_that_fit(
     corner_mm: float | None,
     fillet_mm: float | None,
     relief_mm: float,
+    where: str = "",
 ) -> tuple[float, float]:
     """Return the radii of corners and of the top edge in mm, the usual ones where None is given.
 
@@ -113,6 +114,8 @@ def radii_that_fit(
         Given ones, or None: 0.3 mm, or the largest that fits if this is less.
     relief_mm
         Height of the shapes; least height if they differ.
+    where
+        What follows their names in a message.
 
     Raises
     ------
@@ -122,7 +125,7 @@ def radii_that_fit(
     wanted = USUAL_RADIUS_MM if corner_mm is None else corner_mm
     thin = [name for name, shape in shapes.items() if _rounded(shape, wanted) is None]
     fits = min((_largest_radius(shapes[name], wanted) for name in thin), default=wanted)
-    strokes = f"strokes or gaps of {', '.join(thin)} are too thin"
+    strokes = f"strokes or gaps of {', '.join(thin)}{where} are too thin"
     limit, limit_name = (fits, "corner_radius_mm") if fits < relief_mm else (relief_mm, "relief_mm")
     problems = []
     if thin and fits < _LEAST_RADIUS_MM:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from pydantic import Field
 
@@ -42,6 +42,9 @@ class Stimulus(Kind):
     Each kind is a class of its own below this one: it states its `kind`, further keys, whose values
     must be hashable, and its `shape`.
     """
+
+    smoother_by: ClassVar[tuple[str, ...]] = ()
+    """Keys whose larger values make the body smoother: they help where mechanics diverges."""
 
     friction: NonNegative = Field(0.3, description="paper: Coulomb friction (nylon)")
     shift_mm: tuple[Finite, Finite] = Field(

@@ -32,6 +32,7 @@ _SUFFICIENT_SHARE = 0.9
 class Surface(Stimulus):
     """A measured surface: heights over a plane, repeated without end."""
 
+    smoother_by = ("low_pass_mm",)
     kind: Literal["surface"] = "surface"
     file: File = Field(
         description="heights: .npy, .csv, .txt or .asc, a gray .png or .tif, or an instrument's "

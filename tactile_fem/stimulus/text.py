@@ -45,6 +45,7 @@ def find_font(font: str) -> str | None:
 class Text(Stimulus):
     """Embossed letters on a plate."""
 
+    smoother_by = ("corner_radius_mm", "fillet_radius_mm")
     kind: Literal["text"] = Field("text", description="which stimulator; each has keys of its own")
     text: Annotated[str, Field(min_length=1, max_length=40)] = Field(
         "FGH", description="paper: letters in the order in which they pass the receptor"
@@ -106,8 +107,11 @@ class Text(Stimulus):
             pitch_mm=self.pitch_mm,
             start_mm=start,
         )
-        names = {f'"{c}" in "{self.font}"': shape for c, shape in glyphs.shapes.items()}
         corner_mm, fillet_mm = radii_that_fit(
-            names, self.corner_radius_mm, self.fillet_radius_mm, self.relief_mm
+            {f'"{c}"': shape for c, shape in glyphs.shapes.items()},
+            self.corner_radius_mm,
+            self.fillet_radius_mm,
+            self.relief_mm,
+            f' in "{self.font}"',
         )
         return Outlines(glyphs.placed, corner_mm, self.relief_mm), fillet_mm

@@ -31,7 +31,7 @@ _REQUIREMENTS = {
     "petsc_type": "text, a number, true or false",
     "tuple_type": "a list",
     "too_long": "a list of at most {max_length} entries",
-    "too_short": "a list of at least {min_length} entry",
+    "too_short": "a list with {min_length} or more entries",
     "dict_type": "a table",
     "model_type": "a table of values",
     "model_attributes_type": "a table of values",
