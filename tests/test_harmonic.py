@@ -46,9 +46,8 @@ def block(made: Tissue, *axes: int, sides: bool = False, layers: int = 12) -> Fi
     """Return a plate that touches a column, whose nodes may not move along the axes."""
     line = np.array([-0.5, 0.5])
     depths = np.linspace(0, HEIGHT, layers + 1)
-    domain = create_domain(
-        block_mesh(line, line, depths, ["dermis"] * layers), MPI.COMM_WORLD, ("cut",)
-    )
+    names = [TWO_TISSUES[4 * k // layers] for k in range(layers)]
+    domain = create_domain(block_mesh(line, line, depths, names), MPI.COMM_WORLD, ("cut",))
 
     def at(axis: int):
         return lambda x: np.isclose(abs(x[axis]), 0.5) if sides else np.full(x.shape[1], True)

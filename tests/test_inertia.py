@@ -101,9 +101,10 @@ def test_steps_may_be_cut():
     assert (cut < whole).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("axis", "friction", "frequency"),
-    [(2, 0.0, 100.0), pytest.param(0, 0.5, 30.0, marks=pytest.mark.slow)],
+    [(2, 0.0, 100.0), (0, 0.5, 30.0)],
 )
 def test_a_body_that_vibrates_in_time_gives_the_harmonic_response(axis, friction, frequency):
     made = relaxing(g=(0.2, 0.2), tau_s=(0.01, 0.004), viscous_time_s=NO_VISCOSITY_S)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from materials import PROPOSED, RELAXING
-from sphere_on_block import PRESS_AND_SLIDE, follow, sphere_on_block
+from sphere_on_block import PRESS_AND_SLIDE, TWO_TISSUES, follow, sphere_on_block
 
 from dolfinx import fem  # isort: skip
 
@@ -30,7 +30,7 @@ def relative_error(found, wanted) -> float:
 @pytest.mark.ranks
 @pytest.mark.parametrize(
     ("tissue", "solver"),
-    [(PROPOSED, {}), (PROPOSED, {"inertia": True}), (RELAXING, {})],
+    [(PROPOSED, {}), (PROPOSED, {"inertia": True}), (RELAXING, {"layers": TWO_TISSUES})],
     ids=["elastic", "inertia", "relaxing"],
 )
 def test_products_are_those_of_the_entries_and_differences_of_the_residual(tissue, solver):

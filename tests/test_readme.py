@@ -132,8 +132,10 @@ def test_the_recipes_commands_are_studies_that_can_be_scanned():
     pressed = [studies["results/press"].stimulus, Text(start_mm=20.0), Text()]
     gaps = [float(one.body().distance(np.zeros((1, 3))).gap[0]) for one in pressed]
     assert gaps == pytest.approx([0.0, 0.0, 0.6], abs=0.03)
-    script = run(blocks(RECIPES, "python")[0], RECIPES)
-    assert studies["results/soft"] == script["study"] != Study()
+    plus, soft, *_ = blocks(RECIPES, "python")
+    assert studies["results/soft"] == run(soft, RECIPES)["study"] != Study()
+    (shape,) = run(plus, RECIPES)["study"].stimulus.outlines()
+    assert shape.centroid.y == pytest.approx(3.0)
 
 
 def test_the_recipes_vibration_is_a_study(tmp_path):
@@ -156,7 +158,7 @@ def test_half_as_stiff_is_half_the_energy(relaxation):
     before = Study.model_validate(
         {"tissue": {"relaxation": relaxation}, "protocol": {"depth_mm": 1.0}}
     )
-    (code, *_) = blocks(RECIPES, "python")
+    (_, code, *_) = blocks(RECIPES, "python")
     code = shortened(code, "study = Study()", "study = before")
     names = {"before": before}
     exec(compile(code, RECIPES.name, "exec"), names)
@@ -174,7 +176,7 @@ def test_half_as_stiff_is_half_the_energy(relaxation):
 def test_the_recipes_plot_and_spikes(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     make_results("results/scan")
-    _, vibration, plot, spikes, neo, _ = blocks(RECIPES, "python")
+    *_, vibration, plot, spikes, neo, _ = blocks(RECIPES, "python")
     compile(vibration, RECIPES.name, "exec")
     names = run(plot, RECIPES)
     # The end of the press, at displacement 0, and the slide.

@@ -5,7 +5,7 @@ from math import exp
 import numpy as np
 import pytest
 from materials import PROPOSED, RELAXING
-from sphere_on_block import PRESS_AND_SLIDE, follow, sphere_on_block
+from sphere_on_block import PRESS_AND_SLIDE, TWO_TISSUES, follow, sphere_on_block
 
 from tactile_fem.calibration.sensitivity import Sensitivities
 from tactile_fem.study import Tissue
@@ -13,7 +13,7 @@ from tactile_fem.study import Tissue
 # Modulus and inverse of a bulk modulus; a law's own terms and viscosity's modulus change with them.
 CHANGES = (
     {("subcutaneous", "C20_MPa"): 1.0, ("subcutaneous", "D1_per_MPa"): -1.0},
-    {("dermis", "C10_MPa"): 1.0},
+    {("stratum_corneum", "C10_MPa"): 1.0},
 )
 STEP = 1e-3
 
@@ -28,7 +28,7 @@ def changed(tissue: Tissue, change: dict[tuple[str, str], float], x: float) -> T
 def run(tissue: Tissue, changes=()) -> tuple[np.ndarray, np.ndarray]:
     """Return force and stored energy after each step, and their derivatives."""
     values, derivatives = [], []
-    problem = sphere_on_block(tissue)
+    problem = sphere_on_block(tissue, layers=TWO_TISSUES)
     sensitivities = Sensitivities(problem, changes)
 
     def read() -> np.ndarray:
@@ -54,5 +54,7 @@ def test_press_and_slide_with_friction(tissue):
         more, less = (run(changed(tissue, change, x))[0] for x in (STEP, -STEP))
         wanted = (more - less) / (2 * STEP)
         scale = np.abs(wanted).max(axis=0)
-        assert (scale > 1e-5).all(), scale  # all of them do depend on the constants
-        np.testing.assert_allclose(found[:, i] / scale, wanted / scale, atol=2e-3)
+        large = scale > 1e-5  # the force across the slide is not
+        assert large[1:].all(), scale
+        found_i, wanted = (x[:, large] / scale[large] for x in (found[:, i], wanted))
+        np.testing.assert_allclose(found_i, wanted, atol=2e-3)

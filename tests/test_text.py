@@ -15,6 +15,9 @@ ENCODINGS = {
     "with a mark": "utf-8-sig",
     "UTF-16": "utf-16",
     "UTF-16 of the other order": codecs.BOM_UTF16_BE,
+    "UTF-16 without a mark": "utf-16-le",
+    "the other order without a mark": "utf-16-be",
+    "UTF-32": "utf-32",
 }
 STUDY = '[stimulus]\ntext = "FÜ"\n[protocol]\ndepth_mm = 0.3\n'
 WAY = "time_s,x_mm,y_mm,z_mm\n0,0,0,0\n1,0,-1.5,0.5\n"

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 
-# Encodings by byte order mark.
+# Encodings by byte order mark, the longer ones first: UTF-32's starts with UTF-16's.
 _ENCODINGS = {
     codecs.BOM_UTF8: "utf-8-sig",
+    codecs.BOM_UTF32_LE: "utf-32",
+    codecs.BOM_UTF32_BE: "utf-32",
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
 }
@@ -28,7 +30,7 @@ _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 def read_text(
     file: Path, start: str, *, western: bool = False, binary: str = "not UTF-8 text"
 ) -> str:
-    """Return the text of a file in UTF-8, or marked UTF-16, its lines ended by a newline.
+    """Return the text of a file in UTF-8 or UTF-16, its lines ended by a newline.
 
     If it cannot be read, or is in another encoding, the message of the StudyError begins with
     `start`, such as "The study file a.toml", and ends with `binary` for a file without text. If
@@ -38,10 +40,10 @@ def read_text(
         data = file.read_bytes()
     except OSError as error:
         raise StudyError(f"{start} cannot be read: {error.strerror}.") from None
-    known = (encoding for mark, encoding in _ENCODINGS.items() if data.startswith(mark))
+    encoding = _encoding(data)
     try:
-        text = data.decode(next(known, "utf-8"))
-        if "\0" in text or (data and not text):  # after a mark, nothing else
+        text = data.decode(encoding)
+        if not text and encoding.startswith(("utf-16", "utf-32")):  # a mark and nothing else
             raise StudyError(f"{start} cannot be read: {binary}.")
     except UnicodeDecodeError as error:
         if b"\0" in data:
@@ -54,6 +56,19 @@ def read_text(
             ) from None
         text = data.decode("cp1252", errors="replace")
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _encoding(data: bytes) -> str:
+    """Return the encoding by the byte order mark, or by the zeros of UTF-16 without one."""
+    for mark, encoding in _ENCODINGS.items():
+        if data.startswith(mark):
+            return encoding
+    low, high = data[0:1000:2], data[1:1000:2]
+    if len(high) > 1 and not any(high) and all(low):
+        return "utf-16-le"
+    if len(low) > 1 and not any(low) and all(high):
+        return "utf-16-be"
+    return "utf-8"
 
 
 def read_rows(file: Path, start: str) -> list[tuple[int, list[str]]]:
@@ -80,7 +95,7 @@ def _with_point(cell: str) -> str:
 
 
 class Numbers:
-    """Reads a sequence of numbers whose types the format of the file states.
+    """Reads a sequence of numbers whose types the file's format states.
 
     `data` are their bytes, in the order "<" or ">", or a text with white space between them. A word
     that is no number, and a method that finds too few numbers, raise ValueError.
@@ -118,7 +133,7 @@ class Numbers:
         return found
 
     def alike(self, dtype: np.dtype, most: int, values: Mapping[str, int]) -> NDArray[Any]:
-        """Return the next records that share `values` with the first one, at most so many."""
+        """Return the next records that share the first one's `values`, at most so many."""
         ahead = 1
         while True:
             rows = self.peek(dtype, min(ahead, most))
