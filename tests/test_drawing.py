@@ -96,6 +96,18 @@ def test_an_svg_is_placed_as_letters_and_in_its_units(tmp_path):
     )
 
 
+def test_what_an_svg_shows_is_raised_or_said(tmp_path):
+    pytest.importorskip("svgelements")
+    start = '<svg xmlns="http://www.w3.org/2000/svg" width="9mm" height="9mm" viewBox="0 0 9 9">'
+    gradient = '<linearGradient id="g"><stop stop-color="red"/></linearGradient>'
+    square = '<rect width="6" height="6" fill="url(#g)"/>'
+    (tmp_path / "d.svg").write_text(f"{start}{gradient}{square}</svg>")
+    assert areas(Drawing(file=tmp_path / "d.svg")) == pytest.approx([36], abs=0.1)
+    (tmp_path / "d.svg").write_text(f'{start}{square}<text x="1" y="5">F</text></svg>')
+    with pytest.raises(StudyError, match=r"has text, .* convert it to paths"):
+        Drawing(file=tmp_path / "d.svg").body()
+
+
 def test_a_picture_reads_as_letters_do(tmp_path):
     Image.fromarray(np.where(F, 0, 255).astype(np.uint8)).save(tmp_path / "f.png")
     for drawing in (Drawing.of_pixels(F, 0.1), Drawing(file=tmp_path / "f.png", width_mm=4.0)):

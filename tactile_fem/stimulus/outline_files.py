@@ -90,7 +90,12 @@ def _read_svg(file: Path) -> list[shapely.Geometry]:
             "svgelements"
         ) from None
     svg = svgelements.SVG.parse(str(file), ppi=_PIXELS_PER_INCH)
-    elements = [e for e in svg.elements() if isinstance(e, svgelements.Shape) and _is_shown(e)]
+    shown = [element for element in svg.elements() if _is_shown(element)]
+    if any(isinstance(element, svgelements.Text) for element in shown):
+        raise StudyError(
+            f"stimulus.file = {file} has text, whose font is not in it: convert it to paths"
+        )
+    elements = [element for element in shown if isinstance(element, svgelements.Shape)]
     box = svgelements.Group.union_bbox(elements)
     if box is None:
         return []
@@ -100,11 +105,11 @@ def _read_svg(file: Path) -> list[shapely.Geometry]:
     for element in elements:
         lines = _polylines(svgelements.Path(element).reify(), chord)
         shape: shapely.Geometry = shapely.Polygon()
-        if _is_painted(element.fill):
+        if _is_painted(element, "fill"):
             for line in lines:
                 if len(line) > 3:
                     shape = shape.symmetric_difference(shapely.Polygon(line).buffer(0))
-        if _is_painted(element.stroke) and element.stroke_width:
+        if _is_painted(element, "stroke") and element.stroke_width:
             width = float(element.stroke_width)
             strokes = [shapely.LineString(line).buffer(width / 2) for line in lines]
             shape = shapely.union_all([shape, *strokes])
@@ -114,15 +119,18 @@ def _read_svg(file: Path) -> list[shapely.Geometry]:
 
 
 def _is_shown(element: Any) -> bool:
-    values = element.values
+    values = getattr(element, "values", None) or {}
     return values.get("display") != "none" and values.get("visibility") != "hidden"
 
 
-def _is_painted(color: Any) -> bool:
-    """Return whether a colour is one, and not white, which is the plate."""
+def _is_painted(element: Any, what: str) -> bool:
+    """Return whether a fill or stroke is painted, and not in white, which is the plate."""
+    if str(element.values.get(what, "")).startswith("url("):  # a gradient or a pattern
+        return True
+    color = getattr(element, what)
     if color is None or color.value is None or color.opacity == 0:
         return False
-    return min(color.red, color.green, color.blue) < 255
+    return bool(min(color.red, color.green, color.blue) < 255)
 
 
 def _polylines(path: Any, chord: float) -> list[NDArray[np.float64]]:
