@@ -1,3 +1,4 @@
+import inspect
 import json
 import re
 import tomllib
@@ -183,3 +184,10 @@ def test_several_problems_are_a_sentence_each():
         "protocol.path (entry 1).vibration.amplitude is not a key of "
         "[protocol.path (entry 1).vibration]; did you mean amplitude_mm?",
     ]
+
+
+def test_help_says_what_each_key_means():
+    told = inspect.getdoc(Protocol)
+    assert told.startswith("Press, then slide")
+    assert "\nspeed_mm_s : default 20.0\n    paper: speed of the slide\n" in told
+    assert "\nprotocol : Protocol\n" in inspect.getdoc(Study)

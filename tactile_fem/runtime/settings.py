@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
+import textwrap
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, Union
@@ -21,6 +23,7 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, core_schema
 
 # Strict: text such as "0.2 mm" and true or false are not accepted as numbers.
@@ -61,6 +64,14 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
     @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        """Let `help` show what each key means."""
+        super().__pydantic_init_subclass__(**kwargs)
+        keys = "\n".join(_described(name, field) for name, field in cls.model_fields.items())
+        own = inspect.cleandoc(vars(cls).get("__doc__") or "")
+        cls.__doc__ = f"{own}\n\nParameters\n----------\n{keys}"
+
+    @classmethod
     def file_keys(cls) -> set[str]:
         """Return the keys whose values name files."""
         return {key for key, field in cls.model_fields.items() if "Path" in str(field.annotation)}
@@ -73,6 +84,17 @@ class Settings(BaseModel):
     def files(self) -> dict[str, Path]:
         """Return the files that it is read from, by their keys."""
         return {key: value for key, value in self if isinstance(value, Path)}
+
+
+def _described(name: str, field: FieldInfo) -> str:
+    """Return a key with its default and its description, as in a docstring."""
+    default, of = field.get_default(), ""
+    if isinstance(default, str | int | float | tuple):
+        of = f" : default {default!r}"
+    elif isinstance(default, BaseModel):
+        of = f" : {type(default).__name__}"
+    text = textwrap.indent(textwrap.fill(field.description or "", 96), "    ")
+    return f"{name}{of}\n{text}".rstrip()
 
 
 class Kind(Settings):
@@ -100,6 +122,7 @@ class Kind(Settings):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        super().__pydantic_init_subclass__(**kwargs)
         name = cls.model_fields["kind"].default if "kind" in cls.__annotations__ else None
         if isinstance(name, str):
             known = cls.kinds.get(name, cls)
