@@ -103,6 +103,10 @@ def test_what_an_svg_shows_is_raised_or_said(tmp_path):
     square = '<rect width="6" height="6" fill="url(#g)"/>'
     (tmp_path / "d.svg").write_text(f"{start}{gradient}{square}</svg>")
     assert areas(Drawing(file=tmp_path / "d.svg")) == pytest.approx([36], abs=0.1)
+    (tmp_path / "d.svg").write_text(
+        f'{start}{square}<circle cx="3" cy="3" r="1" fill="#fff"/></svg>'
+    )
+    assert areas(Drawing(file=tmp_path / "d.svg")) == pytest.approx([36 - np.pi], abs=0.1)
     (tmp_path / "d.svg").write_text(f'{start}{square}<text x="1" y="5">F</text></svg>')
     with pytest.raises(StudyError, match=r"has text, .* convert it to paths"):
         Drawing(file=tmp_path / "d.svg").body()

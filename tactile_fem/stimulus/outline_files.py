@@ -5,7 +5,7 @@ A drawing lies as letters do: its right is along Y, its top towards -X.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -37,11 +37,17 @@ def shape_of(rings: Sequence[ArrayLike]) -> shapely.Geometry:
     StudyError
         It has no area.
     """
+    shape = _odd(rings)
+    if shape.is_empty or not shape.area:
+        raise StudyError("stimulus.polygons: a shape has no area")
+    return shape
+
+
+def _odd(rings: Sequence[ArrayLike]) -> shapely.Geometry:
+    """Return what an odd number of rings goes around."""
     shape: shapely.Geometry = shapely.Polygon()
     for ring in rings:
         shape = shape.symmetric_difference(shapely.Polygon(np.asarray(ring)).buffer(0))
-    if shape.is_empty or not shape.area:
-        raise StudyError("stimulus.polygons: a shape has no area")
     return shape
 
 
@@ -101,21 +107,33 @@ def _read_svg(file: Path) -> list[shapely.Geometry]:
         return []
     chord = max(box[2] - box[0], box[3] - box[1]) * _CHORD_SHARE
     mm = _MM_PER_INCH / _PIXELS_PER_INCH
-    found = []
+    found: list[shapely.Geometry] = []
     for element in elements:
         lines = _polylines(svgelements.Path(element).reify(), chord)
-        shape: shapely.Geometry = shapely.Polygon()
-        if _is_painted(element, "fill"):
-            for line in lines:
-                if len(line) > 3:
-                    shape = shape.symmetric_difference(shapely.Polygon(line).buffer(0))
-        if _is_painted(element, "stroke") and element.stroke_width:
-            width = float(element.stroke_width)
-            strokes = [shapely.LineString(line).buffer(width / 2) for line in lines]
-            shape = shapely.union_all([shape, *strokes])
-        if shape.area:
-            found.append(affinity.affine_transform(shape, [0, mm, mm, 0, 0, 0]))
-    return found
+        raised: shapely.Geometry = shapely.Polygon()
+        for is_raised, region in _painted(element, lines):
+            if is_raised:
+                raised = raised.union(region)
+            else:  # white covers what lies below it
+                found = [shape.difference(region) for shape in found]
+                raised = raised.difference(region)
+        found.append(raised)
+    to_finger = [0, mm, mm, 0, 0, 0]
+    return [affinity.affine_transform(shape, to_finger) for shape in found if shape.area]
+
+
+def _painted(
+    element: Any, lines: list[NDArray[np.float64]]
+) -> Iterator[tuple[bool, shapely.Geometry]]:
+    """Yield the regions of an element's fill and stroke, and whether they are raised, not white."""
+    if (is_raised := _is_raised(element, "fill")) is not None:
+        yield is_raised, _odd([line for line in lines if len(line) > 3])
+    if (is_raised := _is_raised(element, "stroke")) is not None and element.stroke_width:
+        width = float(element.stroke_width)
+        yield (
+            is_raised,
+            shapely.union_all([shapely.LineString(line).buffer(width / 2) for line in lines]),
+        )
 
 
 def _is_shown(element: Any) -> bool:
@@ -123,13 +141,13 @@ def _is_shown(element: Any) -> bool:
     return values.get("display") != "none" and values.get("visibility") != "hidden"
 
 
-def _is_painted(element: Any, what: str) -> bool:
-    """Return whether a fill or stroke is painted, and not in white, which is the plate."""
+def _is_raised(element: Any, what: str) -> bool | None:
+    """Return whether a fill or stroke is raised, not if it is white; None if it is not painted."""
     if str(element.values.get(what, "")).startswith("url("):  # a gradient or a pattern
         return True
     color = getattr(element, what)
     if color is None or color.value is None or color.opacity == 0:
-        return False
+        return None
     return bool(min(color.red, color.green, color.blue) < 255)
 
 
