@@ -42,7 +42,7 @@ def study(small_finger) -> Study:
         neuron=Neuron(model="hamasaki2020", static_gain_pA_per_kPa=3e4),
         # Scans are compared, and what Newton's method leaves magnifies rounding a millionfold.
         solver=Solver(first_slide_step_mm=0.05, petsc={"snes_atol": 1e-11}),
-        output=Output(pictures=False, fields_mm=0.2),
+        output=Output(pictures=False, states_mm=0.2),
     )
 
 

@@ -86,7 +86,8 @@ def make_fields(results, states=(0.0, 2.5, 5.0)):
         lift = np.zeros_like(nodes)
         lift[:, 1] = -displacement / 10
         lift[:, 2] = np.clip(1.5 - nodes[:, 2] / 2, 0, None)
-        writer.write(displacement / SPEED, lift, np.linspace(0.01, 5, len(tets)))
+        sed = np.linspace(0.01, 5, len(tets))
+        writer.write(displacement / SPEED, {"displacement_mm": lift}, {"sed_kPa": sed})
     return len(tets)
 
 
@@ -107,5 +108,6 @@ def make_section(folder, states=(0.0, 2.5, 5.0)):
         lift = np.zeros_like(nodes)
         lift[:, 1] = -displacement / 10
         lift[:, 2] = np.clip(1.5 - nodes[:, 2] / 2, 0, None)
-        writer.write(displacement / SPEED, lift, np.linspace(0.01, 5, len(cells)))
+        sed = np.linspace(0.01, 5, len(cells))
+        writer.write(displacement / SPEED, {"displacement_mm": lift}, {"sed_kPa": sed})
     return results

@@ -394,7 +394,7 @@ def slid(study: Study, folder: Path, friction: float) -> tuple[Trace, np.ndarray
     changed = {
         "stimulus": Plate(friction=friction),
         "protocol": Protocol(depth_mm=0.2, distance_mm=0.1, speed_mm_s=1.0, output_mm=0.02),
-        "output": Output(pictures=False, fields_mm=0.1),
+        "output": Output(pictures=False, states_mm=0.1),
     }
     trace = scan(study.model_copy(update=changed), folder).trace
     before, after = (

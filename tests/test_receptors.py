@@ -32,7 +32,8 @@ from tactile_fem.neuron import (
     fire_all,
 )
 from tactile_fem.receptors import place, sample
-from tactile_fem.simulation.probe import CellEnergy, Probe
+from tactile_fem.simulation.cell_fields import CellFields
+from tactile_fem.simulation.probe import Probe
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.solvers.finger_problem import FingerProblem
@@ -183,8 +184,10 @@ def test_probe_reads_a_homogeneous_state_exactly(radius):
     stresses = 1000 * (elastic - elastic.mean() + stretch**2 * viscous / J)
     stresses += 1000 * mean - stresses.mean()
     np.testing.assert_allclose(felt.stresses_kPa, np.tile(np.sort(stresses), (3, 1)), rtol=1e-8)
-    cells = CellEnergy(problem).gather()
-    np.testing.assert_allclose(cells[finger.tissue == 2], 1000 * energy, rtol=1e-9)
+    cells = {name: of[finger.tissue == 2] for name, of in CellFields(problem).gather().items()}
+    np.testing.assert_allclose(cells["sed_kPa"], 1000 * energy, rtol=1e-9)
+    expected = np.tile([*stresses, 0.0, 0.0, 0.0], (len(cells["sed_kPa"]), 1))
+    np.testing.assert_allclose(cells["stress_kPa"], expected, atol=1e-8 * np.abs(stresses).max())
 
 
 def test_a_drive_with_a_field_of_its_own_is_one_file(monkeypatch):

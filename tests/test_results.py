@@ -232,7 +232,8 @@ def test_fields_have_vtk_node_order_and_the_series_lists_them(tmp_path):
     nodes, tets = one_tet()
     writer = FieldWriter(tmp_path, nodes, tets, [4])
     for k in range(3):
-        writer.write(0.1 * k - 0.1, np.full((10, 3), float(k)), [10.0 + k])
+        moved = np.full((10, 3), float(k))
+        writer.write(0.1 * k - 0.1, {"displacement_mm": moved}, {"sed_kPa": [10.0 + k]})
     times, paths = read_series(tmp_path)
     assert times == pytest.approx([-0.1, 0.0, 0.1])
     assert [path.name for path in paths] == [f"deformation_000{k}.vtu" for k in range(3)]

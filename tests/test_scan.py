@@ -385,7 +385,7 @@ def test_fields_and_states_have_the_times_of_their_steps(study, pieces, tmp_path
     file.write_text("time_s,x_mm,y_mm,z_mm\n0,0,0,0\n0.01,0,0,0.2\n")
     if isinstance(pieces[0], Follow):
         pieces = pieces[0].model_copy(update={"file": file}), *pieces[1:]
-    output = Output(pictures=False, fields_mm=0.1, states=True)
+    output = Output(pictures=False, states_mm=0.1, restarts=True)
     changed = {"stimulus": Plate(), "protocol": Protocol(path=pieces), "output": output}
     pressed = study.model_copy(update=changed)
 

@@ -38,7 +38,7 @@ STUDY = Study.model_validate(
         "stimulus": {"kind": "plate", "friction": 0.0},
         "protocol": {"depth_mm": 0.4, "distance_mm": 0.2, "output_mm": 0.1},
         "afferents": KINDS,
-        "output": {"pictures": False, "states": True, "fields_mm": 0.2},
+        "output": {"pictures": False, "restarts": True, "states_mm": 0.2},
     }
 )
 SLOW_HZ = 0.01

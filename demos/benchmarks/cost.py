@@ -116,7 +116,7 @@ def main(
                 finger=finger_of(size),
                 protocol=Protocol(depth_mm=depth, distance_mm=distance),
                 solver=Solver(linear=linear),
-                output=Output(pictures=False, fields_mm=5.0),
+                output=Output(pictures=False, states_mm=5.0),
             )
             member = Member(f"{size.replace(',', '-')}-{count}", study, {})
             [results] = run_all([member], folder, ranks=count)

@@ -73,7 +73,7 @@ def main(folder: Path, *, depth: float = 1.2, radius: float = 1.5, speed: float 
         stimulus=Ring(radius_mm=2.0),
         protocol=Protocol(path=(press, hold, circle, lift)),
         receptors=Receptors(half_width_mm=4.0, spacing_mm=0.5),
-        output=Output(fields_mm=1.0),
+        output=Output(states_mm=1.0),
     )
     parts = Parts(
         laws={"subcutaneous": Fung(shear=0.8e-3, bulk=0.02, b=2.0)},

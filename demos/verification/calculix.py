@@ -49,7 +49,7 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.output.deck import DeckSize, Penalty, write_deck
 from tactile_fem.receptors import Samples, place, sample
 from tactile_fem.runtime import backend  # noqa: F401  (brings DOLFINx, before MPI)
-from tactile_fem.simulation.probe import CellEnergy
+from tactile_fem.simulation.cell_fields import CellFields
 from tactile_fem.simulation.stepper import Stepper
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import (
@@ -205,12 +205,12 @@ def ours(study: Study, finger: FingerMesh, samples: Samples, size: DeckSize) -> 
     domain = create_domain(finger, comm, study.solver.held)
     stimulus = study.stimulus
     problem = FingerProblem(domain, study.tissue, stimulus.body(), stimulus.friction, study.solver)
-    energy = CellEnergy(problem)
+    fields = CellFields(problem)
     cpu = time.process_time()
     steps, sed = [], []
     for step in Stepper(problem, study.protocol.route(0.0), study.solver):
         steps.append(step)
-        sed.append(read_at(samples, energy.gather()))
+        sed.append(read_at(samples, fields.gather()["sed_kPa"]))
     cpu = comm.allreduce(time.process_time() - cpu)
     iterations = sum(step.newton_iterations for step in steps)
     seconds = sum(step.wall_s for step in steps)

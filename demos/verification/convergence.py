@@ -120,7 +120,7 @@ def study_of(mesh: str, depth: float, distance: float) -> Study:
     return Study(
         finger=finger,
         protocol=Protocol(depth_mm=depth, distance_mm=distance, output_mm=min(0.1, distance)),
-        output=Output(fields_mm=min(1.0, distance), pictures=False),
+        output=Output(states_mm=min(1.0, distance), pictures=False),
     )
 
 

@@ -277,7 +277,7 @@ def vibrate(
     frequencies
         In Hz: low:high:count, evenly spaced in their logarithm, or a list.
     at_mm
-        Displacement of a state kept by output.states; default the last state.
+        Displacement of a state kept by output.restarts; default the last state.
     at_s
         Its time, where several states lie at one displacement.
     moves

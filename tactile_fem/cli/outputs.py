@@ -119,6 +119,55 @@ def export(
     print(f"Written to {deck}")
 
 
+def fields(
+    results: ScanFolder,
+    /,
+    *,
+    output: Path | None = None,
+    on: Literal["skin", "interface"] = "skin",
+    side: Literal["epidermis", "dermis"] = "epidermis",
+    at_mm: float | None = None,
+    at_s: float | None = None,
+) -> None:
+    """Write contact, displacement, stretches, stress and SED on the skin or the interface.
+
+    Without --output it lists the states whose fields the scan has kept.
+
+    Parameters
+    ----------
+    output
+        Write this file: .csv, .npz, or .vtu for ParaView and PyVista.
+    on
+        The skin, or the interface of epidermis and dermis.
+    side
+        The tissue whose fields those of the interface are.
+    at_mm
+        Displacement of the slide; the nearest kept state is taken. Default at the largest force.
+    at_s
+        Time of a state, also of one in a press or a hold.
+    """
+    from tactile_fem import Results
+    from tactile_fem.simulation.surfaces import ENDINGS
+
+    found = Results.open(results)
+    if output is None:
+        print("time_s,displacement_mm,depth_mm,normal_force")
+        rows = found.kept_rows
+        names = "time_s", "displacement_mm", "depth_mm"
+        columns = *(found.trace[name][rows] for name in names), found.trace["force_N"][rows, 2]
+        for values in zip(*columns, strict=True):
+            print(",".join(f"{value:.6g}" for value in values))
+        return
+    check_file("--output", output, *ENDINGS)
+    if on == "skin":
+        surface = found.skin(at_mm, at_s=at_s)
+    else:
+        surface = found.interface(at_mm, at_s=at_s, side=side)
+    surface.save(output)
+    print(f"{len(surface)} points at {surface.at_mm:g} mm, {surface.time_s:g} s")
+    print(f"Written to {output}")
+
+
 def plot(results: ScanFolder, /) -> None:
     """Draw all figures of a scan again."""
     from tactile_fem import Results, draw
@@ -157,4 +206,4 @@ def doctor() -> int:
     return code
 
 
-COMMANDS = (init, mesh, export, plot, report, doctor)
+COMMANDS = (init, mesh, export, fields, plot, report, doctor)

@@ -267,8 +267,12 @@ class NodeOrder:
     def gather(self, u: fem.Function) -> np.ndarray:
         """Return the nodal vectors (n, components) in file order, on every rank."""
         size = u.function_space.dofmap.index_map_bs
-        values = np.zeros((self._count, size))
-        values[self._file[: self._owned]] = u.x.array.reshape(-1, size)[: self._owned]
+        return self.gather_owned(u.x.array.reshape(-1, size)[: self._owned])
+
+    def gather_owned(self, vectors: np.ndarray) -> np.ndarray:
+        """Return what `gather` does, of vectors at the owned nodes of this rank."""
+        values = np.zeros((self._count, vectors.shape[1]))
+        values[self._file[: self._owned]] = vectors
         self._comm.Allreduce(MPI.IN_PLACE, values)
         return values
 

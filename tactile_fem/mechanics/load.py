@@ -44,8 +44,8 @@ class Load:
         Strain energy of the tissues.
     volume_change
         Of the deformable tissue, relative.
-    friction_N
-        Nodal forces of friction on the nodes of this rank, (nodes, components).
+    pressure_N, friction_N
+        Nodal forces of contact pressure and of friction on this rank's nodes, (nodes, components).
     """
 
     force_N: np.ndarray
@@ -58,12 +58,14 @@ class Load:
     friction_mJ: float
     stored_mJ: float
     volume_change: float
+    pressure_N: np.ndarray = field(repr=False)
     friction_N: np.ndarray = field(repr=False)
 
     @property
     def is_finite(self) -> bool:
         """Whether all its integrals are numbers."""
-        integrals = [value for name, value in vars(self).items() if name != "friction_N"]
+        nodal = "pressure_N", "friction_N"
+        integrals = [value for name, value in vars(self).items() if name not in nodal]
         return bool(np.isfinite(np.hstack(integrals)).all())
 
 
@@ -131,6 +133,7 @@ class LoadCell:
             heat,
             stored,
             volume / rest - 1,
+            pressure,
             friction,
         )
 

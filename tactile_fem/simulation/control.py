@@ -47,8 +47,10 @@ class StepControl:
 
     @property
     def at_output(self) -> bool:
-        """Whether the present time is an output or the end."""
-        return self.finished or any(abs(t - self.time_s) < self._rounding for t in self.outputs_s)
+        """Whether the present time is an output or the end; without outputs every time is one."""
+        if self.finished or not self.outputs_s:
+            return True
+        return any(abs(t - self.time_s) < self._rounding for t in self.outputs_s)
 
     @property
     def _rounding(self) -> float:

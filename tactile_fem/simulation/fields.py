@@ -1,8 +1,10 @@
-"""Field files for ParaView: one VTU per output and a time series that lists them."""
+"""Field files, also for ParaView: one VTU for each kept state, and a series that lists them."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import meshio
@@ -10,10 +12,57 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.simplex import simplex_of
+from tactile_fem.finger.simplex import Indices, simplex_of
 from tactile_fem.runtime.files import atomic_write, write_text
 
 SERIES = "deformation.pvd"
+# Components of a symmetric tensor in the order of VTK.
+TENSOR = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FieldState:
+    """A finger and its fields in one kept state.
+
+    Attributes
+    ----------
+    nodes
+        Undeformed, (n, 3) in mm.
+    cells
+        Nodes of each tetrahedron (m, 10), of a section of each triangle (m, 6), in gmsh's order.
+    tissue
+        Tags of the tissues, (m,).
+    of_nodes, of_cells
+        Fields by name and unit, (n,) or (m,) and components.
+    """
+
+    nodes: Array
+    cells: Indices
+    tissue: Indices
+    of_nodes: Mapping[str, Array]
+    of_cells: Mapping[str, Array]
+
+    @classmethod
+    def read(cls, path: Path) -> FieldState:
+        """Return a saved state.
+
+        Raises
+        ------
+        StudyError
+            The file cannot be read, or is not that of a scan.
+        """
+        try:
+            mesh = meshio.vtu.read(path)
+            of_cells = {name: arrays[0] for name, arrays in mesh.cell_data.items()}
+            tissue, cells = of_cells.pop("tissue"), mesh.cells[0].data
+            if "displacement_mm" in mesh.point_data and "sed_kPa" in of_cells:
+                order = np.argsort(simplex_of(cells).vtk_order)
+                return cls(mesh.points, cells[:, order], tissue, mesh.point_data, of_cells)
+        except Exception:  # a damaged file fails in many ways
+            pass
+        raise StudyError(f"{path} cannot be read as a field file of a scan.")
 
 
 class FieldWriter:
@@ -32,19 +81,21 @@ class FieldWriter:
         self.tissue = np.asarray(tissue, dtype=np.int32)
         self._times_s: list[float] = []
 
-    def write(self, time_s: float, displacement_mm: ArrayLike, sed_kPa: ArrayLike) -> Path:
+    def write(
+        self, time_s: float, of_nodes: Mapping[str, ArrayLike], of_cells: Mapping[str, ArrayLike]
+    ) -> Path:
         """Write one state and add it to the series.
 
-        Displacements are those of the nodes, (n, 3), densities those of the cells, (m,); the time
-        is that of the trace.
+        Fields of the nodes are (n,) or (n, components), such as ``displacement_mm`` (n, 3), those
+        of the cells (m,) or (m, components), such as ``sed_kPa``; the time is that of the trace.
         """
         path = self.folder / _name(len(self._times_s))
         mesh = meshio.Mesh(
             self.nodes,
             [(self._shape.meshio, self.cells)],
-            point_data={"displacement_mm": np.asarray(displacement_mm, dtype=np.float32)},
+            point_data={name: _stored(field) for name, field in of_nodes.items()},
             cell_data={
-                "sed_kPa": [np.asarray(sed_kPa, dtype=np.float32)],
+                **{name: [_stored(field)] for name, field in of_cells.items()},
                 "tissue": [self.tissue],
             },
         )
@@ -70,6 +121,12 @@ class FieldWriter:
         ET.indent(root)
         text = '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
         write_text(self.folder / SERIES, text)
+
+
+def _stored(field: ArrayLike) -> NDArray[np.generic]:
+    """Return a field as it is written: numbers with seven digits, whole ones as they are."""
+    values = np.asarray(field)
+    return values.astype(np.float32) if values.dtype.kind == "f" else values.astype(np.int8)
 
 
 def _name(number: int) -> str:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 
@@ -28,6 +28,8 @@ _OWN_FILES = {
 }
 _PART_FILES = ".*.part"
 _TOLERANCE_MM, _TOLERANCE_S = 1e-6, 1e-6
+
+Array = NDArray[np.float64]
 
 
 def check_folder(folder: Path, *, overwrite: bool) -> None:
@@ -85,6 +87,21 @@ def _has_files(folder: Path) -> bool:
     return any(path.is_file() and not path.name.startswith(".") for path in folder.rglob("*"))
 
 
+def nearest_mm(displacement_mm: ArrayLike, at_mm: float, apart_mm: float) -> float:
+    """Return the displacement of a kept state that is nearest to one.
+
+    Raises
+    ------
+    StudyError
+        It is farther away than the distance `apart_mm` of kept states; it has no subject.
+    """
+    kept = np.asarray(displacement_mm, dtype=float)
+    nearest = float(kept[np.argmin(np.abs(kept - at_mm))])
+    if not abs(nearest - at_mm) <= apart_mm:
+        raise StudyError(f"has no state near {at_mm:g} mm: {_listed(kept, 'mm')}.")
+    return nearest
+
+
 def choose_state(
     displacement_mm: ArrayLike,
     time_s: ArrayLike,
@@ -121,6 +138,11 @@ def choose_state(
         listed = ", ".join(f"{time:.6g}" for time in times[found])
         raise StudyError(f"has several states at {where}: choose one by its time, {listed} s.")
     values, unit = (slid, "mm") if at_s is None else (times, "s")
-    kept = ", ".join(f"{value:.6g}" for value in values)
-    kept = f"states were kept at {kept} {unit}" if kept else "set output.states for the scan"
+    kept = _listed(values, unit) if len(values) else "set output.restarts for the scan"
     raise StudyError(f"has no state at {where}: {kept}.")
+
+
+def _listed(values: Array, unit: str) -> str:
+    """Return in words which states there are."""
+    each = ", ".join(f"{value:.6g}" for value in dict.fromkeys(values.tolist()))
+    return f"states were kept at {each} {unit}"

@@ -21,8 +21,6 @@ from tactile_fem.mechanics.problem import Problem
 from tactile_fem.neuron.fields import STANDARD, Field, MaterialPoint
 from tactile_fem.receptors import Samples
 
-_KPA_PER_MPA = 1000.0
-
 
 @dataclass(frozen=True)
 class ReceptorState:
@@ -135,32 +133,3 @@ def material_point(problem: Problem, tissue: str) -> MaterialPoint:
     return MaterialPoint(
         ufl.as_vector(displacement), F, problem.bulk.energy(tissue), P * F.T / ufl.det(F)
     )
-
-
-class CellEnergy:
-    """Strain energy density of every cell, for field files; cells of held tissues have none."""
-
-    def __init__(self, problem: Problem) -> None:
-        domain = problem.domain
-        self._comm, self._mesh = domain.comm, domain.mesh
-        self._count = domain.cell_count
-        cell = getattr(basix.CellType, self._mesh.topology.cell_name())
-        points, weights = basix.make_quadrature(cell, 2)
-        self._weights = _KPA_PER_MPA * weights / weights.sum()
-        owned = domain.owned_file_cells()
-        self._parts = []
-        for name, tag in domain.tissues_of(domain.tissue).items():
-            cells = domain.tissue.find(tag)
-            cells = cells[cells < len(owned)]
-            energy = expression(problem.bulk.energy(name), points)
-            self._parts.append((energy, cells, owned[cells]))
-
-    def gather(self) -> np.ndarray:
-        """Return the mean strain energy density in kPa of all cells, on every rank."""
-        values = np.zeros(self._count)
-        for energy, cells, file_cells in self._parts:
-            if len(cells):
-                local = energy.eval(self._mesh, cells).reshape(len(cells), -1)
-                values[file_cells] = local @ self._weights
-        self._comm.Allreduce(MPI.IN_PLACE, values)
-        return values

@@ -6,6 +6,7 @@ import json
 import platform
 import resource
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -19,9 +20,10 @@ from tactile_fem.mechanics.compile import compiled_by
 from tactile_fem.neuron import Response
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.ranks import on_root
+from tactile_fem.simulation.cell_fields import CellFields
 from tactile_fem.simulation.checkpoint import origin_of
+from tactile_fem.simulation.contact_fields import SkinContact
 from tactile_fem.simulation.fields import FieldWriter
-from tactile_fem.simulation.probe import CellEnergy
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Observation, Simulation
 from tactile_fem.simulation.step import Step
@@ -44,21 +46,19 @@ class Recorder:
     def __init__(self, results: Results, simulation: Simulation, trace: Trace) -> None:
         self._results, self._simulation, self._trace = results, simulation, trace
         self._comm = simulation.comm
-        self._energy = CellEnergy(simulation.problem)
+        self._cells = CellFields(simulation.problem)
         self._started, self._timers_before = time.perf_counter(), _timers()
         # Cost of the scan before it was interrupted.
         self._earlier: dict[str, Any] = {"wall_s": 0.0, "peak_memory_MB": 0.0, "timers_s": {}}
-        self._next_field_mm = 0.0
-        # On the first rank: what stays the same in checkpoints and in run.json; the field files,
-        # and the rows of the trace that have one.
-        self._origin, self._run = dict[str, Any](), dict[str, Any]()
-        self._fields: FieldWriter | None = None
+        # Rows of the trace whose fields are kept.
         self._field_rows: list[int] = []
+        # On the first rank: what stays the same in checkpoints and in run.json, and the files.
+        self._origin, self._run = dict[str, Any](), dict[str, Any]()
+        self._fields: _KeptFields | None = None
 
         def prepare() -> None:
-            finger = simulation.finger
             self._origin, self._run = origin_of(simulation), _described(simulation)
-            self._fields = FieldWriter(results.fields, finger.nodes, finger.cells, finger.tissue)
+            self._fields = _KeptFields(results, simulation)
 
         on_root(self._comm, prepare)
 
@@ -77,43 +77,44 @@ class Recorder:
         self._save_run("running")
 
     def __call__(self, seen: Observation) -> None:
-        """Save an accepted step: trace, checkpoint, and a field where one is due."""
-        step, trace = seen.step, self._trace
-        sed = self._energy.gather() if self._field_due(step) else None
+        """Save an accepted step: trace, checkpoint, and its fields where they are due."""
+        trace, problem = self._trace, self._simulation.problem
+        due, gather = self._is_due(seen.step), problem.order.gather_owned
+        if due:
+            cells = self._cells.gather()
+            forces = gather(seen.step.pressure_N), gather(seen.step.friction_N)
+            self._field_rows.append(len(trace) - 1)
         state, spent = self._simulation.gather(), self._spent()
 
         def write() -> None:
-            fields = self._fields
-            assert fields is not None
-            if sed is not None:
-                moved = self._simulation.problem.domain.plane.vectors(state["u"])
-                fields.write(float(trace.time_s[-1]), moved, sed)
-                self._field_rows.append(len(trace) - 1)
-            if step.indenting:
-                fields.set_times(trace.time_s[self._field_rows])
+            assert self._fields is not None
+            if due:
+                self._fields.write(float(trace.time_s[-1]), [state["u"], *forces], cells)
+            if seen.step.indenting:
+                self._fields.writer.set_times(trace.time_s[self._field_rows])
             self._results.save_trace(**trace.arrays())
             saved = {
                 **self._origin,
                 "rows": len(trace),
                 "fields": np.array(self._field_rows, dtype=int),
-                "next_field_mm": self._next_field_mm,
                 "spent": json.dumps(spent),
                 **state,
             }
             self._results.save_checkpoint(**saved)
-            if sed is not None and self._simulation.study.output.states:
+            if due and self._simulation.study.output.restarts:
                 self._results.save_state(len(self._field_rows) - 1, **saved)
 
         with common.Timer("tactile: output"):
             on_root(self._comm, write)
 
-    def _field_due(self, step: Step) -> bool:
-        """Return whether to write a field: at the end of a piece of the path and at intervals."""
-        slid = step.displacement_mm >= self._next_field_mm - 1e-9
-        if not step.output or not (slid or step.ends_piece):
-            return False
-        self._next_field_mm = step.displacement_mm + self._simulation.study.output.fields_mm
-        return True
+    def _is_due(self, step: Step) -> bool:
+        """Return whether to keep the fields: at ends of pieces of the path and at intervals."""
+        if step.ends_piece:
+            return True
+        last = self._field_rows[-1] if self._field_rows else 0
+        ways = (getattr(self._trace, name) for name in ("displacement_mm", "depth_mm"))
+        way_mm = max(abs(way[-1] - way[last]) for way in ways)
+        return step.output and way_mm >= self._simulation.study.output.states_mm - 1e-9
 
     def restore(self, saved: dict[str, Array]) -> None:
         """Go back to a checkpoint, and to the trace up to it.
@@ -126,11 +127,10 @@ class Recorder:
         arrays = on_root(self._comm, lambda: self._results.trace)
         self._trace.restore(arrays, int(saved["rows"]))
         self._simulation.restore(saved)
-        self._next_field_mm = float(saved["next_field_mm"])
         self._earlier = json.loads(str(saved["spent"]))
+        self._field_rows = saved["fields"].tolist()
         if self._fields is not None:
-            self._field_rows = saved["fields"].tolist()
-            self._fields.set_times(self._trace.time_s[self._field_rows])
+            self._fields.writer.set_times(self._trace.time_s[self._field_rows])
         self._save_run("running")
 
     def finish(self, status: str, response: Response) -> None:
@@ -156,6 +156,26 @@ class Recorder:
     def _save_run(self, status: str) -> None:
         run = {"status": status, **self._run, **self._spent()}
         on_root(self._comm, lambda: self._results.save_run(run))
+
+
+class _KeptFields:
+    """Writes the fields of the states that are kept; on the first rank."""
+
+    def __init__(self, results: Results, simulation: Simulation) -> None:
+        finger = simulation.finger
+        self._plane = finger.plane
+        self._contact = SkinContact(finger, simulation.study.stimulus.friction)
+        self._skin = self._contact.on_skin.astype(np.int8)
+        self.writer = FieldWriter(results.fields, finger.nodes, finger.cells, finger.tissue)
+
+    def write(self, time_s: float, vectors: Sequence[Array], cells: dict[str, Array]) -> None:
+        """Write the fields of a state.
+
+        The vectors of the nodes, (n, components), are displacement, pressure and friction.
+        """
+        moved, *forces = map(self._plane.vectors, vectors)
+        contact = self._contact.fields(moved, *forces)
+        self.writer.write(time_s, {"displacement_mm": moved, **contact, "skin": self._skin}, cells)
 
 
 def _described(simulation: Simulation) -> dict[str, Any]:

@@ -30,7 +30,9 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, to_neo
 from tactile_fem.runtime.files import atomic_write, write_arrays, write_text
-from tactile_fem.simulation.folder import check_folder, choose_state, make_folder
+from tactile_fem.simulation.fields import FieldState, read_series
+from tactile_fem.simulation.folder import check_folder, choose_state, make_folder, nearest_mm
+from tactile_fem.simulation.surfaces import SurfaceFields, interface_of, skin_of
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
@@ -321,6 +323,65 @@ class Results:
         except StudyError as error:
             raise StudyError(f"{self.folder} {error}") from None
         return self._load_npz(names[number])
+
+    # --- fields -----------------------------------------------------------------------------
+
+    @property
+    def kept_rows(self) -> NDArray[np.intp]:
+        """Rows of the trace at which the fields were kept, (states,): see `skin`."""
+        times_s, rows_s = read_series(self.fields)[0], self.trace["time_s"]
+        return np.abs(rows_s - times_s[:, None]).argmin(axis=1)
+
+    def skin(self, at_mm: float | None = None, *, at_s: float | None = None) -> SurfaceFields:
+        """Return displacement, contact, stretches, stress and SED on the skin in a kept state.
+
+        Parameters
+        ----------
+        at_mm
+            Displacement of the slide; the nearest kept state is taken.
+        at_s
+            Time of the state, as in ``trace.npz``: for states in a press or a hold. Without both
+            it is the state with the largest normal force.
+
+        Raises
+        ------
+        StudyError
+            No state was kept there, or several with that displacement; or a file is damaged.
+        """
+        return skin_of(*self._kept(at_mm, at_s))
+
+    def interface(
+        self,
+        at_mm: float | None = None,
+        *,
+        at_s: float | None = None,
+        side: str = "epidermis",
+        other: str | None = None,
+    ) -> SurfaceFields:
+        """Return displacement, stretches, stress and SED where two tissues meet, in a kept state.
+
+        Stretches, stress and SED jump there: they are those of the tissue `side`. The `other` is
+        dermis by default, to the dermis epidermis. For the state and errors see `skin`.
+        """
+        other = other or ("dermis" if side == "epidermis" else "epidermis")
+        return interface_of(*self._kept(at_mm, at_s), side, other)
+
+    def _kept(self, at_mm: float | None, at_s: float | None) -> tuple[FieldState, float, float]:
+        """Return a kept state, its time and its displacement."""
+        rows, files = self.kept_rows, read_series(self.fields)[1]
+        if not files:
+            raise StudyError(f"There are no field files in {self.fields}.")
+        slid_mm, time_s = (self.trace[name][rows] for name in ("displacement_mm", "time_s"))
+        number = int(np.argmax(self.trace["force_N"][rows, 2]))
+        if at_mm is not None or at_s is not None:
+            try:
+                if at_mm is not None:
+                    at_mm = nearest_mm(slid_mm, at_mm, self.study.output.states_mm)
+                number = choose_state(slid_mm, time_s, at_mm, at_s)
+            except StudyError as error:
+                raise StudyError(f"{self.folder} {error}") from None
+        state = FieldState.read(files[number])
+        return state, float(time_s[number]), float(slid_mm[number])
 
     def _load_npz(self, name: str, *only: str) -> dict[str, NDArray[Any]]:
         """Return the arrays of a file, or only some of them."""

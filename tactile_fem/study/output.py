@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import AliasChoices, Field
 
 from tactile_fem.runtime.settings import Positive, Settings
 
@@ -10,10 +10,15 @@ from tactile_fem.runtime.settings import Positive, Settings
 class Output(Settings):
     """What is written besides the receptors' histories."""
 
-    fields_mm: Positive = Field(0.4, description="slide between two written fields (VTU)")
-    states: bool = Field(
+    states_mm: Positive = Field(
+        0.4,
+        validation_alias=AliasChoices("states_mm", "fields_mm"),  # its former name
+        description="way of the body, down or across, between two states whose fields are kept",
+    )
+    restarts: bool = Field(
         False,
         strict=True,
-        description="keep the state with each of them, for vibration there",
+        validation_alias=AliasChoices("restarts", "states"),
+        description="keep with each of them all that a restart needs, for vibration there",
     )
     pictures: bool = Field(True, strict=True, description="draw the figures at the end")

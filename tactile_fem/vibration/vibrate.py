@@ -120,7 +120,7 @@ def vibrate(
     frequencies_Hz
         Positive, (f,).
     at_mm, at_s
-        Displacement of the slide, or time, at which `output.states` kept the state; default the
+        Displacement of the slide, or time, at which `output.restarts` kept the state; default the
         last state.
     moves
         What vibrates: the body, or the bone with everything that is held, while the body rests.

@@ -1,0 +1,52 @@
+"""Strain energy density and stress in every cell, for the states that a scan keeps."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import basix
+import numpy as np
+import ufl
+
+from tactile_fem.mechanics.compile import expression
+from tactile_fem.mechanics.problem import Problem
+from tactile_fem.simulation.fields import TENSOR
+from tactile_fem.simulation.probe import material_point
+
+_KPA_PER_MPA = 1000.0
+
+
+class CellFields:
+    """Means over each cell; cells of held tissues have none."""
+
+    def __init__(self, problem: Problem) -> None:
+        domain = problem.domain
+        self._comm, self._mesh = domain.comm, domain.mesh
+        self._count = domain.cell_count
+        cell = getattr(basix.CellType, self._mesh.topology.cell_name())
+        points, weights = basix.make_quadrature(cell, 2)
+        self._weights = _KPA_PER_MPA * weights / weights.sum()
+        # A section has its tensors in the axes of its plane, the axis across it last.
+        axes = [*domain.plane.axes, *domain.plane.outside]
+        entries = [(axes.index(i), axes.index(j)) for i, j in TENSOR]
+        owned = domain.owned_file_cells()
+        self._parts = []
+        for name, tag in domain.tissues_of(domain.tissue).items():
+            cells = domain.tissue.find(tag)
+            cells = cells[cells < len(owned)]
+            point = material_point(problem, name)
+            values = [point.energy_MPa, *(point.cauchy_MPa[i, j] for i, j in entries)]
+            self._parts.append((expression(ufl.as_vector(values), points), cells, owned[cells]))
+
+    def gather(self) -> dict[str, np.ndarray]:
+        """Return ``sed_kPa`` (cells,) and ``stress_kPa`` (cells, 6) on every rank.
+
+        The stress is Cauchy's; see `tactile_fem.simulation.fields.TENSOR` for its components.
+        """
+        values = np.zeros((self._count, 1 + len(TENSOR)))
+        for fields, cells, file_cells in self._parts:
+            if len(cells):
+                local = fields.eval(self._mesh, cells).reshape(len(cells), len(self._weights), -1)
+                values[file_cells] = np.einsum("q,cqi->ci", self._weights, local)
+        self._comm.Allreduce(MPI.IN_PLACE, values)
+        return {"sed_kPa": values[:, 0], "stress_kPa": values[:, 1:]}
