@@ -8,7 +8,7 @@ from pathlib import Path
 
 import meshio
 import pytest
-from synthetic import make_results
+from synthetic import make_fields, make_results
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import ConvergenceError
@@ -202,6 +202,23 @@ def test_export_writes_a_deck(capsys):
     again = ["export", "--deck", "finger.inp", "--overwrite", "--format", "abaqus"]
     assert cli.main([*again, *settings, "--grid-mm", "4"]) == 0
     assert "TOTALS=YES" in Path("finger.inp").read_text()
+
+
+def test_fields_lists_the_kept_states_and_writes_them(capsys):
+    results = make_results("r")
+    make_fields(results)
+    assert cli.main(["fields", "r"]) == 0
+    head, *rows = capsys.readouterr().out.split()
+    assert head == "time_s,displacement_mm,depth_mm,normal_force"
+    assert [row.split(",")[1] for row in rows] == ["0", "2.4", "5"]  # the nearest rows
+    interface = ["fields", "r", "--on", "interface", "--at-mm", "2.2"]
+    assert cli.main([*interface, "-o", "fields.csv"]) == 0
+    assert "points at 2.4 mm, 0.12 s" in capsys.readouterr().out
+    assert Path("fields.csv").read_text().startswith("x_mm,y_mm,z_mm,displacement_x_mm")
+    assert cli.main([*interface, "-o", "fields.txt"]) == 2
+    assert "must end in .csv, .npz, .vtu" in capsys.readouterr().err
+    assert cli.main(["fields", "r", "--at-mm", "9", "-o", "fields.csv"]) == 2
+    assert "r has no state near 9 mm" in capsys.readouterr().err
 
 
 def test_plot_draws_again(capsys, monkeypatch):

@@ -50,8 +50,9 @@ def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
     assert Path("results/letters/figures/raster.png").is_file()
     assert "[" in capsys.readouterr().out
     page = PAGES / "results.md"
-    (reading,) = blocks(page, "python")
-    names = run(shortened(reading, "results/scan", "results/letters"), page)
+    reading = shortened("".join(blocks(page, "python")), "results/scan", "results/letters")
+    names = run(shortened(reading, "at_mm=5.0", "at_mm=0.2"), page)
+    assert names["force_N"] > 0 and Path("interface.csv").is_file()
     described = {
         name
         for row in re.findall(r"^\| (`.*?) \| (?:steps|receptors)", page.read_text(), re.MULTILINE)

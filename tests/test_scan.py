@@ -89,9 +89,28 @@ def test_a_scan_presses_slides_feels_and_keeps(finished, study):
     assert results.run["compiler"]["version"] and results.run["compiler"]["processor"]
     np.testing.assert_array_equal(results.trace["sed_kPa"], trace.sed_kPa)
     times, files = read_series(results.fields)
-    np.testing.assert_allclose(times, [0.0, 0.01, 0.02], atol=1e-12)
+    np.testing.assert_allclose(times[1:], [0.0, 0.01, 0.02], atol=1e-12)
+    assert 0.2 <= trace.depth_mm[results.kept_rows[0]] < 0.3  # in the press, too
     assert all(path.is_file() for path in files)
     assert "unknowns" in results.log_file.read_text()
+
+
+def test_the_skin_of_a_kept_state_carries_the_load(finished, study):
+    results = Results.open(finished.folder)
+    skin, force_N = results.skin(0.4), finished.trace.force_N[-1]
+    pressure_N = skin.contact_pressure_kPa * skin.area_mm2 / 1000
+    friction_N = skin.friction_kPa * skin.area_mm2[:, None] / 1000
+    assert pressure_N.sum() == pytest.approx(np.linalg.norm(force_N), rel=0.15)  # flanks push aside
+    assert friction_N[:, 1].sum() == pytest.approx(-0.3 * pressure_N.sum(), rel=0.1)
+    assert set(skin.contact) == {0, 2}  # all slips
+    assert skin.stretches.min() < 0.99 < 1.01 < skin.stretches.max()
+    assert 0 < results.interface(0.4).sed_kPa.max() < results.trace["sed_kPa"].max() * 5
+    with pytest.raises(
+        StudyError, match=r"has no state near 3 mm: states were kept at 0, 0.2, 0.4 "
+    ):
+        results.skin(3.0)
+    pressed = results.skin(at_s=float(finished.trace.time_s[results.kept_rows[0]]))
+    assert pressed.contact_pressure_kPa.max() < skin.contact_pressure_kPa.max()
 
 
 def assert_equal(several: Results, one: ScanResult) -> None:
@@ -101,6 +120,9 @@ def assert_equal(several: Results, one: ScanResult) -> None:
     for name in ("sed_kPa", "force_N", "friction_mJ", "work_mJ", "stored_mJ", "contact_area_mm2"):
         of_one = getattr(one.trace, name)
         assert np.abs(trace[name] - of_one).max() < 1e-6 * of_one.max(), name
+    ours, theirs = several.skin(), Results.open(one.folder).skin()
+    for name, column in theirs.columns.items():
+        assert np.abs(ours.columns[name] - column).max() < 2e-6 * np.abs(column).max(), name
     counts = [int(np.sum(several.spikes.receptor == k)) for k in range(5)]
     assert counts == one.response.counts().tolist()
 
@@ -108,7 +130,7 @@ def assert_equal(several: Results, one: ScanResult) -> None:
 @pytest.mark.ranks
 @pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="runs on several ranks")
 def test_several_ranks_equal_one(study, tmp_path):
-    one = scan(study, comm=MPI.COMM_SELF)
+    one = scan(study, tmp_path / f"one_{MPI.COMM_WORLD.rank}", comm=MPI.COMM_SELF)
     scan(study, tmp_path / "several")
     assert_equal(Results.open(tmp_path / "several"), one)
 
@@ -144,7 +166,8 @@ def test_a_scan_cut_off_resumes_to_the_same_result(finished, study, tmp_path):
             np.testing.assert_allclose(array, whole[name], rtol=0, atol=noise, err_msg=name)
     run = Results.open(tmp_path / "cut").run
     assert run["status"] == "complete"
-    assert len(read_series(tmp_path / "cut" / "fields")[0]) == 3
+    kept, expected = Results(tmp_path / "cut").kept_rows, Results(finished.folder).kept_rows
+    np.testing.assert_array_equal(kept, expected)
     steps_s = resumed.trace.wall_s  # of both parts, and so are the run's
     assert steps_s.sum() < run["wall_s"]
     assert 0 < steps_s.sum() - run["timers_s"]["solve"] < steps_s[:9].sum()

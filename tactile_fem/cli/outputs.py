@@ -123,7 +123,7 @@ def fields(
     results: ScanFolder,
     /,
     *,
-    output: Path | None = None,
+    output: Written | None = None,
     on: Literal["skin", "interface"] = "skin",
     side: Literal["epidermis", "dermis"] = "epidermis",
     at_mm: float | None = None,

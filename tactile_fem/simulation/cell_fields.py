@@ -24,7 +24,7 @@ class CellFields:
         self._comm, self._mesh = domain.comm, domain.mesh
         self._count = domain.cell_count
         cell = getattr(basix.CellType, self._mesh.topology.cell_name())
-        points, weights = basix.make_quadrature(cell, 2)
+        points, weights = map(np.asarray, basix.make_quadrature(cell, 2))
         self._weights = _KPA_PER_MPA * weights / weights.sum()
         # A section has its tensors in the axes of its plane, the axis across it last.
         axes = [*domain.plane.axes, *domain.plane.outside]

@@ -6,7 +6,7 @@ import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import meshio
 import numpy as np
@@ -88,7 +88,7 @@ class SurfaceFields:
             ) from None
         sizes = np.full((len(self.facets), 1), self.facets.shape[1])
         kind = "lines" if self.facets.shape[1] == 2 else "faces"
-        connections = {kind: np.hstack([sizes, self.facets]).ravel()}
+        connections: dict[str, Any] = {kind: np.hstack([sizes, self.facets]).ravel()}
         mesh = pv.PolyData(self.points_mm + self.displacement_mm, **connections)
         for name, values in self.columns.items():
             mesh.point_data[name] = values
