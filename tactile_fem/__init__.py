@@ -5,7 +5,9 @@ compute mechanics:
 
 - ``Study``, ``load_study``: the input. Its tables (``Finger``, ``Text``, ``Protocol``, …) are in
   `tactile_fem.study`.
-- ``scan``, ``resume``, ``completed``, ``vibrate``: computations; ``Simulation``: one, step by step.
+- ``scan``, ``resume``, ``completed``, ``vibrate``, ``fit``: computations; ``Simulation``: one, step
+  by step.
+- ``Experiment``, ``read_measurements``: what ``fit`` takes.
 - ``Results``, ``draw``: the results folder and its figures.
 - ``Parts`` and what it takes: ``Finger.mesh`` makes a ``FingerMesh``, a ``Law`` is a tissue, a
   ``RigidBody`` (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a
@@ -33,6 +35,8 @@ from tactile_fem.errors import (
 )
 
 if TYPE_CHECKING:
+    from tactile_fem.calibration.fit import fit
+    from tactile_fem.calibration.measurements import Experiment, read_measurements
     from tactile_fem.cli.app import run_script
     from tactile_fem.finger import FingerMesh
     from tactile_fem.neuron import Population
@@ -55,6 +59,7 @@ __all__ = [
     "ConvergenceError",
     "Distance",
     "Embossed",
+    "Experiment",
     "FingerMesh",
     "Law",
     "MeshError",
@@ -73,7 +78,9 @@ __all__ = [
     "TactileError",
     "completed",
     "draw",
+    "fit",
     "load_study",
+    "read_measurements",
     "resume",
     "run_script",
     "scan",
@@ -83,6 +90,8 @@ __all__ = [
 
 # Where the names are that are imported on demand.
 _MODULES = {
+    "calibration.fit": ("fit",),
+    "calibration.measurements": ("Experiment", "read_measurements"),
     "cli.app": ("run_script",),
     "finger": ("FingerMesh",),
     "neuron": ("Population",),

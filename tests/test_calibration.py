@@ -7,12 +7,13 @@ import os
 import signal
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from needs import needs_gmsh
 
-from tactile_fem.calibration.measurements import read_measurements
+from tactile_fem.calibration.measurements import Experiment, read_measurements
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StoppedError, StudyError
@@ -56,7 +57,7 @@ def test_one_press_for_each_indenter_and_speed(tmp_path):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("a,b\n1,2\n", "its columns are a, b but must be indenter,"),
+        ("indenter,b\nplate,2\n", "its columns are indenter, b but must be indenter,"),
         (FORCE + "plate,0.2,1,x,0.1\n", 'line 2: force_N is "x" but must be a number above 0.'),
         (FORCE + "plate,0.2,1,0.2,0\n", 'line 2: sd_N is "0" but must be a number above 0.'),
         (FORCE + "plate,0.2,1,0.2\n", 'line 2: sd_N is "" but must be a number above 0.'),
@@ -200,7 +201,8 @@ def of_formula(study, experiment, changes=(), comm=None):
     slopes = SLOPES[experiment.indenter.kind]
     grown = np.log(study.tissue.subcutaneous.C10_MPa / Study().tissue.subcutaneous.C10_MPa)
     powers = [change.get(("subcutaneous", "C10_MPa"), 0.0) for change in changes]
-    return Prediction(0.05 + slopes * grown, np.outer(slopes, powers))
+    curve = np.array([[0.0, 0.0], [0.3, 0.01], [1.0, 0.05 + slopes[-1] * grown]])
+    return Prediction(0.05 + slopes * grown, np.outer(slopes, powers), curve)
 
 
 @pytest.fixture
@@ -263,17 +265,43 @@ def test_a_fit_has_one_sum_of_squares_and_one_finger(formula):
         (np.log(float(row["value"]) / float(row["start"])) / np.log(factor)) ** 2
         for row, factor in zip(table(folder / "parameters.csv"), (3.0, 2.0, 1.5), strict=True)
     )
-    sentence = (
-        f"sum of squares {of_numbers + changed:.3f}, {of_numbers:.3f} of the measured numbers and "
-        f"{changed:.3f} of the parameters; "
-    )
-    assert sentence + "3 numbers, " in printed
-    assert sentence in logged.splitlines()[-1]
+    sentence = f"sum of squares {of_numbers + changed:.4g}"
+    assert f"{sentence}, 3 numbers, " in printed and printed.count("squares") == 1
+    assert f"{sentence}; " in logged.splitlines()[-1]
     assert logged.count("finger from coarse.msh") == 1
     c10 = float(table(folder / "parameters.csv")[1]["value"])
     assert f"subcutaneous.C10_MPa {c10:.3g} MPa" in logged.splitlines()[-1]
     assert f"{c10:10.4g} MPa" in printed and "95 % interval" in printed
+    assert "skin: moduli times 1 (0.116 to 8.61)" in printed  # and each of them in MPa
+    assert "  stratum_corneum.C10_MPa" in printed
     assert "too narrow" not in printed
+
+
+def test_a_raw_curve_is_fitted_and_drawn_with_the_fitted_finger_s_curve(formula, tmp_path):
+    raw = "depth_mm,force_N\n" + "".join(f"{d},{0.05 * d}\n" for d in (0.7, -0.1, 0.5, 1.0))
+    options = ["--indenter", "plate", "--speed", "0.2"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(SLOPES, "plate", np.array([0.02, 0.03, 0.05]))
+        folder, printed, _ = formula(raw, *options)
+    assert "plate at 0.2 mm/s: 3 of 4 rows are deeper than 0, averaged to 3 points" in printed
+    assert "sd not given, taken as 5 % of the force + 1 % of the largest" in printed
+    assert [row["depth_mm"] for row in table(folder / "curves.csv")] == ["0.0", "0.3", "1.0"]
+
+
+def test_the_figure_of_a_curve_has_its_rows_its_averages_and_the_fitted_finger():
+    from tactile_fem.calibration.tables import figure
+
+    experiment = Experiment.of_curve("plate", 0.2, np.linspace(0, 1, 50), np.linspace(0, 0.1, 50))
+    curve = np.column_stack([np.linspace(0, 1, 20), np.linspace(0, 0.1, 20)])
+    found = SimpleNamespace(
+        experiments=(experiment,), predicted=(experiment.mean,), curves=(curve,)
+    )
+    (axes,) = figure(found).axes
+    _, labels = axes.get_legend_handles_labels()
+    assert labels == ["measured rows", "fitted finger", "mean ± sd"]
+    assert [len(line.get_xdata()) for line in axes.lines[:1]] == [50]
+    assert axes.get_title() == "plate at 0.2 mm/s"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("Indentation (mm)", "Normal force (N)")
 
 
 def test_a_model_that_misses_the_measurements_by_far_is_said(formula):

@@ -314,7 +314,7 @@ WRONG = {
     "thousands": (table(";", ",").replace("50,00", "1.050,00"), r'"1\.050\.00" in line 3'),
     "two maps": (
         "# Channel: A\n" + table() + "# Channel: B\n" + table(),
-        "several maps, the second from line 14",
+        "several tables, the second from line 14",
     ),
     "an empty cell": (table(",").replace("50.00", "", 1), "1 missing or infinite heights"),
     "a marker": ("NODATA_value -9999\n" + table().replace("50.00", "-9999", 1), "1 missing"),

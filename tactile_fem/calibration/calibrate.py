@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
 from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
@@ -25,14 +24,13 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.special import chdtrc, ndtri
 
 from tactile_fem.calibration.measurements import Experiment
-from tactile_fem.calibration.model import Model, deviations
+from tactile_fem.calibration.model import Model
 from tactile_fem.calibration.parameters import Parameter, with_values
 from tactile_fem.calibration.press import study_of
+from tactile_fem.calibration.result import Calibration
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.runtime.estimates import Estimate
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import each_once, shown
 from tactile_fem.runtime.ranks import on_root
@@ -44,99 +42,6 @@ Array = NDArray[np.float64]
 _TOLERANCE = 1e-3
 # Loggers of what describes the finger, which is often that of the press before.
 _FINGER_LOGGERS = ("finger.finger", "finger.build", "mechanics.domain", "simulation.simulation")
-_SD_OF_95_PERCENT = float(ndtri(0.975))
-# Share of the variance that the measurements must take away to call a parameter identified.
-_IDENTIFIED_SHARE = 0.5
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """Result of `calibrate`.
-
-    Attributes
-    ----------
-    start, study
-        The study before, and with the fitted values.
-    parameters, experiments
-        What was fitted to what.
-    x
-        Logarithm of the ratio of each parameter to its start, (parameters,).
-    predicted
-        The model's numbers at `x`, an array for each experiment.
-    jacobian
-        Derivatives of all numbers, in their standard deviations, (numbers, parameters).
-    evaluations, converged
-        Points that the optimizer tried; whether it ended before their limit.
-    """
-
-    start: Study
-    study: Study
-    parameters: tuple[Parameter, ...]
-    experiments: tuple[Experiment, ...]
-    x: Array
-    predicted: tuple[Array, ...]
-    jacobian: Array
-    evaluations: int
-    converged: bool
-
-    @property
-    def deviations(self) -> Array:
-        """Model less measurement, in standard deviations, (numbers,)."""
-        return deviations(self.experiments, self.predicted)
-
-    @property
-    def squares(self) -> tuple[float, float]:
-        """The two sums that were minimized, of the measured numbers and of the parameters."""
-        return float(np.sum(self.deviations**2)), float(np.sum((self.x / self._prior_sd) ** 2))
-
-    @property
-    def probability(self) -> float:
-        """Probability of such large sums if the standard deviations of the input are right.
-
-        The least sum of a linear model follows chi squared with one degree of freedom for each
-        measured number: each parameter adds a square and removes a degree.
-        """
-        return float(chdtrc(len(self.deviations), sum(self.squares)))
-
-    @property
-    def _prior_sd(self) -> Array:
-        return np.array([parameter.sd for parameter in self.parameters])
-
-    @property
-    def covariance(self) -> Array:
-        """Of `x`, (parameters, parameters).
-
-        It assumes independent deviations, which those of one finger are not, with known and normal
-        distributions.
-        """
-        return np.linalg.inv(self.jacobian.T @ self.jacobian + np.diag(1 / self._prior_sd**2))
-
-    @property
-    def sd(self) -> Array:
-        """Standard deviation of `x`."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def learnt(self) -> Array:
-        """Share of the variance that the measurements take away: 0 nothing, 1 all is known."""
-        return 1 - (self.sd / self._prior_sd) ** 2
-
-    @property
-    def correlation(self) -> Array:
-        """Of the parameters, (parameters, parameters)."""
-        return self.covariance / np.outer(self.sd, self.sd)
-
-    @property
-    def influence(self) -> Array:
-        """Change of `x`, in its deviations, by one of a measured number, (numbers, parameters)."""
-        return (self.jacobian @ self.covariance) / self.sd
-
-    def estimate(self, k: int, start: float, power: float = 1.0) -> Estimate:
-        """Return the estimate of a value that parameter k multiplies by ``exp(power x)``."""
-        ends = self.x[k] + _SD_OF_95_PERCENT * self.sd[k] * np.array([-1, 0, 1])
-        low, value, high = np.sort(start * np.exp(power * ends)).tolist()
-        known = self.learnt[k] >= _IDENTIFIED_SHARE
-        return Estimate(value, low, high, "" if known else "not identified")
 
 
 @shown()
@@ -204,6 +109,7 @@ def calibrate(
         experiments=tuple(experiments),
         x=solution.x,
         predicted=tuple(p.values for p in predicted),
+        curves=tuple(p.curve for p in predicted),
         jacobian=solution.jac[: -len(parameters)],
         evaluations=int(solution.nfev),
         converged=solution.status > 0,

@@ -1,6 +1,7 @@
 """Measured forces over depth and profiles of the skin, read from CSV files.
 
-A row is one number: the normal force at a depth, or the deflection of the skin beside the indenter.
+A row of a table is one number: the normal force at a depth, or the deflection of the skin beside
+the indenter.
 
     indenter,speed_mm_s,depth_mm,force_N,sd_N
     plate,0.2,0.5,0.037,0.010
@@ -10,7 +11,8 @@ A row is one number: the normal force at a depth, or the deflection of the skin 
 
 `indenter` is a kind of stimulus and the keys in which it differs from the default, as in a study's
 table [stimulus]. `place_mm` is the distance from the indenter's lowest point, across a bar, else
-along the finger; both sides of the indenter are averaged.
+along the finger; both sides of the indenter are averaged. A file without a column `indenter` is a
+raw curve of one press, see `tactile_fem.calibration.curves`.
 """
 
 from __future__ import annotations
@@ -18,17 +20,18 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import zip_longest
+from dataclasses import dataclass, field
+from itertools import cycle, zip_longest
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
+from tactile_fem.calibration.curves import points_of, read_curve
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.text import read_rows
+from tactile_fem.runtime.text import read_rows, read_text
 from tactile_fem.study import Stimulus, Study
 from tactile_fem.study.explain import explain
 
@@ -53,6 +56,10 @@ class Experiment:
         normal force, (n,).
     mean, sd
         The numbers and their standard deviations, N or mm, (n,).
+    rows
+        Depth in mm and force in N as they were measured, (rows, 2), if the numbers are averages.
+    origin
+        Where the numbers of a raw curve and their standard deviations come from; else empty.
     """
 
     name: str
@@ -62,6 +69,58 @@ class Experiment:
     place_mm: Array
     mean: Array
     sd: Array
+    rows: Array = field(default_factory=lambda: np.empty((0, 2)))
+    origin: str = ""
+
+    @classmethod
+    def of_curve(
+        cls,
+        indenter: Stimulus | str,
+        speed_mm_s: float,
+        depth_mm: ArrayLike,
+        force_N: ArrayLike,
+        sd_N: ArrayLike | None = None,
+    ) -> Self:
+        """Return a press of which many rows were measured; they are averaged.
+
+        Parameters
+        ----------
+        indenter
+            A stimulus such as ``Sphere(radius_mm=2.0)``, or how a file names it.
+        speed_mm_s
+            Of the indenter.
+        depth_mm, force_N
+            Depth below first contact and normal force, (rows,), in any order. Rows at a depth of 0
+            or less are left out.
+        sd_N
+            Standard deviation of the forces: one, or (rows,). Default 5 % of each average and 1 %
+            of the largest, with the scatter of the rows.
+
+        Raises
+        ------
+        StudyError
+            There are too few rows, no force at the largest depth, or speed or `sd_N` is not above
+            0.
+        """
+        if not (math.isfinite(speed_mm_s) and speed_mm_s > 0):
+            raise StudyError(f"speed is {speed_mm_s:g} mm/s but must be above 0.")
+        if isinstance(indenter, str):
+            name, body = indenter, parse_indenter(indenter, "indenter")
+        else:
+            name, body = indenter.kind, indenter
+        name = f"{name} at {speed_mm_s:g} mm/s"
+        points = points_of(depth_mm, force_N, sd_N, name)
+        return cls(
+            name=name,
+            indenter=body,
+            speed_mm_s=speed_mm_s,
+            depth_mm=points.depth_mm,
+            place_mm=np.full(len(points.depth_mm), np.nan),
+            mean=points.force_N,
+            sd=points.sd_N,
+            rows=np.column_stack([depth_mm, force_N]),
+            origin=points.origin,
+        )
 
     @property
     def is_force(self) -> NDArray[np.bool_]:
@@ -78,14 +137,49 @@ class _Row(NamedTuple):
     sd: float
 
 
-def read_measurements(files: Sequence[Path]) -> list[Experiment]:
-    """Return the experiments of CSV files, one for each indenter and speed.
+def read_measurements(
+    files: Sequence[Path | str],
+    *,
+    indenters: Sequence[str] = (),
+    speed_mm_s: float | None = None,
+    sd_N: float | None = None,
+) -> list[Experiment]:
+    """Return the experiments of text files, one for each indenter and speed.
+
+    Parameters
+    ----------
+    files
+        Tables of measurements, or raw curves: columns of depth and force of a press.
+    indenters
+        Of the raw curves, as a table names them (``sphere radius_mm=2``): one for all, or one for
+        each in turn.
+    speed_mm_s
+        Of the raw curves.
+    sd_N
+        Standard deviation of the forces of raw curves; default see `Experiment.of_curve`.
 
     Raises
     ------
     StudyError
-        A file cannot be read, or a row is wrong: file, line, value and what is allowed.
+        A file cannot be read, or a row is wrong: file, line, value and what is allowed; a raw curve
+        lacks its indenter or speed, or there is one too many.
     """
+    paths = [Path(file) for file in files]
+    raw = [path for path in paths if not _is_table(path)]
+    found = _of_tables([path for path in paths if path not in raw])
+    found += _of_curves(raw, indenters, speed_mm_s, sd_N)
+    if not found:
+        raise StudyError("There are no measurements: name one or more CSV files.")
+    return found
+
+
+def _is_table(file: Path) -> bool:
+    """Return whether the first row of a file names a column `indenter`."""
+    first = read_text(file, str(file), western=True, binary="it is no CSV file").lstrip()
+    return "indenter" in first.partition("\n")[0]
+
+
+def _of_tables(files: Sequence[Path]) -> list[Experiment]:
     rows: dict[tuple[str, float], list[_Row]] = {}
     indenters: dict[str, Stimulus] = {}
     for file in files:
@@ -95,9 +189,51 @@ def read_measurements(files: Sequence[Path]) -> list[Experiment]:
             if row.indenter not in indenters:
                 indenters[row.indenter] = parse_indenter(row.indenter, where)
             rows.setdefault((row.indenter, row.speed_mm_s), []).append(row)
-    if not rows:
-        raise StudyError("There are no measurements: name one or more CSV files.")
     return [_experiment(indenters[indenter], of_press) for (indenter, _), of_press in rows.items()]
+
+
+def _of_curves(
+    files: Sequence[Path],
+    indenters: Sequence[str],
+    speed_mm_s: float | None,
+    sd_N: float | None,
+) -> list[Experiment]:
+    given = {"indenter": bool(indenters), "speed": speed_mm_s is not None, "sd": sd_N is not None}
+    if not files and any(given.values()):
+        names = " and ".join(name for name, is_given in given.items() if is_given)
+        raise StudyError(f"{names} must not be given: no file is a raw curve, and tables state it.")
+    curves = [read_curve(file) for file in files]
+    if not curves:
+        return []
+    if not indenters or speed_mm_s is None:
+        raise StudyError(
+            f"{files[0]} is a raw curve: its indenter, such as plate or sphere radius_mm=2, and "
+            "its speed in mm/s must be given."
+        )
+    if len(indenters) not in (1, len(files)):
+        raise StudyError(
+            f"{len(indenters)} indenters are given for {len(files)} raw curves: give one, or one "
+            "for each."
+        )
+    presses: dict[str, list[Array]] = {}
+    for indenter, curve in zip(cycle(indenters), curves, strict=False):
+        presses.setdefault(" ".join(indenter.split()), []).append(curve)
+    return [_of_rows(indenter, speed_mm_s, rows, sd_N) for indenter, rows in presses.items()]
+
+
+def _of_rows(
+    indenter: str, speed_mm_s: float, curves: Sequence[Array], sd_N: float | None
+) -> Experiment:
+    """Return the experiment of raw curves of equal presses; their own sd if all have it."""
+    width = min(rows.shape[1] for rows in curves)
+    depth, force, *own = np.vstack([rows[:, :width] for rows in curves]).T
+    sd = sd_N if sd_N is not None or not own else own[0]
+    return Experiment.of_curve(indenter, speed_mm_s, depth, force, sd)
+
+
+def deviations(experiments: Sequence[Experiment], values: Sequence[Array]) -> Array:
+    """Return model less measurement, in standard deviations, of all experiments' numbers."""
+    return np.concatenate([(v - e.mean) / e.sd for v, e in zip(values, experiments, strict=True)])
 
 
 def parse_indenter(text: str, where: str) -> Stimulus:

@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_fem.calibration.measurements import Experiment
+from tactile_fem.calibration.measurements import Experiment, deviations
 from tactile_fem.calibration.parameters import Parameter, with_values
 from tactile_fem.calibration.press import Prediction, press, study_of
 from tactile_fem.calibration.sensitivity import Change
@@ -36,19 +36,6 @@ Array = NDArray[np.float64]
 _LENGTH_STEP = 0.05
 
 
-def deviations(experiments: Sequence[Experiment], values: Sequence[Array]) -> Array:
-    """Return model less measurement, in standard deviations, of all experiments' numbers."""
-    return np.concatenate([(v - e.mean) / e.sd for v, e in zip(values, experiments, strict=True)])
-
-
-def squares_in_words(of_numbers: float, of_parameters: float) -> str:
-    """Return the two sums of squares that are minimized as a half sentence."""
-    return (
-        f"sum of squares {of_numbers + of_parameters:.3f}, {of_numbers:.3f} of the measured "
-        f"numbers and {of_parameters:.3f} of the parameters"
-    )
-
-
 @dataclass(frozen=True)
 class Task:
     """A press that is wanted, and its file."""
@@ -63,7 +50,8 @@ class Task:
         pressed = dump_study(with_files(study_of(self.study, self.experiment), content_of))
         wanted = [self.experiment.depth_mm, self.experiment.place_mm]
         changes = [sorted(change.items()) for change in self.changes]
-        text = pressed + repr([array.tolist() for array in wanted]) + repr(changes)
+        kept = [one.name for one in fields(Prediction)]
+        text = pressed + repr([array.tolist() for array in wanted]) + repr([changes, kept])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def run(self, file: Path, comm: MPI.Comm = MPI.COMM_SELF) -> None:
@@ -120,9 +108,9 @@ class Model:
         numbers, prior = deviations(self._experiments, values), x / self._prior_sd
         if is_new:
             logger.info(
-                "point %d of at most %d, %s: %s; %s",
+                "point %d of at most %d, %s: sum of squares %.4g; %s",
                 *(len(self._seen), self._evaluations, self._time_left()),
-                squares_in_words(float(numbers @ numbers), float(prior @ prior)),
+                float(numbers @ numbers + prior @ prior),
                 ", ".join(
                     f"{p.name} {p.value(self._study) * math.exp(at):.3g} {p.unit}"
                     for p, at in zip(self._parameters, x, strict=True)

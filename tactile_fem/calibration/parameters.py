@@ -17,6 +17,13 @@ from tactile_fem.study.explain import explain, suggestion
 
 _SKIN = ("stratum_corneum", "epidermis", "dermis")
 _TISSUES = (*_SKIN, "subcutaneous", "bone", "nail")
+# What a fit changes unless it is told.
+DEFAULT_PARAMETERS = (
+    "skin",
+    "subcutaneous.C10_MPa",
+    "subcutaneous.C20_MPa",
+    "subcutaneous.D1_per_MPa",
+)
 _FACTOR = 3.0  # of a parameter for which none is given
 
 

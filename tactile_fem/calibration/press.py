@@ -38,6 +38,7 @@ class Prediction:
 
     values: Array  # in place of the measured numbers, (n,); NaN beyond where the press ended
     derivatives: Array  # along each change of the constants, (n, changes)
+    curve: Array  # depth in mm and normal force in N at each step of the press, (steps + 1, 2)
 
 
 def study_of(study: Study, experiment: Experiment) -> Study:
@@ -63,9 +64,8 @@ def press(
     parts = Parts(path=Path((lambda start: _press(start, depths, experiment.speed_mm_s),)))
     simulation = Simulation(study_of(study, experiment), parts, comm)
     skin = on_root(comm, lambda: _line_of_skin(simulation, experiment))
-    found = Prediction(
-        np.full(len(experiment.mean), np.nan), np.full((len(experiment.mean), len(changes)), np.nan)
-    )
+    values = np.full(len(experiment.mean), np.nan)
+    derivatives, curve = np.full((len(values), len(changes)), np.nan), [(0.0, 0.0)]
     with closing(simulation):
         problem = simulation.problem
         sensitivities = Sensitivities(problem, changes)
@@ -73,18 +73,19 @@ def press(
             with stopping(problem.solver.snes, comm) as stop:
                 for step in simulation.steps():
                     sensitivities.follow()
+                    curve.append((step.depth_mm, float(step.force_N[2])))
                     here = np.isclose(experiment.depth_mm, step.depth_mm)
                     if here.any():
                         read = _reading(simulation, experiment, here, skin)
-                        found.values[here] = read()
+                        values[here] = read()
                         if changes:
-                            found.derivatives[here] = sensitivities.derivative(read).T
+                            derivatives[here] = sensitivities.derivative(read).T
                     stop.check()
         except StoppedError:
             raise
         except TactileError as error:  # also: no sensitivities where the skin is about to snap
             logger.warning("%s: %s", experiment.name, error)
-    return found
+    return Prediction(values, derivatives, np.array(curve))
 
 
 def _press(start_mm: Array, depths_mm: Array, speed_mm_s: float) -> Motion:

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from tactile_fem.calibration.calibrate import Calibration
 from tactile_fem.calibration.measurements import Experiment
-from tactile_fem.calibration.model import squares_in_words
 from tactile_fem.calibration.parameters import unit_of, value_at
-from tactile_fem.runtime.estimates import Estimate, r_squared
+from tactile_fem.calibration.result import Calibration
+from tactile_fem.runtime.estimates import Estimate
 from tactile_fem.runtime.files import write_figure, write_table, write_text
 from tactile_fem.study.file import dump_study
 from tactile_fem.study.kept import keep_files
 
+Array = NDArray[np.float64]
 Row = dict[str, str | float]
 
-_SMALLEST_PROBABILITY = (
-    0.01  # probability below which the deviations are not only the measurements'
-)
-_STRONG_CORRELATION = 0.7
+_TITLE_CHARACTERS = 36
+_GREY = "#999999"
 _BLUE, _ORANGE = "#0072B2", "#D55E00"
 
 
@@ -30,8 +30,9 @@ def write_results(found: Calibration, folder: Path) -> None:
     """Write ``study.toml``, tables and the figure of a calibration into its folder.
 
     ``parameters.csv`` (values, 95 % intervals), ``constants.csv`` (each value of the study that
-    they change), ``correlation.csv``, ``predicted.csv`` (model and measurement), ``pulls.csv``
-    (influence of each measurement) and ``fit.png``.
+    they change), ``correlation.csv``, ``predicted.csv`` (model and measurement), ``curves.csv``
+    (the fitted finger's forces at each step), ``pulls.csv`` (influence of each measurement) and
+    ``fit.png``.
     """
     write_text(folder / "study.toml", dump_study(found.study))
     keep_files(found.study, folder, afresh=True)
@@ -48,6 +49,7 @@ def write_results(found: Calibration, folder: Path) -> None:
     write_table(folder / "constants.csv", constants_table(found))
     write_table(folder / "correlation.csv", correlation)
     write_table(folder / "predicted.csv", predicted_table(found))
+    write_table(folder / "curves.csv", curves_table(found))
     write_table(folder / "pulls.csv", pulls)
     write_figure(folder / "fit.png", figure(found), dpi=150)
 
@@ -105,79 +107,62 @@ def predicted_table(found: Calibration) -> list[Row]:
     ]
 
 
-def summary(found: Calibration) -> str:
-    """Return the result in lines of text."""
-    lines = [f"{'parameter':26} {'value':>10} {'unit':17} 95 % interval"]
-    for k, parameter in enumerate(found.parameters):
-        e = found.estimate(k, parameter.value(found.start))
-        doubt = f": {e.doubt}" if e.doubt else ""
-        lines.append(
-            f"{parameter.name:26} {e.value:10.4g} {parameter.unit:17} "
-            f"{e.low:.3g} to {e.high:.3g}{doubt}"
-        )
-    names = [p.name for p in found.parameters]
-    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
-        if abs(r := found.correlation[i, j]) > _STRONG_CORRELATION:
-            lines.append(f"correlation of {names[i]} and {names[j]} {r:+.2f}")
-    for experiment, values in zip(found.experiments, found.predicted, strict=True):
-        lines += _agreement(experiment, values)
-    numbers = f"{len(found.deviations)} numbers, {found.evaluations} points"
-    lines.append(f"{squares_in_words(*found.squares)}; {numbers}")
-    if not found.converged:
-        lines.append("not converged: allow more points; no press is repeated")
-    if found.probability < _SMALLEST_PROBABILITY:
-        lines.append(
-            "the model is farther from the measurements than their standard deviations allow: the "
-            "intervals are too narrow"
-        )
-    return "\n".join(lines)
-
-
-def _agreement(experiment: Experiment, values: np.ndarray) -> list[str]:
-    force, error = experiment.is_force, values - experiment.mean
-    lines = [experiment.name]
-    for k in np.flatnonzero(force):
-        lines.append(
-            f"{experiment.depth_mm[k]:8.2f} mm  {values[k]:7.4f} N  measured "
-            f"{experiment.mean[k]:.4f} ({experiment.sd[k]:.4f})  "
-            f"{error[k] / experiment.sd[k]:+.2f} sd"
-        )
-    if not force.all():
-        r2, off = r_squared(values[~force], experiment.mean[~force]), error[~force]
-        rms, worst = np.sqrt(np.mean(off**2)), off[np.argmax(np.abs(off))]
-        lines.append(f"   profile: R2 {r2:.4f}, rms {rms:.4f} mm, worst {worst:+.3f} mm")
-    return lines
+def curves_table(found: Calibration) -> list[Row]:
+    """Return the force at each step of the fitted finger's presses."""
+    return [
+        {"indenter": e.name, "depth_mm": _short(depth), "force_N": _short(force)}
+        for e, curve in zip(found.experiments, found.curves, strict=True)
+        for depth, force in curve
+    ]
 
 
 def figure(found: Calibration) -> Figure:
     """Draw each experiment: forces over depth, profiles over the distance from the indenter."""
     panels = [
-        (experiment, values, chosen)
-        for experiment, values in zip(found.experiments, found.predicted, strict=True)
-        for chosen in (experiment.is_force, ~experiment.is_force)
-        if chosen.any()
+        (experiment, values, curve, is_force)
+        for experiment, values, curve in zip(
+            found.experiments, found.predicted, found.curves, strict=True
+        )
+        for is_force in (True, False)
+        if (experiment.is_force == is_force).any()
     ]
-    drawing = Figure(figsize=(3.6 * len(panels), 3.3), layout="constrained")
+    drawing = Figure(figsize=(4.0 * len(panels), 3.5), layout="constrained")
     for axes, panel in zip(np.atleast_1d(drawing.subplots(1, len(panels))), panels, strict=True):
-        _draw(axes, *panel)
+        experiment, values, curve, is_force = panel
+        if is_force:
+            _draw_forces(axes, experiment, curve)
+        else:
+            _draw_profile(axes, experiment, values)
+        title = textwrap.wrap(experiment.name, _TITLE_CHARACTERS)
+        axes.set_title("\n".join(title), fontsize="medium")
+        axes.legend(frameon=False, fontsize="small")
     return drawing
 
 
-def _draw(axes: Axes, experiment: Experiment, values: np.ndarray, chosen: np.ndarray) -> None:
-    force = bool(experiment.is_force[chosen][0])
-    at = (experiment.depth_mm if force else experiment.place_mm)[chosen]
-    order = np.argsort(at)
-    mean, sd = experiment.mean[chosen][order], experiment.sd[chosen][order]
-    axes.errorbar(
-        at[order], mean, sd, fmt="o", capsize=3, color=_ORANGE, label="measured, mean ± sd"
-    )
-    axes.plot(at[order], values[chosen][order], color=_BLUE, marker=".", label="model")
-    axes.set_title(experiment.indenter.kind, fontsize="medium")
-    if force:
-        axes.set(xlabel="Indentation (mm)", ylabel="Normal force (N)", ylim=(0, None))
-    else:
-        axes.set(xlabel="Distance from the indenter (mm)", ylabel="Deflection of the skin (mm)")
-    axes.legend(frameon=False, fontsize="small")
+def _draw_forces(axes: Axes, experiment: Experiment, curve: Array) -> None:
+    """Draw the curve of the fitted finger over the measured rows and their averages."""
+    force, rows = experiment.is_force, experiment.rows
+    if len(rows):
+        axes.plot(*rows.T, ".", color=_GREY, ms=3, label="measured rows")
+    _draw_measured(axes, experiment, experiment.depth_mm, force)
+    axes.plot(*curve.T, color=_BLUE, label="fitted finger", zorder=3)
+    axes.set(xlabel="Indentation (mm)", ylabel="Normal force (N)")
+    axes.set(xlim=(0, None), ylim=(0, None))
+
+
+def _draw_profile(axes: Axes, experiment: Experiment, values: Array) -> None:
+    chosen, place = ~experiment.is_force, experiment.place_mm
+    _draw_measured(axes, experiment, place, chosen)
+    order = np.argsort(place[chosen])
+    axes.plot(place[chosen][order], values[chosen][order], ".-", color=_BLUE, label="fitted finger")
+    axes.set(xlabel="Distance from the indenter (mm)", ylabel="Deflection of the skin (mm)")
+
+
+def _draw_measured(
+    axes: Axes, experiment: Experiment, at: Array, chosen: NDArray[np.bool_]
+) -> None:
+    mean, sd = experiment.mean[chosen], experiment.sd[chosen]
+    axes.errorbar(at[chosen], mean, sd, fmt="o", ms=4, capsize=3, color=_ORANGE, label="mean ± sd")
 
 
 def _numbers(found: Calibration) -> list[tuple[Experiment, int]]:

@@ -29,13 +29,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-_DEFAULT_PARAMETERS = (
-    "skin",
-    "subcutaneous.C10_MPa",
-    "subcutaneous.C20_MPa",
-    "subcutaneous.D1_per_MPa",
-)
-
 
 def scan(
     study: StudyFile = None,
@@ -189,6 +182,15 @@ def _run_series(members: Sequence[Member], folder: Path, shares: Shares) -> None
 
 def fit(
     *measured: Path,
+    indenter: Annotated[
+        list[str] | None,
+        Parameter(
+            help='Of raw curves: a kind of stimulus and its keys, plate or "sphere radius_mm=2"; '
+            "one for all, or one for each in turn."
+        ),
+    ] = None,
+    speed: PositiveFloat | None = None,
+    sd: PositiveFloat | None = None,
     study: Path | None = None,
     changes: Changes = (),
     parameters: Annotated[
@@ -207,13 +209,18 @@ def fit(
 ) -> None:
     """Fit tissues, and the finger's shape, to measurements of somebody's finger.
 
-    A CSV file has the columns indenter, speed_mm_s, depth_mm, force_N, sd_N, or indenter,
-    speed_mm_s, depth_mm, place_mm, deflection_mm, sd_mm. Started again, it repeats no press.
+    A CSV file is a raw curve, depth_mm and force_N, or a table with the columns indenter,
+    speed_mm_s, depth_mm, force_N, sd_N, or indenter, speed_mm_s, depth_mm, place_mm, deflection_mm,
+    sd_mm. Started again, it repeats no press.
 
     Parameters
     ----------
     measured
         CSV files with forces over depth or profiles of the skin.
+    speed
+        Of raw curves: speed of the press in mm/s.
+    sd
+        Of raw curves: standard deviation of a force in N; default 5 % of it and 1 % of the largest.
     study
         Study file to start from; default values without one.
     results
@@ -225,23 +232,22 @@ def fit(
     """
     from tactile_fem import load_study
     from tactile_fem.calibration.measurements import read_measurements
-    from tactile_fem.calibration.parameters import parse_parameter
+    from tactile_fem.calibration.parameters import DEFAULT_PARAMETERS, parse_parameter
 
     start = load_study(study, changes)
-    experiments = read_measurements(measured)
-    chosen = [parse_parameter(text, start) for text in parameters or _DEFAULT_PARAMETERS]
+    experiments = read_measurements(measured, indenters=indenter or (), speed_mm_s=speed, sd_N=sd)
+    names = parameters or DEFAULT_PARAMETERS
+    for name in names:
+        parse_parameter(name, start)  # raises here, before ranks are started
     if jobs > 1 and ranks_ > 1:
         raise StudyError(f"--jobs is {jobs} and --ranks {ranks_}, but one of them must be 1.")
-    module = with_mechanics("tactile_fem.calibration.calibrate", ranks_)
+    module = with_mechanics("tactile_fem.calibration.fit", ranks_)
     with signal_handler(raise_stopped):
-        found = module.calibrate(
-            start, experiments, chosen, results, jobs=jobs, evaluations=evaluations
+        found = module.fit(
+            start, experiments, results, parameters=names, jobs=jobs, evaluations=evaluations
         )
     if ranks.is_first():
-        from tactile_fem.calibration.tables import summary, write_results
-
-        write_results(found, results)
-        print(summary(found))
+        print(found)
         print(f"Tables, figure and study.toml are in {results}")
 
 

@@ -29,13 +29,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus.height_table import (
-    UnusableError,
-    check_count,
-    is_table,
-    read_table,
-    sizes_of,
-)
+from tactile_fem.runtime.number_table import UnusableError, check_count, is_table, read_table
+from tactile_fem.stimulus.height_table import sizes_of
 
 MIN_VALUES = 4  # along an axis
 _MAX_BYTES = 400_000_000
@@ -96,7 +91,7 @@ def _array(file: Path) -> Raw:
 
 
 def _table(file: Path) -> Raw:
-    values, header = read_table(file)
+    values, header = read_table(file, f"stimulus.file = {file}")
     return Raw(values, *sizes_of(header, values.shape, file))
 
 

@@ -1,0 +1,184 @@
+"""What a calibration has found: constants with intervals, agreement, and both in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, ndtri
+
+from tactile_fem.calibration.measurements import Experiment, deviations
+from tactile_fem.calibration.parameters import Parameter, unit_of, value_at
+from tactile_fem.runtime.estimates import Estimate, r_squared
+from tactile_fem.study import Study
+
+Array = NDArray[np.float64]
+
+_SD_OF_95_PERCENT = float(ndtri(0.975))
+# Share of the variance that the measurements must take away to call a parameter identified.
+_IDENTIFIED_SHARE = 0.5
+# Probability below which the deviations are not only the measurements'.
+_SMALLEST_PROBABILITY = 0.01
+_STRONG_CORRELATION = 0.7
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Result of `calibrate`.
+
+    Attributes
+    ----------
+    start, study
+        The study before, and with the fitted values.
+    parameters, experiments
+        What was fitted to what.
+    x
+        Logarithm of the ratio of each parameter to its start, (parameters,).
+    predicted
+        The model's numbers at `x`, an array for each experiment.
+    curves
+        Depth in mm and normal force in N at each step of the fitted finger's presses, (steps, 2).
+    jacobian
+        Derivatives of all numbers, in their standard deviations, (numbers, parameters).
+    evaluations, converged
+        Points that the optimizer tried; whether it ended before their limit.
+    """
+
+    start: Study
+    study: Study
+    parameters: tuple[Parameter, ...]
+    experiments: tuple[Experiment, ...]
+    x: Array
+    predicted: tuple[Array, ...]
+    curves: tuple[Array, ...]
+    jacobian: Array
+    evaluations: int
+    converged: bool
+
+    @property
+    def deviations(self) -> Array:
+        """Model less measurement, in standard deviations, (numbers,)."""
+        return deviations(self.experiments, self.predicted)
+
+    @property
+    def squares(self) -> float:
+        """The sum that was minimized: of the numbers' deviations and the parameters' changes."""
+        return float(np.sum(self.deviations**2) + np.sum((self.x / self._prior_sd) ** 2))
+
+    @property
+    def probability(self) -> float:
+        """Probability of so large a sum if the standard deviations of the input are right.
+
+        The least sum of a linear model follows chi squared with one degree of freedom for each
+        measured number: each parameter adds a square and removes a degree.
+        """
+        return float(chdtrc(len(self.deviations), self.squares))
+
+    @property
+    def _prior_sd(self) -> Array:
+        return np.array([parameter.sd for parameter in self.parameters])
+
+    @property
+    def covariance(self) -> Array:
+        """Of `x`, (parameters, parameters).
+
+        It assumes independent deviations, which those of one finger are not, with known and normal
+        distributions.
+        """
+        return np.linalg.inv(self.jacobian.T @ self.jacobian + np.diag(1 / self._prior_sd**2))
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviation of `x`."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def learnt(self) -> Array:
+        """Share of the variance that the measurements take away: 0 nothing, 1 all is known."""
+        return 1 - (self.sd / self._prior_sd) ** 2
+
+    @property
+    def correlation(self) -> Array:
+        """Of the parameters, (parameters, parameters)."""
+        return self.covariance / np.outer(self.sd, self.sd)
+
+    @property
+    def influence(self) -> Array:
+        """Change of `x`, in its deviations, by one of a measured number, (numbers, parameters)."""
+        return (self.jacobian @ self.covariance) / self.sd
+
+    def estimate(self, k: int, start: float, power: float = 1.0) -> Estimate:
+        """Return the estimate of a value that parameter k multiplies by ``exp(power x)``."""
+        ends = self.x[k] + _SD_OF_95_PERCENT * self.sd[k] * np.array([-1, 0, 1])
+        low, value, high = np.sort(start * np.exp(power * ends)).tolist()
+        known = self.learnt[k] >= _IDENTIFIED_SHARE
+        return Estimate(value, low, high, "" if known else "not identified")
+
+    def constants(self) -> dict[str, Estimate]:
+        """Return the estimate of each value of the study that a parameter changes, by its key."""
+        return {
+            ".".join(keys): self.estimate(k, value_at(self.start, keys), power)
+            for k, parameter in enumerate(self.parameters)
+            for keys, power in parameter.powers.items()
+        }
+
+    def __str__(self) -> str:
+        """Return the result in lines of text."""
+        lines = [f"{'constant':32} {'value':>10} {'unit':6} {'95 % interval':20} start"]
+        for k, parameter in enumerate(self.parameters):
+            lines += self._lines_of(k, parameter)
+        names = [p.name for p in self.parameters]
+        for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+            if abs(r := self.correlation[i, j]) > _STRONG_CORRELATION:
+                lines.append(f"correlation of {names[i]} and {names[j]} {r:+.2f}")
+        for experiment, values in zip(self.experiments, self.predicted, strict=True):
+            lines += _agreement(experiment, values)
+        lines.append(
+            f"sum of squares {self.squares:.4g}, {len(self.deviations)} numbers, "
+            f"{self.evaluations} points"
+        )
+        if not self.converged:
+            lines.append("not converged: allow more points; no press is repeated")
+        if self.probability < _SMALLEST_PROBABILITY:
+            lines.append(
+                "the model is farther from the measurements than their standard deviations allow: "
+                "the intervals are too narrow"
+            )
+        return "\n".join(lines)
+
+    def _lines_of(self, k: int, parameter: Parameter) -> list[str]:
+        """Return the constants of a parameter; before several of them, their factor."""
+        lines, indent = [], ""
+        if len(parameter.powers) > 1:
+            factor, indent = self.estimate(k, 1.0), "  "
+            lines.append(
+                f"{parameter.name}: moduli times {factor.value:.3g} "
+                f"({factor.low:.3g} to {factor.high:.3g})"
+            )
+        for keys, power in parameter.powers.items():
+            start = value_at(self.start, keys)
+            e = self.estimate(k, start, power)
+            name = indent + ".".join(keys).removeprefix("tissue.")
+            doubt = f"  {e.doubt}" if e.doubt else ""
+            lines.append(
+                f"{name:32} {e.value:10.4g} {unit_of(keys):6} "
+                f"{f'{e.low:.3g} to {e.high:.3g}':20} {start:.4g}{doubt}"
+            )
+        return lines
+
+
+def _agreement(experiment: Experiment, values: Array) -> list[str]:
+    force, error = experiment.is_force, values - experiment.mean
+    lines = [experiment.name + (f": {experiment.origin}" if experiment.origin else "")]
+    for k in np.flatnonzero(force):
+        lines.append(
+            f"{experiment.depth_mm[k]:8.2f} mm  {values[k]:7.4f} N  measured "
+            f"{experiment.mean[k]:.4f} ({experiment.sd[k]:.4f})  "
+            f"{error[k] / experiment.sd[k]:+.2f} sd"
+        )
+    if not force.all():
+        r2, off = r_squared(values[~force], experiment.mean[~force]), error[~force]
+        rms, worst = np.sqrt(np.mean(off**2)), off[np.argmax(np.abs(off))]
+        lines.append(f"   profile: R2 {r2:.4f}, rms {rms:.4f} mm, worst {worst:+.3f} mm")
+    return lines
