@@ -12,6 +12,10 @@ from tactile_fem.study import Finger, Study
 
 SPEED = 20.0
 PRESS, SLIDE = 8, 50
+COSTS = (
+    *("linear_iterations", "contact_area_mm2", "gap_error_mm", "traction_error", "volume_change"),
+    *("stored_mJ", "work_mJ", "friction_mJ", "imbalance_N"),
+)
 
 
 def make_trace(across=np.arange(-10, 11) * 0.5):
@@ -25,8 +29,12 @@ def make_trace(across=np.arange(-10, 11) * 0.5):
     moved = np.zeros((len(depth), len(across), 3))
     moved[..., 1] = -displacement[:, None] / 10
     moved[..., 2] = 1.5 - height / 2
+    clock = (depth + displacement) / SPEED
     return {
-        "time_s": (depth - 1.97) / SPEED + displacement / SPEED,
+        **dict.fromkeys(COSTS, 0 * clock),
+        "clock_s": clock,
+        "time_s": clock - 1.97 / SPEED,
+        "phase": np.repeat(["rest", "press", "slide"], [1, PRESS - 1, SLIDE]),
         "displacement_mm": displacement,
         "depth_mm": depth,
         "newton_iterations": np.full(len(depth), 5),

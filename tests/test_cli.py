@@ -244,13 +244,15 @@ def test_a_scan_started_again_goes_on_but_only_with_the_same_study(capsys, scans
     )
     monkeypatch.setattr("tactile_fem.output.figures.draw", lambda results: [])
     results = make_results("r")
-    assert "not empty" in sentence_of(capsys, ["scan", "--results", "r"])
-    results.save_run({"status": "running"})
     changed = ["scan", "--results", "r", "--set", "protocol.depth_mm=1"]
-    assert "not empty" in sentence_of(capsys, changed)
+    for status in ("complete", "running"):
+        results.save_run({"status": status})
+        assert "protocol.depth_mm is 1.97 there and 1 here" in sentence_of(capsys, changed)
     assert made == []
-    assert cli.main(["scan", "--results", "r"]) == 0
-    assert made == [(Study(), Path("r"))]
+    for status in ("complete", "running"):
+        results.save_run({"status": status})
+        assert cli.main(["scan", "--results", "r"]) == 0
+    assert made == 2 * [(Study(), Path("r"))]
 
 
 def test_a_file_that_cannot_be_written_is_one_sentence(capsys, scans, monkeypatch):

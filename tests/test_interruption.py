@@ -169,6 +169,15 @@ def quick(study) -> Study:
     return study.model_copy(update={"protocol": protocol, "output": Output(pictures=False)})
 
 
+def test_a_signal_before_the_first_step_is_the_scans_too(quick, tmp_path, monkeypatch):
+    """Libraries that compile clean up after an Exception, which KeyboardInterrupt is not."""
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr("tactile_fem.simulation.run.Simulation", lambda *parts: interrupt())
+    with pytest.raises(StoppedError, match="stopped by SIGINT"):
+        scan(quick, tmp_path / "r")
+    assert signal.getsignal(signal.SIGINT) is before and not (tmp_path / "r").exists()
+
+
 @pytest.mark.parametrize("last", [False, True])
 def test_a_second_signal_does_not_cut_off_the_saving(quick, tmp_path, monkeypatch, last):
     """Also where another handler waits around the scan, as the command line's does."""

@@ -11,6 +11,7 @@ from synthetic import make_fields, make_results
 
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StudyError
+from tactile_fem.simulation.earlier import earlier_scan
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Follow, Mesh, Plate, Press, Protocol, Study, Surface, Text
 from tactile_fem.study.file import load_study
@@ -124,9 +125,9 @@ def test_a_file_that_changed_is_not_the_scans(away):
     np.testing.assert_array_equal(again.study.stimulus.body().distance(POINTS).gap, before)
     assert not again.is_of(study)
     with pytest.raises(StudyError, match=r"has changed since the scan in .* began: bring it"):
-        Results.unfinished(results.folder, study)
+        earlier_scan(results.folder, study)
     heights(away)
-    assert Results.unfinished(results.folder, study)
+    assert earlier_scan(results.folder, study) == "unfinished"
 
 
 def test_another_file_in_an_edited_study_is_no_copy(away):

@@ -1,5 +1,6 @@
 import io
 import logging
+import sys
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 
@@ -86,6 +87,22 @@ def test_a_terminal_gets_a_bar():
     assert "100 %" in text and "something to say" in text
 
 
+def test_a_notebook_gets_one_line_of_its_cell(monkeypatch):
+    lines = []
+
+    def display(line, *, display_id):
+        assert display_id
+        lines.append(line)
+        return SimpleNamespace(update=lines.append)
+
+    monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(display=display))
+    text = run(Console(file=io.StringIO(), force_jupyter=True))
+    assert len(text.splitlines()) == 1 and "something to say" in text
+    assert len(lines) == 1 + len(STEPS) and "press" in str(lines[1])
+    assert str(lines[-1]).endswith("100 %")
+    assert '<progress max="1" value="0.1600">' in lines[2]._repr_html_()
+
+
 def configure_nothing(monkeypatch):
     """Take away the handlers with which pytest captures the log of the test that calls."""
     monkeypatch.setattr(logging.getLogger(), "handlers", [])
@@ -155,6 +172,20 @@ def test_the_log_file_has_every_step(tmp_path):
     assert text.count("step ") == 3 and "something to say" in text
     logging.getLogger("tactile_fem.simulation").info("afterwards")
     assert "afterwards" not in (tmp_path / "log.txt").read_text()
+
+
+def test_a_log_file_shows_others_no_more_than_before(tmp_path, monkeypatch):
+    """As `logging.basicConfig` configures it: the level is the root logger's, not a handler's."""
+    configure_nothing(monkeypatch)
+    text, root = io.StringIO(), logging.getLogger()
+    monkeypatch.setattr(root, "handlers", [logging.StreamHandler(text)])
+    monkeypatch.setattr(root, "level", logging.INFO)
+    with logs.log_to(tmp_path / "log.txt"):
+        for package in (logs.PACKAGE, "other"):
+            logging.getLogger(package).debug("a detail of %s", package)
+            logging.getLogger(package).info("news of %s", package)
+    assert text.getvalue().split("\n") == ["news of tactile_fem", "news of other", ""]
+    assert (tmp_path / "log.txt").read_text().count("of tactile_fem") == 2
 
 
 def test_the_log_file_is_the_first_ranks(tmp_path):

@@ -113,6 +113,34 @@ def test_the_skin_of_a_kept_state_carries_the_load(finished, study):
     assert pressed.contact_pressure_kPa.max() < skin.contact_pressure_kPa.max()
 
 
+def test_a_finished_scan_is_read(finished, study, caplog, monkeypatch):
+    monkeypatch.setattr(logging.getLogger("tactile_fem"), "propagate", True)
+    monkeypatch.setattr("tactile_fem.simulation.run.Simulation", None)
+    before = sorted((path, path.stat().st_mtime_ns) for path in finished.folder.rglob("*"))
+    with caplog.at_level(logging.INFO, "tactile_fem"):
+        again = scan(study, str(finished.folder))
+    assert [record.message for record in caplog.records] == [
+        f"{finished.folder} holds this scan, finished: its results are read"
+    ]
+    for name, array in finished.trace.arrays().items():
+        np.testing.assert_array_equal(getattr(again.trace, name), array)
+    assert again.response.counts().tolist() == finished.response.counts().tolist()
+    for there, here in zip(finished.response.spikes, again.response.spikes, strict=True):
+        np.testing.assert_allclose(here, there, atol=1e-6)
+    assert (again.folder, again.study) == (finished.folder, study)
+    assert completed(study, finished.folder).run == Results(finished.folder).run
+    for changed, sentence in [
+        ({"parts": Parts(body=Floor())}, r"holds this scan with a body that was the study's, now"),
+        ({"observers": [print]}, r"finished, so that observers would see none of its steps: leave"),
+    ]:
+        with pytest.raises(StudyError, match=sentence):
+            scan(study, finished.folder, **changed)
+    other = study.model_copy(update={"stimulus": Text(text="G")})
+    with pytest.raises(StudyError, match=r"another study: stimulus\.text is FG there and G here; "):
+        scan(other, finished.folder)
+    assert before == sorted((path, path.stat().st_mtime_ns) for path in finished.folder.rglob("*"))
+
+
 def assert_equal(several: Results, one: ScanResult) -> None:
     """Hold the results of several ranks against those of one."""
     trace = several.trace
@@ -191,7 +219,7 @@ def test_a_scan_cut_off_and_moved_needs_no_file_of_its_study(study, tmp_path):
     of_files = study.model_copy(update=brief)
     with pytest.raises(Stopped):
         scan(of_files, tmp_path / "r", observers=[stop])
-    with pytest.raises(StudyError, match=r"not empty: choose another one, or overwrite"):
+    with pytest.raises(StudyError, match=r"finger.mesh_file is .*mine.msh there"):
         scan(study, tmp_path / "r")
     shutil.rmtree(away)
     shutil.move(tmp_path / "r", tmp_path / "moved")
@@ -244,7 +272,7 @@ def test_two_populations_share_a_scan_that_is_cut_off(finished, study, tmp_path)
     counts = [int(np.sum(results.spikes.receptor == k)) for k in range(8)]
     assert counts == result.response.counts().tolist() and counts[6] > 0
     assert set(results.spikes.population[results.spikes.receptor >= 5]) == {"RA"}
-    again = resume(tmp_path / "two").response  # as the study says
+    again = scan(two, tmp_path / "two").response  # finished, but now fires as the study says
     assert again.counts()[:5].tolist() == counts[:5] and again.counts()[6] != counts[6]
 
 

@@ -41,7 +41,8 @@ def scan(
 ) -> None:
     """Run a study and write data and pictures into a folder.
 
-    An interrupted scan continues from its last checkpoint when started again.
+    Started again, an interrupted scan continues from its last checkpoint; of a finished one only
+    the pictures are drawn again.
     Options that start with -tactile_ are passed to PETSc: -tactile_snes_rtol 1e-8.
 
     Parameters
@@ -51,16 +52,19 @@ def scan(
     overwrite
         Replace the scan in the folder; other files stay.
     """
-    from tactile_fem import Results, load_study
+    from tactile_fem import load_study
     from tactile_fem.simulation.checks import check_study
+    from tactile_fem.simulation.earlier import earlier_scan
 
     the_study = load_study(study, changes)
-    if ranks.is_first() and (overwrite or not Results.unfinished(results, the_study)):
-        Results.check(results, overwrite=overwrite)
-    check_study(the_study)
-    module = with_mechanics("tactile_fem.simulation.run", ranks_)
-    with signal_handler(raise_stopped):
-        module.scan(the_study, results, overwrite=overwrite)
+    found = "nothing"
+    if ranks.is_first():
+        found = earlier_scan(results, the_study, overwrite=overwrite)
+    if found == "nothing":
+        check_study(the_study)
+    with_mechanics("tactile_fem.simulation.run", ranks_).scan(
+        the_study, results, overwrite=overwrite
+    )
     _finish(results)
 
 
@@ -76,9 +80,7 @@ def resume(results: Path, /, *, ranks_: Ranks = 1) -> None:
     from tactile_fem.simulation.checks import check_study
 
     check_study(Results.open(results).study)
-    module = with_mechanics("tactile_fem.simulation.run", ranks_)
-    with signal_handler(raise_stopped):
-        module.resume(results)
+    with_mechanics("tactile_fem.simulation.run", ranks_).resume(results)
     _finish(results)
 
 

@@ -122,7 +122,9 @@ class Hold(Piece):
     """Stay."""
 
     kind: Literal["hold"] = "hold"
-    time_s: Positive = Field(description="how long")
+    time_s: Positive = Field(
+        description="how long; after 0.1 s of it SA1 fire steadily, while recorded ones adapt on"
+    )
     output_s: Positive | None = Field(
         None, description="time between two outputs; not set: a tenth of time_s"
     )

@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 
 from rich.console import Console
@@ -105,13 +104,11 @@ def shown() -> Iterator[None]:
         package.propagate = before[1]
 
 
-def live_console() -> Console | None:
-    """Return the console of the log if it may draw a bar: on a terminal or in a notebook."""
+def log_console() -> Console | None:
+    """Return the console that shows the log with its INFO, if the package has set one up."""
     for handler in logging.getLogger(PACKAGE).handlers:
-        console = _consoles.get(handler)
-        if console is not None and handler.level <= logging.INFO:
-            in_notebook = console.is_jupyter and find_spec("ipywidgets") is not None
-            return console if console.is_terminal or in_notebook else None
+        if handler in _consoles and handler.level <= logging.INFO:
+            return _consoles[handler]
     return None
 
 
@@ -119,8 +116,8 @@ def counted[T](items: Sequence[T], what: str, *, every_s: float = 15.0) -> Itera
     """Yield items and show how many are done: a bar, or else a log line now and then."""
     if len(items) > 1:
         logger.info("%d %s", len(items), what)
-    console = live_console()
-    if console is not None and len(items) > 1:
+    console = log_console()
+    if console is not None and console.is_terminal and len(items) > 1:
         yield from track(items, what, console=console, transient=True)
         return
     start = logged = time.perf_counter()
@@ -141,14 +138,23 @@ class _LogFile(logging.FileHandler):
 
 @contextmanager
 def log_to(path: Path, rank: int = 0) -> Iterator[None]:
-    """Also write the log of the package, with every step, to a file on rank 0."""
+    """Also write the log of the package, with every step, to a file on rank 0.
+
+    Other handlers get what they got before.
+    """
     if rank != 0:
         yield
         return
+    package = logging.getLogger(PACKAGE)
+    before, level, others = package.level, package.getEffectiveLevel(), _handlers(package)
+
+    def was_shown(record: logging.LogRecord) -> bool:
+        return record.levelno >= level or not record.name.startswith(PACKAGE)
+
     handler = _LogFile(path, encoding="utf-8")
     handler.setFormatter(logging.Formatter(_FORMAT))
-    package = logging.getLogger(PACKAGE)
-    before = package.level
+    for other in others:
+        other.addFilter(was_shown)
     package.addHandler(handler)
     package.setLevel(logging.DEBUG)
     try:
@@ -156,4 +162,15 @@ def log_to(path: Path, rank: int = 0) -> Iterator[None]:
     finally:
         package.removeHandler(handler)
         package.setLevel(before)
+        for other in others:
+            other.removeFilter(was_shown)
         handler.close()
+
+
+def _handlers(logger: logging.Logger | None) -> list[logging.Handler]:
+    """Return the handlers of a logger and of those that it propagates to."""
+    found: list[logging.Handler] = []
+    while logger is not None:
+        found += logger.handlers
+        logger = logger.parent if logger.propagate else None
+    return found

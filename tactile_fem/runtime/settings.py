@@ -26,6 +26,9 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, core_schema
 
+from tactile_fem.runtime import html
+from tactile_fem.runtime.differences import brief
+
 # Strict: text such as "0.2 mm" and true or false are not accepted as numbers.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Finite, Field(gt=0)]
@@ -84,6 +87,12 @@ class Settings(BaseModel):
     def files(self) -> dict[str, Path]:
         """Return the files that it is read from, by their keys."""
         return {key: value for key, value in self if isinstance(value, Path)}
+
+    def _repr_html_(self) -> str:
+        """Show the keys in a notebook, and what they mean."""
+        fields = type(self).model_fields
+        rows = [(key, brief(value), fields[key].description or "") for key, value in self]
+        return html.section(type(self).__name__, [html.table(["key", "value", ""], rows)])
 
 
 def _described(name: str, field: FieldInfo) -> str:

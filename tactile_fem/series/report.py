@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 import csv
 import io
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,6 +15,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.output.histories import rings
 from tactile_fem.output.plots import firing_figure, raster_figure
+from tactile_fem.runtime import html
 from tactile_fem.runtime.files import write_text
 from tactile_fem.series.image import fibre_image
 from tactile_fem.series.run import numbers_of
@@ -71,15 +70,15 @@ def _scan(results: Results) -> tuple[str, list[str]]:
     rows += [(name, f"{value:.5g}") for name, value in numbers_of(results).items()]
     drawn = {path.stem: path for path in draw_plots(results)}
     drawn |= {path.stem: path for path in sorted(results.figures.glob("*.png"))}
-    parts = [_table(["quantity", "value"], rows), "<h2>Figures</h2>"]
+    parts = [html.table(["quantity", "value"], rows), "<h2>Figures</h2>"]
     for name, path in drawn.items():
         caption = name.replace("_", " ").replace("deformation", "deformation at")
         kind, _, population = name.partition("_")
         if population and kind in _CAPTIONS:
             caption = f"{population}: {_CAPTIONS[kind]}"
-        parts.append(_image(path.read_bytes(), _CAPTIONS.get(name, caption)))
+        parts.append(html.image(path.read_bytes(), _CAPTIONS.get(name, caption)))
     details = [(name, value) for name, value in run.items() if not isinstance(value, dict)]
-    parts += ["<h2>Run</h2>", _table(["", ""], details)]
+    parts += ["<h2>Run</h2>", html.table([], details)]
     parts += [f"<details><summary>Study</summary><pre>{escape(dump_study(study))}</pre></details>"]
     return f"Scan of {getattr(study.stimulus, 'text', study.stimulus.kind)}", parts
 
@@ -91,7 +90,7 @@ def _series(summary: Path) -> tuple[str, list[str]]:
     scans = [results for results in map(Results.open, folders) if results.complete]
     if not scans:
         raise StudyError(f"{summary.parent} holds no complete scan of a series.")
-    parts = [_table(head, rows)]
+    parts = [html.table(head, rows)]
     shifts = {results.study.stimulus.shift_mm[0] for results in scans}
     populations = scans[0].study.populations
     passes = [one for one in scans if len(one.trace["receptors_mm"]) == len(populations)]
@@ -102,7 +101,7 @@ def _series(summary: Path) -> tuple[str, list[str]]:
     for results in scans:
         if results not in passes:
             drawn = [path for path in draw_plots(results) if path.stem.startswith("raster")]
-            parts += [_image(path.read_bytes(), results.folder.name) for path in drawn]
+            parts += [html.image(path.read_bytes(), results.folder.name) for path in drawn]
     return f"Series {summary.parent.name}", parts
 
 
@@ -117,7 +116,7 @@ def _event_plot(passes: Sequence[Results], population: str) -> list[str]:
     raster = raster_figure(*places, image.across_mm, (along[0], along[-1]), shapes)
     firing = firing_figure(along, image.across_mm, image.rate_Hz, shapes)
     captions = f"{population}: spikes in passes over one receptor.", "Firing rate in these passes."
-    return [_image(_png(f), text) for f, text in zip((raster, firing), captions, strict=True)]
+    return [html.image(_png(f), text) for f, text in zip((raster, firing), captions, strict=True)]
 
 
 # --- HTML --------------------------------------------------------------------------------------
@@ -127,20 +126,6 @@ def _page(title: str, parts: Iterable[str]) -> str:
     head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
     body = "\n".join([f"<h1>{escape(title)}</h1>", *parts])
     return f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    lines = ["<tr>" + "".join(f"<th>{escape(str(cell))}</th>" for cell in head) + "</tr>"]
-    for row in rows:
-        lines.append("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>")
-    return "<table>\n" + "\n".join(lines) + "\n</table>"
-
-
-def _image(png: bytes, caption: str) -> str:
-    data = base64.b64encode(png).decode("ascii")
-    text = escape(caption)
-    source = f'<img alt="{text}" src="data:image/png;base64,{data}">'
-    return f"<figure>{source}<figcaption>{text}</figcaption></figure>"
 
 
 def _png(figure: Figure) -> bytes:

@@ -8,6 +8,7 @@ from typing import Any
 from tactile_fem import __version__
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.ranks import on_root
+from tactile_fem.simulation.parts import changed_part
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.simulation.trace import Array
@@ -63,14 +64,15 @@ def read_checkpoint(
 
     def read() -> dict[str, Array]:
         saved = results.load_state(at_mm, at_s)
-        _check_origin(saved, origin_of(simulation), str(results.checkpoint_file))
+        _check_origin(saved, simulation, str(results.checkpoint_file))
         return saved
 
     return on_root(simulation.comm, read)
 
 
-def _check_origin(saved: dict[str, Array], now: dict[str, Any], file: str) -> None:
+def _check_origin(saved: dict[str, Array], simulation: Simulation, file: str) -> None:
     """Raise StudyError unless a checkpoint was made from the same as those of this simulation."""
+    now = origin_of(simulation)
     if int(saved.get("format", 0)) != _FORMAT:
         raise StudyError(
             f"{file} is from {saved.get('version', 'an older version')}. This is tactile_fem "
@@ -92,14 +94,12 @@ def _check_origin(saved: dict[str, Array], now: dict[str, Any], file: str) -> No
                 f"{key} names a file that has changed since {file} was written: bring it back, "
                 f"or {_ANOTHER_FOLDER}"
             )
-    for name, (then, here) in _differences(saved["own_parts"], now["own_parts"]).items():
-        then, here = then or "the study's", here or "the study's"
-        # A script that is imported has another name, but computes the same.
-        if then.split()[-1] != here.split()[-1]:
-            raise StudyError(
-                f"{file} was written with a {name} that was {then}, now it is {here}: give the "
-                "same parts to resume, or run the scan again in another folder."
-            )
+    before = json.loads(str(saved["own_parts"]))
+    if part := changed_part(before, simulation.parts.identity()):
+        raise StudyError(
+            f"{file} was written with {part}: give the same parts to resume, or run the scan "
+            "again in another folder."
+        )
 
 
 def _differences(saved: Any, now: str) -> dict[str, tuple[Any, Any]]:

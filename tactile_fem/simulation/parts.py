@@ -78,6 +78,25 @@ class Parts:
             found[f"term {number}"] = getattr(term, "__qualname__", type(term).__qualname__)
         return found
 
+    def listed(self) -> dict[str, str]:
+        """Return all own parts, for ``run.json``: `identity`, finger, and names of populations."""
+        found = self.identity()
+        if self.finger is not None:
+            found["finger"] = f"{_name(self.finger)} {self.finger.hash}"
+        if self.populations:
+            found["populations"] = ", ".join(population.name for population in self.populations)
+        return found
+
+
+def changed_part(before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Return in words the first part that computes other than before, from their identities."""
+    for name in {**before, **now}:
+        then, here = (parts.get(name, "the study's") for parts in (before, now))
+        # A script that is imported has another name, but computes the same.
+        if then.split()[-1] != here.split()[-1]:
+            return f"a {name} that was {then}, now it is {here}"
+    return ""
+
 
 NO_PARTS = Parts()
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from typing import TYPE_CHECKING
+from html import escape
+from importlib import import_module
+from typing import TYPE_CHECKING, NamedTuple
 
 from rich.console import Console
 from rich.progress import (
@@ -16,7 +18,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from tactile_fem.runtime.logs import live_console, stderr_console
+from tactile_fem.runtime.logs import log_console, stderr_console
 
 if TYPE_CHECKING:
     from tactile_fem.simulation.simulation import Observation
@@ -30,16 +32,18 @@ _active: list[Progress] = []
 def progress(
     rank: int = 0, *, console: Console | None = None, every_s: float = 15.0
 ) -> Iterator[Callable[[Observation], None]]:
-    """Provide an observer that shows how far a scan is: a bar, or else some lines of the log.
+    """Provide an observer that shows how far a scan is.
 
-    Only rank 0 shows it, and not within another one. `console` is by default that of the log, see
-    `tactile_fem.runtime.logs.live_console`; `every_s` is the minimum time between two lines.
+    On a terminal that is a bar, in a notebook one line of the cell, elsewhere some lines of the
+    log. Only rank 0 shows it, and not within another one. `console` is by default that of the log,
+    see `tactile_fem.runtime.logs.log_console`; `every_s` is the minimum time between two lines.
     """
     if rank != 0 or _active:
         yield lambda seen: None
         return
-    live = live_console() if console is None else console
-    has_bar = live is not None and (live.is_terminal or live.is_jupyter)
+    live = log_console() if console is None else console
+    has_bar = live is not None and live.is_terminal
+    in_cell = _cell_line() if live is not None and live.is_jupyter else None
     # Also without a bar on the screen: it estimates the time left from the last minutes, because a
     # resumed scan does not begin at 0 % and the press is faster than the slide.
     bar = Progress(
@@ -60,18 +64,18 @@ def progress(
         step = seen.step
         line, now, level = str(step), bar.get_time(), logging.DEBUG
         bar.update(task, completed=step.fraction, description=line)
+        with_time = f"{line}  {100 * step.fraction:3.0f} %{_time_left(bar)}"
         due = now - last_line_s >= every_s or step.fraction >= 1.0 or step.index == 1
-        if due and not has_bar:
-            last_line_s, level = now, logging.INFO
-            line += f"  {100 * step.fraction:3.0f} %{_time_left(bar)}"
+        if in_cell is not None:
+            in_cell(_Line(with_time, step.fraction))
+        elif due and not has_bar:
+            last_line_s, level, line = now, logging.INFO, with_time
         logger.log(level, "%s", line)
 
     _active.append(bar)
     try:
         with bar if has_bar else nullcontext():
             yield show
-            if has_bar:
-                bar.refresh()  # in a notebook the end is not drawn otherwise
     finally:
         _active.remove(bar)
 
@@ -81,3 +85,23 @@ def _time_left(bar: Progress) -> str:
     if not left:
         return ""
     return f"  {left / 60:.1f} min left" if left >= 90 else f"  {left:.0f} s left"
+
+
+class _Line(NamedTuple):
+    """How far a scan is, as a notebook shows it."""
+
+    text: str
+    fraction: float
+
+    def __repr__(self) -> str:
+        return self.text
+
+    def _repr_html_(self) -> str:
+        bar = f'<progress max="1" value="{self.fraction:.4f}"></progress>'
+        return f"{bar} <code>{escape(self.text)}</code>"
+
+
+def _cell_line() -> Callable[[_Line], None]:
+    """Return what shows a line in the cell that runs, in place of the line before."""
+    shown = import_module("IPython.display").display(_Line("first touch", 0.0), display_id=True)
+    return lambda line: shown.update(line)

@@ -199,7 +199,7 @@ def _described(simulation: Simulation) -> dict[str, Any]:
         "compiler": {"flags": simulation.study.solver.compiler_flags, **compiled_by()},
         "petsc_options": problem.solver.options,
         "files": simulation.files,
-        "own_parts": simulation.parts.identity(),
+        "own_parts": simulation.parts.listed(),
     }
 
 

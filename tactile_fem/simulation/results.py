@@ -21,6 +21,7 @@ import csv
 import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -111,24 +112,6 @@ class Results:
             raise StudyError(f"{folder} holds no results: there is no study.toml in it.")
         return results
 
-    @classmethod
-    def unfinished(cls, folder: Path | str, study: Study) -> bool:
-        """Return whether the folder holds an incomplete scan of this study.
-
-        Raises
-        ------
-        StudyError
-            A file that the study names has changed since that scan began.
-        """
-        results = cls(folder)
-        try:
-            if results.complete or not results.is_of(study, though_changed=True):
-                return False
-        except StudyError:
-            return False
-        results.check_files(study)
-        return True
-
     def check_files(self, study: Study) -> None:
         """Raise StudyError if a file that its study names has changed since the scan began."""
         if not self.is_of(study):
@@ -150,6 +133,10 @@ class Results:
     def complete(self) -> bool:
         """Whether the scan is complete."""
         return bool(self.run.get("status") == "complete")
+
+    def _repr_html_(self) -> str:
+        """Show numbers and rasters in a notebook; by name, as figures import the results."""
+        return str(import_module("tactile_fem.series.notebook").html_of(self))
 
     # --- writing --------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
 
@@ -19,34 +20,75 @@ from tactile_fem.mechanics.faults import stopping
 from tactile_fem.neuron import Response, fire_all
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import log_to, shown
-from tactile_fem.runtime.ranks import StopRequest, abort_if_one_fails, on_root, signal_handler
+from tactile_fem.runtime.ranks import (
+    StopRequest,
+    abort_if_one_fails,
+    on_root,
+    raise_stopped,
+    signal_handler,
+)
 from tactile_fem.simulation.checkpoint import read_checkpoint
+from tactile_fem.simulation.earlier import Earlier, earlier_scan
 from tactile_fem.simulation.estimate import announce
-from tactile_fem.simulation.parts import NO_PARTS, Parts
+from tactile_fem.simulation.parts import NO_PARTS, Parts, changed_part
 from tactile_fem.simulation.progress import progress
 from tactile_fem.simulation.recorder import Recorder
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Observer, Simulation
 from tactile_fem.simulation.trace import Trace
+from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)
 
 # Mean distance of pressed skin from the body, as a share of the depth, that is worth a warning.
 _GAP_ERROR = 0.01
+_ELSEWHERE = "choose another folder, or overwrite the scan in it"
 _NOTHING_SAVED = "nothing is saved, because there is no results folder"
 
 
 @dataclass(frozen=True)
 class ScanResult:
-    """Result of a scan: histories, spikes of the receptors' afferents, and its folder, if any."""
+    """Result of a scan: histories, spikes of the receptors' afferents, and its folder, if any.
+
+    Attributes
+    ----------
+    trace
+        Histories, a row for each accepted step.
+    response
+        Spikes, an array per receptor; read from a folder, their times have seven digits.
+    folder
+        The results folder; None if the results are in memory only.
+    study, parts
+        What was scanned.
+    """
 
     trace: Trace
     response: Response
     folder: Path | None
+    study: Study
+    parts: Parts = NO_PARTS
+
+    def _repr_html_(self) -> str:
+        """Show numbers and rasters in a notebook, as `Results` do."""
+        with TemporaryDirectory() as beside:
+            return (Results(self.folder) if self.folder else self._saved(beside))._repr_html_()
+
+    def _saved(self, folder: str) -> Results:
+        """Save what is in memory."""
+        results = Results.create(Path(folder) / "In memory")
+        results.save_study(self.study)
+        results.save_run({"status": "complete"})
+        results.save_trace(**self.trace.arrays())
+        results.save_spikes(self.response.spikes, self.trace)
+        if self.parts.body is not None:
+            places_mm = self.trace.stimulator_mm
+            results.save_stimulator(DistanceGrid.of(self.parts.body, places_mm))
+        return results
 
 
 @shown()
+@signal_handler(raise_stopped)
 def scan(
     study: Study,
     folder: Path | str | None = None,
@@ -58,17 +100,17 @@ def scan(
 ) -> ScanResult:
     """Run a study: move the body along its path, evaluate the receptors, compute the spikes.
 
-    Its log and progress appear on stderr, a bar on a terminal and in a notebook that has
-    ipywidgets, else some lines; but if logging is configured, they only go to its handlers, each
-    step as DEBUG (see `tactile_fem.runtime.logs.shown`).
+    A scan of the same study in `folder` is continued if it was interrupted, and read if it is
+    finished. Log and progress appear on stderr, a bar on a terminal and in a notebook, else some
+    lines; but if logging is configured, they only go to its handlers, each step as DEBUG (see
+    `tactile_fem.runtime.logs.shown`). The folder's ``log.txt`` has them too.
 
     Parameters
     ----------
     study
         The input; ``Study()`` is the paper's.
     folder
-        Results folder; None keeps the results in memory only. An unfinished scan of the same
-        study in it is continued.
+        Results folder; None keeps the results in memory only.
     overwrite
         Replace an earlier scan in the folder.
     comm
@@ -82,35 +124,47 @@ def scan(
     Raises
     ------
     StudyError
-        Bad input, before any long work.
+        Bad input, before any long work; or the folder holds other files, the scan of another study
+        or with other parts, or a finished scan of which observers would see nothing.
     ConvergenceError
         The mechanics diverged; everything up to there is saved in the folder.
     StoppedError
-        SIGTERM or SIGINT came; likewise.
+        SIGTERM or SIGINT (Ctrl-C, or a notebook's stop button) came; likewise.
     OSError
         A file cannot be written; likewise.
     """
-    with abort_if_one_fails(comm or MPI.COMM_WORLD), ExitStack() as held:
-        simulation = held.enter_context(closing(Simulation(study, parts, comm)))
+    comm = comm or MPI.COMM_WORLD
+    with abort_if_one_fails(comm), ExitStack() as held:
         if folder is None:
+            simulation = held.enter_context(closing(Simulation(study, parts, comm)))
             return _run(simulation, None, observers)
-        results = Results(folder)
+        results, watching = Results(folder), list(observers)
+
+        def earlier() -> Earlier:
+            return earlier_scan(results.folder, study, overwrite=overwrite)
+
+        found = on_root(comm, earlier)
+        if found == "finished":
+            if not on_root(comm, lambda: _must_fire_again(results, watching, parts)):
+                trace, response = on_root(comm, lambda: _read(results))
+                return ScanResult(trace, response, results.folder, study, parts)
+        if found != "nothing":  # read where the files that the study names may be gone
+            study = on_root(comm, lambda: results.study)
+        simulation = held.enter_context(closing(Simulation(study, parts, comm)))
 
         def begin() -> bool:
-            if overwrite or not Results.unfinished(folder, study):
-                Results.check(folder, overwrite=overwrite)
             held.enter_context(locked(results.folder))
-            if not overwrite and Results.unfinished(folder, study):
-                logger.info("continuing the scan in %s", folder)
+            if earlier() != "nothing":
                 return True
-            Results.create(folder, overwrite=overwrite).save_study(study)
+            Results.create(results.folder, overwrite=overwrite).save_study(study)
             return False
 
-        proceed = on_root(simulation.comm, begin)
-        return _run(simulation, results, observers, proceed=proceed)
+        proceed = on_root(comm, begin)
+        return _run(simulation, results, watching, proceed=proceed)
 
 
 @shown()
+@signal_handler(raise_stopped)
 def resume(
     folder: Path | str,
     *,
@@ -137,32 +191,37 @@ def resume(
 
 
 def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None) -> Results:
-    """Return the study's finished scan in `folder`; run or continue it if needed.
+    """Return the results folder of a study's scan, which is run or continued if needed: `scan`."""
+    scan(study, folder, comm=comm)
+    return Results(folder)
 
-    So a series of scans that was interrupted is started again, and does what is left.
+
+def _must_fire_again(results: Results, observers: list[Observer], parts: Parts) -> bool:
+    """Return whether there are, or were, own populations, so that a finished scan's spikes change.
 
     Raises
     ------
     StudyError
-        The folder holds the scan of another study.
+        Its other parts were not these, or there are observers, who would see none of its steps.
     """
-    comm = comm or MPI.COMM_WORLD
-    results = Results(folder)
+    before, now = dict(results.run.get("own_parts", {})), parts.listed()
+    fire = [own.pop("populations", None) for own in (before, now)]
+    if changed := changed_part(before, now):
+        raise StudyError(f"{results.folder} holds this scan with {changed}: {_ELSEWHERE}.")
+    if observers:
+        raise StudyError(
+            f"{results.folder} holds this scan, finished, so that observers would see none of its "
+            f"steps: leave them out to read it, {_ELSEWHERE}."
+        )
+    return any(fire)
 
-    def status() -> str:
-        if not (results.folder / "study.toml").exists():
-            return "new"
-        if not results.is_of(study, though_changed=True):
-            raise StudyError(f"{folder} holds the scan of another study: choose another folder.")
-        results.check_files(study)
-        return "complete" if results.complete else "begun"
 
-    found = on_root(comm, status)
-    if found == "new":
-        scan(study, folder, comm=comm)
-    elif found == "begun":
-        resume(folder, comm=comm)
-    return Results(folder)
+def _read(results: Results) -> tuple[Trace, Response]:
+    """Return histories and spikes of a finished scan."""
+    logger.info("%s holds this scan, finished: its results are read", results.folder)
+    trace, spikes = Trace.read(results.trace), results.spikes
+    each = [spikes.time_s[spikes.receptor == r] for r in range(len(trace.receptors_mm))]
+    return trace, Response(each, *trace.time_s[[0, -1]].tolist())
 
 
 def _run(
@@ -181,12 +240,14 @@ def _run(
         recorder = Recorder(results, simulation, trace) if results else None
         if recorder and saved:
             recorder.restore(saved)
+            logger.info("continuing after %d steps", len(trace) - 1)
         else:
             announce(simulation)
             if recorder:
                 recorder.begin()
         response = _step_to_end(simulation, trace, recorder, observers)
-    return ScanResult(trace, response, results.folder if results else None)
+    folder = results.folder if results else None
+    return ScanResult(trace, response, folder, simulation.study, simulation.parts)
 
 
 def _step_to_end(

@@ -70,6 +70,19 @@ class Trace:
         fields = simulation.receptors.fields
         return cls(layout.positions_mm, layout.population, start_mm, fields)
 
+    @classmethod
+    def read(cls, saved: Mapping[str, Array]) -> Trace:
+        """Return the trace that a results folder has saved.
+
+        Raises
+        ------
+        StudyError
+            It lacks a column.
+        """
+        trace = cls(saved["receptors_mm"], saved["population"], fields=())
+        trace.restore(saved, len(saved["time_s"]))
+        return trace
+
     def restore(self, saved: Mapping[str, Array], rows: int) -> None:
         """Take the first `rows` rows of a saved trace.
 

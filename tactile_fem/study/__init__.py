@@ -25,6 +25,8 @@ from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.path import Follow, Hold, Lift, Piece, Press, Protocol, Slide
 from tactile_fem.receptors import Layout
 from tactile_fem.receptors.settings import Receptors, misplaced
+from tactile_fem.runtime import html
+from tactile_fem.runtime.differences import brief, differences
 from tactile_fem.runtime.settings import Settings
 from tactile_fem.stimulus import (
     Braille,
@@ -168,6 +170,14 @@ class Study(Settings):
             except StudyError as error:
                 raise StudyError(f"{self.table_of(afferents)}{error}") from None
         return Layout.joined(layouts)
+
+    def _repr_html_(self) -> str:
+        """Show in a notebook what differs from the paper's study, and where nothing does."""
+        paper = Study()
+        rows = [(key, brief(here), brief(there)) for key, here, there in differences(self, paper)]
+        same = [name for name, value in self if value and value == getattr(paper, name)]
+        parts = [html.table(["key", "value", "default"], rows)] if rows else []
+        return html.section("Study", parts, f"As by default: {', '.join(same)}." if same else "")
 
     def files(self) -> dict[str, Path]:
         """Return the files that finger, stimulus and path are read from, by their keys."""

@@ -62,7 +62,9 @@ class Afferents(Settings):
         description="its name in results and figures: letters, digits, _ and -"
     )
     kind: Literal["SA1", "RA", "PC"] = Field(
-        "SA1", description="of afferent: what is not given below is that of its kind"
+        "SA1",
+        description="of afferent: what is not given below is that of its kind; in a hold SA1 adapt "
+        "for 0.1 s only, recorded ones for seconds",
     )
     feels: str = Field(
         "sed",

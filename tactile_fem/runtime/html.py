@@ -1,0 +1,40 @@
+"""Pieces of HTML for reports and notebooks."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+# A notebook's own rules align numbers right and let images be as large as they are.
+_STYLE = (
+    ".tactile-fem td, .tactile-fem th { text-align: left; padding-right: 1em; } "
+    ".tactile-fem img { width: 34em; max-width: 100%; } .tactile-fem figure { margin: 0; }"
+)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Return a table with a heading, or without one if that is empty."""
+    lines = [_row("th", head)] if head else []
+    lines += [_row("td", row) for row in rows]
+    return "<table>\n" + "\n".join(lines) + "\n</table>"
+
+
+def _row(tag: str, cells: Iterable[Any]) -> str:
+    return "<tr>" + "".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells) + "</tr>"
+
+
+def image(png: bytes, caption: str) -> str:
+    """Return an image that stands in the page itself, with its caption."""
+    data = base64.b64encode(png).decode("ascii")
+    text = escape(caption)
+    source = f'<img alt="{text}" src="data:image/png;base64,{data}">'
+    return f"<figure>{source}<figcaption>{text}</figcaption></figure>"
+
+
+def section(title: str, parts: Iterable[str], note: str = "") -> str:
+    """Return parts of HTML under a title, as a notebook shows them, and a sentence below them."""
+    below = [f"<p>{escape(note)}</p>"] if note else []
+    head = f"<style scoped>{_STYLE}</style><strong>{escape(title)}</strong>"
+    return "\n".join([f'<div class="tactile-fem">{head}', *parts, *below, "</div>"])

@@ -1,0 +1,60 @@
+"""What a results folder holds when a scan is to be written there."""
+
+from __future__ import annotations
+
+from itertools import islice
+from pathlib import Path
+from typing import Literal
+
+from tactile_fem.errors import StudyError
+from tactile_fem.runtime.differences import brief, differences
+from tactile_fem.simulation.results import Results
+from tactile_fem.study import Study
+
+Earlier = Literal["nothing", "unfinished", "finished"]
+
+_MOST_KEYS = 3
+
+
+def earlier_scan(folder: Path | str, study: Study, *, overwrite: bool = False) -> Earlier:
+    """Return how far the scan of a study is that the folder holds already.
+
+    With `overwrite` it holds nothing that counts.
+
+    Raises
+    ------
+    StudyError
+        It holds the scan of another study or other files, cannot be written, or a file that the
+        study names has changed since that scan began.
+    """
+    results = Results(folder)
+    there = None if overwrite else _study_of(results)
+    if there is None:
+        Results.check(folder, overwrite=overwrite)
+        return "nothing"
+    if not results.is_of(study, though_changed=True):
+        raise StudyError(
+            f"{folder} holds the scan of another study{_what_differs(study, there)}; "
+            "choose another folder, or overwrite the scan in it."
+        )
+    results.check_files(study)
+    return "finished" if results.complete else "unfinished"
+
+
+def _study_of(results: Results) -> Study | None:
+    """Return the study of a folder, if it has one that this version can read."""
+    try:
+        return Results.open(results.folder).study
+    except StudyError:
+        return None
+
+
+def _what_differs(here: Study, there: Study) -> str:
+    """Return the first keys that differ, and both values."""
+    found = list(differences(here, there))
+    words = [
+        f"{key} is {brief(then, 30)} there and {brief(now, 30)} here"
+        for key, now, then in islice(found, _MOST_KEYS)
+    ]
+    more = [f"{len(found) - _MOST_KEYS} more differ"] if len(found) > _MOST_KEYS else []
+    return f": {', '.join([*words, *more])}" if words else ""
