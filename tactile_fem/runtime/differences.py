@@ -64,7 +64,8 @@ def _brief(value: Any) -> str:
     if isinstance(value, BaseModel):
         own = differences(value, type(value).model_construct())
         keys = [f"{found.key} = {_brief(found.here)}" for found in own]
-        return " ".join([*filter(None, [getattr(value, "kind", "")]), ", ".join(keys)]).strip()
+        kind = getattr(value, "kind", "")
+        return " ".join(filter(None, [kind, ", ".join(keys)])) or "as by default"
     if _are_tables(value):
         return "; ".join(map(_brief, value))
     if isinstance(value, tuple | list):

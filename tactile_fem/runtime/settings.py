@@ -8,7 +8,7 @@ import os
 import textwrap
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, Union
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, Union, get_args
 
 from pydantic import (
     AfterValidator,
@@ -91,7 +91,7 @@ class Settings(BaseModel):
     def _repr_html_(self) -> str:
         """Show the keys in a notebook, and what they mean."""
         fields = type(self).model_fields
-        rows = [(key, brief(value), fields[key].description or "") for key, value in self]
+        rows = [(key, brief(value), _meaning(fields[key])) for key, value in self]
         return html.section(type(self).__name__, [html.table(["key", "value", ""], rows)])
 
 
@@ -102,8 +102,16 @@ def _described(name: str, field: FieldInfo) -> str:
         of = f" : default {default!r}"
     elif isinstance(default, BaseModel):
         of = f" : {type(default).__name__}"
-    text = textwrap.indent(textwrap.fill(field.description or "", 96), "    ")
+    text = textwrap.indent(textwrap.fill(_meaning(field), 96), "    ")
     return f"{name}{of}\n{text}".rstrip()
+
+
+def _meaning(field: FieldInfo) -> str:
+    """Return the description of a key, or the first line of the table that it holds."""
+    types = field.annotation, *get_args(field.annotation)
+    tables = [one for one in types if isinstance(one, type) and issubclass(one, BaseModel)]
+    lines = [(one.__doc__ or "").strip().partition("\n")[0] for one in tables]
+    return field.description or "".join(lines[:1])
 
 
 class Kind(Settings):

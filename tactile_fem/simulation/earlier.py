@@ -37,7 +37,11 @@ def earlier_scan(folder: Path | str, study: Study, *, overwrite: bool = False) -
             f"{folder} holds the scan of another study{_what_differs(study, there)}; "
             "choose another folder, or overwrite the scan in it."
         )
-    results.check_files(study)
+    if not results.is_of(study):
+        raise StudyError(
+            f"A file that the study names has changed since the scan in {folder} began: bring it "
+            "back, or choose another folder."
+        )
     return "finished" if results.complete else "unfinished"
 
 

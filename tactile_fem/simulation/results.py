@@ -112,14 +112,6 @@ class Results:
             raise StudyError(f"{folder} holds no results: there is no study.toml in it.")
         return results
 
-    def check_files(self, study: Study) -> None:
-        """Raise StudyError if a file that its study names has changed since the scan began."""
-        if not self.is_of(study):
-            raise StudyError(
-                f"A file that the study names has changed since the scan in {self.folder} began: "
-                "bring it back, or choose another folder."
-            )
-
     def is_of(self, study: Study, *, though_changed: bool = False) -> bool:
         """Return whether this is the scan of a study.
 
