@@ -265,6 +265,7 @@ def test_a_file_that_cannot_be_written_is_one_sentence(capsys, scans, monkeypatc
 
 
 def test_a_signal_has_its_own_code(capsys, scans, monkeypatch):
+    @ranks.signal_handler(ranks.raise_stopped)  # as the scan has it
     def stop(*args, **kwargs):
         os.kill(os.getpid(), signal.SIGTERM)
 

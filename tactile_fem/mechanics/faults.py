@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from cffi import VerificationError
 from dolfinx import jit
 
-from tactile_fem.errors import TactileError
+from tactile_fem.errors import StoppedError, TactileError
 from tactile_fem.runtime.ranks import StopRequest, signal_handler
 
 
@@ -29,6 +29,9 @@ def compilation_errors() -> Iterator[None]:
     """
     try:
         yield
+    except StoppedError as error:
+        _free_incomplete(error)
+        raise
     except (OSError, ImportError, VerificationError) as error:
         _free_incomplete(error)
         raise TactileError(_of_compilation(error)) from error
