@@ -119,12 +119,13 @@ class Press(Piece):
 
 
 class Hold(Piece):
-    """Stay."""
+    """Stay.
+
+    After 0.1 s of it SA1 afferents fire steadily, while recorded ones adapt for seconds.
+    """
 
     kind: Literal["hold"] = "hold"
-    time_s: Positive = Field(
-        description="how long; after 0.1 s of it SA1 fire steadily, while recorded ones adapt on"
-    )
+    time_s: Positive = Field(description="how long")
     output_s: Positive | None = Field(
         None, description="time between two outputs; not set: a tenth of time_s"
     )
