@@ -153,18 +153,6 @@ def test_the_highest_point_is_zero(tmp_path):
     assert heights.max() <= 1e-5
 
 
-def test_a_surface_too_sharp_for_its_distance_is_told(tmp_path, caplog):
-    gentle = relief_of(lambda x, y: 0.05 * np.sin(2 * np.pi * x / 2) + 0 * y)
-    assert gentle.distance_error(0.02) < 0.01
-    sharp = sampled(lambda x, y: 0.05 * np.sin(2 * np.pi * x / 0.2) + 0 * y, spacing=(0.01, 0.01))
-    assert Relief.of(sharp, (0.01, 0.01)).distance_error(0.02) > 0.2
-    file = tmp_path / "sharp.npy"
-    np.save(file, sharp)
-    with caplog.at_level(logging.WARNING):
-        Surface(file=file, spacing_mm=0.01, unit_mm=1.0).body()
-    assert "raise stimulus.low_pass_mm (0.1)" in caplog.text
-
-
 # --- waves ---------------------------------------------------------------------------------------
 
 

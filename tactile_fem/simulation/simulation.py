@@ -27,7 +27,12 @@ from tactile_fem.neuron import fields_of, replaced
 from tactile_fem.receptors import Layout
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.ranks import on_root
-from tactile_fem.simulation.checks import LARGEST_DEPTH_SHARE, check_motion, log_resolution
+from tactile_fem.simulation.checks import (
+    LARGEST_DEPTH_SHARE,
+    check_motion,
+    log_resolution,
+    warn_if_sharp,
+)
 from tactile_fem.simulation.parts import NO_PARTS, Parts, check_parts
 from tactile_fem.simulation.probe import Probe, ReceptorState
 from tactile_fem.simulation.step import Step
@@ -114,6 +119,8 @@ class Simulation:
         self.path = parts.path or study.protocol.route(LARGEST_DEPTH_SHARE * thickness_mm)
         check_unchanged(study.files(), self.files)  # the hashes are those of what each rank read
         on_root(comm, lambda: check_motion(study, self.body, self.path, self.finger, parts))
+        if parts.body is None:
+            on_root(comm, lambda: warn_if_sharp(study.stimulus, self.finger))
 
     # --- the mechanics ---------------------------------------------------------------------------
 

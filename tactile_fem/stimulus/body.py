@@ -232,10 +232,15 @@ class Turned:
     body: RigidBody
     angle: float
 
+    @property
+    def matrix(self) -> Array:
+        """The rotation, (3, 3)."""
+        c, s = np.cos(self.angle), np.sin(self.angle)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
     def distance(self, points: Array) -> Distance:
         """Return the signed distance at `points` (n, 3)."""
-        c, s = np.cos(self.angle), np.sin(self.angle)
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        R = self.matrix
         own = self.body.distance(points @ R)
         return Distance(own.gap, own.normal @ R.T, R @ own.hessian @ R.T)
 

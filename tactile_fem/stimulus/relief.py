@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.fft import dctn
 
@@ -28,7 +29,7 @@ class Relief:
     def of(
         cls,
         heights: Array,
-        spacing: tuple[float, float],
+        spacing: ArrayLike,
         low_pass_mm: float = 0.0,
         beyond: Literal["mirror", "grid-wrap"] = "mirror",
     ) -> Relief:
@@ -36,7 +37,7 @@ class Relief:
 
         Beyond them follows their mirror image, or they themselves again.
         """
-        steps = np.array(spacing)
+        steps = np.asarray(spacing, dtype=float)
         if low_pass_mm:
             heights = ndimage.gaussian_filter(heights, _GAUSSIAN * low_pass_mm / steps, mode=beyond)
         middle = steps * (np.array(heights.shape) - 1) / 2
@@ -88,15 +89,15 @@ class Relief:
         slopes = [np.abs(np.diff(padded, axis=k)).max() / spline.spacing[k] for k in (0, 1)]
         return float(1 / np.sqrt(1 + np.dot(slopes, slopes)))
 
-    def distance_error(self, distance_mm: float) -> float:
-        """Return the relative error of the distance that 1 in 100 points of the surface exceed."""
+    def smoothed(self, low_pass_mm: float) -> Relief:
+        """Return the body after a further filter."""
         heights = self.heights
-        extent = heights.spacing * np.array(heights.coefficients.shape)
-        xy = heights.origin + extent * np.random.default_rng(0).random((10_000, 2))
-        # Exactly on the surface as `distance` evaluates it: just below, its gradient is another.
-        on = np.column_stack([xy, heights.derivatives(xy, 0)[0]])
-        above = on + distance_mm * self.distance(on).normal
-        return float(np.quantile(np.abs(self.distance(above).gap / distance_mm - 1), 0.99))
+        return Relief.of(heights.on_grid(0, 0), heights.spacing, low_pass_mm, heights.beyond)
+
+    def scaled(self, factor: float) -> Relief:
+        """Return the body with its heights times a factor."""
+        coefficients = factor * self.heights.coefficients
+        return replace(self, heights=replace(self.heights, coefficients=coefficients))
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ class Roughness:
     @classmethod
     def of(cls, heights: GridSpline) -> Roughness:
         """Analyse heights over a plane, without their mean."""
-        values = heights.values_on_grid()
+        values = heights.on_grid(0, 0)
         power = dctn(values, type=2, norm="ortho") ** 2 / values.size
         # The wave of number k goes up and down k / 2 times over the grid.
         across, along = (

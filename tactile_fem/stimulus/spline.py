@@ -12,8 +12,8 @@ from scipy import ndimage
 
 from tactile_fem.stimulus.body import Array
 
-# Values of the three B-splines that act at a point of the grid.
-_AT_POINTS = np.array([1, 4, 1]) / 6
+# Value and derivatives of the three B-splines that act at a point of the grid.
+_AT_POINTS = np.array([[1, 4, 1], [-3, 0, 3], [6, -12, 6]]) / 6
 # Powers of a coordinate within its interval (rows) in the four B-splines that act there (columns).
 _PIECES = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
 
@@ -44,12 +44,13 @@ class GridSpline:
         coefficients = ndimage.spline_filter(values, order=3, mode=beyond)
         return cls(coefficients, np.asarray(origin, float), np.asarray(spacing, float), beyond)
 
-    def values_on_grid(self) -> Array:
-        """Return the values at the grid's points, d axes."""
-        values = self.coefficients
-        for axis in range(values.ndim):
-            values = ndimage.convolve1d(values, _AT_POINTS, axis=axis, mode=self.beyond)
-        return values
+    def on_grid(self, *orders: int) -> Array:
+        """Return a derivative at the grid's points, d axes, of an order <= 2 along each axis."""
+        found = self.coefficients
+        for axis, order in enumerate(orders):
+            weights = _AT_POINTS[order] / self.spacing[axis] ** order
+            found = ndimage.correlate1d(found, weights, axis=axis, mode=self.beyond)
+        return found
 
     def values(self, points: Array) -> Array:
         """Return the values (n,) at points (n, d), faster than with derivatives."""

@@ -66,6 +66,13 @@ class Stimulus(Kind):
         """
         return ""
 
+    def hindrance(self, facet_mm: float) -> str:
+        """Return a sentence on what makes contact with such facets fail, and what helps.
+
+        It is empty for a body that is smooth enough.
+        """
+        return ""
+
     @property
     def is_kept_sampled(self) -> bool:
         """Whether results keep a sampled copy for pictures: its kind may not be known there."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -17,12 +16,8 @@ from tactile_fem.stimulus.stimulus import Stimulus
 if TYPE_CHECKING:
     from tactile_fem.stimulus.relief import Relief
 
-logger = logging.getLogger(__name__)
-
 _LEVELS = ["mean", "plane", "quadratic"]
 _BEYOND: dict[str, Literal["mirror", "grid-wrap"]] = {"mirrored": "mirror", "periodic": "grid-wrap"}
-# Relative error of the distance, this far from the surface, beyond which there is a warning.
-_ERROR_AT_MM, _MAX_ERROR = 0.02, 0.1
 # A quadratic edge can take the shape of half a wave, within 6 % of its height.
 _EDGES_PER_WAVE = 2
 # Share of the variance that a sufficiently fine skin follows.
@@ -67,8 +62,6 @@ class Surface(Stimulus):
     def relief(self) -> Relief:
         """Return the levelled and filtered surface, not turned; cached as the body is.
 
-        It warns of a surface that is too steep and sharply curved for its distance.
-
         Raises
         ------
         StudyError
@@ -80,21 +73,35 @@ class Surface(Stimulus):
         found = read_topography(self.file, self.spacing_mm, self.unit_mm, self.crop_mm)
         heights = levelled(found.heights_mm, _LEVELS.index(self.level))
         check_relief(heights, self.file)
-        relief = Relief.of(heights, found.spacing_mm, self.low_pass_mm, _BEYOND[self.repeat])
-        error = relief.distance_error(_ERROR_AT_MM)
-        if error > _MAX_ERROR:
-            logger.warning(
-                "stimulus: %g mm from the surface its distance is wrong by up to %.0f %%, because "
-                "it is steep and sharply curved: raise stimulus.low_pass_mm (%g)",
-                _ERROR_AT_MM,
-                100 * error,
-                self.low_pass_mm,
-            )
-        return relief
+        return Relief.of(heights, found.spacing_mm, self.low_pass_mm, _BEYOND[self.repeat])
 
     def shape(self) -> Turned:
         """Return the surface, turned."""
         return Turned(self.relief(), math.radians(self.turn_deg))
+
+    def hindrance(self, facet_mm: float) -> str:
+        """Return where the surface is too steep and sharp for such facets, and what helps."""
+        from tactile_fem.stimulus import sharpness
+
+        relief, radius_mm = self.relief(), sharpness.least_radius_mm(facet_mm)
+        edge = sharpness.sharpest_edge(relief, radius_mm)
+        if edge is None:
+            return ""
+        low_pass_mm = sharpness.low_pass_that_helps(relief, self.low_pass_mm, radius_mm)
+        factor = sharpness.factor_that_helps(relief, radius_mm)
+        lower = f"heights {sharpness.two_digits(factor):g} times as high"
+        if self.unit_mm is not None:
+            unit_mm = math.copysign(sharpness.two_digits(factor * abs(self.unit_mm)), self.unit_mm)
+            lower = f"unit_mm = {unit_mm:g} (now {self.unit_mm:.3g})"
+        x, y = self.shape().matrix[:2, :2] @ edge.place_mm + self.shift_mm
+        return (
+            f"the surface is steep at X {x:.2f}, Y {y:.2f} mm (at displacement 0): "
+            f"{edge.angle_deg:.0f} degrees, beside an edge whose radius is {edge.radius_mm:.2g} "
+            f"mm, while the skin's facets of {facet_mm:.2g} mm need {radius_mm:.2g} mm; the scan "
+            f"may take long or diverge: choose stimulus.low_pass_mm = {low_pass_mm:g} (now "
+            f"{self.low_pass_mm:g}) or {lower}"
+            + (', or for flat shapes stimulus.kind = "drawing"' if edge.is_flat else "")
+        )
 
     def resolution(self, facet_mm: float, preset_facets_mm: Mapping[str, float]) -> str:
         """Return which part of the roughness skin with such facets follows, and which would."""
