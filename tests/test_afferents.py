@@ -361,19 +361,17 @@ def test_older_folders_have_one_population(tmp_path):
     assert "spikes_SA1" not in numbers_of(again)
 
 
-def test_figures_are_drawn_for_each_population_and_removed_with_it(tmp_path, caplog, monkeypatch):
+def test_figures_show_all_populations_and_are_removed_with_them(tmp_path, caplog, monkeypatch):
     with monkeypatch.context() as script:
         script.setitem(DRIVES, "unheard_of", Drive("", "", lambda h: h["sed_kPa"]))
         study = read(tmp_path, TWO, "afferents.RA.feels=unheard_of")
     with pytest.raises(StudyError, match="unheard_of"):
         _ = study.populations[1].population().drive
     results = two_kinds(tmp_path / "r", read(tmp_path, TWO, "afferents.RA.feels=sed"))
-    kinds = ("felt", "raster", "firing")
-    wanted = {"force.png"} | {f"{kind}_{name}.png" for kind in kinds for name in ("SA1", "RA")}
+    wanted = {"force.png", "felt.png", "raster.png", "firing.png"}
     assert {path.name for path in draw_plots(results)} == wanted
     results.save_study(study)
-    assert {path.name for path in draw_plots(results)} == wanted - {"felt_RA.png"}
-    assert 'RA afferents feel is not drawn: There is no drive "unheard_of"' in caplog.text
+    assert {path.name for path in draw_plots(results)} == wanted
     Results.create(results.folder, overwrite=True)
     assert not list(results.folder.rglob("*.png"))
 
@@ -382,9 +380,9 @@ def test_reports_show_each_population(tmp_path):
     study = read(tmp_path, TWO, "afferents.RA.feels=largest_stretch")
     results = two_kinds(tmp_path / "r", study)
     (results.folder.parent / "summary.csv").write_text("scan,status\nr,complete\n")
-    assert write_report(results.folder.parent).read_text().count("<figcaption>r</figcaption>") == 2
+    assert write_report(results.folder.parent).read_text().count("<figcaption>r</figcaption>") == 1
     page = write_report(results.folder).read_text()
-    for words in ("spikes_RA", "RA: What the central receptor feels", "SA1: Spikes"):
+    for words in ("spikes_RA", "What the central receptor of each population feels", "Spikes of"):
         assert words in page
 
 

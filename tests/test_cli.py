@@ -129,7 +129,7 @@ def test_overwrite_is_passed_on(scans):
 
 
 def test_scan_draws_its_figures(capsys, scans, monkeypatch):
-    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results: [])
+    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results, **_: [])
     assert cli.main(["scan"]) == 0
     assert Path("results/scan/figures/raster.png").is_file()
     assert "raster.png" in capsys.readouterr().out
@@ -222,7 +222,7 @@ def test_fields_lists_the_kept_states_and_writes_them(capsys):
 
 
 def test_plot_draws_again(capsys, monkeypatch):
-    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results: [])
+    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results, **_: [])
     make_results("r")
     assert cli.main(["plot", "r"]) == 0
     assert capsys.readouterr().out.split() == [
@@ -231,7 +231,7 @@ def test_plot_draws_again(capsys, monkeypatch):
 
 
 def test_resume_goes_on(scans, monkeypatch):
-    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results: [])
+    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results, **_: [])
     make_results("r")
     assert cli.main(["resume", "r"]) == 0
     assert scans == [Path("r")]
@@ -242,7 +242,7 @@ def test_a_scan_started_again_goes_on_but_only_with_the_same_study(capsys, scans
     monkeypatch.setattr(
         sys.modules["tactile_fem.simulation.run"], "scan", lambda *a, **k: made.append(a)
     )
-    monkeypatch.setattr("tactile_fem.output.figures.draw", lambda results: [])
+    monkeypatch.setattr("tactile_fem.output.figures.draw", lambda results, **_: [])
     results = make_results("r")
     changed = ["scan", "--results", "r", "--set", "protocol.depth_mm=1"]
     for status in ("complete", "running"):

@@ -17,8 +17,23 @@ def test_states_are_those_next_to_the_extrema():
     times = np.arange(0, 10.1, 0.4) / 20
     chosen = pictures.choose_states(make_trace(), times)
     assert times[chosen] * 20 == pytest.approx([2.4, 5.2, 7.6], abs=0.41)
-    quiet = {**make_trace(), "sed_kPa": np.ones((58, 21))}
-    assert pictures.choose_states(quiet, times) == [len(times) - 1]
+
+
+@pytest.mark.parametrize("row", [3, 7, 20])
+def test_one_state_is_that_of_the_largest_sed_also_in_the_press(row):
+    trace = {**make_trace(), "sed_kPa": np.ones((58, 21))}
+    trace["sed_kPa"][row] = 2.0
+    times = trace["time_s"][1::2]
+    (chosen,) = pictures.choose_states(trace, times)
+    assert abs(times[chosen] - trace["time_s"][row]) == np.abs(times - trace["time_s"][row]).min()
+
+
+def test_the_largest_sed_is_not_left_out_where_there_are_many_extrema():
+    wave = 1.0 + np.sin(np.arange(58) * np.pi / 2 + 0.1)
+    wave[55] = 3.0
+    trace = {**make_trace(), "sed_kPa": np.tile(wave[:, None], 21)}
+    chosen = pictures.choose_states(trace, trace["time_s"])
+    assert len(chosen) == 8 and 55 in chosen
 
 
 def test_the_central_receptor_is_of_the_first_population():

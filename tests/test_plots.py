@@ -3,14 +3,12 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
-from PIL import Image
-from synthetic import make_results, make_spikes, make_trace
+from synthetic import make_trace
 
-from tactile_fem.output import figures, histories
-from tactile_fem.output.histories import DISPLACEMENT, TIME, extrema
-from tactile_fem.output.plots import PAPER, firing_figure, force_figure, raster_figure, sed_figure
-from tactile_fem.simulation.results import Results
-from tactile_fem.study import Cylinder, Dots, Protocol, Study, Text
+from tactile_fem.output import histories
+from tactile_fem.output.histories import DISPLACEMENT, extrema
+from tactile_fem.output.plots import PAPER, firing_figure, force_figure, raster_figure
+from tactile_fem.study import Cylinder, Text
 
 SQUARE = np.array([[-3.0, 2.0], [3.0, 2.0], [3.0, 8.0], [-3.0, 8.0]])
 
@@ -26,60 +24,6 @@ def test_extrema_are_found_and_wiggles_are_not():
     assert x[lows] == pytest.approx([3 * np.pi / 2, 7 * np.pi / 2], abs=0.2)
     for nothing in ([], [1.0], np.ones(10)):
         assert all(len(found) == 0 for found in extrema(nothing))
-
-
-def test_sed_figure_shows_history_extrema_and_letters_to_scale():
-    trace = make_trace()
-    d, sed = trace["displacement_mm"][8:], trace["sed_kPa"][8:, 10]
-    figure = sed_figure(d, sed, [SQUARE])
-    top, below = figure.axes
-    assert np.array_equal(top.lines[0].get_xydata(), np.column_stack([d, sed]))
-    assert line(top, "maxima").get_xdata() == pytest.approx([2.6, 7.6], abs=0.21)
-    assert line(top, "minima").get_xdata() == pytest.approx([5.0], abs=0.21)
-    assert top.get_xlim() == below.get_xlim() == (d[0], d[-1])
-    assert "kPa" in top.get_ylabel() and "mm" in below.get_xlabel()
-    figure.draw_without_rendering()
-    box = below.get_window_extent()
-    per_mm = box.width / np.ptp(below.get_xlim()), box.height / np.ptp(below.get_ylim())
-    assert per_mm[0] == pytest.approx(abs(per_mm[1]), rel=1e-6)
-    assert below.get_ylim()[0] > below.get_ylim()[1]
-
-
-def test_sed_figure_without_letters_is_one_panel():
-    figure = sed_figure([0.0, 1.0, 2.0], [0.0, 2.0, 1.0])
-    (axes,) = figure.axes
-    assert axes.lines[0].get_xydata().tolist() == [[0.0, 0.0], [1.0, 2.0], [2.0, 1.0]]
-    assert axes.get_xlabel() == DISPLACEMENT
-    figure.draw_without_rendering()
-    assert [tick.get_text() for tick in axes.get_xticklabels() if tick.get_visible()]
-    assert axes.get_position().height > 0.7  # no room is left for a map
-
-
-@pytest.mark.parametrize("distance", [0.2, 1.0, 3.0, 10.0, 30.0])
-def test_sed_figure_has_ordinary_proportions_however_short_the_slide(distance):
-    d = np.linspace(0.0, distance, 20)
-    figure = sed_figure(d, d, [SQUARE - [0.0, 2.0], SQUARE - [0.0, -20.0]], 2.0)
-    width, height = figure.get_size_inches()
-    assert 5 < width < 6 and 0.5 < height / width < 1.5
-    _, below = figure.axes
-    box = below.get_window_extent()
-    across = sorted(below.get_ylim())
-    assert box.height / np.ptp(across) == pytest.approx(box.width / distance)  # to scale
-    assert box.height / figure.dpi > 0.9
-    assert across[0] < 2.0 < across[1]  # the receptor's way
-    if distance >= 10:
-        assert across == pytest.approx([-3.5, 3.5])  # all of the letters
-
-
-def test_sed_figure_shows_the_way_of_a_receptor_beside_the_letters():
-    across = sorted(sed_figure([0.0, 10.0], [0.0, 1.0], [SQUARE], 5.0).axes[1].get_ylim())
-    assert across == pytest.approx([-3.5, 5.5])
-
-
-def test_sed_figure_of_a_slide_that_meets_nothing_has_no_map():
-    for outlines in ([SQUARE], [SQUARE - [-9.0, 2.0]]):
-        figure = sed_figure([0.0, 0.5], [0.0, 1.0], outlines)
-        assert len(figure.axes) == 1 and "mm" in figure.axes[0].get_xlabel()
 
 
 def test_raster_has_one_dot_per_spike_in_range():
@@ -156,52 +100,8 @@ def test_force_figure_says_why_the_ratio_exceeds_the_friction(sideways, friction
 
 def test_figures_leave_the_users_style_alone():
     before = dict(mpl.rcParams)
-    sed_figure([0.0, 1.0], [0.0, 1.0])
+    raster_figure([0.5], [0.0], [0.0, 1.0], (0.0, 1.0))
     assert dict(mpl.rcParams) == before
-
-
-@pytest.mark.parametrize("stimulus", [Text(), Dots(), Cylinder()])
-def test_all_figures_of_a_folder(tmp_path, stimulus):
-    results = make_results(tmp_path / "r", Study(stimulus=stimulus))
-    paths = figures.draw_plots(results)
-    assert {path.name for path in paths} == {"sed.png", "raster.png", "firing.png", "force.png"}
-    for path in paths:
-        with Image.open(path) as image:
-            assert min(image.size) > 500
-            assert len(image.getcolors(1 << 24)) > 10
-
-
-def test_receptors_beside_the_line_are_drawn_where_they_meet_the_stimulator(tmp_path):
-    trace = make_trace()
-    trace["receptors_mm"][:, 1] = np.linspace(-2, 2, 21)
-    results = make_results(tmp_path / "r", trace=trace)
-    names = {path.name for path in figures.draw_plots(results)}
-    assert names == {"sed.png", "raster.png", "force.png"}
-
-
-def test_a_press_without_a_slide_has_its_forces(tmp_path):
-    trace = {k: v if k == "receptors_mm" else v[:8] for k, v in make_trace().items()}
-    results = make_results(tmp_path / "r", Study(protocol=Protocol(distance_mm=0)), trace)
-    assert [path.name for path in figures.draw_plots(results)] == ["force.png"]
-
-
-def test_a_path_that_is_no_straight_slide_is_drawn_over_time(tmp_path):
-    trace = make_trace()
-    straight = histories.Abscissa.of(make_results(tmp_path / "straight", trace=trace))
-    assert straight.label == DISPLACEMENT and straight.outlines
-    assert straight.values.tolist() == trace["displacement_mm"][trace["time_s"] >= 0].tolist()
-    for change in ("across", "held"):
-        other = {name: values.copy() for name, values in trace.items()}
-        if change == "across":
-            other["stimulator_mm"][:, 0] += other["displacement_mm"]
-        else:
-            other["displacement_mm"][-1] = other["displacement_mm"][-2]
-            other["stimulator_mm"][-1] = other["stimulator_mm"][-2]
-        over = histories.Abscissa.of(make_results(tmp_path / change, trace=other))
-        assert over.label == TIME and not len(over.outlines)
-        assert over.values.tolist() == trace["time_s"][trace["time_s"] >= 0].tolist()
-        paths = figures.draw_plots(Results.open(tmp_path / change))
-        assert {p.stem for p in paths} == {"sed", "raster", "firing", "force"}
 
 
 def test_letters_have_holes():
@@ -225,15 +125,3 @@ def test_letters_have_holes():
     white, *drawn = [image[y, x] for x, y in places.astype(int)]
     assert white.tolist() == drawn[0].tolist() == [1, 1, 1]
     assert drawn[1] == pytest.approx(to_rgb(PAPER), abs=0.01)
-
-
-def test_spikes_of_the_synthetic_folder_are_all_drawn(tmp_path, monkeypatch):
-    drawn = {}
-    monkeypatch.setattr(figures, "write_figure", lambda path, figure: drawn.update({path: figure}))
-    trace = make_trace()
-    results = make_results(tmp_path / "r", trace=trace)
-    figures.draw_plots(results)
-    axes = drawn[results.figures / "raster.png"].axes[0]
-    dots = next(one for one in axes.lines if one.get_gid() == "spikes")
-    assert len(dots.get_xdata()) == sum(map(len, make_spikes(trace)))
-    assert np.unique(dots.get_xdata()) == pytest.approx([1, 3, 5, 7, 9])

@@ -40,7 +40,7 @@ def shortened(code, old, new):
 def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
     pytest.importorskip("tactile_fem.runtime.backend")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results: [])
+    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results, **_: [])
     (script,) = blocks(README, "python")
     assert len([line for line in script.splitlines() if line.strip()]) <= 13
     run(

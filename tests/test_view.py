@@ -35,17 +35,27 @@ def film(results):
 
 def test_between_written_states_fields_are_linear_in_time(film):
     assert len(film) == 9
-    assert film.along == pytest.approx(np.arange(9) * 0.625)
+    assert film.along == pytest.approx(np.arange(9) * 0.03125)
+    assert film.slid_mm == pytest.approx(np.arange(9) * 0.625)
     for k in (0, 1, 4, 7, 8):
         moved = np.tensordot(film.weights[k], film.moved_mm, 1)
         assert moved[:, 1] == pytest.approx(-0.0625 * k, abs=1e-6)
-    assert film.nearest(3.0) == 5
+    assert film.nearest(0.15) == film.nearest_mm(3.0) == 5
+    assert film.titles[4] == "Slide, 0.125 s: displacement 2.50 mm, depth 1.97 mm"
 
 
-def test_at_displacement_0_is_the_end_of_the_indentation(film):
-    slid = np.array([0.0, 0.0, 0.0, 2.0])
-    frames = replace(film, along=slid)
-    assert [frames.nearest(at_mm) for at_mm in (-1.0, 0.0, 0.9, 1.1)] == [2, 2, 2, 3]
+def test_at_displacement_0_is_the_end_of_the_press(film):
+    times, slid = np.array([-0.2, -0.1, 0.0, 0.1]), np.array([0.0, 0.0, 0.0, 2.0])
+    frames = replace(film, along=times, slid_mm=slid)
+    assert [frames.nearest_mm(at_mm) for at_mm in (-1.0, 0.0, 0.9, 1.1)] == [2, 2, 2, 3]
+    assert [frames.nearest(at_s) for at_s in (-1.0, -0.11, 0.09)] == [0, 1, 3]
+
+
+def test_a_film_has_states_of_the_press(tmp_path):
+    film = Film.of_scan(scan(tmp_path / "r", (-0.985, 0.0)))
+    assert film.along[0] == pytest.approx(-0.04925)
+    assert film.titles[0] == "Press, -0.049 s: displacement 0.00 mm, depth 0.98 mm"
+    assert film.nearest_mm(0.0) == 4
 
 
 def test_receptors_light_up_in_the_frame_after_their_spike(film):
@@ -99,6 +109,27 @@ def test_the_interface_has_the_energy_of_the_receptors_side(results, film):
 
 
 @needs_graphics
+def test_a_picture_has_as_many_dots_as_are_wanted_and_a_scale_bar(results, film, monkeypatch):
+    from tactile_fem.output.scene import deformation_scene
+
+    scene = deformation_scene(results, film)
+    figure = scene.figure(0, 100)
+    assert figure.get_size_inches() * figure.dpi == pytest.approx((750, 477.5))
+    (bar,) = [one for one in figure.artists if hasattr(one, "get_xdata")]
+    places = np.array([[0.0, y, 2.0] for y in (-1.0, 1.0)])  # 2 mm on the cut
+    camera = scene.plotter.camera
+    towards = np.array(camera.position) - camera.focal_point
+    side = np.cross(camera.up, towards)
+    above = np.cross(towards, side)
+    shown = np.diff(places, axis=0)[0]
+    flat = [shown @ axis / np.linalg.norm(axis) for axis in (side, above)]
+    height_mm = 2 * camera.parallel_scale
+    in_inches = np.linalg.norm(flat) / height_mm * figure.get_figheight()
+    assert np.ptp(bar.get_xdata()) * figure.get_figwidth() == pytest.approx(in_inches, rel=1e-6)
+    scene.plotter.close()
+
+
+@needs_graphics
 @pytest.mark.parametrize("kinds", [("PC", "SA1"), ("PC", "RA"), ("PC",)])
 def test_a_population_below_the_interface_leaves_the_interface_its_energy(tmp_path, kinds):
     """PC feel the subcutaneous tissue, which has no facet there."""
@@ -117,6 +148,9 @@ def test_a_population_below_the_interface_leaves_the_interface_its_energy(tmp_pa
     front = interface(film, side).clip("y", origin=(0.0, 0.05, 0.0), invert=False)
     shown = scene.plotter.actors["interface"].mapper.dataset["values"]
     assert shown == pytest.approx(front["values"][:, 0], rel=1e-6)
+    colours = scene.plotter.actors["receptors"].mapper.dataset["colour"].reshape(21, -1)[:, 0]
+    assert set(colours // 2) == set(range(len(kinds)))
+    assert {*kinds} <= {*scene.legend} or len(kinds) == 1
     # What is 2 mm high is lifted by 0.5 mm, what is half a millimetre high by 1.25 mm.
     lifted = (centres(scene) - trace["receptors_mm"])[:, 2]
     assert lifted == pytest.approx(np.where(names == "PC", 0.5, 1.25), abs=1e-3)
@@ -140,8 +174,9 @@ def test_the_slider_moves_the_finger(results, film):
 
     plotter = window(receptor_scene(results, film))
     (slider,) = getattr(plotter, "widgets", plotter).slider_widgets
-    assert slider.GetRepresentation().GetValue() == 0
-    for value, moved in ((5.0, -0.5), (2.5, -0.25)):
+    at_first = slider.GetRepresentation().GetValue()
+    assert at_first == pytest.approx(film.along[film.strongest])
+    for value, moved in ((0.25, -0.5), (0.125, -0.25)):
         slider.GetRepresentation().SetValue(value)
         slider.InvokeEvent("EndInteractionEvent")
         far = plotter.actors["epidermis shell"].mapper.dataset.bounds.y_min
@@ -191,7 +226,7 @@ def test_a_page_is_written(tmp_path, monkeypatch):
     command = ["view", str(tmp_path / "r"), "--save", str(path), "--at-mm", "2.4"]
     assert cli.main(command) == 0
     text = path.read_text()
-    assert "Displacement 2.50 mm, 125 ms" in text and "OfflineLocalView.load" in text
+    assert "Slide, 0.125 s: displacement 2.50 mm" in text and "OfflineLocalView.load" in text
 
 
 @pytest.mark.parametrize(
@@ -204,6 +239,8 @@ def test_a_page_is_written(tmp_path, monkeypatch):
         ),
         (["--save", "no/scan.gif"], 2, '--save is "no/scan.gif" but there is no folder no.'),
         (["--at-mm", "2"], 2, "--at-mm goes with --save to a .png or .html file."),
+        (["--at-s", "0", "--save", "a.gif"], 2, "--at-s goes with --save to a .png or .html"),
+        (["--at-s", "0", "--at-mm", "0", "--save", "a.png"], 2, "--at-mm and --at-s are both"),
         ([], 1, "There is no display for a window"),
         (["--save", "scan.html"], 1, 'pip install "tactile-fem[html]"'),
         (["--save", "scan.mp4"], 1, "pip install imageio-ffmpeg"),

@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_fem.neuron import Histories, Response, current_at, rate_of
+from tactile_fem.output.annotations import BLUE, GREEN, INK, VERMILION
 from tactile_fem.output.histories import central_receptor
-from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
+from tactile_fem.output.plots import styled
 from tactile_fem.study import Neuron
 
 COLOURS = {"neither": INK, "receptor": BLUE, "tissue": VERMILION, "both": GREEN}

@@ -29,8 +29,9 @@ from cyclopts import Parameter
 from matplotlib.figure import Figure
 
 from tactile_fem import Results, Study, completed, load_study, run_script, write_table
+from tactile_fem.output.annotations import BLUE, GREEN, VERMILION
 from tactile_fem.output.histories import DISPLACEMENT
-from tactile_fem.output.plots import BLUE, GREEN, PAPER, VERMILION, styled
+from tactile_fem.output.plots import PAPER, styled
 
 COLOURS = {"SA1": BLUE, "RA": VERMILION, "PC": GREEN}
 SLIPS_MM = 1.0

@@ -30,7 +30,8 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from tactile_fem import Population, Study, completed, run_script, vibrate, write_table
-from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION, styled
+from tactile_fem.output.annotations import BLUE, GREEN, INK, VERMILION
+from tactile_fem.output.plots import styled
 from tactile_fem.study import Dots, Finger, Hold, Neuron, Press, Protocol, Tissue
 from tactile_fem.vibration import Spectrum
 

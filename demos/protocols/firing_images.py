@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 
 from tactile_fem import Results, StudyError
 from tactile_fem.neuron import Response
+from tactile_fem.output.annotations import INK
 from tactile_fem.output.histories import DISPLACEMENT, Outlines, middle_row
-from tactile_fem.output.plots import ACROSS, INK, draw_outlines, draw_rates, styled
+from tactile_fem.output.plots import ACROSS, draw_outlines, draw_rates, styled
 from tactile_fem.series import RateImage, rate_image
 from tactile_fem.study import Neuron
 

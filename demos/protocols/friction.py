@@ -24,8 +24,8 @@ from letter_recognition import outline_correlation
 from matplotlib.figure import Figure
 
 from tactile_fem import Results, run_script, write_table
+from tactile_fem.output.annotations import BLUE, GREEN, INK, VERMILION
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor
-from tactile_fem.output.plots import BLUE, GREEN, INK, VERMILION
 from tactile_fem.series import (
     complete_scans,
     numbers_of,

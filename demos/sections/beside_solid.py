@@ -25,8 +25,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_fem import Results, Study, StudyError, run_script, write_table
+from tactile_fem.output.annotations import BLUE, VERMILION
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor, extrema
-from tactile_fem.output.plots import BLUE, VERMILION
 from tactile_fem.series import Member, complete_scans, run_series
 
 Array = NDArray[np.float64]

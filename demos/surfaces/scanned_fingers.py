@@ -27,8 +27,8 @@ from tactile_fem import Results, Study, completed, run_script, write_table
 from tactile_fem.finger.build import triangulate
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.simplex import gammas
+from tactile_fem.output.annotations import INK
 from tactile_fem.output.histories import central_receptor
-from tactile_fem.output.plots import INK
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.study import Finger, Output, Protocol
 

@@ -23,8 +23,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_fem import Results, Study, run_script, scan, write_table
+from tactile_fem.output.annotations import INK
 from tactile_fem.output.histories import DISPLACEMENT, central_receptor
-from tactile_fem.output.plots import INK
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.series import numbers_of
 from tactile_fem.stimulus.relief import Roughness

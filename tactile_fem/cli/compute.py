@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +26,7 @@ from tactile_fem.runtime import ranks
 from tactile_fem.runtime.ranks import raise_stopped, signal_handler
 
 if TYPE_CHECKING:
-    from tactile_fem.series import Member
+    from tactile_fem.series import Member, Outcome
 
 logger = logging.getLogger(__name__)
 
@@ -126,9 +127,10 @@ def sweep(
     results: _SeriesFolder = Path("results/sweep"),
     shares: Shares = _ALL_SCANS,
 ) -> None:
-    """Scan with every combination of the given values, and tabulate the results.
+    """Scan with every combination of the given values, and compare the results.
 
-    Started again, it completes the missing scans. Each scan has its own folder and process.
+    The table states differences to the first scan; histories are drawn on common axes. Started
+    again, it completes the missing scans. Each scan has its own folder and process.
 
     Parameters
     ----------
@@ -137,7 +139,10 @@ def sweep(
     """
     from tactile_fem import series
 
-    _run_series(series.sweep(over, study, changes), results, shares)
+    members = series.sweep(over, study, changes)
+    outcomes = _run_series(members, results, shares)
+    _show_comparison(members, results)
+    _raise_failures(outcomes)
 
 
 def fibre(
@@ -166,14 +171,37 @@ def fibre(
     members = series.single_fibre(
         load_study(study, changes), spacing_mm=spacing_mm, half_width_mm=half_width_mm
     )
-    _run_series(members, results, shares)
+    _raise_failures(_run_series(members, results, shares))
 
 
-def _run_series(members: Sequence[Member], folder: Path, shares: Shares) -> None:
+def _run_series(members: Sequence[Member], folder: Path, shares: Shares) -> list[Outcome]:
     from tactile_fem import series
 
     outcomes = series.run_series(members, folder, **vars(shares))
     print(f"Written to {series.write_summary(members, folder)}")
+    return outcomes
+
+
+def _show_comparison(members: Sequence[Member], folder: Path) -> None:
+    """Draw the complete scans side by side and print their table."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from tactile_fem import series
+
+    if (path := series.write_comparison(members, folder)) is None:
+        return
+    (_, *headings), *rows = series.compare(members, folder)
+    table = Table("scan", box=None)
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for row in rows:
+        table.add_row(*row)
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
+    print(f"Written to {path}")
+
+
+def _raise_failures(outcomes: Sequence[Outcome]) -> None:
     failed = [outcome.member.name for outcome in outcomes if outcome.problem]
     if failed:
         raise TactileError(f"{len(failed)} of {len(outcomes)} scans failed: {', '.join(failed)}")

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from tactile_fem.cli.options import (
     Changes,
+    Count,
     Overwrite,
     PositiveFloat,
     ScanFolder,
@@ -168,11 +169,17 @@ def fields(
     print(f"Written to {output}")
 
 
-def plot(results: ScanFolder, /) -> None:
-    """Draw all figures of a scan again."""
+def plot(results: ScanFolder, /, *, dpi: Count = 200) -> None:
+    """Draw all figures of a scan again.
+
+    Parameters
+    ----------
+    dpi
+        Dots per inch, for print: text and lines keep their sizes.
+    """
     from tactile_fem import Results, draw
 
-    for path in draw(Results.open(results)):
+    for path in draw(Results.open(results), dpi=dpi):
         print(path)
 
 

@@ -14,6 +14,7 @@ from cyclopts import Parameter
 
 from tactile_fem.cli.options import (
     Changes,
+    Count,
     PositiveFloat,
     ScanFolder,
     StudyFile,
@@ -67,6 +68,8 @@ def view(
     *,
     save: Path | None = None,
     at_mm: float | None = None,
+    at_s: float | None = None,
+    dpi: Count = 200,
     vibration: Annotated[
         PositiveFloat | None,
         Parameter(
@@ -78,15 +81,19 @@ def view(
 ) -> None:
     """Show the finger cut open, the strain energy density and the firing receptors.
 
-    Opens a window with a slider for the displacement, the time or the phase, or writes a file
-    with --save, which needs no display.
+    Opens a window with a slider for the time or the phase, or writes a file with --save, which
+    needs no display.
 
     Parameters
     ----------
     save
         Write an animation, .gif or .mp4, a frame, .png, or a page for the browser, .html.
     at_mm
-        Displacement of the frame or page, of a slide; default at the largest SED.
+        Displacement of the frame or page; default at the largest SED.
+    at_s
+        Its time instead, which is negative in the press.
+    dpi
+        Dots per inch of a .png.
     amplitude_um
         Amplitude of the vibration.
     """
@@ -94,7 +101,7 @@ def view(
 
     found = Results.open(results)
     plane = found.study.finger.section_plane
-    _check_options(plane, save, at_mm, vibration)
+    _check_options(plane, save, {"--at-mm": at_mm, "--at-s": at_s}, vibration)
     modes_file = found.vibration / "modes.npz"
     if vibration is not None and not modes_file.exists():
         raise StudyError(f"{modes_file} is missing: run tactile-fem vibrate {results} first.")
@@ -102,7 +109,6 @@ def view(
     from tactile_fem.output import pictures
     from tactile_fem.output import view as viewing
     from tactile_fem.output.film import Film
-    from tactile_fem.output.histories import DISPLACEMENT
     from tactile_fem.vibration import Modes
 
     look: pictures.Look = "receptors"
@@ -111,18 +117,21 @@ def view(
     else:
         modes, look = Modes.load(modes_file), "vibration"
         film = Film.of_vibration(modes, modes.nearest(vibration), amplitude_um / 1000)
-    if at_mm is not None and film.label != DISPLACEMENT:
-        raise StudyError(f"--at-mm is {at_mm:g} but the path in {results} is no straight slide.")
     frames = pictures.frames_of(found, film, look, off_screen=save is not None)
     if save is None:
         viewing.window(frames).show()
-    else:
-        viewing.save(frames, save, film.strongest if at_mm is None else film.nearest(at_mm))
-        print(f"Written to {save}")
+        return
+    k = film.strongest
+    if at_mm is not None:
+        k = film.nearest_mm(at_mm)
+    if at_s is not None:
+        k = film.nearest(at_s)
+    viewing.save(frames, save, k, dpi)
+    print(f"Written to {save}")
 
 
 def _check_options(
-    plane: Plane, save: Path | None, at_mm: float | None, frequency_Hz: float | None
+    plane: Plane, save: Path | None, at: dict[str, float | None], frequency_Hz: float | None
 ) -> None:
     """Raise errors that can be detected before a graphics library is loaded."""
     endings = (".gif", ".mp4", ".png", ".html")[: None if plane.is_space else 3]
@@ -131,10 +140,16 @@ def _check_options(
     elif not plane.is_space:
         raise StudyError(f"A section needs --save with a name in {', '.join(endings)}.")
     kind = None if save is None else save.suffix
-    if at_mm is not None and kind not in (".png", ".html"):
-        raise StudyError("--at-mm goes with --save to a .png or .html file.")
-    if at_mm is not None and frequency_Hz is not None:
-        raise StudyError("--at-mm does not go with --vibration: its state was chosen by `vibrate`.")
+    given = [option for option, value in at.items() if value is not None]
+    for option in given:
+        if kind not in (".png", ".html"):
+            raise StudyError(f"{option} goes with --save to a .png or .html file.")
+        if frequency_Hz is not None:
+            raise StudyError(
+                f"{option} does not go with --vibration: its state was chosen by `vibrate`."
+            )
+    if len(given) > 1:
+        raise StudyError("--at-mm and --at-s are both given, but one of them chooses the frame.")
     if kind == ".html" and find_spec("trame_pyvista") is None:
         raise TactileError('An .html file needs trame: pip install "tactile-fem[html]".')
     if kind == ".mp4" and find_spec("imageio_ffmpeg") is None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import LogNorm, Normalize, to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from tactile_fem.finger.mesh_data import TISSUES
 
+# Okabe and Ito's colours, which colour-blind readers can distinguish.
+BLUE, VERMILION, GREEN, INK = "#0072B2", "#D55E00", "#009E73", "#222222"
+DISTINCT = (BLUE, VERMILION, GREEN, "#CC79A7", "#E69F00", "#56B4E9")
 COLOURS = {
     "stratum_corneum": "#E7C6A5",
     "epidermis": "#A8683F",
@@ -24,6 +28,7 @@ COLOURS = {
 }
 # Tissues without strain energy.
 RIGID = ("bone", "nail")
+_SCALE_BAR_MM = 2.0
 SCALE = "viridis"
 SIZE_INCHES, PICTURE_DPI, WINDOW_DPI, FILM_DPI = (7.5, 4.775), 200, 147, 112
 
@@ -56,6 +61,47 @@ def dots(legend: Mapping[str, str]) -> list[Line2D]:
     """Return the entries of a legend: colours by their names."""
     style = {"ls": "", "marker": "o", "ms": 6, "mec": "black", "mew": 0.6}
     return [Line2D([], [], color=colour, label=name, **style) for name, colour in legend.items()]
+
+
+def colours_of(populations: Iterable[str]) -> dict[str, str]:
+    """Return the colour of each population by its name; a single one is black."""
+    names = list(dict.fromkeys(populations))
+    colours = DISTINCT if len(names) > 1 else (INK,)
+    return dict(zip(names, cycle(colours), strict=False))
+
+
+def receptor_labels(name: str, populations: Sequence[str]) -> tuple[str, str]:
+    """Return what a population's silent and its firing receptors are called in a legend."""
+    if len(populations) == 1:
+        return "receptor, silent", "receptor, firing"
+    return name, f"{name}, firing"
+
+
+def receptor_colours(populations: Iterable[str], single: tuple[str, str]) -> dict[str, str]:
+    """Return the colours of silent and firing receptors by their labels.
+
+    Those of a single population are given; of several the firing ones are lighter.
+    """
+    colours = colours_of(str(name) for name in populations)
+    names, found = list(colours), {}
+    for name, colour in colours.items():
+        light = to_hex(0.5 * np.array(to_rgb(colour)) + 0.5)
+        pair = single if len(names) == 1 else (colour, light)
+        found |= dict(zip(receptor_labels(name, names), pair, strict=True))
+    return found
+
+
+def draw_scale(figure: Figure, share_of_width: float) -> None:
+    """Draw a scale bar at the lower right; a millimetre takes a share of the figure's width."""
+    right, height = 0.965, 0.06
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 3}
+    left, text = right - _SCALE_BAR_MM * share_of_width, f"{_SCALE_BAR_MM:g} mm"
+    style = {"ha": "center", "va": "top", "fontsize": 8, "bbox": box, "zorder": 3}
+    figure.text((left + right) / 2, height - 0.012, text, **style)
+    bar = Line2D(
+        [left, right], [height] * 2, color="black", lw=2.5, solid_capstyle="butt", zorder=4
+    )
+    figure.add_artist(bar)
 
 
 def annotate(

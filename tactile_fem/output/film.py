@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
@@ -12,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.simplex import SOLID, simplex_of
+from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import is_soft
-from tactile_fem.output.histories import TIME, Abscissa, at_time
+from tactile_fem.output.histories import TIME, at_time
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
@@ -27,6 +29,7 @@ FRAMES_PER_STATE, FRAMES_PER_PERIOD = 4, 24
 _LARGEST_AMPLITUDE_MM = 0.6
 # The colours end at this percentile of the soft tissue: at edges, SED is singular.
 _TOP_PERCENTILE = 99.8
+_ROUNDING_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -37,10 +40,11 @@ class Film:
     Displacements `moved_mm` (fields, n, 3) and the `values` that colours show, of cells (fields, m)
     or of nodes (fields, n), are combined by `weights` (frames, fields). The body is at
     `stimulator_mm` (frames, 3). Frames are sorted by `along` (frames,), with the name and unit
-    `label`, and have `titles`. `quantity` is the name and unit of the values, `top` the upper end
+    `label`: those of a scan by their time, at which it has slid by `slid_mm` (frames,). They have
+    `titles`. `quantity` is the name and unit of the values, `top` the upper end
     of their colours, and `strongest` the number of the frame with the largest deformation.
     Receptors have deformed places (frames, r, 3) and may have `fired` since the frame before
-    (frames, r).
+    (frames, r), and the names of their `population` (r,).
     """
 
     mesh: FingerMesh
@@ -56,17 +60,24 @@ class Film:
     strongest: int = 0
     receptors_mm: Array | None = None
     fired: NDArray[np.bool_] | None = None
+    population: NDArray[np.str_] | None = None
+    slid_mm: Array | None = None
 
     def __len__(self) -> int:
         return len(self.weights)
 
     def nearest(self, value: float) -> int:
-        """Return the number of the frame nearest to a value of `along`.
+        """Return the number of the frame nearest to a value of `along`."""
+        return int(np.argmin(np.abs(self.along - value)))
 
-        The displacement stays 0 during the indentation: the frame at its end is that of 0.
+    def nearest_mm(self, slid_mm: float) -> int:
+        """Return the number of the frame of a scan nearest to a displacement.
+
+        It stays 0 during the press: the frame at 0 is that at the end of the press.
         """
-        apart = np.abs(self.along - value)
-        return int(np.flatnonzero(apart == apart.min())[-1])
+        assert self.slid_mm is not None
+        apart = np.abs(self.slid_mm - slid_mm) + np.where(self.along < -_ROUNDING_S, np.inf, 0.0)
+        return int(np.argmin(apart))
 
     @classmethod
     def at_rest(cls, finger: FingerMesh, place_mm: ArrayLike = (0.0, 0.0, 0.0)) -> Film:
@@ -95,14 +106,6 @@ class Film:
         frames = np.arange(FRAMES_PER_STATE * states[-1] + 1) / FRAMES_PER_STATE
         weights = np.array([np.interp(frames, states, one) for one in np.eye(len(files))]).T
         times = weights @ written_s
-        slid, label = at_time(trace, "displacement_mm", times), Abscissa.of(results).label
-        if label == TIME:
-            titles = [f"Time {time:.3f} s" for time in times]
-        else:
-            titles = [
-                f"Displacement {mm:.2f} mm, {1000 * time:.0f} ms"
-                for mm, time in zip(slid, times, strict=True)
-            ]
         tops = np.percentile(sed[:, is_soft(mesh.tissue)], _TOP_PERCENTILE, axis=1)
         return cls(
             mesh,
@@ -110,15 +113,17 @@ class Film:
             sed,
             weights,
             stimulator_mm=at_time(trace, "stimulator_mm", times).T,
-            along=times if label == TIME else slid,
-            titles=titles,
-            label=label,
+            along=times,
+            titles=_titles(trace, times),
+            label=TIME,
             quantity="Strain energy density (kPa)",
             top=max(float(tops.max()), 1e-6),
             strongest=FRAMES_PER_STATE * int(np.argmax(tops)),
             receptors_mm=trace["receptors_mm"]
             + np.moveaxis(at_time(trace, "moved_mm", times), -1, 0),
             fired=_fired(results, times),
+            population=trace["population"],
+            slid_mm=at_time(trace, "displacement_mm", times),
         )
 
     @classmethod
@@ -181,6 +186,21 @@ def _read(path: Path) -> meshio.Mesh:
     except Exception:  # a damaged file fails in many ways
         pass
     raise StudyError(f"{path} cannot be read as a field file of a scan.")
+
+
+def _titles(trace: dict[str, NDArray[Any]], times_s: Array) -> list[str]:
+    """Return the titles of frames: phase, time, displacement where there is any, and depth."""
+    phases = Abscissa.of(trace).phases
+    per_s = Abscissa.of(trace).per_s
+    slid, deep = (at_time(trace, name, times_s) for name in ("displacement_mm", "depth_mm"))
+    ends = np.array([phase.end for phase in phases]) / per_s
+    titles = []
+    for time, slid_mm, deep_mm in zip(times_s, slid, deep, strict=True):
+        k = min(int(np.searchsorted(ends, time - _ROUNDING_S)), len(phases) - 1)
+        across = f"displacement {slid_mm:.2f} mm, " if np.ptp(trace["displacement_mm"]) else ""
+        name = f"{phases[k].name.capitalize()}, " if phases else ""
+        titles.append(f"{name}{time:.3f} s: {across}depth {deep_mm:.2f} mm")
+    return titles
 
 
 def _fired(results: Results, times_s: Array) -> NDArray[np.bool_]:

@@ -1,15 +1,13 @@
-"""Histories of a scan as figures and films show them: over displacement or over time."""
+"""Histories of a scan as figures and films show them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.simulation.results import Results
 from tactile_fem.study import Stimulus
 
 Array = NDArray[np.float64]
@@ -55,34 +53,6 @@ def at_time(trace: Mapping[str, Array], name: str, time_s: ArrayLike) -> Array:
     columns = values.reshape(len(values), -1).T
     found = np.array([np.interp(time_s, trace["time_s"], column) for column in columns])
     return found.reshape(values.shape[1:] + np.shape(time_s))
-
-
-@dataclass(frozen=True)
-class Abscissa:
-    """The horizontal axis of the figures of a scan, from the end of the indentation on.
-
-    For a steady slide along the finger, towards the palm, it is the displacement, which is also Y
-    of the outlines of the stimulator. For any other path it is the time, without outlines.
-
-    ``rows`` (steps,) selects the trace's rows, of which ``values`` are the coordinates.
-    """
-
-    label: str
-    rows: NDArray[np.bool_]
-    values: Array
-    outlines: Outlines = ()
-
-    @classmethod
-    def of(cls, results: Results) -> Abscissa:
-        """Return the axis of the figures of a scan."""
-        trace = results.trace
-        rows = trace["time_s"] >= -1e-12
-        slid, places = trace["displacement_mm"][rows], trace["stimulator_mm"][rows, :2]
-        straight = places[:1] + slid[:, None] * [0.0, -1.0]
-        if not np.allclose(places, straight, atol=1e-9) or (np.diff(slid) <= 0).any():
-            return cls(TIME, rows, trace["time_s"][rows])
-        shapes = rings(results.study.stimulus) if results.stimulator is None else []
-        return cls(DISPLACEMENT, rows, slid, shapes)
 
 
 def rings(stimulus: Stimulus) -> Outlines:

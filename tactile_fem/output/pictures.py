@@ -1,8 +1,8 @@
 """Pictures of the finger, drawn off screen in a separate process.
 
 A graphics library can crash the process that loads it, so a scan does not load one: it starts
-``python -m tactile_fem.output.pictures FOLDER [AMPLITUDE_MM]``, which draws the states of a scan
-or, with an amplitude, the shapes of its vibration, and prints the names of the files.
+``python -m tactile_fem.output.pictures FOLDER DPI [AMPLITUDE_MM]``, which draws the states of a
+scan or, with an amplitude, the shapes of its vibration, and prints the names of the files.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_fem.finger.plane import SPACE, Plane
+from tactile_fem.output.abscissa import Abscissa
+from tactile_fem.output.annotations import PICTURE_DPI
 from tactile_fem.output.film import FRAMES_PER_STATE, Film
-from tactile_fem.output.histories import TIME, central_receptor, extrema
+from tactile_fem.output.histories import central_receptor, extrema
 from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.output.view import Frames
 from tactile_fem.runtime import doctor
@@ -56,10 +58,13 @@ def can_draw(plane: Plane = SPACE) -> str | None:
     return None if finding is None else f"{finding}."
 
 
-def draw_pictures(results: Results, amplitude_mm: float | None = None) -> list[Path]:
+def draw_pictures(
+    results: Results, amplitude_mm: float | None = None, *, dpi: int | None = None
+) -> list[Path]:
     """Draw the states of a scan, or the shapes of its vibration, into its folder.
 
-    Return the files. All errors are logged as warnings: pictures are less important than data.
+    Return the files, which have 200 dots per inch if none are given. All errors are logged as
+    warnings: pictures are less important than data.
     """
     reason = can_draw(results.study.finger.section_plane)
     if reason is None and amplitude_mm is None and not read_series(results.fields)[1]:
@@ -68,7 +73,7 @@ def draw_pictures(results: Results, amplitude_mm: float | None = None) -> list[P
         logger.warning("%s", reason)
         return []
     logger.info("drawing pictures of the finger, which can take some minutes")
-    command = [sys.executable, "-m", _MODULE, str(results.folder)]
+    command = [sys.executable, "-m", _MODULE, str(results.folder), str(dpi or PICTURE_DPI)]
     command += [] if amplitude_mm is None else [repr(amplitude_mm)]
     try:
         done = subprocess.run(
@@ -103,37 +108,41 @@ def _environment() -> dict[str, str]:
 # --- in that process ---------------------------------------------------------------------------
 
 
-def main(folder: str, amplitude_mm: str | None = None) -> int:
+def main(folder: str, dpi: str, amplitude_mm: str | None = None) -> int:
     """Draw into a results folder and print the names of the files."""
-    results = Results.open(folder)
-    states = amplitude_mm is None
-    for path, figure in _states(results) if states else _shapes(results, float(amplitude_mm)):
+    results, dots = Results.open(folder), int(dpi)
+    drawn = _states(results, dots)
+    if amplitude_mm is not None:
+        drawn = _shapes(results, dots, float(amplitude_mm))
+    for path, figure in drawn:
         path.parent.mkdir(exist_ok=True)
         write_figure(path, figure)
         print(path, flush=True)
     return 0
 
 
-def _states(results: Results) -> Iterator[tuple[Path, Figure]]:
+def _states(results: Results, dpi: int) -> Iterator[tuple[Path, Figure]]:
     """Yield the layers of a solid finger, and the deformations with the largest and least SED."""
     film = Film.of_scan(results)
     if film.mesh.plane.is_space:
-        from tactile_fem.output.scene import finger_figure
+        from tactile_fem.output.anatomy import finger_figure
 
-        yield results.figures / "finger.png", finger_figure(film)
-    frames = frames_of(results, film, "deformation")
+        yield results.figures / "finger.png", finger_figure(film.mesh, dpi)
+    frames, over = frames_of(results, film, "deformation"), Abscissa.of(results.trace)
     for state in choose_states(results.trace, read_series(results.fields)[0]):
         k = FRAMES_PER_STATE * state
-        name = f"{film.along[k]:06.3f}_s" if film.label == TIME else f"{film.along[k]:05.2f}"
-        yield results.figures / f"deformation_{name}.png", frames.figure(k)
+        name = f"{film.along[k]:06.3f}_s"
+        if over.is_to_scale and film.along[k] >= 0 and film.slid_mm is not None:
+            name = f"{film.slid_mm[k]:05.2f}"
+        yield results.figures / f"deformation_{name}.png", frames.figure(k, dpi)
 
 
-def _shapes(results: Results, amplitude_mm: float) -> Iterator[tuple[Path, Figure]]:
+def _shapes(results: Results, dpi: int, amplitude_mm: float) -> Iterator[tuple[Path, Figure]]:
     """Yield the finger at the largest deflection of its vibration at each frequency."""
     modes = Modes.load(results.vibration / "modes.npz")
     for k, frequency in enumerate(modes.frequency_Hz):
         film = Film.of_vibration(modes, k, amplitude_mm)
-        figure = frames_of(results, film, "vibration").figure(film.strongest)
+        figure = frames_of(results, film, "vibration").figure(film.strongest, dpi)
         yield results.vibration / f"shape_{frequency:.4g}_Hz.png", figure
 
 
@@ -158,15 +167,15 @@ def frames_of(results: Results, film: Film, look: Look, *, off_screen: bool = Tr
 def choose_states(
     trace: Mapping[str, NDArray[np.float64]], times_s: NDArray[np.float64]
 ) -> list[int]:
-    """Return which of the states saved at some times are nearest to extrema of the central SED."""
-    slide = trace["time_s"] >= 0
+    """Return which of the states saved at some times are nearest to extrema of the central SED.
+
+    The largest SED of the path is one of them.
+    """
     central = central_receptor(trace["receptors_mm"], trace.get("population"))
-    sed = trace["sed_kPa"][slide, central]
-    times = trace["time_s"][slide][np.sort(np.concatenate(extrema(sed)))]
-    if not len(times):
-        times = times_s[-1:]
-    nearest = {int(np.argmin(np.abs(times_s - time))) for time in times}
-    return sorted(nearest)[:_MOST_STATES]
+    sed = trace["sed_kPa"][:, central]
+    rows = [int(np.argmax(sed)), *np.sort(np.concatenate(extrema(sed)))]
+    nearest = [int(np.argmin(np.abs(times_s - trace["time_s"][row]))) for row in rows]
+    return sorted(list(dict.fromkeys(nearest))[:_MOST_STATES])
 
 
 if __name__ == "__main__":

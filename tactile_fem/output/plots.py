@@ -13,7 +13,6 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
@@ -21,10 +20,10 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Curve
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.output.histories import DISPLACEMENT, Outlines, extrema
+from tactile_fem.output.annotations import BLUE, GREEN, INK, VERMILION
+from tactile_fem.output.histories import DISPLACEMENT, Outlines
 
-# Okabe and Ito's colours, which colour-blind readers can distinguish.
-BLUE, VERMILION, GREEN, INK, PAPER = "#0072B2", "#D55E00", "#009E73", "#222222", "#E6E3DC"
+PAPER = "#E6E3DC"
 _FLAT_RATIO = 2.0  # maps that are longer than wide by this factor get flat figures
 ACROSS = "Receptor position across the finger, X (mm)"
 _STYLE: Any = {
@@ -53,35 +52,6 @@ def styled[**P](draw: Callable[P, Figure]) -> Callable[P, Figure]:
             return draw(*args, **kwargs)
 
     return styled
-
-
-@styled
-def sed_figure(
-    displacement_mm: ArrayLike,
-    sed_kPa: ArrayLike,
-    outlines: Outlines = (),
-    receptor_x_mm: float = 0.0,
-    labels: tuple[str, str] = (DISPLACEMENT, "Strain energy density (kPa)"),
-) -> Figure:
-    """Draw the strain energy density of one receptor, or another history (steps,), over the slide.
-
-    Below it are the outlines of the stimulator and the path of the receptor, which lies at
-    `receptor_x_mm` across the finger. The labels are those of the horizontal and the vertical axis.
-    """
-    d, sed = np.asarray(displacement_mm, dtype=float), np.asarray(sed_kPa, dtype=float)
-    figure, (top, *below) = _history_axes(_span(d), outlines, receptor_x_mm)
-    for axes in below:
-        draw_outlines(axes, outlines)
-        axes.axhline(receptor_x_mm, color=BLUE, lw=1, ls=(0, (4, 3)))
-        axes.set_ylabel("X (mm)")
-    figure.axes[-1].set_xlabel(labels[0])
-    top.plot(d, sed, color=BLUE)
-    highs, lows = extrema(sed)
-    top.plot(d[highs], sed[highs], "o", color=VERMILION, ms=4.5, label="maxima")
-    top.plot(d[lows], sed[lows], "o", mfc="white", mec=VERMILION, ms=4.5, label="minima")
-    top.set_ylabel(labels[1])
-    top.set_ylim(1.08 * sed.min(initial=0.0), 1.08 * max(sed.max(initial=0.0), 1e-12))
-    return figure
 
 
 @styled
@@ -169,10 +139,10 @@ def force_figure(
     grid[0, 0].set_ylabel(f"Force on the finger ({unit})")
     grid[0, 0].set_ylim(bottom=0)
     grid[1, 0].set_ylabel("Tangential / normal")
-    grid[1, 0].set_ylim(0, 1.25 * max(friction or 0.0, largest, 1e-3))
+    grid[1, 0].set_ylim(0, 1.7 * max(friction or 0.0, largest, 1e-3))
     grid[0, 1].legend(loc="best")
     if friction is not None:
-        grid[1, 1].legend(loc="lower right", fontsize=8)
+        grid[1, 1].legend(loc="upper right", fontsize=8)
     return figure
 
 
@@ -221,42 +191,6 @@ def draw_rates(
         closed = np.vstack([outline, outline[:1]])
         axes.plot(closed[:, 1], closed[:, 0], color="white", lw=0.8, alpha=0.8)
     return image
-
-
-def _history_axes(
-    range_mm: tuple[float, float], outlines: Outlines, receptor_x_mm: float
-) -> tuple[Figure, list[Axes]]:
-    """Return a figure and its axes: for a history and, below to the same scale, the stimulator.
-
-    For a short slide only the part of the stimulator near the path of the receptor is shown.
-    """
-    left, width, history, highest, margin, gap = 0.75, 4.4, 2.2, 4.0, 0.5, 0.15  # inches
-    across = np.concatenate([[receptor_x_mm], *(outline[:, 0] for outline in outlines)])
-    low, high = across.min() - 0.5, across.max() + 0.5
-    scale = width / (range_mm[1] - range_mm[0])
-    shown = min(high - low, highest / scale)
-    low = min(max(low, receptor_x_mm - shown / 2), high - shown)
-    window = shapely.box(low, range_mm[0], low + shown, range_mm[1])
-    boxes = [shapely.box(*outline.min(axis=0), *outline.max(axis=0)) for outline in outlines]
-    heights = (
-        [history, shown * scale] if any(window.intersects(box) for box in boxes) else [history]
-    )
-    size = left + width + 0.2, margin + sum(heights) + gap * len(heights)
-    figure = Figure(figsize=size)
-    grid = {
-        "left": left / size[0],
-        "right": (left + width) / size[0],
-        "bottom": margin / size[1],
-        "top": 1 - gap / size[1],
-        "hspace": gap / np.mean(heights),
-        "height_ratios": heights,
-    }
-    axes = figure.subplots(len(heights), sharex=True, squeeze=False, gridspec_kw=grid)[:, 0]
-    axes[0].set_xlim(*range_mm)
-    axes[-1].set_ylim(low + shown, low)
-    for one in axes:
-        one.yaxis.set_label_coords(-0.13, 0.5)  # aligned, independent of the tick labels
-    return figure, list(axes)
 
 
 def _span(values: NDArray[np.float64]) -> tuple[float, float]:

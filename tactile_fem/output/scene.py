@@ -25,8 +25,11 @@ from tactile_fem.output.annotations import (
     WINDOW_DPI,
     ColourBar,
     annotate,
+    draw_scale,
     legend_of,
     pixels,
+    receptor_colours,
+    receptor_labels,
 )
 from tactile_fem.output.film import Film
 from tactile_fem.simulation.results import Results
@@ -40,8 +43,9 @@ _GREY_TO_IVORY = LinearSegmentedColormap.from_list("relief", ["#8E979F", "#EEE7D
 RELIEF: Any = {"scalars": "height_mm", "cmap": _GREY_TO_IVORY, "smooth_shading": True}
 # Edges of a surface are drawn so much nearer to the eye.
 _RIM_SHIFT_MM = 0.035
-# Receptors: colour and radius in mm.
-RECEPTORS = {"receptor, silent": ("#101010", 0.07), "receptor, firing": ("#FFFFFF", 0.1)}
+# Receptors, silent and firing: colours of a single population, and radii in mm.
+_RECEPTORS, _RADII_MM = ("#101010", "#FFFFFF"), (0.07, 0.1)
+_RIM_WIDTH = 1.5  # pixels at the resolution of pictures
 # Distance from the receptors to the cut behind them.
 _CUT_DISTANCE_MM = 0.15
 # The interface is shown up to this height above its lowest point, or above the receptors.
@@ -56,6 +60,14 @@ class Look(NamedTuple):
     towards_eye: Vector
     focus: Vector
     half_height_mm: float
+
+    @property
+    def share_of_width(self) -> float:
+        """The share of a picture's width that a millimetre on the cut takes, along its level."""
+        level = 1 if self.axis == "x" else 0
+        away = self.towards_eye[level] / np.linalg.norm(self.towards_eye)
+        width_mm = 2 * self.half_height_mm * SIZE_INCHES[0] / SIZE_INCHES[1]
+        return float(np.sqrt(1 - away**2) / width_mm)
 
 
 # The cut lies beside X = 0, where meshes have faces.
@@ -86,6 +98,7 @@ class Scene:
         self.plotter = new_plotter(off_screen=off_screen)
         look_at(self.plotter, look.towards_eye, look.focus, look.half_height_mm)
         self._updates: list[Callable[[int], None]] = []
+        self._rims: list[str] = []
         # The faces first: hidden shells are then not shaded, which takes most of the time.
         for tissue, kind, mesh in sorted(_cut(film, look), key=lambda piece: piece[1]):
             style: dict[str, Any] = {"color": COLOURS[tissue]}
@@ -126,26 +139,30 @@ class Scene:
         edges = mesh.extract_feature_edges(feature_edges=False, manifold_edges=False)
         eye = np.array(self.look.towards_eye)
         shifted = edges.translate(_RIM_SHIFT_MM * eye / np.linalg.norm(eye))
-        self.add(name, shifted, color="black", line_width=1.5)
+        self.add(name, shifted, color="black", line_width=_RIM_WIDTH)
+        self._rims.append(name)
 
     def add_receptors(self, places_mm: NDArray[np.float64]) -> None:
-        """Add a ball at each undeformed place (r, 3)."""
+        """Add a ball at each undeformed place (r, 3), coloured by population."""
         film, ball = self.film, pv.Sphere(radius=1.0, theta_resolution=16, phi_resolution=16)
         # They move with the tetrahedra as drawn, which deviate from the quadratic solution.
         sampled = pv.PolyData(places_mm).sample(_grid(film), snap_to_closest_point=True)
         moved = sampled["moved_mm"].reshape(len(places_mm), -1, 3)
-        (silent, small), (firing, large) = RECEPTORS.values()
+        names, kind = np.unique(film.population, return_inverse=True)
+        colours = receptor_colours(film.population, _RECEPTORS)
         balls = pv.PolyData()
 
         def place(k: int) -> None:
             centres = pv.PolyData(places_mm + np.einsum("rfi,f->ri", moved, film.weights[k]))
-            centres["firing"] = film.fired[k].astype(float)
-            centres["radius_mm"] = np.where(film.fired[k], large, small)
+            fired = film.fired[k].astype(int)
+            centres["colour"] = (2 * kind + fired).astype(float)
+            centres["radius_mm"] = np.array(_RADII_MM)[fired]
             balls.copy_from(centres.glyph(orient=False, scale="radius_mm", geom=ball))
 
-        style = {"scalars": "firing", "cmap": [silent, firing], "clim": (0, 1), "ambient": 0.4}
+        chosen = [colours[label] for name in names for label in receptor_labels(name, names)]
+        style = {"scalars": "colour", "cmap": chosen, "clim": (0, len(chosen) - 1), "ambient": 0.4}
         self._add("receptors", balls, place, **style)
-        self.legend |= {name: colour for name, (colour, _) in RECEPTORS.items()}
+        self.legend |= colours
 
     def _add(
         self, name: str, mesh: pv.PolyData, update: Callable[[int], None], **style: Any
@@ -163,10 +180,13 @@ class Scene:
         self.plotter.render()
 
     def figure(self, k: int, dots_per_inch: int = PICTURE_DPI) -> Figure:
-        """Return frame `k` with title, legend and colour bar."""
+        """Return frame `k` with title, legend, colour bar and scale bar."""
+        for name in self._rims:
+            self.plotter.actors[name].prop.line_width = _RIM_WIDTH * dots_per_inch / PICTURE_DPI
         self.show(k)
         figure = _framed(self.plotter, dots_per_inch)
         annotate(figure, self.film.titles[k], self.legend, self.bar)
+        draw_scale(figure, self.look.share_of_width)
         return figure
 
 
@@ -204,22 +224,6 @@ def vibration_scene(results: Results, film: Film, *, off_screen: bool = True) ->
     bar = ColourBar(film.quantity, Normalize(0.0, film.top), (0.87, 0.52, 0.018, 0.38))
     surface, coloured = stimulator_surface(results), ("face", "shell")
     return Scene(film, surface, WHOLE, bar, coloured, off_screen=off_screen)
-
-
-def finger_figure(film: Film) -> Figure:
-    """Draw the undeformed tetrahedra, a quarter of them cut away."""
-    plotter, removed = new_plotter(), (1e-4, 1e3, 1e-4, 1e3, -1e3, 1e3)
-    for tissue, part in _parts(_grid(film)):
-        left = part.clip_box(removed).extract_surface(algorithm=None)
-        style = {"show_edges": True, "line_width": 1, "edge_opacity": 0.4}
-        plotter.add_mesh(left, color=COLOURS[tissue], ambient=0.65, diffuse=0.45, **style)
-    low, high = film.mesh.nodes.min(axis=0), film.mesh.nodes.max(axis=0)
-    size = float(np.linalg.norm(high - low))
-    focus = (low + high) / 2 + size * np.array([0.02, 0.0, -0.07])
-    look_at(plotter, (26.0, 34.0, -12.0), focus, 0.27 * size)
-    figure = _framed(plotter, PICTURE_DPI)
-    annotate(figure, "", legend_of(COLOURS))
-    return figure
 
 
 # --- meshes ------------------------------------------------------------------------------------

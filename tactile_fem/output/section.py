@@ -24,6 +24,8 @@ from tactile_fem.output.annotations import (
     dots,
     is_soft,
     legend_of,
+    receptor_colours,
+    receptor_labels,
 )
 from tactile_fem.output.film import Film
 from tactile_fem.output.plots import styled
@@ -32,8 +34,8 @@ from tactile_fem.stimulus import RigidBody
 Array = NDArray[np.float64]
 
 _BODY_COLOUR = "#B9BDC2"
-# Receptors: colour and size.
-_RECEPTORS = {"receptor, silent": ("#101010", 4), "receptor, firing": ("#FF3B30", 22)}
+# Receptors, silent and firing: colours of a single population, and sizes.
+_RECEPTORS, _RECEPTOR_SIZES = ("#101010", "#FF3B30"), (4, 22)
 # The nodes around a quadratic triangle.
 _TRIANGLE_BOUNDARY = [0, 3, 1, 4, 2, 5]
 _MARGIN_MM, _MARGIN_BELOW_MM = 0.6, 1.5
@@ -59,7 +61,7 @@ class SectionScene:
         self.legend = legend_of(present)
         if film.quantity:
             self.legend = legend_of(name for name in RIGID if name in present)
-            self.legend |= {name: colour for name, (colour, _) in _RECEPTORS.items()}
+            self.legend |= receptor_colours(self._population(), _RECEPTORS)
         (left, low), (right, high) = self._nodes.min(axis=0), self._nodes.max(axis=0)
         if film.quantity:
             half_width, high = _PAD_SIZE_MM
@@ -96,14 +98,26 @@ class SectionScene:
         axes.add_collection(LineCollection(nodes[self._edges], colors="black", linewidths=0.4))
         self._draw_body(axes, within(film.stimulator_mm[k]))
         if film.receptors_mm is not None:
-            places, fired = within(film.receptors_mm[k]), film.fired[k]
-            for which, (colour, size) in zip((~fired, fired), _RECEPTORS.values(), strict=True):
-                axes.scatter(*places[which].T, s=size, color=colour, zorder=5, linewidths=0)
+            self._draw_receptors(axes, within(film.receptors_mm[k]), film.fired[k])
         axes.set(xlim=self._x_limits, ylim=self._z_limits, aspect="equal", title=film.titles[k])
         across, up = (f"{AXES[axis]} (mm)" for axis in self._plane.axes)
         axes.set(xlabel=across, ylabel=up)
         figure.legend(handles=dots(self.legend), loc="outside lower center", ncols=6, fontsize=8)
         return figure
+
+    def _population(self) -> NDArray[np.str_]:
+        """Return the name of the population of each receptor; of a vibration there is none."""
+        return np.array([""]) if self.film.population is None else self.film.population
+
+    def _draw_receptors(self, axes: Axes, places: Array, fired: NDArray[np.bool_]) -> None:
+        population = self._population()
+        names = list(dict.fromkeys(population.tolist()))
+        colours = receptor_colours(population, _RECEPTORS)
+        for name in names:
+            labels, own = receptor_labels(name, names), population == name
+            for label, which, size in zip(labels, (~fired, fired), _RECEPTOR_SIZES, strict=True):
+                style = {"s": size, "color": colours[label], "zorder": 5, "ec": "black"}
+                axes.scatter(*places[own & which].T, linewidths=0.4 * (size > 4), **style)
 
     def _draw_body(self, axes: Axes, place_mm: Array) -> None:
         """Fill the body where the plane cuts it."""

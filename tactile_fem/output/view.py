@@ -55,8 +55,11 @@ class Frames(Protocol):
 # --- files -------------------------------------------------------------------------------------
 
 
-def save(frames: Frames, path: Path, k: int) -> None:
-    """Write an animation, .gif or .mp4, or frame `k`: .png, or of a solid finger .html."""
+def save(frames: Frames, path: Path, k: int, dpi: int = PICTURE_DPI) -> None:
+    """Write an animation, .gif or .mp4, or frame `k`: .png, or of a solid finger .html.
+
+    The dots per inch are those of a .png.
+    """
     match path.suffix:
         case ".gif":
             _save_gif(frames, path)
@@ -65,7 +68,7 @@ def save(frames: Frames, path: Path, k: int) -> None:
         case ".html":
             _save_html(frames, path, k)
         case _:
-            write_figure(path, frames.figure(k))
+            write_figure(path, frames.figure(k, dpi))
 
 
 def _images(frames: Frames) -> Iterator[Image.Image]:
@@ -146,14 +149,15 @@ def window(scene: Scene) -> pv.Plotter:
     chart = pv.ChartMPL(_overlay(scene, "", WINDOW_DPI), redraw_on_render=False)
     chart.background_color = chart.border_color = (1.0, 1.0, 1.0, 0.0)
     scene.plotter.add_chart(chart)
+    scene.show(film.strongest)
     if len(film) > 1:
         scene.plotter.add_slider_widget(
             lambda value: scene.show(film.nearest(value)),
             (film.along[0], film.along[-1]),
             title=film.label,
-            value=film.along[0],
+            value=film.along[film.strongest],
             color="black",
-            fmt="%.2f",
+            fmt="%.3f",
             pointa=(0.03, 0.91),
             pointb=(0.33, 0.91),
         )

@@ -1,5 +1,6 @@
 """Series of scans: sweeps over values, passes over one receptor, and their reports."""
 
+from tactile_fem.series.comparison import compare, write_comparison
 from tactile_fem.series.image import RateImage, fibre_image, rate_image
 from tactile_fem.series.members import Member, single_fibre, sweep
 from tactile_fem.series.run import (
@@ -16,6 +17,7 @@ __all__ = [
     "Member",
     "Outcome",
     "RateImage",
+    "compare",
     "complete_scans",
     "fibre_image",
     "numbers_of",
@@ -25,5 +27,6 @@ __all__ = [
     "share_of",
     "single_fibre",
     "sweep",
+    "write_comparison",
     "write_summary",
 ]

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population, Response
 from tactile_fem.neuron.population import fire
-from tactile_fem.output.histories import DISPLACEMENT, Abscissa, central_receptor
+from tactile_fem.output.abscissa import Abscissa
+from tactile_fem.output.histories import central_receptor
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Neuron
 
@@ -125,10 +126,10 @@ def fibre_image(
 
 def _speed_mm_s(results: Results) -> float:
     """Return the speed of a slide; raise StudyError if the path is no straight slide."""
-    over = Abscissa.of(results)
-    if over.label != DISPLACEMENT:
+    over = Abscissa.of(results.trace)
+    if not over.is_to_scale:
         raise StudyError(f"An image needs a straight slide, which {results.folder} is not.")
-    return round(float(over.values[-1] / results.trace["time_s"][-1]), 9)
+    return round(over.per_s, 9)
 
 
 def _with_gaps(across: Array) -> tuple[Array, NDArray[np.intp]]:

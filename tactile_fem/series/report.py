@@ -33,12 +33,12 @@ figure { margin: 1.5em 0; } figcaption { color: #555; font-size: 14px; }
 pre { background: #f5f4f0; padding: 1em; overflow-x: auto; font-size: 12px; }
 """
 _CAPTIONS = {
-    "force": "Force on the finger over the indentation and what follows it.",
-    "felt": "What the central receptor feels and the outline that passes it.",
+    "force": "Force on the finger over the indentation and over the path.",
+    "felt": "What the central receptor of each population feels, and the outline that passes it.",
     "sed": "Strain energy density of the central receptor and the outline that passes it.",
-    "raster": "Spikes: one dot each, over the receptor's position.",
+    "raster": "Spikes of each receptor over the path.",
     "firing": "Firing rate.",
-    "finger": "The deformed finger.",
+    "finger": "Layers of the undeformed finger.",
 }
 
 
@@ -73,9 +73,6 @@ def _scan(results: Results) -> tuple[str, list[str]]:
     parts = [html.table(["quantity", "value"], rows), "<h2>Figures</h2>"]
     for name, path in drawn.items():
         caption = name.replace("_", " ").replace("deformation", "deformation at")
-        kind, _, population = name.partition("_")
-        if population and kind in _CAPTIONS:
-            caption = f"{population}: {_CAPTIONS[kind]}"
         parts.append(html.image(path.read_bytes(), _CAPTIONS.get(name, caption)))
     details = [(name, value) for name, value in run.items() if not isinstance(value, dict)]
     parts += ["<h2>Run</h2>", html.table([], details)]
@@ -91,6 +88,9 @@ def _series(summary: Path) -> tuple[str, list[str]]:
     if not scans:
         raise StudyError(f"{summary.parent} holds no complete scan of a series.")
     parts = [html.table(head, rows)]
+    comparison = summary.parent / "comparison.png"
+    if comparison.is_file():
+        parts.append(html.image(comparison.read_bytes(), "The scans side by side."))
     shifts = {results.study.stimulus.shift_mm[0] for results in scans}
     populations = scans[0].study.populations
     passes = [one for one in scans if len(one.trace["receptors_mm"]) == len(populations)]

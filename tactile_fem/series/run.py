@@ -160,17 +160,19 @@ def _numbers(results: Results) -> dict[str, Any]:
 def numbers_of(results: Results) -> dict[str, int | float]:
     """Return cost and results of a scan: forces and SED of the slide, spikes, also by population.
 
-    Forces are averaged over the steps of the slide; without a slide the last step is used. Those of
-    a section are per width: their names end in ``N_per_mm``. The central receptor is that of the
-    first population.
+    Forces are averaged over the steps of the slide. Without a slide they are those of the step with
+    the largest normal force, and SED and spikes are those of the whole path. Forces of a section
+    are per width: their names end in ``N_per_mm``. The central receptor is that of the first
+    population.
     """
     trace, spikes = results.trace, results.spikes
     slide = trace["displacement_mm"] > 0
+    sed, sliding = trace["sed_kPa"][slide], spikes.time_s >= 0
     if not slide.any():
-        slide[-1] = True
-    force, sed = trace["force_N"][slide], trace["sed_kPa"][slide]
+        slide[np.argmax(trace["force_N"][:, 2])] = True
+        sed, sliding = trace["sed_kPa"], np.isfinite(spikes.time_s)
+    force = trace["force_N"][slide]
     central = central_receptor(trace["receptors_mm"], trace["population"])
-    sliding = spikes.time_s >= 0
     by_name = {
         f"spikes_{afferents.name}": int((spikes.population[sliding] == afferents.name).sum())
         for afferents in results.study.afferents

@@ -1,0 +1,130 @@
+"""The outline of a stimulator as it passes beneath the receptors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tactile_fem.output.histories import at_time
+from tactile_fem.simulation.results import Results
+from tactile_fem.stimulus.sampled import DistanceGrid, height_map
+
+if TYPE_CHECKING:
+    from shapely import Geometry
+
+Array = NDArray[np.float64]
+
+# Of the sampled outline: its step, the largest number of samples, and the margin in X and Y around
+# the receptors' way over the stimulator.
+_STEP_MM, _MOST_SAMPLES, _MARGIN_MM = 0.04, 160_000, (4.0, 1.0)
+# Distances beyond this one are not needed.
+_FAR_MM = 0.3
+# A body that is not rougher has no outline.
+_FLAT_MM = 0.005
+_PAPER, _EDGE = "#E6E3DC", "#B8B2A4"
+
+
+@dataclass(frozen=True)
+class Beneath:
+    """What is raised of a body: sampled in its frame, positive inside its outline.
+
+    `inside` (x, y) has the samples from `origin_mm` (2,) on, `step_mm` apart. The body goes through
+    the places (steps, 2) at the times (steps,).
+    """
+
+    origin_mm: Array
+    step_mm: float
+    inside: Array
+    time_s: Array
+    places_mm: Array
+
+    @property
+    def x_mm(self) -> Array:
+        """X of the samples, (x,)."""
+        return self.origin_mm[0] + self.step_mm * np.arange(len(self.inside))
+
+    @classmethod
+    def of(cls, results: Results) -> Beneath:
+        """Sample the body of a scan.
+
+        The outline is that of what its kind raises from a plate. For any other body it is the
+        contour at half the height of what comes near the finger.
+        """
+        trace = results.trace
+        places, felt = trace["stimulator_mm"][:, :2], trace["receptors_mm"][:, :2]
+        low = felt.min(axis=0) - places.max(axis=0) - _MARGIN_MM
+        high = felt.max(axis=0) - places.min(axis=0) + _MARGIN_MM
+        step = max(_STEP_MM, float(np.sqrt(np.prod(high - low) / _MOST_SAMPLES)))
+        x, y = (np.arange(a, b + step, step) for a, b in zip(low, high, strict=True))
+        shapes = results.study.stimulus.outlines() if results.stimulator is None else []
+        if shapes:
+            inside = _inside(shapes, x, y)
+        else:
+            inside = _above_half(_heights(results, x, y), float(trace["depth_mm"].max()))
+        return cls(low, step, inside, trace["time_s"], places)
+
+    def under(self, points_mm: Array, time_s: Array) -> Array:
+        """Return what lies beneath points (n, 2) at some times (t,): (n, t), positive inside."""
+        trace = {"time_s": self.time_s, "places_mm": self.places_mm}
+        there = points_mm[:, :, None] - at_time(trace, "places_mm", time_s)
+        index = (there - self.origin_mm[:, None]) / self.step_mm
+        return ndimage.map_coordinates(self.inside, index.swapaxes(0, 1), order=1, mode="nearest")
+
+
+def draw_beneath(
+    axes: Axes, at: Array, rows_mm: Array, inside: Array, *, colour: str | None = None
+) -> None:
+    """Draw the outline (rows, columns) over an axis: filled in the colour of paper, or a line."""
+    if not (inside.min() < 0 < inside.max()):
+        return
+    if colour is None:
+        axes.contourf(at, rows_mm, inside, [0.0, np.inf], colors=_PAPER, zorder=0.1)
+    style = {"colors": colour or _EDGE, "linewidths": 0.7, "zorder": 2 if colour else 0.2}
+    axes.contour(at, rows_mm, inside, [0.0], **style)
+
+
+def _inside(shapes: Sequence[Geometry], x: Array, y: Array) -> Array:
+    """Return the distance to the edge of shapes, positive inside, (x, y)."""
+    shape = shapely.union_all(shapes)
+    points = shapely.points(*np.meshgrid(x, y, indexing="ij"))
+    shapely.prepare(shape)
+    near = shapely.dwithin(shape.boundary, points, _FAR_MM)
+    apart = np.full(points.shape, _FAR_MM)
+    apart[near] = shapely.distance(shape.boundary, points[near])
+    return np.where(shapely.contains(shape, points), apart, -apart)
+
+
+def _heights(results: Results, x: Array, y: Array) -> Array:
+    """Return the height of the body's upper side, (x, y)."""
+    if results.stimulator is None:
+        return height_map(results.study.stimulus.body(), x, y)
+    grid = results.stimulator
+    places = (axis / grid.step_mm for axis in (y - grid.origin_mm[1], x - grid.origin_mm[0]))
+    index = np.meshgrid(*places, indexing="ij")
+    return ndimage.map_coordinates(_top_of(grid), index, order=1, mode="nearest").T
+
+
+def _top_of(grid: DistanceGrid) -> Array:
+    """Return the height of the uppermost point inside, (Y, X); linear between the layers."""
+    gap, count = grid.gap_mm, len(grid.gap_mm)
+    below = count - 1 - np.argmax(gap[::-1] < 0, axis=0)
+    above = np.minimum(below + 1, count - 1)
+    here, there = (np.take_along_axis(gap, k[None], 0)[0] for k in (below, above))
+    share = np.where(there > here, -here / np.where(there > here, there - here, 1.0), 0.0)
+    height = grid.origin_mm[2] + grid.step_mm * (below + np.clip(share, 0.0, 1.0))
+    return np.where((gap < 0).any(axis=0), height, grid.origin_mm[2])
+
+
+def _above_half(height_mm: Array, deepest_mm: float) -> Array:
+    """Return heights above half of what lies between the top and the depth of the press."""
+    highest = float(height_mm.max())
+    lowest = max(float(height_mm.min()), highest - max(deepest_mm, 0.0))
+    flat = highest - lowest < _FLAT_MM
+    return np.full_like(height_mm, -1.0) if flat else height_mm - (highest + lowest) / 2

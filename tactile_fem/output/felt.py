@@ -1,0 +1,113 @@
+"""What receptors feel over the whole path of a scan, and the outline that passes beneath them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tactile_fem.output.abscissa import Abscissa
+from tactile_fem.output.annotations import VERMILION
+from tactile_fem.output.beneath import Beneath, draw_beneath
+from tactile_fem.output.histories import extrema
+from tactile_fem.output.panels import legend_above, panels
+from tactile_fem.output.plots import styled
+
+Array = NDArray[np.float64]
+
+_WIDTH, _HEIGHT = 4.6, 2.2  # inches, of a history
+# Of the outline below: the largest height, and that of one that is not to scale.
+_TALLEST, _LOW = 4.0, 1.2
+_COLUMNS, _AROUND_MM = 900, 0.5
+
+
+class Felt(NamedTuple):
+    """What one receptor of a population feels: its place (3,), and (steps,) values of a drive."""
+
+    name: str
+    colour: str
+    place_mm: Array
+    label: str
+    values: Array
+
+
+@styled
+def felt(histories: Sequence[Felt], over: Abscissa, beneath: Beneath) -> Figure:
+    """Draw what receptors feel, one panel for each drive; local extrema of a single one are marked.
+
+    Below is the outline of the stimulator beneath the first of them, with the ways of all.
+    """
+    labels = list(dict.fromkeys(one.label for one in histories))
+    inside, x_mm = _passing(histories, over, beneath)
+    heights = [_HEIGHT] * len(labels)
+    if x_mm is not None:
+        heights.append(_height(over, inside, x_mm))
+    figure, axes = panels(heights, over, _WIDTH, top=0.6 if len(histories) > 1 else 0.45)
+    for one_axes, label in zip(axes, labels, strict=False):
+        own = [one for one in histories if one.label == label]
+        for one in own:
+            one_axes.plot(over.values, one.values, color=one.colour, label=one.name)
+        if len(histories) == 1:
+            _mark_extrema(one_axes, over.values, own[0].values)
+        low = min(one.values.min(initial=0.0) for one in own)
+        high = max(one.values.max(initial=1e-12) for one in own)
+        one_axes.set(ylim=(1.08 * low, 1.08 * high), ylabel=label)
+    if x_mm is not None:
+        _draw_passing(axes[-1], histories, over, inside, x_mm, heights[-1])
+    if len(histories) > 1:
+        legend_above(axes)
+    return figure
+
+
+def _mark_extrema(axes: Axes, at: Array, values: Array) -> None:
+    highs, lows = extrema(values)
+    axes.plot(at[highs], values[highs], "o", color=VERMILION, ms=4.5, label="maxima")
+    axes.plot(at[lows], values[lows], "o", mfc="white", mec=VERMILION, ms=4.5, label="minima")
+
+
+def _passing(
+    histories: Sequence[Felt], over: Abscissa, beneath: Beneath
+) -> tuple[Array, Array | None]:
+    """Return what passes beneath the first receptor's Y, (x, columns), and X; None if nothing."""
+    x_mm, times = beneath.x_mm, over.columns_s(_COLUMNS)
+    y = np.full(len(x_mm), histories[0].place_mm[1])
+    inside = beneath.under(np.column_stack([x_mm, y]), times)
+    raised = x_mm[(inside > 0).any(axis=1)]
+    if not len(raised) or inside.min() > 0:
+        return inside, None
+    own = [one.place_mm[0] for one in histories]
+    low, high = min(raised.min(), *own) - _AROUND_MM, max(raised.max(), *own) + _AROUND_MM
+    shown = (x_mm >= low) & (x_mm <= high)
+    return inside[shown], x_mm[shown]
+
+
+def _height(over: Abscissa, inside: Array, x_mm: Array) -> float:
+    """Return the height, inches, of the outline: to scale unless it is the same everywhere in X."""
+    raised = inside > 0
+    if not over.is_to_scale or np.array_equal(raised.any(axis=0), raised.all(axis=0)):
+        return _LOW
+    return min(_TALLEST, _WIDTH * float(np.ptp(x_mm) / np.ptp(over.ends)))
+
+
+def _draw_passing(
+    axes: Axes,
+    histories: Sequence[Felt],
+    over: Abscissa,
+    inside: Array,
+    x_mm: Array,
+    height: float,
+) -> None:
+    """Draw the outline and the ways of the receptors; to scale only as much of it as fits."""
+    draw_beneath(axes, over.at(over.columns_s(_COLUMNS)), x_mm, inside)
+    for one in histories:
+        axes.axhline(one.place_mm[0], color=one.colour, lw=1, ls=(0, (4, 3)), zorder=1)
+    low, high = float(x_mm[0]), float(x_mm[-1])
+    if over.is_to_scale:
+        shown = min(high - low, height / _WIDTH * float(np.ptp(over.ends)))
+        low = min(max(low, histories[0].place_mm[0] - shown / 2), high - shown)
+        high = low + shown
+    axes.set(ylim=(high, low), ylabel="X (mm)")

@@ -1,0 +1,254 @@
+"""Figures of a scan show its whole path, all populations and the outline of any stimulator."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from synthetic import SPEED, make_results, make_spikes, make_trace
+
+from tactile_fem.neuron import Response
+from tactile_fem.output import figures
+from tactile_fem.output.abscissa import Abscissa
+from tactile_fem.output.beneath import Beneath
+from tactile_fem.output.felt import Felt, felt
+from tactile_fem.output.histories import DISPLACEMENT, TIME
+from tactile_fem.output.rasters import Trains, raster
+from tactile_fem.stimulus.sampled import DistanceGrid
+from tactile_fem.study import Cylinder, Dots, Plate, Sphere, Study, Text
+
+NAMES = {"sed.png", "raster.png", "firing.png", "force.png"}
+
+
+def scan(folder, study=None, trace=None):
+    return make_results(folder, study or Study(stimulus=Plate()), trace)
+
+
+def held(trace):
+    """Return a trace with a hold after the slide."""
+    longer = {
+        k: v if k == "receptors_mm" else np.concatenate([v, v[-1:]]) for k, v in trace.items()
+    }
+    longer["time_s"][-1] += 0.1
+    names = ["press"] * 8 + ["slide"] * 50 + ["hold"]
+    return {**longer, "phase": np.array(names)}
+
+
+def square(at_mm=0.0):
+    """Return the outline of |X| < 3, 2 < Y < 8 on a stimulator that slides as the trace says."""
+    trace = make_trace()
+    x, y = np.meshgrid(np.arange(-8, 8.01, 0.1), np.arange(-1, 12.01, 0.1), indexing="ij")
+    inside = np.minimum(3 - np.abs(x - at_mm), 3 - np.abs(y - 5))
+    origin = np.array([-8.0, -1.0])
+    return Beneath(origin, 0.1, inside, trace["time_s"], trace["stimulator_mm"][:, :2])
+
+
+def dots(axes):
+    return [one for one in axes.lines if one.get_gid() == "spikes"]
+
+
+# --- the axis ------------------------------------------------------------------------------------
+
+
+def test_a_straight_slide_has_its_displacement_and_the_press_before_it():
+    trace = make_trace()
+    over = Abscissa.of(trace)
+    assert over.label == DISPLACEMENT and over.is_to_scale
+    slide = trace["time_s"] >= 0
+    assert over.values[slide] == pytest.approx(trace["displacement_mm"][slide])
+    assert over.values[~slide] == pytest.approx(SPEED * trace["time_s"][~slide])
+    (press, start, end), (slid, begin, last) = over.phases
+    assert (press, slid) == ("press", "slide")
+    assert (start, end, begin, last) == pytest.approx((-1.97, 0, 0, 10))
+
+
+@pytest.mark.parametrize("change", ["across", "held", "faster", "pressed"])
+def test_any_other_path_has_the_time(change):
+    trace = held(make_trace()) if change == "held" else make_trace()
+    if change == "across":
+        trace["stimulator_mm"][:, 0] += trace["displacement_mm"]
+    if change == "faster":
+        trace["time_s"][-20:] -= np.linspace(0.0, 0.05, 20)
+    if change == "pressed":
+        trace = {k: v if k == "receptors_mm" else v[:8] for k, v in trace.items()}
+    over = Abscissa.of(trace)
+    assert over.label == TIME and not over.is_to_scale
+    assert over.values.tolist() == trace["time_s"].tolist()
+    names = {"held": ["press", "slide", "hold"], "pressed": ["press"]}
+    assert [phase.name for phase in over.phases] == names.get(change, ["press", "slide"])
+    assert over.phases[-1].end == trace["time_s"][-1]
+
+
+# --- what passes beneath -------------------------------------------------------------------------
+
+
+def test_the_outline_stays_in_the_press_and_passes_in_the_slide():
+    times = np.array([-0.05, 0.0, 0.1, 0.45])
+    under = square().under(np.array([[0.0, 0.0], [0.0, 3.0], [4.0, 3.0]]), times)
+    # At Y = 0 the square is met from 2 to 8 mm: at 0.1 s it is just there, at 0.45 s gone.
+    assert under[0] == pytest.approx([-2.0, -2.0, 0.0, -1.0], abs=1e-6)
+    # At Y = 3 the receptor lies over Y = 3 of it from the beginning.
+    assert under[1] == pytest.approx([1.0, 1.0, 3.0, -3.0 - 1.0], abs=1e-6)
+    assert (under[2] < 0).all()
+
+
+@pytest.mark.parametrize(
+    ("stimulus", "inside", "outside"),
+    [
+        (Dots(), None, None),
+        (Text(text="I"), None, None),
+        # A ball that is pressed 1.97 mm deep: half of that is 2.2 mm away from its middle.
+        (Sphere(radius_mm=3.0), [2.1, 0.0], [2.3, 0.0]),
+        (Cylinder(radius_mm=3.0), [3.0, 2.1], [3.0, 2.3]),
+    ],
+)
+def test_every_kind_has_its_outline(tmp_path, stimulus, inside, outside):
+    beneath = Beneath.of(scan(tmp_path / "r", Study(stimulus=stimulus)))
+    assert beneath.inside.min() < 0 < beneath.inside.max()
+    if inside is not None:
+        felt_there = beneath.under(np.array([inside, outside]), np.zeros(1))
+        assert felt_there[0, 0] > 0 > felt_there[1, 0]
+
+
+def test_a_plate_has_no_outline(tmp_path):
+    assert Beneath.of(scan(tmp_path / "r")).inside.max() < 0
+
+
+def test_a_body_of_a_script_has_the_outline_of_its_samples(tmp_path):
+    results = scan(tmp_path / "r")
+    body = Sphere(radius_mm=3.0, shift_mm=(0.5, 0.0)).body()
+    results.save_stimulator(DistanceGrid.of(body, results.trace["stimulator_mm"]))
+    beneath = Beneath.of(results)
+    edges = np.array([[2.6, 0.0], [2.8, 0.0], [-1.6, 0.0], [-1.8, 0.0]])
+    assert (beneath.under(edges, np.zeros(1))[:, 0] > 0).tolist() == [True, False, True, False]
+
+
+# --- felt ----------------------------------------------------------------------------------------
+
+
+def test_what_is_felt_has_its_extrema_phases_and_the_outline_to_scale():
+    trace = make_trace()
+    sed, over = trace["sed_kPa"][:, 10], Abscissa.of(trace)
+    figure = felt([Felt("SA1", "black", np.zeros(3), "SED (kPa)", sed)], over, square())
+    top, below = figure.axes
+    assert np.array_equal(top.lines[1].get_xydata(), np.column_stack([over.values, sed]))
+    marked = {line.get_label(): line for line in top.lines}
+    assert marked["maxima"].get_xdata() == pytest.approx([2.6, 7.6], abs=0.21)
+    assert marked["minima"].get_xdata() == pytest.approx([5.0], abs=0.21)
+    assert top.get_xlim() == below.get_xlim() == pytest.approx((-1.97, 10))
+    assert [text.get_text() for text in top.texts] == ["press", "slide"]
+    assert top.get_ylabel() == "SED (kPa)" and below.get_xlabel() == DISPLACEMENT
+    assert min(below.get_xticks()) == 0
+    figure.draw_without_rendering()
+    box = below.get_window_extent()
+    per_mm = box.width / np.ptp(below.get_xlim()), box.height / np.ptp(below.get_ylim())
+    assert per_mm[0] == pytest.approx(abs(per_mm[1]), rel=1e-6)
+    assert below.get_ylim()[0] > below.get_ylim()[1]
+    assert sorted(below.get_ylim()) == pytest.approx([-3.4, 3.4], abs=0.11)
+
+
+def test_each_drive_has_a_panel_and_each_population_a_colour():
+    trace = make_trace()
+    sed, over = trace["sed_kPa"][:, 10], Abscissa.of(trace)
+    kinds = [("SA1", "blue", "SED (kPa)"), ("SA2", "green", "SED (kPa)"), ("PC", "red", "Z (mm)")]
+    found = [Felt(name, colour, np.zeros(3), label, sed) for name, colour, label in kinds]
+    first, second, _ = felt(found, over, square()).axes
+    assert (first.get_ylabel(), second.get_ylabel()) == ("SED (kPa)", "Z (mm)")
+    drawn = [line.get_color() for line in first.lines if line.get_label() in ("SA1", "SA2")]
+    assert drawn == ["blue", "green"]
+    assert [text.get_text() for text in first.get_legend().get_texts()] == ["SA1", "SA2", "PC"]
+
+
+def test_what_meets_nothing_has_no_outline():
+    trace = make_trace()
+    over = Abscissa.of(trace)
+    far = square(at_mm=30.0)
+    figure = felt([Felt("SA1", "k", np.zeros(3), "", trace["sed_kPa"][:, 10])], over, far)
+    assert len(figure.axes) == 1 and figure.axes[0].get_xlabel() == DISPLACEMENT
+
+
+# --- rasters -------------------------------------------------------------------------------------
+
+
+def trains(name, places_xy, times):
+    places = np.column_stack([places_xy, np.zeros(len(places_xy))])
+    response = Response([np.array(times) for _ in places], -0.1, 0.5)
+    return Trains(name, "red", places, response)
+
+
+def test_a_spike_of_the_press_is_shown_before_the_slide():
+    over = Abscissa.of(make_trace())
+    figure = raster([trains("SA1", [[0.0, 0.0], [1.0, 0.0]], [-0.05, 0.1])], over, square())
+    axes = figure.axes[0]
+    (drawn,) = dots(axes)
+    assert drawn.get_xydata().tolist() == [[-1, 0], [2, 0], [-1, 1], [2, 1]]
+    assert axes.get_ylim() == pytest.approx((1.3, -0.3))
+    assert len(axes.collections) == 2  # the outline, filled, and its edge
+
+
+def test_populations_on_a_line_share_its_rows():
+    over = Abscissa.of(make_trace())
+    line = [[x, 0.0] for x in range(3)]
+    figure = raster([trains(name, line, [0.1]) for name in ("SA1", "RA")], over, square())
+    axes = figure.axes[0]
+    first, second = (one.get_ydata() for one in dots(axes))
+    assert first.tolist() == [-0.15, 0.85, 1.85] and second.tolist() == [0.15, 1.15, 2.15]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["SA1", "RA"]
+
+
+def test_many_receptors_over_the_skin_are_an_image_over_the_whole_path():
+    over = Abscissa.of(make_trace())
+    grid = [[x, y] for y in range(-4, 5) for x in range(-4, 5)]
+    figure = raster([trains("SA1", grid, [0.1])], over, square())
+    (axes,) = figure.axes
+    assert not dots(axes)
+    image = axes.collections[0].get_array()
+    assert image.shape[0] == 81 and np.allclose(image, image[0])
+    columns = np.linspace(*over.ends, image.shape[1])
+    assert columns[image[0].argmax()] == pytest.approx(2.0, abs=0.05)
+    ticks = dict(
+        zip([t.get_text() for t in axes.get_yticklabels()], axes.get_yticks(), strict=True)
+    )
+    assert ticks["-4"] == 4 and ticks["0"] == 40  # the middle of their nine receptors
+
+
+def test_a_few_receptors_over_the_skin_have_a_row_each():
+    over = Abscissa.of(make_trace())
+    figure = raster([trains("SA1", [[1, 1], [-1, 0], [0, 2]], [0.1])], over, square())
+    (drawn,) = dots(figure.axes[0])
+    assert drawn.get_ydata().tolist() == [2, 0, 1]
+
+
+# --- folders -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stimulus", [Text(), Dots(), Cylinder(), Plate()])
+def test_all_figures_of_a_folder(tmp_path, stimulus):
+    results = scan(tmp_path / "r", Study(stimulus=stimulus))
+    paths = figures.draw_plots(results)
+    assert {path.name for path in paths} == NAMES
+    for path in paths:
+        with Image.open(path) as image:
+            assert min(image.size) > 500
+            assert len(image.getcolors(1 << 24)) > 10
+
+
+def test_a_press_without_a_slide_has_all_figures(tmp_path):
+    trace = {k: v if k == "receptors_mm" else v[:8] for k, v in make_trace().items()}
+    paths = figures.draw_plots(scan(tmp_path / "r", trace=trace))
+    assert {path.name for path in paths} == NAMES
+
+
+def test_figures_have_as_many_dots_as_are_wanted(tmp_path):
+    results = scan(tmp_path / "r")
+    sizes = []
+    for dpi in (None, 400):
+        (path,) = [p for p in figures.draw_plots(results, dpi=dpi) if p.stem == "sed"]
+        with Image.open(path) as image:
+            sizes.append(np.array(image.size))
+    assert sizes[1] == pytest.approx(2 * sizes[0], abs=2)
+
+
+def test_spikes_of_the_synthetic_folder_are_all_drawn(tmp_path):
+    trace = make_trace()
+    (one,) = figures.trains_of(scan(tmp_path / "r", trace=trace))
+    assert one.response.counts().sum() == sum(map(len, make_spikes(trace)))
+    assert one.places_mm.tolist() == trace["receptors_mm"].tolist()
