@@ -12,6 +12,7 @@ from tactile_fem.output.beneath import Beneath
 from tactile_fem.output.felt import Felt, felt
 from tactile_fem.output.histories import DISPLACEMENT, TIME
 from tactile_fem.output.rasters import Trains, raster
+from tactile_fem.output.snapshots import snapshots
 from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import Cylinder, Dots, Plate, Sphere, Study, Text
 
@@ -208,6 +209,26 @@ def test_many_receptors_over_the_skin_are_an_image_over_the_whole_path():
         zip([t.get_text() for t in axes.get_yticklabels()], axes.get_yticks(), strict=True)
     )
     assert ticks["-4"] == 4 and ticks["0"] == 40  # the middle of their nine receptors
+
+
+def test_snapshots_show_the_rates_of_each_part_of_the_path_and_the_outline_there():
+    over = Abscissa.of(make_trace())
+    grid = [[x, y] for y in range(-4, 5) for x in range(-4, 5)]
+    figure = snapshots([trains("SA1", grid, [0.1])], over, square())
+    *maps, _ = figure.axes
+    edges = over.columns_s(len(maps) + 1)
+    part = int(np.searchsorted(edges, 0.1)) - 1
+    rates = [axes.collections[0].get_array() for axes in maps]
+    assert [bool(rate.any()) for rate in rates] == [k == part for k in range(len(maps))]
+    assert np.asarray(rates[part]) == pytest.approx(np.full(81, 1 / (edges[1] - edges[0])))
+    assert maps[0].get_title().startswith("press") and maps[-1].get_title().startswith("slide")
+    left = maps[part].collections[1].get_paths()[0].vertices[:, 0].min()
+    assert left == pytest.approx(2.0 - SPEED * edges[part : part + 2].mean(), abs=0.02)
+
+
+def test_receptors_in_lines_have_no_snapshots():
+    over = Abscissa.of(make_trace())
+    assert snapshots([trains("SA1", [[0, 0], [1, 0]], [0.1])], over, square()) is None
 
 
 def test_a_few_receptors_over_the_skin_have_a_row_each():

@@ -19,6 +19,7 @@ from tactile_fem.output.histories import central_receptor
 from tactile_fem.output.pictures import draw_pictures
 from tactile_fem.output.plots import force_figure, styled
 from tactile_fem.output.rasters import Trains, firing, raster
+from tactile_fem.output.snapshots import snapshots
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.simulation.results import Results
 
@@ -60,6 +61,7 @@ def draw_plots(results: Results, *, dpi: int | None = None) -> list[Path]:
         figures["felt" if results.study.afferents else "sed"] = _felt(results, over, beneath)
         figures |= {"raster": raster(trains, over, beneath)}
         figures |= {"firing": firing(trains, over, beneath)}
+        figures |= {"snapshots": snapshots(trains, over, beneath)}
     results.figures.mkdir(exist_ok=True)
     drawn = {results.figures / f"{name}.png": figure for name, figure in figures.items() if figure}
     for path, figure in drawn.items():

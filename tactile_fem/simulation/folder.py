@@ -22,7 +22,14 @@ _OWN_FILES = {
     "fields": ("deformation.pvd", "deformation_*.vtu"),
     "figures": (
         *("sed.png", "raster.png", "firing.png", "force.png", "felt.png"),
-        *("finger.png", "felt_*.png", "raster_*.png", "firing_*.png", "deformation_*.png"),
+        *(
+            "finger.png",
+            "snapshots.png",
+            "felt_*.png",
+            "raster_*.png",
+            "firing_*.png",
+            "deformation_*.png",
+        ),
     ),
     "vibration": ("spectrum.*", "modes.npz", "shape_*_Hz.png"),
 }
