@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -12,14 +11,12 @@ from tactile_fem.runtime import html
 from tactile_fem.series.run import numbers_of
 from tactile_fem.simulation.results import Results
 
-logger = logging.getLogger(__name__)
-
 
 def html_of(results: Results) -> str:
     """Return a table of a scan's main numbers and its rasters; a sentence if it cannot be read."""
     try:
         return html.section(
-            str(results.folder), [html.table([], _numbers(results)), *_rasters(results)]
+            results.folder.name, [html.table([], _numbers(results)), *_rasters(results)]
         )
     except StudyError as error:
         return html.section(results.folder.name, [], str(error))

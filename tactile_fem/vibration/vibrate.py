@@ -19,7 +19,13 @@ from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.logs import shown
-from tactile_fem.runtime.ranks import StopRequest, abort_if_one_fails, on_root, signal_handler
+from tactile_fem.runtime.ranks import (
+    StopRequest,
+    abort_if_one_fails,
+    on_root,
+    raise_stopped,
+    signal_handler,
+)
 from tactile_fem.simulation.checkpoint import read_checkpoint
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.results import Results
@@ -98,6 +104,7 @@ class ModeKeeper:
 
 
 @shown()
+@signal_handler(raise_stopped)
 def vibrate(
     folder: Path | str,
     frequencies_Hz: ArrayLike,
