@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import base64
+import io
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # A notebook's own rules align numbers right and let images be as large as they are.
 _STYLE = (
@@ -31,6 +35,13 @@ def image(png: bytes, caption: str) -> str:
     text = escape(caption)
     source = f'<img alt="{text}" src="data:image/png;base64,{data}">'
     return f"<figure>{source}<figcaption>{text}</figcaption></figure>"
+
+
+def figure(drawn: Figure, caption: str) -> str:
+    """Return a figure of matplotlib as an image."""
+    buffer = io.BytesIO()
+    drawn.savefig(buffer, format="png")
+    return image(buffer.getvalue(), caption)
 
 
 def section(title: str, parts: Iterable[str], note: str = "") -> str:

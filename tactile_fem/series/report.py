@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from tactile_fem.errors import StudyError
 from tactile_fem.output.figures import draw_plots
@@ -116,7 +114,7 @@ def _event_plot(passes: Sequence[Results], population: str) -> list[str]:
     raster = raster_figure(*places, image.across_mm, (along[0], along[-1]), shapes)
     firing = firing_figure(along, image.across_mm, image.rate_Hz, shapes)
     captions = f"{population}: spikes in passes over one receptor.", "Firing rate in these passes."
-    return [html.image(_png(f), text) for f, text in zip((raster, firing), captions, strict=True)]
+    return [html.figure(f, text) for f, text in zip((raster, firing), captions, strict=True)]
 
 
 # --- HTML --------------------------------------------------------------------------------------
@@ -126,9 +124,3 @@ def _page(title: str, parts: Iterable[str]) -> str:
     head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
     body = "\n".join([f"<h1>{escape(title)}</h1>", *parts])
     return f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
