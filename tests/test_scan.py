@@ -131,6 +131,7 @@ def test_a_finished_scan_is_read(finished, study, caplog, monkeypatch):
     assert completed(study, finished.folder).run == Results(finished.folder).run
     for changed, sentence in [
         ({"parts": Parts(body=Floor())}, r"holds this scan with a body that was the study's, now"),
+        ({"parts": Parts(laws={"fat": None})}, '"fat" is no tissue; allowed'),
         ({"observers": [print]}, r"finished, so that observers would see none of its steps: leave"),
     ]:
         with pytest.raises(StudyError, match=sentence):

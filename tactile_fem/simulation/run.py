@@ -30,7 +30,7 @@ from tactile_fem.runtime.ranks import (
 from tactile_fem.simulation.checkpoint import read_checkpoint
 from tactile_fem.simulation.earlier import Earlier, earlier_scan
 from tactile_fem.simulation.estimate import announce
-from tactile_fem.simulation.parts import NO_PARTS, Parts, changed_part
+from tactile_fem.simulation.parts import NO_PARTS, Parts, changed_part, check_parts
 from tactile_fem.simulation.progress import progress
 from tactile_fem.simulation.recorder import Recorder
 from tactile_fem.simulation.results import Results
@@ -202,8 +202,10 @@ def _must_fire_again(results: Results, observers: list[Observer], parts: Parts) 
     Raises
     ------
     StudyError
-        Its other parts were not these, or there are observers, who would see none of its steps.
+        A part is not valid or not the one that it had; or there are observers, who would see none
+        of its steps.
     """
+    check_parts(parts, results.study.tissue)
     before, now = dict(results.run.get("own_parts", {})), parts.listed()
     fire = [own.pop("populations", None) for own in (before, now)]
     if changed := changed_part(before, now):
