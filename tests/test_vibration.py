@@ -240,7 +240,7 @@ def test_a_folder_without_states_says_how_to_keep_them(scanned, tmp_path):
     study = Results.create(tmp_path / "other")
     study.save_study(STUDY)
     study.save_trace(**Results.open(scanned).trace)
-    with pytest.raises(StudyError, match=r"no state at 1 mm: set output.restarts"):
+    with pytest.raises(StudyError, match=r"no state at 1 mm: set output\.restarts"):
         study.load_state(1.0)
 
 
