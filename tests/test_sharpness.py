@@ -11,8 +11,8 @@ from tactile_fem.cli.app import main
 from tactile_fem.simulation.checks import warn_if_sharp
 from tactile_fem.stimulus.relief import Relief
 from tactile_fem.stimulus.sharpness import (
+    Limits,
     factor_that_helps,
-    least_radius_mm,
     low_pass_that_helps,
     sharpest_edge,
     two_digits,
@@ -45,24 +45,31 @@ def surface_of_waves(height):
 
 def test_the_radius_of_curvature_is_that_of_the_surface_in_space():
     height, k = 0.3, 2 * np.pi / 3
-    edge = sharpest_edge(surface_of_waves(height), 9.0)
+    edge = sharpest_edge(surface_of_waves(height), Limits(9.0, 0.0))
     slope = 0.5  # from which on a place is steep; the wave is more sharply curved where it is less
     bend = height * k**2 * np.sqrt(1 - (slope / (height * k)) ** 2)
     assert edge.radius_mm == pytest.approx((1 + slope**2) ** 1.5 / bend, rel=0.02)
     assert edge.slope == pytest.approx(height * k, rel=1e-3)
     assert not edge.is_flat
-    assert sharpest_edge(surface_of_waves(0.2), 9.0) is None  # nowhere steep
+    assert sharpest_edge(surface_of_waves(0.2), Limits(9.0, 0.0)) is None  # nowhere steep
 
 
 @pytest.mark.parametrize("facet_mm", [0.25, 1.0, 3.0])
 def test_what_is_proposed_leaves_no_sharp_place_and_less_does(plus, facet_mm):
-    relief, radius_mm = surface(plus).relief(), least_radius_mm(facet_mm)
-    wave_mm = low_pass_that_helps(relief, 0.1, radius_mm)
-    assert sharpest_edge(surface(plus, low_pass_mm=wave_mm).relief(), radius_mm) is None
-    assert sharpest_edge(surface(plus, low_pass_mm=0.8 * wave_mm).relief(), radius_mm)
-    factor = factor_that_helps(relief, radius_mm)
-    assert sharpest_edge(relief.scaled(factor), radius_mm) is None
-    assert sharpest_edge(relief.scaled(1.2 * factor), radius_mm)
+    relief, limits = surface(plus).relief(), Limits.of_facets(facet_mm)
+    wave_mm = low_pass_that_helps(relief, 0.1, limits)
+    assert sharpest_edge(surface(plus, low_pass_mm=wave_mm).relief(), limits) is None
+    assert sharpest_edge(surface(plus, low_pass_mm=0.8 * wave_mm).relief(), limits)
+    factor = factor_that_helps(relief, limits)
+    assert sharpest_edge(relief.scaled(factor), limits) is None
+    assert sharpest_edge(relief.scaled(1.2 * factor), limits)
+
+
+def test_low_walls_are_harmless(plus):
+    for unit_mm, is_warned in ((0.5, True), (0.15, False)):
+        low = Surface(file=plus, spacing_mm=STEP_MM, unit_mm=unit_mm)
+        assert bool(low.hindrance(1.0)) == is_warned
+    assert low.hindrance(0.5)
 
 
 def test_rounding_to_two_digits():
@@ -81,7 +88,7 @@ def test_the_warning_says_where_how_steep_and_what_helps(plus, caplog):
     assert min(abs(abs(x) - 0.5), abs(abs(x) - 1.5)) < 0.06 or abs(abs(y - 4) - 1.5) < 0.06
     assert abs(x) < 1.6 and abs(y - 4) < 1.6
     assert "84 degrees" in said and "facets of 0.97 mm need 0.097 mm" in said
-    assert "choose stimulus.low_pass_mm = 0.4" in said and "(now 0.1) or unit_mm = 0.0" in said
+    assert "choose stimulus.low_pass_mm = 0.4" in said and "(now 0.1) or unit_mm = 0.1" in said
     assert said.endswith('or for flat shapes stimulus.kind = "drawing"')
     caplog.clear()
     warn_if_sharp(surface(plus, low_pass_mm=0.7), finger)

@@ -83,12 +83,12 @@ class Surface(Stimulus):
         """Return where the surface is too steep and sharp for such facets, and what helps."""
         from tactile_fem.stimulus import sharpness
 
-        relief, radius_mm = self.relief(), sharpness.least_radius_mm(facet_mm)
-        edge = sharpness.sharpest_edge(relief, radius_mm)
+        relief, limits = self.relief(), sharpness.Limits.of_facets(facet_mm)
+        edge = sharpness.sharpest_edge(relief, limits)
         if edge is None:
             return ""
-        low_pass_mm = sharpness.low_pass_that_helps(relief, self.low_pass_mm, radius_mm)
-        factor = sharpness.factor_that_helps(relief, radius_mm)
+        low_pass_mm = sharpness.low_pass_that_helps(relief, self.low_pass_mm, limits)
+        factor = sharpness.factor_that_helps(relief, limits)
         lower = f"heights {sharpness.two_digits(factor):g} times as high"
         if self.unit_mm is not None:
             unit_mm = math.copysign(sharpness.two_digits(factor * abs(self.unit_mm)), self.unit_mm)
@@ -97,8 +97,8 @@ class Surface(Stimulus):
         return (
             f"the surface is steep at X {x:.2f}, Y {y:.2f} mm (at displacement 0): "
             f"{edge.angle_deg:.0f} degrees, beside an edge whose radius is {edge.radius_mm:.2g} "
-            f"mm, while the skin's facets of {facet_mm:.2g} mm need {radius_mm:.2g} mm; the scan "
-            f"may take long or diverge: choose stimulus.low_pass_mm = {low_pass_mm:g} (now "
+            f"mm, while the skin's facets of {facet_mm:.2g} mm need {limits.radius_mm:.2g} mm; the "
+            f"scan may take long or diverge: choose stimulus.low_pass_mm = {low_pass_mm:g} (now "
             f"{self.low_pass_mm:g}) or {lower}"
             + (', or for flat shapes stimulus.kind = "drawing"' if edge.is_flat else "")
         )
