@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 from synthetic import SPEED, make_results, make_spikes, make_trace
 
+from tactile_fem.cli import app as cli
 from tactile_fem.neuron import Response
 from tactile_fem.output import figures
 from tactile_fem.output.abscissa import Abscissa
@@ -258,14 +259,16 @@ def test_a_press_without_a_slide_has_all_figures(tmp_path):
     assert {path.name for path in paths} == NAMES
 
 
-def test_figures_have_as_many_dots_as_are_wanted(tmp_path):
-    results = scan(tmp_path / "r")
-    sizes = []
-    for dpi in (None, 400):
-        (path,) = [p for p in figures.draw_plots(results, dpi=dpi) if p.stem == "sed"]
-        with Image.open(path) as image:
+def test_figures_have_as_many_dots_as_are_wanted(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(figures, "draw_pictures", lambda results, **_: [])
+    results, sizes = scan(tmp_path / "r"), []
+    for words in ([], ["--dpi", "400"]):
+        assert cli.main(["plot", str(results.folder), *words]) == 0
+        with Image.open(results.figures / "sed.png") as image:
             sizes.append(np.array(image.size))
     assert sizes[1] == pytest.approx(2 * sizes[0], abs=2)
+    assert cli.main(["plot", str(results.folder), "--dpi", "0"]) == 2
+    assert "--dpi" in capsys.readouterr().err
 
 
 def test_spikes_of_the_synthetic_folder_are_all_drawn(tmp_path):

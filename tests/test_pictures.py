@@ -73,7 +73,11 @@ def test_a_section_is_drawn_without_a_graphics_library_into_any_folder(tmp_path,
     """Its process takes names that are not UTF-8."""
     monkeypatch.setattr(doctor, "has_library", lambda name: False)
     monkeypatch.setenv("PYTHONIOENCODING", "utf-8:strict")
-    paths = pictures.draw_pictures(make_section(tmp_path / "f\udcfcr"))
+    results = make_section(tmp_path / "f\udcfcr")
+    results.figures.mkdir()
+    (results.figures / "deformation_09.99.png").write_text("of an earlier scan")
+    paths = pictures.draw_pictures(results)
+    assert sorted(results.figures.glob("*.png")) == paths
     assert [path.name for path in paths] == ["deformation_02.50.png", "deformation_05.00.png"]
     for path in paths:
         with Image.open(path) as image:

@@ -206,6 +206,21 @@ def test_an_animation_is_written_without_a_display(tmp_path, monkeypatch, capsys
 
 
 @needs_graphics
+def test_a_frame_is_written_at_a_time_and_a_resolution(tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    scan(tmp_path / "r", (-0.985, 0.0))
+    shown = []
+    monkeypatch.setattr("tactile_fem.output.scene.Scene.show", lambda self, k: shown.append(k))
+    path = tmp_path / "scan.png"
+    command = ["view", str(tmp_path / "r"), "--save", str(path), "--dpi", "100"]
+    for at in (["--at-s", "-0.049"], ["--at-mm", "0"]):
+        assert cli.main([*command, *at]) == 0
+    assert shown == [0, 4]
+    with Image.open(path) as image:
+        assert image.size == (750, 477)
+
+
+@needs_graphics
 @pytest.mark.skipif(find_spec("imageio_ffmpeg") is None, reason="imageio-ffmpeg is not installed")
 def test_a_film_is_written(tmp_path, monkeypatch):
     import imageio_ffmpeg

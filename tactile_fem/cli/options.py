@@ -15,6 +15,9 @@ from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime import doctor, ranks
 
 Count = Annotated[int, Parameter(validator=validators.Number(gte=1))]
+Dots = Annotated[
+    int, Parameter(validator=validators.Number(gte=50, lte=1200), help="Dots per inch, for print.")
+]
 PositiveFloat = Annotated[float, Parameter(validator=validators.Number(gt=0))]
 StudyFile = Annotated[Path | None, Parameter(help="Study file in TOML; default the paper's.")]
 Changes = Annotated[

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from tactile_fem.cli.options import (
     Changes,
-    Count,
+    Dots,
     Overwrite,
     PositiveFloat,
     ScanFolder,
@@ -169,14 +169,8 @@ def fields(
     print(f"Written to {output}")
 
 
-def plot(results: ScanFolder, /, *, dpi: Count = 200) -> None:
-    """Draw all figures of a scan again.
-
-    Parameters
-    ----------
-    dpi
-        Dots per inch, for print: text and lines keep their sizes.
-    """
+def plot(results: ScanFolder, /, *, dpi: Dots = 200) -> None:
+    """Draw all figures of a scan again; text and lines keep their sizes at any resolution."""
     from tactile_fem import Results, draw
 
     for path in draw(Results.open(results), dpi=dpi):

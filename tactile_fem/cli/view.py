@@ -14,7 +14,7 @@ from cyclopts import Parameter
 
 from tactile_fem.cli.options import (
     Changes,
-    Count,
+    Dots,
     PositiveFloat,
     ScanFolder,
     StudyFile,
@@ -69,7 +69,7 @@ def view(
     save: Path | None = None,
     at_mm: float | None = None,
     at_s: float | None = None,
-    dpi: Count = 200,
+    dpi: Dots = 200,
     vibration: Annotated[
         PositiveFloat | None,
         Parameter(
@@ -92,8 +92,6 @@ def view(
         Displacement of the frame or page; default at the largest SED.
     at_s
         Its time instead, which is negative in the press.
-    dpi
-        Dots per inch of a .png.
     amplitude_um
         Amplitude of the vibration.
     """

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from tactile_fem.output.histories import at_time
+from tactile_fem.output.section import gap_of
 from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus.sampled import DistanceGrid, height_map
 
@@ -28,6 +29,8 @@ _STEP_MM, _MOST_SAMPLES, _MARGIN_MM = 0.04, 160_000, (4.0, 1.0)
 _FAR_MM = 0.3
 # A body that is not rougher has no outline.
 _FLAT_MM = 0.005
+# Heights are searched at every so many samples in X and in Y.
+_COARSER = 4
 _PAPER, _EDGE = "#E6E3DC", "#B8B2A4"
 
 
@@ -64,10 +67,7 @@ class Beneath:
         step = max(_STEP_MM, float(np.sqrt(np.prod(high - low) / _MOST_SAMPLES)))
         x, y = (np.arange(a, b + step, step) for a, b in zip(low, high, strict=True))
         shapes = results.study.stimulus.outlines() if results.stimulator is None else []
-        if shapes:
-            inside = _inside(shapes, x, y)
-        else:
-            inside = _above_half(_heights(results, x, y), float(trace["depth_mm"].max()))
+        inside = _inside(shapes, x, y) if shapes else _half_way_up(results, x, y)
         return cls(low, step, inside, trace["time_s"], places)
 
     def under(self, points_mm: Array, time_s: Array) -> Array:
@@ -101,30 +101,30 @@ def _inside(shapes: Sequence[Geometry], x: Array, y: Array) -> Array:
     return np.where(shapely.contains(shape, points), apart, -apart)
 
 
-def _heights(results: Results, x: Array, y: Array) -> Array:
-    """Return the height of the body's upper side, (x, y)."""
-    if results.stimulator is None:
-        return height_map(results.study.stimulus.body(), x, y)
+def _half_way_up(results: Results, x: Array, y: Array) -> Array:
+    """Return the distance into the body at half the height of what comes near the finger."""
     grid = results.stimulator
-    places = (axis / grid.step_mm for axis in (y - grid.origin_mm[1], x - grid.origin_mm[0]))
-    index = np.meshgrid(*places, indexing="ij")
-    return ndimage.map_coordinates(_top_of(grid), index, order=1, mode="nearest").T
+    if grid is None:
+        body = results.study.stimulus.body()
+        height = height_map(body, x[::_COARSER], y[::_COARSER])
+        gap = gap_of(body)
+    else:
+        height, gap = _tops(grid), grid.gap
+    deepest_mm = max(float(results.trace["depth_mm"].max()), 0.0)
+    highest = float(height.max())
+    lowest = max(float(height.min()), highest - deepest_mm)
+    if highest - lowest < _FLAT_MM:
+        return np.full((len(x), len(y)), -1.0)
+    places = np.stack(np.meshgrid(x, y, [(highest + lowest) / 2], indexing="ij"), -1)
+    return -gap(places.reshape(-1, 3)).reshape(len(x), len(y))
 
 
-def _top_of(grid: DistanceGrid) -> Array:
-    """Return the height of the uppermost point inside, (Y, X); linear between the layers."""
-    gap, count = grid.gap_mm, len(grid.gap_mm)
-    below = count - 1 - np.argmax(gap[::-1] < 0, axis=0)
-    above = np.minimum(below + 1, count - 1)
+def _tops(grid: DistanceGrid) -> Array:
+    """Return the height of the surface along the vertical lines of a grid, (Y, X)."""
+    gap, layers = grid.gap_mm, len(grid.gap_mm)
+    below = layers - 1 - np.argmax(gap[::-1] < 0, axis=0)
+    above = np.minimum(below + 1, layers - 1)
     here, there = (np.take_along_axis(gap, k[None], 0)[0] for k in (below, above))
     share = np.where(there > here, -here / np.where(there > here, there - here, 1.0), 0.0)
     height = grid.origin_mm[2] + grid.step_mm * (below + np.clip(share, 0.0, 1.0))
     return np.where((gap < 0).any(axis=0), height, grid.origin_mm[2])
-
-
-def _above_half(height_mm: Array, deepest_mm: float) -> Array:
-    """Return heights above half of what lies between the top and the depth of the press."""
-    highest = float(height_mm.max())
-    lowest = max(float(height_mm.min()), highest - max(deepest_mm, 0.0))
-    flat = highest - lowest < _FLAT_MM
-    return np.full_like(height_mm, -1.0) if flat else height_mm - (highest + lowest) / 2

@@ -128,6 +128,8 @@ def _states(results: Results, dpi: int) -> Iterator[tuple[Path, Figure]]:
         from tactile_fem.output.anatomy import finger_figure
 
         yield results.figures / "finger.png", finger_figure(film.mesh, dpi)
+    for earlier in results.figures.glob("deformation_*.png"):
+        earlier.unlink()
     frames, over = frames_of(results, film, "deformation"), Abscissa.of(results.trace)
     for state in choose_states(results.trace, read_series(results.fields)[0]):
         k = FRAMES_PER_STATE * state
