@@ -34,8 +34,8 @@ from tactile_fem.stimulus import RigidBody
 Array = NDArray[np.float64]
 
 _BODY_COLOUR = "#B9BDC2"
-# Receptors, silent and firing: colours of a single population, and sizes.
-_RECEPTORS, _RECEPTOR_SIZES = ("#101010", "#FF3B30"), (4, 22)
+# Receptors, silent and firing: colours of a single population, sizes, and widths of their edges.
+_RECEPTORS, _SIZES, _EDGES = ("#101010", "#FF3B30"), (7, 24), (0.0, 0.4)
 # The nodes around a quadratic triangle.
 _TRIANGLE_BOUNDARY = [0, 3, 1, 4, 2, 5]
 _MARGIN_MM, _MARGIN_BELOW_MM = 0.6, 1.5
@@ -115,9 +115,10 @@ class SectionScene:
         colours = receptor_colours(population, _RECEPTORS)
         for name in names:
             labels, own = receptor_labels(name, names), population == name
-            for label, which, size in zip(labels, (~fired, fired), _RECEPTOR_SIZES, strict=True):
-                style = {"s": size, "color": colours[label], "zorder": 5, "ec": "black"}
-                axes.scatter(*places[own & which].T, linewidths=0.4 * (size > 4), **style)
+            looks = zip(labels, (~fired, fired), _SIZES, _EDGES, strict=True)
+            for label, which, size, edge in looks:
+                style = {"color": colours[label], "ec": "black", "zorder": 5}
+                axes.scatter(*places[own & which].T, s=size, linewidths=edge, **style)
 
     def _draw_body(self, axes: Axes, place_mm: Array) -> None:
         """Fill the body where the plane cuts it."""
