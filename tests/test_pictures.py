@@ -3,10 +3,13 @@ import subprocess
 
 import numpy as np
 import pytest
+import shapely
 from needs import needs_graphics
 from PIL import Image
 from synthetic import make_fields, make_results, make_section, make_trace
 
+from tactile_fem.finger import read_msh
+from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.output import figures, pictures
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.runtime import doctor
@@ -115,8 +118,31 @@ def test_pictures_are_drawn(tmp_path, study):
     assert names == ["finger.png", "deformation_02.50.png", "deformation_05.00.png"]
     for path in paths:
         with Image.open(path) as image:
-            assert image.size == (1500, 955)
+            assert image.size == (1500, 600 if path.stem == "finger" else 955)
             assert len(image.getcolors(1 << 24)) > 100
+
+
+@needs_graphics
+def test_the_layers_of_the_finger_are_named_in_two_cuts(small_finger):
+    from tactile_fem.output.anatomy import cut, finger_figure
+
+    mesh = read_msh(small_finger)
+    parts = cut(mesh, 1)
+    assert {*parts} == {*TISSUES}
+    whole = shapely.union_all(list(parts.values()))
+    assert whole.area == pytest.approx(sum(part.area for part in parts.values()), rel=1e-3)
+    assert whole.bounds == pytest.approx((-8.0, 0.0, 8.0, 12.7), abs=0.2)
+    assert parts["bone"].area == pytest.approx(np.pi * 4.0 * 2.3, rel=0.2)  # facets
+    along, across = finger_figure(mesh).axes
+    names = {name.replace("_", " ") for name in TISSUES}
+    assert {text.get_text() for text in across.texts} == names | {"Across it, at Y = 0"}
+    (bar,) = along.lines
+    assert np.ptp(bar.get_xdata()) == 5.0 and along.texts[-1].get_text() == "5 mm"
+    along.figure.draw_without_rendering()
+    per_mm = [
+        abs(np.diff(axes.transData.transform([[0, 0], [1, 1]]), axis=0)) for axes in (along, across)
+    ]
+    assert np.ptp(per_mm) < 1e-6
 
 
 @needs_graphics
