@@ -66,7 +66,7 @@ def test_what_is_proposed_leaves_no_sharp_place_and_less_does(plus, facet_mm):
 
 
 def test_low_walls_are_harmless(plus):
-    for unit_mm, is_warned in ((0.5, True), (0.15, False)):
+    for unit_mm, is_warned in ((0.5, True), (0.1, False)):
         low = Surface(file=plus, spacing_mm=STEP_MM, unit_mm=unit_mm)
         assert bool(low.hindrance(1.0)) == is_warned
     assert low.hindrance(0.5)

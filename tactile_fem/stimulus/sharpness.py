@@ -15,12 +15,13 @@ from tactile_fem.stimulus.relief import Relief
 # Where a surface is steeper than this slope, its edges can make the skin's contact change abruptly.
 _STEEP = 0.5
 # Edges with at least this radius of curvature, and this share of the skin's facets, are harmless,
-# and so are those of walls that rise by less within a window, squared for facets below 1 mm.
-# Measured by failed steps of scans of a plus, 0.02 to 0.5 mm high, low_pass_mm 0.05 to 1. Facets of
-# 0.25 mm (a section): none with 0.061 mm, 10 with 0.058 mm. Facets of 1 mm: none with 0.12 mm, 4
-# with 0.085 mm, none if it is 0.2 mm high. Facets of 3 mm: none with 0.34 mm, 12 with 0.12 mm.
+# and so are walls that rise by less within a window (less by the square of facets below 1 mm).
+# Measured as failed steps of scans of a plus, 0.5 mm high if not stated, low_pass_mm 0.05 to 1.
+# Facets of 0.25 mm (a section): none at a radius of 0.061 mm, 10 at 0.058 mm. Facets of 1 mm: none
+# at 0.12 mm, 4 at 0.085 mm, 6 at 0.017 mm and 0.2 mm high, none at 0.023 mm and 0.1 mm high. Facets
+# of 3 mm: none at 0.34 mm, 12 at 0.12 mm.
 _LEAST_RADIUS_MM, _RADIUS_PER_FACET = 0.06, 0.1
-_LEAST_RISE_MM, _WINDOW_MM = 0.2, 1.0
+_LEAST_RISE_MM, _WINDOW_MM = 0.12, 1.0
 # Of flat shapes with walls, this share of the points is flatter than this share of the walls.
 _FLAT_SHARE, _FLATTER = 0.8, 0.05
 _BISECTIONS = 4
