@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -17,7 +15,7 @@ from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import is_soft
 from tactile_fem.output.histories import TIME, at_time
 from tactile_fem.runtime.logs import counted
-from tactile_fem.simulation.fields import read_series
+from tactile_fem.simulation.fields import FieldState, read_series
 from tactile_fem.simulation.results import Results
 from tactile_fem.vibration import Modes
 
@@ -95,11 +93,11 @@ class Film:
         written_s, files = read_series(results.fields)
         if not files:
             raise StudyError(f"There are no field files in {results.fields}: nothing to view.")
-        first, trace = _read(files[0]), results.trace
-        mesh, used = _drawn_mesh(first.points, first.cells[0].data, first.cell_data["tissue"][0])
+        first, trace = FieldState.read(files[0]), results.trace
+        mesh, used = _drawn_mesh(first.nodes, first.cells, first.tissue)
         fields = [
-            (state.point_data["displacement_mm"][used], state.cell_data["sed_kPa"][0])
-            for state in map(_read, counted(files, "saved states to read"))
+            (state.of_nodes["displacement_mm"][used], state.of_cells["sed_kPa"])
+            for state in map(FieldState.read, counted(files, "saved states to read"))
         ]
         moved, sed = (np.array(arrays) for arrays in zip(*fields, strict=True))
         states = np.arange(len(files))
@@ -173,19 +171,6 @@ def _drawn_mesh(
     facets = np.empty((0, 0), dtype=np.int64), np.empty(0, dtype=np.int64)
     points = nodes[used].astype(float)
     return FingerMesh(points, numbers.reshape(cells.shape), tissue, *facets), used
-
-
-def _read(path: Path) -> meshio.Mesh:
-    """Return a saved state."""
-    try:
-        state = meshio.vtu.read(path)
-        if {"displacement_mm"} <= {*state.point_data} and {"sed_kPa", "tissue"} <= {
-            *state.cell_data
-        }:
-            return state
-    except Exception:  # a damaged file fails in many ways
-        pass
-    raise StudyError(f"{path} cannot be read as a field file of a scan.")
 
 
 def _titles(trace: dict[str, NDArray[Any]], times_s: Array) -> list[str]:
