@@ -33,6 +33,7 @@ from tactile_fem.errors import (
     StudyError,
     TactileError,
 )
+from tactile_fem.runtime import html
 
 if TYPE_CHECKING:
     from tactile_fem.calibration.fit import fit
@@ -118,6 +119,15 @@ def __getattr__(name: str) -> Any:
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+
+
+def _shown_results(results: Results) -> str:
+    from tactile_fem.series.notebook import html_of
+
+    return html_of(results)
+
+
+html.shown_results = _shown_results
 
 
 def __dir__() -> list[str]:

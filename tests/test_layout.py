@@ -17,7 +17,7 @@ FILES = {
 
 
 def imported(path: Path) -> set[str]:
-    """Return the package's modules that a file imports anywhere."""
+    """Return the package's modules that a file imports anywhere, or names in a string."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom):
@@ -26,6 +26,8 @@ def imported(path: Path) -> set[str]:
             found |= {name if name in FILES else str(node.module) for name in names}
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found.add(node.value)
     return found & FILES.keys()
 
 

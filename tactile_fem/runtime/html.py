@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,9 @@ _STYLE = (
     ".tactile-fem td, .tactile-fem th { text-align: left; padding-right: 1em; } "
     ".tactile-fem img { width: 34em; max-width: 100%; } .tactile-fem figure { margin: 0; }"
 )
+
+# Shows results in a notebook. The package sets it, since figures, which it draws, import results.
+shown_results: Callable[[Any], str]
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

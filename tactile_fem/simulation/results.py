@@ -21,7 +21,6 @@ import csv
 import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,6 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, to_neo
+from tactile_fem.runtime import html
 from tactile_fem.runtime.files import atomic_write, write_arrays, write_text
 from tactile_fem.simulation.fields import FieldState, read_series
 from tactile_fem.simulation.folder import check_folder, choose_state, make_folder, nearest_mm
@@ -127,8 +127,8 @@ class Results:
         return bool(self.run.get("status") == "complete")
 
     def _repr_html_(self) -> str:
-        """Show numbers and rasters in a notebook; by name, as figures import the results."""
-        return str(import_module("tactile_fem.series.notebook").html_of(self))
+        """Show numbers and rasters in a notebook."""
+        return html.shown_results(self)
 
     # --- writing --------------------------------------------------------------------------
 
