@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from tactile_fem.simulation.checks import log_resolution
+from tactile_fem.simulation.checks import judge_surface
 from tactile_fem.stimulus.body import EXCESS_MM
 from tactile_fem.stimulus.relief import Relief, Roughness, levelled
 from tactile_fem.stimulus.sampled import height_map
@@ -184,7 +184,7 @@ def test_a_scan_says_what_the_mesh_can_follow(tmp_path, caplog):
     assert 0.85 < edge < 1.1  # the preset asks for 1 mm
     surface = Surface(file=file, spacing_mm=0.05, unit_mm=1.0, low_pass_mm=0.0)
     with caplog.at_level(logging.INFO):
-        log_resolution(surface, finger)
+        judge_surface(surface, finger)
     assert "0.0354 mm rms" in caplog.text
     assert "coarse 36 %, medium 36 %, paper 36 %" in caplog.text
     assert "pad_size_mm = 0.3" in caplog.text

@@ -8,7 +8,7 @@ import pytest
 from needs import needs_gmsh
 
 from tactile_fem.cli.app import main
-from tactile_fem.simulation.checks import warn_if_sharp
+from tactile_fem.simulation.checks import judge_surface
 from tactile_fem.stimulus.relief import Relief
 from tactile_fem.stimulus.sharpness import (
     Limits,
@@ -81,7 +81,7 @@ def test_rounding_to_two_digits():
 def test_the_warning_says_where_how_steep_and_what_helps(plus, caplog):
     finger = Finger().mesh()
     with caplog.at_level(logging.WARNING):
-        warn_if_sharp(surface(plus, turn_deg=90.0, shift_mm=(0.0, 3.0)), finger)
+        judge_surface(surface(plus, turn_deg=90.0, shift_mm=(0.0, 3.0)), finger)
     (said,) = caplog.messages
     x, y = (float(said.split(f"{axis} ")[1].split()[0].rstrip(",")) for axis in "XY")
     # The middle of the plus, at X 1, is turned to Y 1 and shifted to Y 4.
@@ -91,7 +91,7 @@ def test_the_warning_says_where_how_steep_and_what_helps(plus, caplog):
     assert "choose stimulus.low_pass_mm = 0.4" in said and "(now 0.1) or unit_mm = 0.1" in said
     assert said.endswith('or for flat shapes stimulus.kind = "drawing"')
     caplog.clear()
-    warn_if_sharp(surface(plus, low_pass_mm=0.7), finger)
+    judge_surface(surface(plus, low_pass_mm=0.7), finger)
     assert not caplog.messages
 
 

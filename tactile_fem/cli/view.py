@@ -41,7 +41,7 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
     from tactile_fem.finger.scans import Scans
     from tactile_fem.output.preview import preview_figure, scans_figure
     from tactile_fem.runtime.files import write_figure
-    from tactile_fem.simulation.checks import check_with_mesh, warn_if_missed, warn_if_sharp
+    from tactile_fem.simulation.checks import check_with_mesh, judge_surface, warn_if_missed
 
     the_study = load_study(study, changes)
     check_file("--output", output, ".png")
@@ -56,7 +56,7 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
         raise
     path = check_with_mesh(the_study, body, finger)
     warn_if_missed(body, path, finger)
-    warn_if_sharp(the_study.stimulus, finger)
+    judge_surface(the_study.stimulus, finger)
     logger.info("drawing finger and stimulator")
     write_figure(output, preview_figure(finger, body, path))
     print(f"Written to {output}")

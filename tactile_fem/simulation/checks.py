@@ -127,16 +127,10 @@ def warn_if_missed(body: RigidBody, path: Path, finger: FingerMesh) -> None:
         logger.warning("%s: correct stimulus.shift_mm or the protocol.", missed)
 
 
-def warn_if_sharp(stimulus: Stimulus, finger: FingerMesh) -> None:
-    """Warn if a stimulus is too steep and sharp for the skin's facets, with what helps."""
-    if sentence := stimulus.hindrance(finger.facet_size_mm):
-        logger.warning("stimulus: %s", sentence)
-
-
-def log_resolution(stimulus: Stimulus, finger: FingerMesh) -> None:
-    """Log which part of a stimulus' roughness the skin's facets can follow, and which would."""
-    sentence = stimulus.resolution(
-        finger.facet_size_mm, {name: size.pad for name, size in PRESETS.items()}
-    )
-    if sentence:
+def judge_surface(stimulus: Stimulus, finger: FingerMesh) -> None:
+    """Log which roughness the skin's facets can follow; warn of places too sharp for them."""
+    facet_mm = finger.facet_size_mm
+    if sentence := stimulus.resolution(facet_mm, {name: one.pad for name, one in PRESETS.items()}):
         logger.info("%s", sentence)
+    if sentence := stimulus.hindrance(facet_mm):
+        logger.warning("stimulus: %s", sentence)

@@ -27,12 +27,7 @@ from tactile_fem.neuron import fields_of, replaced
 from tactile_fem.receptors import Layout
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.ranks import on_root
-from tactile_fem.simulation.checks import (
-    LARGEST_DEPTH_SHARE,
-    check_motion,
-    log_resolution,
-    warn_if_sharp,
-)
+from tactile_fem.simulation.checks import LARGEST_DEPTH_SHARE, check_motion, judge_surface
 from tactile_fem.simulation.parts import NO_PARTS, Parts, check_parts
 from tactile_fem.simulation.probe import Probe, ReceptorState
 from tactile_fem.simulation.step import Step
@@ -119,8 +114,6 @@ class Simulation:
         self.path = parts.path or study.protocol.route(LARGEST_DEPTH_SHARE * thickness_mm)
         check_unchanged(study.files(), self.files)  # the hashes are those of what each rank read
         on_root(comm, lambda: check_motion(study, self.body, self.path, self.finger, parts))
-        if parts.body is None:
-            on_root(comm, lambda: warn_if_sharp(study.stimulus, self.finger))
 
     # --- the mechanics ---------------------------------------------------------------------------
 
@@ -151,7 +144,10 @@ class Simulation:
 
     @cached_property
     def _stepper(self) -> Stepper:
-        study, problem = self.study, self.problem
+        study = self.study
+        if not self.parts.body:
+            on_root(self.comm, lambda: judge_surface(study.stimulus, self.finger))
+        problem = self.problem
         with compilation_errors():
             _ = problem.load_cell, self.receptors  # compiled here, not in the first step
         logger.info(
@@ -161,8 +157,6 @@ class Simulation:
             len(self.layout.positions_mm),
             self.comm.size,
         )
-        if not self.parts.body:
-            on_root(self.comm, lambda: log_resolution(study.stimulus, self.finger))
         smoother_by = () if self.parts.body else study.stimulus.smoother_by
         return Stepper(problem, self.path, study.solver, problem.domain.plane, smoother_by)
 
