@@ -397,7 +397,7 @@ def slid(study: Study, folder: Path, friction: float) -> tuple[Trace, np.ndarray
         "output": Output(pictures=False, states_mm=0.1),
     }
     trace = scan(study.model_copy(update=changed), folder).trace
-    before, after = (
+    *_, before, after = (
         meshio.read(file).point_data["displacement_mm"]
         for file in read_series(Results(folder).fields)[1]
     )
