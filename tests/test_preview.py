@@ -26,6 +26,8 @@ def test_every_kind_of_stimulus_is_drawn(kind, tmp_path, capsys):
         np.save(tmp_path / "heights.npy", np.random.default_rng(0).normal(size=(50, 50)))
         keys = {"file": tmp_path / "heights.npy", "spacing_mm": 0.1, "unit_mm": 0.1}
         settings += [w for key, value in keys.items() for w in ("--set", f"stimulus.{key}={value}")]
+    if kind == "drawing":
+        settings += ["--set", "stimulus.polygons=[[[-2, -1], [2, -1], [0, 2]]]"]
     file = tmp_path / "preview.png"
     assert cli.main(["preview", *settings, "--output", str(file)]) == 0
     assert capsys.readouterr().out == f"Written to {file}\n"
