@@ -209,14 +209,18 @@ def test_fields_lists_the_kept_states_and_writes_them(capsys):
     make_fields(results)
     assert cli.main(["fields", "r"]) == 0
     head, *rows = capsys.readouterr().out.split()
-    assert head == "time_s,displacement_mm,depth_mm,normal_force"
+    assert head == "time_s,displacement_mm,depth_mm,normal_N"
     assert [row.split(",")[1] for row in rows] == ["0", "2.4", "5"]  # the nearest rows
     interface = ["fields", "r", "--on", "interface", "--at-mm", "2.2"]
     assert cli.main([*interface, "-o", "fields.csv"]) == 0
     assert "points at 2.4 mm, 0.12 s" in capsys.readouterr().out
     assert Path("fields.csv").read_text().startswith("x_mm,y_mm,z_mm,displacement_x_mm")
     assert cli.main([*interface, "-o", "fields.txt"]) == 2
-    assert "must end in .csv, .npz, .vtu" in capsys.readouterr().err
+    assert "must end in .csv, .npz, .vtu, .png" in capsys.readouterr().err
+    assert cli.main([*interface, "-o", "sed.png", "--show", "stretches_3"]) == 0
+    assert Path("sed.png").stat().st_size > 5000
+    assert cli.main([*interface, "-o", "sed.png", "--show", "heat"]) == 2
+    assert "heat is no column of the surface: choose x_mm, y_mm" in capsys.readouterr().err
     assert cli.main(["fields", "r", "--at-mm", "9", "-o", "fields.csv"]) == 2
     assert "r has no state near 9 mm" in capsys.readouterr().err
 

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.finger.msh import read_msh
+from tactile_fem.output.maps import surface_map
 from tactile_fem.simulation.contact_fields import Contact, SkinContact, vertex_areas
 from tactile_fem.simulation.fields import FieldState, FieldWriter
 from tactile_fem.simulation.surfaces import interface_of, skin_of
@@ -156,3 +157,20 @@ def test_a_surface_is_a_deformed_mesh_in_pyvista(finger, state):
     np.testing.assert_allclose(mesh.points, skin.points_mm + skin.displacement_mm, atol=1e-5)
     assert mesh.n_cells == len(skin.facets)
     np.testing.assert_array_equal(mesh["stretches"], skin.stretches)
+
+
+def test_a_map_shows_the_side_that_faces_the_stimulator(finger, state):
+    skin = skin_of(state[0], 0.1, 2.0)
+    figure = surface_map(skin, "stress_xx_kPa")
+    axes = figure.axes[0]
+    assert axes.get_title() == "100 ms, displacement 2.00 mm"
+    if finger.plane.is_space:
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ("Y (mm)", "X (mm)")
+        assert figure.axes[1].get_ylabel() == "Stress xx (kPa)"
+        drawn = axes.collections[0]._triangulation.triangles
+        assert 0 < len(drawn) < len(skin.facets)
+        assert skin.points_mm[drawn, 2].mean() < skin.points_mm[:, 2].mean() - 2.0
+    else:
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ("Y (mm)", "Stress xx (kPa)")
+    with pytest.raises(StudyError, match="heat is no column of the surface: choose x_mm, y_mm"):
+        surface_map(skin, "heat")

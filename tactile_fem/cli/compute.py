@@ -92,10 +92,10 @@ def _finish(folder: Path) -> None:
     from tactile_fem import Results, draw
 
     found = Results.open(folder)
-    if found.study.output.pictures:
-        for path in draw(found):
-            print(path)
-    print(f"Data and pictures are in {folder}")
+    pictures = draw(found) if found.study.output.pictures else []
+    for path in pictures:
+        print(path)
+    print(f"Data {'and pictures ' if pictures else ''}are in {folder}")
 
 
 # --- series --------------------------------------------------------------------------------------

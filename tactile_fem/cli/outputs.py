@@ -129,6 +129,7 @@ def fields(
     side: Literal["epidermis", "dermis"] = "epidermis",
     at_mm: float | None = None,
     at_s: float | None = None,
+    show: str = "sed_kPa",
 ) -> None:
     """Write contact, displacement, stretches, stress and SED on the skin or the interface.
 
@@ -137,7 +138,7 @@ def fields(
     Parameters
     ----------
     output
-        Write this file: .csv, .npz, or .vtu for ParaView and PyVista.
+        Write this file: .csv, .npz, .vtu for ParaView and PyVista, or a map, .png.
     on
         The skin, or the interface of epidermis and dermis.
     side
@@ -146,25 +147,32 @@ def fields(
         Displacement of the slide; the nearest kept state is taken. Default at the largest force.
     at_s
         Time of a state, also of one in a press or a hold.
+    show
+        Column of the table that the map shows.
     """
     from tactile_fem import Results
+    from tactile_fem.output.maps import surface_map
+    from tactile_fem.runtime.files import write_figure
     from tactile_fem.simulation.surfaces import ENDINGS
 
     found = Results.open(results)
     if output is None:
-        print("time_s,displacement_mm,depth_mm,normal_force")
+        print(f"time_s,displacement_mm,depth_mm,normal_{found.study.finger.force_unit}")
         rows = found.kept_rows
         names = "time_s", "displacement_mm", "depth_mm"
         columns = *(found.trace[name][rows] for name in names), found.trace["force_N"][rows, 2]
         for values in zip(*columns, strict=True):
             print(",".join(f"{value:.6g}" for value in values))
         return
-    check_file("--output", output, *ENDINGS)
+    check_file("--output", output, *ENDINGS, ".png")
     if on == "skin":
         surface = found.skin(at_mm, at_s=at_s)
     else:
         surface = found.interface(at_mm, at_s=at_s, side=side)
-    surface.save(output)
+    if output.suffix == ".png":
+        write_figure(output, surface_map(surface, show))
+    else:
+        surface.save(output)
     print(f"{len(surface)} points at {surface.at_mm:g} mm, {surface.time_s:g} s")
     print(f"Written to {output}")
 

@@ -67,6 +67,8 @@ def _mark_extrema(axes: Axes, at: Array, values: Array) -> None:
     highs, lows = extrema(values)
     axes.plot(at[highs], values[highs], "o", color=VERMILION, ms=4.5, label="maxima")
     axes.plot(at[lows], values[lows], "o", mfc="white", mec=VERMILION, ms=4.5, label="minima")
+    if len(highs) or len(lows):
+        axes.legend(handles=axes.lines[-2:], loc="best", fontsize=8, handletextpad=0.2)
 
 
 def _passing(

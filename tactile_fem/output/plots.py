@@ -67,7 +67,8 @@ def raster_figure(
     """Draw one dot for each spike (spikes,): X of its receptor over the displacement.
 
     The rows are X of all receptors, silent ones included; the range is that of the displacement.
-    The label is that of the horizontal axis; in a section along the finger, the axis is "Y".
+    The label is that of the horizontal axis, which is drawn to scale if it ends in "(mm)" and may
+    as well be "Time (s)"; in a section along the finger, the axis is "Y".
     """
     figure, axes = _map_axes(rows_mm, range_mm, label, axis)
     draw_outlines(axes, outlines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import tempfile
 from contextlib import suppress
@@ -11,6 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
+
+logger = logging.getLogger(__name__)
 
 # All files that the package writes, by their subfolder; nothing else is ever removed.
 _OWN_FILES = {
@@ -106,6 +109,8 @@ def nearest_mm(displacement_mm: ArrayLike, at_mm: float, apart_mm: float) -> flo
     nearest = float(kept[np.argmin(np.abs(kept - at_mm))])
     if not abs(nearest - at_mm) <= apart_mm:
         raise StudyError(f"has no state near {at_mm:g} mm: {_listed(kept, 'mm')}.")
+    if abs(nearest - at_mm) > _TOLERANCE_MM:
+        logger.info("the kept state at %g mm is the nearest to %g mm", nearest, at_mm)
     return nearest
 
 

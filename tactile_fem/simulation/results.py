@@ -126,6 +126,10 @@ class Results:
         """Whether the scan is complete."""
         return bool(self.run.get("status") == "complete")
 
+    def __repr__(self) -> str:
+        """Return how to open it again."""
+        return f"Results.open({str(self.folder)!r})"
+
     def _repr_html_(self) -> str:
         """Show numbers and rasters in a notebook."""
         return html.shown_results(self)

@@ -268,7 +268,15 @@ class Stepper:
         if self._motion.until_N is None:
             return
         if self._is_short_of(self._motion.until_N):
-            raise self._failure("the force is not reached at the deepest position")
+            reached, wanted = self._state.force_old_N[-1], self._motion.until_N
+            raise stopped(
+                self._motion.phase,
+                self._position_mm(),
+                self._progress.slid_mm + self._slid_mm(),
+                f"the force is not reached: {reached:.3g} of {wanted:.3g} {self._plane.force_unit} "
+                "at the deepest position that is allowed",
+                "a smaller force",
+            )
         logger.info(
             "%.4f %s are reached at a depth of %.4f mm",
             self._state.force_old_N[-1],

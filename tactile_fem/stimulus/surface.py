@@ -89,7 +89,7 @@ class Surface(Stimulus):
             return ""
         low_pass_mm = sharpness.low_pass_that_helps(relief, self.low_pass_mm, limits)
         factor = sharpness.factor_that_helps(relief, limits)
-        lower = f"heights {sharpness.two_digits(factor):g} times as high"
+        lower = f"heights {sharpness.two_digits(factor):g} times as large"
         if self.unit_mm is not None:
             unit_mm = math.copysign(sharpness.two_digits(factor * abs(self.unit_mm)), self.unit_mm)
             lower = f"unit_mm = {unit_mm:g} (now {self.unit_mm:.3g})"
@@ -99,8 +99,9 @@ class Surface(Stimulus):
             f"{edge.angle_deg:.0f} degrees, beside an edge whose radius is {edge.radius_mm:.2g} "
             f"mm, while the skin's facets of {facet_mm:.2g} mm need {limits.radius_mm:.2g} mm; the "
             f"scan may take long or diverge: choose stimulus.low_pass_mm = {low_pass_mm:g} (now "
-            f"{self.low_pass_mm:g}) or {lower}"
-            + (', or for flat shapes stimulus.kind = "drawing"' if edge.is_flat else "")
+            f"{self.low_pass_mm:g})"
+            + (', for flat shapes stimulus.kind = "drawing"' if edge.is_flat else "")
+            + f", or, which helps less, {lower}"
         )
 
     def resolution(self, facet_mm: float, preset_facets_mm: Mapping[str, float]) -> str:
