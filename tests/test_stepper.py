@@ -94,8 +94,9 @@ def test_the_papers_path_is_pressed_and_slid():
     ends = [step.index for step in steps if step.ends_piece]
     assert ends == [len(of(steps, "press")), len(steps)]
     assert all(step.indenting == (step.phase == "press") for step in steps)
-    outputs = [step.displacement_mm for step in steps if step.output]
-    assert outputs == pytest.approx([0.0, 0.25, 0.5, 0.75, 1.0])
+    assert all(step.output for step in of(steps, "press"))  # it asks for none
+    outputs = [step.displacement_mm for step in of(steps, "slide") if step.output]
+    assert outputs == pytest.approx([0.25, 0.5, 0.75, 1.0])
     places = np.array([step.stimulator_mm for step in steps])
     across, up = np.diff(places[:, 1]), np.diff(places[:, 2], prepend=0.0)
     assert np.abs(across).max() <= 0.2 + 1e-12 and up.max() <= 0.2 + 1e-12

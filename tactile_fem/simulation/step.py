@@ -36,7 +36,7 @@ class Step(Load):
     discarded
         Solves on the way to this step that failed or did not meet the wanted force.
     output, ends_piece
-        Whether the path asked for output here; whether its piece ends here.
+        Whether the path asked for output here, or its piece for none; whether the piece ends here.
     fraction
         Share of the whole path's steps that is done.
     wall_s
