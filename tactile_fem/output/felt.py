@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -19,10 +20,12 @@ from tactile_fem.output.plots import styled
 
 Array = NDArray[np.float64]
 
-_WIDTH, _HEIGHT = 4.6, 2.2  # inches, of a history
-# Of the outline below: the largest height, and that of one that is not to scale.
-_TALLEST, _LOW = 4.0, 1.2
+# Inches: the width, and the height of a single history and of each of several.
+_WIDTH, _HEIGHT, _LOWER = 4.6, 2.2, 1.5
+# Of the outline below: the largest heights likewise, and that of one that is not to scale.
+_TALLEST, _TALLEST_OF_SEVERAL, _LOW = 4.0, 2.4, 1.2
 _COLUMNS, _AROUND_MM = 900, 0.5
+_LETTERS_PER_INCH = 13  # of a label
 
 
 class Felt(NamedTuple):
@@ -43,9 +46,11 @@ def felt(histories: Sequence[Felt], over: Abscissa, beneath: Beneath) -> Figure:
     """
     labels = list(dict.fromkeys(one.label for one in histories))
     inside, x_mm = _passing(histories, over, beneath)
-    heights = [_HEIGHT] * len(labels)
+    height, tallest = (_HEIGHT, _TALLEST) if len(labels) == 1 else (_LOWER, _TALLEST_OF_SEVERAL)
+    heights = [height] * len(labels)
     if x_mm is not None:
-        heights.append(_height(over, inside, x_mm))
+        heights.append(min(tallest, _height(over, inside, x_mm)))
+    wide = int(_LETTERS_PER_INCH * height)
     figure, axes = panels(heights, over, _WIDTH, top=0.6 if len(histories) > 1 else 0.45)
     for one_axes, label in zip(axes, labels, strict=False):
         own = [one for one in histories if one.label == label]
@@ -55,7 +60,7 @@ def felt(histories: Sequence[Felt], over: Abscissa, beneath: Beneath) -> Figure:
             _mark_extrema(one_axes, over.values, own[0].values)
         low = min(one.values.min(initial=0.0) for one in own)
         high = max(one.values.max(initial=1e-12) for one in own)
-        one_axes.set(ylim=(1.08 * low, 1.08 * high), ylabel=label)
+        one_axes.set(ylim=(1.08 * low, 1.08 * high), ylabel=textwrap.fill(label, wide))
     if x_mm is not None:
         _draw_passing(axes[-1], histories, over, inside, x_mm, heights[-1])
     if len(histories) > 1:
@@ -67,8 +72,9 @@ def _mark_extrema(axes: Axes, at: Array, values: Array) -> None:
     highs, lows = extrema(values)
     axes.plot(at[highs], values[highs], "o", color=VERMILION, ms=4.5, label="maxima")
     axes.plot(at[lows], values[lows], "o", mfc="white", mec=VERMILION, ms=4.5, label="minima")
-    if len(highs) or len(lows):
-        axes.legend(handles=axes.lines[-2:], loc="best", fontsize=8, handletextpad=0.2)
+    marked = [line for line in axes.lines[-2:] if len(line.get_xdata())]
+    if marked:
+        axes.legend(handles=marked, loc="best", fontsize=8, handletextpad=0.2)
 
 
 def _passing(
@@ -92,7 +98,7 @@ def _height(over: Abscissa, inside: Array, x_mm: Array) -> float:
     raised = inside > 0
     if not over.is_to_scale or np.array_equal(raised.any(axis=0), raised.all(axis=0)):
         return _LOW
-    return min(_TALLEST, _WIDTH * float(np.ptp(x_mm) / np.ptp(over.ends)))
+    return _WIDTH * float(np.ptp(x_mm) / np.ptp(over.ends))
 
 
 def _draw_passing(

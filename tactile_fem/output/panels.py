@@ -34,7 +34,7 @@ def panels(
         axes, last = figure.add_axes(box), k == len(heights) - 1
         over.draw(axes, names=k == 0, label=last)
         axes.tick_params(labelbottom=last)
-        axes.yaxis.set_label_coords(-0.66 / width, 0.5)  # aligned, independent of the tick labels
+        axes.yaxis.set_label_coords(-0.52 / width, 0.5)  # aligned, independent of the tick labels
         found.append(axes)
     return figure, found
 

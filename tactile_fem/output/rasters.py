@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import Formatter, MaxNLocator
 from numpy.typing import NDArray
 
 from tactile_fem.neuron import Response
@@ -179,7 +179,7 @@ def _draw_spread(axes: Axes, one: Trains, over: Abscissa, *, named: bool) -> Non
     ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(x[0], x[-1])
     ticks = ticks[(ticks >= x[0] - 1e-9) & (ticks <= x[-1] + 1e-9)]
     sides = [np.searchsorted(x, ticks + shift) for shift in (-1e-9, 1e-9)]
-    axes.set_yticks((sides[0] + sides[1] - 1) / 2, [f"{tick:g}" for tick in ticks])
+    axes.set_yticks((sides[0] + sides[1] - 1) / 2, list(map(_minus, ticks)))
     axes.set_ylim(len(order) - 0.5, -0.5)
     who = f"{one.name}, {len(order)} receptors" if named else f"{len(order)} receptors"
     axes.set_ylabel(f"{who} by X (mm), then Y")
@@ -204,6 +204,10 @@ def _colour_bar(axes: Axes, image: object) -> None:
     place = axes.inset_axes((1.02, 0.05, 0.16 / inches(axes)[0], 0.9))
     bar = figure.colorbar(image, cax=place, label="Firing rate (spikes/s)")
     bar.outline.set_visible(False)
+
+
+def _minus(tick: float) -> str:
+    return Formatter.fix_minus(f"{tick:g}")
 
 
 def _rows(line: Line, one: Trains) -> Array:

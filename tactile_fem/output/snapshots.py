@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import Formatter
 
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.beneath import Beneath
@@ -84,4 +85,4 @@ def _phase(over: Abscissa, time_s: float) -> str:
 
 
 def _interval(start_s: float, end_s: float) -> str:
-    return f"{1000 * start_s:.0f} to {1000 * end_s:.0f} ms"
+    return Formatter.fix_minus(f"{1000 * start_s:.0f} to {1000 * end_s:.0f} ms")
