@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter, validators
 
+from tactile_fem.cli.comparison import show_comparison
 from tactile_fem.cli.options import (
     Changes,
     Count,
@@ -141,7 +141,9 @@ def sweep(
 
     members = series.sweep(over, study, changes)
     outcomes = _run_series(members, results, shares)
-    _show_comparison(members, results)
+    scans = {scan.folder.name: scan for scan in series.complete_scans(members, results)}
+    if len(scans) > 1:
+        show_comparison(scans, results / "comparison.png")
     _raise_failures(outcomes)
 
 
@@ -180,25 +182,6 @@ def _run_series(members: Sequence[Member], folder: Path, shares: Shares) -> list
     outcomes = series.run_series(members, folder, **vars(shares))
     print(f"Written to {series.write_summary(members, folder)}")
     return outcomes
-
-
-def _show_comparison(members: Sequence[Member], folder: Path) -> None:
-    """Draw the complete scans side by side and print their table."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from tactile_fem import series
-
-    if (path := series.write_comparison(members, folder)) is None:
-        return
-    (_, *headings), *rows = series.compare(members, folder)
-    table = Table("scan", box=None)
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    for row in rows:
-        table.add_row(*row)
-    Console(width=None if sys.stdout.isatty() else 160).print(table)
-    print(f"Written to {path}")
 
 
 def _raise_failures(outcomes: Sequence[Outcome]) -> None:

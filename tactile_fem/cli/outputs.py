@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from tactile_fem.cli.comparison import named_scans, show_comparison
 from tactile_fem.cli.options import (
     Changes,
     Dots,
@@ -203,6 +204,20 @@ def report(
     print(f"Written to {write_report(results, output=output)}")
 
 
+def compare(*scans: ScanFolder, output: Written = Path("comparison.png")) -> None:
+    """Print the numbers of complete scans and draw their histories on common axes.
+
+    The table states differences to the first scan. Scans are named after their folders.
+
+    Parameters
+    ----------
+    output
+        Write this .png file, which is replaced.
+    """
+    check_file("--output", output, ".png")
+    show_comparison(named_scans(scans), output)
+
+
 def doctor() -> int:
     """Check compiler and libraries that pip cannot install, and name their packages."""
     code = diagnosis.main()
@@ -215,4 +230,4 @@ def doctor() -> int:
     return code
 
 
-COMMANDS = (init, mesh, export, fields, plot, report, doctor)
+COMMANDS = (init, mesh, export, fields, plot, report, compare, doctor)

@@ -19,12 +19,14 @@ def panels(
     *,
     right: float = 0.2,
     top: float = 0.45,
+    below: float = 0.0,
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure and its panels; their heights and width and the margins are in inches.
 
-    Phases are named above the first panel; the axis is labelled below the last one.
+    Phases are named above the first panel; the axis is labelled below the last one, and below its
+    labels there is room for more.
     """
-    bottom = 1.0 if over.is_to_scale else 0.5
+    bottom = (1.0 if over.is_to_scale else 0.5) + below
     inner = sum(heights) + _GAP * (len(heights) - 1)
     size = _LEFT + width + right, bottom + inner + top
     figure, found, low = Figure(figsize=size), list[Axes](), size[1] - top + _GAP

@@ -1,8 +1,8 @@
-"""The scans of a series side by side: histories on common axes, and numbers with differences."""
+"""Scans side by side: histories on common axes, and numbers with differences."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,8 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.textpath import TextPath
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from tactile_fem.output.abscissa import Abscissa
@@ -19,7 +21,6 @@ from tactile_fem.output.histories import TIME, central_receptor
 from tactile_fem.output.panels import panels
 from tactile_fem.output.plots import styled
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.series.members import Member
 from tactile_fem.series.run import numbers_of
 from tactile_fem.simulation.results import Results
 
@@ -31,81 +32,96 @@ _COMPARED = {
     "normal_": "Normal",
     "tangential_": "Tangential",
     "central_largest_sed_": "Central SED",
-    "spikes": "Spikes",
 }
-_WIDTH, _HEIGHT, _LEGEND, _ROW = 5.2, 1.6, 2.3, 0.24  # inches
+_SPIKES = "spikes_"
+_UNITS = {"N_per_mm": "N/mm", "kPa": "kPa", "N": "N"}
+# Inches: of the panels; of the table, its rows, the lines before the names and around a text.
+_LEFT, _WIDTH, _HEIGHT = 0.9, 5.6, 1.6
+_ROW, _LINE, _AROUND = 0.24, 0.3, 0.16
+_MARGIN, _FONT_PT = 0.1, 7.5
 
 
-def compare(members: Sequence[Member], folder: Path) -> list[list[str]]:
-    """Return a table of the complete scans of a series: a heading, and a row for each.
+def compare(scans: Mapping[str, Results]) -> list[list[str]]:
+    """Return a table of one or more complete scans by their names: a heading, and a row for each.
 
-    From the second scan on, numbers are followed by their difference to the first one's.
+    From the second scan on, numbers are followed by their difference to the first one's. What a
+    scan does not have is a dash.
     """
-    return _table(*_complete(members, folder))
-
-
-def write_comparison(members: Sequence[Member], folder: Path) -> Path | None:
-    """Write ``comparison.png`` of the complete scans of a series; None if there are not two."""
-    names, scans = _complete(members, folder)
-    if len(scans) < 2:
-        return None
-    path = folder / "comparison.png"
-    write_figure(path, comparison_figure(names, scans))
-    return path
-
-
-def _complete(members: Sequence[Member], folder: Path) -> tuple[list[str], list[Results]]:
-    scans = {one.name: Results(folder / one.name) for one in members}
-    complete = {name: scan for name, scan in scans.items() if scan.complete}
-    return list(complete), list(complete.values())
-
-
-def _table(names: Sequence[str], scans: Sequence[Results]) -> list[list[str]]:
-    numbers = [numbers_of(scan) for scan in scans]
-    first = numbers[0]
-    keys = [
-        key
-        for start in _COMPARED
-        for key in first
-        if key.startswith(start) and (start != "spikes" or key == start)
-    ]
-    rows = [["scan", *map(_heading, keys)], [names[0], *(f"{first[key]:.3g}" for key in keys)]]
-    for name, own in zip(names[1:], numbers[1:], strict=True):
-        rows.append([name, *(_beside(own[key], first[key]) for key in keys)])
+    numbers = [_numbers(scan) for scan in scans.values()]
+    first, keys = numbers[0], _compared(numbers)
+    rows = [["scan", *_headings(keys)]]
+    for name, own in zip(scans, numbers, strict=True):
+        before = {} if own is first else first
+        rows.append([name, *(_cell(own.get(key), before.get(key)) for key in keys)])
     return rows
 
 
+def write_comparison(path: Path, scans: Mapping[str, Results]) -> None:
+    """Write the figure of `comparison_figure` as a PNG."""
+    write_figure(path, comparison_figure(scans))
+
+
 @styled
-def comparison_figure(names: Sequence[str], scans: Sequence[Results]) -> Figure:
+def comparison_figure(scans: Mapping[str, Results]) -> Figure:
     """Draw forces, strain energy density and spikes of scans on common axes, and their table.
 
-    Strain energy density and spikes are those of the receptor of the first population that is
-    nearest to X = Y = 0.
+    Strain energy density is that of the receptor of the first population that is nearest to
+    X = Y = 0, spikes are those of this receptor of each population. The table is also the legend.
     """
-    each = [Abscissa.of(scan.trace) for scan in scans]
-    over = common(each)
-    unit = scans[0].study.finger.force_unit
-    height = max(0.6, 0.14 * len(scans))
-    figure, axes = panels([_HEIGHT] * 3 + [height], over, _WIDTH, right=_LEGEND)
-    normal, tangential, sed, spikes = axes
-    for k, (scan, colour) in enumerate(zip(scans, _colours(len(scans)), strict=True)):
-        trace, at = scan.trace, over.at(scan.trace["time_s"])
-        force = trace["force_N"]
-        style: dict[str, Any] = {"color": colour, "lw": 1.2}
-        central = central_receptor(trace["receptors_mm"], trace["population"])
-        normal.plot(at, force[:, 2], label=names[k], **style)
-        tangential.plot(at, np.hypot(force[:, 0], force[:, 1]), **style)
-        sed.plot(at, trace["sed_kPa"][:, central], **style)
-        times = over.at(scan.spikes.time_s[scan.spikes.receptor == central])
-        spikes.plot(times, np.full(len(times), k), "|", color=colour, ms=6)
-    normal.set_ylabel(f"Normal ({unit})")
-    tangential.set_ylabel(f"Tangential ({unit})")
-    sed.set_ylabel("SED (kPa)")
-    spikes.set(ylabel="Spikes", ylim=(len(scans) - 0.5, -0.5), yticks=[])
-    for one in (normal, tangential, sed):
+    each = [Abscissa.of(scan.trace) for scan in scans.values()]
+    over, rows, colours = common(each), compare(scans), _colours(len(scans))
+    populations = _distinct(name for scan in scans.values() for name in scan.trace["population"])
+    columns = [_LINE, *(max(map(_inches, column)) for column in zip(*rows, strict=True))]
+    heights = [_HEIGHT] * 3 + [max(0.6, 0.14 * len(scans))] * len(populations)
+    width = max(_WIDTH, sum(columns) + _MARGIN - _LEFT)
+    below = _ROW * len(rows) + 2 * _MARGIN
+    figure, axes = panels(heights, over, width, below=below)
+    for (name, scan), colour in zip(scans.items(), colours, strict=True):
+        _draw_histories(axes[:3], scan, over, color=colour, lw=1.2, label=name)
+    _label_histories(axes[:3], scans.values(), -0.52 / width)
+    for one, population in zip(axes[3:], populations, strict=True):
+        _draw_spikes(one, population, scans.values(), over, colours)
+    size = figure.get_size_inches()
+    box = np.array([_MARGIN, _MARGIN, _LEFT + width - _MARGIN, _ROW * len(rows)])
+    _draw_table(figure.add_axes(tuple(box / [*size, *size])), rows, columns, colours)
+    return figure
+
+
+def _draw_histories(axes: Sequence[Axes], scan: Results, over: Abscissa, **style: Any) -> None:
+    trace, at, force = scan.trace, over.at(scan.trace["time_s"]), scan.trace["force_N"]
+    central = central_receptor(trace["receptors_mm"], trace["population"])
+    histories = force[:, 2], np.hypot(force[:, 0], force[:, 1]), trace["sed_kPa"][:, central]
+    for one, values in zip(axes, histories, strict=True):
+        one.plot(at, values, **style)
+
+
+def _label_histories(axes: Sequence[Axes], scans: Iterable[Results], at: float) -> None:
+    units = " or ".join(_distinct(scan.study.finger.force_unit for scan in scans))
+    felt = " or ".join(_distinct(scan.trace["population"][0] for scan in scans))
+    labels = (
+        f"Normal ({units})",
+        f"Tangential ({units})",
+        f"SED of the central\n{felt} receptor (kPa)",
+    )
+    for one, label in zip(axes, labels, strict=True):
+        one.set(ylabel=label)
         one.set_ylim(bottom=0)
-    normal.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=7, borderaxespad=0)
-    return _with_table(figure, _table(names, scans))
+        one.yaxis.set_label_coords(at, 0.5)
+
+
+def _draw_spikes(
+    axes: Axes, population: str, scans: Iterable[Results], over: Abscissa, colours: Sequence[str]
+) -> None:
+    """Draw the spikes of the central receptor of a population, a row for each scan."""
+    for k, (scan, colour) in enumerate(zip(scans, colours, strict=True)):
+        own = np.flatnonzero(scan.trace["population"] == population)
+        if len(own):
+            central = own[central_receptor(scan.trace["receptors_mm"][own])]
+            times = over.at(scan.spikes.time_s[scan.spikes.receptor == central])
+            axes.plot(times, np.full(len(times), k), "|", color=colour, ms=6)
+    axes.set(ylim=(len(colours) - 0.5, -0.5), yticks=[])
+    axes.set_ylabel(f"Spikes of\nthe central\n{population}", rotation=0, ha="right", va="center")
+    axes.yaxis.set_label_coords(-0.015, 0.5)
 
 
 def common(each: Sequence[Abscissa]) -> Abscissa:
@@ -136,36 +152,67 @@ def _colours(count: int) -> list[str]:
     return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.92, count))]
 
 
-def _with_table(figure: Figure, rows: list[list[str]]) -> Figure:
-    """Make a figure taller by a table below its panels."""
-    width, before = figure.get_size_inches()
-    extra = _ROW * len(rows) + 0.3
-    height = before + extra
-    places = {axes: axes.get_position() for axes in figure.axes}
-    figure.set_size_inches(width, height)
-    for axes, box in places.items():
-        low = (box.y0 * before + extra) / height
-        axes.set_position((box.x0, low, box.width, box.height * before / height))
-    below: Axes = figure.add_axes((0.02, 0.1 / height, 0.96, (extra - 0.2) / height))
-    below.set_axis_off()
-    table = below.table(rows[1:], colLabels=rows[0], loc="center", edges="horizontal")
+def _draw_table(
+    axes: Axes, rows: Sequence[Sequence[str]], columns: Sequence[float], colours: Sequence[str]
+) -> None:
+    """Fill axes with a table; a line before each name has the colour of the scan."""
+    axes.set_axis_off()
+    table = axes.table(
+        [["\N{BOX DRAWINGS HEAVY HORIZONTAL}" * 2, *row] for row in rows[1:]],
+        colLabels=["", *rows[0]],
+        colWidths=[column / sum(columns) for column in columns],
+        cellLoc="center",
+        bbox=Bbox.unit(),
+        edges="horizontal",
+    )
     table.auto_set_font_size(False)
-    table.set_fontsize(7.5)
-    table.auto_set_column_width(list(range(len(rows[0]))))
-    for cell in table.get_celld().values():
-        cell.set(linewidth=0.4, height=1 / len(rows))
-    return figure
+    table.set_fontsize(_FONT_PT)
+    for (row, column), cell in table.get_celld().items():
+        cell.set(linewidth=0.4)
+        if column == 0 and row:
+            cell.set_text_props(color=colours[row - 1])
+        if column == 1:
+            cell.PAD = 0.02
+            cell.set_text_props(ha="left")
 
 
-def _beside(value: float, first: float) -> str:
-    if not first:
-        return f"{value:.3g}"
-    return f"{value:.3g} ({100 * (value / first - 1):+.0f} %)"
+def _inches(text: str) -> float:
+    """Return the width of a cell."""
+    return float(TextPath((0, 0), text, size=_FONT_PT).get_extents().width) / 72 + _AROUND
+
+
+def _distinct(names: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(map(str, names)))
+
+
+def _numbers(scan: Results) -> dict[str, int | float]:
+    """Return the numbers of a scan, with spikes by population also if there is one only."""
+    numbers, (first, *others) = numbers_of(scan), scan.study.populations
+    return numbers if others else {**numbers, f"{_SPIKES}{first.name}": numbers["spikes"]}
+
+
+def _compared(numbers: Sequence[Mapping[str, float]]) -> list[str]:
+    keys = dict.fromkeys(key for own in numbers for key in own)
+    return [key for start in (*_COMPARED, _SPIKES) for key in keys if key.startswith(start)]
+
+
+def _cell(value: float | None, first: float | None) -> str:
+    if value is None:
+        return "\N{EN DASH}"
+    digits = f"{value}" if isinstance(value, int) else f"{value:.3g}"
+    return f"{digits} ({100 * (value / first - 1):+.0f} %)" if first else digits
+
+
+def _headings(keys: Sequence[str]) -> list[str]:
+    """Return the headings of numbers; spikes of the only population are named without it."""
+    headings = [_heading(key) for key in keys]
+    if not keys[-2].startswith(_SPIKES):
+        headings[-1] = "Spikes"
+    return headings
 
 
 def _heading(key: str) -> str:
-    """Return the heading of a number: its name, and the unit in which its key ends."""
-    name = next(heading for start, heading in _COMPARED.items() if key.startswith(start))
-    units = {"N_per_mm": "N/mm", "kPa": "kPa", "N": "N"}
-    unit = next((unit for end, unit in units.items() if key.endswith(f"_{end}")), "")
-    return f"{name} ({unit})" if unit else name
+    if key.startswith(_SPIKES):
+        return f"{key.removeprefix(_SPIKES)} spikes"
+    start, name = next(one for one in _COMPARED.items() if key.startswith(one[0]))
+    return f"{name} ({_UNITS[key.removeprefix(start)]})"
