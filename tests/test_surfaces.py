@@ -166,7 +166,7 @@ def test_a_map_shows_the_side_that_faces_the_stimulator(finger, state):
     assert axes.get_title() == "100 ms, displacement 2.00 mm"
     if finger.plane.is_space:
         assert (axes.get_xlabel(), axes.get_ylabel()) == ("Y (mm)", "X (mm)")
-        assert figure.axes[1].get_ylabel() == "Stress xx (kPa)"
+        assert axes.child_axes[0].get_ylabel() == "Stress xx (kPa)"
         drawn = axes.collections[0]._triangulation.triangles
         assert 0 < len(drawn) < len(skin.facets)
         assert skin.points_mm[drawn, 2].mean() < skin.points_mm[:, 2].mean() - 2.0
