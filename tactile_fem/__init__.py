@@ -36,7 +36,7 @@ from tactile_fem.errors import (
 from tactile_fem.runtime import html
 
 if TYPE_CHECKING:
-    from tactile_fem.calibration.fit import fit
+    from tactile_fem.calibration.calibrate import fit
     from tactile_fem.calibration.measurements import Experiment, read_measurements
     from tactile_fem.cli.app import run_script
     from tactile_fem.finger import FingerMesh
@@ -91,7 +91,7 @@ __all__ = [
 
 # Where the names are that are imported on demand.
 _MODULES = {
-    "calibration.fit": ("fit",),
+    "calibration.calibrate": ("fit",),
     "calibration.measurements": ("Experiment", "read_measurements"),
     "cli.app": ("run_script",),
     "finger": ("FingerMesh",),

@@ -27,9 +27,15 @@ from scipy.optimize import least_squares
 
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.model import Model
-from tactile_fem.calibration.parameters import Parameter, with_values
+from tactile_fem.calibration.parameters import (
+    DEFAULT_PARAMETERS,
+    Parameter,
+    parse_parameter,
+    with_values,
+)
 from tactile_fem.calibration.press import study_of
 from tactile_fem.calibration.result import Calibration
+from tactile_fem.calibration.tables import write_results
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.files import locked
 from tactile_fem.runtime.logs import each_once, shown
@@ -45,28 +51,33 @@ _FINGER_LOGGERS = ("finger.finger", "finger.build", "mechanics.domain", "simulat
 
 
 @shown()
-def calibrate(
+def fit(
     study: Study,
     experiments: Sequence[Experiment],
-    parameters: Sequence[Parameter],
     folder: Path | str,
     *,
+    parameters: Sequence[str] = DEFAULT_PARAMETERS,
     jobs: int = 1,
     evaluations: int = 12,
     comm: MPI.Comm | None = None,
 ) -> Calibration:
-    """Fit parameters to experiments.
+    """Fit tissues, and the shape of the finger, to measurements of somebody's finger.
 
-    Every press is saved in the folder; a fit that was interrupted and is called again repeats none.
+    Tables, a figure and the fitted ``study.toml`` are written into the folder. Every press is saved
+    there; a fit that was interrupted and is called again repeats none. Print the result to read it.
 
     Parameters
     ----------
     study
         Where it starts, and what is not fitted; its stimulus and protocol are not used.
-    experiments, parameters
-        See `read_measurements` and `parse_parameter`.
+    experiments
+        See `Experiment.of_curve` and `read_measurements`.
     folder
-        For the presses.
+        For presses, tables and figure.
+    parameters
+        What to fit: a tissue, ``skin``, a constant or a length, with how far it may be from the
+        study's: ``subcutaneous.C20_MPa:3`` is within a factor of 3 at one standard deviation.
+        Default skin and the constants of subcutaneous tissue.
     jobs
         Presses in parallel, each in a process of its own; with 1 all ranks of `comm` press.
     evaluations
@@ -81,27 +92,41 @@ def calibrate(
     TactileError
         The presses of the start do not reach the measured depths, or a length cannot be varied.
     """
-    comm = comm or MPI.COMM_WORLD
+    comm, place = comm or MPI.COMM_WORLD, Path(folder)
+    chosen = [parse_parameter(text, study) for text in parameters]
     with each_once(*_FINGER_LOGGERS), ExitStack() as held:
-        _check(study, experiments, parameters, jobs, comm)
-        model = Model(study, experiments, parameters, Path(folder), jobs, comm, evaluations)
-        on_root(comm, lambda: held.enter_context(locked(Path(folder))), share=False)
-        start = np.zeros(len(parameters))
-        if not np.isfinite(model.residuals(start)).all():
-            raise TactileError(
-                "A press of the study that the fit starts from does not reach the measured depths: "
-                "start from other tissues, or leave the deepest measurements out."
-            )
-        solution = least_squares(
-            model.residuals,
-            start,
-            jac=model.jacobian,
-            x_scale=[p.sd for p in parameters],
-            xtol=_TOLERANCE,
-            ftol=_TOLERANCE,
-            max_nfev=evaluations,
+        _check(study, experiments, chosen, jobs, comm)
+        model = Model(study, experiments, chosen, place, jobs, comm, evaluations)
+        on_root(comm, lambda: held.enter_context(locked(place)), share=False)
+        found = _minimized(model, study, experiments, chosen, evaluations)
+    on_root(comm, lambda: write_results(found, place))
+    return found
+
+
+def _minimized(
+    model: Model,
+    study: Study,
+    experiments: Sequence[Experiment],
+    parameters: Sequence[Parameter],
+    evaluations: int,
+) -> Calibration:
+    """Return the parameters with the least sum of squares."""
+    start = np.zeros(len(parameters))
+    if not np.isfinite(model.residuals(start)).all():
+        raise TactileError(
+            "A press of the study that the fit starts from does not reach the measured depths: "
+            "start from other tissues, or leave the deepest measurements out."
         )
-        predicted = model.predictions(solution.x)
+    solution = least_squares(
+        model.residuals,
+        start,
+        jac=model.jacobian,
+        x_scale=[p.sd for p in parameters],
+        xtol=_TOLERANCE,
+        ftol=_TOLERANCE,
+        max_nfev=evaluations,
+    )
+    predicted = model.predictions(solution.x)
     return Calibration(
         start=study,
         study=with_values(study, parameters, solution.x),

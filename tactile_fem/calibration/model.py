@@ -76,7 +76,7 @@ def load(file: Path) -> Prediction:
 class Model:
     """Residuals and their derivatives as functions of the parameters; no press is repeated.
 
-    Its arguments are those of `tactile_fem.calibration.calibrate.calibrate`.
+    For its arguments see `tactile_fem.calibration.calibrate.fit`.
     """
 
     def __init__(
