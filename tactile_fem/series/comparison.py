@@ -39,6 +39,8 @@ _UNITS = {"N_per_mm": "N/mm", "kPa": "kPa", "N": "N"}
 _LEFT, _WIDTH, _HEIGHT = 0.9, 5.6, 1.6
 _ROW, _LINE, _AROUND = 0.24, 0.3, 0.16
 _MARGIN, _FONT_PT = 0.1, 7.5
+# Phases of scans are the same if they end within this share of the axis.
+_SAME_SHARE = 0.02
 
 
 def compare(scans: Mapping[str, Results]) -> list[list[str]]:
@@ -142,7 +144,7 @@ def _same(one: Abscissa, other: Abscissa) -> bool:
     if [phase.name for phase in one.phases] != [phase.name for phase in other.phases]:
         return False
     here, there = (np.array([phase[1:] for phase in over.phases]) for over in (one, other))
-    return np.allclose(here, there, rtol=1e-3, atol=1e-3 * float(np.ptp(other.ends)))
+    return np.allclose(here, there, rtol=0.0, atol=_SAME_SHARE * float(np.ptp(other.ends)))
 
 
 def _colours(count: int) -> list[str]:
