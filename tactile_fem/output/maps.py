@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.tri import Triangulation
+from matplotlib.tri import Triangulation, UniformTriRefiner
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 # What exceeds this share of the largest value is shown, with a margin.
 _SHOWN_SHARE, _MARGIN_MM = 0.02, 1.0
 _AXES_INCHES = 4.4
+# Halvings of the edges of a mesh as it is drawn.
+_HALVINGS = 3
 
 
 @styled
@@ -62,13 +64,27 @@ def _draw_map(surface: SurfaceFields, values: Array, facets: Indices, label: str
     height = _AXES_INCHES * (bottom - top) / (right - left)
     figure = Figure(figsize=(_AXES_INCHES + 1.6, height + 1.0), layout="constrained")
     axes = figure.subplots()
-    drawn = axes.tripcolor(Triangulation(y, x, facets), values, shading="gouraud", cmap=SCALE)
+    drawn = axes.tripcolor(*_refined(x, y, facets, values), shading="gouraud", cmap=SCALE)
     bar = figure.colorbar(drawn, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=label)
     bar.outline.set_visible(False)
     axes.set(xlabel="Y (mm)", ylabel="X (mm)", aspect="equal")
     axes.set(xlim=(left, right), ylim=(bottom, top))  # letters are upright
     axes.set_title(_state(surface), size=9)
     return figure
+
+
+def _refined(x: Array, y: Array, facets: Indices, values: Array) -> tuple[Triangulation, Array]:
+    """Return smaller triangles, Y to the right, and their values.
+
+    Within a triangle colours are mixed, which are then not those of the scale if it is large.
+    """
+    corner = Triangulation([0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [[0, 1, 2]])
+    fine = UniformTriRefiner(corner).refine_triangulation(subdiv=_HALVINGS)
+    weights = np.column_stack([1 - fine.x - fine.y, fine.x, fine.y])
+    y, x, values = ((of_points[facets] @ weights.T).ravel() for of_points in (y, x, values))
+    first = len(weights) * np.arange(len(facets))
+    triangles = (first[:, None, None] + fine.triangles).reshape(-1, 3)
+    return Triangulation(y, x, triangles), values
 
 
 def _state(surface: SurfaceFields) -> str:
