@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from tactile_fem import Results, StudyError
 from tactile_fem.neuron import Response
 from tactile_fem.output.annotations import INK
-from tactile_fem.output.histories import DISPLACEMENT, Outlines, middle_row
+from tactile_fem.output.histories import DISPLACEMENT, Outlines
 from tactile_fem.output.plots import ACROSS, draw_outlines, draw_rates, styled
 from tactile_fem.series import RateImage, rate_image
 from tactile_fem.study import Neuron
@@ -36,7 +36,9 @@ def population_image(
     named = {population.name: population for population in study.populations}
     afferents = (named[name] if name else study.populations[0]).population()
     own = results.receptors_of(afferents.name)
-    row = own[middle_row(trace["receptors_mm"][own])]
+    places = trace["receptors_mm"][own]
+    middle = np.flatnonzero(np.abs(places[:, 1]) < 1e-9)
+    row = own[middle[np.argsort(places[middle, 0])]]
     across = trace["receptors_mm"][row, 0]
     steps = np.diff(across)
     if len(across) < 3 or not np.allclose(steps, steps[0], atol=1e-6):

@@ -175,10 +175,10 @@ def _drawn_mesh(
 
 def _titles(trace: dict[str, NDArray[Any]], times_s: Array) -> list[str]:
     """Return the titles of frames: phase, time, displacement where there is any, and depth."""
-    phases = Abscissa.of(trace).phases
-    per_s = Abscissa.of(trace).per_s
+    over = Abscissa.of(trace)
+    phases = over.phases
     slid, deep = (at_time(trace, name, times_s) for name in ("displacement_mm", "depth_mm"))
-    ends = np.array([phase.end for phase in phases]) / per_s
+    ends = np.array([phase.end for phase in phases]) / over.per_s
     titles = []
     for time, slid_mm, deep_mm in zip(times_s, slid, deep, strict=True):
         k = min(int(np.searchsorted(ends, time - _ROUNDING_S)), len(phases) - 1)

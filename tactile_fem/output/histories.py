@@ -40,13 +40,6 @@ def central_receptor(receptors_mm: ArrayLike, population: ArrayLike | None = Non
     return int(np.argmin(apart))
 
 
-def middle_row(receptors_mm: ArrayLike) -> NDArray[np.intp]:
-    """Return the indices of the receptors on Y = 0, by rising X."""
-    places = np.asarray(receptors_mm, dtype=float)
-    row = np.flatnonzero(np.abs(places[:, 1]) < 1e-9)
-    return row[np.argsort(places[row, 0])]
-
-
 def at_time(trace: Mapping[str, Array], name: str, time_s: ArrayLike) -> Array:
     """Return a history at one time or many, by linear interpolation; times are the last axis."""
     values = trace[name]
