@@ -4,8 +4,8 @@
 ``study.toml``       the resolved study
 ``inputs/``          copies of the files that it names, and of its font
 ``run.json``         versions, mesh, options, ranks, timings, status
-``trace.npz``        histories: see `Results.save_trace`
-``spikes.csv``       ``receptor,time_s,displacement_mm,population``
+``trace.npz``        histories
+``spikes.csv``       see `tactile_fem.simulation.columns`, as for ``trace.npz``
 ``checkpoint.npz``   the state to go on from
 ``states/``          states that were kept, as ``checkpoint.npz``
 ``stimulator.npz``   shape of an own body or a part, for pictures
@@ -31,6 +31,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, to_neo
 from tactile_fem.runtime import html
 from tactile_fem.runtime.files import atomic_write, write_arrays, write_text
+from tactile_fem.simulation.columns import SPIKES, TRACE
 from tactile_fem.simulation.fields import FieldState, read_series
 from tactile_fem.simulation.folder import check_folder, choose_state, make_folder, nearest_mm
 from tactile_fem.simulation.surfaces import SurfaceFields, interface_of, skin_of
@@ -43,8 +44,7 @@ from tactile_fem.study.kept import keep_files, usable, with_files
 if TYPE_CHECKING:
     import neo
 
-_VECTORS = ("stimulator_mm", "force_N", "moment_Nmm")
-_TRACE = ("time_s", "displacement_mm", "depth_mm", "force_N", "receptors_mm", "sed_kPa")
+_NEEDED = ("time_s", "displacement_mm", "depth_mm", "force_N", "receptors_mm", "sed_kPa")
 
 
 class Spikes(NamedTuple):
@@ -150,13 +150,7 @@ class Results:
         self.__dict__.pop("run", None)
 
     def save_trace(self, **arrays: ArrayLike) -> None:
-        """Write ``trace.npz``.
-
-        ``time_s`` and ``displacement_mm`` (steps; the slide from 0, the indentation at negative
-        times), ``stimulator_mm``, ``force_N`` and ``moment_Nmm`` (steps, 3; on the finger),
-        ``receptors_mm`` (receptors, 3), ``population`` (receptors,), names, ``sed_kPa`` (steps,
-        receptors), and further fields and observers' columns, a row for each step.
-        """
+        """Write ``trace.npz``: `tactile_fem.simulation.columns.TRACE`, and columns of observers."""
         _check_trace({name: np.asarray(array) for name, array in arrays.items()})
         write_arrays(self.folder / "trace.npz", arrays)
         self.__dict__.pop("trace", None)
@@ -183,7 +177,7 @@ class Results:
             part.open("w", newline="", encoding="utf-8") as stream,
         ):
             writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(Spikes._fields)
+            writer.writerow(column.name for column in SPIKES)
             for receptor, times in enumerate(spikes):
                 name, moments = trace.population[receptor], np.asarray(times, dtype=float)
                 for t, at in zip(moments, np.interp(moments, time, displacement), strict=True):
@@ -213,9 +207,9 @@ class Results:
 
     @cached_property
     def trace(self) -> dict[str, NDArray[Any]]:
-        """Histories: see `save_trace`; older folders have one population."""
+        """Histories: `tactile_fem.simulation.columns.TRACE`; older folders have one population."""
         trace = self._load_npz("trace.npz")
-        missing = [name for name in _TRACE if name not in trace]
+        missing = [name for name in _NEEDED if name not in trace]
         try:
             if missing:
                 raise ValueError(f"it lacks {', '.join(missing)}")
@@ -384,8 +378,7 @@ def _check_trace(trace: dict[str, NDArray[Any]]) -> None:
     receptors = len(trace.get("receptors_mm", ()))
     if len(steps) != 1:
         raise ValueError(f"time_s has shape {steps}, not (steps,)")
-    shapes = {"population": (receptors,), "receptors_mm": (receptors, 3)}
-    shapes |= {"sed_kPa": (*steps, receptors)} | {name: (*steps, 3) for name in _VECTORS}
+    shapes = {column.name: column.sizes(steps=steps[0], receptors=receptors) for column in TRACE}
     for name, array in trace.items():
         expected = shapes.get(name, steps)
         if array.shape[: len(expected)] != expected:

@@ -10,27 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.fields import STANDARD, Field
+from tactile_fem.simulation.columns import OF_STEP
 
 if TYPE_CHECKING:
     from tactile_fem.simulation.simulation import Observation, Simulation
 
 Array = NDArray[Any]
 
-# Numbers of each step, 0 at rest.
-_COUNTS = ("newton_iterations", "linear_iterations")
-_SCALARS = (
-    *("displacement_mm", "clock_s", "contact_area_mm2", "gap_error_mm", "traction_error"),
-    *("volume_change", "stored_mJ", "work_mJ", "friction_mJ", "imbalance_N", "wall_s"),
-)
-
 
 class Trace:
     """Motion, load and receptors of all steps; the first row is the finger at rest.
 
-    Columns are attributes: those of `tactile_fem.simulation.step.Step`, of its load and motion,
-    (steps,) or (steps, 3); a column for each of the `fields` of the receptors, such as ``sed_kPa``,
-    (steps, receptors), or displacement and principal values, (steps, receptors, 3); and the
-    observers' own columns, where a row without a value has NaN.
+    Columns are attributes: those of `tactile_fem.simulation.columns.OF_STEP`, one for each of the
+    `fields` of the receptors, and the observers' own, where a row without a value has NaN.
 
     Attributes
     ----------
@@ -50,12 +42,8 @@ class Trace:
         count, start = len(receptors_mm), np.asarray(start_mm, dtype=float)
         self._fixed = {"receptors_mm": receptors_mm, "population": population}
         self._indented_s = 0.0
-        of_step: dict[str, Any] = {
-            **{"phase": "rest", "stimulator_mm": start, "depth_mm": start[2]},
-            **{"force_N": np.zeros(3), "moment_Nmm": np.zeros(3)},
-            **dict.fromkeys(_COUNTS, 0),
-            **dict.fromkeys(_SCALARS, 0.0),
-        }
+        of_step = {column.name: column.rest for column in OF_STEP}
+        of_step |= {"stimulator_mm": start, "depth_mm": start[2]}
         felt = {field.name: field.at_rest(count) for field in fields}
         self._of_step, self._felt = tuple(of_step), tuple(felt)
         self._reserved = {*of_step, *self._fixed, "time_s"}
