@@ -2,6 +2,7 @@
 # make test      the tests that take seconds, some of the mechanics on two ranks as well
 # make test-all  all tests: also the demos, long scans and kills at random
 # make env       only the environment, in .venv
+# make docs      the site: pages, gallery and reference, in build/site
 # make lint      style
 # make clean     removes the environment and caches, never results
 #
@@ -18,9 +19,10 @@ export OMP_NUM_THREADS ?= 1
 ifneq ($(origin PYTHON),command line)
 PYTHON := .venv/bin/python
 ENVIRONMENT := .venv/.complete
+DOCS := .venv/.docs
 endif
 
-.PHONY: scan test test-all env lint clean help
+.PHONY: scan test test-all env docs lint clean help
 
 scan: $(ENVIRONMENT)
 	@$(PYTHON) -m tactile_fem.runtime.doctor
@@ -49,6 +51,15 @@ env: $(ENVIRONMENT)
 	@.ci/make-env
 	@touch $@
 
+.venv/.docs: .venv/.complete
+	@echo "Installing what builds the site ..." >&2
+	@$(PYTHON) -m pip install --quiet --disable-pip-version-check -e ".[docs]"
+	@touch $@
+
+docs: $(DOCS)
+	@$(PYTHON) -m sphinx -W --keep-going -q -d build/doctrees demos/pages build/site
+	@echo "build/site/index.html"
+
 lint: $(ENVIRONMENT)
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m ruff format --check .
@@ -59,4 +70,4 @@ clean:
 	find tactile_fem tests demos -name __pycache__ -type d -prune -exec rm -rf {} +
 
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -10
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -11

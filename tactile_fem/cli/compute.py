@@ -44,7 +44,7 @@ def scan(
 
     Started again, an interrupted scan continues from its last checkpoint; of a finished one only
     the pictures are drawn again.
-    Options that start with -tactile_ are passed to PETSc: -tactile_snes_rtol 1e-8.
+    Options such as -tactile_snes_rtol 1e-8 are passed to PETSc.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ def commented_template() -> str:
 def _described(heading: str, model: type[BaseModel]) -> Iterator[str]:
     """Describe a table that may be added to a study."""
     yield from _comment(f"{heading}: {_summary(model)}")
-    for key, field, note in _notes(model):
+    for key, field, note in notes(model):
         if key == "kind" and model is not Afferents:  # the heading says it
             continue
         if not note:
@@ -87,7 +87,7 @@ def _table(name: str, values: BaseModel | dict[str, Any], note: str | None) -> I
 
 def _keys(values: BaseModel, mark: str, hidden: set[str]) -> Iterator[str]:
     """Write a line for each key, the kind first."""
-    for key, field, note in sorted(_notes(type(values)), key=lambda line: line[0] != "kind"):
+    for key, field, note in sorted(notes(type(values)), key=lambda line: line[0] != "kind"):
         if key in hidden:
             continue
         value = getattr(values, key, None)
@@ -97,7 +97,7 @@ def _keys(values: BaseModel, mark: str, hidden: set[str]) -> Iterator[str]:
             yield from _with_note(f"{mark}{key} = {toml_value(value)}", note)
 
 
-def _notes(model: type[BaseModel]) -> Iterator[tuple[str, FieldInfo, str]]:
+def notes(model: type[BaseModel]) -> Iterator[tuple[str, FieldInfo, str]]:
     """Yield each key of a model, its field, and its description with what is allowed."""
     schema = model.model_json_schema()["properties"]
     if issubclass(model, Stimulus):

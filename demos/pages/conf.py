@@ -1,0 +1,87 @@
+"""The site: `make docs` builds it into build/site."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import tactile_fem
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+project = "tactile-fem"
+author = "The authors of tactile-fem"
+version = release = tactile_fem.__version__
+
+extensions = [
+    "myst_nb",
+    "sphinx_gallery.gen_gallery",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.viewcode",
+    "numpydoc",
+    "sphinx_copybutton",
+    "sphinx_design",
+    "cyclopts.ext.sphinx",
+    "sphinx-mathjax-offline",  # equations without a network
+    "site_directives",
+]
+
+# The gallery is written here from ../gallery, with a copy of each script.
+exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "gallery/*.zip", "README.md"]
+exclude_patterns += [
+    "commands.md",
+    "recipes.md",
+    "units.md",
+    "results.md",
+    "expect.md",
+    "theory.md",
+    "neurons.md",
+    "parallel.md",
+    "extending.md",
+    "troubleshooting.md",
+]  # until they are gone
+suppress_warnings = [
+    "config.cache",  # functions of sphinx_gallery_conf cannot be stored; nothing is wrong
+]
+
+myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_heading_anchors = 3
+nb_execution_mode = "off"  # notebooks keep their outputs: `make tutorials` runs them
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../gallery",
+    "gallery_dirs": "gallery",
+    "plot_gallery": False,  # scans are long: each script's picture is kept in pictures/
+    "show_memory": False,
+    "min_reported_time": 1e9,
+    "remove_config_comments": True,
+    "download_all_examples": True,
+}
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # NumPy docstrings state types and units in words
+autosummary_generate = True
+numpydoc_show_class_members = False
+default_role = "py:obj"
+smartquotes = False  # quotes belong to values
+templates_path = ["templates"]
+
+html_theme = "pydata_sphinx_theme"
+html_title = "tactile-fem"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_theme_options = {
+    "navbar_align": "left",
+    "header_links_before_dropdown": 6,
+    "show_prev_next": True,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
+html_sidebars = {"index": []}
+copyright = "MIT licence"
+
+os.environ.setdefault("COLUMNS", "100")
