@@ -35,15 +35,17 @@ scan: $(ENVIRONMENT)
 	fi; \
 	$(PYTHON) -m tactile_fem scan $(STUDY) $(SET:%=--set %) --ranks $(RANKS) --results "$$folder"
 
-test: $(ENVIRONMENT)
+test: $(ENVIRONMENT) $(DOCS)
 	@$(PYTHON) -m tactile_fem.runtime.doctor
-	$(PYTHON) $(PYTEST) -m "not slow"
+	$(PYTHON) $(PYTEST) -m "not slow and not site"
 	$(PYTHON) tests/on_two_ranks.py -m "ranks and not slow"
+	$(PYTHON) -m pytest -q -m site tests/test_site.py
 
-test-all: $(ENVIRONMENT)
+test-all: $(ENVIRONMENT) $(DOCS)
 	@$(PYTHON) -m tactile_fem.runtime.doctor
-	$(PYTHON) $(PYTEST)
+	$(PYTHON) $(PYTEST) -m "not site"
 	$(PYTHON) tests/on_two_ranks.py
+	$(PYTHON) -m pytest -q -m site tests/test_site.py
 
 env: $(ENVIRONMENT)
 

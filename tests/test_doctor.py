@@ -159,7 +159,7 @@ def test_pip_and_conda_bring_the_tested_dolfinx():
     assert f"- fenics-dolfinx {bounds}\n" in (ROOT / "docker" / "environment.yml").read_text()
 
 
-# Of the extras, conda brings all but the page for the browser and the site, the image those of its file.
+# Of the extras, conda brings all but the browser page and the site, the image those of its file.
 IN_CONDA = {
     "dolfinx-solver-real": "fenics-dolfinx",
     "gmsh": "python-gmsh",

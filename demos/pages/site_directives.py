@@ -15,6 +15,7 @@ from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 import tactile_fem
 from tactile_fem.path import Piece
+from tactile_fem.simulation.columns import table
 from tactile_fem.stimulus import Stimulus
 from tactile_fem.study import Study
 from tactile_fem.study.afferents import Afferents
@@ -101,6 +102,25 @@ def _first_line(model: type[BaseModel]) -> str:
 # --- the results -------------------------------------------------------------------------------
 
 
+class ResultsColumns(SphinxDirective):
+    """The columns of a table in the results folder: trace, spikes or summary."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Return the table."""
+        rows = [
+            f"| `{name}` | {shape} | {unit} | {_cell(meaning)} |"
+            for name, shape, unit, meaning in table(self.arguments[0])
+        ]
+        return _markdown(
+            self, ["| column | shape | unit | meaning |", "| --- | --- | --- | --- |", *rows]
+        )
+
+
+# --- Python ------------------------------------------------------------------------------------
+
+
 class ApiCheck(Directive):
     """Fail where the reference names other objects than the package exports."""
 
@@ -171,6 +191,7 @@ def _markdown(directive: SphinxDirective, lines: list[str]) -> list[nodes.Node]:
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register what this module offers."""
     app.add_directive("study-keys", StudyKeys)
+    app.add_directive("results-columns", ResultsColumns)
     app.add_directive("api-check", ApiCheck)
     app.add_role("source", Source())
     app.connect("html-collect-pages", _source_pages)
