@@ -59,7 +59,8 @@ env: $(ENVIRONMENT)
 	@touch $@
 
 docs: $(DOCS)
-	@$(PYTHON) -m sphinx -W --keep-going -q -d build/doctrees demos/pages build/site
+	@rm -rf demos/pages/gallery demos/pages/reference/generated
+	@$(PYTHON) -m sphinx -W --keep-going -q -E -d build/doctrees demos/pages build/site
 	@echo "build/site/index.html"
 
 lint: $(ENVIRONMENT)

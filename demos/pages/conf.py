@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import tactile_fem
@@ -63,6 +64,14 @@ sphinx_gallery_conf = {
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # NumPy docstrings state types and units in words
 autosummary_generate = True
+autosummary_imported_members = True
+autosummary_ignore_module_all = False  # what a module exports is what is listed
+autosummary_context = {
+    "top": tactile_fem.__all__,
+    "at_the_top": lambda module, name: (
+        getattr(tactile_fem, name, None) is getattr(import_module(module), name)
+    ),
+}
 numpydoc_show_class_members = False
 default_role = "py:obj"
 smartquotes = False  # quotes belong to values
@@ -81,7 +90,7 @@ html_theme_options = {
     "footer_start": ["copyright"],
     "footer_end": [],
 }
-html_sidebars = {"index": []}
+html_sidebars = {"index": [], "start/install": []}
 copyright = "MIT licence"
 
 os.environ.setdefault("COLUMNS", "100")

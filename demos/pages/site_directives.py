@@ -135,6 +135,19 @@ class ApiCheck(Directive):
         return []
 
 
+def _signature(
+    app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: Any
+) -> tuple[str, Any] | None:
+    """Shorten the signature of a table of a study: its keys are listed below it."""
+    is_table = what == "class" and issubclass(obj, BaseModel)
+    return ("(**keys)", returned) if is_table else None
+
+
+def _skipped(app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
+    """Leave out what only pydantic reads."""
+    return True if name == "model_config" else None
+
+
 # --- the source --------------------------------------------------------------------------------
 
 
@@ -194,5 +207,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("results-columns", ResultsColumns)
     app.add_directive("api-check", ApiCheck)
     app.add_role("source", Source())
+    app.connect("autodoc-process-signature", _signature)
+    app.connect("autodoc-skip-member", _skipped)
     app.connect("html-collect-pages", _source_pages)
     return {"parallel_read_safe": True}

@@ -42,7 +42,7 @@ class Field:
     A drive names the fields that it needs (`tactile_fem.neuron.Drive`); the scan evaluates them
     and stores each as a column of the trace.
 
-    Attributes
+    Parameters
     ----------
     name
         Of the column, with its unit: ``shear_strain``, ``pressure_kPa``.
@@ -52,8 +52,8 @@ class Field:
         Value of the column in the undeformed finger: a number, or (n,) numbers for a column of n
         components.
     of_mean
-        Makes the column, (receptors,) or (receptors, n), of the averaged expression, (receptors,
-        ...); by default it is the column.
+        Makes the column, (receptors,) or (receptors, n), of the averaged expression, whose first
+        dimension is that of the receptors; by default it is the column.
     """
 
     name: str

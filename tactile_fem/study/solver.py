@@ -82,5 +82,5 @@ class Solver(Settings):
         "more time and memory for a solid finger",
     )
     petsc: dict[str, Annotated[str | int | float | bool, BeforeValidator(_option_value)]] = Field(
-        default_factory=dict, description="PETSc options without the prefix tactile_"
+        default_factory=dict, description="PETSc options, without their prefix `-tactile_`"
     )

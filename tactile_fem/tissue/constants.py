@@ -89,7 +89,7 @@ class Polynomial(Relaxing):
 
 
 class Elastic(Relaxing):
-    """Linear elastic constants of bone and nail (St. Venant-Kirchhoff at finite rotation)."""
+    """Linear elastic constants of bone and nail (the law of Saint-Venant and Kirchhoff)."""
 
     E_MPa: Positive = Field(description="Young's modulus")
     nu: Annotated[Finite, Field(gt=-1.0, lt=0.5)] = Field(description="Poisson's ratio")
