@@ -87,10 +87,9 @@ html_theme_options = {
     "header_links_before_dropdown": 6,
     "show_prev_next": True,
     "secondary_sidebar_items": ["page-toc"],
-    "footer_start": ["copyright"],
+    "footer_start": [],
     "footer_end": [],
 }
 html_sidebars = {"index": [], "start/install": []}
-copyright = "MIT licence"
 
 os.environ.setdefault("COLUMNS", "100")
