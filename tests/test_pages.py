@@ -1,0 +1,115 @@
+"""README and pages: their code runs, their commands exist, their links lead somewhere."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tactile_fem.cli import app as cli
+from tactile_fem.simulation.checks import check_study
+from tactile_fem.study.file import load_study
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+PAGES = ROOT / "demos" / "pages"
+MARKDOWN = [
+    *ROOT.glob("*.md"),
+    *(p for f in ("docker", "meshes", "demos") for p in (ROOT / f).rglob("*.md")),
+]
+NOTEBOOKS = sorted((PAGES / "tutorials").glob("*.ipynb"))
+SCRIPTS = sorted((ROOT / "demos" / "gallery").glob("*.py"))
+WORDS = 18_000
+
+
+def prose(file: Path) -> str:
+    """Return what a reader reads in a page, a notebook or a script of the gallery."""
+    text = file.read_text()
+    if file.suffix == ".ipynb":
+        cells = json.loads(text)["cells"]
+        return "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
+    if file.suffix == ".py":
+        comments = re.findall(r"^# ?(.*)$", text, re.MULTILINE)
+        return "\n".join([ast.get_docstring(ast.parse(text)) or "", *comments])
+    return text
+
+
+def blocks(file: Path, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", prose(file), flags=re.DOTALL)
+
+
+def commands() -> list[str]:
+    """Return each call of the command line in a page, continued lines joined."""
+    found = []
+    for file in [*MARKDOWN, *NOTEBOOKS]:
+        text = "\n".join(blocks(file, "sh") + blocks(file, "bash")).replace("\\\n", " ")
+        text += "\n" + "\n".join(re.findall(r"`(tactile-fem [^`\n]+)`", prose(file)))
+        found += re.findall(r"^(?:exec )?(tactile-fem [a-z].*?)(?: &)?$", text, re.MULTILINE)
+    return sorted(set(found))
+
+
+def test_all_pages_together_are_short():
+    words = {file: len(prose(file).split()) for file in [*MARKDOWN, *NOTEBOOKS, *SCRIPTS]}
+    assert sum(words.values()) <= WORDS, words
+
+
+@pytest.mark.parametrize("command", commands())
+def test_a_command_of_the_pages_exists(command):
+    _, name, *arguments = shlex.split(re.sub(r"\$[A-Z_]+", "2", command), comments=True)
+    assert name in cli.app
+    if not arguments or "..." in arguments:
+        return
+    function, bound, _ = cli.app.parse_args([name, *arguments], exit_on_error=False)
+    changes = bound.arguments.get("changes")
+    if changes and function.__name__ == "scan":
+        check_study(load_study(None, changes))
+
+
+def test_shell_scripts_are_well_formed():
+    scripts = blocks(PAGES / "reference" / "parallel.md", "bash")
+    assert len(scripts) == 2
+    for script in scripts:
+        subprocess.run(["bash", "-n"], input=script, text=True, check=True)
+
+
+def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("tactile_fem.runtime.backend")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results, **_: [])
+    (script,) = blocks(README, "python")
+    assert len([line for line in script.splitlines() if line.strip()]) <= 13
+    usual = "depth_mm=1.97, distance_mm=10.0"
+    assert usual in script
+    exec(compile(script.replace(usual, "depth_mm=0.2, distance_mm=0.2"), "README", "exec"), {})
+    assert Path("results/letters/figures/raster.png").is_file()
+    assert "[" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("file", MARKDOWN, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_somewhere(file):
+    """Those of the site are followed once more, with their anchors, where it is built."""
+    for target in re.findall(r"\]\(([^)\s]+)\)", file.read_text()):
+        path = target.partition("#")[0]
+        if path and not re.match(r"https?:|mailto:", path) and path != "gallery/index":
+            assert (file.parent / path).exists(), target
+
+
+def test_citation_and_package_have_the_same_version():
+    cited, packaged = (
+        re.findall(pattern, (ROOT / name).read_text(), flags=re.MULTILINE)
+        for name, pattern in (
+            ("CITATION.cff", r"^version: (\S+)$"),
+            ("pyproject.toml", r'^version = "(\S+)"$'),
+        )
+    )
+    assert cited == packaged and len(cited) == 1
+
+
+def test_pictures_are_small():
+    for picture in (PAGES / "pictures").glob("*.png"):
+        assert picture.stat().st_size < 150_000, picture.name
