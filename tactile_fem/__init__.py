@@ -12,7 +12,8 @@ compute mechanics:
 - ``Parts`` and what it takes: ``Finger.mesh`` makes a ``FingerMesh``, a ``Law`` is a tissue, a
   ``RigidBody`` (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a
   ``Population`` the afferents.
-- ``Stimulus`` and ``Piece``, below which a script adds kinds of its own to what a study may state.
+- ``Stimulus`` and ``Piece``, below which a script adds kinds of its own to what a study may state;
+  ``Term``, likewise of the virtual work, ``FastSolver`` and ``PlainSolver``.
 - ``StudyError``, ``MeshError``, ``ConvergenceError``, ``StoppedError``, and their base
   ``TactileError``.
 - ``run_script``: the program around a script's ``main``; ``write_table``: a CSV file.
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from tactile_fem.calibration.measurements import Experiment, read_measurements
     from tactile_fem.cli.app import run_script
     from tactile_fem.finger import FingerMesh
+    from tactile_fem.mechanics.terms.term import Term
     from tactile_fem.neuron import Population
     from tactile_fem.output.figures import draw
     from tactile_fem.path import Motion, Path, Piece
@@ -48,6 +50,8 @@ if TYPE_CHECKING:
     from tactile_fem.simulation.results import Results
     from tactile_fem.simulation.run import completed, resume, scan
     from tactile_fem.simulation.simulation import Simulation
+    from tactile_fem.solvers.fast import FastSolver
+    from tactile_fem.solvers.plain import PlainSolver
     from tactile_fem.stimulus import Distance, Embossed, RigidBody, Stimulus
     from tactile_fem.study import Study
     from tactile_fem.study.file import load_study
@@ -61,6 +65,7 @@ __all__ = [
     "Distance",
     "Embossed",
     "Experiment",
+    "FastSolver",
     "FingerMesh",
     "Law",
     "MeshError",
@@ -68,6 +73,7 @@ __all__ = [
     "Parts",
     "Path",
     "Piece",
+    "PlainSolver",
     "Population",
     "Results",
     "RigidBody",
@@ -77,6 +83,7 @@ __all__ = [
     "Study",
     "StudyError",
     "TactileError",
+    "Term",
     "completed",
     "draw",
     "fit",
@@ -95,6 +102,7 @@ _MODULES = {
     "calibration.measurements": ("Experiment", "read_measurements"),
     "cli.app": ("run_script",),
     "finger": ("FingerMesh",),
+    "mechanics.terms.term": ("Term",),
     "neuron": ("Population",),
     "output.figures": ("draw",),
     "path": ("Motion", "Path", "Piece"),
@@ -103,6 +111,8 @@ _MODULES = {
     "simulation.results": ("Results",),
     "simulation.run": ("completed", "resume", "scan"),
     "simulation.simulation": ("Simulation",),
+    "solvers.fast": ("FastSolver",),
+    "solvers.plain": ("PlainSolver",),
     "stimulus": ("Distance", "Embossed", "RigidBody", "Stimulus"),
     "study": ("Study",),
     "study.file": ("load_study",),

@@ -1,7 +1,14 @@
 """Series of scans: sweeps over values, passes over one receptor, and their reports."""
 
 from tactile_fem.series.comparison import compare, write_comparison
-from tactile_fem.series.image import RateImage, fibre_image, rate_image
+from tactile_fem.series.image import (
+    RateImage,
+    correlations,
+    fibre_image,
+    outline_image,
+    population_image,
+    rate_image,
+)
 from tactile_fem.series.members import Member, single_fibre, sweep
 from tactile_fem.series.run import (
     Outcome,
@@ -19,8 +26,11 @@ __all__ = [
     "RateImage",
     "compare",
     "complete_scans",
+    "correlations",
     "fibre_image",
     "numbers_of",
+    "outline_image",
+    "population_image",
     "rate_image",
     "run_all",
     "run_series",

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
@@ -15,11 +17,16 @@ from tactile_fem.neuron.population import fire
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.simulation.results import Results
+from tactile_fem.stimulus import Stimulus
 from tactile_fem.study import Neuron
 
 logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
+
+# Width of a blurred outline, of the order of the spread of a receptor's field; sub-pixels in each
+# direction.
+_BLUR_MM, _FINE = 0.3, 4
 
 _UNEVEN = "An image needs three or more passes at equal distances in X."
 
@@ -42,6 +49,83 @@ class RateImage:
     along_mm: Array
     rate_Hz: Array
     response: Response
+
+    def outline_correlation(self, stimulus: Stimulus, shift_mm: float = 1.0) -> float:
+        """Return the largest correlation of firing with the outline of the raised shapes.
+
+        Slowly adapting afferents fire at edges (Blake et al. 1997), therefore the image is compared
+        with the outline rather than with the raised area.
+
+        Parameters
+        ----------
+        stimulus
+            Of the scan.
+        shift_mm
+            Largest shift in both directions; skin is dragged along.
+
+        Raises
+        ------
+        StudyError
+            The stimulus has no outline.
+        """
+        outline = outline_image(stimulus, self.across_mm, self.along_mm)
+        pixels = self.across_mm[1] - self.across_mm[0], self.along_mm[1] - self.along_mm[0]
+        shifts = round(shift_mm / pixels[0]), round(shift_mm / pixels[1])
+        return float(correlations(self.rate_Hz[None], outline[None], shifts)[0, 0])
+
+
+def outline_image(stimulus: Stimulus, across_mm: Array, along_mm: Array) -> Array:
+    """Return the blurred outline of the raised shapes, (rows, columns), 1 at most.
+
+    Raises
+    ------
+    StudyError
+        The stimulus has no outline.
+    """
+    shapes = [shape for shape in stimulus.outlines() if not shape.is_empty]
+    if not shapes:
+        raise StudyError(f'The stimulus "{stimulus.kind}" has no outline to compare with.')
+    lines = shapely.unary_union([shape.boundary for shape in shapes])
+    pixel = across_mm[1] - across_mm[0], along_mm[1] - along_mm[0]
+    offsets = (np.arange(_FINE) + 0.5) / _FINE - 0.5
+    x = (across_mm[:, None] + offsets * pixel[0]).ravel()
+    y = (along_mm[:, None] + offsets * pixel[1]).ravel()
+    points = shapely.points(*np.meshgrid(x, y, indexing="ij"))
+    near = np.exp(-0.5 * (shapely.distance(lines, points) / _BLUR_MM) ** 2)
+    cells = near.reshape(len(across_mm), _FINE, len(along_mm), _FINE)
+    return np.asarray(cells.mean(axis=(1, 3)))
+
+
+def correlations(images: Array, templates: Array, max_shift: tuple[int, int]) -> Array:
+    """Return the largest correlation of each image with each template over all shifts.
+
+    Parameters
+    ----------
+    images, templates
+        (images, rows, columns), (templates, rows, columns); a shifted template is zero beyond
+        its border.
+    max_shift
+        Largest shift in rows and columns.
+
+    Returns
+    -------
+    r
+        Pearson's correlation over the whole image, (images, templates); 0 for a uniform image.
+    """
+    own = _normed(images.reshape(len(images), -1)).T
+    border = [(shift, shift) for shift in max_shift]
+    largest = []
+    for template in templates:
+        windows = sliding_window_view(np.pad(template, border), images.shape[1:])
+        largest.append((_normed(windows.reshape(-1, len(own))) @ own).max(axis=0))
+    return np.array(largest).T
+
+
+def _normed(rows: Array) -> Array:
+    """Return rows with mean 0 and length 1; uniform rows become 0."""
+    centred = rows - rows.mean(axis=1, keepdims=True)
+    length = np.linalg.norm(centred, axis=1, keepdims=True)
+    return np.divide(centred, length, out=np.zeros_like(centred), where=length > 0)
 
 
 def rate_image(
@@ -76,6 +160,46 @@ def rate_image(
     along = np.arange(0.0, fired.end_s * speed_mm_s + 1e-9, column_mm)
     rate = response.rate(along / speed_mm_s, window_mm / speed_mm_s)
     return RateImage(across_mm, along, rate.T, response)
+
+
+def population_image(
+    results: Results, neuron: Neuron | None = None, population: str | None = None
+) -> RateImage:
+    """Return the image that the receptors of one scan on Y = 0 make.
+
+    Parameters
+    ----------
+    results
+        A complete scan with a slide.
+    neuron
+        Other constants than the study's.
+    population
+        Name of the afferents; default the study's first.
+
+    Raises
+    ------
+    StudyError
+        There are fewer than three such receptors, or they are not at equal distances; or the path
+        is no straight slide.
+    """
+    trace = results.trace
+    known = {one.name: one for one in results.study.populations}
+    afferents = known[population or next(iter(known))].population()
+    own = results.receptors_of(afferents.name)
+    places = trace["receptors_mm"][own]
+    middle = np.flatnonzero(np.abs(places[:, 1]) < 1e-9)
+    row = own[middle[np.argsort(places[middle, 0])]]
+    across = trace["receptors_mm"][row, 0]
+    steps = np.diff(across)
+    if len(across) < 3 or not np.allclose(steps, steps[0], atol=1e-6):
+        raise StudyError(
+            f"An image needs three or more receptors on Y = 0 at equal distances in X: "
+            f"{results.folder} has {len(across)}."
+        )
+    # The receptor at X passes over the stimulator's X, because both share their axes.
+    times, felt = afferents.drive.of(trace)
+    afferents = replace(afferents, neuron=neuron or afferents.neuron)
+    return rate_image(across, times, felt[:, row], _speed_mm_s(results), afferents)
 
 
 def fibre_image(

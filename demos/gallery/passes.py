@@ -1,0 +1,61 @@
+"""
+One fibre in many passes, or a population in one
+================================================
+
+In the classic protocol of single-fibre recordings a letter is shifted between passes over one
+receptor, whose spikes are stacked to a spatial event plot. A population in one pass gives a
+poorer image, as Hamasaki et al. (2020) found, because receptors at the side of a round finger
+carry less load.
+
+Expected time: seconds with the scans in ``scans.zip``, which are read as long as nothing is
+changed; one hour to scan 25 passes.
+
+What to change: ``spacing_mm``; a key of the study, such as ``stimulus.text``.
+"""
+
+# sphinx_gallery_thumbnail_path = 'pictures/passes.png'
+
+import sys
+import zipfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+from tactile_fem import Results, completed, load_study
+from tactile_fem.series import fibre_image, population_image, run_all, single_fibre
+
+# %%
+# The scan of the population serves as the pass without a shift.
+
+folder = Path(sys.argv[1] if sys.argv[1:] else "results/passes")
+changes = sys.argv[2:]
+study = load_study(overrides=["stimulus.text=G", "protocol.output_mm=0.2", *changes])
+wanted = [m for m in single_fibre(study, spacing_mm=0.4) if m.values["shift_mm"]]
+if changes:
+    population = completed(study, folder / "letters/text-G")
+else:
+    with zipfile.ZipFile(Path(__file__).with_name("scans.zip")) as shipped:
+        names = [n for n in shipped.namelist() if n.startswith(("passes/", "letters/text-G/"))]
+        shipped.extractall(folder, names)
+    population = Results.open(folder / "letters/text-G")
+passes = [population, *run_all(wanted, folder / "passes")]
+
+# %%
+# Both images have one row for each place across the letter.
+
+images = {"51 receptors, one pass": population_image(population)}
+images[f"one receptor, {len(passes)} passes"] = fibre_image(passes)
+figure, panels = plt.subplots(1, 2, figsize=(9, 4), sharex=True, sharey=True, layout="constrained")
+for axes, (name, image) in zip(panels, images.items(), strict=True):
+    row, time_s = image.response.events()
+    r = image.outline_correlation(study.stimulus)
+    print(f"{name}: {len(time_s) / len(image.across_mm):.1f} spikes a row, r = {r:.3f}")
+    axes.plot(study.protocol.speed_mm_s * time_s, image.across_mm[row], "k.", ms=2)
+    for shape in study.stimulus.outlines():
+        axes.plot(*shape.exterior.xy[::-1], color="C1", lw=1)
+    axes.set(title=name, xlabel="Displacement (mm)", aspect="equal")
+panels[0].set(ylabel="X on the letter (mm)", xlim=(0, 10), ylim=(5, -5))
+figure.savefig(folder / "passes.png", dpi=120)
+
+# %%
+# .. figure:: /pictures/passes.png

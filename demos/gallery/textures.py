@@ -1,0 +1,112 @@
+"""
+Braille, sandpaper and woven cloth
+==================================
+
+Two letters in Braille and two height maps are stroked with 0.5 N. Each dot evokes a cluster of
+spikes. High grains are felt one by one, threads across the finger by all receptors together.
+
+Expected time: 9 minutes on one core.
+
+What to change: ``stimulus.file``, your own map, an ``.npy``, ``.csv`` or gray ``.png`` file or
+that of a profilometer; ``stimulus.text``; ``finger.preset=medium``, which follows waves from 1.1
+mm on, the coarse finger from 1.9 mm on; ``protocol.hold=force``, which keeps the force instead of
+the depth.
+"""
+
+# sphinx_gallery_thumbnail_path = 'pictures/textures.png'
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from tactile_fem import completed, load_study
+
+# %%
+# A map has rows along X and columns along Y. The sandpaper is a Gaussian random field, the cloth
+# consists of round threads that pass over and under each other.
+
+SPACING_MM = 0.025
+
+
+def sandpaper(grain_mm: float, rms_um: float) -> np.ndarray:
+    """Return heights of 12.8 x 25.6 mm, um, correlated over half a grain."""
+    shape = 512, 1024
+    waves = np.meshgrid(*(np.fft.fftfreq(n, SPACING_MM) for n in shape), indexing="ij")
+    amplitude = np.exp(-((np.pi * np.hypot(*waves) * grain_mm) ** 2) / 8)
+    white = np.random.default_rng(1).normal(size=shape)
+    heights = np.fft.ifft2(np.fft.fft2(white) * amplitude).real
+    return rms_um * (heights - heights.mean()) / heights.std()
+
+
+def cloth(pitch_mm: float, height_um: float) -> np.ndarray:
+    """Return one repeat of a plain weave, two threads each way, um."""
+    count = round(2 * pitch_mm / SPACING_MM)
+    x, y = np.meshgrid(*2 * [np.arange(count) / count * 2], indexing="ij")  # in threads
+
+    def thread(across: np.ndarray, along: np.ndarray, first: float) -> np.ndarray:
+        number, off = np.round(across), across - np.round(across)
+        wave = first * np.cos(np.pi * number) * np.cos(np.pi * along)
+        return (wave + np.sqrt(np.maximum(1 - (off / 0.48) ** 2, 0))) / 2
+
+    return height_um * np.maximum(thread(x, y, 1.0), thread(y, x, -1.0))
+
+
+# %%
+# A study scales the file to mm and removes waves that are too short for the skin; the map repeats.
+# Dots of Braille are 1.6 mm wide and 0.5 mm high, cells 6.2 mm long.
+
+folder = Path(sys.argv[1] if sys.argv[1:] else "results/textures")
+folder.mkdir(parents=True, exist_ok=True)
+maps = {"sandpaper": sandpaper(1.0, 60.0), "cloth": cloth(2.4, 350.0)}
+surfaces = {"Braille": ["stimulus.kind=braille", "stimulus.text=hi", "stimulus.start_mm=-2"]}
+for name, heights in maps.items():
+    np.save(folder / f"{name}.npy", heights)
+    surfaces[name] = [
+        "stimulus.kind=surface",
+        f"stimulus.file={folder / name}.npy",
+        f"stimulus.spacing_mm={SPACING_MM}",
+        "stimulus.unit_mm=0.001",
+        "stimulus.low_pass_mm=0.3",
+        "stimulus.repeat=periodic",
+        "protocol.distance_mm=7",
+    ]
+scans = {}
+for name, keys in surfaces.items():
+    overrides = [*keys, "protocol.force_N=0.5", *sys.argv[2:]]
+    scans[name] = results = completed(load_study(overrides=overrides), folder / name)
+    trace = results.trace
+    slide = trace["phase"] == "slide"
+    sed = trace["sed_kPa"][slide, np.argmin(np.abs(trace["receptors_mm"][:, 0]))]
+    print(
+        f"{name}: tangential force {-trace['force_N'][slide, 1].mean():.3f} N, SED of the middle "
+        f"receptor {sed.mean():.2f} kPa, varies by {100 * sed.std() / sed.mean():.0f} %, "
+        f"{len(results.spikes.time_s)} spikes"
+    )
+
+# %%
+# The strain energy density (SED) at the line of receptors, and their spikes.
+
+figure, grid = plt.subplots(
+    2, 3, figsize=(12, 5.6), sharex="col", sharey=True, layout="constrained"
+)
+for (felt, fired), (name, results) in zip(grid.T, scans.items(), strict=True):
+    trace, spikes = results.trace, results.spikes
+    slide = trace["phase"] == "slide"
+    at, x = trace["displacement_mm"][slide], trace["receptors_mm"][:, 0]
+    shown = felt.pcolormesh(at, x, trace["sed_kPa"][slide].T, cmap="magma", shading="nearest")
+    figure.colorbar(shown, ax=felt, label="SED (kPa)")
+    sliding = spikes.time_s > 0
+    fired.plot(spikes.displacement_mm[sliding], x[spikes.receptor[sliding]], "k.", ms=2)
+    felt.set(title=name, ylim=(x[-1], x[0]))
+    fired.set(xlabel="Displacement (mm)", xlim=(0, at[-1]))
+    if name == "Braille":
+        for shape in results.study.stimulus.outlines():
+            fired.fill(*shape.exterior.xy[::-1], color="C1", alpha=0.4, lw=0)
+for axes in grid[:, 0]:
+    axes.set_ylabel("X (mm)")
+figure.savefig(folder / "textures.png", dpi=110)
+
+# %%
+# .. figure:: /pictures/textures.png
