@@ -19,7 +19,10 @@ Dots = Annotated[
     int, Parameter(validator=validators.Number(gte=50, lte=1200), help="Dots per inch, for print.")
 ]
 PositiveFloat = Annotated[float, Parameter(validator=validators.Number(gt=0))]
-StudyFile = Annotated[Path | None, Parameter(help="Study file in TOML; default the paper's.")]
+StudyFile = Annotated[
+    Path | None,
+    Parameter(help="Study file in TOML, or a shipped study, hamasaki2020; default values without."),
+]
 Changes = Annotated[
     tuple[str, ...],
     Parameter(

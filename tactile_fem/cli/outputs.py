@@ -22,21 +22,24 @@ from tactile_fem.errors import StudyError
 from tactile_fem.runtime import doctor as diagnosis
 
 
-def init(file: Path = Path("study.toml"), /) -> None:
-    """Write a study file with every value commented out at its default.
+def init(file: Path = Path("study.toml"), /, *, study: Path | None = None) -> None:
+    """Write a study file with every value commented out at its default, or copy a shipped study.
 
     Parameters
     ----------
     file
         Name of the new file.
+    study
+        Copy this study, such as hamasaki2020, with its comments.
     """
     from tactile_fem.runtime.files import write_text
+    from tactile_fem.study.file import study_file
     from tactile_fem.study.template import commented_template
 
     if file.exists():
         raise StudyError(f"{file} exists already: choose another name.")
     check_file("FILE", file)
-    write_text(file, commented_template())
+    write_text(file, study_file(study).read_text() if study else commented_template())
     print(f"Written to {file}")
 
 

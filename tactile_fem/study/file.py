@@ -20,19 +20,24 @@ from tactile_fem.study import Study
 from tactile_fem.study.explain import explain, located
 from tactile_fem.study.kept import usable
 
+# One file for each study; its name is that of the study.
+_SHIPPED = Path(__file__).parent / "shipped"
+
 # --- reading -----------------------------------------------------------------------------------
 
 
 def load_study(
     path: Path | str | None = None, overrides: Sequence[str] = (), *, saved: bool = False
 ) -> Study:
-    """Return the study of a file, or the paper's, with some values overridden.
+    """Return the study of a file, a shipped one, or the default one, with some values overridden.
 
     Parameters
     ----------
     path
-        TOML file; None is the paper's study. Relative paths in it start from its folder. In a
-        results folder, files that are gone or have changed are read from the copies kept there.
+        TOML file, or the name of a study that is shipped with the package, such as
+        ``"hamasaki2020"``, of which a file of that name takes precedence; None is the default
+        study. Relative paths in it start from its folder. In a results folder, files that are gone
+        or have changed are read from the copies kept there.
     overrides
         ``section.key=value`` each, ``afferents.name.key=value`` for a population. The value is
         TOML, or else plain text: ``stimulus.text=EFG``.
@@ -44,15 +49,16 @@ def load_study(
     StudyError
         One sentence per problem: field, value, what is allowed.
     """
-    data = {} if path is None else _read(Path(path))
+    file = None if path is None else study_file(path)
+    data = {} if file is None else _read(file)
     texts: dict[tuple[str, ...], str] = {}
     changes: dict[str, Any] = {}
     for override in overrides:
         keys, text, value = _parsed(override)
         _put(changes, keys, value, override)
         texts[keys] = text
-    if path is not None:
-        _resolve_paths(data, Path(path).parent)
+    if file is not None:
+        _resolve_paths(data, file.parent)
     data = _merge(data, changes)
     context = {"saved": saved}
     try:
@@ -65,9 +71,29 @@ def load_study(
         raise StudyError(explain(error)) from None
 
 
+def shipped_studies() -> dict[str, Path]:
+    """Return the files of the studies that are shipped with the package, by name."""
+    return {file.stem: file for file in sorted(_SHIPPED.glob("*.toml"))}
+
+
+def study_file(study: Path | str) -> Path:
+    """Return the file of a study: the file itself, or that of a shipped study.
+
+    Raises
+    ------
+    StudyError
+        There is neither; the sentence names the shipped studies.
+    """
+    path, shipped = Path(study), shipped_studies()
+    if str(path) in shipped and not path.is_file():  # a folder of that name holds results
+        return shipped[str(path)]
+    if path.exists():
+        return path
+    known = "" if path.suffix else f"; the shipped studies are {', '.join(shipped)}"
+    raise StudyError(f"There is no study file {path}{known}.")
+
+
 def _read(path: Path) -> dict[str, Any]:
-    if not path.exists():
-        raise StudyError(f"There is no study file {path}.")
     text = read_text(path, f"The study file {path}")
     try:
         return tomllib.loads(text)
