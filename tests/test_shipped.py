@@ -1,11 +1,10 @@
 """Studies that are shipped with the package."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
-from setuptools.command.build_py import build_py
-from setuptools.dist import Distribution
 
 from tactile_fem import Study, StudyError, load_study
 from tactile_fem.cli.app import app, exit_code_of
@@ -60,12 +59,8 @@ def test_an_unknown_name_is_answered_by_the_shipped_ones(capsys):
     assert capsys.readouterr().err.count("hamasaki2020") == 1
 
 
-def test_the_package_holds_the_shipped_studies(monkeypatch):
-    monkeypatch.chdir(ROOT)
-    distribution = Distribution()
-    distribution.parse_config_files()
-    build = build_py(distribution)
-    build.ensure_finalized()
-    packed = {ROOT / folder / file for _, folder, _, files in build.data_files for file in files}
-    packed |= {Path(folder, file) for _, folder, _, files in build.data_files for file in files}
+def test_the_package_holds_the_shipped_studies():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    patterns = project["tool"]["setuptools"]["package-data"]["tactile_fem"]
+    packed = {file for pattern in patterns for file in (ROOT / "tactile_fem").glob(pattern)}
     assert set(shipped_studies().values()) <= packed

@@ -1,0 +1,133 @@
+"""The pictures of `hamasaki2020.py`, arranged as the paper's figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from hamasaki2020_readings import (
+    CURVATURES,
+    HELD_HZ,
+    PLATE,
+    PROFILE,
+    RAMP_HZ,
+    WINDOWS_MM,
+    Finger,
+)
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+
+from tactile_fem import draw
+from tactile_fem.output.histories import DISPLACEMENT, rings
+from tactile_fem.series import RateImage
+
+COLOURS = {"reproduction": "#0072B2", "default": "#D55E00"}
+INK, SHADE, OUTLINE = "#202020", "#E4E4E4", "#B0B0B0"
+_PLACES_MM = np.linspace(0.0, 7.0, 71)
+_MOST_SECTIONS = 4
+
+
+def figures(fingers: Mapping[str, Finger]) -> dict[str, Figure]:
+    """Return all figures by name."""
+    return {"presses": presses(fingers), "middle": middle(fingers), "rasters": rasters(fingers)}
+
+
+# --- Figs. 3, 5 and 6 ----------------------------------------------------------------------------
+
+
+def presses(fingers: Mapping[str, Finger]) -> Figure:
+    """Draw forces of the plate, profiles of the skin, and rates under cylinders."""
+    figure = Figure(figsize=(11, 3.4), layout="constrained")
+    force, skin, rates = figure.subplots(1, 3)
+    measured = {"ls": "", "marker": "o", "color": INK, "ms": 4}
+    force.errorbar(PLATE.depth_mm, PLATE.mean, PLATE.sd, label="plate, measured", **measured)
+    force.plot(1.97, 0.6, "*", color=INK, ms=11, label="letters, paper")
+    skin.plot(PROFILE.place_mm, PROFILE.mean, label="cylinder, measured", **measured)
+    rates.plot(CURVATURES, RAMP_HZ, label="ramp, assumed", **measured)
+    rates.plot(CURVATURES, HELD_HZ, label="hold, assumed", **measured | {"mfc": "white"})
+    for name, finger in fingers.items():
+        colour = COLOURS[name]
+        force.plot(*finger.plate(), color=colour, label=f"plate, {name}")
+        force.plot(1.97, finger.pressed_N(), "*", color=colour, ms=11, mfc="none")
+        for scan, line in (("edge", "-"), ("cylinder", "--")):
+            deflection = finger.profile(scan, _PLACES_MM)
+            skin.plot(_PLACES_MM, deflection, line, color=colour, label=f"{scan}, {name}")
+        ramp, hold = finger.rates_Hz().T
+        rates.plot(CURVATURES, ramp, color=colour, label=f"ramp, {name}")
+        rates.plot(CURVATURES, hold, "--", color=colour, label=f"hold, {name}")
+    force.set(title="3a", xlabel="Indentation (mm)", ylabel="Normal force (N)", ylim=(0, None))
+    skin.set(title="3b", xlabel="Distance from the bar (mm)", ylabel="Deflection (mm)")
+    skin.invert_yaxis()
+    rates.set(title="5, 6", xlabel="Curvature of the cylinder (1/inch)", ylabel="Rate (spikes/s)")
+    rates.set(xscale="log", xticks=CURVATURES, xticklabels=CURVATURES, ylim=(0, None))
+    rates.minorticks_off()
+    for axes in (force, skin, rates):
+        axes.legend(frameon=False, fontsize=7)
+    return figure
+
+
+# --- Fig. 8 --------------------------------------------------------------------------------------
+
+
+def middle(fingers: Mapping[str, Finger]) -> Figure:
+    """Draw SED and spikes of the middle afferent over the windows in which the paper's fires."""
+    figure = Figure(figsize=(8, 4.2), layout="constrained")
+    sed, fired = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
+    for row, (name, finger) in enumerate(fingers.items()):
+        seen = finger.middle()
+        sed.plot(seen.along_mm, seen.sed_kPa, color=COLOURS[name], label=name)
+        fired.eventplot(seen.fired.spikes, lineoffsets=-row, linelengths=0.8, color=COLOURS[name])
+    firing = zip(WINDOWS_MM[1::2], WINDOWS_MM[2::2], strict=False)
+    for number, (start, end) in enumerate(firing):
+        label = "" if number else "bundles of the paper"
+        sed.axvspan(start, end, color=SHADE, lw=0, label=label)
+        fired.axvspan(start, end, color=SHADE, lw=0)
+    sed.set(ylabel="SED at the middle receptor (kPa)", ylim=(0, None))
+    sed.legend(frameon=False)
+    fired.set(xlabel=DISPLACEMENT, yticks=(0, -1), yticklabels=list(fingers))
+    fired.set_xlim(0, sed.get_lines()[0].get_xdata()[-1])
+    return figure
+
+
+def sections(finger: Finger, picture: Path) -> None:
+    """Tile the finger, cut open, at the extrema of the middle receptor's SED in the slide."""
+    drawn = sorted(file for file in draw(finger.scans["letters"]) if "deformation" in file.name)
+    slid = [file for file in drawn if not file.stem.endswith("_s")][:_MOST_SECTIONS]
+    if not slid:
+        return
+    figure = Figure(figsize=(10, 7), layout="constrained")
+    for number, file in enumerate(slid):
+        axes = figure.add_subplot(2, 2, number + 1)
+        axes.imshow(imread(file))
+        axes.set_axis_off()
+    figure.savefig(picture, dpi=100)
+
+
+# --- Fig. 9 --------------------------------------------------------------------------------------
+
+
+def rasters(fingers: Mapping[str, Finger]) -> Figure:
+    """Draw the population's spikes beside those of one fibre in many passes."""
+    figure = Figure(figsize=(10, 3.9 * len(fingers)), layout="constrained")
+    grid = figure.subplots(len(fingers), 2, squeeze=False, sharex=True, sharey=True)
+    for row, (name, finger) in zip(grid, fingers.items(), strict=True):
+        images = {"9a, population": finger.population(), "9b, one fibre": finger.fibre()}
+        for axes, (title, image) in zip(row, images.items(), strict=True):
+            _raster(axes, image, finger)
+            axes.set(title=f"{title}, {name}")
+        row[0].set_ylabel("Place across the letter, X (mm)")
+    for axes in grid[-1]:
+        axes.set_xlabel(DISPLACEMENT)
+    return figure
+
+
+def _raster(axes: Axes, image: RateImage, finger: Finger) -> None:
+    """Draw a dot for each spike over the outline of the letters; X decreases upwards."""
+    for ring in rings(finger.study.stimulus):
+        axes.plot(ring[:, 1], ring[:, 0], color=OUTLINE, lw=1)
+    row, time_s = image.response.events()
+    places = finger.study.protocol.speed_mm_s * time_s
+    axes.plot(places, image.across_mm[row], ls="", marker="o", ms=1.8, mew=0, color=INK)
+    axes.set(xlim=(0, image.along_mm[-1]), ylim=(5.2, -5.2), aspect="equal")
