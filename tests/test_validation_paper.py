@@ -35,7 +35,7 @@ def test_every_row_of_the_table_is_computed(tmp_path):
     by_figure = {row["figure"]: row for row in rows}
     assert {"3a", "3b", "5, 6", "8a", "8b", "9a", "9b"} <= by_figure.keys()
     assert all(row["reproduction"] and row["default"] for row in rows)
-    assert printed.count("in the study") == 3
+    assert printed.count("in the study") == 2
     assert by_figure["9a"]["reproduction"].startswith("51 rows")
     assert by_figure["9b"]["default"].startswith("31 rows")  # X from -3 to 3 mm
     pictures = {"paper_presses.png", "paper_middle.png", "paper_rasters.png"}

@@ -29,7 +29,7 @@ CURVATURES = (16, 8, 4, 2)
 RAMP_HZ, HELD_HZ = np.linspace(200, 100, 4), np.linspace(50, 10, 4)
 CYLINDER_MM, RAMP_S, HOLD_S = 1.97, 0.0985, 1.0
 WHEN = (0.8 * RAMP_S, RAMP_S), (RAMP_S + 0.9 * HOLD_S, RAMP_S + 0.999 * HOLD_S)
-FREE = ("static_gain_pA_per_kPa", "dynamic_gain_pA_s_per_kPa", "adaptation")
+FREE = ("static_gain_pA_per_kPa", "adaptation")
 # Windows of the slide, mm: the middle afferent of the paper is silent in every second one.
 WINDOWS_MM = (0.0, 1.5, 2.3, 5.2, 6.0, 7.3, 8.5, 10.0)
 _GAP_MM = 0.6  # between bundles: 33 spikes/s at 20 mm/s
