@@ -10,11 +10,9 @@ import runpy
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import fields
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -22,9 +20,8 @@ import numpy as np
 import pytest
 from needs import needs_gmsh
 
-from tactile_fem import Piece, Population, Stimulus
+from tactile_fem import Piece, Stimulus
 from tactile_fem.neuron import DRIVES
-from tactile_fem.output.pictures import can_draw
 from tactile_fem.runtime import ranks
 from tactile_fem.study import Neuron
 
@@ -92,160 +89,6 @@ def number(pattern: str, text: str) -> float:
     found = re.search(pattern, text)
     assert found, text
     return float(found[1])
-
-
-@pytest.mark.slow
-@needs_gmsh
-def test_textures(tmp_path):
-    options = ["--pad-size", "3", "--far-size", "6", "--force", "0.02", "--distance", "0.2"]
-    output = run("surfaces/textures.py", str(tmp_path), *options)
-    sandpaper, cloth = output.splitlines()[:2]
-    assert number(r"sandpaper: ([\d.]+) mm rms", sandpaper) == pytest.approx(0.0585, abs=1e-4)
-    assert number(r"longer than ([\d.]+) mm", cloth) == pytest.approx(2.37, abs=0.01)
-    assert number(r"; ([\d.]+) N,", cloth) == pytest.approx(0.02, rel=0.05)
-    assert (tmp_path / "textures.png").is_file()
-    assert "carry 0 % of its variance" in (tmp_path / "cloth" / "log.txt").read_text()
-
-
-@pytest.mark.slow
-@needs_gmsh
-def test_fingerprints(tmp_path):
-    small = "--distance", "0.2", "--force", "0.005", "--pad-size", "0.1175"
-    scans = "--scans", "edge_smooth", "edge_ridged"
-    output = run("sections/fingerprints.py", str(tmp_path), *scans, *small)
-    smooth, ridged = output.splitlines()[:2]
-    sed = r"SED at SA1 ([\d.]+)"
-    assert number(sed, ridged) == pytest.approx(number(sed, smooth), rel=0.5)
-    assert number(sed, ridged) != number(sed, smooth)
-    assert "at 43 Hz" in ridged and (tmp_path / "fingerprints.png").is_file()
-
-
-@pytest.mark.slow
-@needs_gmsh
-def test_ridge_mesh(tmp_path):
-    options = "--edges", "4", "5", "--force", "0.005", "--distance", "0.1"
-    coarse, fine = run("sections/ridge_mesh.py", str(tmp_path), *options).splitlines()[:2]
-    depth = r"depth ([\d.]+) mm"
-    assert number(depth, coarse) == pytest.approx(number(depth, fine), rel=0.02)
-    assert number(r"finest ([\d.]+) %", coarse) > number(r"finest ([\d.]+) %", fine) == 0.0
-
-
-@pytest.mark.slow
-@needs_gmsh
-def test_strains(tmp_path):
-    options = "--forces", "0.005", "--edge-force", "0.005", "--pad-size", "0.1175"
-    output = run("sections/strains.py", str(tmp_path), *options)
-    assert 50 < number(r"plate, ridged, 0.*; (\d+) % of the ridges", output) < 100
-    proximal, distal = re.search(r"corneum: shear (\S+) and (\S+),", output).groups()
-    assert float(proximal) * float(distal) < 0
-
-
-@pytest.mark.slow
-@needs_gmsh
-def test_beside_solid(tmp_path):
-    options = "--stimuli", "bars", "--force", "0.05", "--distance", "0.4"
-    output = run("sections/beside_solid.py", str(tmp_path), *options)
-    assert 0 < number(r"\(([\d.]+) times\)", output) < 20
-    assert (tmp_path / "beside_solid.png").is_file()
-
-
-@pytest.mark.slow
-@needs_gmsh
-def test_button(tmp_path):
-    pytest.importorskip("igl")
-    output = run("surfaces/button.py", str(tmp_path / "out"), "--depth", "0.2", "--distance", "0.1")
-    assert number(r"normal force +([\d.]+) to", output) == pytest.approx(0.008, rel=0.3)
-    assert (tmp_path / "out" / "scan" / "figures" / "raster.png").is_file()
-
-
-@pytest.mark.slow
-@needs_gmsh
-def test_braille_word(tmp_path):
-    coarse = ["--pad-size", "3", "--far-size", "6"]
-    options = ["--word", "t", "--distance", "0.4", "--force", "0.02", *coarse]
-    output = run("surfaces/braille_word.py", str(tmp_path / "out"), *options)
-    assert number(r"normal force ([\d.]+) to", output) == pytest.approx(0.02, rel=0.02)
-    assert (tmp_path / "out" / "figures" / "raster.png").is_file()
-
-
-@pytest.mark.slow
-@needs_gmsh
-def test_scanned_fingers(tmp_path):
-    pytest.importorskip("igl")
-    # Letters under facets of 3 mm instead of 2: where the facets lie would decide.
-    coarse = ["--pad-size", "2", "--far-size", "5", "--only", "analytic", "--only", "scanned"]
-    options = [*coarse, "--depth", "0.4", "--distance", "0.1"]
-    output = run("surfaces/scanned_fingers.py", str(tmp_path), *options)
-    scanned = output.splitlines()[1]
-    assert abs(number(r"normal_N [\d.e-]+ \(([-+.\d]+) %", scanned)) < 5
-    assert abs(number(r"tangential_N [\d.e-]+ \(([-+.\d]+) %", scanned)) < 10
-    assert number(r"mm, normal_N ([\d.]+)", scanned) > 0
-    assert (tmp_path / "fingers.png").is_file()
-
-
-@pytest.mark.slow
-def test_own_parts_are_killed_and_resumed_on_two_ranks(tmp_path):
-    options = ["--depth", "0.4", "--radius", "0.1"]
-    command = [str(DEMOS / "own_parts/scan.py"), str(tmp_path / "killed"), *options]
-    killed = subprocess.Popen([sys.executable, *command], stderr=subprocess.DEVNULL)
-    trace = tmp_path / "killed" / "trace.npz"
-    while killed.poll() is None and not (trace.exists() and "circle" in phases(trace)):
-        time.sleep(0.1)
-    killed.kill()
-    assert killed.wait() != 0, "it came to its end before it was killed"
-    resumed = run_command(ranks.launcher(), "-n", "2", sys.executable, *command)
-    whole = run("own_parts/scan.py", str(tmp_path / "whole"), *options)
-    assert number(r"law: normal force ([\d.]+) N", whole) == pytest.approx(0.0255, rel=0.02)
-    assert number(r"touches ([\d.]+) mm²", whole) == pytest.approx(2.68, rel=0.1)
-    assert number(r"circle is ([\d.]+) mm", whole) == pytest.approx(2 * np.pi * 0.1, abs=1e-3)
-    assert number(r"largest shear ([\d.]+)", whole) == pytest.approx(0.0137, rel=0.05)
-    assert number(r"transduction: (\d+) spikes", whole) > 20
-    assert number(r"weight adds ([\d.]+) N", whole) == pytest.approx(0.0021, rel=0.1)
-    assert number(r"forces balance to (\S+) N", whole) < 1e-5
-    assert number(r"skin bulges ([\d.]+) mm", whole) == pytest.approx(0.054, abs=0.01)
-    for output in (resumed, whole):
-        assert number(r"differ by at most (\S+) mm", output) < 1e-6
-    one, two = (np.load(tmp_path / name / "trace.npz") for name in ("whole", "killed"))
-    assert list(dict.fromkeys(two["phase"])) == ["rest", "press", "hold", "circle", "lift"]
-    assert np.abs(two["sed_kPa"] - one["sed_kPa"]).max() < 1e-6 * one["sed_kPa"].max()
-    for name in ("centre_of_pressure_mm", "skin_height_mm", "shear_strain_yz"):
-        np.testing.assert_allclose(two[name], one[name], atol=1e-6)
-    assert (tmp_path / "killed" / "figures" / "raster.png").is_file()
-    # The process that draws the pictures does not know the demo's kinds of stimulus and path.
-    pictures = list((tmp_path / "killed" / "figures").glob("deformation*.png"))
-    assert pictures or can_draw() is not None
-
-
-def phases(trace: Path) -> set[str]:
-    with np.load(trace) as arrays:
-        return set(arrays["phase"].tolist())
-
-
-def test_own_law_and_transduction():
-    ufl = pytest.importorskip("ufl")
-    from tactile_fem.tissue.energies import stiffness
-
-    with beside(DEMOS / "own_parts" / "scan.py"):
-        law = import_module("fung").Fung(shear=0.02, b=2.0, bulk=1.0)
-        transduction = import_module("changes").Changes(gain=30.0)
-
-    def at(expression, F):
-        X = ufl.as_vector([0.0, 0.0, 0.0])
-        return ufl.as_ufl(expression(ufl.as_matrix(F.tolist()), X))(())
-
-    # The law's stiffness is K + 4 G/3 at rest, and its energy Fung's.
-    rest, stretched = np.eye(3), np.diag([1.2, 1.0, 1 / 1.2])
-    assert at(lambda F, X: stiffness(law, F, X), rest) == pytest.approx(1.0 + 4 / 3 * 0.02)
-    a = 1.2**2 + 1 + 1.2**-2 - 3
-    assert at(law.energy, stretched) == pytest.approx(0.02 / 4 * np.expm1(2 * a))
-    sheared = np.eye(3) + 0.7 * np.eye(3, k=2)
-    in_shear = at(lambda F, X: law.in_shear(F[0, 2] ** 2, X), sheared)
-    assert in_shear == pytest.approx(at(law.energy, sheared))
-    # Current that only change evokes: 20 kPa/s for 50 ms, then none.
-    time_s, sed_kPa = np.array([0.0, 0.05, 1.0]), np.array([[0.0], [1.0], [1.0]])
-    population = Population(transduction=transduction)
-    (spikes,) = population.fire({"time_s": time_s, "sed_kPa": sed_kPa}).spikes
-    assert len(spikes) > 5 and spikes[-1] <= 0.05
 
 
 @pytest.mark.slow

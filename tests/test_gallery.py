@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from needs import needs_gmsh, needs_graphics
 
-from tactile_fem import Piece, Results, Stimulus
+from tactile_fem import Piece, Population, Results, Stimulus
 from tactile_fem.neuron import DRIVES
 from tactile_fem.runtime import ranks
 
@@ -83,6 +83,43 @@ def number(pattern: str, text: str) -> float:
     found = re.search(pattern, text)
     assert found, text
     return float(found[1])
+
+
+def definitions(name: str) -> dict:
+    """Return what a script imports and defines, without running it."""
+    tree = ast.parse((GALLERY / f"{name}.py").read_text())
+    kept = ast.Import, ast.ImportFrom, ast.ClassDef, ast.FunctionDef
+    tree.body = [node for node in tree.body if isinstance(node, kept)]
+    found: dict = {}
+    exec(compile(tree, name, "exec"), found)
+    return found
+
+
+def test_the_own_law_has_the_stiffness_and_energy_it_states():
+    ufl = pytest.importorskip("ufl")
+    from tactile_fem.tissue.energies import stiffness
+
+    law = definitions("own_mechanics")["Fung"](shear=0.02, b=2.0, bulk=1.0)
+
+    def at(expression, F):
+        X = ufl.as_vector([0.0, 0.0, 0.0])
+        return ufl.as_ufl(expression(ufl.as_matrix(F.tolist()), X))(())
+
+    rest, stretched = np.eye(3), np.diag([1.2, 1.0, 1 / 1.2])
+    assert at(lambda F, X: stiffness(law, F, X), rest) == pytest.approx(1.0 + 4 / 3 * 0.02)
+    a = 1.2**2 + 1 + 1.2**-2 - 3
+    assert at(law.energy, stretched) == pytest.approx(0.02 / 4 * np.expm1(2 * a))
+    sheared = np.eye(3) + 0.7 * np.eye(3, k=2)
+    in_shear = at(lambda F, X: law.in_shear(F[0, 2] ** 2, X), sheared)
+    assert in_shear == pytest.approx(at(law.energy, sheared))
+
+
+def test_the_own_transduction_responds_to_changes_only(run):
+    population = Population(transduction=definitions("own_stimulus")["Changes"](gain=30.0))
+    # 20 kPa/s for 50 ms, then none.
+    time_s, sed_kPa = np.array([0.0, 0.05, 1.0]), np.array([[0.0], [1.0], [1.0]])
+    (spikes,) = population.fire({"time_s": time_s, "sed_kPa": sed_kPa}).spikes
+    assert len(spikes) > 5 and spikes[-1] <= 0.05
 
 
 def test_passes_are_read_from_the_archive(run, tmp_path):

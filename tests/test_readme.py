@@ -61,25 +61,6 @@ def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
     assert described == set(names["results"].trace)
 
 
-def test_extending_shows_the_files_of_a_demo():
-    page, folder = PAGES / "extending.md", ROOT / "demos" / "own_parts"
-    shown = re.findall(
-        r"\(\.\./own_parts/(\w+\.py)\)[^`]*\n```python\n(.*?)```", page.read_text(), re.DOTALL
-    )
-    for name, block in shown:
-        assert _lines(block) in _lines((folder / name).read_text()), name
-    assert {name for name, _ in shown} == {path.name for path in folder.glob("*.py")}
-    scan = _lines((folder / "scan.py").read_text())
-    of_parts = [block for name, block in shown if name != "scan.py"]
-    for block in blocks(page, "python"):
-        assert block in of_parts or _lines(block) in scan
-
-
-def _lines(code):
-    """Return code without its indentation."""
-    return "\n".join(line.strip() for line in code.strip().splitlines())
-
-
 def at(expression, F):
     """Return a UFL expression of deformation gradient and position as a number."""
     import ufl

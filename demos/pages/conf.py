@@ -40,7 +40,6 @@ exclude_patterns += [
     "theory.md",
     "neurons.md",
     "parallel.md",
-    "extending.md",
     "troubleshooting.md",
 ]  # until they are gone
 suppress_warnings = [
