@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 # Defaults of a kind that differ from those of SA1. Densities: Johansson and Vallbo 1979 (RA 140, PC
 # 21 per cm2). RA end in dermal papillae, PC at about 2 mm depth. Filters, gains, spread and
-# refractoriness: demos/neurons/vibration.py. Membrane times of 5 and 1.5 ms: of published models
+# refractoriness: demos/validation/vibration.py. Membrane times of 5 and 1.5 ms: of published models
 # (touchSim).
 _KINDS: dict[str, dict[str, Any]] = {
     "RA": {

@@ -18,8 +18,8 @@
 # without Brian2's compilation and start.
 #
 #     pip install brian2
-#     python demos/neurons/brian.py results/brian
-#     python demos/neurons/brian.py results/brian --afferents 20 --steps-ms 0.1
+#     python demos/verification/brian.py results/brian
+#     python demos/verification/brian.py results/brian --afferents 20 --steps-ms 0.1
 
 # %%
 from dataclasses import dataclass

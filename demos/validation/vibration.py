@@ -1,37 +1,28 @@
 # %% [markdown]
-# # How SA1, RA and PC afferents answer to vibration
+# # Responses of RA and PC afferents to vibration, fitted and predicted
 #
-# This demo emphasizes
-# - a state of a scan, here a probe of 1 mm that is pressed in and held, and the finger's vibration
-#   about it at many frequencies,
-# - constants of RA and PC afferents fitted to some frequencies, the others predicted,
-# - locking to the vibration: plateaus at one and two spikes in a period.
+# A probe of 1 mm is pressed in and held, and the finger vibrates about this state. Rates are those
+# of monkeys' afferents under such a probe (Muniak et al. 2007, PMC6673240; third-party
+# digitization), thresholds of the same kind of recording, of which the shape alone counts. Centre
+# and quality of the filters are fitted to the shape of the thresholds; gain, its spread between
+# afferents, refractoriness and the raised threshold of PC to the rates at one frequency. They are
+# the defaults of RA and PC; the other frequencies are predicted.
 #
-# Rates are those of monkeys' afferents under a probe of 1 mm (Muniak et al. 2007, PMC6673240;
-# third-party digitisation), thresholds of the same kind of recording, of which the shape alone
-# counts: the level hangs on the probe. Centre and quality of the filters are fitted to the shape of
-# the thresholds; gain, its spread between afferents and refractoriness to the rates at one
-# frequency. PC's is also relative: each spike raises the threshold.
-#
-#     python demos/neurons/vibration.py results/vibration
-#     python demos/neurons/vibration.py results/quick --pad-size 3 --far-size 6 --depth 0.3
+#     python demos/validation/vibration.py results/vibration
+#     python demos/validation/vibration.py results/quick --pad-size 3 --far-size 6 --depth 0.3
 
 # %%
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from tactile_fem import Population, Study, completed, run_script, vibrate, write_table
-from tactile_fem.output.annotations import BLUE, GREEN, INK, VERMILION
-from tactile_fem.output.plots import styled
 from tactile_fem.study import Dots, Finger, Hold, Neuron, Press, Protocol, Tissue
 from tactile_fem.vibration import Spectrum
 
@@ -68,7 +59,6 @@ RECOVERIES_S = (0.002, 0.004, 0.008)
 OFF = {"RA": 0.4, "PC": 0.0}
 QUANTILES = norm.ppf((np.arange(11) + 0.5) / 11)
 NOISE = 0.1  # of the threshold, from spike to spike: proposed
-COLOURS = {"SA1": BLUE, "RA": VERMILION, "PC": GREEN}
 
 
 @dataclass(frozen=True)
@@ -98,7 +88,7 @@ def main(
     Parameters
     ----------
     folder
-        For the scan, the table and the figure.
+        For the scan and the table.
     preset, pad_size, far_size
         The mesh.
     depth, hold
@@ -107,8 +97,7 @@ def main(
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     study = probed(finger, depth, hold)
     completed(study, folder / "scan")
-    spectrum = computed(folder, "spectrum")
-    print_waves(spectrum, computed(folder, "massless", density_kg_m3=0.0))
+    spectrum = computed(folder)
     populations = {each.name: each.population() for each in study.populations}
     fitted = {"SA1": populations["SA1"].neuron}
     for kind in THRESHOLDS_UM:
@@ -119,8 +108,6 @@ def main(
     for kind in THRESHOLDS_UM:
         print_thresholds(spectrum, kind, fitted[kind])
     write_table(folder / "rates.csv", rows)
-    rates_figure(spectrum, fitted).savefig(folder / "rates.png")
-    print(folder / "rates.png")
 
 
 # %% [markdown]
@@ -153,12 +140,12 @@ def probed(finger: Finger, depth: float, hold: float) -> Study:
     )
 
 
-def computed(folder: Path, name: str, density_kg_m3: float | None = None) -> Spectrum:
+def computed(folder: Path) -> Spectrum:
     """Return the vibration of the folder's scan, computed only once."""
-    wanted, path = sorted(frequencies()), folder / f"{name}.npz"
+    wanted, path = sorted(frequencies()), folder / "spectrum.npz"
     if path.exists() and list(Spectrum.load(path).frequency_Hz) == wanted:
         return Spectrum.load(path)
-    spectrum = vibrate(folder / "scan", wanted, density_kg_m3=density_kg_m3)
+    spectrum = vibrate(folder / "scan", wanted)
     spectrum.save(path)
     return spectrum
 
@@ -179,19 +166,6 @@ def felt_per_mm(spectrum: Spectrum, kind: str) -> np.ndarray:
     r = receptor_of(spectrum, kind)
     felt = spectrum.stretches[:, r, 0] if kind == "RA" else spectrum.moved[:, r, 2]
     return np.abs(felt)
-
-
-def print_waves(spectrum: Spectrum, massless: Spectrum) -> None:
-    """Print how the finger answers over the frequency, and how far it would without inertia."""
-    along, without = (each.force_N @ each.motion for each in (spectrum, massless))
-    for k, f in enumerate(spectrum.frequency_Hz):
-        felt = [felt_per_mm(spectrum, kind)[k] for kind in THRESHOLDS_UM]
-        print(
-            f"{f:6.1f} Hz: {abs(along[k]):.4f} N/mm, phase {np.degrees(np.angle(along[k])):4.0f}°, "
-            f"compression at RA {felt[0]:.4f} /mm, motion at PC {felt[1]:.3f}; "
-            f"without inertia {abs(without[k]):.4f} N/mm, off by "
-            f"{100 * abs(without[k] / along[k] - 1):.0f} %"
-        )
 
 
 # %% [markdown]
@@ -358,29 +332,6 @@ def print_thresholds(spectrum: Spectrum, kind: str, neuron: Neuron) -> None:
     spread = np.std(list(away.values()))
     print(f"{kind} thresholds, µm (measured, shape): {told}; factor {np.exp(spread):.2f} rms")
     print(f"{kind} best frequency: {best:g} Hz")
-
-
-@styled
-def rates_figure(spectrum: Spectrum, neurons: Mapping[str, Neuron]) -> Figure:
-    """Draw rates over amplitude, measured as points and the model's as lines."""
-    figure = Figure(figsize=(7.2, 2.8), layout="constrained")
-    shades = 0.35, 0.6, 1.0
-    for ax, (kind, of_kind) in zip(figure.subplots(1, 3), RATES.items(), strict=True):
-        for shade, (frequency, pairs) in zip(shades[-len(of_kind) :], of_kind.items(), strict=True):
-            x, y = map(np.array, zip(*pairs, strict=True))
-            amplitudes = np.geomspace(x.min() / 2, x.max() * 1.5, 30)
-            model = rates_of(spectrum, kind, neurons[kind], frequency, amplitudes)
-            fitted = " (fitted)" if FITTED_HZ.get(kind) == frequency else ""
-            label = f"{frequency:g} Hz{fitted}"
-            ax.semilogx(amplitudes, model, color=COLOURS[kind], alpha=shade, label=label)
-            ax.semilogx(x, y, "o", color=COLOURS[kind], alpha=shade)
-            ax.axhline(frequency, color=INK, linewidth=0.5, linestyle=":", alpha=shade)
-        ax.xaxis.set_minor_formatter(NullFormatter())
-        ax.set_title(kind)
-        ax.set_xlabel("Amplitude (µm)")
-        ax.legend(fontsize=7)
-    figure.axes[0].set_ylabel("Spikes/s")
-    return figure
 
 
 if __name__ == "__main__":
