@@ -30,7 +30,7 @@ extensions = [
 ]
 
 # The gallery is written here from ../gallery, with a copy of each script.
-exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "gallery/*.zip", "README.md"]
+exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "gallery/*.zip", "README.md", "sg_execution_times.rst"]
 exclude_patterns += [
     "commands.md",
     "recipes.md",
