@@ -3,6 +3,7 @@
 # make test-all  all tests: also the demos, long scans and kills at random
 # make env       only the environment, in .venv
 # make docs      the site: pages, gallery and reference, in build/site
+# make tutorials runs the notebooks of the site again and keeps their outputs
 # make lint      style
 # make clean     removes the environment and caches, never results
 #
@@ -22,7 +23,7 @@ ENVIRONMENT := .venv/.complete
 DOCS := .venv/.docs
 endif
 
-.PHONY: scan test test-all env docs lint clean help
+.PHONY: scan test test-all env docs tutorials lint clean help
 
 scan: $(ENVIRONMENT)
 	@$(PYTHON) -m tactile_fem.runtime.doctor
@@ -63,6 +64,9 @@ docs: $(DOCS)
 	@$(PYTHON) -m sphinx -W --keep-going -q -E -d build/doctrees demos/pages build/site
 	@echo "build/site/index.html"
 
+tutorials: $(DOCS)
+	@$(PYTHON) demos/pages/run_tutorials.py
+
 lint: $(ENVIRONMENT)
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m ruff format --check .
@@ -73,4 +77,4 @@ clean:
 	find tactile_fem tests demos -name __pycache__ -type d -prune -exec rm -rf {} +
 
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -11
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -12

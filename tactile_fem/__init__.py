@@ -8,7 +8,8 @@ compute mechanics:
 - ``scan``, ``resume``, ``completed``, ``vibrate``, ``fit``: computations; ``Simulation``: one, step
   by step.
 - ``Experiment``, ``read_measurements``: what ``fit`` takes.
-- ``Results``, ``draw``: the results folder and its figures.
+- ``preview``: finger and stimulator before a scan; ``Results``, ``draw``: the results folder and
+  its figures.
 - ``Parts`` and what it takes: ``Finger.mesh`` makes a ``FingerMesh``, a ``Law`` is a tissue, a
   ``RigidBody`` (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a
   ``Population`` the afferents.
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from tactile_fem.mechanics.terms.term import Term
     from tactile_fem.neuron import Population
     from tactile_fem.output.figures import draw
+    from tactile_fem.output.preview import preview
     from tactile_fem.path import Motion, Path, Piece
     from tactile_fem.runtime.files import write_table
     from tactile_fem.simulation.parts import Parts
@@ -88,6 +90,7 @@ __all__ = [
     "draw",
     "fit",
     "load_study",
+    "preview",
     "read_measurements",
     "resume",
     "run_script",
@@ -105,6 +108,7 @@ _MODULES = {
     "mechanics.terms.term": ("Term",),
     "neuron": ("Population",),
     "output.figures": ("draw",),
+    "output.preview": ("preview",),
     "path": ("Motion", "Path", "Piece"),
     "runtime.files": ("write_table",),
     "simulation.parts": ("Parts",),

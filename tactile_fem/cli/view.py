@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import logging
-import os
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,8 +24,6 @@ from tactile_fem.errors import PlaceError, StudyError, TactileError
 if TYPE_CHECKING:
     from tactile_fem.finger.plane import Plane
 
-logger = logging.getLogger(__name__)
-
 
 def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = ()) -> None:
     """Draw finger and stimulator before a scan, and where the contact point goes.
@@ -38,27 +34,21 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
         Write this .png file.
     """
     from tactile_fem import load_study
+    from tactile_fem import preview as preview_of
     from tactile_fem.finger.scans import Scans
-    from tactile_fem.output.preview import preview_figure, scans_figure
+    from tactile_fem.output.preview import scans_figure
     from tactile_fem.runtime.files import write_figure
-    from tactile_fem.simulation.checks import check_with_mesh, judge_surface, warn_if_missed
 
     the_study = load_study(study, changes)
     check_file("--output", output, ".png")
-    _prepare_drawing(the_study.finger.section_plane)
-    body = the_study.stimulus.body()
     try:
-        finger = the_study.finger.mesh()
+        figure = preview_of(the_study)
     except PlaceError as error:
         if the_study.finger.is_scanned:
             write_figure(output, scans_figure(Scans.of(the_study.finger), error.place_mm))
             print(f"The scans and the place are drawn in {output}")
         raise
-    path = check_with_mesh(the_study, body, finger)
-    warn_if_missed(body, path, finger)
-    judge_surface(the_study.stimulus, finger)
-    logger.info("drawing finger and stimulator")
-    write_figure(output, preview_figure(finger, body, path))
+    write_figure(output, figure)
     print(f"Written to {output}")
 
 
@@ -103,8 +93,13 @@ def view(
     modes_file = found.vibration / "modes.npz"
     if vibration is not None and not modes_file.exists():
         raise StudyError(f"{modes_file} is missing: run tactile-fem vibrate {results} first.")
-    _prepare_drawing(plane, in_window=save is None)
     from tactile_fem.output import pictures
+
+    pictures.prepare_drawing(plane, off_screen=save is not None)
+    if save is None and not has_display():
+        raise TactileError(
+            "There is no display for a window: write a file instead, --save scan.gif or scan.html."
+        )
     from tactile_fem.output import view as viewing
     from tactile_fem.output.film import Film
     from tactile_fem.vibration import Modes
@@ -152,24 +147,6 @@ def _check_options(
         raise TactileError('An .html file needs trame: pip install "tactile-fem[html]".')
     if kind == ".mp4" and find_spec("imageio_ffmpeg") is None:
         raise TactileError("An .mp4 file needs ffmpeg: pip install imageio-ffmpeg, or save a .gif.")
-
-
-def _prepare_drawing(plane: Plane, *, in_window: bool = False) -> None:
-    """Import PyVista if it draws; raise TactileError if a library or the display is missing."""
-    from tactile_fem.output import pictures
-
-    if reason := pictures.can_draw(plane):
-        raise TactileError(reason)
-    if in_window and not has_display():
-        raise TactileError(
-            "There is no display for a window: write a file instead, --save scan.gif or scan.html."
-        )
-    if not in_window:
-        os.environ.pop("DISPLAY", None)  # it might be unreachable
-    if plane.is_space:
-        import pyvista
-
-        pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
 
 
 def has_display() -> bool:

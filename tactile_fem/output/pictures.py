@@ -20,6 +20,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from tactile_fem.errors import TactileError
 from tactile_fem.finger.plane import SPACE, Plane
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import PICTURE_DPI
@@ -56,6 +57,19 @@ def can_draw(plane: Plane = SPACE) -> str | None:
         )
     finding = doctor.picture_finding()
     return None if finding is None else f"{finding}."
+
+
+def prepare_drawing(plane: Plane, *, off_screen: bool = True) -> None:
+    """Raise TactileError if a library is missing, or make this process ready to draw."""
+    if reason := can_draw(plane):
+        raise TactileError(reason)
+    if not off_screen:
+        return
+    os.environ.pop("DISPLAY", None)  # it might be unreachable
+    if plane.is_space:
+        import pyvista
+
+        pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
 
 
 def draw_pictures(

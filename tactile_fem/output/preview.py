@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -15,12 +16,18 @@ from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.scans import Scans
 from tactile_fem.output.annotations import COLOURS, dots, legend_of
 from tactile_fem.output.film import Film
+from tactile_fem.output.pictures import prepare_drawing
 from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.path import Path
+from tactile_fem.runtime.logs import shown
+from tactile_fem.simulation.checks import check_with_mesh, judge_surface, warn_if_missed
 from tactile_fem.stimulus import RigidBody
+from tactile_fem.study import Study
 
 if TYPE_CHECKING:
     import pyvista as pv
+
+logger = logging.getLogger(__name__)
 
 Extent = tuple[float, float, float, float]
 
@@ -31,6 +38,31 @@ _PATH_COLOUR = "#C8553D"
 # Scans from two sides, and the radius of the ball that marks a place of them.
 _EYES = {"From the side": (40.0, -10.0, 12.0), "From the pad": (10.0, -6.0, -40.0)}
 _BALL_RADIUS_MM = 0.6
+
+
+@shown()
+def preview(study: Study) -> Figure:
+    """Return a figure of finger and stimulator before a scan, and where the contact point goes.
+
+    What a scan would refuse is refused, and what it would warn of is logged. Takes seconds, and
+    needs PyVista, which a section does not, but no DOLFINx.
+
+    Raises
+    ------
+    StudyError
+        The study cannot be scanned.
+    MeshError
+        The finger cannot be meshed.
+    TactileError
+        A graphics library is missing.
+    """
+    prepare_drawing(study.finger.section_plane)
+    body, finger = study.stimulus.body(), study.finger.mesh()
+    path = check_with_mesh(study, body, finger)
+    warn_if_missed(body, path, finger)
+    judge_surface(study.stimulus, finger)
+    logger.info("drawing finger and stimulator")
+    return preview_figure(finger, body, path)
 
 
 def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:

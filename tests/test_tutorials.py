@@ -1,0 +1,115 @@
+"""The tutorials: notebooks with outputs of the present API, which run."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import pytest
+from needs import needs_graphics
+
+nbformat = pytest.importorskip("nbformat", reason="`make docs` installs it")
+
+FOLDER = Path(__file__).parents[1] / "demos" / "pages" / "tutorials"
+NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+PUBLIC = {"tactile_fem", "tactile_fem.study", "tactile_fem.neuron", "tactile_fem.series"}
+MOST_BYTES, MOST_WORDS, MOST_WORDS_OF_ALL = 600_000, 650, 2500
+# What makes a notebook short enough for a test.
+SHORT = {
+    "letters": {
+        "distance_mm=10.0": "distance_mm=0.4",
+        "force_N=0.5": "force_N=0.05",
+        '"finger.png"': '"raster.png"',
+    },
+    "surface": {"distance_mm=6.0": "distance_mm=0.2", "force_N=0.3": "force_N=0.05"},
+    "fit": {
+        "np.linspace(0.02, 1.5, 75)": "np.linspace(0.02, 0.4, 75)",
+        '"results/tutorials/fit")': '"results/tutorials/fit", evaluations=1)',
+        "force_N=0.2": "force_N=0.02",
+    },
+    "vibration": {
+        "np.geomspace(5, 500, 9)": "np.geomspace(50, 200, 2)",
+        "depth_mm=0.5": "depth_mm=0.2",
+        "Hold(time_s=2.0)": "Hold(time_s=0.1)",
+    },
+}
+
+
+def cells_of(path: Path, kind: str) -> list[Any]:
+    return [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == kind]
+
+
+def run(path: Path) -> dict[str, Any]:
+    """Run the code of a notebook, shortened, in the present folder; return its names."""
+    code = "\n".join(cell.source for cell in cells_of(path, "code"))
+    for long, short in SHORT.get(path.stem, {}).items():
+        assert long in code
+        code = code.replace(long, short)
+    names: dict[str, Any] = {"__name__": path.stem}
+    exec(compile(code, path.name, "exec"), names)
+    plt.close("all")
+    return names
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_outputs_are_stored_without_errors_and_machines(path):
+    nbformat.validate(nbformat.read(path, as_version=4))
+    assert path.stat().st_size < MOST_BYTES
+    for cell in cells_of(path, "code"):
+        assert cell.execution_count and "execution" not in cell.metadata
+        assert all(output.output_type != "error" for output in cell.outputs)
+        texts = [str(output.get("text", output.get("data"))) for output in cell.outputs]
+        assert not re.search(r"/tmp/|/home/|/root/|/work/|INFO", " ".join(texts))
+    assert any("image/png" in str(cell.outputs) for cell in cells_of(path, "code"))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_only_public_names_are_used(path):
+    for cell in cells_of(path, "code"):
+        for node in ast.walk(ast.parse(cell.source)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("tactile_fem"):
+                assert node.module in PUBLIC
+                public = importlib.import_module(node.module).__all__
+                assert {alias.name for alias in node.names} <= set(public)
+
+
+def test_they_are_short():
+    words = {
+        path.stem: sum(len(cell.source.split()) for cell in cells_of(path, "markdown"))
+        for path in NOTEBOOKS
+    }
+    assert max(words.values()) <= MOST_WORDS and sum(words.values()) <= MOST_WORDS_OF_ALL
+
+
+def test_the_index_names_each():
+    index = (FOLDER / "index.md").read_text()
+    assert set(re.findall(r"\((\w+\.ipynb)\)", index)) == {path.name for path in NOTEBOOKS}
+
+
+def test_neurons_fire_on_their_own(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = run(FOLDER / "neurons.ipynb")
+    counts = names["receptor"].size
+    assert Path("spikes.csv").read_text().count("\n") == counts + 1
+    assert len(names["trains"]) == 3 and all(len(train) for train in names["trains"])
+    assert names["found"].r2[-1] > 0.9
+
+
+@pytest.mark.slow
+@needs_graphics
+@pytest.mark.parametrize("name", sorted(SHORT))
+def test_the_others_run_at_small_size(name, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("tactile_fem.runtime.backend")
+    pytest.importorskip("svgelements")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results, **_: [])
+    names = run(FOLDER / f"{name}.ipynb")
+    assert list(Path("results/tutorials").iterdir())
+    if name == "letters":
+        assert names["rates_Hz"].shape == (400, 51)
+    if name == "vibration":
+        assert names["rates_Hz"].shape[0] == 2
