@@ -32,8 +32,8 @@ SHORT = {
         "force_N=0.2": "force_N=0.02",
     },
     "vibration": {
-        "np.geomspace(5, 500, 9)": "np.geomspace(50, 200, 2)",
-        "depth_mm=0.5": "depth_mm=0.2",
+        "np.geomspace(4, 1000, 9)": "np.geomspace(50, 200, 2)",
+        "depth_mm=1.0": "depth_mm=0.2",
         "Hold(time_s=2.0)": "Hold(time_s=0.1)",
     },
 }

@@ -24,6 +24,8 @@ from tactile_fem.errors import PlaceError, StudyError, TactileError
 if TYPE_CHECKING:
     from tactile_fem.finger.plane import Plane
 
+_PREVIEW_DPI = 150
+
 
 def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = ()) -> None:
     """Draw finger and stimulator before a scan, and where the contact point goes.
@@ -45,10 +47,11 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
         figure = preview_of(the_study)
     except PlaceError as error:
         if the_study.finger.is_scanned:
-            write_figure(output, scans_figure(Scans.of(the_study.finger), error.place_mm))
+            drawn = scans_figure(Scans.of(the_study.finger), error.place_mm)
+            write_figure(output, drawn, _PREVIEW_DPI)
             print(f"The scans and the place are drawn in {output}")
         raise
-    write_figure(output, figure)
+    write_figure(output, figure, _PREVIEW_DPI)
     print(f"Written to {output}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import cycle
 from typing import NamedTuple
@@ -39,6 +40,15 @@ class ColourBar(NamedTuple):
     quantity: str
     scale: Normalize
     box: tuple[float, float, float, float]
+
+
+class ShownFigure(Figure):
+    """A figure that a notebook shows even if pyplot has not drawn there yet."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png")
+        return buffer.getvalue()
 
 
 def pixels(dots_per_inch: int) -> tuple[int, int]:

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.scans import Scans
-from tactile_fem.output.annotations import COLOURS, dots, legend_of
+from tactile_fem.output.annotations import COLOURS, ShownFigure, dots, legend_of
 from tactile_fem.output.film import Film
 from tactile_fem.output.pictures import prepare_drawing
 from tactile_fem.output.section import SectionScene, gap_of
@@ -31,7 +31,8 @@ logger = logging.getLogger(__name__)
 
 Extent = tuple[float, float, float, float]
 
-_SIZE_INCHES, _DPI, _PIXELS = (11.5, 5.2), 150, (1050, 1050)
+# Dots per inch on a screen; a file may have more.
+_SIZE_INCHES, _DPI, _PIXELS = (11.5, 5.2), 80, (1050, 1050)
 # Shown around the path of the contact point, from above.
 _MARGIN_MM = 11.0
 _PATH_COLOUR = "#C8553D"
@@ -73,11 +74,11 @@ def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:
     places = path.places_mm()
     film = Film.at_rest(finger, places[0])
     if not finger.plane.is_space:
-        return SectionScene(film, gap_of(body)).figure(0)
+        return SectionScene(film, gap_of(body)).figure(0, _DPI)
     from tactile_fem.output import scene
 
     surface = scene.body_surface(body, places)
-    figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI)
+    figure = ShownFigure(figsize=_SIZE_INCHES, dpi=_DPI)
     side = scene.shot(scene.Scene(film, surface, scene.WHOLE).plotter, *_PIXELS)
     _show(figure, (0.0, 0.1, 0.5, 0.82), side, "Where it starts, cut at X = 0")
     _draw_from_above(figure, finger, surface, places)
@@ -118,7 +119,7 @@ def scans_figure(scans: Scans, place_mm: Sequence[float]) -> Figure:
 
     from tactile_fem.output import scene
 
-    figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI)
+    figure = ShownFigure(figsize=_SIZE_INCHES, dpi=_DPI)
     for k, (name, eye) in enumerate(_EYES.items()):
         plotter = scene.new_plotter()
         colours = COLOURS["stratum_corneum"], COLOURS["bone"], COLOURS["nail"]

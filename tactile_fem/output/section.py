@@ -21,6 +21,7 @@ from tactile_fem.output.annotations import (
     RIGID,
     SCALE,
     SIZE_INCHES,
+    ShownFigure,
     dots,
     is_soft,
     legend_of,
@@ -85,7 +86,7 @@ class SectionScene:
         colours = np.empty((len(mesh.cells), 4))
         for name, tag in TISSUES.items():
             colours[mesh.tissue == tag] = to_rgba(COLOURS[name])
-        figure = Figure(figsize=SIZE_INCHES, dpi=dots_per_inch, layout="constrained")
+        figure = ShownFigure(figsize=SIZE_INCHES, dpi=dots_per_inch, layout="constrained")
         axes = figure.subplots()
         if film.quantity:
             soft, least = is_soft(mesh.tissue), film.top / 1000
