@@ -40,3 +40,12 @@ def test_the_files_of_the_results_folder_are_all_named():
     text = (REFERENCE / "results.md").read_text()
     for name in ("study.toml", "run.json", "trace.npz", "spikes.csv", "checkpoint.npz", "log.txt"):
         assert f"`{name}`" in text
+
+
+def test_the_code_of_the_results_page_runs(finished, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code = "".join(re.findall(r"```python\n(.*?)```", (REFERENCE / "results.md").read_text(), re.S))
+    assert '"results/scan"' in code
+    names = {}
+    exec(code.replace('"results/scan"', repr(str(finished.folder))), names)
+    assert names["force_N"] > 0 and Path("interface.csv").is_file()

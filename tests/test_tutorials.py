@@ -28,7 +28,7 @@ SHORT = {
     "surface": {"distance_mm=6.0": "distance_mm=0.2", "force_N=0.3": "force_N=0.05"},
     "fit": {
         "np.linspace(0.02, 1.5, 75)": "np.linspace(0.02, 0.4, 75)",
-        '"results/tutorials/fit")': '"results/tutorials/fit", evaluations=1)',
+        '"results/tutorials/fit")': '"results/tutorials/fit", evaluations=2)',
         "force_N=0.2": "force_N=0.02",
     },
     "vibration": {

@@ -32,15 +32,10 @@ extensions = [
 # The gallery is written here from ../gallery, with a copy of each script.
 exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "gallery/*.zip", "README.md", "sg_execution_times.rst"]
 exclude_patterns += [
-    "commands.md",
-    "recipes.md",
     "units.md",
-    "results.md",
     "expect.md",
     "theory.md",
-    "neurons.md",
     "parallel.md",
-    "troubleshooting.md",
 ]  # until they are gone
 suppress_warnings = [
     "config.cache",  # functions of sphinx_gallery_conf cannot be stored; nothing is wrong

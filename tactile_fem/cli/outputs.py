@@ -80,7 +80,8 @@ def export(
 ) -> None:
     """Write mesh, materials, contact and steps as an input deck for CalculiX or Abaqus.
 
-    Lengths in mm. Increments default to the study's longest steps.
+    Lengths in mm. Increments default to the study's longest steps. Contact is a linear penalty, and
+    tissues have no viscosity. Decks run with CalculiX 2.20; Abaqus has not been tried.
 
     Parameters
     ----------

@@ -80,7 +80,8 @@ def view(
     Parameters
     ----------
     save
-        Write an animation, .gif or .mp4, a frame, .png, or a page for the browser, .html.
+        Write an animation, .gif or .mp4 (which needs imageio-ffmpeg), a frame, .png, or a page for
+        the browser, .html (which needs the extra html).
     at_mm
         Displacement of the frame or page; default at the largest SED.
     at_s

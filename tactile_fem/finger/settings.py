@@ -56,7 +56,9 @@ class FingerSettings(Either):
     nail_file: File | None = Field(
         None, description="likewise of the nail, beside a skin_file; gives its outline"
     )
-    file_unit_mm: Positive = Field(1.0, description="length of the unit of these files")
+    file_unit_mm: Positive = Field(
+        1.0, description="length of the unit of these files in mm; another one scales the finger"
+    )
     smooth_mm: NonNegative = Field(
         0.3, description="standard deviation of the Gaussian that smooths the files' surfaces"
     )
@@ -90,7 +92,8 @@ class FingerSettings(Either):
     subcutaneous_mm: Positive = Field(
         3.68,
         description="proposed: dermis to bone under the contact point; the paper's nominal 0.7 "
-        "leaves too little tissue for its own indentation",
+        "leaves too little tissue for its own indentation; the bone stays where it is if it is "
+        "reduced by what a layer above it gains",
     )
     bone_half_width_mm: Positive = Field(4.0, description="proposed")
     bone_half_height_mm: Positive = Field(2.3, description="proposed")

@@ -91,7 +91,9 @@ class Neuron(Settings):
         0.0,
         description="sd of the logarithm of the distance from reset to V_th, from spike to spike",
     )
-    seed: Annotated[Whole, Field(ge=0, lt=2**63)] = Field(1, description="of spread and noise")
+    seed: Annotated[Whole, Field(ge=0, lt=2**63)] = Field(
+        1, description="of spread and noise; give each population one of its own"
+    )
 
     @model_validator(mode="before")
     @classmethod

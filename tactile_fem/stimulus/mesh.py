@@ -32,7 +32,9 @@ class Mesh(Stimulus):
         0.0, description="then turned about Z, counter-clockwise seen from above"
     )
     edge_radius_mm: Positive = Field(
-        0.3, description="proposed: least radius of convex and concave edges"
+        0.3,
+        description="proposed: least radius of convex and concave edges; walls and gaps must be "
+        "wider than twice as much",
     )
     reach_mm: Positive = Field(
         3.0,

@@ -69,7 +69,8 @@ class Afferents(Settings):
     feels: str = Field(
         "sed",
         description="sed, von_mises, largest_stretch, smallest_stretch, largest_stress, "
-        "smallest_stress, pressure, compression or indentation; each also with _rate behind it",
+        "smallest_stress, pressure (kPa), compression or indentation (mm); each also with _rate "
+        "behind it; gains are per its unit, and what is negative inhibits",
     )
     receptors: Receptors = Receptors()
     neuron: Neuron = Neuron()
