@@ -30,8 +30,9 @@ class Surface(Stimulus):
     smoother_by = ("low_pass_mm",)
     kind: Literal["surface"] = "surface"
     file: File = Field(
-        description="heights: .npy, .csv, .txt or .asc, a gray .png or .tif, .npz, .mat or .h5 of one "
-        "array, or an instrument's file; rows follow each other along X, columns along Y; an instrument's x and y are X and Y"
+        description="heights: .npy, .csv, .txt or .asc, a gray .png or .tif, .npz, .mat or .h5 of "
+        "one array, or an instrument's file; rows follow each other along X, columns along Y; an "
+        "instrument's x and y are X and Y"
     )
     spacing_mm: Positive | None = Field(
         None, description="between two values; default as the file states"
