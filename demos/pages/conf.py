@@ -30,8 +30,9 @@ extensions = [
 ]
 
 # The gallery is written here from ../gallery, with a copy of each script.
-exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "gallery/*.zip", "README.md", "sg_execution_times.rst"]
+exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "gallery/*.zip", "README.md"]
 exclude_patterns += [
+    "sg_execution_times.rst",
     "units.md",
     "expect.md",
     "theory.md",
