@@ -1,176 +1,151 @@
 # %% [markdown]
 # # Cost of a scan
 #
-# This benchmark emphasizes
-# - where the time goes: assembly, contact, preconditioner, linear solve, receptors, output,
-# - how the cost grows with the number of unknowns (the exponent is fitted),
-# - the speed-up by a second core.
+# Each scan runs in a process of its own, through the command line; the numbers are those of its
+# results folder. Scans that are complete are not repeated, and one that was cut off continues. The
+# first scan on a computer compiles the forms as well: start with a short one (`--distance 0.1`).
 #
-# Each scan runs in its own process through the command line; the numbers come from its results
-# folder. The first scan on a computer also compiles the forms, which is not counted.
+#     python demos/benchmarks/cost.py results/cost --sizes coarse medium paper
+#     python demos/benchmarks/cost.py results/cost --cases section
+#     python demos/benchmarks/cost.py results/cost --cases default relaxing force --distance 2
+#     python demos/benchmarks/cost.py results/cost --sizes coarse paper --ranks 2 4 8 16
 #
-#     python demos/benchmarks/cost.py costs                       # a short press and slide
-#     python demos/benchmarks/cost.py costs --sizes coarse --sizes medium --sizes paper \
-#         --depth 1.97 --distance 10 --ranks 2                    # the paper's protocol
-#
-# A size is a preset or the element edges under the pad and far from it in mm, as in `0.6,1.8`.
+# The normal force at the end is equal on any number of ranks.
 
 # %%
-import json
-from dataclasses import asdict, dataclass
+import resource
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Annotated
 
-import numpy as np
+from cyclopts import Parameter
 
-from tactile_fem import Results, Study, run_script, write_table
-from tactile_fem.runtime.files import write_text
+from tactile_fem import Results, load_study, run_script, write_table
 from tactile_fem.series import Member, run_all
-from tactile_fem.study import Finger, Output, Protocol, Solver
 
-# %% [markdown]
-# One row of the table. Seconds are wall time of the first rank.
+SIZES = {
+    "small": ["finger.pad_size_mm=3", "finger.far_size_mm=6"],
+    "coarse": ["finger.preset=coarse"],
+    "medium": ["finger.preset=medium"],
+    "paper": ["finger.preset=paper"],
+}
+CASES = {
+    "default": [],
+    "section": ["finger.kind=section", "protocol.force_N=0.06"],
+    "relaxing": ["tissue.relaxation=fingerpad"],
+    "force": ["protocol.force_N=0.4", "protocol.hold=force"],
+    "direct": ["solver.linear=direct"],
+}
+Many = Parameter(consume_multiple=True)
 
 
-# %%
 @dataclass(frozen=True)
 class Cost:
-    """Cost of one scan."""
+    """Cost of one scan; seconds are wall time of the first rank, memory is that of all ranks.
 
+    `cpu_s` is the processor time of all ranks, which hardly changes when the computer has other
+    work too; it is 0 for a scan that was complete before.
+    """
+
+    case: str
     size: str
+    ranks: int
     cells: int
     unknowns: int
-    ranks: int
     steps: int
     newton: int
     linear: int
+    cpu_s: float
     seconds: float
+    per_newton_s: float
     assembly_s: float
     contact_s: float
     set_up_s: float
     linear_s: float
     receptors_s: float
-    output_s: float
-    memory_MB: float
+    memory_GB: float
     force_N: float
-
-    @classmethod
-    def of(cls, size: str, results: Results) -> "Cost":
-        """Read the results of a scan."""
-        run_, trace = results.run, results.trace
-        part = {name: run_["timers_s"].get(name, 0.0) for name in (*SOLVING, *AROUND)}
-        return cls(
-            size,
-            run_["mesh"]["tetrahedra"],
-            run_["mesh"]["unknowns"],
-            run_["ranks"],
-            len(trace["time_s"]) - 1,
-            int(trace["newton_iterations"].sum()),
-            int(trace["linear_iterations"].sum()),
-            run_["wall_s"],
-            part["jacobian"] + part["residual"],
-            part["obstacle"],
-            part["preconditioner"],
-            part["solve"] - sum(part[name] for name in SOLVING[1:]),
-            part["load"] + part["probe"],
-            part["output"],
-            run_["peak_memory_MB"],
-            float(trace["force_N"][-1, 2]),
-        )
-
-
-SOLVING = ("solve", "jacobian", "residual", "obstacle", "preconditioner")
-AROUND = ("load", "probe", "output")
 
 
 # %%
 def main(
     folder: Path,
     *,
-    sizes: list[str] | None = None,
-    ranks: list[int] | None = None,
-    depth: float = 0.3,
-    distance: float = 0.1,
-    linear: str = "multigrid",
+    sizes: Annotated[tuple[str, ...], Many] = ("coarse",),
+    cases: Annotated[tuple[str, ...], Many] = ("default",),
+    ranks: Annotated[tuple[int, ...], Many] = (1,),
+    distance: float = 10.0,
+    depth: float = 1.97,
 ) -> None:
-    """Scan each size on each number of ranks; print and save the table.
+    """Scan each size in each case on each number of MPI ranks; print and save the table.
 
     Parameters
     ----------
     folder
-        Where the scans and `costs.csv`, `costs.json` go; scans that are there are not run again,
-        and one that was cut off goes on.
-    sizes
-        Presets, or pairs of element edges "pad,far" in mm; default coarse and medium.
+        For the scans and `costs.csv`.
+    sizes, cases
+        Meshes and changes of the default study, by the names above.
     ranks
-        Numbers of MPI ranks; default 1 and 2.
-    depth, distance
-        Of the press and of the slide, in mm.
-    linear
-        The linear solver.
+        Numbers of MPI ranks.
+    distance, depth
+        Of slide and press, mm; "section" and "force" are pressed to a force.
     """
-    sizes, ranks = sizes or ["coarse", "medium"], ranks or [1, 2]
     costs = []
-    for size in sizes:
-        for count in ranks:
-            study = Study(
-                finger=finger_of(size),
-                protocol=Protocol(depth_mm=depth, distance_mm=distance),
-                solver=Solver(linear=linear),
-                output=Output(pictures=False, states_mm=5.0),
-            )
-            member = Member(f"{size.replace(',', '-')}-{count}", study, {})
-            [results] = run_all([member], folder, ranks=count)
-            costs.append(Cost.of(size, results))
-            print_results(costs[-1:], heading=len(costs) == 1)
-    keep(folder, costs)
-    for count in ranks:
-        print_exponent([cost for cost in costs if cost.ranks == count])
+    print("".join(f"{field.name:>13}" for field in fields(Cost)))
+    for case, size, count in ((c, s, n) for c in cases for s in sizes for n in ranks):
+        depths = [] if case in ("section", "force") else [f"protocol.depth_mm={depth}"]
+        way = [*depths, f"protocol.distance_mm={distance}", "output.pictures=false"]
+        study = load_study(None, SIZES[size] + CASES[case] + way)
+        member = Member(f"{case}-{size}-{count}", study, {})
+        before = cpu_of_children()
+        (results,) = run_all([member], folder, ranks=count)
+        costs.append(cost_of(case, size, results, cpu_of_children() - before))
+        print("".join(f"{shown(value):>13}" for value in vars(costs[-1]).values()), flush=True)
+        write_table(folder / "costs.csv", costs)
 
 
-# %%
-def finger_of(size: str) -> Finger:
-    """Return the finger of a preset or of a pair of element edges."""
-    if "," not in size:
-        return Finger(preset=size)
-    pad, far = map(float, size.split(","))
-    return Finger(preset="medium", pad_size_mm=pad, far_size_mm=far)
+def cpu_of_children() -> float:
+    """Return the processor time, s, of all processes that were started and have ended."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
-# %% [markdown]
-# The exponent $p$ of $\text{seconds} \propto \text{unknowns}^p$, once for the whole scan and once
-# for a Newton iteration: a finer mesh may need more iterations.
+def cost_of(case: str, size: str, results: Results, cpu_s: float) -> Cost:
+    """Read the results of a scan."""
+    run, trace = results.run, results.trace
+    mesh = run["mesh"]
+    timer = {name: run["timers_s"].get(name, 0.0) for name in TIMERS}
+    newton = int(trace["newton_iterations"].sum())
+    assembly, contact = timer["jacobian"] + timer["residual"], timer["obstacle"]
+    set_up = timer["preconditioner"]
+    return Cost(
+        case=case,
+        size=size,
+        ranks=run["ranks"],
+        cells=mesh["triangles" if "triangles" in mesh else "tetrahedra"],
+        unknowns=mesh["unknowns"],
+        steps=len(trace["time_s"]) - 1,
+        newton=newton,
+        linear=int(trace["linear_iterations"].sum()),
+        cpu_s=cpu_s,
+        seconds=run["wall_s"],
+        per_newton_s=timer["solve"] / newton,
+        assembly_s=assembly,
+        contact_s=contact,
+        set_up_s=set_up,
+        linear_s=timer["solve"] - assembly - contact - set_up,
+        receptors_s=timer["load"] + timer["probe"],
+        memory_GB=run["peak_memory_MB"] / 1000,
+        force_N=float(trace["force_N"][-1, 2]),
+    )
 
 
-# %%
-def print_exponent(costs: list[Cost]) -> None:
-    """Print the exponents over the sizes, if there are several."""
-    unknowns = np.log([cost.unknowns for cost in costs])
-    if len(set(unknowns)) < 2:
-        return
-    whole = np.polyfit(unknowns, np.log([cost.seconds for cost in costs]), 1)[0]
-    newton = np.polyfit(unknowns, np.log([c.seconds / c.newton for c in costs]), 1)[0]
-    print(f"{costs[0].ranks} ranks: seconds grow with unknowns^{whole:.2f}, ", end="")
-    print(f"those of a Newton iteration with unknowns^{newton:.2f}")
-
-
-def print_results(costs: list[Cost], heading: bool) -> None:
-    """Print rows of the table."""
-    names = list(asdict(costs[0]))
-    if heading:
-        print(" ".join(f"{name:>10}" for name in names), flush=True)
-    for cost in costs:
-        print(" ".join(f"{shown(value):>10}" for value in asdict(cost).values()), flush=True)
+TIMERS = ("solve", "jacobian", "residual", "obstacle", "preconditioner", "load", "probe")
 
 
 def shown(value: str | float) -> str:
-    """Return a value as shown in the table."""
+    """Return a value as in the table."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def keep(folder: Path, costs: list[Cost]) -> None:
-    """Write the table as CSV and JSON."""
-    write_table(folder / "costs.csv", costs)
-    write_text(folder / "costs.json", json.dumps([asdict(cost) for cost in costs], indent=1))
 
 
 # %%

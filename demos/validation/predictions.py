@@ -1,41 +1,41 @@
 # %% [markdown]
-# # What the fitted finger predicts
+# # What the finger is fitted to, and what it predicts
 #
-# This demo emphasizes
-# - every measurement beside the model in one table: first those that tissues and pad were fitted
-#   to, then all the others.
-#
-# The tissues and the pad's shape were fitted to the force on a plate and on a probe and to the
-# skin's profile under a cylinder (`tactile-fem fit`). For the predictions this demo presses
+# Every measurement beside the model in one table. Tissues and pad were fitted to the forces on a
+# plate and a probe and to the skin's profile under a cylinder (`tactile-fem fit`, `measured/`).
+# Everything else is predicted:
 #
 # - the letters F G H 1.97 mm deep at two speeds: 0.6 N (Hamasaki et al. 2020), ± 15 %,
 # - a plate up to 3.5 N: contact area at 0.25, 0.5 and 1 N (wide ranges, because fingers differ),
 #   volume lost (at most 5 %), and the largest compressive strain in the layers of the skin
-#   (Corniani et al. 2025, eLife 93554: in the stratum corneum below 10 %, in the epidermis above
-#   20 % at 3.5 N, most of it reached at 0.5 N),
-#
-# and drags a plate across the pad (`slip.py`): tangential stiffness over the normal force (Pataky
-# et al. 2005: linear), slip from the rim, and how far the skin is dragged before all of it slips
-# (3.4 mm, 0.9 to 6.3, with less than 0.5 N; eLife 93554).
+#   (Corniani et al. 2025, eLife 93554),
+# - a plate that is dragged across the pad (`slip.py`): tangential stiffness over the normal force
+#   (Pataky et al. 2005: linear), slip from the rim (Delhaye et al. 2014), and how far the skin is
+#   dragged before all of it slips (3.4 mm, 0.9 to 6.3, with less than 0.5 N; eLife 93554).
 #
 #     python demos/validation/predictions.py results/predictions
 #     python demos/validation/predictions.py results/medium --preset medium
 
 # %%
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from flat_plate import AREA_GATES, LARGEST_LOSS
-from letters_force import DEPTH_MM, FORCE_N, GATE
-from onset import MEASURED, up_to
-from slip import Drag, full_slip, tangential_stiffness
 from slip import drag as drag_plate
+from slip import full_slip, tangential_stiffness
 
-from tactile_fem import FingerMesh, Results, Study, run_script, scan, write_table
-from tactile_fem.calibration.measurements import read_measurements
+from tactile_fem import (
+    Experiment,
+    FingerMesh,
+    Results,
+    Study,
+    read_measurements,
+    run_script,
+    scan,
+    write_table,
+)
 from tactile_fem.calibration.press import press
 from tactile_fem.finger.deformation import principal_strains, under_contact
 from tactile_fem.runtime.estimates import r_squared
@@ -43,8 +43,13 @@ from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Text, 
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
+MEASURED = Path(__file__).parent / "measured"
+FITTED = "plate", "probe", "cylinder"
 LEAST_R2 = 0.97
+LETTERS_MM, LETTERS_N, LETTERS_GATE = 1.97, 0.6, 0.15
 PLATE_N = (0.5, 3.5)
+AREAS_MM2 = {0.25: (40.0, 70.0), 0.5: (60.0, 90.0), 1.0: (90.0, 130.0)}  # by force, N
+LARGEST_LOSS = 0.05
 CENTRE_MM = 2.0  # half of the square in which strains are averaged
 STIFFNESS_N = (0.25, 0.5, 1.0, 2.0)
 DRAG_N, DRAG_FRICTION, DRAG_MM = 0.4, 0.8, 6.0
@@ -52,12 +57,30 @@ DRAG_N, DRAG_FRICTION, DRAG_MM = 0.4, 0.8, 6.0
 
 @dataclass(frozen=True)
 class Row:
-    """A prediction beside its measurement."""
+    """A quantity, its measurement and the model."""
 
     quantity: str
     measured: str
     model: str
     met: str
+
+
+def row(quantity: str, measured: str, model: str, met: Any) -> Row:
+    """Return a row of the table that says whether its target is met."""
+    return Row(quantity, measured, model, "yes" if met else "**missed**")
+
+
+def tabulate(path: Path, *parts: Callable[[], list[Row]]) -> None:
+    """Print and write the rows of each part as soon as they are known."""
+    rows: list[Row] = []
+    for part in parts:
+        found = part()
+        rows += found
+        if MPI.COMM_WORLD.rank == 0:
+            for one in found:
+                print(f"| {' | '.join(vars(one).values())} |", flush=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_table(path, rows)
 
 
 # %%
@@ -67,12 +90,12 @@ def main(
     preset: Literal["coarse", "medium", "paper"] = "coarse",
     pad_size: float | None = None,
     far_size: float | None = None,
-    depth: float = DEPTH_MM,
-    forces: tuple[float, float] = PLATE_N,
-    distance: float = DRAG_MM,
-    drag: float = DRAG_N,
-    stiffness_forces: tuple[float, ...] = STIFFNESS_N,
     deepest: float = 3.0,
+    depth: float = LETTERS_MM,
+    forces: tuple[float, float] = PLATE_N,
+    drag: float = DRAG_N,
+    distance: float = DRAG_MM,
+    stiffness_forces: tuple[float, ...] = STIFFNESS_N,
 ) -> None:
     """Print the table; lengths in mm, forces in N.
 
@@ -82,12 +105,12 @@ def main(
         For the table and the plate's presses.
     preset, pad_size, far_size
         The mesh.
+    deepest
+        Largest depth of the measurements that were fitted.
     depth, forces
         Of the letters, and of the plate's presses.
     drag, distance, stiffness_forces
         Normal force and length of the plate's slide, and normal forces of the stiffness.
-    deepest
-        Largest depth of the measurements that were fitted.
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     tabulate(
@@ -99,68 +122,34 @@ def main(
     )
 
 
-def tabulate(path: Path, *parts: Callable[[], list[Row]]) -> None:
-    """Print and write the rows of each part as soon as they are known."""
-    rows: list[Row] = []
-    for part in parts:
-        found = part()
-        rows += found
-        if MPI.COMM_WORLD.rank == 0:
-            for row in found:
-                print(f"| {row.quantity} | {row.measured} | {row.model} | {row.met} |", flush=True)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_table(path, rows)
-
-
-def said(met: Any) -> str:
-    """Return how a table says whether a target is met."""
-    return "yes" if met else "**missed**"
-
-
 # %%
 def fitted(finger: Finger, deepest: float) -> list[Row]:
     """Press the indenters to which the tissues were fitted, up to a depth."""
     study = Study(finger=finger, solver=Solver(max_press_step_mm=0.25))
     rows = []
-    for experiment in read_measurements(sorted(MEASURED.glob("*.csv"))):
+    for experiment in read_measurements([MEASURED / f"{name}.csv" for name in FITTED]):
         inside = up_to(experiment, deepest)
         if not len(inside.mean):
             continue
-        values, kind = press(study, inside).values, inside.indenter.kind
-        force = inside.is_force
-        rows += [
-            force_row(kind, *numbers)
-            for numbers in zip(
-                inside.depth_mm[force],
-                values[force],
-                inside.mean[force],
-                inside.sd[force],
-                strict=True,
-            )
-        ]
-        if not force.all():
-            rows.append(profile_row(kind, values[~force], inside.mean[~force]))
+        values, kind, mean = press(study, inside).values, inside.indenter.kind, inside.mean
+        if inside.is_force.all():
+            for at, sd, model, wanted in zip(inside.depth_mm, inside.sd, values, mean, strict=True):
+                off = (model - wanted) / sd
+                measured = f"{wanted:.3f} ± {sd:.3f} N"
+                told = f"{model:.4f} N, {off:+.2f} sd"
+                rows.append(row(f"{kind}, {at:.1f} mm", measured, told, abs(off) <= 1))
+        else:
+            r2, rms = r_squared(values, mean), float(np.sqrt(np.mean((values - mean) ** 2)))
+            measured, told = f"R² at least {LEAST_R2}", f"{r2:.4f}, rms {rms:.3f} mm"
+            rows.append(row(f"profile under the {kind}", measured, told, r2 >= LEAST_R2))
     return rows
 
 
-def force_row(kind: str, depth: float, model: float, mean: float, sd: float) -> Row:
-    """Return the row of a force."""
-    off = (model - mean) / sd
-    return Row(
-        f"{kind}, {depth:.1f} mm",
-        f"{mean:.3f} ± {sd:.3f} N",
-        f"{model:.4f} N, {off:+.2f} sd",
-        said(abs(off) <= 1),
-    )
-
-
-def profile_row(kind: str, model: np.ndarray, mean: np.ndarray) -> Row:
-    """Return the row of a profile."""
-    r2, rms = r_squared(model, mean), float(np.sqrt(np.mean((model - mean) ** 2)))
-    measured = f"R² at least {LEAST_R2}"
-    return Row(
-        f"profile under the {kind}", measured, f"{r2:.4f}, rms {rms:.3f} mm", said(r2 >= LEAST_R2)
-    )
+def up_to(experiment: Experiment, deepest_mm: float) -> Experiment:
+    """Return the part of an experiment up to a depth."""
+    keep = experiment.depth_mm <= deepest_mm
+    names = ("depth_mm", "place_mm", "mean", "sd")
+    return replace(experiment, **{name: getattr(experiment, name)[keep] for name in names})
 
 
 # %%
@@ -176,27 +165,17 @@ def letters(depth: float, finger: Finger, tissue: Tissue | None = None) -> list[
             receptors=Receptors(spacing_mm=5.0),
         )
         force = float(scan(study).trace.force_N[-1, 2])
-        off = force / FORCE_N - 1
-        rows.append(
-            Row(
-                f"letters at {depth:g} mm, {speed:g} mm/s",
-                f"{FORCE_N} N ± {GATE:.0%}",
-                f"{force:.3f} N, {off:+.1%}",
-                said(abs(off) <= GATE),
-            )
-        )
+        off = force / LETTERS_N - 1
+        name, measured = f"letters at {depth:g} mm, {speed:g} mm/s", f"{LETTERS_N} N ± 15 %"
+        rows.append(row(name, measured, f"{force:.3f} N, {off:+.1%}", abs(off) <= LETTERS_GATE))
     return rows
-
-
-# %% [markdown]
-# The plate's press is one scan to each force, so that the strains are read at exactly that force.
 
 
 # %%
 def plate(finger: Finger, folder: Path, forces: tuple[float, float]) -> list[Row]:
-    """Press a plate: areas, volume, strains of the layers."""
+    """Press a plate to each force: areas, volume, strains of the layers at exactly that force."""
     mesh = finger.mesh()
-    strains, trace = {}, None
+    strains, trace = [], None
     for force in forces:
         study = Study(
             finger=finger,
@@ -208,27 +187,27 @@ def plate(finger: Finger, folder: Path, forces: tuple[float, float]) -> list[Row
         place = folder / f"plate_{force:g}N"
         trace = scan(study, place, overwrite=True).trace
         if MPI.COMM_WORLD.rank == 0:
-            strains[force] = layer_strains(mesh, Results.open(place).load_checkpoint()["u"])
+            strains.append(layer_strains(mesh, Results.open(place).load_checkpoint()["u"]))
     if MPI.COMM_WORLD.rank:
         return []
-    normal = trace.force_N[:, 2]
-    rows = []
-    for at, (least, largest) in AREA_GATES.items():
+    normal, rows = trace.force_N[:, 2], []
+    for at, (least, largest) in AREAS_MM2.items():
         if at <= normal[-1]:
             area = float(np.interp(at, normal, trace.contact_area_mm2))
-            gate = f"{least:.0f} to {largest:.0f} mm²"
-            met = least <= area <= largest
-            rows.append(Row(f"contact area at {at:g} N", gate, f"{area:.1f} mm²", said(met)))
-    loss = float(-trace.volume_change.min())
-    rows.append(
-        Row(
-            f"volume lost, plate at {forces[-1]:g} N",
-            f"at most {LARGEST_LOSS:.0%}",
-            f"{loss:.1%}",
-            said(loss <= LARGEST_LOSS),
-        )
-    )
-    return rows + strain_rows(strains, forces)
+            gate, met = f"{least:.0f} to {largest:.0f} mm²", least <= area <= largest
+            rows.append(row(f"contact area at {at:g} N", gate, f"{area:.1f} mm²", met))
+    loss, at = float(-trace.volume_change.min()), f"{forces[1]:g} N"
+    low, high = strains
+    corneum, epidermis = high["stratum_corneum"], high["epidermis"]
+    share = low["epidermis"] / epidermis
+    name = f"compression of epidermis, {at}"
+    return [
+        *rows,
+        row(f"volume lost, plate at {at}", "at most 5%", f"{loss:.1%}", loss <= LARGEST_LOSS),
+        row(f"compression of stratum corneum, {at}", "< 10 %", f"{corneum:.1%}", corneum < 0.1),
+        row(name, "> 20 %", f"{epidermis:.1%}", epidermis > 0.2),
+        row(f"share of it at {forces[0]:g} N", "> 50 %", f"{share:.0%}", share > 0.5),
+    ]
 
 
 def layer_strains(mesh: FingerMesh, displacement: np.ndarray) -> dict[str, float]:
@@ -240,60 +219,25 @@ def layer_strains(mesh: FingerMesh, displacement: np.ndarray) -> dict[str, float
     return found
 
 
-def strain_rows(
-    strains: Mapping[float, dict[str, float]], forces: tuple[float, float]
-) -> list[Row]:
-    """Return the rows of the layers' strains."""
-    low, high = (strains[force] for force in forces)
-    share = low["epidermis"] / high["epidermis"]
-    corneum, epidermis = high["stratum_corneum"], high["epidermis"]
-    at = f"{forces[1]:g} N"
-    return [
-        Row(
-            f"compression of stratum corneum, {at}", "< 10 %", f"{corneum:.1%}", said(corneum < 0.1)
-        ),
-        Row(f"compression of epidermis, {at}", "> 20 %", f"{epidermis:.1%}", said(epidermis > 0.2)),
-        Row(f"share of it at {forces[0]:g} N", "> 50 %", f"{share:.0%}", said(share > 0.5)),
-    ]
-
-
 # %%
 def sliding(finger: Finger, normal: float, distance: float, forces: tuple[float, ...]) -> list[Row]:
     """Drag a plate: stiffness, slip from the rim, way to full slip."""
-    stiffness = [tangential_stiffness(finger, force, DRAG_FRICTION) for force in forces]
+    stiffness = np.array([tangential_stiffness(finger, force, DRAG_FRICTION) for force in forces])
     steps = list(drag_plate(finger, normal, DRAG_FRICTION, distance))
     slope, offset = np.polyfit(forces, stiffness, 1)
-    r2 = r_squared(offset + slope * np.array(forces), np.array(stiffness))
-    return [
-        Row(
-            f"tangential stiffness, {forces[0]:g} to {forces[-1]:g} N",
-            "grows linearly",
-            ", ".join(f"{value:.2f}" for value in stiffness) + f" N/mm, R2 {r2:.3f}",
-            said(slope > 0 and r2 > 0.95),
-        ),
-        *slip_rows(steps, normal),
-    ]
-
-
-def slip_rows(steps: list[Drag], normal: float) -> list[Row]:
-    """Return the rows of how slip spreads and when all skin slips."""
-    partly = [step for step in steps if 0.1 < step.stuck < 0.9]
-    inner = float(np.mean([step.stuck_radius for step in partly])) if partly else float("nan")
-    end = full_slip(steps)
+    r2 = r_squared(offset + slope * np.array(forces), stiffness)
+    partly = [step.stuck_radius for step in steps if 0.1 < step.stuck < 0.9]
+    inner, end = float(np.mean(partly)) if partly else float("nan"), full_slip(steps)
+    name = f"tangential stiffness, {forces[0]:g} to {forces[-1]:g} N"
+    told = ", ".join(f"{value:.2f}" for value in stiffness) + f" N/mm, R2 {r2:.3f}"
     way = "not within the slide" if end is None else f"{end.skin_mm:.2f} mm"
+    sticks, radius = "sticking skin while part of it slips", f"{inner:.2f} of the mean radius"
+    slips = f"drag before all slips, {normal:g} N, friction {DRAG_FRICTION:g}"
+    met = end is not None and 0.9 <= end.skin_mm <= 6.3
     return [
-        Row(
-            "sticking skin while part of it slips",
-            "centre",
-            f"{inner:.2f} of the mean radius",
-            said(inner < 0.9),
-        ),
-        Row(
-            f"drag before all slips, {normal:g} N, friction {DRAG_FRICTION:g}",
-            "3.4 mm (0.9 to 6.3)",
-            way,
-            said(end is not None and 0.9 <= end.skin_mm <= 6.3),
-        ),
+        row(name, "grows linearly", told, slope > 0 and r2 > 0.95),
+        row(sticks, "centre", radius, inner < 0.9),
+        row(slips, "3.4 mm (0.9 to 6.3)", way, met),
     ]
 
 

@@ -1,18 +1,11 @@
 # %% [markdown]
 # # Does nearly incompressible fat lock?
 #
-# This demo emphasizes
-# - how the plate's force depends on the mesh for fat of the fitted compressibility, whose change of
-#   volume beyond $K/G = 25$ counts at the elements' centres alone (`solver.locking_ratio`),
-# - the same if it counts at every quadrature point,
-# - the same for fat that is ten times as compressible, which can hardly lock.
+# Elements that lock are too stiff by a factor that grows with their size and with $K/G$. A plate is
+# pressed into the default finger, whose fat's change of volume beyond $K/G = 25$ counts at the
+# elements' centres alone (`solver.locking_ratio`); into the same with a change of volume that
+# counts at every quadrature point; and into one with fat that is ten times as compressible.
 #
-# Elements that lock are too stiff by a factor that falls with their size and rises with $K/G$. At
-# small strains quadratic tetrahedra hardly lock. At large ones the change of volume within an
-# element is a cubic polynomial, and an element that must keep it at each of its quadrature points
-# has little freedom left.
-#
-#     python demos/verification/locking.py results/locking
 #     python demos/verification/locking.py results/locking --presets coarse --presets medium
 
 # %%
@@ -21,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_fem import Study, run_script, write_table
-from tactile_fem.calibration.measurements import Experiment
+from tactile_fem import Experiment, Study, run_script, write_table
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.calibration.press import press
 from tactile_fem.study import Finger, Plate, Solver
@@ -69,42 +61,22 @@ def main(
             rows.append(pressed(preset, way, depth))
             if MPI.COMM_WORLD.rank == 0:
                 print(rows[-1], flush=True)
-    if MPI.COMM_WORLD.rank:
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    write_table(folder / "locking.csv", rows)
-    print_results(rows)
+    if MPI.COMM_WORLD.rank == 0:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_table(folder / "locking.csv", rows)
 
 
 def pressed(name: str, study: Study, depth: float) -> Row:
     """Press the plate."""
     nothing = np.array([np.nan])
     plate = Experiment("plate", Plate(), 0.2, np.array([depth]), nothing, nothing, nothing)
-    fat = study.tissue.subcutaneous
     return Row(
         name,
         len(study.finger.mesh().cells),
-        round(bulk_over_shear(fat), 1),
+        round(bulk_over_shear(study.tissue.subcutaneous), 1),
         study.solver.locking_ratio,
         float(press(study, plate).values[0]),
     )
-
-
-# %%
-def print_results(rows: list[Row]) -> None:
-    """Print each mesh's force against that of the finest mesh."""
-    print("mesh      tetrahedra    K/G  centres   force N  to the finest")
-    for row in rows:
-        way = row.bulk_over_shear, row.locking_ratio
-        above = (
-            f"above {row.locking_ratio:g}" if row.bulk_over_shear > row.locking_ratio else "none"
-        )
-        finest = [r for r in rows if (r.bulk_over_shear, r.locking_ratio) == way][-1]
-        print(
-            f"{row.mesh:8} {row.tetrahedra:11d} {row.bulk_over_shear:6.1f}"
-            f"  {above:8}  {row.force_N:7.4f}"
-            f"  {row.force_N / finest.force_N - 1:+8.2%}"
-        )
 
 
 # %%

@@ -1,21 +1,13 @@
-# %% [markdown]
-# # A half-ellipsoid pad
-#
-# This demo emphasizes
-# - how any mesh of tagged tetrahedra becomes a "finger" of the package (`FingerMesh`),
-# - a body that is simple enough to be built with any other code.
-#
-# The semi-axes are 8 mm across, 10 mm along and 6.5 mm up. The skin of 1 mm is fixed at its flat
-# side; the apex is the origin. Skin and core are tagged as epidermis and subcutaneous tissue, so
-# that receptors lie between them. The exact volume is $\tfrac23 \pi\, 8 \cdot 10 \cdot 6.5$ mm³;
-# with flat facets it is slightly smaller. Meshing needs gmsh.
-#
-#     python demos/verification/pad.py --size 1.2
+"""A half-ellipsoid pad: simple enough to be built with any other code.
 
-# %%
+The semi-axes are 8 mm across, 10 mm along and 6.5 mm up. The skin of 1 mm is fixed at its flat
+side; the apex is the origin. Skin and core are tagged as epidermis and subcutaneous tissue, so that
+receptors lie between them. Meshing needs gmsh.
+"""
+
 import numpy as np
 
-from tactile_fem import FingerMesh, run_script
+from tactile_fem import FingerMesh
 from tactile_fem.finger import SURFACES, TISSUES
 from tactile_fem.finger.session import gmsh_model, simplices
 from tactile_fem.finger.simplex import facets_of, quadratic
@@ -24,7 +16,6 @@ AXES_MM = np.array([8.0, 10.0, 6.5])
 SKIN_MM = 1.0
 
 
-# %%
 def half_ellipsoid(size_mm: float) -> FingerMesh:
     """Return the pad with tetrahedra of about `size_mm`."""
     nodes, tets = _tetrahedra(size_mm)
@@ -53,19 +44,3 @@ def _tetrahedra(size_mm: float) -> tuple[np.ndarray, np.ndarray]:
         gmsh.option.setNumber("Mesh.MeshSizeMax", size_mm)
         gmsh.model.mesh.generate(3)
         return simplices(gmsh, 3)[:2]
-
-
-# %%
-def main(*, size: float = 1.2) -> None:
-    """Mesh the pad and print its volume relative to the half ellipsoid; `size` in mm."""
-    mesh = half_ellipsoid(size)
-    corners = mesh.nodes[mesh.cells[:, :4]]
-    volume = np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6
-    exact = 2 / 3 * np.pi * AXES_MM.prod()
-    skin = np.count_nonzero(mesh.tissue == TISSUES["epidermis"])
-    print(f"tetrahedra {len(mesh.cells)}, in the skin {skin}, nodes {len(mesh.nodes)}")
-    print(f"volume {volume:.1f} mm3, {volume / exact:.4f} of the half ellipsoid")
-
-
-if __name__ == "__main__":
-    run_script(main)

@@ -1,17 +1,13 @@
 # %% [markdown]
 # # Running an exported deck with CalculiX
 #
-# This demo emphasizes
-# - how to run a deck written by `tactile-fem export`,
-# - CalculiX's output files: increments in `.sta`, iterations in `.cvg`, sums of forces and the
-#   strain energy density (SED) at the four integration points of a tetrahedron in `.dat`.
+# `tactile-fem export` writes a study as an input deck. CalculiX (`ccx`; Debian:
+# `apt-get install calculix-ccx`) writes increments to `.sta`, iterations to `.cvg`, sums of forces
+# and energies to `.dat`. Its time grows with nearly the square of the unknowns. After `timeout`
+# seconds it is stopped, and the results so far are printed.
 #
 #     tactile-fem export --deck plate.inp --set stimulus.kind=plate --grid-mm 4
 #     python demos/verification/run_deck.py plate.inp --timeout 600
-#
-# CalculiX is the program `ccx` (Debian: `apt-get install calculix-ccx`). Its time grows with nearly
-# the square of the unknowns. After `timeout` seconds it is stopped, and the results so far are
-# printed.
 
 # %%
 import os

@@ -1,4 +1,4 @@
-"""Tractions at the contact quadrature points of the skin; used by the demos in this folder."""
+"""Tractions at the contact quadrature points of the skin; used by the scripts in this folder."""
 
 from __future__ import annotations
 
@@ -18,20 +18,9 @@ from tactile_fem.solvers.finger_problem import FingerProblem
 class SkinPoints:
     """Contact quadrature points of the whole skin, on rank 0.
 
-    Attributes
-    ----------
-    place_mm, deformed_mm
-        Undeformed and deformed, (n, 3).
-    area_mm2
-        Undeformed area of each point, its quadrature weight, (n,).
-    friction_MPa
-        Nitsche's friction, (n, 3).
-    pressure_MPa, bulk_MPa
-        Nitsche's contact pressure and that of the tissue's own Piola stress, (n,).
-    gap_mm
-        Distance from the body, negative inside it, (n,).
-    facet
-        Number of the point's facet, (n,).
+    `area_mm2` is the undeformed area of each point, its quadrature weight; `pressure_MPa` Nitsche's
+    contact pressure, `bulk_MPa` that of the tissue's own Piola stress; `gap_mm` is negative inside
+    the body; `facet` numbers the point's facet. Vectors are (n, 3), all others (n,).
     """
 
     place_mm: np.ndarray
@@ -77,7 +66,6 @@ class SkinProbe:
 
     def _facet_of(self, area: np.ndarray) -> np.ndarray:
         """Return the facet number of each point; the points of a facet are consecutive."""
-        V = self._area.function_spaces[0]
-        facets = V.mesh.topology.index_map(2)
+        facets = self._area.function_spaces[0].mesh.topology.index_map(2)
         count = facets.size_local + facets.num_ghosts
         return np.arange(len(area)) // (len(area) // max(count, 1))

@@ -12,7 +12,7 @@ from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Settings
 DEFAULT_NAME = "SA1"
 
 # Constants of the models that are not those of the default one. Gains of "hamasaki2020" are fitted
-# to rates under a bar alone (Phillips and Johnson 1981): demos/neurons/calibrate.py.
+# to rates under a bar alone (Phillips and Johnson 1981): demos/validation/calibrate.py.
 _CONSTANTS: dict[Any, dict[str, float]] = {
     "hamasaki2020": {
         "static_gain_pA_per_kPa": 170.0,
@@ -30,7 +30,7 @@ class Neuron(Settings):
         description="transduction: of a logarithm; or alpha, kappa, beta, with constants of their "
         "own; or the generator function; or a rectified band-pass, of RA and PC",
     )
-    # alpha, S_0 and the fast kappa: demos/neurons/calibrate.py.
+    # alpha, S_0 and the fast kappa: demos/validation/calibrate.py.
     static_gain_pA_per_kPa: NonNegative = Field(
         9740.0, description="alpha; fitted to rates under a bar and spheres"
     )

@@ -1,7 +1,7 @@
 """Expected memory and time of a scan.
 
 The laws are fitted to whole scans of the default study at 37,000 to 332,000 unknowns on one and
-two cores (demos/benchmarks/README.md); another machine or stimulus may differ by a factor of two.
+two cores (demos/pages/how/solver.md); another machine or stimulus may differ by a factor of two.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Products with distributed matrices of dense blocks, of which symmetric ones are read half.
 
 The products of PETSc and DOLFINx take three to ten times as long where no cache holds the matrix,
-see demos/benchmarks.
+see demos/pages/how/solver.md.
 """
 
 from __future__ import annotations

@@ -129,7 +129,7 @@ def _scaled(factor: float) -> dict[str, dict[str, float]]:
 
 TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
     # Fitted by `tactile-fem fit`, together with the shape of the pad, to forces on a plate and a
-    # probe and to the skin's profile under a cylinder: demos/validation/README.md.
+    # probe and to the skin's profile under a cylinder: demos/pages/how/truth.md.
     "fitted": {
         **_scaled(0.355),
         "subcutaneous": {"C10_MPa": 3.25e-4, "C20_MPa": 3.2e-4, "D1_per_MPa": 21.0},
@@ -168,7 +168,7 @@ TISSUE_SETS: dict[str, dict[str, dict[str, float]]] = {
 
 # Series of the four soft tissues. The times are those of finger pads under a flat probe (Pawluk and
 # Howe 1999, DOI 10.1115/1.2835100); the shares are fitted to how a held force falls and what a tap
-# loses: demos/validation/README.md.
+# loses: demos/pages/how/truth.md.
 RELAXATIONS: dict[str, dict[str, tuple[float, ...]]] = {
     "none": {},
     "fingerpad": {"g": (0.28, 0.28, 0.14), "tau_s": (0.004, 0.070, 1.4)},

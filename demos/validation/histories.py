@@ -1,40 +1,25 @@
 # %% [markdown]
 # # What receptors feel under bar, spheres, cylinders, grating, probe and letters
 #
-# This demo emphasizes
-# - how a row of receptors stands in for one receptor and a stimulus that is moved,
-# - how a path is put together from presses and holds, to depths or to forces,
-# - how an irregular grating becomes a body of one's own,
-# - how histories are kept in small files for work on neurons alone.
+# Experiments with monkeys' finger pads are repeated, and what receptors feel is kept in small files
+# for work on neurons alone:
 #
-# Experiments with monkeys' finger pads are repeated:
-#
-# - a bar 3 mm wide, pressed 1 mm deep at different distances $y$ from an afferent, and an
-#   aperiodic grating, at different places (Phillips and Johnson 1981),
-# - spheres and a plate, pressed with 98, 147 and 196 mN onto the afferent (Goodwin, Browning and
-#   Wheat 1995),
-# - cylinders of 16, 8, 4, 2 per inch, 1 mm deep,
-# - a probe of 0.5 mm diameter, 50 to 500 µm deep, at different distances from an afferent,
+# - a bar 3 mm wide, pressed 1 mm deep at different distances from an afferent, and an aperiodic
+#   grating, at different places (Phillips and Johnson 1981),
+# - spheres and a plate, pressed with 98, 147 and 196 mN (Goodwin, Browning and Wheat 1995),
+# - cylinders of 16, 8, 4, 2 per inch, 1 mm deep; a probe of 0.5 mm diameter, 50 to 500 µm deep,
 # - the letters of the default scan.
 #
-# The bar is pressed once, and receptors lie on the epidermis-dermis interface at all these
-# distances. The bar lies across the finger, because the pad is flatter along the finger (radius
-# 29 mm, compared with 9 mm across). It is still curved: the skin at $y$ lies $y^2/58$ mm higher
-# than the apex, so the bar's edge, at 1.5 mm, is only 0.96 mm deep. Also, the thickness of the pad
-# differs between receptors, unlike in the experiment, in which the bar was moved. The grating is
-# 24 mm long and therefore moved, so that its places of interest come within 0.5 mm of the apex.
+# The bar is pressed once, across the finger, and receptors lie at all these distances; the skin at
+# $y$ lies $y^2/58$ mm higher than the apex. The grating is moved instead. Presses to one depth take
+# 50 ms (assumed) and are held until the viscous stress has decayed. Presses to several forces or
+# depths are slow, because spikes were counted while the stimulus rested.
 #
-# Presses to one depth take 50 ms (20 mm/s, assumed) and are held until the viscous stress (4 ms)
-# has decayed; from there on the skin stays as it is. Presses to several forces or depths are slow,
-# without viscous stress: how fast spheres and probe came is not known, and spikes were counted
-# while they rested.
+#     python demos/validation/histories.py results/histories
+#     python demos/validation/histories.py results/histories --preset coarse --stimuli bar
 #
-#     python demos/neurons/histories.py results/histories
-#     python demos/neurons/histories.py results/histories --preset coarse --stimuli bar
-#
-# It writes `bar.npz`, `sphere_521.npz` ...: `time_s`, `depth_mm`, `displacement_mm`, `force_N`, the
-# receptors' places `x_mm`, `y_mm` and what they feel, as in `trace.npz`. Those in `histories/`,
-# beside this script, come from the first command.
+# It writes `bar.npz`, `sphere_521.npz` ... with columns as in `trace.npz`. Those in `histories/`
+# come from the first command: 22 presses of one to five minutes on two cores.
 
 # %%
 from collections.abc import Iterable
@@ -84,12 +69,7 @@ CENTRES_MM = (1.77, 3.3, 7.875, 9.75, 11.75, 13.5, 15.0, 17.0, 19.5)
 RELIEF_MM, FILLET_MM = 3.0, 0.2
 HOLD_S, FAST_MM_S, SLOW_MM_S = 0.05, 20.0, 0.5
 SPACING_MM = 0.1
-NO_PARTS = Parts()
 FELT = ("sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa")
-
-
-# %% [markdown]
-# A body that the study does not know is an outline with a signed distance, raised from a plate.
 
 
 # %%
@@ -111,35 +91,33 @@ class Bars:
         return Distance(gaps[rows, nearest], gradient, np.zeros((len(xy), 2, 2)))
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """What a scan is made from."""
-
-    study: Study
-    parts: Parts = NO_PARTS
-
-
-def experiments(preset: str, depth: float, step: float) -> dict[str, Experiment]:
-    """Return all experiments by name; bar, cylinders and gratings come to a depth, mm."""
+def experiments(preset: str, depth: float, step: float) -> dict[str, tuple[Study, Parts]]:
+    """Return studies and parts by name; bar, cylinders and gratings come to a depth, mm."""
     bar = Grating(ridge_mm=3.0, count=1, relief_mm=RELIEF_MM, fillet_radius_mm=FILLET_MM)
     probe = Dots(radius_mm=0.25, rows=1, columns=1, relief_mm=2.0, fillet_radius_mm=0.1)
     fast = Press(depth_mm=depth, speed_mm_s=FAST_MM_S), Hold(time_s=HOLD_S)
     to_forces = tuple(Press(force_N=force, speed_mm_s=SLOW_MM_S) for force in FORCES_N)
     to_depths = tuple(Press(depth_mm=one, speed_mm_s=SLOW_MM_S) for one in PROBE_MM)
     pressed = partial(study_of_press, preset, step)
+    letters = Study(
+        finger=Finger(preset=preset),
+        receptors=Receptors(spacing_mm=1.0),
+        output=Output(pictures=False),
+    )
     found = {
-        "letters": Experiment(study_of_letters(preset)),
-        "bar": Experiment(pressed(bar, fast, along(4.0))),
-        "probe": Experiment(pressed(probe, to_depths, cross(4.0))),
+        "letters": (letters, Parts()),
+        "bar": (pressed(bar, fast, along(4.0)), Parts()),
+        "probe": (pressed(probe, to_depths, cross(4.0)), Parts()),
     }
     for radius in RADII_MM:
-        found[f"cylinder_{radius:g}"] = Experiment(pressed(Cylinder(radius_mm=radius), fast, ()))
+        cylinder = Cylinder(radius_mm=radius)
+        found[f"cylinder_{radius:g}"] = pressed(cylinder, fast, ()), Parts()
     for curvature in CURVATURES_PER_M:
         ball = Sphere(radius_mm=1e3 / curvature) if curvature else Plate()
-        found[f"sphere_{curvature}"] = Experiment(pressed(ball, to_forces, cross(0.1)))
+        found[f"sphere_{curvature}"] = pressed(ball, to_forces, cross(0.1)), Parts()
     for centre in CENTRES_MM:
         body = Embossed(Bars(EDGES_MM, centre), RELIEF_MM, FILLET_MM)
-        found[f"grating_{centre:g}"] = Experiment(pressed(bar, fast, along(0.6)), Parts(body=body))
+        found[f"grating_{centre:g}"] = pressed(bar, fast, along(0.6)), Parts(body=body)
     return found
 
 
@@ -157,15 +135,6 @@ def study_of_press(
         protocol=Protocol(path=path),
         receptors=Receptors(half_width_mm=0.0, extra_mm=tuple(places)),
         solver=Solver(first_step_mm=step, max_press_step_mm=step),
-        output=Output(pictures=False),
-    )
-
-
-def study_of_letters(preset: str) -> Study:
-    """Return the default scan with fewer receptors, 1 mm apart."""
-    return Study(
-        finger=Finger(preset=preset),
-        receptors=Receptors(spacing_mm=1.0),
         output=Output(pictures=False),
     )
 
@@ -197,8 +166,8 @@ def main(
     folder.mkdir(parents=True, exist_ok=True)
     known = experiments(preset, depth, step)
     for name in stimuli or known:
-        one = known[name]
-        trace = scan(one.study, parts=one.parts).trace
+        study, parts = known[name]
+        trace = scan(study, parts=parts).trace
         if rank == 0:
             keep(folder / f"{name}.npz", trace)
             print(

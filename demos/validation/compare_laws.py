@@ -1,26 +1,21 @@
 # %% [markdown]
 # # Which law, and which drive, predicts rates best
 #
-# This demo emphasizes
-# - laws of transduction and drives compared on the same data: fitted to bar and spheres as in
-#   `calibrate.py`, predicting a grating (by correlation, because other afferents have other gains),
-# - a drive of one's own: compression, where the study has signed stresses and stretches,
-# - how much of the disagreement could lie in the finger instead of the neuron.
+# Laws of transduction and drives are fitted to bar and spheres as in `calibrate.py`, and predict a
+# grating (by correlation, because other afferents have other gains). The recordings are of monkeys,
+# whose finger pads are smaller than the model's. If theirs were $k$ times as stiff, the bar,
+# pressed to a depth, would cause $k$ times the stress, and the spheres, pressed with a force $F$,
+# would deform the pad as $F/k$ deforms the model's. All tissues scale alike.
 #
-# The recordings are from monkeys, whose finger pads are smaller than the model's. If theirs were
-# $k$ times as stiff, the bar, pressed to a depth, would cause $k$ times the stress, and the
-# spheres, pressed with a force $F$, would deform the pad as $F/k$ deforms the model's. All tissues
-# scale alike, so no press has to be repeated.
-#
-#     python demos/neurons/compare_laws.py
-#     python demos/neurons/compare_laws.py --stiffness 1 --stiffness 3
+#     python demos/validation/compare_laws.py
+#     python demos/validation/compare_laws.py --stiffness 1 --stiffness 3
 
 # %%
 from dataclasses import replace
 
 import numpy as np
 import recordings
-from laws import LAWS, Law, explained, modelled, rates_of
+from calibrate import LAWS, Law, explained, modelled, rates_of
 from recordings import Recording
 
 from tactile_fem import run_script
@@ -55,33 +50,24 @@ def main(*, stiffness: tuple[float, ...] = (1.0, 2.0, 4.0)) -> None:
         Of the monkeys' pads over the model's.
     """
     print(f"{'law':14s}{'drive':22s}stiffness  R2: ramp   hold spheres   all  grating: r")
-    for name in LAWS:
-        show(name, "SED", 1.0)
-    for drive in COMPARED:
-        for factor in stiffness:
-            if (drive, factor) != ("SED", 1.0):
-                show("logarithmic", drive, factor)
+    rows = [(name, "SED", 1.0) for name in LAWS]
+    rows += [("logarithmic", drive, factor) for drive in COMPARED for factor in stiffness]
+    for law, name, factor in dict.fromkeys(rows):
+        numbers = " ".join(f"{value:7.3f}" for value in compared(LAWS[law], name, factor))
+        print(f"{law:14s}{name:22s}{factor:9g}   {numbers}")
 
 
-def show(law: str, drive: str, factor: float) -> None:
-    """Fit, and print a row."""
-    bar, spheres = scaled(*COMPARED[drive], factor)
-    found, _ = started(LAWS[law], spheres).fitted_quietly([bar, *spheres])
-    of_spheres = explained(spheres, found.neuron)
-    felt, order = COMPARED[drive]
-    grating = [times(one, factor**order) for one in recordings.grating(felt)]
+def compared(law: Law, name: str, factor: float) -> tuple[float, ...]:
+    """Return R2 of ramp, hold, spheres and all, and the correlation of the grating."""
+    drive, order = COMPARED[name]
+    size = factor**order
+    bar = times(recordings.bar(drive), size)
+    spheres = [times(one, size) for one in recordings.spheres(drive, factor)]
+    found, _ = started(law, spheres).fitted_quietly([bar, *spheres])
+    grating = [times(one, size) for one in recordings.grating(drive)]
     model = modelled(grating, found.neuron)
     predicted = np.corrcoef(model, rates_of(grating))[0, 1] if np.ptp(model) else 0.0
-    told = (*found.r2[:2], of_spheres, found.r2[-1], predicted)
-    print(f"{law:14s}{drive:22s}{factor:9g}   " + " ".join(f"{value:7.3f}" for value in told))
-
-
-def scaled(drive: Drive, order: int, factor: float) -> tuple[Recording, list[Recording]]:
-    """Return bar and spheres as a pad feels them that is `factor` times as stiff."""
-    size = factor**order
-    return times(recordings.bar(drive), size), [
-        times(one, size) for one in recordings.spheres(drive, factor)
-    ]
+    return *found.r2[:2], explained(spheres, found.neuron), found.r2[-1], predicted
 
 
 def times(one: Recording, factor: float) -> Recording:

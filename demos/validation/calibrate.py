@@ -1,13 +1,8 @@
 # %% [markdown]
 # # The neuron calibrated on a bar and spheres, and everything else predicted
 #
-# This demo emphasizes
-# - a fit of few constants to several experiments at once (`tactile_fem.neuron.rates`),
-# - how well each half of the data predicts the other,
-# - predictions beside what is known, in one table.
-#
-# What is felt, the drive $D$, is compressed and adapts fast; currents below the membrane's rheobase
-# evoke no spikes:
+# The drive $D$ is compressed and adapts fast; currents below the membrane's rheobase evoke no
+# spikes:
 #
 # $$I = \alpha\,(S - \kappa_f a_f), \quad S = S_0 \ln(1 + D/S_0), \quad
 # \tau_f \dot a_f = S - a_f.$$
@@ -17,24 +12,32 @@
 # variance. The model's rate is the membrane's steady rate at the present current: what many trials
 # with irregular spikes tend to.
 #
-#     python demos/neurons/calibrate.py results/neurons
-#     python demos/neurons/calibrate.py results/linear --law hamasaki2020 --no-spheres
+#     python demos/validation/calibrate.py results/neurons
+#     python demos/validation/calibrate.py results/linear --law hamasaki2020 --no-spheres
 
 # %%
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import recordings
-from laws import LAWS, Law, calibrating, explained, modelled, rates_of
 from letter_firing import LetterFiring
-from rates_figure import rates_figure
 from recordings import HOLD_S, RAMP, RAMP_S, Array, measured
 
 from tactile_fem import run_script, write_table
-from tactile_fem.neuron import Drive, RateFit, Recording, Window, drive_of, mean_rates
+from tactile_fem.neuron import (
+    Drive,
+    FitWarning,
+    RateFit,
+    Recording,
+    Window,
+    drive_of,
+    fit,
+    mean_rates,
+)
 from tactile_fem.runtime.estimates import r_squared
 from tactile_fem.study import Neuron
 
@@ -54,6 +57,51 @@ class Row:
     met: str = ""
 
 
+@dataclass(frozen=True)
+class Law:
+    """A model of transduction, where its fit starts and which constants are free."""
+
+    neuron: Neuron
+    free: tuple[str, ...]
+
+    def fitted_quietly(self, some: Sequence[Recording]) -> tuple[RateFit, int]:
+        """Return a fit, and how many constants it warns of."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", FitWarning)
+            return fit(some, self.neuron, self.free), len(caught)
+
+
+LAWS = {
+    "logarithmic": Law(
+        Neuron(model="logarithmic"),
+        ("static_gain_pA_per_kPa", "compression_kPa", "fast_adaptation"),
+    ),
+    "hamasaki2020": Law(
+        Neuron(model="hamasaki2020"), ("static_gain_pA_per_kPa", "dynamic_gain_pA_s_per_kPa")
+    ),
+    "gerling2018": Law(
+        Neuron(model="gerling2018"), tuple(f"generator_gains_pA_per_kPa[{k}]" for k in range(4))
+    ),
+}
+
+
+def modelled(some: Sequence[Recording], neuron: Neuron) -> Array:
+    """Return the model's mean rates in all windows, one after another, spikes/s."""
+    each = (mean_rates(r.time_s, r.drive, r.windows, neuron).ravel() for r in some)
+    return np.concatenate(list(each))
+
+
+def rates_of(some: Sequence[Recording]) -> Array:
+    """Return the measured rates in all windows, one after another, spikes/s."""
+    return np.concatenate([window.rate_Hz for r in some for window in r.windows])
+
+
+def explained(some: Sequence[Recording], neuron: Neuron) -> float:
+    """Return the share of the variance of the measured rates that the model explains."""
+    rates = rates_of(some)
+    return r_squared(modelled(some, neuron), rates)
+
+
 # %%
 def main(
     folder: Path,
@@ -62,12 +110,12 @@ def main(
     feels: str = "sed",
     spheres: bool = True,
 ) -> None:
-    """Fit, predict, print and draw.
+    """Fit, predict and print.
 
     Parameters
     ----------
     folder
-        For table and figure.
+        For the table.
     law
         The transduction.
     feels
@@ -77,8 +125,8 @@ def main(
     """
     folder.mkdir(parents=True, exist_ok=True)
     drive, chosen = drive_of(feels), LAWS[law]
-    known = calibrating(drive, spheres=spheres)
-    fitted = chosen.fitted(known)
+    known = [recordings.bar(drive), *(recordings.spheres(drive) if spheres else ())]
+    fitted = fit(known, chosen.neuron, chosen.free)
     print_constants(fitted)
     halves(drive, chosen)
     undetermined(known, chosen)
@@ -87,12 +135,6 @@ def main(
     for row in rows:
         print(f"| {row.quantity} | {row.measured} | {row.model} | {row.met} |")
     write_table(folder / "rates.csv", rows)
-    rates_figure(fitted.neuron, drive).savefig(folder / "rates.png")
-    print(folder / "rates.png")
-
-
-# %% [markdown]
-# What the data do not determine is told by fits with one more free constant.
 
 
 # %%
@@ -109,7 +151,7 @@ def undetermined(known: list[Recording], law: Law) -> None:
     for more in ("fast_adaptation_time_s", "adaptation", "intercept_pA"):
         if more.startswith("fast") and law.neuron.model != "logarithmic":
             continue
-        found, told = law.with_free(more).fitted_quietly(known)
+        found, told = Law(law.neuron, (*law.free, more)).fitted_quietly(known)
         e = found.estimates[more]
         print(
             f"with {more} free: {e.value:.3g} ({e.low:.3g} to {e.high:.3g}), "

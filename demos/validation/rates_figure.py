@@ -1,30 +1,36 @@
-"""Draws measured and modelled rates under bar, spheres and grating."""
+# %% [markdown]
+# # Measured and modelled rates under bar, spheres and grating
+#
+#     python demos/validation/rates_figure.py results/rates.png
 
-from __future__ import annotations
+# %%
+from pathlib import Path
 
 import numpy as np
 import recordings
-from laws import modelled
+from calibrate import modelled
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from recordings import HOLD, RAMP, measured
 
-from tactile_fem.neuron import Drive, Window, mean_rates
+from tactile_fem import run_script
+from tactile_fem.neuron import DRIVES, Drive, Window, mean_rates
 from tactile_fem.study import Neuron
 
 BLUE, ORANGE, GREEN, INK = "#0072B2", "#D55E00", "#009E73", "#222222"
 
 
-def rates_figure(neuron: Neuron, drive: Drive) -> Figure:
-    """Draw the three experiments side by side."""
+# %%
+def main(picture: Path) -> None:
+    """Draw the three experiments side by side, with the default neuron."""
     figure = Figure(figsize=(10, 3.4), layout="constrained")
     panels = figure.subplots(1, 3)
     for axes, draw in zip(panels, (_draw_bar, _draw_spheres, _draw_grating), strict=True):
-        draw(axes, neuron, drive)
+        draw(axes, Neuron(), DRIVES["sed"])
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_ylim(0, None)
     panels[0].set_ylabel("Firing rate (spikes/s)")
-    return figure
+    figure.savefig(picture, dpi=120)
 
 
 def _draw_bar(axes: Axes, neuron: Neuron, drive: Drive) -> None:
@@ -49,9 +55,10 @@ def _draw_spheres(axes: Axes, neuron: Neuron, drive: Drive) -> None:
         mine = table["force_N"] == force
         curvature = table["curvature_per_m"][mine]
         axes.plot(curvature, model[mine], color=color, label=f"{force:g} N, model")
-        axes.plot(curvature, table["first_second_Hz"][mine], "o", color=color, mfc="white")
+        rates = table["first_second_Hz"][mine]
+        axes.plot(curvature, rates, "o", color=color, mfc="white", label="measured")
     axes.set(xlabel="Curvature of the sphere (1/m)", title="Spheres, first second, fitted")
-    axes.legend(frameon=False, fontsize=7)
+    axes.legend(frameon=False, fontsize=7, ncols=2)
 
 
 def _draw_grating(axes: Axes, neuron: Neuron, drive: Drive) -> None:
@@ -61,3 +68,8 @@ def _draw_grating(axes: Axes, neuron: Neuron, drive: Drive) -> None:
     axes.plot(table["y_mm"], table["hold_Hz"], "o", color=INK, mfc="white", label="measured")
     axes.set(xlabel="Place on the grating (mm)", title="Grating, predicted")
     axes.legend(frameon=False, fontsize=7)
+
+
+# %%
+if __name__ == "__main__":
+    run_script(main)

@@ -2,6 +2,8 @@
 
 All rates are of slowly adapting afferents of monkeys, read from published figures by third parties:
 
+In `measured/rates`:
+
 - `bar.csv`, `bar_again.csv`, `grating.csv`: a bar 3 mm wide and an aperiodic grating, 1 mm deep
   (Phillips and Johnson 1981); the bar's rates in the hold were read twice,
 - `spheres.csv`: spikes in the first second (Goodwin, Browning and Wheat 1995),
@@ -24,7 +26,8 @@ from tactile_fem.neuron import Drive, Recording, Window
 
 Array = NDArray[Any]
 
-MEASURED, HISTORIES = (Path(__file__).with_name(name) for name in ("measured", "histories"))
+MEASURED = Path(__file__).parent / "measured" / "rates"
+HISTORIES = Path(__file__).parent / "histories"
 # Assumed: the ramp of all presses, the hold; static rates are those of its second half.
 RAMP_S, HOLD_S = 0.05, 1.0
 RAMP, HOLD = (0.0, RAMP_S), (RAMP_S + HOLD_S / 2, RAMP_S + HOLD_S)

@@ -1,0 +1,144 @@
+"""Scripts that compare with people and with recorded afferents, at small size."""
+
+from __future__ import annotations
+
+import csv
+import re
+
+import numpy as np
+import pytest
+from needs import needs_gmsh
+from scripts import DEMOS, SMALL, imports, number, run
+
+from tactile_fem.study import Neuron
+
+
+@pytest.mark.parametrize("path", DEMOS.glob("validation/*.py"), ids=lambda path: path.stem)
+def test_what_a_script_imports_exists(path):
+    imports(path)
+
+
+def table(path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
+# --- the finger ----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_predictions(tmp_path):
+    way = ["--depth", "0.3", "--forces", "0.02", "0.05", "--distance", "0.2", "--deepest", "0.5"]
+    way += ["--drag", "0.05", "--stiffness-forces", "0.02", "--stiffness-forces", "0.05", *SMALL]
+    output = run("validation/predictions.py", str(tmp_path), *way)
+    assert len(output.splitlines()) == len(table(tmp_path / "predictions.csv")) == 11
+    assert number(r"plate, 0\.5 mm .* N, ([+-][\d.]+) sd", output) == pytest.approx(0, abs=1)
+    assert number(r"letters at 0\.3 mm, 20 mm/s \|.*\| ([\d.]+) N", output) > 0
+    assert 0 < number(r"compression of epidermis, 0\.05 N \| > 20 % \| ([\d.]+)%", output) < 20
+    assert 0 < number(r"volume lost, plate at 0\.05 N \| at most 5% \| ([\d.]+)%", output) < 5
+
+
+@pytest.mark.slow
+def test_slip_spreads_from_the_rim():
+    from scripts import beside
+
+    from tactile_fem.study import Finger
+
+    with beside(DEMOS / "validation" / "slip.py"):
+        from slip import drag, full_slip
+
+        steps = list(drag(Finger(pad_size_mm=3.0, far_size_mm=6.0), 0.05, 0.3, 1.0))
+        end = full_slip(steps)
+    assert steps[0].stuck > steps[-1].stuck
+    assert steps[-1].tangential_N == pytest.approx(0.3 * 0.05, rel=0.02)  # all of it slips
+    assert end.skin_mm < 1
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_relaxation(tmp_path):
+    way = ["--press", "0.4", "--depth", "0.3", "--pad-size", "4", "--far-size", "8"]
+    output = run("validation/relaxation.py", str(tmp_path), *way, "--outputs", "2")
+    rows = output.splitlines()
+    assert len(table(tmp_path / "relaxation.csv")) == len(rows) == 8
+    assert 0 < number(r"fall of 0\.05 N.*\| ([\d.]+)% \|", output) < 30
+    fast, slow = (number(rf"tap of {ms} ms.*\| ([\d.]+)% \|", output) for ms in (110, 220))
+    assert 30 < fast < 90 and 30 < slow < 90
+    assert "| faster is stiffer | " in output and rows[4].endswith("| yes |")
+    relaxes, creeps = re.search(r"([\d.]+) and ([\d.]+) s, [\d.]+ times", output).groups()
+    assert float(creeps) > float(relaxes) > 0
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_fit_of_relaxation(tmp_path):
+    way = ["--fit", "--evaluations", "1", "--pad-size", "4", "--far-size", "8", "--outputs", "1"]
+    output = run("validation/relaxation.py", str(tmp_path), *way)
+    tried = table(tmp_path / "fit.csv")
+    assert len(tried) == 4  # the start, and one for the derivative by each share
+    falls = [float(row["fall of 0.2 N"]) for row in tried]
+    assert falls[3] > falls[0]  # a larger share of the longest time
+    assert number(r"g of 1\.4 s: ([\d.]+) ±", output) == pytest.approx(0.15, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_sensitivity(tmp_path):
+    way = ["--plate-depth", "0.5", "--depth", "0.2", "--distance", "0.1", *SMALL]
+    output = run("validation/sensitivity.py", str(tmp_path), *way)
+    change = re.search(r"epidermis\.C10_MPa +([+-][\d.]+) +([+-][\d.]+)", output)
+    assert change and 0 < float(change[1]) < 10 and 0 < float(change[2]) < 10
+    assert -10 < number(r"subcutaneous\.D1_per_MPa +([+-][\d.]+)", output) < 0
+
+
+# --- afferents -----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_histories(tmp_path):
+    stimuli = ["--stimuli", "bar", "--stimuli", "grating_3.3", "--stimuli", "sphere_521"]
+    way = ["--preset", "coarse", *stimuli, "--depth", "0.1", "--step", "0.05"]
+    output = run("validation/histories.py", str(tmp_path), *way)
+    # The bar lies in the middle of one that is as wide, to 0.01 mm, and 0.1 mm deep alike.
+    forces = [number(rf"{name}: ([\d.]+) N", output) for name in ("bar", r"grating_3\.3")]
+    assert forces == pytest.approx([0.0032, 0.0032], rel=0.1)
+    assert number(r"sphere_521: ([\d.]+) N", output) == pytest.approx(0.196, abs=1e-3)
+    bar, ball = (np.load(tmp_path / f"{name}.npz") for name in ("bar", "sphere_521"))
+    assert sorted(bar["y_mm"]) == pytest.approx([0.1 * k - 4 for k in range(81)])
+    assert not bar["x_mm"].any()
+    assert bar["time_s"][-1] == pytest.approx(0.055)
+    assert bar["sed_kPa"][-1].max() == pytest.approx(0.0100, rel=0.1)
+    assert ball["stresses_kPa"].shape == (len(ball["time_s"]), 5, 3)
+    for force in (0.098, 0.147):
+        assert np.abs(ball["force_N"] - force).min() < 1e-3
+
+
+def test_calibrate(tmp_path):
+    output = run("validation/calibrate.py", str(tmp_path))
+    n = Neuron()
+    for name in ("static_gain_pA_per_kPa", "compression_kPa", "fast_adaptation"):
+        assert getattr(n, name) == pytest.approx(number(rf"{name} +([\d.e+]+)", output), rel=0.01)
+    assert number(r"spheres \(21\) \| .* \| R² ([\d.]+)", output) > 0.7
+    assert "rates fall with the radius | yes | yes" in output
+    assert len(table(tmp_path / "rates.csv")) == output.count("\n| ") - 2  # but for the heading
+
+
+def test_the_linear_law_is_calibrated_on_the_bar(tmp_path):
+    way = ["--law", "hamasaki2020", "--no-spheres"]
+    output = run("validation/calibrate.py", str(tmp_path), *way)
+    n = Neuron(model="hamasaki2020")
+    for name in ("static_gain_pA_per_kPa", "dynamic_gain_pA_s_per_kPa"):
+        assert getattr(n, name) == pytest.approx(number(rf"{name} +([\d.]+)", output), rel=0.01)
+    assert number(r"adaptation free: .* R2 of all ([\d.]+); [1-9]", output) > 0.8
+
+
+@pytest.mark.slow
+def test_compare_laws():
+    output = run("validation/compare_laws.py", "--stiffness", "1")
+    rows = re.findall(r"^(\w+) +([A-Za-z ]+?) +1 +(.*)$", output, re.M)
+    assert len(rows) == 8 and ("logarithmic", "SED") in [row[:2] for row in rows]
+    explained = {row[:2]: float(row[2].split()[3]) for row in rows}
+    assert explained["logarithmic", "SED"] > explained["hamasaki2020", "SED"]
+
+
+def test_rates_are_drawn(tmp_path):
+    run("validation/rates_figure.py", str(tmp_path / "rates.png"))
+    assert (tmp_path / "rates.png").stat().st_size > 10_000
