@@ -44,7 +44,6 @@ from tactile_fem.study import Neuron
 RAMP_HZ, HELD_HZ = (100.0, 200.0), (10.0, 50.0)  # expected under cylinders
 LARGEST_HZ, SILENT_HZ = 200.0, 10.0  # expected under letters
 AWAY_MM = (1.5, 1.0)
-VARIED = {"threshold_noise": 0.1, "gain_spread": 0.3}
 
 
 @dataclass(frozen=True)
@@ -184,12 +183,10 @@ def table(neuron: Neuron, drive: Drive) -> Iterator[Row]:
     yield agreement("bar, hold (17)", rates[1], bar["hold_Hz"])
     yield predicted("spheres (21)", recordings.spheres(drive), neuron)
     yield predicted("bar, hold, second reading (25)", [recordings.bar_again(drive)], neuron)
-    yield from grating_rows(drive, neuron)
+    yield predicted("aperiodic grating (12)", recordings.grating(drive), neuron)
     yield probe_row(drive, neuron)
     yield from cylinder_rows(drive, neuron)
-    yield from letter_rows("", drive, neuron)
-    varied = neuron.model_copy(update=VARIED)
-    yield from letter_rows(", noise 0.1, spread 0.3", drive, varied)
+    yield from letter_rows(drive, neuron)
 
 
 def predicted(name: str, some: list[Recording], neuron: Neuron) -> Row:
@@ -208,15 +205,6 @@ def agreement(name: str, model: Array, rates: Array) -> Row:
 def said(met: bool) -> str:
     """Return how a table says whether an expectation is met."""
     return "yes" if met else "**missed**"
-
-
-def grating_rows(drive: Drive, neuron: Neuron) -> Iterator[Row]:
-    """Yield the aperiodic grating's rates."""
-    some = recordings.grating(drive)
-    yield predicted("aperiodic grating (12)", some, neuron)
-    places, rates = measured("grating").values()
-    for place, rate, model in zip(places, rates, modelled(some, neuron), strict=True):
-        yield Row(f"grating at {place:g} mm", f"{rate:.0f} spikes/s", f"{model:.0f}")
 
 
 def probe_row(drive: Drive, neuron: Neuron) -> Row:
@@ -257,12 +245,12 @@ def cylinder_rows(drive: Drive, neuron: Neuron) -> Iterator[Row]:
     yield Row("rates fall with the radius", "yes", "yes" if falling else "no", said(falling))
 
 
-def letter_rows(how: str, drive: Drive, neuron: Neuron) -> Iterator[Row]:
+def letter_rows(drive: Drive, neuron: Neuron) -> Iterator[Row]:
     """Yield what is known of afferents under letters."""
     fired = LetterFiring.of(neuron, drive)
     peak = float(fired.response.peak_rate()[fired.middle])
     yield Row(
-        f"letters{how}: peak of the middle afferent",
+        "letters: peak of the middle afferent",
         f"at most about {LARGEST_HZ:.0f} spikes/s",
         f"{peak:.0f}",
         said(peak <= 1.05 * LARGEST_HZ),
@@ -270,14 +258,14 @@ def letter_rows(how: str, drive: Drive, neuron: Neuron) -> Iterator[Row]:
     for away_mm in AWAY_MM:
         away = fired.rate_away(away_mm)
         yield Row(
-            f"letters{how}: farther than {away_mm:g} mm from strokes",
+            f"letters: farther than {away_mm:g} mm from strokes",
             f"under {SILENT_HZ:.0f} spikes/s",
             f"{away:.1f}",
             said(away < SILENT_HZ),
         )
-    yield Row(f"letters{how}: bursts", "one for each stroke", fired.bursts())
+    yield Row("letters: bursts", "one for each stroke", fired.bursts())
     counts = ", ".join(str(count) for count in fired.response.counts())
-    yield Row(f"letters{how}: spikes of afferents 1 mm apart", "fewer outside", counts)
+    yield Row("letters: spikes of afferents 1 mm apart", "fewer outside", counts)
 
 
 # %%

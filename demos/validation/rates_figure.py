@@ -56,9 +56,10 @@ def _draw_spheres(axes: Axes, neuron: Neuron, drive: Drive) -> None:
         curvature = table["curvature_per_m"][mine]
         axes.plot(curvature, model[mine], color=color, label=f"{force:g} N, model")
         rates = table["first_second_Hz"][mine]
-        axes.plot(curvature, rates, "o", color=color, mfc="white", label="measured")
+        axes.plot(curvature, rates, "o", color=color, mfc="white")
+    axes.plot([], [], "o", color=INK, mfc="white", label="measured")
     axes.set(xlabel="Curvature of the sphere (1/m)", title="Spheres, first second, fitted")
-    axes.legend(frameon=False, fontsize=7, ncols=2)
+    axes.legend(frameon=False, fontsize=7)
 
 
 def _draw_grating(axes: Axes, neuron: Neuron, drive: Drive) -> None:
