@@ -13,7 +13,7 @@ from scripts import DEMOS, SMALL, imports, number, run
 from tactile_fem.study import Neuron
 
 
-@pytest.mark.parametrize("path", DEMOS.glob("validation/*.py"), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(DEMOS.glob("validation/*.py")), ids=lambda path: path.stem)
 def test_what_a_script_imports_exists(path):
     imports(path)
 
