@@ -34,7 +34,7 @@ def test_a_page_has_title_time_what_to_change_and_a_picture(path):
     assert underline == len(title) * "="
     assert "\nExpected time: " in text and "\nWhat to change: " in text
     thumbnail = re.search(r"^# sphinx_gallery_thumbnail_path = '(.*)'$", text, re.MULTILINE)
-    shown = re.findall(r"^# \.\. figure:: /(\S+)$", text, re.MULTILINE)
+    shown = re.findall(r"^(?:# )?\.\. figure:: /(\S+)$", text, re.MULTILINE)
     assert thumbnail[1] in shown
     for name in shown:
         assert (DEMOS / "pages" / name).stat().st_size < 150_000, name

@@ -9,6 +9,11 @@ Without noise of its own it would know every letter; with 652 spikes/s in each p
 half of them, as naive people do (`Vega-Bermudez et al. 1991
 <https://doi.org/10.1152/jn.1991.65.3.531>`_).
 
+.. figure:: /pictures/alphabet.png
+
+   Left the mean images of firing, right how often a letter (row) is taken for another (column).
+   Of 1,300 images 49 % are recognized; I and J are confused in 25 %, O and Q in 18 %.
+
 Expected time: 1 minute with the scans in ``scans.zip``, which are read as long as nothing is
 changed; two hours to scan all 26 letters.
 
@@ -91,8 +96,3 @@ axes.set_yticks(range(len(letters)), letters, fontsize=7)
 axes.set(xlabel="Recognized as", ylabel="Letter")
 matrix.colorbar(shown, ax=axes, label="Share of the images (%)", shrink=0.8)
 figure.savefig(folder / "alphabet.png", dpi=110)
-
-# %%
-# Left the mean images of firing, right how often a letter (row) is taken for another (column).
-#
-# .. figure:: /pictures/alphabet.png

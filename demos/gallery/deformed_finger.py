@@ -6,6 +6,10 @@ A scan keeps the fields of the whole finger every 0.4 mm. Here PyVista shows the
 with its strain energy density (SED), and the contact pressure on the skin, and makes a film of
 all states.
 
+.. figure:: /pictures/deformed_finger.png
+
+   One half of the finger, and the contact pressure on its skin from below, 10 mm into the slide.
+
 Expected time: 1 minute after the scan, which takes 3 minutes; the folder of ``letters.py`` will
 do. It needs the extra ``pictures``.
 
@@ -87,6 +91,3 @@ for time_s in states.time_values:
     look(film, *SIDE)
     frames.append(Image.fromarray(film.screenshot(return_img=True)))
 frames[0].save(folder / "film.gif", save_all=True, append_images=frames[1:], duration=100, loop=0)
-
-# %%
-# .. figure:: /pictures/deformed_finger.png

@@ -7,6 +7,10 @@ mm/s with friction 0.3, as in `Hamasaki et al. (2020)
 <https://doi.org/10.1177/1687814020984651>`_. The script prints forces, strain energy density
 (SED), spikes and cost, and runs on any number of MPI ranks.
 
+.. figure:: /pictures/letters_deformed.png
+
+   The finger after 6.4 mm, cut open; colours are strain energy density.
+
 Expected time: 3 minutes on one core.
 
 What to change: ``stimulus.text``, ``protocol.depth_mm``, ``stimulus.friction``, or the mesh
@@ -67,7 +71,3 @@ if MPI.COMM_WORLD.rank == 0:
 # .. figure:: /pictures/letters.png
 #
 #    Spikes of 51 receptors across the finger, over the letter that passes.
-#
-# .. figure:: /pictures/letters_deformed.png
-#
-#    The finger after 6.4 mm, cut open.

@@ -6,6 +6,10 @@ Fat that stiffens exponentially (Fung 1967) and its weight change the force on a
 law states its energy, a term its virtual work, both in UFL; stress and tangent are derived. An
 observer sees each accepted step, and a solver finds its equilibrium.
 
+.. figure:: /pictures/own_mechanics.png
+
+   At 1.2 mm the forces are 0.179, 0.159 and 0.164 N. Both solvers agree to 1e-7 mm.
+
 Expected time: 2 minutes on one core, most of it compilation.
 
 What to change: the constants of ``Fung``; a law for another tissue; a term with a history
@@ -143,6 +147,3 @@ with closing(Simulation(study, make_solver=Compared)) as simulation:
             break
     difference_mm = simulation.problem.solver.difference_mm
 print(f"displacements of both solvers differ by at most {difference_mm:.0e} mm")
-
-# %%
-# .. figure:: /pictures/own_mechanics.png

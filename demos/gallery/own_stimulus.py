@@ -6,6 +6,10 @@ A raised ring is drawn in a circle over the finger; afferents feel the shear of 
 respond to its changes. Stimulus, piece of the path, drive and transduction are a few lines each.
 Restart, results folder and figures are as usual.
 
+.. figure:: /pictures/own_stimulus.png
+
+   Shear of up to 0.065 and 991 spikes while the ring is pressed, drawn in a circle and lifted.
+
 Expected time: 1 minute on one core.
 
 What to change: ``stimulus.radius_mm``; the pieces of the path; the field that the afferents feel.
@@ -157,6 +161,3 @@ axes.plot(spikes.time_s, x[spikes.receptor], "k.", ms=2)
 axes.set(xlabel="Time (s)", ylabel="X of the receptor (mm)")
 figure.colorbar(shown, ax=axes, label="Shear strain YZ")
 figure.savefig(folder / "own_stimulus.png", dpi=120)
-
-# %%
-# .. figure:: /pictures/own_stimulus.png

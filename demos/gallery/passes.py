@@ -7,6 +7,11 @@ receptor, whose spikes are stacked to a spatial event plot. A population in one 
 poorer image, as Hamasaki et al. (2020) found, because receptors at the side of a round finger
 carry less load.
 
+.. figure:: /pictures/passes.png
+
+   The image of one fibre is more like the letter: its correlation with the outline is 0.715, that
+   of the population 0.607.
+
 Expected time: seconds with the scans in ``scans.zip``, which are read as long as nothing is
 changed; one hour to scan 25 passes.
 
@@ -56,6 +61,3 @@ for axes, (name, image) in zip(panels, images.items(), strict=True):
     axes.set(title=name, xlabel="Displacement (mm)", aspect="equal")
 panels[0].set(ylabel="X on the letter (mm)", xlim=(0, 10), ylim=(5, -5))
 figure.savefig(folder / "passes.png", dpi=120)
-
-# %%
-# .. figure:: /pictures/passes.png
