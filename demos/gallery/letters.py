@@ -71,3 +71,18 @@ if MPI.COMM_WORLD.rank == 0:
 # .. figure:: /pictures/letters.png
 #
 #    Spikes of 51 receptors across the finger, over the letter that passes.
+#
+# On two ranks the numbers are the same. ``mpirun -n 2 python demos/gallery/letters.py results/two
+# finger.pad_size_mm=3 finger.far_size_mm=6 protocol.distance_mm=1`` prints
+#
+# .. code-block:: text
+#
+#    normal force in the slide   0.4428 to 0.4667 N
+#    tangential / normal, end    0.3806
+#    SED of the middle receptor  0.3007 to 0.4096 kPa
+#    spikes                      419
+#    tetrahedra, unknowns        2899, 11871
+#    steps, Newton iterations    35, 239
+#    ranks, wall time            2, 31 s
+#
+# and on one rank, after 244 iterations and 60 s, the same first five lines.
