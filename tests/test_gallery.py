@@ -9,17 +9,16 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
 from needs import needs_gmsh, needs_graphics
+from scripts import DEMOS, number
 
 from tactile_fem import Piece, Population, Results, Stimulus
 from tactile_fem.neuron import DRIVES
 from tactile_fem.runtime import ranks
 
-DEMOS = Path(__file__).resolve().parents[1] / "demos"
 GALLERY = DEMOS / "gallery"
 SCRIPTS = sorted(GALLERY.glob("*.py"))
 PUBLIC = "tactile_fem", "tactile_fem.study", "tactile_fem.neuron", "tactile_fem.series"
@@ -77,12 +76,6 @@ def run(tmp_path, monkeypatch, capsys) -> Iterator:
     for entries, saved in zip(kinds, before, strict=True):
         entries.clear()
         entries.update(saved)
-
-
-def number(pattern: str, text: str) -> float:
-    found = re.search(pattern, text)
-    assert found, text
-    return float(found[1])
 
 
 def definitions(name: str) -> dict:

@@ -142,3 +142,22 @@ def test_compare_laws():
 def test_rates_are_drawn(tmp_path):
     run("validation/rates_figure.py", str(tmp_path / "rates.png"))
     assert (tmp_path / "rates.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_strains(tmp_path):
+    options = "--forces", "0.005", "--edge-force", "0.005", "--pad-size", "0.1175"
+    output = run("validation/strains.py", str(tmp_path), *options)
+    assert 50 < number(r"plate, ridged, 0.*; (\d+) % of the ridges", output) < 100
+    proximal, distal = re.search(r"corneum: shear (\S+) and (\S+),", output).groups()
+    assert float(proximal) * float(distal) < 0
+
+
+@pytest.mark.slow
+def test_vibration(tmp_path):
+    way = ["--depth", "0.3", "--hold", "0.05", *SMALL]
+    output = run("validation/vibration.py", str(tmp_path), *way)
+    assert 10 <= number(r"RA best frequency: (\d+) Hz", output) <= 100
+    assert 100 <= number(r"PC best frequency: (\d+) Hz", output) <= 500
+    assert number(r"RA 50 Hz, fitted: .*rms (\d+)", output) < 25

@@ -8,6 +8,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -167,3 +168,13 @@ def test_sharp_block(tmp_path):
     assert not row["failed"]
     assert float(row["tangential_N"]) / float(row["normal_N"]) == pytest.approx(0.3, rel=0.01)
     assert 0 < float(row["penetration_mm"]) < 0.03 and 0 < float(row["oscillation"]) < 0.5
+
+
+def test_brian(tmp_path):
+    way = ["--afferents", "20", "--duration", "0.3", "--steps-ms", "0.1"]
+    output = run("verification/brian.py", str(tmp_path), *way)
+    if not find_spec("brian2"):
+        assert "not installed" in output
+        return
+    assert number(r"first spikes differ by at most ([\d.]+) steps", output) < 1
+    assert number(r"99% of all by at most ([\d.]+) ms", output) < 10
