@@ -97,10 +97,12 @@ class Finger(NamedTuple):
             Response([speed * fired.spikes[central]], 0.0, speed * fired.end_s),
         )
 
-    def population(self) -> RateImage:
-        """Return the image that all receptors make in one pass: Fig. 9a."""
+    def population(self, half_mm: float = np.inf) -> RateImage:
+        """Return the image that the receptors up to X make in one pass: Fig. 9a."""
         trace = self.scans["letters"].trace
-        return self._image(trace["receptors_mm"][:, 0], trace["time_s"], trace["sed_kPa"])
+        x = trace["receptors_mm"][:, 0]
+        near = np.abs(x) < half_mm + 1e-9
+        return self._image(x[near], trace["time_s"], trace["sed_kPa"][:, near])
 
     def fibre(self) -> RateImage:
         """Return the image that the receptors near the middle make in all passes: Fig. 9b.
