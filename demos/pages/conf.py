@@ -30,14 +30,7 @@ extensions = [
 ]
 
 # The gallery is written here from ../gallery, with a copy of each script.
-exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "gallery/*.zip", "README.md"]
-exclude_patterns += [
-    "sg_execution_times.rst",
-    "units.md",
-    "expect.md",
-    "theory.md",
-    "parallel.md",
-]  # until they are gone
+exclude_patterns = ["gallery/*.ipynb", "gallery/*.py", "gallery/*.zip", "sg_execution_times.rst"]
 suppress_warnings = [
     "config.cache",  # functions of sphinx_gallery_conf cannot be stored; nothing is wrong
 ]
