@@ -50,11 +50,11 @@ class FingerSettings(Either):
     )
     bone_file: File | None = Field(
         None,
-        description="likewise of the bone; beside a skin_file in the same coordinates, else placed "
-        "by bone_tip_gap_mm and subcutaneous_mm",
+        description="a scan of the bone, in the coordinates of skin_file if there is one; otherwise "
+        "it is placed by bone_tip_gap_mm and subcutaneous_mm",
     )
     nail_file: File | None = Field(
-        None, description="likewise of the nail, beside a skin_file; gives its outline"
+        None, description="a scan of the nail, in the coordinates of skin_file; gives its outline"
     )
     file_unit_mm: Positive = Field(
         1.0, description="length of the unit of these files in mm; another one scales the finger"
@@ -67,8 +67,8 @@ class FingerSettings(Either):
     )
     nail_direction: Direction | None = Field(
         None,
-        description="likewise, the upright of a stimulator below; default: towards bone or nail, "
-        "and the pad is level where it is touched",
+        description="upwards from the stimulator, in the coordinates of the files; default: towards "
+        "bone or nail, so that the pad is level where it is touched",
     )
     contact_mm: tuple[Finite, Finite, Finite] | None = Field(
         None,
