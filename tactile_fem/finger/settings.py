@@ -50,8 +50,8 @@ class FingerSettings(Either):
     )
     bone_file: File | None = Field(
         None,
-        description="a scan of the bone, in the coordinates of skin_file if there is one; otherwise "
-        "it is placed by bone_tip_gap_mm and subcutaneous_mm",
+        description="a scan of the bone, in the coordinates of skin_file if there is one; without "
+        "that it is placed by bone_tip_gap_mm and subcutaneous_mm",
     )
     nail_file: File | None = Field(
         None, description="a scan of the nail, in the coordinates of skin_file; gives its outline"
@@ -67,8 +67,8 @@ class FingerSettings(Either):
     )
     nail_direction: Direction | None = Field(
         None,
-        description="upwards from the stimulator, in the coordinates of the files; default: towards "
-        "bone or nail, so that the pad is level where it is touched",
+        description="upwards from the stimulator, in the coordinates of the files; default: "
+        "towards bone or nail, so that the pad is level where it is touched",
     )
     contact_mm: tuple[Finite, Finite, Finite] | None = Field(
         None,
