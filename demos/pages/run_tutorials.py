@@ -40,11 +40,13 @@ def run(path: Path) -> None:
 
 
 def _tidied(output: nbformat.NotebookNode) -> bool:
-    """Keep only warnings of a log, without their times; return whether anything is left."""
+    """Keep only warnings of a log, without times, and HTML; return whether anything is left."""
     if output.output_type == "stream" and output.name == "stderr":
         lines = [line for line in output.text.splitlines() if " INFO " not in line]
         output.text = "".join(f"{_TIME.sub('', line)}\n" for line in lines)
         return bool(lines)
+    if "text/html" in output.get("data", {}):
+        output.data["text/plain"] = ""  # the same without a layout
     return True
 
 
