@@ -10,6 +10,7 @@ from pathlib import Path
 import tactile_fem
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.argv[0] = "tactile-fem"  # cyclopts takes the name of the program for that of the commands
 
 project = "tactile-fem"
 author = "The authors of tactile-fem"
