@@ -18,8 +18,7 @@ Expected time: 1 minute with the scans in ``scans.zip``, which are read as long 
 changed; two hours to scan all 26 letters.
 
 What to change: ``NOISE_HZ``; ``gain_spread``; a key of the study, such as ``protocol.depth_mm``;
-``stimulus.kind=braille`` with ``protocol.force_N``, of which a reader confuses letters that
-differ by one dot.
+``stimulus.kind=braille`` with ``protocol.force_N``.
 """
 
 # sphinx_gallery_thumbnail_path = 'pictures/alphabet.png'

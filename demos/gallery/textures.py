@@ -60,7 +60,14 @@ def cloth(pitch_mm: float, height_um: float) -> np.ndarray:
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/textures")
 folder.mkdir(parents=True, exist_ok=True)
 maps = {"sandpaper": sandpaper(1.0, 60.0), "cloth": cloth(2.4, 350.0)}
-surfaces = {"Braille": ["stimulus.kind=braille", "stimulus.text=hi", "stimulus.start_mm=-2"]}
+surfaces = {
+    "Braille": [
+        "stimulus.kind=braille",
+        "stimulus.text=hi",
+        "stimulus.start_mm=-2",
+        "protocol.output_mm=0.2",
+    ]
+}
 for name, heights in maps.items():
     np.save(folder / f"{name}.npy", heights)
     surfaces[name] = [
