@@ -1,6 +1,6 @@
 """Runs the tutorials from scratch and keeps their outputs: `make tutorials`.
 
-python demos/pages/run_tutorials.py [NAME ...]
+With names of tutorials as arguments only these are run.
 """
 
 from __future__ import annotations
