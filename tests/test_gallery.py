@@ -172,7 +172,7 @@ def test_afferents(run):
 @pytest.mark.slow
 def test_textures(run):
     output = run("textures", "protocol.force_N=0.02", "protocol.distance_mm=0.4", *SMALL)
-    for name in ("Braille", "sandpaper", "cloth"):
+    for name in ("sandpaper", "cloth"):
         assert number(rf"{name}: tangential force ([\d.]+) N", output) > 0
 
 
@@ -194,7 +194,7 @@ def test_scanned_finger(run):
         name: number(rf"{name}: .* ([\d.]+) N at", output)
         for name in ("analytic", "its scan", "child")
     }
-    assert force_N["its scan"] == pytest.approx(force_N["analytic"], rel=0.1)
+    assert force_N["its scan"] == pytest.approx(force_N["analytic"], rel=0.2)
     assert force_N["child"] != force_N["its scan"]
 
 
