@@ -23,6 +23,7 @@ SHORT = {
     "letters": {
         "distance_mm=10.0": "distance_mm=0.4",
         "force_N=0.5": "force_N=0.05",
+        "at_mm=5.0": "at_mm=0.4",
         "deformation_*": "raster*",  # the others are drawn in a process of their own
     },
     "surface": {"distance_mm=6.0": "distance_mm=0.2", "force_N=0.3": "force_N=0.05"},
