@@ -8,8 +8,10 @@ compute mechanics:
 - ``scan``, ``resume``, ``completed``, ``vibrate``, ``fit``: computations; ``Simulation``: one, step
   by step.
 - ``Experiment``, ``read_measurements``: what ``fit`` takes.
+- ``ScanResult``, ``Trace``, ``Spectrum``, ``Calibration``: what they return; ``Observation``: what
+  an observer of a scan is given.
 - ``preview``: finger and stimulator before a scan; ``Results``, ``draw``: the results folder and
-  its figures.
+  its figures; ``SurfaceFields``: fields on the skin.
 - ``Parts`` and what it takes: ``Finger.mesh`` makes a ``FingerMesh``, a ``Law`` is a tissue, a
   ``RigidBody`` (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a
   ``Population`` the afferents.
@@ -40,6 +42,7 @@ from tactile_fem.runtime import html
 if TYPE_CHECKING:
     from tactile_fem.calibration.calibrate import fit
     from tactile_fem.calibration.measurements import Experiment, read_measurements
+    from tactile_fem.calibration.result import Calibration
     from tactile_fem.cli.app import run_script
     from tactile_fem.finger import FingerMesh
     from tactile_fem.mechanics.terms.term import Term
@@ -50,19 +53,23 @@ if TYPE_CHECKING:
     from tactile_fem.runtime.files import write_table
     from tactile_fem.simulation.parts import Parts
     from tactile_fem.simulation.results import Results
-    from tactile_fem.simulation.run import completed, resume, scan
-    from tactile_fem.simulation.simulation import Simulation
+    from tactile_fem.simulation.run import ScanResult, completed, resume, scan
+    from tactile_fem.simulation.simulation import Observation, Simulation
+    from tactile_fem.simulation.surfaces import SurfaceFields
+    from tactile_fem.simulation.trace import Trace
     from tactile_fem.solvers.fast import FastSolver
     from tactile_fem.solvers.plain import PlainSolver
     from tactile_fem.stimulus import Distance, Embossed, RigidBody, Stimulus
     from tactile_fem.study import Study
     from tactile_fem.study.file import load_study
     from tactile_fem.tissue.energies import Law
+    from tactile_fem.vibration.spectrum import Spectrum
     from tactile_fem.vibration.vibrate import vibrate
 
     __version__: str
 
 __all__ = [
+    "Calibration",
     "ConvergenceError",
     "Distance",
     "Embossed",
@@ -72,6 +79,7 @@ __all__ = [
     "Law",
     "MeshError",
     "Motion",
+    "Observation",
     "Parts",
     "Path",
     "Piece",
@@ -79,13 +87,17 @@ __all__ = [
     "Population",
     "Results",
     "RigidBody",
+    "ScanResult",
     "Simulation",
+    "Spectrum",
     "Stimulus",
     "StoppedError",
     "Study",
     "StudyError",
+    "SurfaceFields",
     "TactileError",
     "Term",
+    "Trace",
     "completed",
     "draw",
     "fit",
@@ -103,6 +115,7 @@ __all__ = [
 _MODULES = {
     "calibration.calibrate": ("fit",),
     "calibration.measurements": ("Experiment", "read_measurements"),
+    "calibration.result": ("Calibration",),
     "cli.app": ("run_script",),
     "finger": ("FingerMesh",),
     "mechanics.terms.term": ("Term",),
@@ -113,14 +126,17 @@ _MODULES = {
     "runtime.files": ("write_table",),
     "simulation.parts": ("Parts",),
     "simulation.results": ("Results",),
-    "simulation.run": ("completed", "resume", "scan"),
-    "simulation.simulation": ("Simulation",),
+    "simulation.run": ("ScanResult", "completed", "resume", "scan"),
+    "simulation.simulation": ("Observation", "Simulation"),
+    "simulation.surfaces": ("SurfaceFields",),
+    "simulation.trace": ("Trace",),
     "solvers.fast": ("FastSolver",),
     "solvers.plain": ("PlainSolver",),
     "stimulus": ("Distance", "Embossed", "RigidBody", "Stimulus"),
     "study": ("Study",),
     "study.file": ("load_study",),
     "tissue.energies": ("Law",),
+    "vibration.spectrum": ("Spectrum",),
     "vibration.vibrate": ("vibrate",),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}

@@ -48,6 +48,8 @@ sphinx_gallery_conf = {
     "min_reported_time": 1e9,
     "remove_config_comments": True,
     "download_all_examples": True,
+    # A notebook is started with options of its own.
+    "first_notebook_cell": "import sys\n\nsys.argv = sys.argv[:1]",
 }
 
 autodoc_member_order = "bysource"

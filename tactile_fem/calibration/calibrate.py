@@ -85,6 +85,12 @@ def fit(
     comm
         Communicator; all its ranks must call. Default: all ranks.
 
+    Returns
+    -------
+    Calibration
+        Its ``study`` has the fitted values; ``constants()`` are those in MPa with their 95 %
+        intervals.
+
     Raises
     ------
     StudyError

@@ -158,6 +158,11 @@ def read_measurements(
     sd_N
         Standard deviation of the forces of raw curves; default see `Experiment.of_curve`.
 
+    Returns
+    -------
+    list of Experiment
+        What `tactile_fem.fit` takes.
+
     Raises
     ------
     StudyError

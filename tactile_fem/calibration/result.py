@@ -25,7 +25,7 @@ _STRONG_CORRELATION = 0.7
 
 @dataclass(frozen=True)
 class Calibration:
-    """Result of `calibrate`.
+    """Result of `tactile_fem.fit`.
 
     Attributes
     ----------

@@ -121,6 +121,12 @@ def scan(
     parts
         Own parts in place of the study's.
 
+    Returns
+    -------
+    ScanResult
+        ``trace`` with the histories, ``response`` with the spikes, ``folder`` and ``study``. Of a
+        folder, `Results` reads the same, and fields of the whole finger.
+
     Raises
     ------
     StudyError
@@ -176,6 +182,11 @@ def resume(
 
     It is at most one accepted step old. Own parts and observers must be given again, see `scan`.
 
+    Returns
+    -------
+    ScanResult
+        That of the whole scan, as from `scan`.
+
     Raises
     ------
     StudyError
@@ -191,7 +202,13 @@ def resume(
 
 
 def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None) -> Results:
-    """Return the results folder of a study's scan, which is run or continued if needed: `scan`."""
+    """Run or continue the scan of a study where needed, as `scan` does, and read its folder.
+
+    Returns
+    -------
+    Results
+        The folder, opened.
+    """
     scan(study, folder, comm=comm)
     return Results(folder)
 

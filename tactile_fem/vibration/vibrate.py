@@ -143,6 +143,11 @@ def vibrate(
         Called with the response at each frequency, such as
         `ModeKeeper`.
 
+    Returns
+    -------
+    Spectrum
+        Force and what receptors feel, for each mm of the amplitude, at each frequency.
+
     Raises
     ------
     StudyError
