@@ -60,7 +60,7 @@ env: $(ENVIRONMENT)
 	@touch $@
 
 docs: $(DOCS)
-	@rm -rf demos/pages/gallery demos/pages/reference/generated
+	@rm -rf build/site demos/pages/gallery demos/pages/reference/generated
 	@$(PYTHON) -m sphinx -W --keep-going -q -E -d build/doctrees demos/pages build/site
 	@echo "build/site/index.html"
 

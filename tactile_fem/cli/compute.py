@@ -235,7 +235,7 @@ def fit(
     sd
         Of raw curves: standard deviation of a force in N; default 5 % of it and 1 % of the largest.
     study
-        Study to start from, a file or a shipped one; default values without.
+        Study to start from, a file or a shipped one; default values if left out.
     results
         Folder for presses, tables and figure.
     evaluations

@@ -21,7 +21,9 @@ Dots = Annotated[
 PositiveFloat = Annotated[float, Parameter(validator=validators.Number(gt=0))]
 StudyFile = Annotated[
     Path | None,
-    Parameter(help="Study file in TOML, or a shipped study, hamasaki2020; default values without."),
+    Parameter(
+        help="Study file in TOML, or the shipped study hamasaki2020; default values if left out."
+    ),
 ]
 Changes = Annotated[
     tuple[str, ...],

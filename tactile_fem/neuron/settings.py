@@ -27,8 +27,8 @@ class Neuron(Settings):
 
     model: Literal["logarithmic", "hamasaki2020", "gerling2018", "band_pass"] = Field(
         "logarithmic",
-        description="transduction: of a logarithm; or alpha, kappa, beta, with constants of their "
-        "own; or the generator function; or a rectified band-pass, of RA and PC",
+        description="law of transduction: a logarithm of what is felt; the linear law of the paper "
+        "(alpha, kappa, beta); the generator function; a rectified band-pass, for RA and PC",
     )
     # alpha, S_0 and the fast kappa: demos/validation/calibrate.py.
     static_gain_pA_per_kPa: NonNegative = Field(
