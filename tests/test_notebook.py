@@ -98,3 +98,11 @@ def test_results_in_memory_show_the_same(tmp_path):
     in_memory = ScanResult(trace, response, None, Study())
     assert cells(in_memory._repr_html_()) == cells(results._repr_html_())
     assert ScanResult(trace, response, tmp_path / "r", Study())._repr_html_().count("<img") == 1
+    assert repr(in_memory).splitlines() == [
+        "ScanResult",
+        "  folder: none, in memory",
+        "  path: 0.599 s, 57 steps",
+        f"  largest normal force: {results.trace['force_N'][:, 2].max():.3g} N",
+        f"  largest SED: {results.trace['sed_kPa'].max():.3g} kPa",
+        f"  spikes: {len(results.spikes.time_s)} from 21 receptors",
+    ]

@@ -21,9 +21,9 @@ MOST_BYTES, MOST_WORDS, MOST_WORDS_OF_ALL = 600_000, 650, 2500
 # What makes a notebook short enough for a test.
 SHORT = {
     "letters": {
-        "distance_mm=10.0": "distance_mm=0.4",
+        "distance_mm=7.5": "distance_mm=0.4",
         "force_N=0.5": "force_N=0.05",
-        "at_mm=5.0": "at_mm=0.4",
+        "at_mm=4.0": "at_mm=0.4",
         "deformation_*": "raster*",  # the others are drawn in a process of their own
     },
     "surface": {"distance_mm=6.0": "distance_mm=0.2", "force_N=0.3": "force_N=0.05"},

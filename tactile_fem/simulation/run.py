@@ -69,6 +69,19 @@ class ScanResult:
     study: Study
     parts: Parts = NO_PARTS
 
+    def __repr__(self) -> str:
+        """Return the main numbers, one a line."""
+        trace, spikes = self.trace, sum(map(len, self.response.spikes))
+        unit = self.study.finger.force_unit
+        lines = {
+            "folder": self.folder or "none, in memory",
+            "path": f"{np.ptp(trace.time_s):.3g} s, {len(trace) - 1} steps",
+            "largest normal force": f"{trace.force_N[:, 2].max():.3g} {unit}",
+            "largest SED": f"{trace.sed_kPa.max():.3g} kPa",
+            "spikes": f"{spikes} from {len(trace.receptors_mm)} receptors",
+        }
+        return "\n".join(["ScanResult", *(f"  {name}: {line}" for name, line in lines.items())])
+
     def _repr_html_(self) -> str:
         """Show numbers and rasters in a notebook, as `Results` do."""
         with TemporaryDirectory() as beside:
