@@ -188,7 +188,7 @@ def test_scanned_finger(run):
         name: number(rf"{name}: .* ([\d.]+) N at", output)
         for name in ("analytic", "its scan", "child")
     }
-    assert force_N["its scan"] == pytest.approx(force_N["analytic"], rel=0.2)
+    assert force_N["its scan"] == pytest.approx(force_N["analytic"], rel=0.1)
     assert force_N["child"] != force_N["its scan"]
 
 
@@ -223,7 +223,7 @@ def test_vibration(run):
     output = run("vibration", *SMALL)
     best = {}
     for kind in ("RA", "PC"):
-        told = re.search(rf"{kind}: .* thresholds \(um\) (.*)", output)[1]
+        told = re.search(rf"{kind}: .* thresholds \(µm\) (.*)", output)[1]
         pairs = [pair.split(" Hz ") for pair in told.split(", ")]
         best[kind] = float(min(pairs, key=lambda pair: float(pair[1]))[0])
     assert best["RA"] <= 100 <= best["PC"]

@@ -14,8 +14,9 @@ half of them, as naive people do (`Vega-Bermudez et al. 1991
    Left the mean images of firing, right how often a letter (row) is taken for another (column).
    Of 1,300 images 49 % are recognized; I and J are confused in 25 %, O and Q in 18 %.
 
-Expected time: 1 minute with the scans in ``scans.zip``, which are read as long as nothing is
-changed; two hours to scan all 26 letters.
+Expected time: 1 minute with the scans in ``demos/gallery/scans.zip`` of the repository, which a
+download of this page does not contain: put it beside the script or notebook. Without it, or with
+changes, two hours for 26 scans.
 
 What to change: ``NOISE_HZ``; ``gain_spread``; a key of the study, such as ``protocol.depth_mm``;
 ``stimulus.kind=braille`` with ``protocol.force_N``.
@@ -38,8 +39,9 @@ from tactile_fem.series import correlations, population_image, run_all, sweep
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/alphabet")
 changes = sys.argv[2:]
-if not changes:
-    with zipfile.ZipFile(Path(__file__).with_name("scans.zip")) as shipped:
+archive = Path(globals().get("__file__", "")).parent / "scans.zip"  # notebooks have no __file__
+if archive.is_file() and not changes:
+    with zipfile.ZipFile(archive) as shipped:
         shipped.extractall(folder, [n for n in shipped.namelist() if n.startswith("letters/")])
 members = sweep(
     [f"stimulus.text={','.join(letters)}"], overrides=["protocol.output_mm=0.2", *changes]

@@ -9,8 +9,8 @@ adapts and one that does not.
 
 .. figure:: /pictures/decay.png
 
-   From 2 s on the receptor lowers the rate 7.4 times, the tissue 1.36 times, both 11.7 times. In
-   this model firing decays because the receptor adapts.
+   After 2 s the adaptation of the receptor divides the rate by 7.4, the relaxation of the tissue
+   by 1.36, both together by 11.7. In this model firing decays because the receptor adapts.
 
 Expected time: 3 minutes on one core.
 
@@ -87,7 +87,7 @@ models = {
 models = {name: (skin, equally_fast(skin, n, wanted_Hz)) for name, (skin, n) in models.items()}
 late = {name: rates(skin, neuron)[1] for name, (skin, neuron) in models.items()}
 for name, rate in late.items():
-    print(f"{name}: {rate:.0f} spikes/s after 2 s, {late['neither'] / rate:.2f} times fewer")
+    print(f"{name}: {rate:.0f} spikes/s after 2 s, divided by {late['neither'] / rate:.2f}")
 
 # %%
 # Force and strain energy density (SED) fall only where the tissue relaxes; the rate falls mostly

@@ -8,7 +8,8 @@ all states.
 
 .. figure:: /pictures/deformed_finger.png
 
-   One half of the finger, and the contact pressure on its skin from below, 10 mm into the slide.
+   One half of the finger, and the contact pressure on its skin, 10 mm into the slide. The skin is
+   seen from below, hence the letters are mirrored.
 
 Expected time: 1 minute after the scan, which takes 3 minutes; the folder of ``letters.py`` will
 do. It needs the extra ``pictures``.
@@ -33,7 +34,8 @@ folder = Path(sys.argv[1] if sys.argv[1:] else "results/letters")
 results = completed(load_study(overrides=["stimulus.text=FGH", *sys.argv[2:]]), folder)
 
 # %%
-# ``results.skin`` returns arrays at the points of the skin. Their sum times area is the force.
+# ``results.skin`` returns arrays at the points of the skin. Pressure times area, summed over the
+# points, is the force.
 
 skin = results.skin(at_mm=results.trace["displacement_mm"][-1])
 force_N = np.sum(skin.contact_pressure_kPa * skin.area_mm2) / 1000
@@ -65,10 +67,10 @@ def look(plotter: pv.Plotter, place: tuple, focus: tuple, upwards: tuple) -> Non
     """Look at the contact with a parallel projection."""
     plotter.camera_position = [place, focus, upwards]
     plotter.enable_parallel_projection()
-    plotter.parallel_scale = 9.0
+    plotter.parallel_scale = 10.5
 
 
-SIDE, BELOW = ((60, -12, 12), (0, 0, 4), (0, 0, 1)), ((-1, 0, -60), (-1, 0, 0), (1, 0, 0))
+SIDE, BELOW = ((60, -12, 12), (0, 0, 4), (0, 0, 1)), ((-3, 0, -60), (-3, 0, 0), (1, 0, 0))
 plotter = pv.Plotter(shape=(1, 2), off_screen=True, window_size=(1400, 600), border=False)
 plotter.set_background("white")
 add_half(plotter, skin.time_s)

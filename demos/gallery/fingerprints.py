@@ -4,7 +4,7 @@ Fingerprints on an edge
 
 A section of the finger in plane strain, with and without fingerprints and dermal papillae, slides
 over an edge 0.3 mm high. Ridges stick and slip one by one: force and strain energy density (SED)
-follow their rhythm of speed over pitch.
+oscillate at the frequency speed/pitch.
 
 .. figure:: /pictures/fingerprints.png
 

@@ -158,6 +158,6 @@ x, felt = trace["receptors_mm"][:, 0], trace["shear_strain_yz"].T
 largest = np.abs(felt).max()
 shown = axes.pcolormesh(trace["time_s"], x, felt, cmap="PuOr", vmin=-largest, vmax=largest)
 axes.plot(spikes.time_s, x[spikes.receptor], "k.", ms=2)
-axes.set(xlabel="Time (s)", ylabel="X of the receptor (mm)")
+axes.set(xlabel="Time (s)", ylabel="X of the receptor (mm)", ylim=(x.max(), x.min()))
 figure.colorbar(shown, ax=axes, label="Shear strain YZ")
 figure.savefig(folder / "own_stimulus.png", dpi=120)

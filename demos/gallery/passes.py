@@ -12,8 +12,9 @@ carry less load.
    The image of one fibre is more like the letter: its correlation with the outline is 0.715, that
    of the population 0.607.
 
-Expected time: seconds with the scans in ``scans.zip``, which are read as long as nothing is
-changed; one hour to scan 25 passes.
+Expected time: seconds with the scans in ``demos/gallery/scans.zip`` of the repository, which a
+download of this page does not contain: put it beside the script or notebook. Without it, or with
+changes, one hour for 25 scans.
 
 What to change: ``spacing_mm``; a key of the study, such as ``stimulus.text``.
 """
@@ -34,15 +35,16 @@ from tactile_fem.series import fibre_image, population_image, run_all, single_fi
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/passes")
 changes = sys.argv[2:]
+archive = Path(globals().get("__file__", "")).parent / "scans.zip"  # notebooks have no __file__
 study = load_study(overrides=["stimulus.text=G", "protocol.output_mm=0.2", *changes])
 wanted = [m for m in single_fibre(study, spacing_mm=0.4) if m.values["shift_mm"]]
-if changes:
-    population = completed(study, folder / "letters/text-G")
-else:
-    with zipfile.ZipFile(Path(__file__).with_name("scans.zip")) as shipped:
+if archive.is_file() and not changes:
+    with zipfile.ZipFile(archive) as shipped:
         names = [n for n in shipped.namelist() if n.startswith(("passes/", "letters/text-G/"))]
         shipped.extractall(folder, names)
     population = Results.open(folder / "letters/text-G")
+else:
+    population = completed(study, folder / "letters/text-G")
 passes = [population, *run_all(wanted, folder / "passes")]
 
 # %%
@@ -50,7 +52,7 @@ passes = [population, *run_all(wanted, folder / "passes")]
 
 images = {"51 receptors, one pass": population_image(population)}
 images[f"one receptor, {len(passes)} passes"] = fibre_image(passes)
-figure, panels = plt.subplots(1, 2, figsize=(9, 4), sharex=True, sharey=True, layout="constrained")
+figure, panels = plt.subplots(1, 2, figsize=(9, 4.4), sharey=True, layout="constrained")
 for axes, (name, image) in zip(panels, images.items(), strict=True):
     row, time_s = image.response.events()
     r = image.outline_correlation(study.stimulus)
@@ -58,6 +60,6 @@ for axes, (name, image) in zip(panels, images.items(), strict=True):
     axes.plot(study.protocol.speed_mm_s * time_s, image.across_mm[row], "k.", ms=2)
     for shape in study.stimulus.outlines():
         axes.plot(*shape.exterior.xy[::-1], color="C1", lw=1)
-    axes.set(title=name, xlabel="Displacement (mm)", aspect="equal")
-panels[0].set(ylabel="X on the letter (mm)", xlim=(0, 10), ylim=(5, -5))
+    axes.set(title=name, xlabel="Displacement (mm)", aspect="equal", xlim=(0, 10), ylim=(5, -5))
+panels[0].set_ylabel("X on the letter (mm)")
 figure.savefig(folder / "passes.png", dpi=120)

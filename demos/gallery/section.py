@@ -10,9 +10,10 @@ beside its plane: it serves for parameter studies and ridges, not for letters an
 .. figure:: /pictures/section.png
 
    Maxima of the section come 0.3 mm later, with 0.57 times the largest SED of the solid finger.
-   The histories correlate by 0.88; the scans took 114 and 1,174 s on a busy machine.
+   The histories correlate by 0.88.
 
-Expected time: 6 minutes on one core.
+Expected time: 22 minutes on one core of a busy machine, 2 of them for the section; a free core
+takes a fraction.
 
 What to change: ``stimulus.ridge_mm``, ``stimulus.groove_mm``; ``stimulus.kind=text`` shows how a
 letter fails; ``finger.plane=transverse``, which only a section has.

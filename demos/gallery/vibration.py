@@ -1,16 +1,18 @@
 """
-Vibration: tuning curves of SA1, RA and PC
-==========================================
+Vibration: tuning curves of RA and PC
+=====================================
 
 A probe of 1 mm is pressed 1 mm deep and held for 2 s in tissue that relaxes. About this state the
 finger vibrates at each frequency: one linear solve with inertia. A tuning curve is the amplitude
-of the probe at which an afferent of median gain fires 10 spikes/s; SA1 afferents, which
-fire at 70 spikes/s in the hold, need 160 µm or more at any frequency.
+of the probe at which an afferent of median gain fires 10 spikes/s more than without vibration.
+SA1 afferents, which fire at 70 spikes/s in the hold, are not drawn: they need 160 µm or more at any
+frequency.
 
 .. figure:: /pictures/vibration.png
 
-   RA are most sensitive at 20 to 50 Hz (50 µm), PC at 300 to 400 Hz (0.16 µm). Near 150 Hz the
-   tissue under the probe resonates, and its force falls to half.
+   Lines: the model; dots: afferents of monkeys. RA are most sensitive at 20 to 50 Hz (50 µm), PC
+   at 300 to 400 Hz (0.16 µm). Near 150 Hz the tissue under the probe resonates, and the force on
+   the probe falls to half.
 
 Expected time: 5 minutes on one core.
 
@@ -68,7 +70,7 @@ for afferents in results.study.populations:
     found = [amplitudes_um[np.argmax(row)] if row.any() else np.nan for row in fires]
     thresholds[population.name] = np.array(found)
     print(
-        f"{population.name}: {rates[:, 0].mean():.0f} spikes/s at rest, thresholds (um) "
+        f"{population.name}: {rates[:, 0].mean():.0f} spikes/s at rest, thresholds (µm) "
         + ", ".join(f"{f:g} Hz {t:.3g}" for f, t in zip(frequencies, found, strict=True))
     )
 
@@ -85,7 +87,7 @@ figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained
 for kind, colour in zip(measured, ("C1", "C2"), strict=True):
     left.loglog(frequencies, thresholds[kind], color=colour, label=kind)
     left.loglog(*zip(*measured[kind].items(), strict=True), "o", color=colour)
-left.set(xlabel="Frequency (Hz)", ylabel="Threshold (um)")
+left.set(xlabel="Frequency (Hz)", ylabel="Threshold (µm)")
 left.legend()
 for kind, felt in (("RA", spectrum.stretches[..., 0]), ("PC", spectrum.moved[..., 2])):
     receptor = int(np.flatnonzero(spectrum.population == kind)[0])

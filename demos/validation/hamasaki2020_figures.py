@@ -18,6 +18,7 @@ from hamasaki2020_readings import (
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.lines import Line2D
 
 from tactile_fem import draw
 from tactile_fem.output.histories import DISPLACEMENT, rings
@@ -39,33 +40,47 @@ def figures(fingers: Mapping[str, Finger]) -> dict[str, Figure]:
 
 def presses(fingers: Mapping[str, Finger]) -> Figure:
     """Draw forces of the plate, profiles of the skin, and rates under cylinders."""
-    figure = Figure(figsize=(11, 3.4), layout="constrained")
-    force, skin, rates = figure.subplots(1, 3)
-    measured = {"ls": "", "marker": "o", "color": INK, "ms": 4}
-    force.errorbar(PLATE.depth_mm, PLATE.mean, PLATE.sd, label="plate, measured", **measured)
-    force.plot(1.97, 0.6, "*", color=INK, ms=11, label="letters, paper")
-    skin.plot(PROFILE.place_mm, PROFILE.mean, label="cylinder, measured", **measured)
-    rates.plot(CURVATURES, RAMP_HZ, label="ramp, assumed", **measured)
-    rates.plot(CURVATURES, HELD_HZ, label="hold, assumed", **measured | {"mfc": "white"})
+    figure = Figure(figsize=(8, 6.4), layout="constrained")
+    (force, skin), (rates, key) = figure.subplots(2, 2)
+    measured = {"ls": "", "marker": "o", "color": INK, "ms": 5}
+    force.errorbar(PLATE.depth_mm, PLATE.mean, PLATE.sd, **measured)
+    force.plot(1.97, 0.6, "*", color=INK, ms=12)
+    skin.plot(PROFILE.place_mm, PROFILE.mean, **measured)
+    rates.plot(CURVATURES, RAMP_HZ, **measured)
+    rates.plot(CURVATURES, HELD_HZ, **measured | {"mfc": "white"})
     for name, finger in fingers.items():
         colour = COLOURS[name]
-        force.plot(*finger.plate(), color=colour, label=f"plate, {name}")
-        force.plot(1.97, finger.pressed_N(), "*", color=colour, ms=11, mfc="none")
+        force.plot(*finger.plate(), color=colour)
+        force.plot(1.97, finger.pressed_N(), "*", color=colour, ms=12, mfc="none", mew=1.5)
         for scan, line in (("edge", "-"), ("cylinder", "--")):
-            deflection = finger.profile(scan, _PLACES_MM)
-            skin.plot(_PLACES_MM, deflection, line, color=colour, label=f"{scan}, {name}")
+            skin.plot(_PLACES_MM, finger.profile(scan, _PLACES_MM), line, color=colour)
         ramp, hold = finger.rates_Hz().T
-        rates.plot(CURVATURES, ramp, color=colour, label=f"ramp, {name}")
-        rates.plot(CURVATURES, hold, "--", color=colour, label=f"hold, {name}")
+        rates.plot(CURVATURES, ramp, color=colour)
+        rates.plot(CURVATURES, hold, "--", color=colour)
     force.set(title="3a", xlabel="Indentation (mm)", ylabel="Normal force (N)", ylim=(0, None))
     skin.set(title="3b", xlabel="Distance from the bar (mm)", ylabel="Deflection (mm)")
     skin.invert_yaxis()
     rates.set(title="5, 6", xlabel="Curvature of the cylinder (1/inch)", ylabel="Rate (spikes/s)")
     rates.set(xscale="log", xticks=CURVATURES, xticklabels=CURVATURES, ylim=(0, None))
     rates.minorticks_off()
-    for axes in (force, skin, rates):
-        axes.legend(frameon=False, fontsize=7)
+    key.set_axis_off()
+    key.legend(handles=_key(fingers), frameon=False, loc="center left")
     return figure
+
+
+def _key(fingers: Mapping[str, Finger]) -> list[Line2D]:
+    """Return what the lines and markers of `presses` mean."""
+    dot = {"ls": "", "marker": "o", "color": INK}
+    star = {"ls": "", "marker": "*", "ms": 12, "color": INK}
+    return [
+        *(Line2D([], [], color=COLOURS[name], label=name) for name in fingers),
+        Line2D([], [], color=INK, label="plate (3a), edge (3b), ramp (5, 6)"),
+        Line2D([], [], color=INK, ls="--", label="cylinder (3b), hold (5, 6)"),
+        Line2D([], [], **dot, label="measured (3), assumed ramp (5, 6)"),
+        Line2D([], [], **dot, mfc="white", label="assumed hold (5, 6)"),
+        Line2D([], [], **star, label="letters, paper"),
+        Line2D([], [], **star, mfc="none", label="letters, the two fingers"),
+    ]
 
 
 # --- Fig. 8 --------------------------------------------------------------------------------------
@@ -73,7 +88,7 @@ def presses(fingers: Mapping[str, Finger]) -> Figure:
 
 def middle(fingers: Mapping[str, Finger]) -> Figure:
     """Draw SED and spikes of the middle afferent over the windows in which the paper's fires."""
-    figure = Figure(figsize=(8, 4.2), layout="constrained")
+    figure = Figure(figsize=(7.5, 4.4), layout="constrained")
     sed, fired = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
     for row, (name, finger) in enumerate(fingers.items()):
         seen = finger.middle()
@@ -97,12 +112,12 @@ def sections(finger: Finger, picture: Path) -> None:
     slid = [file for file in drawn if not file.stem.endswith("_s")][:_MOST_SECTIONS]
     if not slid:
         return
-    figure = Figure(figsize=(10, 7), layout="constrained")
+    figure = Figure(figsize=(8, 5.6), layout="constrained")
     for number, file in enumerate(slid):
         axes = figure.add_subplot(2, 2, number + 1)
         axes.imshow(imread(file))
         axes.set_axis_off()
-    figure.savefig(picture, dpi=100)
+    figure.savefig(picture, dpi=110)
 
 
 # --- Fig. 9 --------------------------------------------------------------------------------------
@@ -110,14 +125,14 @@ def sections(finger: Finger, picture: Path) -> None:
 
 def rasters(fingers: Mapping[str, Finger]) -> Figure:
     """Draw the population's spikes beside those of one fibre in many passes."""
-    figure = Figure(figsize=(10, 3.9 * len(fingers)), layout="constrained")
+    figure = Figure(figsize=(8, 3.5 * len(fingers)), layout="constrained")
     grid = figure.subplots(len(fingers), 2, squeeze=False, sharex=True, sharey=True)
     for row, (name, finger) in zip(grid, fingers.items(), strict=True):
         images = {"9a, population": finger.population(), "9b, one fibre": finger.fibre()}
         for axes, (title, image) in zip(row, images.items(), strict=True):
             _raster(axes, image, finger)
             axes.set(title=f"{title}, {name}")
-        row[0].set_ylabel("Place across the letter, X (mm)")
+        row[0].set_ylabel("X on the letter (mm)")
     for axes in grid[-1]:
         axes.set_xlabel(DISPLACEMENT)
     return figure
