@@ -124,6 +124,18 @@ def test_passes_are_read_from_the_archive(run, tmp_path):
     assert (tmp_path / "out" / "passes.png").is_file()
 
 
+def test_without_the_archive_a_notebook_scans(run, tmp_path, monkeypatch):
+    def scans(study, folder):
+        raise InterruptedError(study.stimulus.text)
+
+    monkeypatch.setattr("tactile_fem.completed", scans)
+    monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "out")])
+    monkeypatch.chdir(tmp_path)
+    cells = compile((GALLERY / "passes.py").read_text(), "passes", "exec")
+    with pytest.raises(InterruptedError, match="G"):
+        exec(cells, {"__name__": "__main__"})  # without `__file__`
+
+
 @pytest.mark.slow
 def test_alphabet(run):
     output = run("alphabet")

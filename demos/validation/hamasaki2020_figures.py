@@ -112,12 +112,12 @@ def sections(finger: Finger, picture: Path) -> None:
     slid = [file for file in drawn if not file.stem.endswith("_s")][:_MOST_SECTIONS]
     if not slid:
         return
-    figure = Figure(figsize=(8, 5.6), layout="constrained")
+    figure = Figure(figsize=(10, 7), layout="constrained")
     for number, file in enumerate(slid):
         axes = figure.add_subplot(2, 2, number + 1)
         axes.imshow(imread(file))
         axes.set_axis_off()
-    figure.savefig(picture, dpi=110)
+    figure.savefig(picture, dpi=100)
 
 
 # --- Fig. 9 --------------------------------------------------------------------------------------
