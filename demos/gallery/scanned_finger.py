@@ -32,7 +32,7 @@ from tactile_fem import completed, load_study
 
 # %%
 # The scan: skin and bone of a longer finger, with 0.01 mm of noise, turned as on a scanner's table.
-# The skin has 4,384 triangles: from a tenth of them it would be flatter, and the force 10 % lower.
+# The skin has 4,384 triangles. With 663 it is flatter, and the force is 10 % lower.
 # The skin consists of the triangles that belong to one tetrahedron, without those of the cut.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/scanned_finger")
