@@ -322,6 +322,7 @@ def two_kinds(folder, study):
         **sa1,
         "receptors_mm": np.concatenate([sa1["receptors_mm"], ra["receptors_mm"]]),
         "population": np.repeat(["SA1", "RA"], [7, 5]),
+        "moved_mm": np.hstack([sa1["moved_mm"], ra["moved_mm"]]),
         "sed_kPa": np.hstack([sa1["sed_kPa"], 2 * ra["sed_kPa"]]),
         "stretches": np.stack([1 / stretch, stretch**0, stretch], axis=-1),
     }
