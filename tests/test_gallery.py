@@ -167,6 +167,13 @@ def test_deformed_finger(run, tmp_path):
 
 
 @pytest.mark.slow
+def test_afferents(run):
+    output = run("afferents", "protocol.depth_mm=1.0", "protocol.distance_mm=0.4", *SMALL)
+    spikes = {kind: number(rf"{kind}: (\d+) spikes", output) for kind in ("SA1", "RA", "PC")}
+    assert spikes["SA1"] > 0 and len(set(spikes.values())) == 3
+
+
+@pytest.mark.slow
 def test_friction(run):
     output = run("friction", "protocol.depth_mm=0.5", "protocol.distance_mm=0.4", *SMALL)
     pulled = [float(found) for found in re.findall(r"([\d.]+) N tangential", output)]
