@@ -1,4 +1,4 @@
-# make scan      the paper's scan: data and pictures into results/
+# make scan      the letters of the paper: data and pictures into results/
 # make test      the tests that take seconds, some of the mechanics on two ranks as well
 # make test-all  all tests: also the demos, long scans and kills at random
 # make env       only the environment, in .venv

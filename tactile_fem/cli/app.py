@@ -27,7 +27,7 @@ from tactile_fem.runtime import logs, ranks
 HELP = """Press embossed letters on a layered fingertip and slide them:
 how do its afferents respond?
 
-Without a study file the paper's scan is run: F G H, 1.97 mm deep, 10 mm long.
+Without a study file the letters F G H of the paper are scanned, 1.97 mm deep, 10 mm long.
 
     tactile-fem scan
     tactile-fem scan study.toml --set stimulus.text=EFG --ranks 2

@@ -1,7 +1,7 @@
 """Nitsche's method for frictional contact with a rigid body, in UFL.
 
-After Chouly, Mlika and Renard (Numer. Math. 2018) on Nitsche's method for large-deformation
-frictional contact, for one deformable body. With the Piola traction ``t = P N`` on the finger,
+After Chouly, Mlika and Renard (Numer. Math. 2018) and, at large deformation, Mlika, Renard and
+Chouly (Comput. Methods Appl. Mech. Eng. 2017), for one deformable body. With the Piola traction ``t = P N`` on the finger,
 the obstacle's outward normal `nu`, ``p = t.nu`` (compression positive) and ``t_t = t - p nu``:
 
     s_n = [p - gamma_h g]_+                                 non-penetration, smoothed

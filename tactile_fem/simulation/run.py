@@ -121,7 +121,7 @@ def scan(
     Parameters
     ----------
     study
-        The input; ``Study()`` is the paper's.
+        The input; ``Study()`` is the default: the letters F G H of the paper, the default finger.
     folder
         Results folder; None keeps the results in memory only.
     overwrite

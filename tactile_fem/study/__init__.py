@@ -172,7 +172,7 @@ class Study(Settings):
         return Layout.joined(layouts)
 
     def _repr_html_(self) -> str:
-        """Show in a notebook what differs from the paper's study, and where nothing does."""
+        """Show in a notebook what differs from the default study, and where nothing does."""
         paper = Study()
         rows = [(key, brief(here), brief(there)) for key, here, there in differences(self, paper)]
         same = [name for name, value in self if value and value == getattr(paper, name)]
