@@ -1,8 +1,9 @@
 """Nitsche's method for frictional contact with a rigid body, in UFL.
 
 After Chouly, Mlika and Renard (Numer. Math. 2018) and, at large deformation, Mlika, Renard and
-Chouly (Comput. Methods Appl. Mech. Eng. 2017), for one deformable body. With the Piola traction ``t = P N`` on the finger,
-the obstacle's outward normal `nu`, ``p = t.nu`` (compression positive) and ``t_t = t - p nu``:
+Chouly (Comput. Methods Appl. Mech. Eng. 2017), for one deformable body. With the Piola
+traction ``t = P N`` on the finger, the obstacle's outward normal `nu`, ``p = t.nu`` (compression
+positive) and ``t_t = t - p nu``:
 
     s_n = [p - gamma_h g]_+                                 non-penetration, smoothed
     s_t = Coulomb(t_t - d_old - gamma_h slip; mu s_n)       friction, see `terms.contact`
