@@ -209,4 +209,4 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("autodoc-process-signature", _signature)
     app.connect("autodoc-skip-member", _skipped)
     app.connect("html-collect-pages", _source_pages)
-    return {"parallel_read_safe": True}
+    return {"parallel_read_safe": False}  # pages of the source are collected in one process

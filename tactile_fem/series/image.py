@@ -182,9 +182,7 @@ def population_image(
         There are fewer than three such receptors, or they are not at equal distances; or the path
         is no straight slide.
     """
-    trace = results.trace
-    known = {one.name: one for one in results.study.populations}
-    afferents = known[population or next(iter(known))].population()
+    trace, afferents = results.trace, _afferents(results, population)
     own = results.receptors_of(afferents.name)
     places = trace["receptors_mm"][own]
     middle = np.flatnonzero(np.abs(places[:, 1]) < 1e-9)
@@ -200,6 +198,12 @@ def population_image(
     times, felt = afferents.drive.of(trace)
     afferents = replace(afferents, neuron=neuron or afferents.neuron)
     return rate_image(across, times, felt[:, row], _speed_mm_s(results), afferents)
+
+
+def _afferents(results: Results, name: str | None) -> Population:
+    """Return the population of a name, or the first."""
+    known = {one.name: one for one in results.study.populations}
+    return known[name or next(iter(known))].population()
 
 
 def fibre_image(
@@ -234,8 +238,7 @@ def fibre_image(
     passes = sorted(passes, key=lambda results: -results.study.stimulus.shift_mm[0])
     across, rows = _with_gaps(np.array([-one.study.stimulus.shift_mm[0] for one in passes]))
     traces = [results.trace for results in passes]
-    known = {one.name: one for one in passes[0].study.populations}
-    afferents = known[population or next(iter(known))].population()
+    afferents = _afferents(passes[0], population)
     # Each pass has its own steps; histories are linear between them.
     time = np.unique(np.concatenate([trace["time_s"] for trace in traces]).round(12))
     felt = np.zeros((len(time), len(across)))
