@@ -337,6 +337,38 @@ def test_an_output_that_nobody_reads_is_no_error():
     assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, "")
 
 
+def test_help_and_wrong_input_import_nothing_heavy(tmp_path):
+    heavy = "scipy shapely meshio matplotlib ufl dolfinx mpi4py gmsh pyvista trimesh"
+    code = (
+        "import shlex, sys\n"
+        "from tactile_fem.cli.app import main\n"
+        "for line in sys.argv[2:]:\n"
+        "    try:\n"
+        "        code = main(shlex.split(line))\n"
+        "    except SystemExit:\n"  # of help
+        "        code = 0\n"
+        "    print(code, *(set(sys.argv[1].split()) & sys.modules.keys()))"
+    )
+    Path("bad.toml").write_text("[protocol]\ndepth_mm = 'deep'\n")
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used" / "notes").touch()
+    wrong = [
+        *("scan --wrong", "scan --set protocol.depth=1", "scan --set finger.dermis_mm=-1"),
+        *("scan bad.toml", "scan none.toml", "scan --results used", "resume none"),
+        *("scan --set protocol.depth_mm=9", "scan --set finger.dermis_mm=6"),
+        *("scan --set finger.mesh_file=none.msh", "sweep --over stimulus.friction=x"),
+        *("sweep --over stimulus.friction", "fibre --task 3/2", "fibre --spacing-mm 9"),
+        *("fit none.csv", "vibrate none", "vibrate none --frequencies 0", "view none"),
+        *("plot none", "report none", "fields none", "compare none no", "preview -o x.jpg"),
+    ]
+    expected = {"--help": "0", "scan --help": "0", **dict.fromkeys(wrong, "2")}
+    done = subprocess.run(
+        [sys.executable, "-c", code, heavy, *expected], capture_output=True, text=True
+    )
+    answers = [line for line in done.stdout.splitlines() if re.match(r"\d( |$)", line)]
+    assert dict(zip(expected, answers, strict=True)) == expected, done.stderr
+
+
 def test_without_dolfinx_a_scan_says_where_to_get_it(tmp_path):
     code = (
         "import sys\n"

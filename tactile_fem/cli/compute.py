@@ -54,14 +54,16 @@ def scan(
         Replace the scan in the folder; other files stay.
     """
     from tactile_fem import load_study
-    from tactile_fem.simulation.checks import check_study
-    from tactile_fem.simulation.earlier import earlier_scan
 
     the_study = load_study(study, changes)
     found = "nothing"
     if ranks.is_first():
+        from tactile_fem.simulation.earlier import earlier_scan
+
         found = earlier_scan(results, the_study, overwrite=overwrite)
     if found == "nothing":
+        from tactile_fem.simulation.checks import check_study
+
         check_study(the_study)
     with_mechanics("tactile_fem.simulation.run", ranks_).scan(
         the_study, results, overwrite=overwrite

@@ -99,14 +99,15 @@ def export(
         Replace the file.
     """
     from tactile_fem import load_study
-    from tactile_fem.output.deck import write_deck
-    from tactile_fem.simulation.checks import check_study, check_with_mesh
 
     the_study = load_study(study, changes)
     check_file("--deck", deck, ".inp")
     if deck.exists() and not overwrite:
         raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
     the_study.finger.require_solid("an input deck")
+    from tactile_fem.output.deck import write_deck
+    from tactile_fem.simulation.checks import check_study, check_with_mesh
+
     check_study(the_study)
     finger = the_study.finger.mesh()
     check_with_mesh(the_study, the_study.stimulus.body(), finger)
@@ -156,8 +157,6 @@ def fields(
         Column of the table that the map shows.
     """
     from tactile_fem import Results
-    from tactile_fem.output.maps import surface_map
-    from tactile_fem.runtime.files import write_figure
     from tactile_fem.simulation.surfaces import ENDINGS
 
     found = Results.open(results)
@@ -175,6 +174,9 @@ def fields(
     else:
         surface = found.interface(at_mm, at_s=at_s, side=side)
     if output.suffix == ".png":
+        from tactile_fem.output.maps import surface_map
+        from tactile_fem.runtime.files import write_figure
+
         write_figure(output, surface_map(surface, show))
     else:
         surface.save(output)
@@ -184,9 +186,12 @@ def fields(
 
 def plot(results: ScanFolder, /, *, dpi: Dots = 200) -> None:
     """Draw all figures of a scan again; text and lines keep their sizes at any resolution."""
-    from tactile_fem import Results, draw
+    from tactile_fem import Results
 
-    for path in draw(Results.open(results), dpi=dpi):
+    found = Results.open(results)
+    from tactile_fem import draw
+
+    for path in draw(found, dpi=dpi):
         print(path)
 
 

@@ -36,13 +36,14 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
         Write this .png file.
     """
     from tactile_fem import load_study
+
+    the_study = load_study(study, changes)
+    check_file("--output", output, ".png")
     from tactile_fem import preview as preview_of
     from tactile_fem.finger.scans import Scans
     from tactile_fem.output.preview import scans_figure
     from tactile_fem.runtime.files import write_figure
 
-    the_study = load_study(study, changes)
-    check_file("--output", output, ".png")
     try:
         figure = preview_of(the_study)
     except PlaceError as error:

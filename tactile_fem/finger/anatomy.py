@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import shapely
-from scipy.spatial import cKDTree
 
 from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger.layers import Layering, Ridges, Sizes, layering
@@ -18,6 +17,9 @@ from tactile_fem.finger.shape import Capsule, bone_shape, skin_shape
 from tactile_fem.finger.simplex import lowest_height
 from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.runtime.triangles import Triangles
+
+if TYPE_CHECKING:
+    import shapely
 
 _NAIL_FROM_TIP_MM, _NAIL_FROM_CUT_MM = 1.0, 2.0
 _NAIL_SHARE = 0.97  # share of the width of the finger
@@ -48,6 +50,8 @@ class NailOutline:
     @property
     def polygon(self) -> shapely.Polygon:
         """The outline."""
+        import shapely  # takes a while
+
         return shapely.box(*self.centres).buffer(self.corner, quad_segs=16)
 
     def ends(self, axis: int) -> tuple[float, float]:
@@ -151,6 +155,8 @@ def _check_depth_of_bone(
 
 def depth_below(skin: Capsule | ScannedSkin, points: Array) -> Array:
     """Return the depth of points (n, 3) below the skin in mm, negative outside (error < 0.02)."""
+    from scipy.spatial import cKDTree  # takes 0.3 s
+
     surface, _ = skin.sample(_DEPTH_STEP_MM)
     distance, _ = cKDTree(surface).query(points)
     return np.where(skin.level(points) < 0, distance, -distance)

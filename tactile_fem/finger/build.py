@@ -12,7 +12,6 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError, PlaceError
@@ -171,6 +170,8 @@ def triangulate(
     middle = raw[triangles].mean(axis=1)
     under_nail = np.zeros(len(triangles), dtype=bool)
     if outline is not None:
+        import shapely  # takes a while
+
         inside = shapely.contains_xy(outline.polygon, middle[:, :2])
         under_nail = inside & (middle[:, 2] > 0)
     surface = Triangles(points, triangles).facing(normals[triangles].sum(axis=1))

@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 
 import numpy as np
-from meshio.gmsh import gmsh_to_meshio_type
 
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
@@ -43,6 +42,8 @@ def read_msh(path: str | os.PathLike[str]) -> FingerMesh:
     kinds = {block.kind for block in blocks}
     shape = SOLID if kinds & {_QUADRATIC[3], _LINEAR[3]} else FLAT
     if not {_QUADRATIC[shape.dim], _QUADRATIC[shape.dim - 1]} <= kinds:
+        from meshio.gmsh import gmsh_to_meshio_type  # takes a while
+
         found = sorted(gmsh_to_meshio_type.get(kind, f"number {kind}") for kind in kinds)
         raise MeshError(
             f"the mesh {path} has cells of type {', '.join(found) or 'none'}: ten-node "

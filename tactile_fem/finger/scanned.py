@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger.plane import Array
@@ -183,6 +182,8 @@ _FIT_PARAMETERS = ("half_width", "below", "above", "axis_z", "tip_length", "pad_
 
 def _fitted(guess: Capsule, surface: SmoothSurface) -> Capsule:
     """Return the capsule whose samples are nearest to a surface."""
+    from scipy.optimize import least_squares  # takes a while
+
     start = np.array([getattr(guess, name) for name in _FIT_PARAMETERS])
     steepest = -guess.cut_y / np.sin(ARC_END)  # an arc that ends at the cut at the latest
     least = [*(0.5 * start[:3]), start[3] - 3, 0.3 * start[4], min(0.5 * steepest, 15.0), 0.3]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage
-from scipy.interpolate import NdBSpline
 
 from tactile_fem.errors import MeshError, PlaceError, TactileError
 from tactile_fem.finger.plane import Array
 from tactile_fem.runtime.triangles import Triangles, in_chunks
+
+if TYPE_CHECKING:
+    from scipy.interpolate import NdBSpline
 
 _STEP_MM, _MARGIN_MM = 0.3, 3.0
 _MOST_POINTS = 6_000_000  # some 200 bytes each while they are sampled
@@ -42,6 +44,9 @@ class SmoothSurface:
         no interest beyond; it is sampled to 3 mm beyond. Raises MeshError if the surface intersects
         itself or is too large, TactileError if libigl is missing.
         """
+        from scipy import ndimage  # takes a while
+        from scipy.interpolate import NdBSpline
+
         try:
             import igl
         except ModuleNotFoundError:
@@ -92,7 +97,7 @@ class SmoothSurface:
     def moved(self, by: Array) -> SmoothSurface:
         """Return the surface moved by (3,) mm."""
         knots = tuple(axis + shift for axis, shift in zip(self.spline.t, by, strict=True))
-        return SmoothSurface(NdBSpline(knots, self.spline.c, 3))
+        return SmoothSurface(type(self.spline)(knots, self.spline.c, 3))
 
     def level(self, points: Array) -> Array:
         """Return the distance (n,) at points (n, 3), mm."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.study import Stimulus
@@ -50,6 +49,8 @@ def at_time(trace: Mapping[str, Array], name: str, time_s: ArrayLike) -> Array:
 
 def rings(stimulus: Stimulus) -> Outlines:
     """Return the outlines of all raised parts as closed curves; holes turn the other way."""
+    import shapely  # takes a while
+
     parts = shapely.get_parts([part for part in stimulus.outlines() if not part.is_empty])
     polygons = [shapely.geometry.polygon.orient(part) for part in parts]
     return [

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import shapely
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import Numbers
@@ -171,11 +170,19 @@ def _halves(points: Points, faces: Indices) -> Indices:
 
 def _divided(points: Points, faces: Indices) -> Indices:
     """Divide faces (k, n) of five or more corners and of any shape, each in its plane."""
+    import shapely  # takes a while
+
+    def parts_of(polygon: shapely.Polygon) -> shapely.GeometryCollection:
+        try:
+            return shapely.constrained_delaunay_triangles(polygon)
+        except shapely.GEOSException:
+            return shapely.GeometryCollection()
+
     corners = points[faces]
     normal = _area(corners)
     axes = np.linalg.svd(normal[:, None])[2][:, 1:]
     flat = np.einsum("kni,kji->knj", corners - corners[:, :1], axes)
-    parts = np.array([_delaunay(polygon) for polygon in shapely.polygons(flat)])
+    parts = np.array([parts_of(polygon) for polygon in shapely.polygons(flat)])
     area, size = np.linalg.norm(normal, axis=1) / 2, np.ptp(flat, axis=(1, 2))
     error = np.abs(shapely.area(parts) - area)
     if np.any(wrong := error > _AREA_ERROR * area + _AREA_ERROR_OF_SIZE * size**2):
@@ -196,13 +203,6 @@ def _divided(points: Points, faces: Indices) -> Indices:
     spokes = np.arange(1, faces.shape[1] - 1)
     fan = faces[area == 0][:, np.column_stack([0 * spokes, spokes, spokes + 1])]
     return np.concatenate([found, fan.reshape(-1, 3)])
-
-
-def _delaunay(polygon: shapely.Polygon) -> shapely.GeometryCollection:
-    try:
-        return shapely.constrained_delaunay_triangles(polygon)
-    except shapely.GEOSException:
-        return shapely.GeometryCollection()
 
 
 # --- files ---------------------------------------------------------------------------------------

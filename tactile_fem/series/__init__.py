@@ -1,14 +1,8 @@
 """Series of scans: sweeps over values, passes over one receptor, and their reports."""
 
-from tactile_fem.series.comparison import compare, write_comparison
-from tactile_fem.series.image import (
-    RateImage,
-    correlations,
-    fibre_image,
-    outline_image,
-    population_image,
-    rate_image,
-)
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from tactile_fem.series.members import Member, single_fibre, sweep
 from tactile_fem.series.run import (
     Outcome,
@@ -19,6 +13,17 @@ from tactile_fem.series.run import (
     share_of,
     write_summary,
 )
+
+if TYPE_CHECKING:
+    from tactile_fem.series.comparison import compare, write_comparison
+    from tactile_fem.series.image import (
+        RateImage,
+        correlations,
+        fibre_image,
+        outline_image,
+        population_image,
+        rate_image,
+    )
 
 __all__ = [
     "Member",
@@ -40,3 +45,12 @@ __all__ = [
     "write_comparison",
     "write_summary",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import what draws when it is first used: Matplotlib takes a while."""
+    for module in ("comparison", "image") if name in __all__ else ():
+        found = vars(import_module(f"{__name__}.{module}"))
+        if name in found:
+            return found[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

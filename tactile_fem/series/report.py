@@ -10,12 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from tactile_fem.errors import StudyError
-from tactile_fem.output.figures import draw_plots
 from tactile_fem.output.histories import rings
-from tactile_fem.output.plots import firing_figure, raster_figure
 from tactile_fem.runtime import html
 from tactile_fem.runtime.files import write_text
-from tactile_fem.series.image import fibre_image
 from tactile_fem.series.run import numbers_of
 from tactile_fem.simulation.results import Results
 from tactile_fem.study.file import dump_study
@@ -62,6 +59,8 @@ def write_report(folder: Path | str, *, output: Path | None = None) -> Path:
 
 
 def _scan(results: Results) -> tuple[str, list[str]]:
+    from tactile_fem.output.figures import draw_plots  # takes 0.5 s
+
     study, run = results.study, results.run
     rows = [("status", run.get("status", "unknown")), ("friction", study.stimulus.friction)]
     rows += [("receptors", len(results.trace["receptors_mm"]))]
@@ -79,6 +78,8 @@ def _scan(results: Results) -> tuple[str, list[str]]:
 
 
 def _series(summary: Path) -> tuple[str, list[str]]:
+    from tactile_fem.output.figures import draw_plots
+
     with summary.open(newline="", encoding="utf-8") as stream:
         head, *rows = csv.reader(stream)
     folders = [path.parent for path in sorted(summary.parent.glob("*/study.toml"))]
@@ -105,6 +106,9 @@ def _series(summary: Path) -> tuple[str, list[str]]:
 
 def _event_plot(passes: Sequence[Results], population: str) -> list[str]:
     """Draw spikes and rates of passes over one receptor of a population."""
+    from tactile_fem.output.plots import firing_figure, raster_figure
+    from tactile_fem.series.image import fibre_image
+
     image, stimulus = fibre_image(passes, population=population), passes[0].study.stimulus
     unshifted = stimulus.model_copy(update={"shift_mm": (0.0, stimulus.shift_mm[1])})
     shapes, along = rings(unshifted), image.along_mm

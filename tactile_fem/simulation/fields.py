@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import meshio
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -53,6 +52,8 @@ class FieldState:
         StudyError
             The file cannot be read, or is not that of a scan.
         """
+        import meshio  # takes a while
+
         try:
             mesh = meshio.vtu.read(path)
             of_cells = {name: arrays[0] for name, arrays in mesh.cell_data.items()}
@@ -89,6 +90,8 @@ class FieldWriter:
         Fields of the nodes are (n,) or (n, components), such as ``displacement_mm`` (n, 3), those
         of the cells (m,) or (m, components), such as ``sed_kPa``; the time is that of the trace.
         """
+        import meshio  # takes a while
+
         path = self.folder / _name(len(self._times_s))
         mesh = meshio.Mesh(
             self.nodes,

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import ufl
 
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import TISSUES, FingerMesh
@@ -18,10 +17,10 @@ from tactile_fem.path import Path
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.check import POINTS, check_body, check_lipschitz
 from tactile_fem.study import Tissue
-from tactile_fem.tissue.energies import Law
 
-if TYPE_CHECKING:  # it needs DOLFINx
-    from tactile_fem.mechanics.terms.term import MakeTerm
+if TYPE_CHECKING:
+    from tactile_fem.mechanics.terms.term import MakeTerm  # it needs DOLFINx
+    from tactile_fem.tissue.energies import Law
 
 # Where laws are tried: small deformations of either sign.
 _DEFORMATIONS = (
@@ -130,6 +129,8 @@ def check_parts(parts: Parts, of_study: Tissue) -> None:
 
 def _energy(law: Law, F: np.ndarray) -> float:
     """Return the energy density of a law at a deformation gradient, (3, 3)."""
+    import ufl  # takes a while
+
     origin = ufl.as_vector([0.0, 0.0, 0.0])
     return float(law.energy(ufl.as_matrix(F.tolist()), origin)(()))
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -129,6 +128,8 @@ class SurfaceFields:
                 write_arrays(path, {**own, **places, **self.columns})
             case ".vtu":
                 cell = "line" if self.facets.shape[1] == 2 else "triangle"
+                import meshio  # takes a while
+
                 mesh = meshio.Mesh(self.points_mm, [(cell, self.facets)], dict(self.columns))
                 with atomic_write(path) as part:
                     meshio.write(part, mesh, file_format="vtu")

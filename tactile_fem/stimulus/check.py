@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import pairwise, product
 
 import numpy as np
-import shapely
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import EXCESS_MM, NEAR_MM, Array, RigidBody
@@ -123,6 +122,8 @@ def _along(knots: Array) -> Array:
 
 def _where(body: RigidBody, places_mm: Array) -> str:
     """Return where the nearest place of a body is, seen from above, in its own axes."""
+    import shapely  # takes a while
+
     path = -places_mm[:, :2]
     for far, step in _SEARCHES_MM:
         ends = zip(path.min(axis=0) - far, path.max(axis=0) + far, strict=True)
