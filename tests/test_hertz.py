@@ -76,7 +76,8 @@ def pressed(stimulus, inner, reach, depth):
 
 def peaks_at_nodes(contact, block, load, is_bar, a):
     """Return the peak of an ellipse by the pressure at each corner within four fifths of it."""
-    moved, force = contact.order.gather(contact.u), contact.order.gather_owned(load.pressure_N)
+    gathered = contact.order.gather(contact.u), contact.order.gather_owned(load.pressure_N)
+    moved, force = contact.domain.comm.bcast(gathered)
     pressure = SkinContact(block, 0.0).fields(moved, force, 0 * force)["contact_pressure_kPa"]
     skin = block.facets[block.surface == SURFACES["skin"]]
     corners = np.unique(skin[:, : block.simplex.dim])

@@ -163,7 +163,7 @@ def test_motion_is_kept_restored_and_the_same_on_all_ranks():
     rest = go(whole, range(4, 6))
     for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
         again = sphere_on_block(comm=comm, inertia=True)
-        again.restore(saved)
+        again.restore(MPI.COMM_WORLD.bcast(saved))
         np.testing.assert_allclose(go(again, range(4, 6)), rest, atol=1e-9)
     alone = sphere_on_block(comm=MPI.COMM_SELF, inertia=True)
     np.testing.assert_allclose(go(alone, range(1, 6)), first + rest, atol=1e-9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -19,6 +20,7 @@ from mpi4py import MPI  # isort: skip
 from tactile_fem import neuron
 from tactile_fem.errors import StoppedError
 from tactile_fem.runtime.ranks import raise_stopped, signal_handler
+from tactile_fem.simulation.checkpoint import Checkpoints
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.run import resume, scan
@@ -233,13 +235,96 @@ def test_what_was_not_saved_is_not_said_to_be(quick, tmp_path, monkeypatch):
         scan(quick, tmp_path / "r", observers=[lambda seen: interrupt()])
 
 
-# --- power cuts between the writes -------------------------------------------------------------
+# --- checkpoints that are some steps old --------------------------------------------------------
 
 
 class PowerCut(BaseException):
     """In place of a kill that hits a write."""
 
 
+@pytest.fixture
+def seldom(monkeypatch):
+    """Let checkpoints be written with the first step and with fields only."""
+    monkeypatch.setattr("tactile_fem.simulation.checkpoint._INTERVAL_S", math.inf)
+
+
+@pytest.mark.usefixtures("seldom")
+def test_steps_after_the_checkpoint_are_computed_again(study, whole, tmp_path):
+    """After a kill, which has cut off the write of the last row."""
+
+    def kill(seen):
+        if seen.step.index == 6:
+            raise PowerCut
+
+    with pytest.raises(PowerCut):
+        scan(study, tmp_path / "r", observers=[kill])
+    results, file = Results(tmp_path / "r"), tmp_path / "r" / "trace.rows"
+    file.write_bytes(file.read_bytes()[:-100])
+    assert len(results.trace["time_s"]) == 5 and int(results.load_checkpoint()["rows"]) == 4
+    resume(results.folder)
+    assert not file.exists()
+    assert_equal(Results(results.folder), whole, 1e-10)
+
+
+@pytest.mark.usefixtures("seldom")
+def test_a_scan_that_is_stopped_is_saved_as_it_was_at_the_last_step(study, whole, tmp_path):
+    """Of the solve that is broken off nothing is left."""
+    steps = []
+
+    def interrupt_in_a_solve(seen):
+        steps.append(seen.step.index)
+        if seen.step.index == 5:
+            seen.simulation.problem.solver.snes.setMonitor(lambda *_: interrupt())
+
+    with pytest.raises(StoppedError):
+        scan(study, tmp_path / "r", observers=[interrupt_in_a_solve])
+    assert steps[-1] == 5
+    results = Results(tmp_path / "r")
+    assert len(results.trace["time_s"]) == int(results.load_checkpoint()["rows"]) == 6
+    resume(results.folder)
+    assert_equal(Results(results.folder), whole, 1e-10)
+
+
+def test_writing_checkpoints_takes_a_small_share_of_the_time(monkeypatch):
+    """Three seconds apart, or so far that writing takes 2 % of them; none is written twice."""
+    now, saved, cost_s = 0.0, [], 0.01
+
+    class Folder:
+        def save_checkpoint(self, row):
+            nonlocal now
+            saved.append(row)
+            now += cost_s
+
+    monkeypatch.setattr("tactile_fem.simulation.checkpoint.time.perf_counter", lambda: now)
+    checkpoints = Checkpoints(Folder())
+    for row in range(300):
+        if row == 100:
+            cost_s = 0.5
+        checkpoints.keep({"row": row})
+        if checkpoints.is_due:
+            checkpoints.save()
+        now += 0.5
+    early, late = (
+        np.diff([row for row in saved if first <= row < last])
+        for first, last in ((0, 100), (106, 300))
+    )
+    assert saved[0] == 0 and set(early) == {6} and set(late) == {50}
+    checkpoints.save()
+    checkpoints.save()
+    assert saved[-1] == 299 and saved[-2] != 299
+
+
+# --- power cuts between the writes -------------------------------------------------------------
+
+
+@pytest.fixture
+def each_step(monkeypatch):
+    """Let a checkpoint be written with each step."""
+    monkeypatch.setattr("tactile_fem.simulation.checkpoint._INTERVAL_S", 0.0)
+    monkeypatch.setattr("tactile_fem.simulation.checkpoint._SHARE", math.inf)
+
+
+@pytest.mark.usefixtures("each_step")
 @pytest.mark.parametrize("writes, renamed", [(3, False), (16, True)])
 def test_cut_off_at_a_write_it_ends_the_same(study, whole, tmp_path, monkeypatch, writes, renamed):
     """The file is half written, or renamed just before."""

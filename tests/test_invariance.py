@@ -71,7 +71,8 @@ def outcome(problem: FingerProblem) -> Outcome:
     energy, owned = np.zeros(domain.cell_count), domain.owned_file_cells()
     energy[owned] = of_cells[: len(owned)]
     domain.comm.Allreduce(MPI.IN_PLACE, energy)
-    return Outcome(problem.load().force_N, problem.order.gather(problem.u), energy)
+    u = domain.comm.bcast(problem.order.gather(problem.u))
+    return Outcome(problem.load().force_N, u, energy)
 
 
 def travel(problem: FingerProblem, places) -> Outcome:

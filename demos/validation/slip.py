@@ -58,7 +58,8 @@ def drag(finger: Finger, force: float, friction: float, distance: float) -> Iter
     with closing(Simulation(study)) as simulation:
         rest = before = None
         for step in simulation.steps():
-            now = simulation.problem.order.gather(simulation.state.u)
+            u = simulation.problem.order.gather(simulation.state.u)
+            now = simulation.comm.bcast(u)
             if step.phase == "press":
                 rest = now
             else:

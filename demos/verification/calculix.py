@@ -204,7 +204,7 @@ def ours(study: Study, finger: FingerMesh, samples: Samples, size: DeckSize) -> 
     steps, sed = [], []
     for step in Stepper(problem, study.protocol.route(0.0), study.solver):
         steps.append(step)
-        sed.append(read_at(samples, fields.gather()["sed_kPa"]))
+        sed.append(read_at(samples, comm.bcast(fields.gather()["sed_kPa"])))
     cpu = comm.allreduce(time.process_time() - cpu)
     iterations = sum(step.newton_iterations for step in steps)
     work = True, len(steps), iterations, sum(step.wall_s for step in steps), cpu

@@ -123,7 +123,8 @@ def _reading(
         if is_force.any():
             values[is_force] = simulation.load().force_N[2]
         if skin is not None and not is_force.all():
-            moved = skin.deformed_mm(problem.order.gather(problem.u))
+            u = simulation.comm.bcast(problem.order.gather(problem.u))
+            moved = skin.deformed_mm(u)
             values[~is_force] = deflection(moved, skin.rest_mm, places[~is_force], axis)
         return values
 

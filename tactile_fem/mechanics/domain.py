@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, held_parts
 from tactile_fem.finger.plane import SPACE, Plane
+from tactile_fem.mechanics.rows import gather_rows, scatter_rows
 from tactile_fem.runtime.ranks import on_root, shared_errors
 
 logger = logging.getLogger(__name__)
@@ -218,7 +219,9 @@ class NodeOrder:
         with shared_errors(domain.comm):
             if len(distance) and distance.max() > 1e-6:
                 raise MeshError("mesh: a P2 node is not a node of the file; quadratic cells needed")
-        self._owned = space.dofmap.index_map.size_local
+        self._owned = owned = space.dofmap.index_map.size_local
+        # Of all ranks, on the first one.
+        self._gathered = gather_rows(domain.comm, self._file[:owned, None])[:, 0]
         self._first = space.dofmap.index_map.local_range[0]
         self._count = len(domain.nodes)
         self._held = domain.held
@@ -265,20 +268,31 @@ class NodeOrder:
             )
 
     def gather(self, u: fem.Function) -> np.ndarray:
-        """Return the nodal vectors (n, components) in file order, on every rank."""
+        """Return the nodal vectors (n, components) in file order on the first rank.
+
+        Other ranks get none, (0, components). All ranks call.
+        """
         size = u.function_space.dofmap.index_map_bs
         return self.gather_owned(u.x.array.reshape(-1, size)[: self._owned])
 
     def gather_owned(self, vectors: np.ndarray) -> np.ndarray:
         """Return what `gather` does, of vectors at the owned nodes of this rank."""
+        rows = gather_rows(self._comm, vectors)
+        if self._comm.rank:
+            return rows
         values = np.zeros((self._count, vectors.shape[1]))
-        values[self._file[: self._owned]] = vectors
-        self._comm.Allreduce(MPI.IN_PLACE, values)
+        values[self._gathered] = rows
         return values
 
     def scatter(self, values: np.ndarray, u: fem.Function) -> None:
-        """Set `u` from nodal vectors (n, components) in file order."""
-        u.x.array[:] = values[self._file].ravel()
+        """Set `u` from nodal vectors (n, components) in file order, needed on the first rank only.
+
+        All ranks call.
+        """
+        size = u.function_space.dofmap.index_map_bs
+        own = u.x.array.reshape(-1, size)[: self._owned]
+        scatter_rows(self._comm, values[self._gathered], own)
+        u.x.scatter_forward()
 
 
 def _groups(line: np.ndarray) -> list[np.ndarray]:

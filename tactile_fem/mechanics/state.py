@@ -18,6 +18,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from tactile_fem.mechanics.domain import NodeOrder
+from tactile_fem.mechanics.rows import gather_rows
 
 Array = np.ndarray
 _POINT_TOLERANCE_MM = 1e-6
@@ -60,20 +61,19 @@ class PointHistory(ABC):
         self.old.x.array[:] = present
 
     def gather(self, values: Array) -> Array:
-        """Return points and values (n, dimension + components), on every rank, where not zero.
+        """Return points and values (n, dimension + components) where not zero, on the first rank.
 
-        A point is left out where all its components are zero.
+        A point is left out where all its components are zero; ghosts' points occur several times.
+        Other ranks get none. All ranks call.
         """
-        points = self.points_mm()
-        rows = values.reshape(len(points), -1) if len(points) else np.empty((0, 1))
+        rows = values.reshape(-1, self.old.function_space.dofmap.index_map_bs)
         nonzero = np.any(rows != 0, axis=1)
-        parts = self._comm.allgather(np.hstack([points[nonzero], rows[nonzero]]))
-        return np.concatenate([part for part in parts if len(part)] or parts[:1])
+        return gather_rows(self._comm, np.hstack([self.points_mm()[nonzero], rows[nonzero]]))
 
     def scatter(self, saved: Array, values: Array) -> None:
         """Set an array like that of `old` to what `gather` returned, on any number of ranks."""
         values[:] = 0.0
-        points = self.points_mm()
+        points, saved = self.points_mm(), self._comm.bcast(saved)
         if len(points) and len(saved):
             rows = values.reshape(len(points), -1)
             dim = points.shape[1]
@@ -188,9 +188,10 @@ class State:
             self.place(self.translation.value)
 
     def gather(self, order: NodeOrder) -> dict[str, Array]:
-        """Return the accepted state by name, independent of the number of ranks, on every rank.
+        """Return the accepted state by name, independent of the number of ranks; all ranks call.
 
-        Functions as (nodes, components) in the mesh file's order.
+        Functions as (nodes, components) in the mesh file's order. They and the histories are on
+        the first rank; other ranks have no rows of them.
         """
         functions = {name: order.gather(function) for name, function in self._nodal().items()}
         points = {}
@@ -208,7 +209,7 @@ class State:
         }
 
     def restore(self, saved: dict[str, Array], order: NodeOrder) -> None:
-        """Restore what `gather` returned."""
+        """Restore what `gather` returned; all ranks call, with what they got."""
         for name, function in self._nodal().items():
             order.scatter(saved[name], function)
         for history in self.histories:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import basix
 import numpy as np
 import ufl
 
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.problem import Problem
+from tactile_fem.mechanics.rows import gather_rows
 from tactile_fem.simulation.fields import TENSOR
 from tactile_fem.simulation.probe import material_point
 
@@ -36,17 +35,25 @@ class CellFields:
             cells = cells[cells < len(owned)]
             point = material_point(problem, name)
             values = [point.energy_MPa, *(point.cauchy_MPa[i, j] for i, j in entries)]
-            self._parts.append((expression(ufl.as_vector(values), points), cells, owned[cells]))
+            self._parts.append((expression(ufl.as_vector(values), points), cells))
+        cells = np.concatenate([owned[:0], *(owned[cells] for _, cells in self._parts)])
+        # Of all ranks, on the first one.
+        self._gathered = gather_rows(self._comm, cells[:, None])[:, 0]
 
     def gather(self) -> dict[str, np.ndarray]:
-        """Return ``sed_kPa`` (cells,) and ``stress_kPa`` (cells, 6) on every rank.
+        """Return ``sed_kPa`` (cells,) and ``stress_kPa`` (cells, 6) on the first rank.
 
-        The stress is Cauchy's; see `tactile_fem.simulation.fields.TENSOR` for its components.
+        The stress is Cauchy's; see `tactile_fem.simulation.fields.TENSOR` for its components. All
+        ranks call; the others get none, (0,) and (0, 6).
         """
-        values = np.zeros((self._count, 1 + len(TENSOR)))
-        for fields, cells, file_cells in self._parts:
+        columns = 1 + len(TENSOR)
+        means = [np.empty((0, columns))]
+        for fields, cells in self._parts:
             if len(cells):
                 local = fields.eval(self._mesh, cells).reshape(len(cells), len(self._weights), -1)
-                values[file_cells] = np.einsum("q,cqi->ci", self._weights, local)
-        self._comm.Allreduce(MPI.IN_PLACE, values)
+                means.append(np.einsum("q,cqi->ci", self._weights, local))
+        values = rows = gather_rows(self._comm, np.concatenate(means))
+        if not self._comm.rank:
+            values = np.zeros((self._count, columns))
+            values[self._gathered] = rows
         return {"sed_kPa": values[:, 0], "stress_kPa": values[:, 1:]}

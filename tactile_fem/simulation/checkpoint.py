@@ -1,8 +1,10 @@
-"""The checkpoint of a scan: what it was made from, and whether a scan may continue it."""
+"""The checkpoint of a scan: when it is written, from what, and whether a scan may continue it."""
 
 from __future__ import annotations
 
 import json
+import math
+import time
 from typing import Any
 
 from tactile_fem import __version__
@@ -24,7 +26,36 @@ _FREE: dict[str, Any] = {
     "output": True,
     "finger": {"mesh_file"},
 }
+# Seconds between two checkpoints, at least, and the share of the time that writing them may take.
+_INTERVAL_S, _SHARE = 3.0, 0.02
 _ANOTHER_FOLDER = "run the study again in another folder."
+
+
+class Checkpoints:
+    """Saves the last accepted state so seldom that it costs little; on the first rank."""
+
+    def __init__(self, results: Results) -> None:
+        self._results = results
+        self._unsaved: dict[str, Any] = {}
+        self._due_s = -math.inf
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it is time to save."""
+        return time.perf_counter() >= self._due_s
+
+    def keep(self, state: dict[str, Any]) -> None:
+        """Keep a state in memory, in place of the last one."""
+        self._unsaved = state
+
+    def save(self) -> None:
+        """Write ``checkpoint.npz``, unless it has the last state already."""
+        if not self._unsaved:
+            return
+        started = time.perf_counter()
+        self._results.save_checkpoint(**self._unsaved)
+        self._unsaved, ended = {}, time.perf_counter()
+        self._due_s = ended + max(_INTERVAL_S, (ended - started) / _SHARE)
 
 
 def origin_of(simulation: Simulation) -> dict[str, Any]:
@@ -53,7 +84,7 @@ def read_checkpoint(
 ) -> dict[str, Array]:
     """Return the checkpoint of a results folder, or the state it kept at a place or time.
 
-    All ranks call.
+    All ranks call. Arrays of nodes and points are on the first rank, as `State.gather` has them.
 
     Raises
     ------
@@ -61,13 +92,14 @@ def read_checkpoint(
         There is none, or it belongs to another version, study or mesh, or to other files or own
         parts.
     """
+    saved: dict[str, Array] = {}
 
     def read() -> dict[str, Array]:
-        saved = results.load_state(at_mm, at_s)
+        saved.update(results.load_state(at_mm, at_s))
         _check_origin(saved, simulation, str(results.checkpoint_file))
-        return saved
+        return {name: array if array.ndim < 2 else array[:0] for name, array in saved.items()}
 
-    return on_root(simulation.comm, read)
+    return on_root(simulation.comm, read) | saved
 
 
 def _check_origin(saved: dict[str, Array], simulation: Simulation, file: str) -> None:

@@ -6,6 +6,7 @@ Plain numbers: it knows nothing of finite elements.
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from dataclasses import dataclass
 
 # Times that differ by less than this share of the piece's are the same.
@@ -50,7 +51,7 @@ class StepControl:
         """Whether the present time is an output or the end; without outputs every time is one."""
         if self.finished or not self.outputs_s:
             return True
-        return any(abs(t - self.time_s) < self._rounding for t in self.outputs_s)
+        return abs(self._next_output_s(self.time_s - self._rounding) - self.time_s) < self._rounding
 
     @property
     def _rounding(self) -> float:
@@ -58,11 +59,15 @@ class StepControl:
 
     def target_s(self, most_s: float = math.inf) -> float:
         """Return the next time, at most `most_s` ahead; steps to an output are equal."""
-        ahead = [t for t in (*self.outputs_s, self.end_s) if t > self.time_s + self._rounding]
-        output = float(min(min(ahead), self.end_s))
+        output = self._next_output_s(self.time_s + self._rounding)
         time = output - self.time_s
         count = math.ceil(time / min(self.step_s, most_s) - _ROUNDING)
         return output if count <= 1 else self.time_s + time / count
+
+    def _next_output_s(self, after_s: float) -> float:
+        """Return the first output after a time, or the end."""
+        ahead = self.outputs_s[bisect(self.outputs_s, after_s) :][:1]
+        return float(min((*ahead, self.end_s)))
 
     def accept(self, target_s: float, iterations: int) -> None:
         """Move on to `target_s`, reached in `iterations`."""

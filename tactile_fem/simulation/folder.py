@@ -18,8 +18,8 @@ logger = logging.getLogger(__name__)
 # All files that the package writes, by their subfolder; nothing else is ever removed.
 _OWN_FILES = {
     ".": (
-        *("study.toml", "run.json", "trace.npz", "spikes.csv", "checkpoint.npz"),
-        *("stimulator.npz", "log.txt"),
+        *("study.toml", "run.json", "trace.npz", "trace.rows", "spikes.csv"),
+        *("checkpoint.npz", "stimulator.npz", "log.txt"),
     ),
     "states": ("state_*.npz",),
     "fields": ("deformation.pvd", "deformation_*.vtu"),

@@ -64,12 +64,12 @@ def progress(
         step = seen.step
         line, now, level = str(step), bar.get_time(), logging.DEBUG
         bar.update(task, completed=step.fraction, description=line)
-        with_time = f"{line}  {100 * step.fraction:3.0f} %{_time_left(bar)}"
         due = now - last_line_s >= every_s or step.fraction >= 1.0 or step.index == 1
         if in_cell is not None:
-            in_cell(_Line(with_time, step.fraction))
+            in_cell(_Line(_with_time(line, step.fraction, bar), step.fraction))
         elif due and not has_bar:
-            last_line_s, level, line = now, logging.INFO, with_time
+            last_line_s, level = now, logging.INFO
+            line = _with_time(line, step.fraction, bar)
         logger.log(level, "%s", line)
 
     _active.append(bar)
@@ -80,11 +80,11 @@ def progress(
         _active.remove(bar)
 
 
-def _time_left(bar: Progress) -> str:
+def _with_time(line: str, fraction: float, bar: Progress) -> str:
+    """Return a line with the share that is done and an estimate of the time left."""
     left = bar.tasks[0].time_remaining
-    if not left:
-        return ""
-    return f"  {left / 60:.1f} min left" if left >= 90 else f"  {left:.0f} s left"
+    in_words = f"{left / 60:.1f} min" if left and left >= 90 else f"{left or 0:.0f} s"
+    return f"{line}  {100 * fraction:3.0f} %" + (f"  {in_words} left" if left else "")
 
 
 class _Line(NamedTuple):

@@ -1,4 +1,4 @@
-"""Saves a running scan: trace after each step, checkpoints and fields at intervals."""
+"""Saves a running scan: a row of the trace after each step, checkpoints and fields at intervals."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ from tactile_fem.neuron import Response
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.cell_fields import CellFields
-from tactile_fem.simulation.checkpoint import origin_of
+from tactile_fem.simulation.checkpoint import Checkpoints, origin_of
 from tactile_fem.simulation.contact_fields import SkinContact
 from tactile_fem.simulation.fields import FieldWriter
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Observation, Simulation
 from tactile_fem.simulation.step import Step
 from tactile_fem.simulation.trace import Array, Trace
+from tactile_fem.simulation.trace_rows import TraceRows
 from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study.kept import keep_files
 
@@ -55,6 +56,7 @@ class Recorder:
         # On the first rank: what stays the same in checkpoints and in run.json, and the files.
         self._origin, self._run = dict[str, Any](), dict[str, Any]()
         self._fields: _KeptFields | None = None
+        self._rows, self._checkpoints = TraceRows(results.folder), Checkpoints(results)
 
         def prepare() -> None:
             self._origin, self._run = origin_of(simulation), _described(simulation)
@@ -77,43 +79,58 @@ class Recorder:
         self._save_run("running")
 
     def __call__(self, seen: Observation) -> None:
-        """Save an accepted step: trace, checkpoint, and its fields where they are due."""
+        """Save an accepted step, and its fields where they are due."""
         trace, problem = self._trace, self._simulation.problem
         due, gather = self._is_due(seen.step), problem.order.gather_owned
+        fields = [*self._field_rows, len(trace) - 1] if due else self._field_rows
         if due:
             cells = self._cells.gather()
             forces = gather(seen.step.pressure_N), gather(seen.step.friction_N)
-            self._field_rows.append(len(trace) - 1)
         state, spent = self._simulation.gather(), self._spent()
 
         def write() -> None:
             assert self._fields is not None
+            self._save_row()
             if due:
-                self._fields.write(float(trace.time_s[-1]), [state["u"], *forces], cells)
+                time_s = float(trace.at("time_s", [-1])[0])
+                self._fields.write(time_s, [state["u"], *forces], cells)
             if seen.step.indenting:
-                self._fields.writer.set_times(trace.time_s[self._field_rows])
-            self._results.save_trace(**trace.arrays())
+                self._fields.writer.set_times(trace.at("time_s", fields))
             saved = {
                 **self._origin,
                 "rows": len(trace),
-                "fields": np.array(self._field_rows, dtype=int),
+                "fields": np.array(fields, dtype=int),
                 "spent": json.dumps(spent),
                 **state,
             }
-            self._results.save_checkpoint(**saved)
+            self._checkpoints.keep(saved)
+            if due or self._checkpoints.is_due:
+                self._save_checkpoint()
             if due and self._simulation.study.output.restarts:
-                self._results.save_state(len(self._field_rows) - 1, **saved)
+                self._results.save_state(len(fields) - 1, **saved)
 
         with common.Timer("tactile: output"):
             on_root(self._comm, write)
+        self._field_rows = fields
+
+    def _save_row(self) -> None:
+        """Append the last row of the trace; the first one of new columns with all before it."""
+        number, indented_s, columns = self._trace.last()
+        if not self._rows.append(number, indented_s, columns):
+            self._results.save_trace(**self._trace.arrays())
+            self._rows.begin(columns)
+
+    def _save_checkpoint(self) -> None:
+        self._rows.sync()  # or a power cut could leave fewer rows than the checkpoint needs
+        self._checkpoints.save()
 
     def _is_due(self, step: Step) -> bool:
         """Return whether to keep the fields: at ends of pieces of the path and at intervals."""
         if step.ends_piece:
             return True
-        last = self._field_rows[-1] if self._field_rows else 0
-        ways = (getattr(self._trace, name) for name in ("displacement_mm", "depth_mm"))
-        way_mm = max(abs(way[-1] - way[last]) for way in ways)
+        rows = [self._field_rows[-1] if self._field_rows else 0, -1]
+        ways = (self._trace.at(name, rows) for name in ("displacement_mm", "depth_mm"))
+        way_mm = max(abs(way[1] - way[0]) for way in ways)
         return step.output and way_mm >= self._simulation.study.output.states_mm - 1e-9
 
     def restore(self, saved: dict[str, Array]) -> None:
@@ -130,8 +147,17 @@ class Recorder:
         self._earlier = json.loads(str(saved["spent"]))
         self._field_rows = saved["fields"].tolist()
         if self._fields is not None:
-            self._fields.writer.set_times(self._trace.time_s[self._field_rows])
+            self._fields.writer.set_times(self._trace.at("time_s", self._field_rows))
         self._save_run("running")
+
+    def save(self) -> None:
+        """Save the whole trace and the last accepted state."""
+
+        def save() -> None:
+            self._results.save_trace(**self._trace.arrays())
+            self._checkpoints.save()
+
+        on_root(self._comm, save)
 
     def finish(self, status: str, response: Response) -> None:
         """Save the spikes, and how the scan ended."""

@@ -4,7 +4,7 @@
 ``study.toml``       the resolved study
 ``inputs/``          copies of the files that it names, and of its font
 ``run.json``         versions, mesh, options, ranks, timings, status
-``trace.npz``        histories
+``trace.npz``        histories; while a scan runs, ``trace.rows`` has further rows
 ``spikes.csv``       see `tactile_fem.simulation.columns`, as for ``trace.npz``
 ``checkpoint.npz``   the state to go on from
 ``states/``          states that were kept, as ``checkpoint.npz``
@@ -31,6 +31,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, to_neo
 from tactile_fem.runtime import html
 from tactile_fem.runtime.files import atomic_write, write_arrays, write_text
+from tactile_fem.simulation import trace_rows
 from tactile_fem.simulation.columns import SPIKES, TRACE
 from tactile_fem.simulation.fields import FieldState, read_series
 from tactile_fem.simulation.folder import check_folder, choose_state, make_folder, nearest_mm
@@ -150,9 +151,13 @@ class Results:
         self.__dict__.pop("run", None)
 
     def save_trace(self, **arrays: ArrayLike) -> None:
-        """Write ``trace.npz``: `tactile_fem.simulation.columns.TRACE`, and columns of observers."""
+        """Write ``trace.npz``: `tactile_fem.simulation.columns.TRACE`, and columns of observers.
+
+        It replaces the rows that a running scan has added.
+        """
         _check_trace({name: np.asarray(array) for name, array in arrays.items()})
         write_arrays(self.folder / "trace.npz", arrays)
+        (self.folder / trace_rows.NAME).unlink(missing_ok=True)
         self.__dict__.pop("trace", None)
 
     def save_checkpoint(self, **arrays: ArrayLike) -> None:
@@ -207,12 +212,18 @@ class Results:
 
     @cached_property
     def trace(self) -> dict[str, NDArray[Any]]:
-        """Histories: `tactile_fem.simulation.columns.TRACE`; older folders have one population."""
+        """Histories: `tactile_fem.simulation.columns.TRACE`; older folders have one population.
+
+        Those of a scan that runs or was killed as well.
+        """
+        added = trace_rows.read_rows(self.folder)
         trace = self._load_npz("trace.npz")
         missing = [name for name in _NEEDED if name not in trace]
         try:
             if missing:
                 raise ValueError(f"it lacks {', '.join(missing)}")
+            if added is not None:
+                trace = trace_rows.with_rows(trace, added)
             _check_trace(trace)
         except ValueError as error:
             path = self.folder / "trace.npz"

@@ -193,7 +193,10 @@ def resume(
 ) -> ScanResult:
     """Continue the scan in `folder` from its last checkpoint, on any number of ranks.
 
-    It is at most one accepted step old. Own parts and observers must be given again, see `scan`.
+    A scan that was stopped or failed continues from its last step, one that was killed from some
+    seconds before: checkpoints are at least 3 s apart, and so far that writing them takes 2 % of
+    the time. Steps after it are computed again. Own parts and observers must be given again, see
+    `scan`.
 
     Returns
     -------
@@ -317,7 +320,9 @@ def _step_to_end(
 def _conclude(
     simulation: Simulation, trace: Trace, recorder: Recorder | None, status: str
 ) -> Response:
-    """Return the afferents' spikes so far; save them and the status."""
+    """Return the afferents' spikes so far; save them, the steps and the status."""
+    if recorder:
+        recorder.save()
     response = Response([np.empty(0)] * len(trace.receptors_mm), 0.0, 0.0)
     if len(trace) > 1:
         response = fire_all(simulation.populations, trace.arrays())
@@ -344,7 +349,8 @@ def _has_checkpoint(results: Results) -> bool:
     """Return whether there is a state to continue from; StudyError if there are steps without."""
     if results.checkpoint_file.is_file():
         return True
-    if (results.folder / "trace.npz").is_file() and len(results.trace["time_s"]) > 1:
+    # The first step's row is written before its checkpoint.
+    if (results.folder / "trace.npz").is_file() and len(results.trace["time_s"]) > 2:
         raise StudyError(f"{results.folder} has no checkpoint to continue from.")
     return False
 

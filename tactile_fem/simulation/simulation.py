@@ -216,11 +216,17 @@ class Simulation:
     # --- restart ---------------------------------------------------------------------------------
 
     def gather(self) -> dict[str, Array]:
-        """Return all that the next step needs, independent of the number of ranks, on each rank."""
+        """Return all that the next step needs, independent of the number of ranks; all ranks call.
+
+        Arrays of nodes and points are on the first rank; other ranks have no rows of them.
+        """
         return self._stepper.gather()
 
     def restore(self, saved: dict[str, Array]) -> None:
-        """Go on from where `gather` was called: the next steps take the same iterations."""
+        """Go on from where `gather` was called: the next steps take the same iterations.
+
+        All ranks call, with what they got.
+        """
         self._stepper.restore(saved)
 
     def close(self) -> None:

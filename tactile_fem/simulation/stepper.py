@@ -86,9 +86,10 @@ class Stepper:
                 started = time.perf_counter()
 
     def gather(self) -> dict[str, np.ndarray]:
-        """Return all that the next step needs, independent of the number of ranks."""
-        values = asdict(self._progress) | {"stiffness_N_mm": self._equilibrium.stiffness_N_mm}
-        del values["control"]["outputs_s"]  # known from the path
+        """Return all that the next step needs, as `State.gather` does."""
+        p = self._progress
+        known = replace(p, control=replace(p.control, outputs_s=()))  # which are the path's
+        values = asdict(known) | {"stiffness_N_mm": self._equilibrium.stiffness_N_mm}
         return {**self._problem.gather(), "progress": np.array(json.dumps(values))}
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -99,7 +100,8 @@ class Trace:
         for name, value in own.items():
             self._columns.setdefault(name, [np.full_like(value, np.nan)] * rows)
         for name, column in self._columns.items():
-            column.append(row[name] if name in row else np.full_like(column[-1], np.nan))
+            # Copied: a part of an array would keep all of it in memory.
+            column.append(copy(row[name]) if name in row else np.full_like(column[-1], np.nan))
         if seen.step.indenting:
             self._indented_s = seen.step.clock_s
 
@@ -125,6 +127,20 @@ class Trace:
         """Return the columns by name."""
         columns = {name: np.array(column) for name, column in self._columns.items()}
         return {"time_s": self.time_s, **self._fixed, **columns}
+
+    def last(self) -> tuple[int, float, dict[str, Array]]:
+        """Return the number of the last row, the end of the indentation on the clock, its values.
+
+        It costs the same however many rows there are; see `tactile_fem.simulation.trace_rows`.
+        """
+        row = {name: np.asarray(column[-1]) for name, column in self._columns.items()}
+        return len(self) - 1, self._indented_s, row
+
+    def at(self, name: str, rows: Sequence[int]) -> Array:
+        """Return the values of a column in some rows, likewise."""
+        if name == "time_s":
+            return self.at("clock_s", rows) - self._indented_s
+        return np.array([self._columns[name][row] for row in rows])
 
     @property
     def time_s(self) -> Array:

@@ -242,7 +242,7 @@ class FastSolver(StepSolver):
                 self._set_up()
 
     def gather(self, order: NodeOrder) -> dict[str, np.ndarray]:
-        """Return what `restore` takes, independent of the number of ranks, on every rank."""
+        """Return what `restore` takes, as `NodeOrder.gather` does."""
         field = fem.Function(self._state.u.function_space)
         field.x.array[:] = self._tangent_at
         return {"tangent_at": order.gather(field)}

@@ -93,7 +93,7 @@ class FingerProblem(Problem):
         return load
 
     def gather(self) -> dict[str, np.ndarray]:
-        """Return the accepted state, independent of the number of ranks, on every rank."""
+        """Return the accepted state, as `State.gather` does, and what the solver carries."""
         return {**self.state.gather(self.order), **self.solver.gather(self.order)}
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:

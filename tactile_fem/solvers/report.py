@@ -96,7 +96,7 @@ class StepSolver(Protocol):
         """Prepare the next step at a converged state, before it is accepted."""
 
     def gather(self, order: NodeOrder) -> dict[str, np.ndarray]:
-        """Return what it carries to the next step, independent of the number of ranks."""
+        """Return what it carries to the next step, as `State.gather` does."""
         return {}
 
     def restore(self, saved: dict[str, np.ndarray], order: NodeOrder) -> None:

@@ -68,7 +68,7 @@ class ModeKeeper:
         self._point: OperatingPoint | None = None
 
     def __call__(self, point: OperatingPoint, response: HarmonicResponse) -> None:
-        """Keep the displacement if it is wanted at this frequency; all ranks call."""
+        """Keep the displacement, on the first rank, if it is wanted here; all ranks call."""
         if response.frequency_Hz not in self._wanted:
             return
         problem = point.simulation.problem
