@@ -19,6 +19,7 @@ from dolfinx import fem
 
 from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
+from tactile_fem.mechanics.rows import gathered
 from tactile_fem.mechanics.state import PointHistory, State
 
 DEGREE = 2
@@ -82,7 +83,7 @@ class Made:
         state.accept(np.array([0.0, 0.0, 0.3 * k]), friction, 3 * k)
 
     def gathered(self) -> dict[str, np.ndarray]:
-        return self.state.gather(self.order)
+        return gathered(self.state.to_save(self.order))
 
     @classmethod
     def alone(cls) -> dict[str, np.ndarray]:

@@ -18,6 +18,7 @@ from dolfinx import fem
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.mechanics.load import Load
+from tactile_fem.mechanics.rows import Saved, gathered
 from tactile_fem.mechanics.state import State
 from tactile_fem.path import Hold, Lift, Motion, Path, Press, Protocol, Slide
 from tactile_fem.simulation.step import Step
@@ -70,8 +71,8 @@ class Spring:
     def accept(self, load: Load) -> None:
         self.state.accept(load.force_N, load.friction_N, 3)
 
-    def gather(self) -> dict[str, np.ndarray]:
-        return self.state.gather(self.order)
+    def to_save(self) -> Saved:
+        return self.state.to_save(self.order)
 
     def restore(self, saved) -> None:
         self.state.restore(saved, self.order)
@@ -141,7 +142,7 @@ def test_what_is_interrupted_goes_on_the_same():
         stepper = Stepper(Spring(), TO_FORCE, SOLVER)
         taken = list(islice(stepper, cut))
         assert taken[-1].index == cut
-        saved = stepper.gather()
+        saved = gathered(stepper.to_save())
         stepper = Stepper(Spring(), TO_FORCE, SOLVER)
         stepper.restore(saved)
         rest = list(stepper)

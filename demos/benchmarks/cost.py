@@ -9,6 +9,7 @@
 #     python demos/benchmarks/cost.py results/cost --cases section
 #     python demos/benchmarks/cost.py results/cost --cases default relaxing force --distance 2
 #     python demos/benchmarks/cost.py results/cost --sizes coarse paper --ranks 2 4 8 16
+#     python demos/benchmarks/cost.py results/cost --cases long --distance 5    # 5,000 steps
 #
 # The normal force at the end is equal on any number of ranks.
 
@@ -18,6 +19,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 from cyclopts import Parameter
 
 from tactile_fem import Results, load_study, run_script, write_table
@@ -32,6 +34,7 @@ SIZES = {
 CASES = {
     "default": [],
     "section": ["finger.kind=section", "protocol.force_N=0.06"],
+    "long": ["finger.kind=section", "protocol.force_N=0.06", "protocol.output_mm=0.001"],
     "relaxing": ["tissue.relaxation=fingerpad"],
     "force": ["protocol.force_N=0.4", "protocol.hold=force"],
     "direct": ["solver.linear=direct"],
@@ -44,7 +47,7 @@ class Cost:
     """Cost of one scan; seconds are wall time of the first rank, memory is that of all ranks.
 
     `cpu_s` is the processor time of all ranks, which hardly changes when the computer has other
-    work too; it is 0 for a scan that was complete before.
+    work too, `written_MB` what they wrote on disks; 0 for a scan that was complete before.
     """
 
     case: str
@@ -56,6 +59,7 @@ class Cost:
     newton: int
     linear: int
     cpu_s: float
+    written_MB: float
     seconds: float
     per_newton_s: float
     assembly_s: float
@@ -88,29 +92,29 @@ def main(
     ranks
         Numbers of MPI ranks.
     distance, depth
-        Of slide and press, mm; "section" and "force" are pressed to a force.
+        Of slide and press, mm; "section", "long" and "force" are pressed to a force.
     """
     costs = []
     print("".join(f"{field.name:>13}" for field in fields(Cost)))
     for case, size, count in ((c, s, n) for c in cases for s in sizes for n in ranks):
-        depths = [] if case in ("section", "force") else [f"protocol.depth_mm={depth}"]
+        depths = [] if case in ("section", "long", "force") else [f"protocol.depth_mm={depth}"]
         way = [*depths, f"protocol.distance_mm={distance}", "output.pictures=false"]
         study = load_study(None, SIZES[size] + CASES[case] + way)
         member = Member(f"{case}-{size}-{count}", study, {})
-        before = cpu_of_children()
+        before = spent_by_children()
         (results,) = run_all([member], folder, ranks=count)
-        costs.append(cost_of(case, size, results, cpu_of_children() - before))
+        costs.append(cost_of(case, size, results, *(spent_by_children() - before)))
         print("".join(f"{shown(value):>13}" for value in vars(costs[-1]).values()), flush=True)
         write_table(folder / "costs.csv", costs)
 
 
-def cpu_of_children() -> float:
-    """Return the processor time, s, of all processes that were started and have ended."""
+def spent_by_children() -> np.ndarray:
+    """Return processor time, s, and MB written by all processes that have ended."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime
+    return np.array([usage.ru_utime + usage.ru_stime, usage.ru_oublock * 512 / 1e6])
 
 
-def cost_of(case: str, size: str, results: Results, cpu_s: float) -> Cost:
+def cost_of(case: str, size: str, results: Results, cpu_s: float, written_MB: float) -> Cost:
     """Read the results of a scan."""
     run, trace = results.run, results.trace
     mesh = run["mesh"]
@@ -127,7 +131,8 @@ def cost_of(case: str, size: str, results: Results, cpu_s: float) -> Cost:
         steps=len(trace["time_s"]) - 1,
         newton=newton,
         linear=int(trace["linear_iterations"].sum()),
-        cpu_s=cpu_s,
+        cpu_s=float(cpu_s),
+        written_MB=float(written_MB),
         seconds=run["wall_s"],
         per_newton_s=timer["solve"] / newton,
         assembly_s=assembly,

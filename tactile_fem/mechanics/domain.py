@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from mpi4py import MPI
 
@@ -272,8 +273,11 @@ class NodeOrder:
 
         Other ranks get none, (0, components). All ranks call.
         """
-        size = u.function_space.dofmap.index_map_bs
-        return self.gather_owned(u.x.array.reshape(-1, size)[: self._owned])
+        return self.gather_owned(self._own(u))
+
+    def keep(self, u: fem.Function) -> Callable[[], np.ndarray]:
+        """Return a function that gathers the present vectors whenever it is called."""
+        return partial(self.gather_owned, self._own(u).copy())
 
     def gather_owned(self, vectors: np.ndarray) -> np.ndarray:
         """Return what `gather` does, of vectors at the owned nodes of this rank."""
@@ -289,10 +293,13 @@ class NodeOrder:
 
         All ranks call.
         """
-        size = u.function_space.dofmap.index_map_bs
-        own = u.x.array.reshape(-1, size)[: self._owned]
-        scatter_rows(self._comm, values[self._gathered], own)
+        scatter_rows(self._comm, values[self._gathered], self._own(u))
         u.x.scatter_forward()
+
+    def _own(self, u: fem.Function) -> np.ndarray:
+        """Return the vectors at the owned nodes of this rank, (owned nodes, components)."""
+        size = u.function_space.dofmap.index_map_bs
+        return u.x.array.reshape(-1, size)[: self._owned]
 
 
 def _groups(line: np.ndarray) -> list[np.ndarray]:

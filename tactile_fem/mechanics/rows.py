@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 from mpi4py import MPI
 
 import numpy as np
 
 Array = np.ndarray
+# An array that is the same on all ranks, or a function that gathers those that the ranks hold.
+Saved = Mapping[str, Array | Callable[[], Array]]
+
+
+def gathered(saved: Saved) -> dict[str, Array]:
+    """Return all arrays, those of nodes and points on the first rank: others have no rows of them.
+
+    All ranks call.
+    """
+    return {name: value() if callable(value) else value for name, value in saved.items()}
 
 
 def gather_rows(comm: MPI.Comm, own: Array) -> Array:

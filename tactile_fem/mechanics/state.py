@@ -8,8 +8,9 @@ accepted, saved and restored with everything else.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 
 from mpi4py import MPI
 
@@ -18,7 +19,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from tactile_fem.mechanics.domain import NodeOrder
-from tactile_fem.mechanics.rows import gather_rows
+from tactile_fem.mechanics.rows import Saved, gather_rows
 
 Array = np.ndarray
 _POINT_TOLERANCE_MM = 1e-6
@@ -60,18 +61,23 @@ class PointHistory(ABC):
         self.before[:] = self.old.x.array
         self.old.x.array[:] = present
 
-    def gather(self, values: Array) -> Array:
-        """Return points and values (n, dimension + components) where not zero, on the first rank.
+    def to_save(self) -> dict[str, Callable[[], Array]]:
+        """Return functions that gather the values at the last two accepted steps, by name.
 
+        They return points and values (n, dimension + components) on the first rank, none on others.
         A point is left out where all its components are zero; ghosts' points occur several times.
-        Other ranks get none. All ranks call.
         """
-        rows = values.reshape(-1, self.old.function_space.dofmap.index_map_bs)
-        nonzero = np.any(rows != 0, axis=1)
-        return gather_rows(self._comm, np.hstack([self.points_mm()[nonzero], rows[nonzero]]))
+        found: dict[str, Callable[[], Array]] = {}
+        points = self.points_mm()
+        for name, values in ((self.name, self.old.x.array), (f"{self.name}_before", self.before)):
+            rows = values.reshape(-1, self.old.function_space.dofmap.index_map_bs)
+            nonzero = np.any(rows != 0, axis=1)
+            own = np.hstack([points[nonzero], rows[nonzero]])
+            found[name] = partial(gather_rows, self._comm, own)
+        return found
 
     def scatter(self, saved: Array, values: Array) -> None:
-        """Set an array like that of `old` to what `gather` returned, on any number of ranks."""
+        """Set an array like that of `old` to what was gathered, on any number of ranks."""
         values[:] = 0.0
         points, saved = self.points_mm(), self._comm.bcast(saved)
         if len(points) and len(saved):
@@ -187,17 +193,14 @@ class State:
                 history.old.x.array[:] = values
             self.place(self.translation.value)
 
-    def gather(self, order: NodeOrder) -> dict[str, Array]:
-        """Return the accepted state by name, independent of the number of ranks; all ranks call.
+    def to_save(self, order: NodeOrder) -> Saved:
+        """Return the accepted state by name, independent of the number of ranks.
 
-        Functions as (nodes, components) in the mesh file's order. They and the histories are on
-        the first rank; other ranks have no rows of them.
+        Functions as (nodes, components) in the mesh file's order. They and the histories are
+        copied here and gathered later, see `tactile_fem.mechanics.rows.gathered`.
         """
-        functions = {name: order.gather(function) for name, function in self._nodal().items()}
-        points = {}
-        for history in self.histories:
-            points[history.name] = history.gather(history.old.x.array)
-            points[f"{history.name}_before"] = history.gather(history.before)
+        functions = {name: order.keep(function) for name, function in self._nodal().items()}
+        points = {name: f for h in self.histories for name, f in h.to_save().items()}
         return {
             **functions,
             **points,
@@ -209,7 +212,7 @@ class State:
         }
 
     def restore(self, saved: dict[str, Array], order: NodeOrder) -> None:
-        """Restore what `gather` returned; all ranks call, with what they got."""
+        """Restore what was gathered; all ranks call, with what they got."""
         for name, function in self._nodal().items():
             order.scatter(saved[name], function)
         for history in self.histories:

@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 import math
 import time
+from collections.abc import Callable
 from typing import Any
+
+from mpi4py import MPI
 
 from tactile_fem import __version__
 from tactile_fem.errors import StudyError
+from tactile_fem.mechanics.rows import Saved, gathered
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.parts import changed_part
 from tactile_fem.simulation.results import Results
@@ -32,28 +36,37 @@ _ANOTHER_FOLDER = "run the study again in another folder."
 
 
 class Checkpoints:
-    """Saves the last accepted state so seldom that it costs little; on the first rank."""
+    """Saves the last accepted state so seldom that it costs little; all ranks call, rank 0 writes.
 
-    def __init__(self, results: Results) -> None:
-        self._results = results
-        self._unsaved: dict[str, Any] = {}
+    Parameters
+    ----------
+    comm
+        Communicator of the scan.
+    write
+        Writes a checkpoint; on the first rank only.
+    """
+
+    def __init__(self, comm: MPI.Comm, write: Callable[[dict[str, Array]], None]) -> None:
+        self._comm, self._write = comm, write
+        self._unsaved: Saved = {}
         self._due_s = -math.inf
 
     @property
     def is_due(self) -> bool:
-        """Whether it is time to save."""
+        """Whether it is time to save; the ranks' clocks may differ."""
         return time.perf_counter() >= self._due_s
 
-    def keep(self, state: dict[str, Any]) -> None:
+    def keep(self, state: Saved) -> None:
         """Keep a state in memory, in place of the last one."""
         self._unsaved = state
 
     def save(self) -> None:
-        """Write ``checkpoint.npz``, unless it has the last state already."""
+        """Gather and write the last state, unless this is done."""
         if not self._unsaved:
             return
         started = time.perf_counter()
-        self._results.save_checkpoint(**self._unsaved)
+        saved = gathered(self._unsaved)
+        on_root(self._comm, lambda: self._write(saved))
         self._unsaved, ended = {}, time.perf_counter()
         self._due_s = ended + max(_INTERVAL_S, (ended - started) / _SHARE)
 
@@ -84,7 +97,7 @@ def read_checkpoint(
 ) -> dict[str, Array]:
     """Return the checkpoint of a results folder, or the state it kept at a place or time.
 
-    All ranks call. Arrays of nodes and points are on the first rank, as `State.gather` has them.
+    All ranks call. Arrays of nodes and points are on the first rank, as `gathered` has them.
 
     Raises
     ------

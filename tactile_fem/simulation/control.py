@@ -66,8 +66,8 @@ class StepControl:
 
     def _next_output_s(self, after_s: float) -> float:
         """Return the first output after a time, or the end."""
-        ahead = self.outputs_s[bisect(self.outputs_s, after_s) :][:1]
-        return float(min((*ahead, self.end_s)))
+        number = bisect(self.outputs_s, after_s)
+        return float(min((*self.outputs_s[number : number + 1], self.end_s)))
 
     def accept(self, target_s: float, iterations: int) -> None:
         """Move on to `target_s`, reached in `iterations`."""

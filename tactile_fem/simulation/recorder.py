@@ -56,7 +56,8 @@ class Recorder:
         # On the first rank: what stays the same in checkpoints and in run.json, and the files.
         self._origin, self._run = dict[str, Any](), dict[str, Any]()
         self._fields: _KeptFields | None = None
-        self._rows, self._checkpoints = TraceRows(results.folder), Checkpoints(results)
+        self._rows = TraceRows(results.folder)
+        self._checkpoints = Checkpoints(self._comm, self._write_checkpoint)
 
         def prepare() -> None:
             self._origin, self._run = origin_of(simulation), _described(simulation)
@@ -81,37 +82,30 @@ class Recorder:
     def __call__(self, seen: Observation) -> None:
         """Save an accepted step, and its fields where they are due."""
         trace, problem = self._trace, self._simulation.problem
-        due, gather = self._is_due(seen.step), problem.order.gather_owned
+        due, order = self._is_due(seen.step), problem.order
         fields = [*self._field_rows, len(trace) - 1] if due else self._field_rows
         if due:
+            forces = seen.step.pressure_N, seen.step.friction_N
+            vectors = [order.gather(problem.u), *map(order.gather_owned, forces)]
             cells = self._cells.gather()
-            forces = gather(seen.step.pressure_N), gather(seen.step.friction_N)
-        state, spent = self._simulation.gather(), self._spent()
 
-        def write() -> None:
+        def write() -> bool:
             assert self._fields is not None
             self._save_row()
             if due:
-                time_s = float(trace.at("time_s", [-1])[0])
-                self._fields.write(time_s, [state["u"], *forces], cells)
+                self._fields.write(float(trace.at("time_s", [-1])[0]), vectors, cells)
             if seen.step.indenting:
                 self._fields.writer.set_times(trace.at("time_s", fields))
-            saved = {
-                **self._origin,
-                "rows": len(trace),
-                "fields": np.array(fields, dtype=int),
-                "spent": json.dumps(spent),
-                **state,
-            }
-            self._checkpoints.keep(saved)
-            if due or self._checkpoints.is_due:
-                self._save_checkpoint()
-            if due and self._simulation.study.output.restarts:
-                self._results.save_state(len(fields) - 1, **saved)
+            return due or self._checkpoints.is_due
 
         with common.Timer("tactile: output"):
-            on_root(self._comm, write)
-        self._field_rows = fields
+            save = on_root(self._comm, write)
+            self._field_rows = fields
+            state = {"rows": np.array(len(trace)), "fields": np.array(fields, dtype=int)}
+            spent = {"spent": np.array(json.dumps(self._spent()))}
+            self._checkpoints.keep({**state, **spent, **self._simulation.to_save()})
+            if save:
+                self._checkpoints.save()
 
     def _save_row(self) -> None:
         """Append the last row of the trace; the first one of new columns with all before it."""
@@ -120,9 +114,13 @@ class Recorder:
             self._results.save_trace(**self._trace.arrays())
             self._rows.begin(columns)
 
-    def _save_checkpoint(self) -> None:
+    def _write_checkpoint(self, state: dict[str, Array]) -> None:
+        """Write a state that was gathered, and keep it if its fields are kept."""
         self._rows.sync()  # or a power cut could leave fewer rows than the checkpoint needs
-        self._checkpoints.save()
+        saved, rows, kept = self._origin | state, int(state["rows"]), state["fields"].tolist()
+        self._results.save_checkpoint(**saved)
+        if self._simulation.study.output.restarts and rows - 1 in kept:
+            self._results.save_state(len(kept) - 1, **saved)
 
     def _is_due(self, step: Step) -> bool:
         """Return whether to keep the fields: at ends of pieces of the path and at intervals."""
@@ -152,12 +150,8 @@ class Recorder:
 
     def save(self) -> None:
         """Save the whole trace and the last accepted state."""
-
-        def save() -> None:
-            self._results.save_trace(**self._trace.arrays())
-            self._checkpoints.save()
-
-        on_root(self._comm, save)
+        self._checkpoints.save()
+        on_root(self._comm, lambda: self._results.save_trace(**self._trace.arrays()))
 
     def finish(self, status: str, response: Response) -> None:
         """Save the spikes, and how the scan ended."""

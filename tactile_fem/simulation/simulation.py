@@ -22,6 +22,7 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.problem import Problem
+from tactile_fem.mechanics.rows import Saved
 from tactile_fem.mechanics.state import State
 from tactile_fem.neuron import fields_of, replaced
 from tactile_fem.receptors import Layout
@@ -215,17 +216,17 @@ class Simulation:
 
     # --- restart ---------------------------------------------------------------------------------
 
-    def gather(self) -> dict[str, Array]:
-        """Return all that the next step needs, independent of the number of ranks; all ranks call.
+    def to_save(self) -> Saved:
+        """Return all that the next step needs, independent of the number of ranks.
 
-        Arrays of nodes and points are on the first rank; other ranks have no rows of them.
+        It stays as it is here; see `tactile_fem.mechanics.rows.gathered`.
         """
-        return self._stepper.gather()
+        return self._stepper.to_save()
 
     def restore(self, saved: dict[str, Array]) -> None:
-        """Go on from where `gather` was called: the next steps take the same iterations.
+        """Go on from where `to_save` was called: the next steps take the same iterations.
 
-        All ranks call, with what they got.
+        All ranks call, with what `gathered` returned.
         """
         self._stepper.restore(saved)
 

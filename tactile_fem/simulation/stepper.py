@@ -13,6 +13,7 @@ import numpy as np
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.finger.plane import SPACE, Plane
 from tactile_fem.mechanics.load import Load
+from tactile_fem.mechanics.rows import Saved
 from tactile_fem.path import Motion, Path
 from tactile_fem.simulation.control import TOLERANCE, StepControl, StepTooSmallError
 from tactile_fem.simulation.equilibrium import Equilibrium
@@ -85,15 +86,15 @@ class Stepper:
                 yield step
                 started = time.perf_counter()
 
-    def gather(self) -> dict[str, np.ndarray]:
-        """Return all that the next step needs, as `State.gather` does."""
+    def to_save(self) -> Saved:
+        """Return all that the next step needs, as `State.to_save` does."""
         p = self._progress
         known = replace(p, control=replace(p.control, outputs_s=()))  # which are the path's
         values = asdict(known) | {"stiffness_N_mm": self._equilibrium.stiffness_N_mm}
-        return {**self._problem.gather(), "progress": np.array(json.dumps(values))}
+        return {**self._problem.to_save(), "progress": np.array(json.dumps(values))}
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
-        """Go on from where `gather` was called."""
+        """Go on from where `to_save` was called, with what was gathered; all ranks call."""
         values = json.loads(str(saved["progress"]))
         control, start = StepControl(**values.pop("control")), tuple(values.pop("start_mm"))
         self._equilibrium.stiffness_N_mm = values.pop("stiffness_N_mm")

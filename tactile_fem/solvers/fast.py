@@ -23,6 +23,7 @@ from dolfinx.fem import petsc as fem_petsc
 from tactile_fem.mechanics.compile import jit_options
 from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.problem import Problem
+from tactile_fem.mechanics.rows import Saved
 from tactile_fem.solvers import multigrid
 from tactile_fem.solvers.jacobian import Jacobian
 from tactile_fem.solvers.lagging import Lagging
@@ -241,11 +242,11 @@ class FastSolver(StepSolver):
             if self._two_level:
                 self._set_up()
 
-    def gather(self, order: NodeOrder) -> dict[str, np.ndarray]:
-        """Return what `restore` takes, as `NodeOrder.gather` does."""
+    def to_save(self, order: NodeOrder) -> Saved:
+        """Return what `restore` takes, as `State.to_save` does."""
         field = fem.Function(self._state.u.function_space)
         field.x.array[:] = self._tangent_at
-        return {"tangent_at": order.gather(field)}
+        return {"tangent_at": order.keep(field)}
 
     def restore(self, saved: dict[str, np.ndarray], order: NodeOrder) -> None:
         """Make tangent and preconditioner as `end_step` left them.

@@ -12,6 +12,7 @@ import numpy as np
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.problem import Problem
+from tactile_fem.mechanics.rows import Saved, gathered
 from tactile_fem.solvers.fast import FastSolver
 from tactile_fem.solvers.report import SolveReport, StepSolver
 
@@ -92,12 +93,19 @@ class FingerProblem(Problem):
         self._iterations = 0
         return load
 
+    def to_save(self) -> Saved:
+        """Return the accepted state, as `State.to_save` does, and what the solver carries."""
+        return {**self.state.to_save(self.order), **self.solver.to_save(self.order)}
+
     def gather(self) -> dict[str, np.ndarray]:
-        """Return the accepted state, as `State.gather` does, and what the solver carries."""
-        return {**self.state.gather(self.order), **self.solver.gather(self.order)}
+        """Return the same, gathered on the first rank; all ranks call."""
+        return gathered(self.to_save())
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
-        """Restore what `gather` returned; the next step takes the same iterations."""
+        """Restore what `gather` returned; the next step takes the same iterations.
+
+        All ranks call, with what they got.
+        """
         self.state.restore(saved, self.order)
         if self.state.iterations:
             with self.reopened():

@@ -15,6 +15,7 @@ from dolfinx.fem import petsc as fem_petsc
 
 from tactile_fem.errors import TactileError
 from tactile_fem.mechanics.domain import NodeOrder
+from tactile_fem.mechanics.rows import Saved
 
 _REASONS = {
     value: name.lower().replace("_", " ")
@@ -95,12 +96,12 @@ class StepSolver(Protocol):
     def end_step(self) -> None:
         """Prepare the next step at a converged state, before it is accepted."""
 
-    def gather(self, order: NodeOrder) -> dict[str, np.ndarray]:
-        """Return what it carries to the next step, as `State.gather` does."""
+    def to_save(self, order: NodeOrder) -> Saved:
+        """Return what it carries to the next step, as `State.to_save` does."""
         return {}
 
     def restore(self, saved: dict[str, np.ndarray], order: NodeOrder) -> None:
-        """Go on from what `gather` returned, the problem being at the end of the last step."""
+        """Go on from what was gathered, the problem being at the end of the last step."""
 
     def residual(self) -> np.ndarray:
         """Return this rank's residual at the present displacement, in N; zero where held."""
