@@ -96,7 +96,7 @@ def test_a_line_is_inverted_whole():
     for block in blocks:
         dofs = (3 * block[0][:, None] + np.arange(3)).ravel()
         exact = np.linalg.solve(dense[np.ix_(dofs, dofs)], x[dofs])
-        np.testing.assert_allclose(found[dofs], exact, rtol=1e-8, atol=1e-12)
+        assert np.linalg.norm(found[dofs] - exact) < 1e-5 * np.linalg.norm(exact)  # single
 
 
 @pytest.mark.parametrize("columns", [True, False])

@@ -118,7 +118,7 @@ class _Relabeled(MultiFunction):
 
 @jit.mpi_jit_decorator  # type: ignore[untyped-decorator]
 def c_functions(
-    source: Path, declarations: str, jit_options: Mapping[str, Any], **definitions: int
+    source: Path, declarations: str, jit_options: Mapping[str, Any], **definitions: int | str
 ) -> tuple[Any, Callable[[str, np.ndarray], Any]]:
     """Compile a file of C functions, or load them from the cache of forms.
 

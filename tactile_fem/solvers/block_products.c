@@ -1,46 +1,79 @@
-/* Products with matrices of dense blocks, y += A x.
+/* Products with matrices of dense blocks, in numbers of type REAL.
 
-   Blocks are stored row by row, and so are the SIZE x SIZE numbers of each. Such a product is as
-   fast as the memory delivers the blocks, if they are asked for in time. */
+   Blocks are stored row by row, and so are the SIZE x SIZE numbers of each. Vectors hold SIZE
+   numbers of every LANES, so that the processor multiplies a block's row at once; what it then reads
+   of the next row, or of what follows the last block, meets numbers that nothing reads. */
 
-#define AHEAD (57 * SIZE * SIZE) /* numbers; half and twice as many make no difference */
+typedef REAL lanes
+    __attribute__((vector_size(LANES * sizeof(REAL)), aligned(sizeof(REAL)), may_alias));
+typedef const lanes *row;
 
-void add_product(int rows, const long long *starts, const int *columns, const double *blocks,
-                 const double *x, double *restrict y)
+#define BLOCK (SIZE * SIZE)
+#define AHEAD (4000 / sizeof(REAL)) /* half and twice as far make no difference */
+
+/* Begin a product: copy this rank's part of a vector, and let its result be zero. */
+void begin(int rows, const double *x, REAL *restrict with_ghosts, REAL *restrict y)
+{
+  for (int i = 0; i < rows; ++i)
+    for (int r = 0; r < SIZE; ++r) with_ghosts[LANES * i + r] = x[SIZE * i + r];
+  for (int i = 0; i < LANES * rows; ++i) y[i] = 0;
+}
+
+/* Return the result of a product. */
+void end(int rows, const REAL *y, double *restrict result)
+{
+  for (int i = 0; i < rows; ++i)
+    for (int r = 0; r < SIZE; ++r) result[SIZE * i + r] = y[LANES * i + r];
+}
+
+/* Copy chosen blocks of a matrix. */
+void copy(long long count, const long long *chosen, const double *values, REAL *restrict blocks)
+{
+  for (long long k = 0; k < count; ++k)
+    for (int e = 0; e < BLOCK; ++e) blocks[BLOCK * k + e] = values[BLOCK * chosen[k] + e];
+}
+
+static void add_sums(const lanes *sum, REAL *y)
+{
+  for (int r = 0; r < SIZE; ++r)
+    for (int c = 0; c < SIZE; ++c) y[r] += sum[r][c];
+}
+
+/* y += A x */
+void add_product(int rows, const long long *starts, const int *columns, const REAL *blocks,
+                 const REAL *x, REAL *restrict y)
 {
   for (int i = 0; i < rows; ++i) {
-    double sum[SIZE] = {0};
+    lanes sum[SIZE] = {0};
     for (long long k = starts[i]; k < starts[i + 1]; ++k) {
-      const double *a = blocks + SIZE * SIZE * k, *xj = x + SIZE * columns[k];
+      const REAL *a = blocks + BLOCK * k;
+      const lanes xj = *(row)(x + LANES * columns[k]);
       __builtin_prefetch(a + AHEAD);
-      for (int r = 0; r < SIZE; ++r)
-        for (int c = 0; c < SIZE; ++c) sum[r] += a[SIZE * r + c] * xj[c];
+      for (int r = 0; r < SIZE; ++r) sum[r] += *(row)(a + SIZE * r) * xj;
     }
-    for (int r = 0; r < SIZE; ++r) y[SIZE * i + r] += sum[r];
+    add_sums(sum, y + LANES * i);
   }
 }
 
 /* The same with a symmetric matrix, whose blocks are stored up to the diagonal: it ends a row. */
 void add_symmetric_product(int rows, const long long *starts, const int *columns,
-                           const double *blocks, const double *x, double *restrict y)
+                           const REAL *blocks, const REAL *x, REAL *restrict y)
 {
   for (int i = 0; i < rows; ++i) {
-    double sum[SIZE] = {0};
-    const double *xi = x + SIZE * i, *a = blocks + SIZE * SIZE * starts[i];
-    for (long long k = starts[i]; k < starts[i + 1] - 1; ++k, a += SIZE * SIZE) {
-      const double *xj = x + SIZE * columns[k];
-      double *yj = y + SIZE * columns[k], turned[SIZE] = {0};
+    const REAL *a = blocks + BLOCK * starts[i];
+    const lanes xi = *(row)(x + LANES * i);
+    lanes sum[SIZE] = {0};
+    for (long long k = starts[i]; k < starts[i + 1] - 1; ++k, a += BLOCK) {
+      const lanes xj = *(row)(x + LANES * columns[k]);
+      lanes turned = {0};
       __builtin_prefetch(a + AHEAD);
-      for (int r = 0; r < SIZE; ++r)
-        for (int c = 0; c < SIZE; ++c) {
-          sum[r] += a[SIZE * r + c] * xj[c];
-          turned[c] += a[SIZE * r + c] * xi[r];
-        }
-      for (int c = 0; c < SIZE; ++c) yj[c] += turned[c];
+      for (int r = 0; r < SIZE; ++r) {
+        sum[r] += *(row)(a + SIZE * r) * xj;
+        turned += *(row)(a + SIZE * r) * xi[r];
+      }
+      *(lanes *)(y + LANES * columns[k]) += turned;
     }
-    for (int r = 0; r < SIZE; ++r) {
-      for (int c = 0; c < SIZE; ++c) sum[r] += a[SIZE * r + c] * xi[c];
-      y[SIZE * i + r] += sum[r];
-    }
+    for (int r = 0; r < SIZE; ++r) sum[r] += *(row)(a + SIZE * r) * xi;
+    add_sums(sum, y + LANES * i);
   }
 }

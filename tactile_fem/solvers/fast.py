@@ -81,11 +81,11 @@ class FastSolver(StepSolver):
         )
         self._tangent_at = problem.u.x.array.copy()
         self._two_level: multigrid.TwoLevel | None = None
-        self._operator = self._equations.A
+        self._operator = self._single = self._equations.A
         if uses_multigrid:
-            self._operator = self._jacobian.operator()
+            self._operator, self._single = self._jacobian.operators()
             self._two_level = multigrid.TwoLevel(
-                self.snes, u.function_space, problem.held, problem.order.blocks()
+                self.snes, u.function_space, problem.held, problem.order.blocks(), self._jit
             )
         # By weak references: Python's garbage collector cannot see what PETSc holds. A solver that
         # PETSc held would never be freed, and MPI allows only some 2,000 communicators.
@@ -124,7 +124,7 @@ class FastSolver(StepSolver):
     def close(self) -> None:
         """Free solver and matrices; all ranks must call it."""
         own = self._equations
-        for part in (own.solver, self._operator, own.A, own.b, own.x):
+        for part in (own.solver, self._operator, self._single, own.A, own.b, own.x):
             part.destroy()
         self._two_level = None
         self._clear_options()
@@ -313,7 +313,7 @@ class FastSolver(StepSolver):
         with common.Timer("tactile: jacobian"):
             self._jacobian.fill()
         if self._two_level:
-            self._two_level.set_up(self._operator, self._equations.A)
+            self._two_level.set_up(self._operator, self._single, self._equations.A)
 
 
 def _weakly(method: Callable[..., None]) -> Callable[..., None]:

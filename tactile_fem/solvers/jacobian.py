@@ -57,16 +57,28 @@ class Jacobian:
         self.matrix = matrix
         self._bulk = fem.create_matrix(bulk, block_mode=_BLOCKS)
         self._skin = _matrix_with_diagonal(contact.over_all_skin(), bcs)
-        self._bulk_product = BlockProduct(self._bulk, jit_options, is_symmetric=is_symmetric)
-        self._skin_product = BlockProduct(self._skin, jit_options)
+        self._is_symmetric, self._jit_options = is_symmetric, jit_options
+        self._products: list[BlockProduct] = []
 
-    def operator(self) -> PETSc.Mat:
-        """Return a matrix that multiplies and has no entries, see `fill`; it holds this object."""
+    def operators(self) -> list[PETSc.Mat]:
+        """Return matrices that multiply in double and in single precision.
+
+        They have no entries, see `fill`, and hold this object.
+        """
+        parts, are_symmetric = (self._bulk, self._skin), (self._is_symmetric, False)
+        self._products = [
+            BlockProduct(parts, are_symmetric, real, self._jit_options)
+            for real in ("double", "float")
+        ]
         rows, size = self._bulk.index_map(0), self._bulk.block_size[0]
         layout = size * rows.size_local, size * rows.size_global
-        operator = PETSc.Mat().createPython((layout, layout), self, comm=rows.comm)
-        operator.setUp()
-        return operator
+        operators = [
+            PETSc.Mat().createPython((layout, layout), context, comm=rows.comm)
+            for context in (self, self._products[1])
+        ]
+        for operator in operators:
+            operator.setUp()
+        return operators
 
     def assemble_bulk(self, form: fem.Form | None = None) -> None:
         """Assemble the bulk's part at the present displacement, of another form if given."""
@@ -74,14 +86,18 @@ class Jacobian:
             self._bulk.set_value(0.0)
             fem.assemble_matrix(self._bulk, form or self._bulk_form, self._bcs)
             self._bulk.scatter_reverse()
-            self._bulk_product.take()
+            self._take(0)
 
     def assemble_contact(self) -> None:
         """Assemble the contact's part at the present displacement and place of the body."""
         self._skin.set_value(0.0)
         fem.assemble_matrix(self._skin, self._contact(), self._bcs, diag=0.0)  # type: ignore[misc]
         self._skin.scatter_reverse()
-        self._skin_product.take()
+        self._take(1)
+
+    def _take(self, part: int) -> None:
+        for product in self._products:
+            product.take(part)
 
     @contextmanager
     def restored(self) -> Iterator[None]:
@@ -91,7 +107,7 @@ class Jacobian:
             yield
         finally:
             self._bulk.data[:] = before
-            self._bulk_product.take()
+            self._take(0)
 
     def fill(self) -> None:
         """Give `matrix` the present entries; all ranks call."""
@@ -114,10 +130,7 @@ class Jacobian:
 
     def mult(self, operator: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set ``y`` to the product with ``x``."""
-        given, result = x.array_r, y.array_w
-        result[:] = 0.0
-        self._bulk_product.add(given, result)
-        self._skin_product.add(given, result)
+        self._products[0].mult(operator, x, y)
 
     def multTranspose(self, operator: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set ``y`` to the transpose's product with ``x``, of which only trust regions need one."""

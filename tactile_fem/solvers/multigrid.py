@@ -8,7 +8,9 @@ below it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from petsc4py import PETSc
@@ -17,6 +19,12 @@ import numpy as np
 import scipy.sparse
 from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
+
+from tactile_fem.mechanics.compile import c_functions
+
+_SOURCE = Path(__file__).with_name("line_products.c")
+_DECLARATION = "void multiply(int, int, const float *, const double *, double *);"
+_WIDTH = 8  # numbers that processors multiply at once
 
 MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "pc_type": "mg",
@@ -29,6 +37,7 @@ MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "mg_levels_pc_type": "python",
     "mg_coarse_pc_type": "lu",
     "mg_coarse_pc_factor_mat_solver_type": "mumps",
+    "mg_coarse_pc_precision": "single",
     "mg_coarse_mat_mumps_icntl_24": 1,  # the held nodes' rows are empty
 }
 
@@ -46,6 +55,8 @@ class TwoLevel:
         Blocks (ghosts included) that are fixed: nothing is interpolated to them.
     lines
         This rank's lines of blocks, see `NodeOrder.blocks`.
+    jit_options
+        Options of the compiler.
     """
 
     def __init__(
@@ -54,6 +65,7 @@ class TwoLevel:
         fine: fem.FunctionSpace,
         held: np.ndarray,
         lines: list[np.ndarray],
+        jit_options: Mapping[str, Any],
     ) -> None:
         size = fine.dofmap.index_map_bs
         coarse = fem.functionspace(fine.mesh, ("Lagrange", 1, (size,)))
@@ -68,28 +80,29 @@ class TwoLevel:
         pc.setMGLevels(2)
         pc.setMGInterpolation(1, interpolation)
         self._interpolation = interpolation
-        self._smoother = LineJacobi(lines, interpolation.createVecLeft(), size)
-        smoother = pc.getMGSmoother(1).getPC()
-        smoother.setType("python")
-        smoother.setPythonContext(self._smoother)
+        self._smoother = LineJacobi(lines, interpolation.createVecLeft(), size, jit_options)
+        smoother = pc.getMGSmoother(1)
+        smoother.getPC().setType("python")
+        smoother.getPC().setPythonContext(self._smoother)
         self._fine = PETSc.Mat()  # the Jacobian in AIJ format, for the coarse operator
         self._coarse: PETSc.Mat | None = None
         # `FastSolver` decides about set-ups; Newton's method would set up with each Jacobian.
         PETSc.Options(snes.getOptionsPrefix()).setValue("snes_lag_preconditioner", -2)
         snes.setFromOptions()
+        smoother.setFromOptions()
 
     @property
     def is_set_up(self) -> bool:
         """Whether it was ever set up."""
         return self._coarse is not None
 
-    def set_up(self, operator: PETSc.Mat, jacobian: PETSc.Mat) -> None:
+    def set_up(self, operator: PETSc.Mat, single: PETSc.Mat, jacobian: PETSc.Mat) -> None:
         """Compute coarse operator and factors, the lines' inverses and the spectral bounds.
 
         Parameters
         ----------
-        operator
-            What multiplies.
+        operator, single
+            What multiplies, in double and in single precision.
         jacobian
             The same with entries.
         """
@@ -98,6 +111,10 @@ class TwoLevel:
             self._coarse = self._fine.ptap(self._interpolation, self._coarse)
             self._smoother.invert(jacobian)
             pc = self._snes.getKSP().getPC()
+            smoother = pc.getMGSmoother(1)
+            if smoother.getPC().getType() == "python":  # else it may need the entries
+                single.stateIncrease()  # the bounds of its spectrum are computed anew
+                smoother.setOperators(single, single)
             pc.getMGCoarseSolve().setOperators(self._coarse)
             pc.setOperators(operator, jacobian)
             pc.setReusePreconditioner(False)
@@ -118,9 +135,13 @@ class LineJacobi:
         A vector with the layout of the matrix's rows.
     size
         Rows of a block.
+    jit_options
+        Options of the compiler.
     """
 
-    def __init__(self, lines: list[np.ndarray], like: PETSc.Vec, size: int) -> None:
+    def __init__(
+        self, lines: list[np.ndarray], like: PETSc.Vec, size: int, jit_options: Mapping[str, Any]
+    ) -> None:
         blocks = np.concatenate([nodes.ravel() for nodes in lines]).astype(np.int32)
         self._size = size
         self._rows = PETSc.IS().createBlock(size, blocks, comm=like.comm)
@@ -130,6 +151,9 @@ class LineJacobi:
         ends = np.cumsum([0, *(size * nodes.size for nodes in lines)]).tolist()
         self._spans = list(pairwise(ends))
         self._sizes = [size * nodes.shape[1] for nodes in lines]
+        self._functions, self._pointer = c_functions(
+            like.comm.tompi4py(), _SOURCE, _DECLARATION, jit_options, WIDTH=_WIDTH
+        )
         self._parts: Any = None
         self._entries = PETSc.Mat()  # the same in AIJ format
         self._positions: list[np.ndarray] = []
@@ -143,11 +167,9 @@ class LineJacobi:
         if not self._positions:
             self._locate(starts, columns)
         padded = np.append(values, 0.0)
-        self._inverses = [np.linalg.inv(padded[position]) for position in self._positions]
-        # Of single nodes by component: the loop over the nodes is then the innermost.
-        for k, inverse in enumerate(self._inverses):
-            if inverse.shape[1] == self._size:
-                self._inverses[k] = np.moveaxis(np.moveaxis(inverse, 0, -1).copy(), -1, 0)
+        self._inverses = [
+            _in_strips(np.linalg.inv(padded[position])) for position in self._positions
+        ]
 
     def _locate(self, starts: np.ndarray, columns: np.ndarray) -> None:
         """Find the positions of the blocks' entries in the matrix's values."""
@@ -165,10 +187,23 @@ class LineJacobi:
         """Set ``y`` to the block-diagonal inverse times ``x``."""
         self._scatter.scatter(x, self._values)
         given, result = self._values.array_r, self._result.array_w
-        for (first, end), inverse in zip(self._spans, self._inverses, strict=True):
-            blocks, products = (a[first:end].reshape(len(inverse), -1) for a in (given, result))
-            if inverse.shape[1] == self._size:
-                np.einsum("nij,nj->ni", inverse, blocks, out=products)
-            else:
-                np.matmul(inverse, blocks[:, :, None], out=products[:, :, None])
+        for (first, end), length, inverse in zip(
+            self._spans, self._sizes, self._inverses, strict=True
+        ):
+            self._functions.multiply(
+                len(inverse),
+                length,
+                self._pointer("float[]", inverse),
+                self._pointer("double[]", given[first:end]),
+                self._pointer("double[]", result[first:end]),
+            )
         self._scatter.scatter(self._result, y, mode=PETSc.ScatterMode.REVERSE)
+
+
+def _in_strips(matrices: np.ndarray) -> np.ndarray:
+    """Return matrices (lines, length, length) as `line_products.c` reads them."""
+    lines, length, _ = matrices.shape
+    count = -(-length // _WIDTH)
+    strips = np.zeros((lines, count * _WIDTH, length), np.float32)
+    strips[:, :length] = matrices
+    return np.ascontiguousarray(strips.reshape(lines, count, _WIDTH, length).swapaxes(2, 3))

@@ -48,6 +48,9 @@ LINEAR: dict[str, dict[str, PetscOption]] = {
     },
     "direct": PLAIN,
 }
+# Of all problems: a press without contact uses few options; products of vectors by BLAS's dgemv
+# are rounded as the vectors' addresses have it, so that no scan would repeat its iterations.
+_OFF = ("options_left", "vec_mdot_use_gemv", "vec_maxpy_use_gemv")
 _latest = 0  # number in the latest prefix
 
 
@@ -101,8 +104,9 @@ def set_options(options: Mapping[str, PetscOption], comm: MPI.Comm) -> str:
     for name, value in options.items():
         database.setValue(name, value)
     whole = PETSc.Options()
-    if not whole.hasName("options_left"):
-        whole.setValue("options_left", False)  # a press without contact uses few of them
+    for name in _OFF:
+        if not whole.hasName(name):
+            whole.setValue(name, False)
     return prefix
 
 
