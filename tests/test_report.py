@@ -11,7 +11,7 @@ from synthetic import make_results, make_trace
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
-from tactile_fem.series import fibre_image, report, single_fibre, sweep, write_summary
+from tactile_fem.series import fibre_image, single_fibre, sweep, write_summary
 from tactile_fem.series.report import write_report
 from tactile_fem.study import Study, Text
 
@@ -59,7 +59,7 @@ def test_passes_over_one_receptor_are_one_image(tmp_path, monkeypatch):
     write_summary(passes, tmp_path)
     images = []
     draw = lambda p, **k: images.append(fibre_image(p, **k)) or images[0]  # noqa: E731
-    monkeypatch.setattr(report, "fibre_image", draw)
+    monkeypatch.setattr("tactile_fem.series.image.fibre_image", draw)
     found = tags(write_report(tmp_path, output=tmp_path / "passes.html"))
     assert found.count("tr") == 6 and found.count("img") == 2
     np.testing.assert_allclose(images[0].across_mm, [-2, -1, 0, 1, 2])

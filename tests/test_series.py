@@ -21,6 +21,7 @@ from tactile_fem.series import (
     sweep,
     write_summary,
 )
+from tactile_fem.series.units import units_of
 from tactile_fem.simulation.columns import SUMMARY
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Surface, Text
@@ -160,6 +161,38 @@ def test_a_series_with_a_file_that_changed_is_another_one(tmp_path):
     np.savetxt(heights, np.ones((9, 9)), delimiter=",")
     with pytest.raises(StudyError, match="a file that it names has changed"):
         run_series(members, tmp_path / "series")
+
+
+def test_what_scans_share_keeps_them_together():
+    passes = single_fibre(Study())
+    for jobs, sizes in ((1, [12, 13]), (3, [8, 9]), (20, [2, 3])):
+        units = units_of(passes, jobs)
+        assert [member for unit in units for member in unit] == passes
+        assert sorted({len(unit) for unit in units}) == sizes
+        assert len(units) % jobs == 0
+    names = [m.name for unit in units_of(single_fibre(Study(), spacing_mm=1.0), 1) for m in unit]
+    assert len(names) == 11 == len(units_of(single_fibre(Study(), spacing_mm=1.0), 1))
+    axes = ["neuron.gain_spread=0,1", "stimulus.friction=0.1,0.2", "protocol.depth_mm=1,1.5"]
+    members = sweep(axes)
+    together = [[member.values for member in unit] for unit in units_of(members, 1)]
+    assert [len(unit) for unit in together] == [4, 4]
+    for unit in together:
+        assert len({values["stimulus.friction"] for values in unit}) == 1
+        depths = [values["protocol.depth_mm"] for values in unit]
+        assert depths == ["1", "1", "1.5", "1.5"]
+
+
+def test_a_worker_that_is_killed_loses_the_scan_at_hand_only(tmp_path, monkeypatch):
+    # In the place of Python: a worker that the system kills at its first request.
+    worker, told = tmp_path / "worker", tmp_path / "told"
+    killed = f"[ -e {told} ] || {{ read line; touch {told}; kill -9 $$; }}"
+    answer = """while read line; do echo a monitor; echo 'tactile_fem answers: ""'; done"""
+    worker.write_text(f"#!/bin/sh\n{killed}\n{answer}\n")
+    worker.chmod(0o755)
+    monkeypatch.setattr("sys.executable", str(worker))
+    members = single_fibre(Study(), spacing_mm=0.5, half_width_mm=1.0)
+    outcomes = run_series(members, tmp_path / "series")
+    assert [outcome.problem for outcome in outcomes] == ["exit code -9", "", "", "", ""]
 
 
 def test_command_line_tells_what_is_wrong(capsys, tmp_path):

@@ -132,7 +132,7 @@ def sweep(
     """Scan with every combination of the given values, and compare the results.
 
     The table states differences to the first scan; histories are drawn on common axes. Started
-    again, it completes the missing scans. Each scan has its own folder and process.
+    again, it completes the missing scans. Each scan has its own folder.
 
     Parameters
     ----------
@@ -161,7 +161,8 @@ def fibre(
 ) -> None:
     """Scan in passes over one receptor, with the stimulator shifted across the finger each time.
 
-    Started again, it completes the missing passes. Each pass has its own folder and process.
+    Started again, it completes the missing passes. Each pass has its own folder, and begins its
+    steps from those of the pass beside it.
 
     Parameters
     ----------

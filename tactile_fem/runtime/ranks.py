@@ -67,10 +67,19 @@ def launcher() -> str:
     )
 
 
+def on_ranks(
+    ranks: int, module: str, arguments: Sequence[str] = ()
+) -> tuple[list[str], dict[str, str]]:
+    """Return command and environment of a module of Python on a number of ranks."""
+    command = [sys.executable, "-m", module, *arguments]
+    if ranks > 1:
+        command = [launcher(), "-n", str(ranks), *command]
+    return command, {"OMP_NUM_THREADS": "1", **SHARED_CORES, **os.environ}
+
+
 def restart(ranks: int, arguments: Sequence[str]) -> None:
     """Replace this process by `ranks` processes of the command line of the package."""
-    command = [launcher(), "-n", str(ranks), sys.executable, "-m", "tactile_fem", *arguments]
-    environment = {"OMP_NUM_THREADS": "1", **SHARED_CORES, **os.environ}
+    command, environment = on_ranks(ranks, "tactile_fem", arguments)
     if sys.stderr.isatty():  # behind mpiexec this is not visible
         environment[TERMINAL_VARIABLE] = str(shutil.get_terminal_size().columns)
     sys.stdout.flush()

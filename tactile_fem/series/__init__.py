@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 
 from tactile_fem.series.members import Member, single_fibre, sweep
 from tactile_fem.series.run import (
-    Outcome,
     complete_scans,
     numbers_of,
     run_all,
@@ -13,6 +12,7 @@ from tactile_fem.series.run import (
     share_of,
     write_summary,
 )
+from tactile_fem.series.workers import Outcome
 
 if TYPE_CHECKING:
     from tactile_fem.series.comparison import compare, write_comparison

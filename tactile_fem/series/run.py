@@ -1,26 +1,24 @@
-"""Runs a series, each scan in a process of its own and complete ones skipped; tabulates it."""
+"""Runs the scans of a series that are not complete, in workers side by side; tabulates it."""
 
 from __future__ import annotations
 
 import logging
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactile_fem.errors import StoppedError, StudyError, TactileError
+from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.runtime.files import write_table, write_text
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.ranks import signal_handler
 from tactile_fem.series.members import Member
+from tactile_fem.series.units import of_same_mechanics, units_of
+from tactile_fem.series.workers import Outcome, run_units
 from tactile_fem.simulation.checks import check_study
 from tactile_fem.simulation.results import Results
 from tactile_fem.study.file import dump_study, load_study
@@ -28,22 +26,11 @@ from tactile_fem.study.kept import keep_files
 
 logger = logging.getLogger(__name__)
 
-_POLL_S = 0.3
 _ROUNDING_S = 1e-12
-_SAVED_SCANS = "scans that ran are saved up to their last steps; start it again to continue"
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a scan of a series ended."""
-
-    member: Member
-    problem: str  # why it failed, in one sentence; empty if it is complete
-    wall_s: float  # of this run; 0 if it was complete before
 
 
 def share_of(members: Sequence[Member], task: str) -> list[Member]:
-    """Return the share of task ``K/N`` of a job array, K counted from 1.
+    """Return the share of task ``K/N`` of a job array, K counted from 1: neighbours.
 
     Raises
     ------
@@ -53,7 +40,8 @@ def share_of(members: Sequence[Member], task: str) -> list[Member]:
     first, _, last = task.partition("/")
     if not (first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last)):
         raise StudyError(f'task is "{task}" but must be K/N with K from 1 to N.')
-    return list(members[int(first) - 1 :: int(last)])
+    ends = [len(members) * k // int(last) for k in (int(first) - 1, int(first))]
+    return list(members[slice(*ends)])
 
 
 @shown()
@@ -92,24 +80,15 @@ def run_series(
     left = [member for member in mine if not Results(folder / member.name).complete]
     outcomes = {member.name: Outcome(member, "", 0.0) for member in mine}
     logger.info("%d scans, %d of them complete", len(mine), len(mine) - len(left))
-    running, signals, begun = list[subprocess.Popen[str]](), list[int](), time.perf_counter()
-    with signal_handler(signals.append), ThreadPoolExecutor(jobs) as pool:
-        waiting = {pool.submit(_scan, one, folder, ranks, running, signals) for one in left}
-        try:
-            while waiting:
-                ended, waiting = wait(waiting, _POLL_S, FIRST_COMPLETED)
-                if signals:
-                    raise StoppedError(signals[0], _SAVED_SCANS)
-                for outcome in [future.result() for future in ended]:
-                    outcomes[outcome.member.name] = outcome
-                    done = len(left) - len(waiting)
-                    minutes = (time.perf_counter() - begun) / done * len(waiting) / 60
-                    _log(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in list(running):
-                process.terminate()
-            raise
+    signals, begun = list[int](), time.perf_counter()
+    groups = [[member.name for member in group] for group in of_same_mechanics(members)]
+    same = {name: names for names in groups for name in names}
+    running = run_units(units_of(left, jobs), same, folder, jobs, ranks, signals)
+    with signal_handler(signals.append), closing(running):
+        for done, outcome in enumerate(running, 1):
+            outcomes[outcome.member.name] = outcome
+            minutes = (time.perf_counter() - begun) / done * (len(left) - done) / 60
+            _log(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
     return list(outcomes.values())
 
 
@@ -191,34 +170,6 @@ def numbers_of(results: Results) -> dict[str, int | float]:
         "central_spikes": int((spikes.receptor[sliding] == central).sum()),
         **by_name,
     }
-
-
-def _scan(
-    member: Member,
-    folder: Path,
-    ranks: int,
-    running: list[subprocess.Popen[str]],
-    signals: list[int],
-) -> Outcome:
-    """Scan in a process of its own, which is added to those that run; it ends after a signal."""
-    begun = time.perf_counter()
-    command = [sys.executable, "-m", "tactile_fem", "scan", f"{folder / member.name}.toml"]
-    command += ["--results", str(folder / member.name), "--ranks", str(ranks)]
-    process = subprocess.Popen(
-        command,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        errors="replace",
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    )
-    running.append(process)
-    if signals:
-        process.terminate()
-    lines = process.communicate()[1].strip().splitlines()
-    running.remove(process)
-    problem = (lines or [f"exit code {process.returncode}"])[-1] if process.returncode else ""
-    return Outcome(member, problem, time.perf_counter() - begun)
 
 
 def _save_study(member: Member, folder: Path) -> None:

@@ -18,18 +18,14 @@ from tactile_fem.simulation.parts import changed_part
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.simulation.trace import Array
+from tactile_fem.study import AFTER_MECHANICS
 from tactile_fem.study.kept import with_files
 
 # Counts up when the names or the meaning of a checkpoint's arrays change.
 _FORMAT = 11
 # Parts of a study that may change between two runs: they act after the mechanics, or the mesh's
 # hash shows the change.
-_FREE: dict[str, Any] = {
-    "neuron": True,
-    "afferents": {"__all__": {"neuron", "feels"}},
-    "output": True,
-    "finger": {"mesh_file"},
-}
+_FREE: dict[str, Any] = {**AFTER_MECHANICS, "output": True, "finger": {"mesh_file"}}
 # Seconds between two checkpoints, at least, and the share of the time that writing them may take.
 _INTERVAL_S, _SHARE = 3.0, 0.02
 _ANOTHER_FOLDER = "run the study again in another folder."

@@ -34,12 +34,19 @@ class Equilibrium:
         # Solves of the present step that failed or did not meet the wanted force.
         self.discarded: list[SolveReport] = []
         self.stiffness_N_mm = 0.0  # normal force over depth, as last observed; 0 if not known
+        self._is_guided = False
 
-    def predict(self, dt_s: float) -> None:
-        """Extrapolate the last step as the initial guess, which halves the Newton iterations."""
+    def predict(self, dt_s: float, way_mm: np.ndarray | None = None) -> None:
+        """Make the initial guess from the change of the displacement in a similar scan.
+
+        Without one the last step is extrapolated, which halves the Newton iterations.
+        """
         state = self._problem.state
         state.reset()
-        if state.dt_old_s:
+        self._is_guided = way_mm is not None
+        if way_mm is not None:
+            state.u.x.array[:] += way_mm
+        elif state.dt_old_s:
             u, old, before = state.u.x.array, state.u_old.x.array, state.u_before.x.array
             u += (dt_s / state.dt_old_s) * (old - before)
 
@@ -54,6 +61,10 @@ class Equilibrium:
     def at_position(self, position: np.ndarray, dt_s: float) -> Solved:
         """Solve with the body at `position`."""
         report = self._problem.solve(position, dt_s)
+        if not report.converged and self._is_guided:
+            self.discarded.append(report)
+            self.predict(dt_s)
+            report = self._problem.solve(position, dt_s)
         load = self._problem.load() if report.converged else None
         if load is not None and not load.is_finite:
             return replace(report, converged=False, reason="the load is not finite"), None

@@ -29,6 +29,7 @@ from tactile_fem.receptors import Layout
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.checks import LARGEST_DEPTH_SHARE, check_motion, judge_surface
+from tactile_fem.simulation.course import Course
 from tactile_fem.simulation.parts import NO_PARTS, Parts, check_parts
 from tactile_fem.simulation.probe import Probe, ReceptorState
 from tactile_fem.simulation.step import Step
@@ -66,6 +67,8 @@ class Simulation:
         Communicator; all its ranks must call everything. Default: all ranks.
     make_solver
         Makes the solver of the steps; `tactile_fem.solvers.plain.PlainSolver` is the alternative.
+    course
+        Takes the displacements of the steps, and guesses them from those of an earlier scan.
 
     Attributes
     ----------
@@ -92,8 +95,10 @@ class Simulation:
         parts: Parts = NO_PARTS,
         comm: MPI.Comm | None = None,
         make_solver: Callable[[Problem], StepSolver] = FastSolver,
+        course: Course | None = None,
     ) -> None:
         self.study, self.parts, self._make_solver = study, parts, make_solver
+        self._course = course
         self.comm = comm = comm or MPI.COMM_WORLD
         check_parts(parts, study.tissue)
         check_options(study.solver)
@@ -159,7 +164,10 @@ class Simulation:
             self.comm.size,
         )
         smoother_by = () if self.parts.body else study.stimulus.smoother_by
-        return Stepper(problem, self.path, study.solver, problem.domain.plane, smoother_by)
+        plane = problem.domain.plane
+        if self._course and self._course.beside:
+            logger.info("steps are guessed from those of an earlier scan beside this one")
+        return Stepper(problem, self.path, study.solver, plane, smoother_by, self._course)
 
     @property
     def state(self) -> State:

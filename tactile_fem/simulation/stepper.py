@@ -16,6 +16,7 @@ from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.rows import Saved
 from tactile_fem.path import Motion, Path
 from tactile_fem.simulation.control import TOLERANCE, StepControl, StepTooSmallError
+from tactile_fem.simulation.course import Course, Moment
 from tactile_fem.simulation.equilibrium import Equilibrium
 from tactile_fem.simulation.step import Step
 from tactile_fem.solvers.finger_problem import FingerProblem
@@ -57,9 +58,11 @@ class Stepper:
         settings: Solver,
         plane: Plane = SPACE,
         smoother_by: Sequence[str] = (),
+        course: Course | None = None,
     ) -> None:
         self._problem, self._state, self._plane = problem, problem.state, plane
         self._path, self._settings, self._smoother_by = path, settings, smoother_by
+        self._course = course
         self._equilibrium = Equilibrium(problem, plane.force_unit, settings.max_press_step_mm)
         longest = settings.max_slide_step_mm, settings.max_press_step_mm
         self._weights = [motion.least_steps(*longest) for _, motion in path.plan()]
@@ -157,7 +160,9 @@ class Stepper:
         longest = motion.time_within(control.time_s, s.max_slide_step_mm, s.max_press_step_mm)
         target = control.target_s(longest)
         dt = target - control.time_s
-        equilibrium.predict(dt)
+        begin, end = self._moment(control.time_s), self._moment(target)
+        way_mm = self._course.way(begin, end, self._state) if self._course else None
+        equilibrium.predict(dt, way_mm)
         position = self._plane.within(motion.place(target))
         if motion.held_N is None:
             report, load = equilibrium.at_position(position, dt)
@@ -173,9 +178,17 @@ class Stepper:
         if motion.held_N is None:
             equilibrium.note_stiffness(load)
         solves = equilibrium.accept(load, report)
-        control.accept(target, report.iterations)
+        iterations = report.iterations
+        if self._course:  # a step counts as difficult as that beside, so that steps are the same
+            iterations = max(iterations, self._course.iterations(end))
+            self._course.note(begin, self._moment(target), self._state, iterations)
+        control.accept(target, iterations)
         self._end_at_force(control)
         return self._step(load, solves, dt, started)
+
+    def _moment(self, time_s: float) -> Moment:
+        """Return when and where the body is by the path at a time in the present piece."""
+        return Moment(self._progress.piece, time_s, self._motion.place(time_s))
 
     def _step(
         self, load: Load, solves: tuple[SolveReport, ...], dt_s: float, started: float

@@ -48,6 +48,7 @@ from tactile_fem.study.solver import Solver
 from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissue
 
 __all__ = [
+    "AFTER_MECHANICS",
     "DEFAULT_NAME",
     "TISSUE_SETS",
     "Afferents",
@@ -81,6 +82,13 @@ __all__ = [
     "Text",
     "Tissue",
 ]
+
+
+# Keys that the mechanics does not depend on, as pydantic excludes them.
+AFTER_MECHANICS: dict[str, Any] = {
+    "neuron": True,
+    "afferents": {"__all__": {"neuron", "feels"}},
+}
 
 
 class Study(Settings):
