@@ -105,12 +105,7 @@ def main(
     if passes:
         way = [f"protocol.depth_mm={depth}", f"protocol.distance_mm={distance}"]
         study = load_study(None, [*SIZES[sizes[0]], "stimulus.text=F", *way])
-        members = single_fibre(study, half_width_mm=0.1 * (passes - 1))
-        for name, each in (("series", [members]), ("alone", [[member] for member in members])):
-            before = cpu_of_children()
-            for some in each:
-                run_all(some, folder / name, ranks=ranks[0])
-            print(f"{name}: {cpu_of_children() - before:.1f} s")
+        compare(single_fibre(study, half_width_mm=0.1 * (passes - 1)), folder, ranks[0])
         return
     costs = []
     print("".join(f"{field.name:>13}" for field in fields(Cost)))
@@ -124,6 +119,15 @@ def main(
         costs.append(cost_of(case, size, results, *(spent_by_children() - before)))
         print("".join(f"{shown(value):>13}" for value in vars(costs[-1]).values()), flush=True)
         write_table(folder / "costs.csv", costs)
+
+
+def compare(members: list[Member], folder: Path, ranks: int) -> None:
+    """Print the processor time of scans in a series, and of each alone."""
+    for name, runs in (("series", [members]), ("alone", [[member] for member in members])):
+        before = spent_by_children()
+        for some in runs:
+            run_all(some, folder / name, ranks=ranks)
+        print(f"{name}: {(spent_by_children() - before)[0]:.1f} s")
 
 
 def spent_by_children() -> np.ndarray:
