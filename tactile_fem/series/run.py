@@ -56,7 +56,8 @@ def run_series(
     """Run the scans that are not complete; one that fails does not stop the others.
 
     If interrupted and called again, it continues. Several tasks may share a folder, which holds a
-    study file and a results folder for each scan.
+    study file and a results folder for each scan. Scans that differ only in what follows the
+    mechanics share it; those beside each other begin their steps from one another's, see `Course`.
 
     Parameters
     ----------
