@@ -165,7 +165,7 @@ def test_a_series_with_a_file_that_changed_is_another_one(tmp_path):
 
 def test_what_scans_share_keeps_them_together():
     passes = single_fibre(Study())
-    for jobs, sizes in ((1, [12, 13]), (3, [8, 9]), (20, [2, 3])):
+    for jobs, sizes in ((1, [25, 26]), (3, [17]), (20, [2, 3])):
         units = units_of(passes, jobs)
         assert [member for unit in units for member in unit] == passes
         assert sorted({len(unit) for unit in units}) == sizes

@@ -18,7 +18,7 @@ from tactile_fem.study import AFTER_MECHANICS, Study
 # How far apart the stimulators of two scans are at most, so that one is guessed from the other.
 _BESIDE_MM = 0.5
 # Scans that are guessed one from the other; the first of them is a usual scan.
-_LONGEST_UNIT = 13
+_LONGEST_UNIT = 26
 _NOT_OF_MECHANICS = ("run.json", "spikes.csv", "log.txt", "figures", "vibration", ".*")
 
 
