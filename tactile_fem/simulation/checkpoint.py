@@ -32,18 +32,10 @@ _ANOTHER_FOLDER = "run the study again in another folder."
 
 
 class Checkpoints:
-    """Saves the last accepted state so seldom that it costs little; all ranks call, rank 0 writes.
+    """Saves the last accepted state so seldom that it costs little; all ranks call."""
 
-    Parameters
-    ----------
-    comm
-        Communicator of the scan.
-    write
-        Writes a checkpoint; on the first rank only.
-    """
-
-    def __init__(self, comm: MPI.Comm, write: Callable[[dict[str, Array]], None]) -> None:
-        self._comm, self._write = comm, write
+    def __init__(self, comm: MPI.Comm) -> None:
+        self._comm = comm
         self._unsaved: Saved = {}
         self._due_s = -math.inf
 
@@ -56,13 +48,13 @@ class Checkpoints:
         """Keep a state in memory, in place of the last one."""
         self._unsaved = state
 
-    def save(self) -> None:
-        """Gather and write the last state, unless this is done."""
+    def save(self, write: Callable[[dict[str, Array]], None]) -> None:
+        """Gather the last state, unless this is done, and `write` it on the first rank."""
         if not self._unsaved:
             return
         started = time.perf_counter()
         saved = gathered(self._unsaved)
-        on_root(self._comm, lambda: self._write(saved))
+        on_root(self._comm, lambda: write(saved))
         self._unsaved, ended = {}, time.perf_counter()
         self._due_s = ended + max(_INTERVAL_S, (ended - started) / _SHARE)
 

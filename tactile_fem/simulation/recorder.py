@@ -56,8 +56,7 @@ class Recorder:
         # On the first rank: what stays the same in checkpoints and in run.json, and the files.
         self._origin, self._run = dict[str, Any](), dict[str, Any]()
         self._fields: _KeptFields | None = None
-        self._rows = TraceRows(results.folder)
-        self._checkpoints = Checkpoints(self._comm, self._write_checkpoint)
+        self._rows, self._checkpoints = TraceRows(results.folder), Checkpoints(self._comm)
 
         def prepare() -> None:
             self._origin, self._run = origin_of(simulation), _described(simulation)
@@ -105,7 +104,7 @@ class Recorder:
             spent = {"spent": np.array(json.dumps(self._spent()))}
             self._checkpoints.keep({**state, **spent, **self._simulation.to_save()})
             if save:
-                self._checkpoints.save()
+                self._checkpoints.save(self._write_checkpoint)
 
     def _save_row(self) -> None:
         """Append the last row of the trace; the first one of new columns with all before it."""
@@ -150,7 +149,7 @@ class Recorder:
 
     def save(self) -> None:
         """Save the whole trace and the last accepted state."""
-        self._checkpoints.save()
+        self._checkpoints.save(self._write_checkpoint)
         on_root(self._comm, lambda: self._results.save_trace(**self._trace.arrays()))
 
     def finish(self, status: str, response: Response) -> None:
