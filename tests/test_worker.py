@@ -58,8 +58,10 @@ def test_scans_of_a_worker_are_those_of_each_alone(study, tmp_path, monkeypatch)
     for name in problems:
         alone, here = scan(studies[name], comm=COMM).trace, Results(tmp_path / name).trace
         iterations = alone.newton_iterations.sum(), here["newton_iterations"].sum()
-        if name == "one":
-            np.testing.assert_array_equal(here["newton_iterations"], alone.newton_iterations)
+        if name == "one":  # on several ranks MUMPS does not round alike twice
+            atol = COMM.size - 1
+            there = alone.newton_iterations
+            np.testing.assert_allclose(here["newton_iterations"], there, rtol=0, atol=atol)
         else:
             assert iterations[1] < 0.9 * iterations[0]
         np.testing.assert_allclose(here["time_s"], alone.time_s, atol=1e-12)
