@@ -174,7 +174,7 @@ def quick(study) -> Study:
 def test_a_signal_before_the_first_step_is_the_scans_too(quick, tmp_path, monkeypatch):
     """Libraries that compile clean up after an Exception, which KeyboardInterrupt is not."""
     before = signal.getsignal(signal.SIGINT)
-    monkeypatch.setattr("tactile_fem.simulation.run.Simulation", lambda *parts: interrupt())
+    monkeypatch.setattr("tactile_fem.simulation.run.Simulation", lambda *_, **__: interrupt())
     with pytest.raises(StoppedError, match="stopped by SIGINT"):
         scan(quick, tmp_path / "r")
     assert signal.getsignal(signal.SIGINT) is before and not (tmp_path / "r").exists()

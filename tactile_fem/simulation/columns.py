@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 _UNITS = ("mm", "mm2", "s", "N", "Nmm", "mJ", "kPa")
@@ -135,6 +136,20 @@ SUMMARY = tuple(
         ("central_spikes", "of the receptor nearest to the origin"),
     )
 )
+
+
+def check_trace(trace: Mapping[str, Any]) -> None:
+    """Raise ValueError unless all arrays of a trace have the same steps and receptors."""
+    steps = trace["time_s"].shape
+    receptors = len(trace.get("receptors_mm", ()))
+    if len(steps) != 1:
+        raise ValueError(f"time_s has shape {steps}, not (steps,)")
+    shapes = {column.name: column.sizes(steps=steps[0], receptors=receptors) for column in TRACE}
+    for name, array in trace.items():
+        expected = shapes.get(name, steps)
+        if array.shape[: len(expected)] != expected:
+            raise ValueError(f"{name} has shape {array.shape}, not {expected}")
+
 
 _TABLES = {"trace": TRACE, "spikes": SPIKES, "summary": SUMMARY}
 

@@ -32,7 +32,7 @@ from tactile_fem.neuron import Response, to_neo
 from tactile_fem.runtime import html
 from tactile_fem.runtime.files import atomic_write, write_arrays, write_text
 from tactile_fem.simulation import trace_rows
-from tactile_fem.simulation.columns import SPIKES, TRACE
+from tactile_fem.simulation.columns import SPIKES, check_trace
 from tactile_fem.simulation.fields import FieldState, read_series
 from tactile_fem.simulation.folder import check_folder, choose_state, make_folder, nearest_mm
 from tactile_fem.simulation.surfaces import SurfaceFields, interface_of, skin_of
@@ -155,7 +155,7 @@ class Results:
 
         It replaces the rows that a running scan has added.
         """
-        _check_trace({name: np.asarray(array) for name, array in arrays.items()})
+        check_trace({name: np.asarray(array) for name, array in arrays.items()})
         write_arrays(self.folder / "trace.npz", arrays)
         (self.folder / trace_rows.NAME).unlink(missing_ok=True)
         self.__dict__.pop("trace", None)
@@ -224,7 +224,7 @@ class Results:
                 raise ValueError(f"it lacks {', '.join(missing)}")
             if added is not None:
                 trace = trace_rows.with_rows(trace, added)
-            _check_trace(trace)
+            check_trace(trace)
         except ValueError as error:
             path = self.folder / "trace.npz"
             raise StudyError(f"{path} is no trace of a scan: {error}.") from None
@@ -381,19 +381,6 @@ class Results:
             raise StudyError(f"There is no {path}: it has not been written yet.") from None
         except Exception as error:  # a damaged archive fails in many ways
             raise StudyError(f"{path} cannot be read: {error}.") from None
-
-
-def _check_trace(trace: dict[str, NDArray[Any]]) -> None:
-    """Raise ValueError unless all histories have the same steps and receptors."""
-    steps = trace["time_s"].shape
-    receptors = len(trace.get("receptors_mm", ()))
-    if len(steps) != 1:
-        raise ValueError(f"time_s has shape {steps}, not (steps,)")
-    shapes = {column.name: column.sizes(steps=steps[0], receptors=receptors) for column in TRACE}
-    for name, array in trace.items():
-        expected = shapes.get(name, steps)
-        if array.shape[: len(expected)] != expected:
-            raise ValueError(f"{name} has shape {array.shape}, not {expected}")
 
 
 def _plain(value: Any) -> Any:
