@@ -77,7 +77,8 @@ def test_no_linear_solve_goes_further_than_newton_will():
 
 def inverted(problem: FingerProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what the smoother makes of a vector, and the matrix that it was made from."""
-    matrix = problem.solver.snes.getJacobian()[1]
+    operator, matrix, _ = problem.solver.snes.getJacobian()
+    operator.getPythonContext().fill()
     smoother = problem.solver.snes.getKSP().getPC().getMGSmoother(1).getPC()
     given, found = matrix.createVecs()
     given.array = x

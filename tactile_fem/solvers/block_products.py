@@ -68,7 +68,7 @@ class BlockProduct:
         self._x = np.zeros((rows.size_local + rows.num_ghosts, lanes), _NUMPY[real])
         self._y = np.zeros((rows.size_local, lanes), _NUMPY[real])
         self._ghosts = _ghost_update(rows) if rows.comm.size > 1 else None
-        self._unit = _unit(real, lanes)
+        self._unit = number_type(real, lanes)
         self._parts = [
             _Part(matrix, rows, symmetric)
             for matrix, symmetric in zip(matrices, are_symmetric, strict=True)
@@ -124,7 +124,7 @@ class _Part:
     def __init__(self, matrix: la.MatrixCSR, columns: IndexMap, is_symmetric: bool) -> None:
         rows, entries = matrix.index_map(0).size_local, matrix.block_size[0] ** 2
         self._starts = matrix.indptr[: rows + 1]
-        self._columns = matrix.indices[: self._starts[-1]]
+        self._columns = columns_in(columns, matrix)
         self.values = matrix.data[: entries * self._starts[-1]]
         self._is_symmetric = is_symmetric
         self.lower, self.whole = _Blocks(entries), _Blocks(entries)
@@ -133,9 +133,6 @@ class _Part:
             self._choose(self.lower, self._columns <= row)
             # Another rank has the rows of ghosts, so what is multiplied by them is read whole.
             self._choose(self.whole, self._columns >= rows)
-        if (own := matrix.index_map(1)) is not columns:
-            everywhere = own.local_to_global(np.arange(own.size_local + own.num_ghosts))
-            self._columns = columns.global_to_local(everywhere)[self._columns]
 
     def updated(self) -> tuple[_Blocks, _Blocks]:
         """Return the blocks to multiply with the present values."""
@@ -160,6 +157,16 @@ class _Blocks:
         self.values = np.empty(0)
 
 
+def columns_in(columns: IndexMap, matrix: la.MatrixCSR) -> np.ndarray:
+    """Return the column of each block in this rank's rows, as another map numbers them."""
+    own = matrix.index_map(1)
+    found = matrix.indices[: matrix.indptr[matrix.index_map(0).size_local]]
+    if own is columns:
+        return found
+    everywhere = own.local_to_global(np.arange(own.size_local + own.num_ghosts))
+    return columns.global_to_local(everywhere)[found]
+
+
 def _ghost_update(columns: IndexMap) -> PETSc.SF:
     """Return what sends blocks of a vector to the ranks that have them as ghosts."""
     firsts = np.array(columns.comm.allgather(columns.local_range[0]))
@@ -171,6 +178,6 @@ def _ghost_update(columns: IndexMap) -> PETSc.SF:
 
 
 @cache
-def _unit(real: str, lanes: int) -> MPI.Datatype:
-    """Return MPI's type of a block of a vector."""
-    return {"double": MPI.DOUBLE, "float": MPI.FLOAT}[real].Create_contiguous(lanes).Commit()
+def number_type(real: str, count: int) -> MPI.Datatype:
+    """Return MPI's type of so many numbers."""
+    return {"double": MPI.DOUBLE, "float": MPI.FLOAT}[real].Create_contiguous(count).Commit()

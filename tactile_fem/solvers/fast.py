@@ -85,7 +85,12 @@ class FastSolver(StepSolver):
         if uses_multigrid:
             self._operator, self._single = self._jacobian.operators()
             self._two_level = multigrid.TwoLevel(
-                self.snes, u.function_space, problem.held, problem.order.blocks(), self._jit
+                self.snes,
+                u.function_space,
+                problem.held,
+                problem.order.blocks(),
+                self._jacobian.parts,
+                self._jit,
             )
         # By weak references: Python's garbage collector cannot see what PETSc holds. A solver that
         # PETSc held would never be freed, and MPI allows only some 2,000 communicators.
@@ -309,9 +314,10 @@ class FastSolver(StepSolver):
             self._jacobian.assemble_contact()
 
     def _set_up(self) -> None:
-        """Fill the matrix from which preconditioners are made, and set up multigrid with it."""
-        with common.Timer("tactile: jacobian"):
-            self._jacobian.fill()
+        """Fill the matrix if a preconditioner of PETSc's is made from it, and set up multigrid."""
+        if not self._two_level or self._two_level.needs_entries:
+            with common.Timer("tactile: jacobian"):
+                self._jacobian.fill()
         if self._two_level:
             self._two_level.set_up(self._operator, self._single, self._equations.A)
 

@@ -41,6 +41,8 @@ class Jacobian:
     ----------
     matrix
         As given; `fill` gives it the present entries.
+    parts
+        Bulk and contact.
     """
 
     def __init__(
@@ -57,6 +59,7 @@ class Jacobian:
         self.matrix = matrix
         self._bulk = fem.create_matrix(bulk, block_mode=_BLOCKS)
         self._skin = _matrix_with_diagonal(contact.over_all_skin(), bcs)
+        self.parts = self._bulk, self._skin
         self._is_symmetric, self._jit_options = is_symmetric, jit_options
         self._products: list[BlockProduct] = []
 
@@ -65,9 +68,9 @@ class Jacobian:
 
         They have no entries, see `fill`, and hold this object.
         """
-        parts, are_symmetric = (self._bulk, self._skin), (self._is_symmetric, False)
+        are_symmetric = self._is_symmetric, False
         self._products = [
-            BlockProduct(parts, are_symmetric, real, self._jit_options)
+            BlockProduct(self.parts, are_symmetric, real, self._jit_options)
             for real in ("double", "float")
         ]
         rows, size = self._bulk.index_map(0), self._bulk.block_size[0]

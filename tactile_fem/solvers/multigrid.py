@@ -8,23 +8,17 @@ below it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from itertools import pairwise
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from petsc4py import PETSc
 
 import numpy as np
-import scipy.sparse
-from dolfinx import common, fem
+from dolfinx import common, fem, la
 from dolfinx.fem import petsc as fem_petsc
 
-from tactile_fem.mechanics.compile import c_functions
-
-_SOURCE = Path(__file__).with_name("line_products.c")
-_DECLARATION = "void multiply(int, int, const float *, const double *, double *);"
-_WIDTH = 8  # numbers that processors multiply at once
+from tactile_fem.solvers.coarse import CoarseOperator
+from tactile_fem.solvers.line_jacobi import LineJacobi
 
 MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "pc_type": "mg",
@@ -55,8 +49,17 @@ class TwoLevel:
         Blocks (ghosts included) that are fixed: nothing is interpolated to them.
     lines
         This rank's lines of blocks, see `NodeOrder.blocks`.
+    matrices
+        Their sum is the Jacobian. The columns of the first one contain those of the others.
     jit_options
         Options of the compiler.
+
+    Attributes
+    ----------
+    is_set_up
+        Whether it was ever set up.
+    needs_entries
+        Whether PETSc's options choose a smoother that is made from the matrix's entries.
     """
 
     def __init__(
@@ -65,6 +68,7 @@ class TwoLevel:
         fine: fem.FunctionSpace,
         held: np.ndarray,
         lines: list[np.ndarray],
+        matrices: Sequence[la.MatrixCSR],
         jit_options: Mapping[str, Any],
     ) -> None:
         size = fine.dofmap.index_map_bs
@@ -79,22 +83,18 @@ class TwoLevel:
         pc = snes.getKSP().getPC()
         pc.setMGLevels(2)
         pc.setMGInterpolation(1, interpolation)
-        self._interpolation = interpolation
-        self._smoother = LineJacobi(lines, interpolation.createVecLeft(), size, jit_options)
+        self._coarse = CoarseOperator(matrices, interpolation, jit_options)
+        like = interpolation.createVecLeft()
+        self._smoother = LineJacobi(lines, matrices, like, jit_options)
         smoother = pc.getMGSmoother(1)
         smoother.getPC().setType("python")
         smoother.getPC().setPythonContext(self._smoother)
-        self._fine = PETSc.Mat()  # the Jacobian in AIJ format, for the coarse operator
-        self._coarse: PETSc.Mat | None = None
+        self.is_set_up = False
         # `FastSolver` decides about set-ups; Newton's method would set up with each Jacobian.
         PETSc.Options(snes.getOptionsPrefix()).setValue("snes_lag_preconditioner", -2)
         snes.setFromOptions()
         smoother.setFromOptions()
-
-    @property
-    def is_set_up(self) -> bool:
-        """Whether it was ever set up."""
-        return self._coarse is not None
+        self.needs_entries = smoother.getPC().getType() != "python"
 
     def set_up(self, operator: PETSc.Mat, single: PETSc.Mat, jacobian: PETSc.Mat) -> None:
         """Compute coarse operator and factors, the lines' inverses and the spectral bounds.
@@ -104,106 +104,19 @@ class TwoLevel:
         operator, single
             What multiplies, in double and in single precision.
         jacobian
-            The same with entries.
+            The same with entries, if `needs_entries`.
         """
         with common.Timer("tactile: preconditioner"):
-            jacobian.convert("aij", out=self._fine)
-            self._coarse = self._fine.ptap(self._interpolation, self._coarse)
-            self._smoother.invert(jacobian)
+            self._coarse.update()
+            self._smoother.invert()
             pc = self._snes.getKSP().getPC()
             smoother = pc.getMGSmoother(1)
-            if smoother.getPC().getType() == "python":  # else it may need the entries
+            if not self.needs_entries:
                 single.stateIncrease()  # the bounds of its spectrum are computed anew
                 smoother.setOperators(single, single)
-            pc.getMGCoarseSolve().setOperators(self._coarse)
+            pc.getMGCoarseSolve().setOperators(self._coarse.matrix)
             pc.setOperators(operator, jacobian)
+            jacobian.stateIncrease()  # else PETSc would leave out the set-up
             pc.setReusePreconditioner(False)
             pc.setUp()
-
-
-class LineJacobi:
-    """Block Jacobi over lines of nodes, a preconditioner for PETSc's Python type.
-
-    One rank inverts a complete line even if the partition cuts it, so that the number of
-    iterations does not depend on the number of ranks.
-
-    Parameters
-    ----------
-    lines
-        This rank's lines: global block indices, one array (lines, length) for each length.
-    like
-        A vector with the layout of the matrix's rows.
-    size
-        Rows of a block.
-    jit_options
-        Options of the compiler.
-    """
-
-    def __init__(
-        self, lines: list[np.ndarray], like: PETSc.Vec, size: int, jit_options: Mapping[str, Any]
-    ) -> None:
-        blocks = np.concatenate([nodes.ravel() for nodes in lines]).astype(np.int32)
-        self._size = size
-        self._rows = PETSc.IS().createBlock(size, blocks, comm=like.comm)
-        self._values = PETSc.Vec().createSeq(size * len(blocks))
-        self._result = self._values.duplicate()
-        self._scatter = PETSc.Scatter().create(like, self._rows, self._values, None)
-        ends = np.cumsum([0, *(size * nodes.size for nodes in lines)]).tolist()
-        self._spans = list(pairwise(ends))
-        self._sizes = [size * nodes.shape[1] for nodes in lines]
-        self._functions, self._pointer = c_functions(
-            like.comm.tompi4py(), _SOURCE, _DECLARATION, jit_options, WIDTH=_WIDTH
-        )
-        self._parts: Any = None
-        self._entries = PETSc.Mat()  # the same in AIJ format
-        self._positions: list[np.ndarray] = []
-        self._inverses: list[np.ndarray] = []
-
-    def invert(self, matrix: PETSc.Mat) -> None:
-        """Invert the blocks of `matrix`."""
-        self._parts = matrix.createSubMatrices(self._rows, submats=self._parts)
-        self._parts[0].convert("aij", out=self._entries)
-        starts, columns, values = self._entries.getValuesCSR()
-        if not self._positions:
-            self._locate(starts, columns)
-        padded = np.append(values, 0.0)
-        self._inverses = [
-            _in_strips(np.linalg.inv(padded[position])) for position in self._positions
-        ]
-
-    def _locate(self, starts: np.ndarray, columns: np.ndarray) -> None:
-        """Find the positions of the blocks' entries in the matrix's values."""
-        number = np.arange(1, len(columns) + 1)
-        size = len(starts) - 1
-        order = scipy.sparse.csr_array((number, columns, starts), shape=(size, size))
-        for (first, end), length in zip(self._spans, self._sizes, strict=True):
-            block = np.arange(first, end).reshape(-1, length)
-            rows = np.broadcast_to(block[:, :, None], (*block.shape, length))
-            found = order[rows.ravel(), np.swapaxes(rows, 1, 2).ravel()]
-            found = np.asarray(found.todense() if hasattr(found, "todense") else found)
-            self._positions.append(found.reshape(rows.shape) - 1)
-
-    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Set ``y`` to the block-diagonal inverse times ``x``."""
-        self._scatter.scatter(x, self._values)
-        given, result = self._values.array_r, self._result.array_w
-        for (first, end), length, inverse in zip(
-            self._spans, self._sizes, self._inverses, strict=True
-        ):
-            self._functions.multiply(
-                len(inverse),
-                length,
-                self._pointer("float[]", inverse),
-                self._pointer("double[]", given[first:end]),
-                self._pointer("double[]", result[first:end]),
-            )
-        self._scatter.scatter(self._result, y, mode=PETSc.ScatterMode.REVERSE)
-
-
-def _in_strips(matrices: np.ndarray) -> np.ndarray:
-    """Return matrices (lines, length, length) as `line_products.c` reads them."""
-    lines, length, _ = matrices.shape
-    count = -(-length // _WIDTH)
-    strips = np.zeros((lines, count * _WIDTH, length), np.float32)
-    strips[:, :length] = matrices
-    return np.ascontiguousarray(strips.reshape(lines, count, _WIDTH, length).swapaxes(2, 3))
+        self.is_set_up = True
