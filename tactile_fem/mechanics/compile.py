@@ -92,10 +92,10 @@ def compiled_by() -> dict[str, str]:
 
 def expression(value: Expr, points: np.ndarray) -> fem.Expression:
     """Compile a UFL expression at points of the reference cell or facet, (points, 3 or 2)."""
-    return fem.Expression(_with_own_labels(value), points, jit_options=_common_options())
+    return fem.Expression(with_own_labels(value), points, jit_options=_common_options())
 
 
-def _with_own_labels(value: Expr) -> Expr:
+def with_own_labels(value: Expr) -> Expr:
     """Return an expression whose variables are counted from 0, as UFL counts those of a form.
 
     Otherwise each problem of a process would have another signature, and be compiled again.
@@ -118,8 +118,13 @@ class _Relabeled(MultiFunction):
 
 @jit.mpi_jit_decorator  # type: ignore[untyped-decorator]
 def c_functions(
-    source: Path, declarations: str, jit_options: Mapping[str, Any], **definitions: int | str
-) -> tuple[Any, Callable[[str, np.ndarray], Any]]:
+    source: Path,
+    declarations: str,
+    jit_options: Mapping[str, Any],
+    key: str = "",
+    generated: Callable[[], str] = str,
+    **definitions: int | str,
+) -> tuple[Any, cffi.FFI]:
     """Compile a file of C functions, or load them from the cache of forms.
 
     Called with a communicator before the other arguments, whose ranks all call.
@@ -132,25 +137,28 @@ def c_functions(
         Declarations of its functions, in C.
     jit_options
         Options of the compiler, see `jit_options`.
+    key, generated
+        Makes code that stands before the file's, and what changes with that code.
     **definitions
         Preprocessor constants.
 
     Returns
     -------
-    The functions as attributes, and what makes a pointer of a C type such as ``"double[]"`` to an
-    array's values.
+    The functions as attributes, and what converts their arguments.
     """
     options = jit.get_options(dict(jit_options))
     flags = [f"-D{name}={value}" for name, value in definitions.items()]
     flags = [*options["cffi_extra_compile_args"], *flags]
     code = source.read_text(encoding="ascii")
-    key = hashlib.sha256(repr((code, declarations, flags, cffi.__version__)).encode()).hexdigest()
-    name, folder = f"tactile_{source.stem}_{key[:16]}", options["cache_dir"]
+    made_from = repr((key, code, declarations, flags, cffi.__version__))
+    name = f"tactile_{source.stem}_{hashlib.sha256(made_from.encode()).hexdigest()[:16]}"
+    folder = options["cache_dir"]
     library = folder / f"{name}{EXTENSION_SUFFIXES[0]}"
     if not library.exists() or not library.stat().st_size:  # empty after a power cut
         builder = cffi.FFI()
         builder.cdef(declarations)
-        builder.set_source(name, code, extra_compile_args=flags)
+        whole = generated() + code
+        builder.set_source(name, whole, extra_compile_args=flags, libraries=["m"])
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder) as own:  # at once: others may be compiling it
             Path(builder.compile(tmpdir=own)).replace(library)
@@ -158,7 +166,7 @@ def c_functions(
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.lib, module.ffi.from_buffer
+    return module.lib, module.ffi
 
 
 def clean_cache(folder: Path) -> None:

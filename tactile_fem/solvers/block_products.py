@@ -55,7 +55,7 @@ class BlockProduct:
     ) -> None:
         rows, size = matrices[0].index_map(1), matrices[0].block_size[0]
         lanes = 4 if size == 3 else size
-        self._functions, self._pointer = c_functions(
+        self._functions, ffi = c_functions(
             rows.comm,
             _SOURCE,
             _DECLARATIONS.replace("REAL", real),
@@ -64,6 +64,7 @@ class BlockProduct:
             LANES=lanes,
             REAL=real,
         )
+        self._pointer = ffi.from_buffer
         self._real, self._rows = real, rows.size_local
         self._x = np.zeros((rows.size_local + rows.num_ghosts, lanes), _NUMPY[real])
         self._y = np.zeros((rows.size_local, lanes), _NUMPY[real])

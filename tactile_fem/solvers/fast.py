@@ -11,7 +11,6 @@ import weakref
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import cached_property
 
 from petsc4py import PETSc
 
@@ -27,9 +26,10 @@ from tactile_fem.mechanics.rows import Saved
 from tactile_fem.solvers import multigrid
 from tactile_fem.solvers.jacobian import Jacobian
 from tactile_fem.solvers.lagging import Lagging
-from tactile_fem.solvers.near_skin import NearForm, NearSkin
+from tactile_fem.solvers.near_skin import NearSkin
 from tactile_fem.solvers.options import clear_options, options_of, set_options
 from tactile_fem.solvers.report import LinearSolve, SolveReport, StepSolver, solve_linear
+from tactile_fem.solvers.virtual_work import VirtualWork
 
 # Where Newton's method fails: width of the onset of contact, as a multiple, and softness of
 # friction with which it is tried first.
@@ -69,15 +69,15 @@ class FastSolver(StepSolver):
         self._equations = self._nonlinear_problem("baij" if uses_multigrid else None)
         self.snes: PETSc.SNES = self._equations.solver
         self._near = NearSkin(problem.contact)
-        contact = problem.contact.residual(v)
-        self._contact = NearForm(contact, self._near, self._jit)
+        is_symmetric = problem.bulk.is_symmetric
+        self._contact = VirtualWork(problem.contact.residual(v), problem)
+        self._bulk = VirtualWork(problem.bulk.residual(v), problem, is_symmetric=is_symmetric)
+        self._bulk_of_tangent = self._bulk
+        if self._lagging.is_on:
+            work = problem.bulk.work_of_tangent(v)
+            self._bulk_of_tangent = VirtualWork(work, problem, is_symmetric=is_symmetric)
         self._jacobian = Jacobian(
-            self._equations.J,
-            NearForm(ufl.derivative(contact, u), self._near, self._jit),
-            problem.bcs,
-            self._equations.A,
-            self._jit,
-            is_symmetric=problem.bulk.is_symmetric,
+            problem, self._contact, self._equations.J, self._equations.A, self._jit
         )
         self._tangent_at = problem.u.x.array.copy()
         self._two_level: multigrid.TwoLevel | None = None
@@ -100,24 +100,18 @@ class FastSolver(StepSolver):
             snes.setJacobian(jacobian, self._operator, self._equations.A)
 
     def _nonlinear_problem(self, matrix: str | None) -> fem_petsc.NonlinearProblem:
-        """Return the bulk's part as a problem for SNES; the contact's is added in each call."""
+        """Return what SNES solves, with its vectors and matrix; this object assembles them."""
         problem = self._problem
         prefix = set_options(self.options, problem.domain.comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
         self._clear_options.atexit = False  # PETSc may be gone by then
-        residual = problem.bulk.residual(problem.test)
-        tangent = ufl.derivative(residual, problem.u)
-        if self._lagging.is_on:
-            tangent = problem.bulk.tangent(problem.test)
         equations = fem_petsc.NonlinearProblem(
-            residual,
+            ufl.inner(problem.u, problem.test) * ufl.dx,  # for the layout only
             problem.u,
-            J=tangent,
             bcs=problem.bcs,
             petsc_options_prefix=prefix,
             kind=matrix,
             jit_options=self._jit,
-            entity_maps=problem.contact.obstacle.entity_maps,
         )
         snes = equations.solver
         snes.setFromOptions()
@@ -194,7 +188,7 @@ class FastSolver(StepSolver):
         self._take_displacement()
         solution, field = own.x.duplicate(), fem.Function(self._state.u.function_space)
         with self._jacobian.restored(), self._linear_solver() as ksp:
-            self._jacobian.assemble_bulk(self._exact_tangent)
+            self._jacobian.assemble_bulk(self._bulk)
             self._jacobian.assemble_contact()
             if not (self._two_level and self._two_level.is_set_up):
                 self._set_up()
@@ -223,13 +217,6 @@ class FastSolver(StepSolver):
             yield ksp
         finally:
             ksp.destroy()
-
-    @cached_property
-    def _exact_tangent(self) -> fem.Form:
-        """The bulk's tangent at all of the residual's points; compiled when first used."""
-        problem = self._problem
-        exact = ufl.derivative(problem.bulk.residual(problem.test), problem.u)
-        return problem.contact.obstacle.compile(exact)
 
     # --- from step to step -----------------------------------------------------------------------
 
@@ -281,15 +268,17 @@ class FastSolver(StepSolver):
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
         fem_petsc.assign(x, self._state.u)
         with common.Timer("tactile: obstacle"):
-            self._near.update()
+            if self._near.update():
+                self._contact.choose(self._near.chosen)
 
     def _assemble_residual(self, snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         self._update(x)
         with common.Timer("tactile: residual"):
             with b.localForm() as with_ghosts:
-                with_ghosts.set(0.0)
-            fem_petsc.assemble_vector(b, self._equations.F)
-            fem_petsc.assemble_vector(b, self._contact())
+                values = with_ghosts.array_w
+                values[:] = 0.0
+                self._bulk.add_residual(values)
+                self._contact.add_residual(values)
             b.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
             # Every iterate meets the homogeneous conditions, so there is nothing to lift.
             fem_petsc.set_bc(b, self._problem.bcs, x0=x, alpha=-1.0)
@@ -310,7 +299,7 @@ class FastSolver(StepSolver):
         with common.Timer("tactile: jacobian"):
             if self._lagging.needs_tangent(self.snes, self._state.dt_s):
                 self._tangent_at[:] = self._state.u.x.array
-                self._jacobian.assemble_bulk()
+                self._jacobian.assemble_bulk(self._bulk_of_tangent)
             self._jacobian.assemble_contact()
 
     def _set_up(self) -> None:

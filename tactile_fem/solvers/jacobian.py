@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 from petsc4py import PETSc
 
 import numpy as np
+import ufl
 from dolfinx import common, fem, la
 
+from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.block_products import BlockProduct
-from tactile_fem.solvers.near_skin import NearForm
+from tactile_fem.solvers.held import Held
+from tactile_fem.solvers.virtual_work import VirtualWork
 
 _BLOCKS = la.BlockMode.compact  # type: ignore[attr-defined]
 
@@ -26,16 +29,16 @@ class Jacobian:
 
     Parameters
     ----------
-    bulk, contact
-        The parts as forms, the contact's over the skin that is near now.
-    bcs
-        Dirichlet conditions.
+    problem
+        Conditions, and the skin.
+    contact
+        The contact's work.
+    layout
+        A form with the rows and columns of the bulk's part.
     matrix
-        PETSc's matrix for the bulk's form.
+        PETSc's matrix with this layout.
     jit_options
         Options of the compiler.
-    is_symmetric
-        Whether the bulk's part is symmetric.
 
     Attributes
     ----------
@@ -47,20 +50,18 @@ class Jacobian:
 
     def __init__(
         self,
-        bulk: fem.Form,
-        contact: NearForm,
-        bcs: Sequence[fem.DirichletBC],
+        problem: Problem,
+        contact: VirtualWork,
+        layout: fem.Form,
         matrix: PETSc.Mat,
         jit_options: Mapping[str, Any],
-        *,
-        is_symmetric: bool,
     ) -> None:
-        self._bulk_form, self._contact, self._bcs = bulk, contact, bcs
-        self.matrix = matrix
-        self._bulk = fem.create_matrix(bulk, block_mode=_BLOCKS)
-        self._skin = _matrix_with_diagonal(contact.over_all_skin(), bcs)
+        self._contact, self.matrix = contact, matrix
+        self._bulk = fem.create_matrix(layout, block_mode=_BLOCKS)
+        self._skin = fem.create_matrix(fem.form(_on_skin(problem)), block_mode=_BLOCKS)
+        self._held, self._held_skin = (Held(own, problem.bcs) for own in (self._bulk, self._skin))
         self.parts = self._bulk, self._skin
-        self._is_symmetric, self._jit_options = is_symmetric, jit_options
+        self._is_symmetric, self._jit_options = problem.bulk.is_symmetric, jit_options
         self._products: list[BlockProduct] = []
 
     def operators(self) -> list[PETSc.Mat]:
@@ -83,18 +84,20 @@ class Jacobian:
             operator.setUp()
         return operators
 
-    def assemble_bulk(self, form: fem.Form | None = None) -> None:
-        """Assemble the bulk's part at the present displacement, of another form if given."""
+    def assemble_bulk(self, work: VirtualWork) -> None:
+        """Assemble the bulk's part, the derivative of that work, at the present displacement."""
         with common.Timer("tactile: tangent of the bulk"):
             self._bulk.set_value(0.0)
-            fem.assemble_matrix(self._bulk, form or self._bulk_form, self._bcs)
+            work.add_tangent(self._bulk, self._held.is_free)
+            self._held.set_rows(1.0)
             self._bulk.scatter_reverse()
             self._take(0)
 
     def assemble_contact(self) -> None:
         """Assemble the contact's part at the present displacement and place of the body."""
         self._skin.set_value(0.0)
-        fem.assemble_matrix(self._skin, self._contact(), self._bcs, diag=0.0)  # type: ignore[misc]
+        self._contact.add_tangent(self._skin, self._held_skin.is_free)
+        self._held_skin.set_rows(0.0)
         self._skin.scatter_reverse()
         self._take(1)
 
@@ -141,12 +144,7 @@ class Jacobian:
         self.matrix.multTranspose(x, y)
 
 
-def _matrix_with_diagonal(form: fem.Form, bcs: Sequence[fem.DirichletBC]) -> la.MatrixCSR:
-    """Return a matrix for a form that leaves out rows which have Dirichlet conditions."""
-    pattern = fem.create_sparsity_pattern(form)
-    size = form.function_spaces[0].dofmap.index_map_bs
-    for bc in bcs:
-        dofs, own = bc.dof_indices()
-        pattern.insert_diagonal(np.unique(dofs[:own] // size).astype(np.int32))
-    pattern.finalize()
-    return la.matrix_csr(pattern, block_mode=_BLOCKS)
+def _on_skin(problem: Problem) -> ufl.Form:
+    """Return a form with the rows and columns of the contact's part."""
+    u, v = ufl.TrialFunction(problem.u.function_space), problem.test
+    return sum(ufl.inner(u, v) * part.ds for part in problem.contact.parts)

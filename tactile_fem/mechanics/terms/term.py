@@ -61,9 +61,12 @@ class Term:
         """Return the virtual work in `v`."""
         raise NotImplementedError
 
-    def tangent(self, v: Expr) -> ufl.Form:
-        """Return the derivative of `residual`; a cheaper quadrature may do."""
-        return ufl.derivative(self.residual(v), self.tissues.u)
+    def work_of_tangent(self, v: Expr) -> ufl.Form:
+        """Return the virtual work in `v` whose derivative is the tangent.
+
+        A cheaper quadrature than that of `residual` may do.
+        """
+        return self.residual(v)
 
     def static_residual(self, v: Expr) -> ufl.Form:
         """Return the virtual work in `v` without that of inertia."""
@@ -130,9 +133,9 @@ class Sum(Term):
         """Return the virtual work in `v`."""
         return _sum_of_forms(term.residual(v) for term in self.terms)
 
-    def tangent(self, v: Expr) -> ufl.Form:
-        """Return the sum of the terms' tangents."""
-        return _sum_of_forms(term.tangent(v) for term in self.terms)
+    def work_of_tangent(self, v: Expr) -> ufl.Form:
+        """Return the virtual work in `v` whose derivative is the tangent."""
+        return _sum_of_forms(term.work_of_tangent(v) for term in self.terms)
 
     def static_residual(self, v: Expr) -> ufl.Form:
         """Return the virtual work in `v` without that of inertia."""
@@ -182,9 +185,9 @@ class StressTerm(Term):
         """Return the virtual work of the stress in `v`."""
         return self._work(v, self.tissues.dx)
 
-    def tangent(self, v: Expr) -> ufl.Form:
-        """Return the derivative of `residual`, integrated at fewer points."""
-        return ufl.derivative(self._work(v, self.tissues.dx_of_tangent), self.tissues.u)
+    def work_of_tangent(self, v: Expr) -> ufl.Form:
+        """Return the virtual work of the stress in `v`, integrated at fewer points."""
+        return self._work(v, self.tissues.dx_of_tangent)
 
     def _work(self, v: Expr, dx: ufl.Measure) -> ufl.Form:
         gradient = self.tissues.gradient(v)

@@ -1,0 +1,76 @@
+"""Fields in the cells of a mesh: their dofs there, and their bases at points."""
+
+from __future__ import annotations
+
+import numpy as np
+from dolfinx import fem, mesh
+
+from tactile_fem.solvers.at_points import Given, Kind, NotAtPointsError
+
+Array = np.ndarray
+
+
+class CellField:
+    """What is given at points of cells.
+
+    Parameters
+    ----------
+    given
+        What it is; of the geometry there are no dofs.
+    msh
+        The mesh.
+
+    Attributes
+    ----------
+    kind
+        Of what is given.
+    nodes, size
+        Number of its basis functions in a cell, and of its components.
+
+    Raises
+    ------
+    NotAtPointsError
+        Its components do not share one scalar basis, or it belongs to another mesh.
+    """
+
+    def __init__(self, given: Given, msh: mesh.Mesh) -> None:
+        self.kind, self.nodes, self.size = given.kind, 0, 0
+        self._values, self._dofs = np.empty(0), np.empty((0, 0), dtype=np.int32)
+        of = given.of
+        if isinstance(of, fem.Function):
+            space = of.function_space
+            element, self._dofs, self.size = space.ufl_element(), space.dofmap.list, space.dofmap.bs
+            self._values = of.x.array
+            is_elsewhere = (space.mesh != msh) != (self.kind == Kind.AT_POINTS)
+            if is_elsewhere or element.block_size != self.size:
+                raise NotAtPointsError
+        elif of is not None:  # the position
+            element = msh.ufl_domain().ufl_coordinate_element()  # type: ignore[union-attr]
+            self._dofs, self.size = msh.geometry.dofmaps[0], msh.geometry.dim
+            self._values = np.ascontiguousarray(msh.geometry.x[:, : self.size])
+        self.nodes = self._dofs.shape[1]
+        if self.kind in (Kind.VALUE, Kind.GRADIENT):
+            self._basis = element.basix_element
+            if self._basis.value_size != 1 or not self._basis.dof_transformations_are_identity:
+                raise NotAtPointsError
+
+    @property
+    def values(self) -> Array:
+        """Values of all dofs of this rank; they change with the field."""
+        return self._values
+
+    def dofs(self, cells: Array) -> Array:
+        """Return the dofs of some cells, of fields at points those of facets; (cells, nodes)."""
+        return np.ascontiguousarray(self._dofs[cells if self.nodes else []], dtype=np.int32)
+
+    def values_and_gradients(self, points: Array) -> Array:
+        """Return the basis at points of the reference cell, (points, nodes, 1 + dimension)."""
+        found = self._basis.tabulate(1, points)[..., 0]
+        return np.ascontiguousarray(np.moveaxis(found, 0, -1))
+
+    def table(self, points: Array) -> Array:
+        """Return what of the basis is wanted, (points, nodes) or (points, nodes, dimension)."""
+        if self.kind not in (Kind.VALUE, Kind.GRADIENT):
+            return np.empty(0)
+        both = self.values_and_gradients(points)
+        return np.ascontiguousarray(both[..., 0] if self.kind == Kind.VALUE else both[..., 1:])

@@ -1,0 +1,112 @@
+"""UFL at a point, in C, for several points at once.
+
+FFCx compiles expressions in which all that is given at a point is a coefficient, see `AtPoint`. The
+result has no loops, so that C compilers can evaluate it in several cells at once.
+"""
+
+from __future__ import annotations
+
+import re
+
+import ffcx.compiler
+import ffcx.naming
+import ffcx.options
+import numpy as np
+from dolfinx import fem
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
+from ufl.core.expr import Expr
+
+from tactile_fem.mechanics.compile import with_own_labels
+from tactile_fem.solvers.at_points import AtPoint
+
+_POINT = np.zeros((1, 3))
+# The C library can evaluate a function several times at once, which has to be said where not all of
+# -ffast-math is on.
+PREAMBLE = """
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+typedef double lanes __attribute__((vector_size(8 * LANES)));
+#define fmax(x, y) ((x) > (y) ? (x) : (y))
+#define fmin(x, y) ((x) < (y) ? (x) : (y))
+#if defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__)
+__attribute__((__simd__("notinbranch"))) double pow(double, double);
+__attribute__((__simd__("notinbranch"))) double exp(double);
+__attribute__((__simd__("notinbranch"))) double log(double);
+#if __GLIBC_PREREQ(2, 35)
+__attribute__((__simd__("notinbranch"))) double cbrt(double);
+#endif
+#endif
+"""
+# FFCx's function, and its call in each lane, without loops that would keep the lanes apart.
+_FUNCTION = """
+static inline __attribute__((always_inline)) {body}
+static void {name}(const lanes *given_, const double *c, lanes *found_)
+{{
+  const double (*given)[LANES] = (const double (*)[LANES])given_;
+  double (*found)[LANES] = (double (*)[LANES])found_;
+#pragma GCC ivdep
+  for (int l = 0; l < LANES; ++l) {{
+    double w[{given}], A[{found}] = {{0}};
+    {take}
+    {inner}(A, w, c, 0, 0, 0, 0);
+    {give}
+  }}
+}}
+"""
+
+
+class PointFunction:
+    """An expression at a point as a function in C.
+
+    Parameters
+    ----------
+    name
+        Of the function.
+    value
+        A vector of what is given by `at`.
+
+    Attributes
+    ----------
+    key
+        Changes with the code.
+    """
+
+    def __init__(self, name: str, value: Expr, at: AtPoint) -> None:
+        self.name, self._value = name, with_own_labels(value)
+        # Of each coefficient the places of its numbers among all that are given.
+        self._places = [at.places(own) for own in extract_coefficients(self._value)]
+        signature = ffcx.naming.compute_signature([(self._value, _POINT)], name)
+        self.key = repr((name, signature, self._places, PREAMBLE, _FUNCTION))
+        self._constants: list[fem.Constant] = extract_constants(self._value)
+
+    def constants(self) -> np.ndarray:
+        """Return the present values of the constants that the function takes."""
+        return np.concatenate([np.zeros(0), *(np.ravel(own.value) for own in self._constants)])
+
+    def code(self) -> str:
+        """Return the function of ``given``, constants and ``found``."""
+        options = ffcx.options.get_options({"scalar_type": np.float64})
+        generated = ffcx.compiler.compile_ufl_objects(
+            [(self._value, _POINT)], options=options, namespace=self.name
+        )
+        files = generated[0] if isinstance(generated[0], list) else generated
+        code = next(text for text in reversed(files) if "tabulate_tensor" in text)
+        body = code[code.index("void tabulate_tensor") : code.index("static double points_")]
+        inner = body.removeprefix("void ").partition("(")[0]
+        given, results = self._given(code), range(len(self._value))
+        return _FUNCTION.format(
+            body=body,
+            name=self.name,
+            inner=inner,
+            given=len(given) + 1,
+            found=len(results),
+            take="\n".join(f"w[{k}] = given[{place}][l];" for k, place in enumerate(given)),
+            give="\n".join(f"found[{k}][l] = A[{k}];" for k in results),
+        )
+
+    def _given(self, code: str) -> list[int]:
+        """Return the places of the numbers that FFCx's function takes."""
+        used = re.search(r"original_coefficient_positions_\w+\[\d+\] = \{([\d, ]*)\}", code)
+        numbers = map(int, used[1].split(",")) if used else ()
+        return [place for number in numbers for place in self._places[number]]
