@@ -19,7 +19,6 @@ from ufl.core.expr import Expr
 from tactile_fem.mechanics.compile import with_own_labels
 from tactile_fem.solvers.at_points import AtPoint
 
-_POINT = np.zeros((1, 3))
 # The C library can evaluate a function several times at once, which has to be said where not all of
 # -ffast-math is on.
 PREAMBLE = """
@@ -76,7 +75,8 @@ class PointFunction:
         self.name, self._value = name, with_own_labels(value)
         # Of each coefficient the places of its numbers among all that are given.
         self._places = [at.places(own) for own in extract_coefficients(self._value)]
-        signature = ffcx.naming.compute_signature([(self._value, _POINT)], name)
+        self._point = np.zeros((1, at.dim))
+        signature = ffcx.naming.compute_signature([(self._value, self._point)], name)
         self.key = repr((name, signature, self._places, PREAMBLE, _FUNCTION))
         self._constants: list[fem.Constant] = extract_constants(self._value)
 
@@ -88,7 +88,7 @@ class PointFunction:
         """Return the function of ``given``, constants and ``found``."""
         options = ffcx.options.get_options({"scalar_type": np.float64})
         generated = ffcx.compiler.compile_ufl_objects(
-            [(self._value, _POINT)], options=options, namespace=self.name
+            [(self._value, self._point)], options=options, namespace=self.name
         )
         files = generated[0] if isinstance(generated[0], list) else generated
         code = next(text for text in reversed(files) if "tabulate_tensor" in text)

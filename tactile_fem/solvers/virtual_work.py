@@ -9,46 +9,22 @@ demos/pages/how/solver.md.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import basix
 import numpy as np
 import ufl
 from dolfinx import fem, la
-from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import c_functions, jit_options
 from tactile_fem.mechanics.problem import Problem
-from tactile_fem.solvers.at_points import AtPoint, Given, Kind, NotAtPointsError
-from tactile_fem.solvers.bases import CellField
-from tactile_fem.solvers.point_functions import PREAMBLE, PointFunction
+from tactile_fem.solvers.at_points import NotAtPointsError
+from tactile_fem.solvers.integrand import Integrand
+from tactile_fem.solvers.quadrature import quadrature, reference_normal
 
 Array = np.ndarray
 
-# Cells at once: as many numbers as the largest registers hold; of smaller ones it takes several.
-_LANES = 8
-_SOURCE = Path(__file__).with_suffix(".c")
-_DECLARATIONS = """
-struct cells {
-  int count, points;
-  const int *numbers;
-  const double *weights;
-  const int *rules;
-  const uintptr_t *constants;
-  const double *shape, *basis, *normal;
-  const int *corners;
-  const double *places;
-  const uintptr_t *dofs, *values, *tables;
-};
-void add_residual(const struct cells *cells, const int *nodes, double *b);
-void add_tangent(const struct cells *cells, const int8_t *is_tested, const int *positions,
-                 double *matrix);
-void locate(int count, const int *nodes, const int8_t *is_tested, const int64_t *starts,
-            const int *columns, const int8_t *is_wanted, int *positions);
-"""
 _C_TYPES = {
     np.float64: "double[]",
     np.int32: "int[]",
@@ -85,18 +61,18 @@ class VirtualWork:
         rest = []
         for integrals in groups.values():
             try:
-                integrand = _Integrand(integrals, problem, is_symmetric=is_symmetric)
-                self._parts += integrand.in_cells()
+                integrand = Integrand(integrals, problem, is_symmetric=is_symmetric)
+                self._parts += [_Cells(integrand, *part) for part in integrand.parts()]
             except NotAtPointsError:
                 rest += integrals
         self._rest = obstacle.compile(ufl.Form(rest)) if rest else None
-        # Compiled if it is needed.
-        self._derivative = lambda: obstacle.compile(ufl.derivative(ufl.Form(rest), u))
+        self._form_of_rest, self._obstacle, self._u = ufl.Form(rest), obstacle, u
         self._positions: list[Array] = []
 
     @cached_property
     def _tangent_of_rest(self) -> fem.Form:
-        return self._derivative()
+        """Compiled if it is needed."""
+        return self._obstacle.compile(ufl.derivative(self._form_of_rest, self._u))
 
     def choose(self, facets: Mapping[int, Array]) -> None:
         """Leave out facets but those with the given cells and local facets in turn, by tag.
@@ -130,104 +106,6 @@ class VirtualWork:
             fem.assemble_matrix(matrix, self._tangent_of_rest)
 
 
-class _Integrand:
-    """The integrals over one set of cells or facets: a function in C for each quadrature."""
-
-    def __init__(
-        self,
-        integrals: Sequence[ufl.Integral],
-        problem: Problem,
-        *,
-        is_symmetric: bool,
-    ) -> None:
-        u, self._obstacle = problem.u, problem.contact.obstacle
-        self.mesh, self.integral = u.function_space.mesh, integrals[0]
-        self.is_on_facets = self.integral.integral_type() == "exterior_facet"
-        if not self.is_on_facets and self.integral.integral_type() != "cell":
-            raise NotAtPointsError
-        at = AtPoint(u, problem.test)
-        self.rules, sums = _by_rule(integrals, at)
-        is_symmetric = is_symmetric and at.tested == at.trial
-        work = [at.work(value) for value in sums]
-        moduli = [at.moduli(value, is_symmetric=is_symmetric) for value in sums]
-        self.work = [PointFunction(f"work_{i}", value, at) for i, value in enumerate(work)]
-        self.moduli = [PointFunction(f"moduli_{i}", value, at) for i, value in enumerate(moduli)]
-        self.tested = at.tested
-        self.geometry = CellField(Given(Kind.VALUE, ufl.SpatialCoordinate(self.mesh)), self.mesh)
-        self.displacement = CellField(Given(Kind.VALUE, u), self.mesh)
-        self.fields = [CellField(given, self.mesh) for given in at.given]
-        in_cells = [own for own in self.fields if own.kind in (Kind.VALUE, Kind.GRADIENT)]
-        if len(self.rules) > 1 and any(own.kind == Kind.AT_POINTS for own in self.fields):
-            raise NotAtPointsError
-        self._definitions = _defined(
-            DIM=at.dim,
-            LANES=_LANES,
-            ON_FACETS=int(self.is_on_facets),
-            SYMMETRIC=int(is_symmetric),
-            CORNERS=self.geometry.nodes,
-            NODES=self.displacement.nodes,
-            FIELDS=_braced(_braced((own.nodes, own.size, int(own.kind))) for own in self.fields),
-            VALUES=max(1, sum(own.nodes * own.size for own in in_cells)),
-            WIDTH=sum(at.sizes()),
-            TEST=at.tested.start,
-            TESTS=len(at.tested),
-            TRIAL=at.trial.start,
-            TRIALS=len(at.trial),
-            WORK=_braced(function.name for function in self.work),
-            MODULI=_braced(function.name for function in self.moduli),
-        )
-        keys = [function.key for function in (*self.work, *self.moduli)]
-        self.c, self.ffi = c_functions(
-            self.mesh.comm,
-            _SOURCE,
-            _DECLARATIONS,
-            jit_options(problem.settings.compiler_flags),
-            key=" ".join([self._definitions, *keys]),
-            generated=self._generated,
-        )
-
-    def _generated(self) -> str:
-        """Return what stands before `virtual_work.c`."""
-        functions = (*self.work, *self.moduli)
-        return "\n".join([self._definitions, PREAMBLE, *(own.code() for own in functions), ""])
-
-    def in_cells(self) -> list[_Cells]:
-        """Return this rank's cells, or those behind its facets, by the number of the facet."""
-        topology, data, tag = self.mesh.topology, *self._subdomain()
-        own = topology.index_map(topology.dim).size_local
-        if not self.is_on_facets:
-            cells = np.arange(own, dtype=np.int32) if data is None else data.find(tag)
-            return [_Cells(self, cells[cells < own])]
-        if data is None:
-            raise NotAtPointsError
-        pairs = fem.compute_integration_domains(
-            fem.IntegralType.exterior_facet, topology, data.find(tag)
-        ).reshape(-1, 2)
-        numbers = range(topology.dim + 1)
-        return [_Cells(self, np.sort(pairs[pairs[:, 1] == n, 0]), n) for n in numbers]
-
-    def dofs_at_points(self, own: CellField, cells: Array, facet: int, points: Array) -> Array:
-        """Return the dofs of a field that is known at points of facets, in the order of `points`.
-
-        DOLFINx counts them as seen from outside the cells.
-        """
-        row_of = {tuple(pair): row for row, pair in enumerate(self._obstacle.entities.tolist())}
-        rows = np.array([row_of[cell, facet] for cell in cells.tolist()], dtype=np.int32)
-        basis = self.geometry.values_and_gradients(points)[..., 0]
-        places = self.geometry.values[self.geometry.dofs(cells)]
-        here = np.einsum("qn,cni->cqi", basis, places)
-        there = self._obstacle.points_mm.reshape(-1, *here.shape[1:])[rows]
-        distance = np.linalg.norm(here[:, :, None] - there[:, None], axis=-1)
-        return np.take_along_axis(own.dofs(rows), distance.argmin(axis=2), axis=1)
-
-    def _subdomain(self) -> tuple[Any, int]:
-        """Return the tags of cells or facets, None for all, and the wanted one."""
-        tag = self.integral.subdomain_id()
-        if tag == "everywhere":
-            return None, 0
-        return self.integral.subdomain_data(), tag
-
-
 class _Cells:
     """Cells, or cells behind facets, in which an integrand is integrated.
 
@@ -241,44 +119,34 @@ class _Cells:
         The number of the facets in the cells; None if it is integrated over the cells.
     """
 
-    def __init__(self, integrand: _Integrand, cells: Array, facet: int | None = None) -> None:
+    def __init__(self, integrand: Integrand, cells: Array, facet: int | None = None) -> None:
         self._cells, self._facet = cells, facet
-        self._tag, self._ffi = integrand.integral.subdomain_id(), integrand.ffi
-        self._add_residual, self._add_tangent = integrand.c.add_residual, integrand.c.add_tangent
-        self._locate = integrand.c.locate
+        self._tag, self._c, self._ffi = integrand.tag, integrand.c, integrand.ffi
         cell = getattr(basix.CellType, integrand.mesh.topology.cell_name())
-        points, weights, rules = _quadrature(integrand.rules, cell, facet)
+        points, weights, rules = quadrature(integrand.rules, cell, facet)
         basis = integrand.displacement.values_and_gradients(points)
-        jets = list(integrand.tested)
-        self._is_tested = np.any(abs(basis[..., jets]) > _NO_VALUE, axis=(0, 2)).astype(np.int8)
+        shape = integrand.geometry.values_and_gradients(points)[..., 1:]
+        tests = np.abs(basis[..., list(integrand.tested)]).max(axis=(0, 2))
+        self._is_tested = (tests > _NO_VALUE).astype(np.int8)
         self._nodes = integrand.displacement.dofs(cells)
         self._functions = {"work": integrand.work, "moduli": integrand.moduli}
         self._constants = {
             name: [function.constants() for function in functions]
             for name, functions in self._functions.items()
         }
-        fields = integrand.fields
-        dofs = [
-            own.dofs(cells)
-            if own.kind != Kind.AT_POINTS or facet is None
-            else integrand.dofs_at_points(own, cells, facet, points)
-            for own in fields
-        ]
-        values, tables = [own.values for own in fields], [own.table(points) for own in fields]
-        shape = integrand.geometry.values_and_gradients(points)[..., 1:]
-        self._arrays = [*dofs, *values, *tables]  # of which C knows the addresses
+        # Of each field; C knows the addresses.
+        self._fields = {
+            "dofs": integrand.dofs(cells, facet, points),
+            "values": [field.values for field in integrand.fields],
+            "tables": [field.table(points) for field in integrand.fields],
+        }
+        self._pointers: dict[str, Any] = {}
         self._struct = self._ffi.new("struct cells *")
         self._struct.points = len(weights)
-        self._pointers: dict[str, Any] = {}
         self._set(weights=weights, rules=rules, basis=basis, shape=np.ascontiguousarray(shape))
-        self._set(normal=_normal(cell, facet))
-        self._set(corners=integrand.geometry.dofs(cells), places=integrand.geometry.values)
-        self._set(
-            **{
-                name: _addresses(arrays)
-                for name, arrays in (("dofs", dofs), ("values", values), ("tables", tables))
-            }
-        )
+        self._set(normal=reference_normal(cell, facet), places=integrand.geometry.values)
+        self._set(corners=integrand.geometry.dofs(cells))
+        self._set(**{name: _addresses(arrays) for name, arrays in self._fields.items()})
         self._choose(np.arange(len(cells), dtype=np.int32))
 
     def choose(self, facets: Mapping[int, Array]) -> None:
@@ -294,20 +162,20 @@ class _Cells:
     def add_residual(self, b: Array) -> None:
         """Add the work to a vector."""
         self._take_constants("work")
-        self._add_residual(self._struct, self._pointer(self._nodes), self._pointer(b))
+        self._c.add_residual(self._struct, self._pointer(self._nodes), self._pointer(b))
 
     def add_tangent(self, blocks: Array, positions: Array) -> None:
         """Add the derivative to the blocks of a matrix."""
         self._take_constants("moduli")
         arrays = self._is_tested, positions, blocks
-        self._add_tangent(self._struct, *map(self._pointer, arrays))
+        self._c.add_tangent(self._struct, *map(self._pointer, arrays))
 
     def positions(self, matrix: la.MatrixCSR, is_wanted: Array) -> Array:
         """Return the position of the block of each pair of nodes of each cell; -1 if not wanted."""
         found = np.empty((*self._nodes.shape, self._nodes.shape[1]), dtype=np.int32)
         starts, columns = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int32)
         arrays = self._nodes, self._is_tested, starts, columns, is_wanted, found
-        self._locate(len(self._nodes), *map(self._pointer, arrays))
+        self._c.locate(len(self._nodes), *map(self._pointer, arrays))
         return found
 
     def _take_constants(self, name: str) -> None:
@@ -326,54 +194,5 @@ class _Cells:
         return self._ffi.from_buffer(_C_TYPES[array.dtype.type], array)
 
 
-def _by_rule(
-    integrals: Sequence[ufl.Integral], at: AtPoint
-) -> tuple[list[tuple[int, str]], list[Expr]]:
-    """Return the quadratures, degree and scheme, and the sum of the integrands for each."""
-    sums: dict[tuple[int, str], Expr] = {}
-    for integral in integrals:
-        metadata = integral.metadata()
-        if not isinstance(metadata.get("quadrature_degree"), int):
-            raise NotAtPointsError
-        rule = metadata["quadrature_degree"], metadata.get("quadrature_rule", "default")
-        value = at(integral.integrand())
-        sums[rule] = sums[rule] + value if rule in sums else value
-    return list(sums), list(sums.values())
-
-
-def _quadrature(
-    rules: Sequence[tuple[int, str]], cell: basix.CellType, facet: int | None
-) -> tuple[Array, Array, Array]:
-    """Return points of the reference cell, weights, and the number of the rule of each point."""
-    on = cell if facet is None else basix.cell.subentity_types(cell)[-2][facet]
-    parts = [
-        basix.make_quadrature(on, degree, rule=basix.quadrature.string_to_type(scheme))
-        for degree, scheme in rules
-    ]
-    points, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
-    if facet is not None:
-        corners = basix.geometry(cell)[basix.topology(cell)[-2][facet]]
-        points = corners[0] + points @ (corners[1:] - corners[0])
-    numbers = [len(own) for _, own in parts]
-    return points, weights, np.repeat(np.arange(len(parts), dtype=np.int32), numbers)
-
-
-def _normal(cell: basix.CellType, facet: int | None) -> Array:
-    """Return the normal of a reference facet, as long as the facet is larger than its own cell."""
-    if facet is None:
-        return np.zeros(len(basix.geometry(cell)[0]))
-    jacobian = basix.cell.facet_jacobians(cell)[facet]
-    size = np.sqrt(np.linalg.det(jacobian.T @ jacobian))
-    return size * basix.cell.facet_outward_normals(cell)[facet]
-
-
 def _addresses(arrays: Sequence[Array]) -> Array:
     return np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
-
-
-def _defined(**values: int | str) -> str:
-    return "\n".join(f"#define {name} {value}" for name, value in values.items())
-
-
-def _braced(values: Iterable[Any]) -> str:
-    return "{" + ", ".join(map(str, values)) + "}"

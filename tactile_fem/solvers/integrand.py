@@ -1,0 +1,207 @@
+"""Integrands of a virtual work, and their derivatives, as functions in C.
+
+All integrals over one set of cells or facets make one integrand. It has a function for each rule of
+quadrature, as some parts are integrated at fewer points than others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from ufl.core.expr import Expr
+
+from tactile_fem.mechanics.compile import c_functions, jit_options
+from tactile_fem.mechanics.problem import Problem
+from tactile_fem.solvers.at_points import AtPoint, Given, Kind, NotAtPointsError
+from tactile_fem.solvers.bases import CellField
+from tactile_fem.solvers.point_functions import PREAMBLE, PointFunction
+from tactile_fem.solvers.quadrature import Rule
+
+Array = np.ndarray
+
+# Cells at once: as many numbers as the largest registers hold; of smaller ones it takes several.
+_LANES = 8
+_FACETS = "exterior_facet"
+_SOURCE = Path(__file__).with_name("virtual_work.c")
+_DECLARATIONS = """
+struct cells {
+  int count, points;
+  const int *numbers;
+  const double *weights;
+  const int *rules;
+  const uintptr_t *constants;
+  const double *shape, *basis, *normal;
+  const int *corners;
+  const double *places;
+  const uintptr_t *dofs, *values, *tables;
+};
+void add_residual(const struct cells *cells, const int *nodes, double *b);
+void add_tangent(const struct cells *cells, const int8_t *is_tested, const int *positions,
+                 double *matrix);
+void locate(int count, const int *nodes, const int8_t *is_tested, const int64_t *starts,
+            const int *columns, const int8_t *is_wanted, int *positions);
+"""
+
+
+class Integrand:
+    """The integrals over one set of cells or facets.
+
+    Parameters
+    ----------
+    integrals
+        Over the same cells or facets.
+    problem
+        Displacement, test function, body, and the compiler's flags.
+    is_symmetric
+        Whether the derivative is symmetric.
+
+    Attributes
+    ----------
+    tag
+        Of the cells or facets.
+    is_on_facets
+        Whether it is integrated over facets.
+    rules
+        Rules of quadrature.
+    work, moduli
+        For each rule: factors of the test function and its gradient, and their derivatives with
+        respect to displacement and gradient.
+    tested
+        What of the test function's value (0) and gradient (1 and more) it contains.
+    geometry, displacement, fields
+        Position, displacement, and all that is given to the functions.
+    c, ffi
+        The functions of `virtual_work.c`, and what converts their arguments.
+
+    Raises
+    ------
+    NotAtPointsError
+        It contains what is not given at points.
+    """
+
+    def __init__(
+        self, integrals: Sequence[ufl.Integral], problem: Problem, *, is_symmetric: bool
+    ) -> None:
+        u, self._obstacle = problem.u, problem.contact.obstacle
+        self.mesh = u.function_space.mesh
+        self._tags, self.tag = _where(integrals[0])
+        self.is_on_facets = integrals[0].integral_type() == _FACETS
+        at = AtPoint(u, problem.test)
+        self.rules, sums = _by_rule(integrals, at)
+        is_symmetric = is_symmetric and at.tested == at.trial
+        work = [at.work(value) for value in sums]
+        moduli = [at.moduli(value, is_symmetric=is_symmetric) for value in sums]
+        self.work = [PointFunction(f"work_{i}", value, at) for i, value in enumerate(work)]
+        self.moduli = [PointFunction(f"moduli_{i}", value, at) for i, value in enumerate(moduli)]
+        self.tested = at.tested
+        self.geometry = CellField(Given(Kind.VALUE, ufl.SpatialCoordinate(self.mesh)), self.mesh)
+        self.displacement = CellField(Given(Kind.VALUE, u), self.mesh)
+        self.fields = [CellField(given, self.mesh) for given in at.given]
+        in_cells = [own for own in self.fields if own.kind in (Kind.VALUE, Kind.GRADIENT)]
+        if len(self.rules) > 1 and any(own.kind == Kind.AT_POINTS for own in self.fields):
+            raise NotAtPointsError
+        self._definitions = _defined(
+            DIM=at.dim,
+            LANES=_LANES,
+            ON_FACETS=int(self.is_on_facets),
+            SYMMETRIC=int(is_symmetric),
+            CORNERS=self.geometry.nodes,
+            NODES=self.displacement.nodes,
+            FIELDS=_braced(_braced((own.nodes, own.size, int(own.kind))) for own in self.fields),
+            VALUES=max(1, sum(own.nodes * own.size for own in in_cells)),
+            WIDTH=sum(at.sizes()),
+            TEST=at.tested.start,
+            TESTS=len(at.tested),
+            TRIAL=at.trial.start,
+            TRIALS=len(at.trial),
+            WORK=_braced(function.name for function in self.work),
+            MODULI=_braced(function.name for function in self.moduli),
+        )
+        keys = [function.key for function in (*self.work, *self.moduli)]
+        self.c, self.ffi = c_functions(
+            self.mesh.comm,
+            _SOURCE,
+            _DECLARATIONS,
+            jit_options(problem.settings.compiler_flags),
+            key=" ".join([self._definitions, *keys]),
+            generated=self._generated,
+        )
+
+    def _generated(self) -> str:
+        """Return what stands before `virtual_work.c`."""
+        functions = (*self.work, *self.moduli)
+        return "\n".join([self._definitions, PREAMBLE, *(own.code() for own in functions), ""])
+
+    def parts(self) -> list[tuple[Array, int | None]]:
+        """Return this rank's cells, or those behind its facets by the number of the facet."""
+        topology, tags = self.mesh.topology, self._tags
+        own = topology.index_map(topology.dim).size_local
+        if not self.is_on_facets:
+            cells = np.arange(own, dtype=np.int32) if tags is None else tags.find(self.tag)
+            return [(cells[cells < own], None)]
+        assert tags is not None
+        pairs = fem.compute_integration_domains(
+            fem.IntegralType.exterior_facet, topology, tags.find(self.tag)
+        ).reshape(-1, 2)
+        return [(np.sort(pairs[pairs[:, 1] == n, 0]), n) for n in range(topology.dim + 1)]
+
+    def dofs(self, cells: Array, facet: int | None, points: Array) -> list[Array]:
+        """Return the dofs of each field in cells, or at points of the reference cell on a facet."""
+        return [
+            self._dofs_at(own, cells, facet, points)
+            if own.kind == Kind.AT_POINTS
+            else own.dofs(cells)
+            for own in self.fields
+        ]
+
+    def _dofs_at(self, own: CellField, cells: Array, facet: int | None, points: Array) -> Array:
+        """Return the dofs of a field that is known at points of facets, in the order of `points`.
+
+        DOLFINx counts the points as seen from outside.
+        """
+        row_of = {tuple(pair): row for row, pair in enumerate(self._obstacle.entities.tolist())}
+        rows = np.array([row_of[cell, facet] for cell in cells.tolist()], dtype=np.int32)
+        basis = self.geometry.values_and_gradients(points)[..., 0]
+        places = self.geometry.values[self.geometry.dofs(cells)]
+        here = np.einsum("qn,cni->cqi", basis, places)
+        there = self._obstacle.points_mm.reshape(-1, *here.shape[1:])[rows]
+        distance = np.linalg.norm(here[:, :, None] - there[:, None], axis=-1)
+        return np.take_along_axis(own.dofs(rows), distance.argmin(axis=2), axis=1)
+
+
+def _where(integral: ufl.Integral) -> tuple[mesh.MeshTags | None, int]:
+    """Return the tags of cells or facets and the wanted one; without tags all cells."""
+    tags, tag, kind = integral.subdomain_data(), integral.subdomain_id(), integral.integral_type()
+    if kind == "cell" and tag == "everywhere":
+        return None, 0
+    if kind not in ("cell", _FACETS) or not isinstance(tags, mesh.MeshTags):
+        raise NotAtPointsError
+    if not isinstance(tag, int | np.integer):
+        raise NotAtPointsError
+    return tags, int(tag)
+
+
+def _by_rule(integrals: Sequence[ufl.Integral], at: AtPoint) -> tuple[list[Rule], list[Expr]]:
+    """Return the quadratures, degree and scheme, and the sum of the integrands for each."""
+    sums: dict[Rule, Expr] = {}
+    for integral in integrals:
+        metadata = integral.metadata()
+        if not isinstance(metadata.get("quadrature_degree"), int):
+            raise NotAtPointsError
+        rule = Rule(metadata["quadrature_degree"], metadata.get("quadrature_rule", "default"))
+        value = at(integral.integrand())
+        sums[rule] = sums[rule] + value if rule in sums else value
+    return list(sums), list(sums.values())
+
+
+def _defined(**values: int | str) -> str:
+    return "\n".join(f"#define {name} {value}" for name, value in values.items())
+
+
+def _braced(values: Iterable[Any]) -> str:
+    return "{" + ", ".join(map(str, values)) + "}"

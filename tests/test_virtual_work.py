@@ -1,0 +1,170 @@
+"""The sums in several cells at once are those of DOLFINx's own assembly, for every term."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import ufl
+from blocks import block_mesh, curved
+from materials import PROPOSED, RELAXING
+from sphere_on_block import BALL, DEPTHS, TWO_TISSUES, sphere_on_block
+
+from dolfinx import fem, la  # isort: skip
+from mpi4py import MPI  # isort: skip
+from scipy.sparse import bsr_array  # isort: skip
+
+from test_plane_strain import SAGITTAL, section
+
+from tactile_fem.mechanics.domain import create_domain
+from tactile_fem.mechanics.terms.term import Term
+from tactile_fem.solvers.finger_problem import FingerProblem
+from tactile_fem.solvers.near_skin import NearSkin
+from tactile_fem.solvers.virtual_work import VirtualWork
+from tactile_fem.stimulus.body import Cut
+from tactile_fem.study import Solver
+
+
+def moved(made: FingerProblem, depth_mm: float = 0.3) -> FingerProblem:
+    """Return the problem with a displacement and a body that slides into the skin."""
+    dim = len(made.u)
+
+    def wave(x):
+        both = [9 * x[1] + x[0], 7 * x[0] + x[2], 5 * x[0] - 8 * x[1]]
+        return 0.02 * np.sin(np.array(both[-dim:])) * (3 - x[dim - 1])
+
+    made.u.interpolate(wave)
+    made.state.u_old.interpolate(lambda x: 0.9 * wave(x))
+    place = np.array([0.0, -0.05, depth_mm])[-dim:]
+    made.begin_step(place, 0.01)
+    made.contact.obstacle.refresh()
+    return made
+
+
+def curved_block() -> FingerProblem:
+    line = np.linspace(-3, 3, 3)
+    mesh = curved(block_mesh(line, line, DEPTHS, TWO_TISSUES)) if MPI.COMM_WORLD.rank == 0 else None
+    domain = create_domain(mesh, MPI.COMM_WORLD, ("cut",))
+    return FingerProblem(domain, PROPOSED, BALL, 0.3, Solver(held=("cut",)))
+
+
+def plane() -> FingerProblem:
+    mesh = section(np.linspace(-3, 3, 9), np.linspace(0, 3, 4))
+    domain = create_domain(mesh if MPI.COMM_WORLD.rank == 0 else None, MPI.COMM_WORLD, ("cut",))
+    return FingerProblem(domain, PROPOSED, Cut(BALL, SAGITTAL), 0.3, Solver(held=("cut",)))
+
+
+class Odd(Term):
+    """Work of a second derivative, and of the cells' sizes: nothing that is given at points."""
+
+    def residual(self, v):
+        u, dx = self.tissues.u, self.tissues.dx
+        curvature = ufl.inner(ufl.grad(ufl.grad(u)), ufl.grad(ufl.grad(v)))
+        return (curvature + ufl.CellVolume(self.tissues.domain.mesh) * ufl.inner(u, v)) * dx
+
+
+@dataclass(frozen=True)
+class Fibres:
+    """A law that depends on the place."""
+
+    def energy(self, F, X):
+        stretched = F * ufl.as_vector([1.0, X[0], X[1] * X[2]])
+        return 0.01 * (ufl.dot(stretched, stretched) - 1) ** 2 + (ufl.det(F) - 1) ** 2
+
+
+def with_odd_parts() -> FingerProblem:
+    line = np.linspace(-3, 3, 3)
+    mesh = block_mesh(line, line, DEPTHS, TWO_TISSUES) if MPI.COMM_WORLD.rank == 0 else None
+    domain = create_domain(mesh, MPI.COMM_WORLD, ("cut",))
+    solver = Solver(held=("cut",), linear="direct")
+    laws = {"subcutaneous": Fibres()}
+    return FingerProblem(domain, PROPOSED, BALL, 0.3, solver, laws=laws, terms=[Odd])
+
+
+CASES = {
+    "elastic": lambda: sphere_on_block(count=2, layers=TWO_TISSUES),
+    "inertia": lambda: sphere_on_block(count=2, layers=TWO_TISSUES, inertia=True),
+    "relaxing": lambda: sphere_on_block(RELAXING, count=2, layers=TWO_TISSUES),
+    "curved": curved_block,
+    "section": plane,
+    "odd": with_odd_parts,
+    "symmetric Nitsche": lambda: sphere_on_block(
+        count=2, layers=TWO_TISSUES, nitsche_theta=1, compiler_flags=("-O1",)
+    ),
+}
+RANKS = ("elastic", "relaxing", "section")
+
+
+def residual(work: VirtualWork, made: FingerProblem) -> np.ndarray:
+    """Return the residual of this rank's cells."""
+    found = np.zeros_like(made.u.x.array)
+    work.add_residual(found)
+    return found
+
+
+def slope(work: VirtualWork, made: FingerProblem, direction: np.ndarray) -> np.ndarray:
+    """Return the residual's central difference along a direction."""
+    u, eps, sides = made.u.x.array, 1e-7, []
+    for sign in (1, -1):
+        u += sign * eps * direction
+        sides.append(residual(work, made))
+        u -= sign * eps * direction
+    return (sides[0] - sides[1]) / (2 * eps)
+
+
+def tangent(work: VirtualWork, made: FingerProblem, is_free: np.ndarray) -> bsr_array:
+    """Return the tangent of this rank's cells."""
+    u = ufl.TrialFunction(made.u.function_space)
+    layout = fem.form(ufl.inner(u, made.test) * ufl.dx)
+    matrix = fem.create_matrix(layout, block_mode=la.BlockMode.compact)
+    matrix.set_value(0.0)
+    work.add_tangent(matrix, is_free)
+    size = len(made.u.x.array)
+    blocks = matrix.data.reshape(-1, len(made.u), len(made.u))
+    return bsr_array((blocks, matrix.indices, matrix.indptr), shape=(size, size))
+
+
+def difference(found: np.ndarray, wanted: np.ndarray) -> float:
+    size = MPI.COMM_WORLD.allreduce(np.abs(wanted).max(initial=0), max)
+    assert size > 0
+    return MPI.COMM_WORLD.allreduce(np.abs(found - wanted).max(initial=0) / size, max)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(name, marks=[pytest.mark.ranks] if name in RANKS else []) for name in CASES],
+)
+def test_residuals_are_those_of_dolfinx_and_tangents_their_differences(case):
+    made = moved(CASES[case]())
+    works = []
+    for term in (made.bulk, made.contact):
+        form = term.residual(made.test)
+        works.append(VirtualWork(form, made, is_symmetric=term.is_symmetric))
+        wanted = fem.assemble_vector(made.contact.obstacle.compile(form))
+        assert difference(residual(works[-1], made), wanted.array) < 1e-12
+    form = made.bulk.work_of_tangent(made.test)
+    works.append(VirtualWork(form, made, is_symmetric=made.bulk.is_symmetric))
+    for work in works:
+        direction = np.sin(np.arange(len(made.u.x.array)))
+        expected = slope(work, made, direction)
+        matrix = tangent(work, made, np.ones(len(direction) // len(made.u), dtype=bool))
+        assert difference(matrix @ direction, expected) < 1e-6
+
+
+@pytest.mark.ranks
+def test_facets_and_nodes_that_are_not_wanted_are_left_out():
+    made = moved(sphere_on_block(layers=TWO_TISSUES))
+    form = made.contact.residual(made.test)
+    work, near = VirtualWork(form, made), NearSkin(made.contact)
+    whole = residual(work, made)
+    assert near.update()
+    work.choose(near.chosen)
+    assert difference(residual(work, made), whole) < 1e-14
+    is_free = np.arange(len(whole) // 3) % 2 == 0
+    found, moves = tangent(work, made, is_free).tocsr(), np.repeat(is_free, 3)
+    assert abs(found[moves][:, moves]).max() > 0
+    assert not abs(found[~moves]).max()
+    assert not abs(found[:, ~moves]).max()
+    work.choose({})
+    assert not residual(work, made).any()
