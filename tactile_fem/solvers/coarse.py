@@ -55,9 +55,10 @@ class CoarseOperator:
         self._starts = [
             matrix.indptr[: columns.size_local + 1].astype(np.int64) for matrix in matrices
         ]
-        self._functions, self._pointer = c_functions(
+        self._functions, ffi = c_functions(
             columns.comm, _SOURCE, _DECLARATION, jit_options, SIZE=size
         )
+        self._pointer = ffi.from_buffer
         nodes, self._parents = _parents(interpolation, matrices[0])
         self._children = self._parents[: columns.size_local].T.tocsr()
         ones = np.ones(len(self._columns[0]), np.float32)

@@ -54,9 +54,10 @@ class LineJacobi:
         self._scatter = PETSc.Scatter().create(like, rows, self._values, None)
         self._shapes = [(len(nodes), size * nodes.shape[1]) for nodes in lines]
         self._spans = list(pairwise(np.cumsum([0, *(n * rows for n, rows in self._shapes)])))
-        self._functions, self._pointer = c_functions(
+        self._functions, ffi = c_functions(
             like.comm.tompi4py(), _SOURCE, _DECLARATION, jit_options, WIDTH=_WIDTH
         )
+        self._pointer = ffi.from_buffer
         self._inverses: list[np.ndarray] = []
         self._matrices = matrices
         self._chosen, self._sums = self._locate(lines, like.duplicate())
