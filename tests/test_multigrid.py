@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sphere_on_block import DEPTHS, follow, sphere_on_block
+from sphere_on_block import DEPTHS, PRESS_AND_SLIDE, TWO_TISSUES, follow, sphere_on_block
 
 from dolfinx import fem  # isort: skip
 from mpi4py import MPI  # isort: skip
@@ -109,3 +109,12 @@ def test_layers_without_columns_are_told(columns, caplog, monkeypatch):
         domain = replace(domain, line=np.where(domain.line >= 0, 0, -1))
     NodeOrder(domain, fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))).blocks()
     assert ("100 % of the nodes in the skin's layers" in caplog.text) != columns
+
+
+@pytest.mark.ranks
+def test_a_preconditioner_that_is_no_number_is_made_again():
+    """It is, if it was made at an iterate that turned a cell inside out."""
+    made = sphere_on_block(layers=TWO_TISSUES)
+    follow(made, PRESS_AND_SLIDE[0])
+    made.solver._two_level._smoother._inverses[0][:] = np.nan
+    follow(made, PRESS_AND_SLIDE[1])

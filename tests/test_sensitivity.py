@@ -28,7 +28,8 @@ def changed(tissue: Tissue, change: dict[tuple[str, str], float], x: float) -> T
 def run(tissue: Tissue, changes=()) -> tuple[np.ndarray, np.ndarray]:
     """Return force and stored energy after each step, and their derivatives."""
     values, derivatives = [], []
-    problem = sphere_on_block(tissue, layers=TWO_TISSUES)
+    # Steps of half the skin's thickness, in which the contact zone takes long to be found.
+    problem = sphere_on_block(tissue, layers=TWO_TISSUES, petsc={"snes_max_it": 60})
     sensitivities = Sensitivities(problem, changes)
 
     def read() -> np.ndarray:

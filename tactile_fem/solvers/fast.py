@@ -11,6 +11,7 @@ import weakref
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -166,6 +167,9 @@ class FastSolver(StepSolver):
         self._near.begin_solve()
         with common.Timer("tactile: solve"):
             self._equations.solve()
+        reason: Any = self.snes.getConvergedReason()
+        if self._two_level and reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
+            self._two_level.is_set_up = False  # made where a cell was turned inside out
         return SolveReport.of(self.snes)
 
     def residual(self) -> np.ndarray:
