@@ -1,18 +1,24 @@
-/* Products with matrices of dense blocks, in numbers of type REAL.
+/* Products with matrices of dense blocks, whose numbers are stored as REAL.
+
+   Sums are double: rounded vectors would let the last digits of a message decide about iterations.
 
    Blocks are stored row by row, and so are the SIZE x SIZE numbers of each. Vectors hold SIZE
    numbers of every LANES, so that the processor multiplies a block's row at once; what it then reads
    of the next row, or of what follows the last block, meets numbers that nothing reads. */
 
-typedef REAL lanes
-    __attribute__((vector_size(LANES * sizeof(REAL)), aligned(sizeof(REAL)), may_alias));
-typedef const lanes *row;
+#define LANES_OF(number) \
+  __attribute__((vector_size(LANES * sizeof(number)), aligned(sizeof(number)), may_alias))
+
+typedef REAL stored LANES_OF(REAL);
+typedef double lanes LANES_OF(double);
+#define ROW(a) __builtin_convertvector(*(const stored *)(a), lanes)
 
 #define BLOCK (SIZE * SIZE)
 #define AHEAD (4000 / sizeof(REAL)) /* half and twice as far make no difference */
 
 /* Begin a product: copy this rank's part of a vector, and let its result be zero. */
-void begin(int rows, const double *x, REAL *restrict with_ghosts, REAL *restrict y)
+void begin(int rows, const double *x, double *restrict with_ghosts,
+           double *restrict y)
 {
   for (int i = 0; i < rows; ++i)
     for (int r = 0; r < SIZE; ++r) with_ghosts[LANES * i + r] = x[SIZE * i + r];
@@ -20,7 +26,7 @@ void begin(int rows, const double *x, REAL *restrict with_ghosts, REAL *restrict
 }
 
 /* Return the result of a product. */
-void end(int rows, const REAL *y, double *restrict result)
+void end(int rows, const double *y, double *restrict result)
 {
   for (int i = 0; i < rows; ++i)
     for (int r = 0; r < SIZE; ++r) result[SIZE * i + r] = y[LANES * i + r];
@@ -33,7 +39,7 @@ void copy(long long count, const long long *chosen, const double *values, REAL *
     for (int e = 0; e < BLOCK; ++e) blocks[BLOCK * k + e] = values[BLOCK * chosen[k] + e];
 }
 
-static void add_sums(const lanes *sum, REAL *y)
+static void add_sums(const lanes *sum, double *y)
 {
   for (int r = 0; r < SIZE; ++r)
     for (int c = 0; c < SIZE; ++c) y[r] += sum[r][c];
@@ -41,15 +47,15 @@ static void add_sums(const lanes *sum, REAL *y)
 
 /* y += A x */
 void add_product(int rows, const long long *starts, const int *columns, const REAL *blocks,
-                 const REAL *x, REAL *restrict y)
+                 const double *x, double *restrict y)
 {
   for (int i = 0; i < rows; ++i) {
     lanes sum[SIZE] = {0};
     for (long long k = starts[i]; k < starts[i + 1]; ++k) {
       const REAL *a = blocks + BLOCK * k;
-      const lanes xj = *(row)(x + LANES * columns[k]);
+      const lanes xj = *(const lanes *)(x + LANES * columns[k]);
       __builtin_prefetch(a + AHEAD);
-      for (int r = 0; r < SIZE; ++r) sum[r] += *(row)(a + SIZE * r) * xj;
+      for (int r = 0; r < SIZE; ++r) sum[r] += ROW(a + SIZE * r) * xj;
     }
     add_sums(sum, y + LANES * i);
   }
@@ -57,23 +63,23 @@ void add_product(int rows, const long long *starts, const int *columns, const RE
 
 /* The same with a symmetric matrix, whose blocks are stored up to the diagonal: it ends a row. */
 void add_symmetric_product(int rows, const long long *starts, const int *columns,
-                           const REAL *blocks, const REAL *x, REAL *restrict y)
+                           const REAL *blocks, const double *x, double *restrict y)
 {
   for (int i = 0; i < rows; ++i) {
     const REAL *a = blocks + BLOCK * starts[i];
-    const lanes xi = *(row)(x + LANES * i);
+    const lanes xi = *(const lanes *)(x + LANES * i);
     lanes sum[SIZE] = {0};
     for (long long k = starts[i]; k < starts[i + 1] - 1; ++k, a += BLOCK) {
-      const lanes xj = *(row)(x + LANES * columns[k]);
+      const lanes xj = *(const lanes *)(x + LANES * columns[k]);
       lanes turned = {0};
       __builtin_prefetch(a + AHEAD);
       for (int r = 0; r < SIZE; ++r) {
-        sum[r] += *(row)(a + SIZE * r) * xj;
-        turned += *(row)(a + SIZE * r) * xi[r];
+        sum[r] += ROW(a + SIZE * r) * xj;
+        turned += ROW(a + SIZE * r) * xi[r];
       }
       *(lanes *)(y + LANES * columns[k]) += turned;
     }
-    for (int r = 0; r < SIZE; ++r) sum[r] += *(row)(a + SIZE * r) * xi;
+    for (int r = 0; r < SIZE; ++r) sum[r] += ROW(a + SIZE * r) * xi;
     add_sums(sum, y + LANES * i);
   }
 }

@@ -20,10 +20,10 @@ from dolfinx.common import IndexMap
 from tactile_fem.mechanics.compile import c_functions
 
 _SOURCE = Path(__file__).with_suffix(".c")
-_PRODUCT = "int, const long long *, const int *, const REAL *, const REAL *, REAL *"
+_PRODUCT = "int, const long long *, const int *, const REAL *, const double *, double *"
 _DECLARATIONS = f"""
-void begin(int, const double *, REAL *, REAL *);
-void end(int, const REAL *, double *);
+void begin(int, const double *, double *, double *);
+void end(int, const double *, double *);
 void copy(long long, const long long *, const double *, REAL *);
 void add_product({_PRODUCT});
 void add_symmetric_product({_PRODUCT});
@@ -31,7 +31,7 @@ void add_symmetric_product({_PRODUCT});
 
 
 class BlockProduct:
-    """Product with the sum of matrices, in one precision; context of PETSc's Python type.
+    """Product with the sum of matrices; context of PETSc's Python type.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class BlockProduct:
         Whether each is; then its blocks beyond the diagonal are not read, and each row has a
         diagonal block.
     real
-        C's type of its numbers: "double" or "float".
+        C's type of the numbers that are stored: "double" or "float".
     jit_options
         Options of the compiler.
     """
@@ -66,10 +66,10 @@ class BlockProduct:
         )
         self._pointer = ffi.from_buffer
         self._real, self._rows = real, rows.size_local
-        self._x = np.zeros((rows.size_local + rows.num_ghosts, lanes), _NUMPY[real])
-        self._y = np.zeros((rows.size_local, lanes), _NUMPY[real])
+        self._x = np.zeros((rows.size_local + rows.num_ghosts, lanes))
+        self._y = np.zeros((rows.size_local, lanes))
         self._ghosts = _ghost_update(rows) if rows.comm.size > 1 else None
-        self._unit = number_type(real, lanes)
+        self._unit = number_type("double", lanes)
         self._parts = [
             _Part(matrix, rows, symmetric)
             for matrix, symmetric in zip(matrices, are_symmetric, strict=True)
@@ -80,7 +80,7 @@ class BlockProduct:
         for blocks in self._parts[part].updated():
             size = len(blocks.columns) * blocks.entries
             if len(blocks.values) < size + _SPARE:
-                blocks.values = np.zeros(size + _SPARE, self._x.dtype)
+                blocks.values = np.zeros(size + _SPARE, _NUMPY[self._real])
             self._functions.copy(
                 len(blocks.columns),
                 self._pointer("long long[]", blocks.chosen),
@@ -90,7 +90,7 @@ class BlockProduct:
 
     def mult(self, operator: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set ``y`` to the product with ``x``; called by PETSc."""
-        given, result = (self._pointer(f"{self._real}[]", array) for array in (self._x, self._y))
+        given, result = (self._pointer("double[]", array) for array in (self._x, self._y))
         self._functions.begin(self._rows, self._pointer("double[]", x.array_r), given, result)
         own, ghosts = self._x[: self._rows], self._x[self._rows :]
         if self._ghosts:

@@ -31,7 +31,6 @@ MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "mg_levels_pc_type": "python",
     "mg_coarse_pc_type": "lu",
     "mg_coarse_pc_factor_mat_solver_type": "mumps",
-    "mg_coarse_pc_precision": "single",
     "mg_coarse_mat_mumps_icntl_24": 1,  # the held nodes' rows are empty
 }
 
