@@ -65,7 +65,7 @@ class Jacobian:
         self._products: list[BlockProduct] = []
 
     def operators(self) -> list[PETSc.Mat]:
-        """Return matrices that multiply in double and in single precision.
+        """Return matrices that multiply, stored in double and in single precision.
 
         They have no entries, see `fill`, and hold this object.
         """

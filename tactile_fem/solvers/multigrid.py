@@ -101,7 +101,7 @@ class TwoLevel:
         Parameters
         ----------
         operator, single
-            What multiplies, in double and in single precision.
+            What multiplies, stored in double and in single precision.
         jacobian
             The same with entries, if `needs_entries`.
         """
