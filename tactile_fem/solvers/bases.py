@@ -26,6 +26,8 @@ class CellField:
         Of what is given.
     nodes, size
         Number of its basis functions in a cell, and of its components.
+    values
+        Of all dofs of this rank; they change with the field.
 
     Raises
     ------
@@ -35,29 +37,24 @@ class CellField:
 
     def __init__(self, given: Given, msh: mesh.Mesh) -> None:
         self.kind, self.nodes, self.size = given.kind, 0, 0
-        self._values, self._dofs = np.empty(0), np.empty((0, 0), dtype=np.int32)
+        self.values, self._dofs = np.empty(0), np.empty((0, 0), dtype=np.int32)
         of = given.of
         if isinstance(of, fem.Function):
             space = of.function_space
             element, self._dofs, self.size = space.ufl_element(), space.dofmap.list, space.dofmap.bs
-            self._values = of.x.array
+            self.values = of.x.array
             is_elsewhere = (space.mesh != msh) != (self.kind == Kind.AT_POINTS)
             if is_elsewhere or element.block_size != self.size:
                 raise NotAtPointsError
         elif of is not None:  # the position
             element = msh.ufl_domain().ufl_coordinate_element()  # type: ignore[union-attr]
             self._dofs, self.size = msh.geometry.dofmaps[0], msh.geometry.dim
-            self._values = np.ascontiguousarray(msh.geometry.x[:, : self.size])
+            self.values = np.ascontiguousarray(msh.geometry.x[:, : self.size])
         self.nodes = self._dofs.shape[1]
         if self.kind in (Kind.VALUE, Kind.GRADIENT):
             self._basis = element.basix_element
             if self._basis.value_size != 1 or not self._basis.dof_transformations_are_identity:
                 raise NotAtPointsError
-
-    @property
-    def values(self) -> Array:
-        """Values of all dofs of this rank; they change with the field."""
-        return self._values
 
     def dofs(self, cells: Array) -> Array:
         """Return the dofs of some cells, of fields at points those of facets; (cells, nodes)."""

@@ -130,10 +130,6 @@ class _Cells:
         self._is_tested = (tests > _NO_VALUE).astype(np.int8)
         self._nodes = integrand.displacement.dofs(cells)
         self._functions = {"work": integrand.work, "moduli": integrand.moduli}
-        self._constants = {
-            name: [function.constants() for function in functions]
-            for name, functions in self._functions.items()
-        }
         # Of each field; C knows the addresses.
         self._fields = {
             "dofs": integrand.dofs(cells, facet, points),
@@ -180,9 +176,8 @@ class _Cells:
 
     def _take_constants(self, name: str) -> None:
         """Have C read the constants that functions of that name take."""
-        for function, values in zip(self._functions[name], self._constants[name], strict=True):
-            values[:] = function.constants()
-        self._set(constants=_addresses(self._constants[name]))
+        self._constants = [function.constants() for function in self._functions[name]]
+        self._set(constants=_addresses(self._constants))
 
     def _set(self, **arrays: Array) -> None:
         """Set pointers of the structure in C."""
