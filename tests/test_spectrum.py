@@ -14,6 +14,7 @@ from tactile_fem.output.spectrum import spectrum_figure, write_vibration
 from tactile_fem.study import Study
 from tactile_fem.vibration import Spectrum, unfelt
 
+PC = {"name": "PC", "kind": "PC"}
 FELT = {"fast": "sed", "soft": "compression", "deep": "pressure", "own": "squeeze"}
 
 
@@ -45,6 +46,17 @@ def test_what_a_vibration_has_is_what_its_histories_have(name):
         assert bool(unfelt(population)) == (name in without)
         if name not in without:
             population.drive.of(histories)
+
+
+def test_a_fast_filter_does_not_answer_to_the_lines_between_samples():
+    spectrum, (pc,) = made_up(), Study.model_validate({"afferents": [PC]}).populations
+    n = pc.neuron.model_copy(update={"gain_spread": 0.0})
+    x = spectrum.frequency_Hz[0] / n.filter_centre_Hz
+    H = (1 + (n.filter_quality * (x - 1 / x)) ** 2) ** (-n.filter_order / 2)
+    rheobase_mm = n.threshold_mV / n.resistance_GOhm / (n.filter_gain_pA * H * 0.5)
+    population = Population("fast", n, "indentation")
+    below, above = (spectrum.rates_Hz(0, factor * rheobase_mm, population) for factor in (0.9, 1.2))
+    assert below == 0 and above >= 10
 
 
 def test_afferents_that_feel_something_else_have_no_rates_and_lose_none(

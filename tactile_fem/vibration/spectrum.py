@@ -18,6 +18,8 @@ from tactile_fem.runtime.files import write_arrays, write_table
 
 Array = NDArray[Any]
 _SAMPLES_PER_PERIOD = 24
+# Between samples lines are felt, whose kinks PC would answer to at low frequencies.
+_LONGEST_SAMPLE_S = 4e-4
 _SETTLING_S, _COUNTING_S = 0.25, 1.0  # membranes and adaptation settle before spikes are counted
 
 
@@ -78,8 +80,9 @@ class Spectrum(Archived):
         negative, it is too large for the linearization; there it is zero.
         """
         f = float(self.frequency_Hz[k])
-        count = int(np.ceil(duration_s * f * _SAMPLES_PER_PERIOD)) + 1
-        time_s = np.arange(count) / (_SAMPLES_PER_PERIOD * f)
+        per_period = max(_SAMPLES_PER_PERIOD, int(np.ceil(1 / (f * _LONGEST_SAMPLE_S))))
+        count = int(np.ceil(duration_s * f * per_period)) + 1
+        time_s = np.arange(count) / (per_period * f)
         swing = amplitude_mm * np.exp(2j * np.pi * f * time_s) * np.minimum(f * time_s, 1.0)
 
         def felt(still: Array, amplitude: Array) -> Array:
