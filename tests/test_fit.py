@@ -14,6 +14,7 @@ from tactile_fem.neuron import (
     current_at,
     fit,
     mean_rates,
+    modelled_rates,
     rate_of,
     respond,
 )
@@ -79,6 +80,39 @@ def test_constants_come_back_exactly_from_the_models_own_rates():
     assert np.abs(np.concatenate(found.residuals_Hz)).max() < 1e-3
     assert found.r2 == pytest.approx([1.0] * 7)
     assert np.diag(found.correlation) == pytest.approx(np.ones(4))
+
+
+KNOWN = TRUTH.model_copy(update={"intercept_pA": 18.0})
+
+
+def recorded(gain=1.0, threshold=1.0, **kind):
+    """Return the model's own rates as a recording."""
+    time, sed = presses()
+    frames = windows(time, lambda a, b: np.zeros(sed.shape[1]))
+    empty = Recording(time, sed, frames, **kind)
+    rates = modelled_rates(empty, KNOWN, gain, threshold)
+    return empty._replace(
+        windows=[w._replace(rate_Hz=r) for w, r in zip(frames, rates, strict=True)]
+    )
+
+
+def test_other_afferents_have_a_gain_and_a_threshold_of_their_own():
+    some = [recorded(), recorded(0.4, 0.7, afferent="B"), recorded(2.0, 1.5, afferent="C")]
+    found = fit(some, KNOWN.model_copy(update={STATIC: 60.0, DYNAMIC: 6.0}))
+    names = [STATIC, DYNAMIC, "gain of B", "threshold of B", "gain of C", "threshold of C"]
+    assert list(found.estimates) == names
+    values = [e.value for e in found.estimates.values()]
+    assert values == pytest.approx([80.0, 12.0, 0.4, 0.7, 2.0, 1.5], rel=1e-3)
+    alone = fit(some[1:2], KNOWN, ())
+    assert alone.neuron == KNOWN
+    assert [e.value for e in alone.estimates.values()] == pytest.approx([0.4, 0.7], rel=1e-3)
+
+
+def test_rates_relative_to_the_first_window_tell_adaptation():
+    ratios = recorded(relative=True)
+    assert ratios.windows[0].rate_Hz == pytest.approx(np.ones(24))
+    found = fit([ratios], KNOWN.model_copy(update={KAPPA: 0.4, TAU: 0.6}), (KAPPA, TAU))
+    assert [e.value for e in found.estimates.values()] == pytest.approx([0.5, 0.4], rel=1e-3)
 
 
 def test_intervals_hold_the_constants_that_made_irregular_spikes():

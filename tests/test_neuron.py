@@ -269,6 +269,37 @@ def test_gains_have_the_spread_that_was_asked_for():
     assert np.log(rates).std() == pytest.approx(0.2, rel=0.2)
 
 
+@pytest.mark.parametrize("n", [*ALL, LOGARITHMIC], ids=name_of)
+def test_thresholds_have_the_spread_that_was_asked_for(n):
+    """Each afferent fires as one whose potentials are all as many times as large."""
+    n = n.model_copy(update={"intercept_pA": 18.0})
+    time, sed = history()
+    varied = n.model_copy(update={"threshold_spread": 0.3})
+    factors = Variability(varied, np.arange(7)).thresholds()
+    spikes = respond(time, sed, varied).spikes
+    for unit, factor in enumerate(factors.tolist()):
+        higher = {key: factor * getattr(n, key) for key in ("threshold_mV", "threshold_jump_mV")}
+        (alone,) = respond(time, sed[:, [unit]], n.model_copy(update=higher), units=[unit]).spikes
+        assert spikes[unit] == pytest.approx(alone, abs=1e-9)
+    many = Variability(varied, np.arange(1000))
+    assert np.log(many.thresholds()).std() == pytest.approx(0.3, rel=0.1)
+    assert abs(np.corrcoef(np.log(many.thresholds()), np.log(many.gains() + 1e-9))[0, 1]) < 0.1
+
+
+def test_a_hold_goes_on_adapting_for_seconds():
+    """The default afferent follows its law: a third of the rate goes in 12 s."""
+    n, sed = Neuron(), np.array([0.3, 1.0, 5.0])
+    response = respond(*constant(sed, 14.0), n)
+    S = n.compression_kPa * np.log1p(sed / n.compression_kPa)
+    for start in (0.5, 12.5):
+        adapted = n.fast_adaptation - n.adaptation * np.expm1(-(start + 0.5) / n.adaptation_time_s)
+        current = n.static_gain_pA_per_kPa * S * (1 - adapted)
+        expected = closed_form(current, n)
+        assert response.mean_rate(start, start + 1.0) == pytest.approx(expected, abs=1.0)
+    left = response.mean_rate(12.0, 13.0) / response.mean_rate(0.0, 1.0)
+    assert (left > 0.5).all() and (left < 0.75).all()
+
+
 def test_spikes_without_end_are_told_however_fine_the_samples():
     n = PLAIN.model_copy(update={"refractory_s": 0.0})  # the intervals are of 4.5 microseconds
     with pytest.raises(StudyError, match="fires more than 100,000 times a second"):

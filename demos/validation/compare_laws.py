@@ -15,8 +15,8 @@ from dataclasses import replace
 
 import numpy as np
 import recordings
-from calibrate import LAWS, Law, explained, modelled, rates_of
-from recordings import Recording
+from calibrate import LAWS, Law, explained, modelled
+from recordings import Recording, rates_of
 
 from tactile_fem import run_script
 from tactile_fem.neuron import DRIVES, Drive

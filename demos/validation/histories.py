@@ -7,6 +7,7 @@
 # - a bar 3 mm wide, pressed 1 mm deep at different distances from an afferent, and an aperiodic
 #   grating, at different places (Phillips and Johnson 1981),
 # - spheres and a plate, pressed with 98, 147 and 196 mN (Goodwin, Browning and Wheat 1995),
+# - flat-ended punches of 1, 2 and 3 mm diameter, to 3.2 mm, for human afferents (Knibestöl 1975),
 # - cylinders of 16, 8, 4, 2 per inch, 1 mm deep; a probe of 0.5 mm diameter, 50 to 500 µm deep,
 # - the letters of the default scan.
 #
@@ -19,7 +20,7 @@
 #     python demos/validation/histories.py results/histories --preset coarse --stimuli bar
 #
 # It writes `bar.npz`, `sphere_521.npz` ... with columns as in `trace.npz`. Those in `histories/`
-# come from the first command: 22 presses of one to five minutes on two cores.
+# come from the first command: 25 presses of one to five minutes on two cores.
 
 # %%
 from collections.abc import Iterable
@@ -29,6 +30,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from recordings import PUNCHES_MM
 
 from tactile_fem import Distance, Embossed, Parts, Stimulus, Study, run_script, scan
 from tactile_fem.runtime.files import atomic_write
@@ -66,6 +68,7 @@ EDGES_MM = (
     (22.33, 25.33),
 )
 CENTRES_MM = (1.77, 3.3, 7.875, 9.75, 11.75, 13.5, 15.0, 17.0, 19.5)
+DEEP_MM = 3.2
 RELIEF_MM, FILLET_MM = 3.0, 0.2
 HOLD_S, FAST_MM_S, SLOW_MM_S = 0.05, 20.0, 0.5
 SPACING_MM = 0.1
@@ -112,6 +115,10 @@ def experiments(preset: str, depth: float, step: float) -> dict[str, tuple[Study
     for radius in RADII_MM:
         cylinder = Cylinder(radius_mm=radius)
         found[f"cylinder_{radius:g}"] = pressed(cylinder, fast, ()), Parts()
+    for radius in PUNCHES_MM:
+        punch = Dots(radius_mm=radius, rows=1, columns=1, relief_mm=5.0, fillet_radius_mm=0.2)
+        deep = (Press(depth_mm=DEEP_MM, speed_mm_s=SLOW_MM_S),)
+        found[f"punch_{radius:g}"] = pressed(punch, deep, cross(0.1)), Parts()
     for curvature in CURVATURES_PER_M:
         ball = Sphere(radius_mm=1e3 / curvature) if curvature else Plate()
         found[f"sphere_{curvature}"] = pressed(ball, to_forces, cross(0.1)), Parts()

@@ -1,13 +1,19 @@
 """Measured firing rates, and what the receptors felt in the same experiments on the model finger.
 
-All rates are of slowly adapting afferents of monkeys, read from published figures by third parties:
-
-In `measured/rates`:
+All rates are of slowly adapting afferents, read from published figures by third parties. In
+`measured/rates` those of monkeys:
 
 - `bar.csv`, `bar_again.csv`, `grating.csv`: a bar 3 mm wide and an aperiodic grating, 1 mm deep
   (Phillips and Johnson 1981); the bar's rates in the hold were read twice,
 - `spheres.csv`: spikes in the first second (Goodwin, Browning and Wheat 1995),
-- `probe.csv`: area in which a probe of 0.5 mm diameter makes an afferent fire.
+- `probe.csv`: area in which a probe of 0.5 mm diameter makes an afferent fire,
+- `decline.csv`: shares of the rate that are left after 12 s of a hold that follows a ramp of 0.4
+  mm/s, means of 21 afferents (Burgess et al. 1983, https://www.jneurosci.org/content/3/12/2652),
+
+and those of people:
+
+- `unit_a.csv`, `unit_b.csv`: spikes in the first 0.12 s of a ramp of 72 mm/s and a hold, and rates
+  from 0.5 to 0.95 s (Knibestöl 1975). The probe is not known; it is assumed to be flat.
 
 The histories of what was felt come from `histories.py`.
 """
@@ -15,6 +21,7 @@ The histories of what was felt come from `histories.py`.
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +39,10 @@ HISTORIES = Path(__file__).parent / "histories"
 RAMP_S, HOLD_S = 0.05, 1.0
 RAMP, HOLD = (0.0, RAMP_S), (RAMP_S + HOLD_S / 2, RAMP_S + HOLD_S)
 FIRST_SECOND = (0.0, 1.0)
+# Human units and the decline over seconds; the radius of the punch is assumed.
+ONSET, LATE = (0.0, 0.12), (0.5, 0.95)
+RAMP_MM_S, SLOW_RAMP_MM_S = 72.0, 0.4
+PUNCH_MM, PUNCHES_MM, DECLINE_S, DECLINE_SD = 1.0, (0.5, 1.0, 1.5), 12.0, 0.05
 
 
 def measured(name: str) -> dict[str, Array]:
@@ -82,12 +93,23 @@ class Felt:
         felt = self.drive[:, receptors]
         return np.append(self.time_s, RAMP_S + HOLD_S), np.vstack([felt, felt[-1:]])
 
-    def held_at(self, when_s: float, receptors: Array) -> tuple[Array, Array]:
+    def held_at(
+        self, when_s: float, receptors: Array, ramp_s: float = RAMP_S, hold_s: float = HOLD_S
+    ) -> tuple[Array, Array]:
         """Return a slow press up to a time, as if it had taken the ramp's time, and a hold."""
         felt, before = self.drive[:, receptors], self.time_s < when_s - 1e-9
         last = np.array([np.interp(when_s, self.time_s, one) for one in felt.T])
-        time = np.append(self.time_s[before], when_s) * RAMP_S / when_s
-        return np.append(time, RAMP_S + HOLD_S), np.vstack([felt[before], last, last])
+        time = np.append(self.time_s[before], when_s) * ramp_s / when_s
+        return np.append(time, ramp_s + hold_s), np.vstack([felt[before], last, last])
+
+    def when_depth(self, depth_mm: float) -> float:
+        """Return the time, s, at which a press comes to a depth."""
+        return float(np.interp(depth_mm, self.depth_mm, self.time_s))
+
+    @property
+    def middle(self) -> Array:
+        """The receptors under the middle of a stimulus."""
+        return np.flatnonzero(np.hypot(self.x_mm, self.y_mm) < 0.15)
 
     def when_force(self, force_N: float) -> float:
         """Return the time, s, at which a press comes to a force."""
@@ -125,11 +147,47 @@ def spheres(drive: Drive, stiffness: float = 1.0) -> list[Recording]:
     found = []
     for curvature, force, rate in zip(*table.values(), strict=True):
         felt = Felt.of(f"sphere_{curvature:g}", drive)
-        near = np.flatnonzero(np.hypot(felt.x_mm, felt.y_mm) < 0.15)
-        time, values = felt.held_at(felt.when_force(force / stiffness), near)
+        time, values = felt.held_at(felt.when_force(force / stiffness), felt.middle)
         mean = values.mean(axis=1, keepdims=True)
         found.append(Recording(time, mean, [Window(*FIRST_SECOND, [rate], rates.std())]))
     return found
+
+
+def human_unit(drive: Drive, name: str, radius_mm: float = PUNCH_MM) -> list[Recording]:
+    """Return a recording of human unit "a" or "b" for each depth."""
+    table = measured(f"unit_{name}")
+    onset, late = table["spikes"] / ONSET[1], table["hold_Hz"]
+    found = []
+    for depth, *rates in zip(table["depth_mm"], onset, late, strict=True):
+        time, values = punched(drive, depth, radius_mm, RAMP_MM_S, HOLD_S)
+        sds = onset.std(), late.std()
+        parts = zip((ONSET, LATE), rates, sds, strict=True)
+        windows = [Window(*when, [rate], sd) for when, rate, sd in parts]
+        found.append(Recording(time, values, windows, afferent=f"human {name}"))
+    return found
+
+
+def decline(drive: Drive, radius_mm: float = PUNCH_MM) -> list[Recording]:
+    """Return recordings of the decline in a hold: rates relative to those in its first second."""
+    found = []
+    for depth, left in zip(*measured("decline").values(), strict=True):
+        start = depth / SLOW_RAMP_MM_S
+        time, values = punched(drive, depth, radius_mm, SLOW_RAMP_MM_S, DECLINE_S)
+        end = start + DECLINE_S
+        first = Window(start, start + 1.0, [1.0], DECLINE_SD)
+        last = Window(end - 1.0, end, [left], DECLINE_SD)
+        found.append(Recording(time, values, [first, last], relative=True))
+    return found
+
+
+def punched(
+    drive: Drive, depth_mm: float, radius_mm: float, speed_mm_s: float, hold_s: float
+) -> tuple[Array, Array]:
+    """Return the history under the middle of a punch that is pressed at a speed and held."""
+    felt = Felt.of(f"punch_{radius_mm:g}", drive)
+    ramp_s = depth_mm / speed_mm_s
+    time, values = felt.held_at(felt.when_depth(depth_mm), felt.middle, ramp_s, hold_s)
+    return time, values.mean(axis=1, keepdims=True)
 
 
 def grating(drive: Drive) -> list[Recording]:
@@ -159,5 +217,9 @@ def cylinders(drive: Drive) -> dict[float, tuple[Array, Array]]:
 def probe(drive: Drive, depth_mm: float) -> tuple[Felt, Array, Array]:
     """Return what was felt, and the histories of all receptors around a probe at a depth."""
     felt = Felt.of("probe", drive)
-    when = float(np.interp(depth_mm, felt.depth_mm, felt.time_s))
-    return felt, *felt.held_at(when, np.arange(len(felt.x_mm)))
+    return felt, *felt.held_at(felt.when_depth(depth_mm), np.arange(len(felt.x_mm)))
+
+
+def rates_of(some: Sequence[Recording]) -> Array:
+    """Return the measured rates in all windows, one after another, spikes/s."""
+    return np.concatenate([window.rate_Hz for r in some for window in r.windows])

@@ -3,15 +3,14 @@
 from tactile_fem.neuron.currents import ExponentialSum, Segment, Transduction
 from tactile_fem.neuron.drives import DRIVES, Drive, Histories, drive_of
 from tactile_fem.neuron.fields import Field, MaterialPoint
+from tactile_fem.neuron.fitting import FitWarning, RateFit, fit
 from tactile_fem.neuron.population import Population, fields_of, fire_all, replaced, respond
 from tactile_fem.neuron.rates import (
-    FitWarning,
-    RateFit,
     Recording,
     Window,
     current_at,
-    fit,
     mean_rates,
+    modelled_rates,
     rate_of,
 )
 from tactile_fem.neuron.response import Response, load, save, to_neo
@@ -38,6 +37,7 @@ __all__ = [
     "fit",
     "load",
     "mean_rates",
+    "modelled_rates",
     "rate_of",
     "replaced",
     "respond",

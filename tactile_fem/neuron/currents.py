@@ -32,6 +32,11 @@ class ExponentialSum:
             self.constant[which], self.slope[which], self.amplitudes[:, which], self.times
         )
 
+    def scaled(self, factors: Array) -> ExponentialSum:
+        """Return the functions multiplied by factors, (n,)."""
+        p, q, c = self.constant * factors, self.slope * factors, self.amplitudes * factors
+        return ExponentialSum(p, q, c, self.times)
+
     def at(self, s: Any) -> Array:
         """Return the values at `s`, a number or (n,) or (m, n)."""
         value = self.constant + self.slope * s

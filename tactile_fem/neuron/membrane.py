@@ -14,7 +14,7 @@ from tactile_fem.neuron.settings import Neuron
 
 Array = NDArray[Any]
 _SHORTEST_INTERVAL_S = 1e-5  # shorter intervals between spikes are an error of the input
-_GAIN_STREAM, _DISTANCE_STREAM = 0, 1  # keys of the streams
+_GAIN_STREAM, _DISTANCE_STREAM, _THRESHOLD_STREAM = 0, 1, 2  # keys of the streams
 _BLOCK_SIZE = 64  # numbers drawn at a time
 
 
@@ -211,7 +211,7 @@ class Course:
 
 
 class Variability:
-    """Log-normal factors of the gains and of the distances from reset to threshold.
+    """Log-normal factors of gains, thresholds and distances from reset to threshold.
 
     Each afferent has its own stream of random numbers, which follows from the seed and the
     number of the afferent, `units` (n,): spikes do not depend on the other afferents.
@@ -225,8 +225,15 @@ class Variability:
 
     def gains(self) -> Array:
         """Return the factor of the gains of each afferent, median 1, (n,)."""
-        first = [self._draw(_GAIN_STREAM, unit, 0)[0] for unit in self._units.tolist()]
-        return np.exp(self._neuron.gain_spread * np.array(first))
+        return self._between_afferents(_GAIN_STREAM, self._neuron.gain_spread)
+
+    def thresholds(self) -> Array:
+        """Return the factor of the threshold of each afferent, median 1, (n,)."""
+        return self._between_afferents(_THRESHOLD_STREAM, self._neuron.threshold_spread)
+
+    def _between_afferents(self, purpose: int, spread: float) -> Array:
+        first = [self._draw(purpose, unit, 0)[0] for unit in self._units.tolist()]
+        return np.exp(spread * np.array(first))
 
     def after_spike(self, which: Array) -> Array:
         """Return the next factors of the distances of some, median 1, without repetition."""

@@ -67,7 +67,14 @@ def fire(
     membrane = Membrane(neuron, variability)
     if neuron.gain_spread:
         drive = drive * variability.gains()
-    for segment in (transduction or transduction_of(neuron)).segments(time, drive):
+    segments = (transduction or transduction_of(neuron)).segments(time, drive)
+    if neuron.threshold_spread:
+        # All potentials relative to the threshold: a higher one is a smaller current.
+        sensitivity = 1 / variability.thresholds()
+        segments = (
+            s._replace(current_pA=s.current_pA.scaled(sensitivity[s.who])) for s in segments
+        )
+    for segment in segments:
         membrane.advance(segment)
     return Response(membrane.spikes(), float(time[0]), float(time[-1]))
 

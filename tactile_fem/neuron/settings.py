@@ -18,6 +18,7 @@ _CONSTANTS: dict[Any, dict[str, float]] = {
         "static_gain_pA_per_kPa": 170.0,
         "dynamic_gain_pA_s_per_kPa": 25.5,
         "adaptation": 0.45,
+        "adaptation_time_s": 0.5,
     }
 }
 
@@ -30,23 +31,23 @@ class Neuron(Settings):
         description="law of transduction: a logarithm of what is felt; the linear law of the paper "
         "(alpha, kappa, beta); the generator function; a rectified band-pass, for RA and PC",
     )
-    # alpha, S_0 and the fast kappa: demos/validation/calibrate.py.
+    # alpha, S_0 and both kappa: demos/validation/calibrate.py.
     static_gain_pA_per_kPa: NonNegative = Field(
-        9740.0, description="alpha; fitted to rates under a bar and spheres"
+        10950.0, description="alpha; fitted to ramps and holds"
     )
     dynamic_gain_pA_s_per_kPa: NonNegative = Field(
         0.0, description="beta; hamasaki2020 has one, fitted to rates under a bar"
     )
     adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(
-        0.0, description="kappa; proposed where it is not 0"
+        0.0212, description="kappa; fitted, of hamasaki2020 proposed"
     )
-    adaptation_time_s: Positive = Field(0.5, description="tau_a; proposed")
+    adaptation_time_s: Positive = Field(10.0, description="tau_a; proposed, at least 5 s")
     compression_kPa: Positive = Field(
-        0.0451,
+        0.0380,
         description="logarithmic: S_0, above which current grows with the logarithm; fitted",
     )
     fast_adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(
-        0.953, description="logarithmic: kappa of a second, fast adaptation; fitted"
+        0.9512, description="logarithmic: kappa of a second, fast adaptation; fitted"
     )
     fast_adaptation_time_s: Positive = Field(
         0.01, description="logarithmic: tau_a of the fast adaptation; proposed"
@@ -85,7 +86,11 @@ class Neuron(Settings):
         0.01, description="tau_A: time over which the threshold comes back"
     )
     gain_spread: NonNegative = Field(
-        0.0, description="sd of the logarithm of the gains between afferents"
+        0.0,
+        description="sd of the logarithm of the gains, factors of what is felt, between afferents",
+    )
+    threshold_spread: NonNegative = Field(
+        0.0, description="sd of the logarithm of V_th between afferents"
     )
     threshold_noise: NonNegative = Field(
         0.0,

@@ -247,7 +247,9 @@ def fibre_image(
         central = own[central_receptor(results.trace["receptors_mm"][own])]
         times, values = afferents.drive.of(results.trace)
         felt[:, row] = np.interp(time, times, values[:, central])
-    neuron = (neuron or afferents.neuron).model_copy(update={"gain_spread": 0.0})
+    neuron = (neuron or afferents.neuron).model_copy(
+        update={"gain_spread": 0.0, "threshold_spread": 0.0}
+    )
     return rate_image(across, time, felt, speeds.pop(), replace(afferents, neuron=neuron))
 
 

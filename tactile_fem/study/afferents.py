@@ -63,8 +63,7 @@ class Afferents(Settings):
     )
     kind: Literal["SA1", "RA", "PC"] = Field(
         "SA1",
-        description="of afferent: what is not given below is that of its kind; in a hold SA1 adapt "
-        "for 0.1 s only, recorded ones for seconds",
+        description="of afferent: what is not given below is that of its kind",
     )
     feels: str = Field(
         "sed",
