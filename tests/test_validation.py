@@ -8,9 +8,10 @@ import re
 import numpy as np
 import pytest
 from needs import needs_gmsh
-from scripts import DEMOS, SMALL, imports, number, run
+from scripts import DEMOS, SMALL, beside, imports, number, run
 
-from tactile_fem.study import Neuron
+from tactile_fem.neuron import current_at
+from tactile_fem.study import Neuron, Study
 
 
 @pytest.mark.parametrize("path", sorted(DEMOS.glob("validation/*.py")), ids=lambda path: path.stem)
@@ -39,8 +40,6 @@ def test_predictions(tmp_path):
 
 @pytest.mark.slow
 def test_slip_spreads_from_the_rim():
-    from scripts import beside
-
     from tactile_fem.study import Finger
 
     with beside(DEMOS / "validation" / "slip.py"):
@@ -159,10 +158,77 @@ def test_strains(tmp_path):
     assert float(proximal) * float(distal) < 0
 
 
+def vibrating(kind):
+    """Return a site that feels 1 kPa, 0.5 of compression, or 1 mm per mm of a probe."""
+    from vibration_firing import Site
+
+    from tactile_fem.vibration import Spectrum
+
+    rest, of_one = np.zeros((1, 3)), np.ones((2, 1, 3), dtype=complex)
+    spectrum = Spectrum(
+        frequency_Hz=np.array([20.0, 50.0]),
+        motion=np.array([0.0, 0.0, 1.0]),
+        receptors_mm=rest,
+        population=np.array([kind]),
+        moved=of_one,
+        sed_kPa=of_one[:, :, 0],
+        stretches=-0.5 * of_one,
+        force_N=of_one[:, 0],
+        still_moved_mm=rest,
+        still_sed_kPa=np.ones(1),
+        still_stretches=rest + 1.0,
+    )
+    return Site(spectrum, kind)
+
+
+def test_afferents_have_adapted_to_the_hold_before_a_vibration():
+    with beside(DEMOS / "validation" / "vibration.py"):
+        from vibration_firing import HELD_S, Held
+
+    neuron = Neuron(adaptation=0.5, adaptation_time_s=10.0)
+    time_s, felt = np.array([0.0, 0.1, 0.3]), np.array([[1.0], [1.5], [1.0]])
+    held = list(Held(neuron).segments(time_s, felt))
+    before = np.append(-HELD_S, time_s), np.vstack([felt[:1], felt])
+    whole = current_at(np.array([0.05, 0.2]), *before, neuron)
+    for at, wanted in zip((0.05, 0.2), whole, strict=True):
+        start, _, current, _ = [one for one in held if np.min(one.start_s) <= at][-1]
+        assert current.at(at - start) == pytest.approx(wanted, rel=1e-12)
+    assert held[0].start_s == 0.0
+
+
+def test_cycles_of_afferents_are_means_over_gains_of_whole_cycles():
+    with beside(DEMOS / "validation" / "vibration.py"):
+        from vibration_firing import quantiles
+
+        site = vibrating("RA")
+        ra = Study.model_validate({"afferents": [{"name": "RA", "kind": "RA"}]}).afferents[0].neuron
+        gains = np.exp(ra.gain_spread * quantiles(11))
+        each = [site.cycles_of_one(ra, 20.0, [100.0 * gain])[0] for gain in gains]
+        assert site.cycles(ra, 20.0, [100.0]) == pytest.approx(np.mean(each), abs=0.02)
+        assert site.cycles(ra, 20.0, [0.0, 1e4])[1] > 1 > site.cycles(ra, 20.0, [0.0])[0]
+
+
+@pytest.mark.parametrize("kind", ["RA", "PC"])
+def test_the_threshold_of_a_vibration_is_where_an_afferent_begins_to_fire(kind):
+    with beside(DEMOS / "validation" / "vibration.py"):
+        from vibration_fit import thresholds_of
+
+        site, afferents = vibrating(kind), {"afferents": [{"name": kind, "kind": kind}]}
+        n = Study.model_validate(afferents).afferents[0].neuron
+        unit_um = 1000 * n.threshold_mV / n.resistance_GOhm / n.filter_gain_pA
+        for f, level in zip((20.0, 50.0), unit_um * thresholds_of(site, n), strict=True):
+            below, above = site.cycles_of_one(n, f, [0.97 * level, 1.05 * level])
+            assert below == 0 < above
+
+
 @pytest.mark.slow
 def test_vibration(tmp_path):
-    way = ["--depth", "0.3", "--hold", "0.05", *SMALL]
+    way = ["--depth", "0.3", "--human-depth", "0.2", "--ramp", "0.3", "--hold", "0.05", *SMALL]
     output = run("validation/vibration.py", str(tmp_path), *way)
     assert 10 <= number(r"RA best frequency: (\d+) Hz", output) <= 100
     assert 100 <= number(r"PC best frequency: (\d+) Hz", output) <= 500
     assert number(r"RA 50 Hz, fitted: .*rms (\d+)", output) < 25
+    assert number(r"RA entrainment .* 66 µm 1 ([\d.]+)", output) == pytest.approx(1, abs=0.2)
+    assert number(r"SA1 humans, radius 3 mm, amplitude, predicted: 1 Hz 2.1 ([\d.]+)", output) >= 0
+    again = run("validation/vibration.py", str(tmp_path), "--no-fit", *way)
+    assert len(table(tmp_path / "responses.csv")) > 80 and "RA entrainment" in again

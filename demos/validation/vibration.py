@@ -1,75 +1,64 @@
 # %% [markdown]
-# # Responses of RA and PC afferents to vibration, fitted and predicted
+# # Responses of afferents to vibration, fitted and predicted
 #
-# A probe of 1 mm is pressed in and held, and the finger vibrates about this state. Rates are those
-# of monkeys' afferents under such a probe (Muniak et al. 2007, PMC6673240; third-party
-# digitization), thresholds of the same kind of recording, of which the shape alone counts. Centre
-# and quality of the filters are fitted to the shape of the thresholds; gain, its spread between
-# afferents, refractoriness and the raised threshold of PC to the rates at one frequency. They are
-# the defaults of RA and PC; the other frequencies are predicted.
+# A probe is pressed in and held, and the finger vibrates about this state. Rates are those of
+# monkeys' afferents under a probe of 1 mm (Muniak et al. 2007, PMC6673240; third-party
+# digitization), thresholds of the same kind of recording, of which the shape alone counts, and the
+# entrainment of one RA afferent (Talbot et al. 1968). Filters are fitted to the shape of the
+# thresholds; gain and its spread, membrane and refractoriness to the rates at one frequency, those
+# of RA also to the entrainment (`vibration_fit.py`). They are the defaults of RA and PC. Predicted
+# are the other frequencies, and humans' spikes per cycle and in ramps.
+#
+# SA1 have the constants of `calibrate.py`, and have adapted to the hold for a minute.
 #
 #     python demos/validation/vibration.py results/vibration
+#     python demos/validation/vibration.py results/vibration --no-fit  # the defaults: seconds
 #     python demos/validation/vibration.py results/quick --pad-size 3 --far-size 6 --depth 0.3
 
 # %%
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats import norm
+from vibration_firing import FEELS, Site, spikes
+from vibration_fit import FITTED_HZ, of_one, thresholds_of, with_rates
+from vibration_measured import (
+    CYCLES,
+    CYCLES_DEPTH_MM,
+    CYCLES_RADII_MM,
+    CYCLES_UM,
+    ENTRAINMENT,
+    ENTRAINMENT_HZ,
+    RAMPS,
+    RAMPS_MM,
+    RATES,
+    THRESHOLDS_UM,
+)
 
-from tactile_fem import Population, Study, completed, run_script, vibrate, write_table
-from tactile_fem.study import Dots, Finger, Hold, Neuron, Press, Protocol, Tissue
+from tactile_fem import Results, Study, completed, run_script, vibrate, write_table
+from tactile_fem.neuron import drive_of
+from tactile_fem.study import Dots, Finger, Hold, Neuron, Press, Protocol, Solver, Tissue
 from tactile_fem.vibration import Spectrum
 
-# Amplitudes in µm and spikes/s, by kind and frequency in Hz.
-RATES: dict[str, dict[float, list[tuple[float, float]]]] = {
-    "SA1": {
-        20: [(49, 4), (92, 10), (183, 18), (251, 25)],
-        50: [(77, 6), (168, 30), (251, 48)],
-    },
-    "RA": {
-        20: [(24, 4), (67, 24), (251, 53)],
-        50: [(16, 3), (36, 23), (77, 57), (251, 103)],
-        100: [(15, 6), (36, 41), (82, 111), (194, 159)],
-    },
-    "PC": {
-        50: [(4.8, 16), (11, 32), (24, 47), (50, 74), (248, 100)],
-        100: [(0.8, 16), (1.8, 41), (4.3, 76), (10, 100), (54, 137)],
-        300: [(0.17, 18), (0.43, 62), (1.1, 112), (2.9, 170), (7.5, 238)],
-    },
-}
-THRESHOLDS_UM = {
-    "RA": {1: 507, 4: 128, 16: 53, 33: 47, 67: 55},
-    "PC": {20: 6.0, 41: 1.4, 82: 0.32, 153: 0.087, 250: 0.052, 422: 0.054, 822: 0.19},
-}
-FREE_OF_FILTER = {"RA": 1, "PC": 2}  # the centre; the quality as well
-FITTED_HZ = {"RA": 50.0, "PC": 100.0}
-REFRACTORY_S = {"RA": (0.003, 0.006, 0.009), "PC": (0.001, 0.002, 0.003)}
-# Relative refractoriness of PC: what a spike raises the threshold of 30 mV by, and for how long.
-# RA's rates are met without.
-JUMPS_MV = {"RA": (0.0,), "PC": (0.0, 240.0, 480.0, 960.0, 1920.0)}
-RECOVERIES_S = (0.002, 0.004, 0.008)
-# Weights of the other direction. RA's is proposed, so that it answers to a release as well; the
-# rates do not tell it. PC's filter swings both ways at any change.
-OFF = {"RA": 0.4, "PC": 0.0}
-QUANTILES = norm.ppf((np.arange(11) + 0.5) / 11)
-NOISE = 0.1  # of the threshold, from spike to spike: proposed
+MONKEYS_RADIUS_MM = 0.5
+AMPLITUDES_UM = (5.0, 15.0, 50.0, 150.0, 400.0)
+# A slow ramp and a fast one feel nearly the same at the same depth: one is pressed.
+RAMP_MM_S, RAMP_STEP_MM, RAMP_HOLD_S = 30.0, 0.05, 0.2
+RAMP_RADII_MM = (0.5, 1.0, 2.0)
 
 
 @dataclass(frozen=True)
 class Row:
-    """A measured rate beside the model's."""
+    """A measured response beside the model's."""
 
     kind: str
+    what: str
     frequency_Hz: float
     amplitude_um: float
-    measured_Hz: float
-    model_Hz: float
+    measured: float
+    model: float
     fitted: bool
 
 
@@ -81,257 +70,235 @@ def main(
     pad_size: float | None = None,
     far_size: float | None = None,
     depth: float = 1.0,
+    human_depth: float = CYCLES_DEPTH_MM,
+    ramp: float = RAMPS_MM,
     hold: float = 2.0,
+    fit: bool = True,
 ) -> None:
-    """Press the probe, let it vibrate, fit the filters and print what is predicted.
+    """Press probes, let them vibrate, fit RA and PC and print what is predicted.
 
     Parameters
     ----------
     folder
-        For the scan and the table.
+        For scans, spectra and tables; what is there is not computed again.
     preset, pad_size, far_size
         The mesh.
-    depth, hold
-        Of the probe, mm, and how long it is held before, s.
+    depth, human_depth, ramp
+        Of the probe on monkeys, on humans and in ramps, mm.
+    hold
+        How long a probe is held before, s, in tissue that relaxes.
+    fit
+        Fit RA and PC; otherwise they have the defaults.
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
-    study = probed(finger, depth, hold)
-    completed(study, folder / "scan")
-    spectrum = computed(folder)
-    populations = {each.name: each.population() for each in study.populations}
-    fitted = {"SA1": populations["SA1"].neuron}
+    held = Hold(time_s=hold)
+    monkeys = computed(
+        folder / "monkeys",
+        probed(finger, MONKEYS_RADIUS_MM, (Press(depth_mm=depth), held)),
+        {f for of_kind in (*RATES.values(), *THRESHOLDS_UM.values()) for f in of_kind}
+        | {ENTRAINMENT_HZ},
+    )
+    humans = {
+        radius: computed(
+            folder / f"humans_{radius:g}",
+            probed(finger, radius, (Press(depth_mm=human_depth), held), [(0.0, radius)]),
+            CYCLES["SA1"],
+        )
+        for radius in CYCLES_RADII_MM
+    }
+    ramps = {
+        radius: pressed(folder / f"ramp_{radius:g}", finger, radius, ramp)
+        for radius in RAMP_RADII_MM
+    }
+    neurons = defaults()
     for kind in THRESHOLDS_UM:
-        neuron = with_filter(spectrum, kind, populations[kind].neuron)
-        fitted[kind] = with_rates(spectrum, kind, neuron)
-    rows = [row for kind, neuron in fitted.items() for row in compared(spectrum, kind, neuron)]
-    print_rows(rows)
-    for kind in THRESHOLDS_UM:
-        print_thresholds(spectrum, kind, fitted[kind])
-    write_table(folder / "rates.csv", rows)
+        site = Site(monkeys, kind)
+        if fit:
+            neurons[kind] = with_rates(site, neurons[kind])
+        print_constants(kind, neurons[kind])
+        print_thresholds(site, neurons[kind])
+    rows = [row for kind, neuron in neurons.items() for row in rates(Site(monkeys, kind), neuron)]
+    rows += entrainment(Site(monkeys, "RA"), neurons["RA"])
+    for radius, spectrum in humans.items():
+        for kind, neuron in neurons.items():
+            rows += cycles(Site(spectrum, kind), neuron, f"radius {radius:g} mm")
+        rows += cycles(Site(spectrum, "SA1", -1), neurons["SA1"], f"rim, {radius:g} mm")
+    print_amplitudes(monkeys, neurons)
+    for radius, history in ramps.items():
+        print_ramps(radius, *history, neurons["RA"])
+    write_table(folder / "responses.csv", rows)
 
 
 # %% [markdown]
 # A flat-ended probe is a dot so high that its plate does not touch. The skin relaxes, so that a
 # short time at rest gives nearly the long-term state and vibration meets the instantaneous one.
+# Afferents lie under its middle, and at further places.
 
 
 # %%
-def probed(finger: Finger, depth: float, hold: float) -> Study:
-    """Return a study of a probe of 1 mm with one afferent of each kind under its middle."""
-    below = {"placement": "line", "half_width_mm": 0.0}
+def probed(
+    finger: Finger,
+    radius: float,
+    path: Sequence[Press | Hold],
+    places: Sequence[tuple[float, float]] = (),
+    **further: object,
+) -> Study:
+    """Return a study of a probe with one afferent of each kind at each place."""
+    below = {"placement": "line", "half_width_mm": 0.0, "extra_mm": places}
     return Study.model_validate(
         {
             "finger": finger,
             "tissue": Tissue(relaxation="fingerpad"),
             "stimulus": Dots(
-                radius_mm=0.5,
+                radius_mm=radius,
                 columns=1,
                 rows=1,
                 relief_mm=4.0,
                 fillet_radius_mm=0.1,
                 start_mm=0.0,
             ),
-            "protocol": Protocol(path=(Press(depth_mm=depth), Hold(time_s=hold))),
-            "afferents": [
-                {"name": kind, "kind": kind, "receptors": below} for kind in ("SA1", "RA", "PC")
-            ],
+            "protocol": Protocol(path=tuple(path)),
+            "afferents": [{"name": kind, "kind": kind, "receptors": below} for kind in FEELS],
             "output": {"pictures": False},
+            **further,
         }
     )
 
 
-def computed(folder: Path) -> Spectrum:
-    """Return the vibration of the folder's scan, computed only once."""
-    wanted, path = sorted(frequencies()), folder / "spectrum.npz"
-    if path.exists() and list(Spectrum.load(path).frequency_Hz) == wanted:
+def scanned(folder: Path, study: Study) -> Results:
+    """Return the scan of the study, computed only once, also if its neurons were others then."""
+    there = Results(folder)
+    if there.complete:
+        parts = "finger", "tissue", "stimulus", "protocol", "solver"
+        if all(getattr(there.study, part) == getattr(study, part) for part in parts):
+            return there
+    return completed(study, folder)
+
+
+def computed(folder: Path, study: Study, frequencies: Iterable[float]) -> Spectrum:
+    """Return the vibration about the end of a study, computed only once."""
+    results, path = scanned(folder, study), folder / "spectrum.npz"
+    wanted = sorted(float(f) for f in frequencies)
+    if path.exists() and set(wanted) <= set(Spectrum.load(path).frequency_Hz.tolist()):
         return Spectrum.load(path)
-    spectrum = vibrate(folder / "scan", wanted)
+    spectrum = vibrate(results.folder, wanted)
     spectrum.save(path)
     return spectrum
 
 
-def frequencies() -> set[float]:
-    """Return all frequencies at which there is a measured value, Hz."""
-    found = {float(f) for of_kind in RATES.values() for f in of_kind}
-    return found | {float(f) for of_kind in THRESHOLDS_UM.values() for f in of_kind}
+def pressed(
+    folder: Path, finger: Finger, radius: float, depth: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the share of a press's time, and what RA feel, (t, 1)."""
+    press = Press(depth_mm=depth, speed_mm_s=RAMP_MM_S)
+    solver = Solver(max_press_step_mm=RAMP_STEP_MM)
+    trace = scanned(folder, probed(finger, radius, (press,), solver=solver)).trace
+    time_s, felt = drive_of(FEELS["RA"]).of(trace)
+    own = felt[:, trace["population"] == "RA"]
+    return (time_s - time_s[0]) / (time_s[-1] - time_s[0]), own
 
 
-def receptor_of(spectrum: Spectrum, kind: str) -> int:
-    """Return the one receptor of a kind."""
-    return int(np.flatnonzero(spectrum.population == kind)[0])
-
-
-def felt_per_mm(spectrum: Spectrum, kind: str) -> np.ndarray:
-    """Return the amplitude of what RA or PC feel per mm of the probe's, over the frequency."""
-    r = receptor_of(spectrum, kind)
-    felt = spectrum.stretches[:, r, 0] if kind == "RA" else spectrum.moved[:, r, 2]
-    return np.abs(felt)
-
-
-# %% [markdown]
-# **Filters.** A threshold is inversely proportional to ``|H|`` times what the finger makes of the
-# probe's motion there. The level is free. RA's thresholds do not rise within the measured band, so
-# the quality of their filter is not determined and stays at 0.5, two equal real poles.
+def defaults() -> dict[str, Neuron]:
+    """Return the present constants of each kind."""
+    afferents = Study.model_validate({"afferents": [{"name": k, "kind": k} for k in FEELS]})
+    return {one.name: one.population().neuron for one in afferents.populations}
 
 
 # %%
-def gain_of_filter(f: np.ndarray, centre: float, quality: float, order: int) -> np.ndarray:
-    """Return ``|H|`` of the band-pass at frequencies, see `tactile_fem.neuron.transduction`."""
-    x = f / centre
-    return (1 + (quality * (x - 1 / x)) ** 2) ** (-order / 2)
-
-
-def thresholds_of(spectrum: Spectrum, kind: str, neuron: Neuron) -> np.ndarray:
-    """Return the shape of the threshold at each frequency: its level is arbitrary."""
-    H = gain_of_filter(
-        spectrum.frequency_Hz,
-        neuron.filter_centre_Hz,
-        neuron.filter_quality,
-        neuron.filter_order,
-    )
-    membrane = np.hypot(1.0, 2 * np.pi * spectrum.frequency_Hz * neuron.time_constant_s)
-    return membrane / (H * felt_per_mm(spectrum, kind))
-
-
-def with_filter(spectrum: Spectrum, kind: str, neuron: Neuron) -> Neuron:
-    """Return the neuron with its filter fitted to the shape of measured thresholds."""
-    measured = THRESHOLDS_UM[kind]
-    where = np.isin(spectrum.frequency_Hz, list(measured))
-    wanted = np.log([measured[f] for f in spectrum.frequency_Hz[where]])
-
-    def changed(x: np.ndarray) -> Neuron:
-        names = "filter_centre_Hz", "filter_quality"
-        return neuron.model_copy(update=dict(zip(names, np.exp(x), strict=False)))
-
-    def misfit(x: np.ndarray) -> np.ndarray:
-        away = np.log(thresholds_of(spectrum, kind, changed(x))[where]) - wanted
-        return away - away.mean()
-
-    start = np.log([neuron.filter_centre_Hz, neuron.filter_quality][: FREE_OF_FILTER[kind]])
-    found = changed(least_squares(misfit, start, bounds=(start - 2, start + 2)).x)
-    print(
-        f"{kind}: f_0 {found.filter_centre_Hz:.0f} Hz, Q {found.filter_quality:.2f}, "
-        f"{found.filter_order} stages (thresholds)"
-    )
-    return found
-
-
-# %% [markdown]
-# **Rates.** Measured ones are means over afferents, whose gains differ. A gain is a factor of the
-# amplitude, so the rates of one afferent over the amplitude give those of any gain and any spread.
-
-
-# %%
-def rates_of(
-    spectrum: Spectrum, kind: str, neuron: Neuron, frequency: float, amplitudes_um: Sequence[float]
-) -> np.ndarray:
-    """Return the mean rates of afferents at several amplitudes, spikes/s."""
-    gains = np.exp(neuron.gain_spread * QUANTILES)
-    each = np.outer(amplitudes_um, gains)
-    return rates_of_one(spectrum, kind, neuron, frequency, each.ravel()).reshape(each.shape).mean(1)
-
-
-def rates_of_one(
-    spectrum: Spectrum, kind: str, neuron: Neuron, frequency: float, amplitudes_um: np.ndarray
-) -> np.ndarray:
-    """Return the rates of the afferent of median gain, spikes/s."""
-    own = spectrum.at_amplitudes(receptor_of(spectrum, kind), amplitudes_um / 1000)
-    feels = {"SA1": "sed", "RA": "compression", "PC": "indentation"}[kind]
-    k = int(np.flatnonzero(spectrum.frequency_Hz == frequency)[0])
-    median = neuron.model_copy(update={"gain_spread": 0.0})
-    return own.rates_Hz(k, 1.0, Population(kind, median, feels))
-
-
-def with_rates(spectrum: Spectrum, kind: str, neuron: Neuron) -> Neuron:
-    """Return the neuron with the constants that fit the rates at one frequency best."""
-    frequency, start = FITTED_HZ[kind], rheobase_gain(spectrum, kind, neuron)
-    amplitudes, measured = map(np.array, zip(*RATES[kind][frequency], strict=True))
-    levels = np.geomspace(amplitudes[0] / 30, amplitudes[-1] * 300, 100)
-    best, least = neuron, np.inf
-    for refractory, (jump, recovery) in product(REFRACTORY_S[kind], raised_thresholds(kind)):
-        tried = neuron.model_copy(
-            update={
-                "filter_gain_pA": start,
-                "refractory_s": refractory,
-                "threshold_jump_mV": jump,
-                "threshold_recovery_s": recovery,
-                "filter_off": OFF[kind],
-                "threshold_noise": NOISE,
-            }
-        )
-        rates = rates_of_one(spectrum, kind, tried, frequency, levels)
-        for factor, spread in product(np.geomspace(0.05, 20, 60), np.linspace(0, 1.5, 16)):
-            each = np.outer(factor * amplitudes, np.exp(spread * QUANTILES))
-            mean = np.interp(np.log(each), np.log(levels), rates).mean(axis=1)
-            away = float(np.sum((mean - measured) ** 2))
-            if away < least:
-                changes = {"filter_gain_pA": factor * start, "gain_spread": spread}
-                best, least = tried.model_copy(update=changes), away
-    print(
-        f"{kind}: gain {best.filter_gain_pA:.3g} pA per unit, its spread {best.gain_spread:.2g}, "
-        f"refractory {1000 * best.refractory_s:g} ms, threshold raised by "
-        f"{best.threshold_jump_mV:g} mV for {1000 * best.threshold_recovery_s:g} ms, "
-        f"other direction {best.filter_off:g} "
-        f"(rates at {frequency:g} Hz)"
-    )
-    return best
-
-
-def raised_thresholds(kind: str) -> list[tuple[float, float]]:
-    """Return what is tried for jump, mV, and recovery, s, of the threshold."""
-    pairs = product(JUMPS_MV[kind], RECOVERIES_S)
-    return [(jump, s) for jump, s in pairs if jump or s == RECOVERIES_S[0]]
-
-
-def rheobase_gain(spectrum: Spectrum, kind: str, neuron: Neuron) -> float:
-    """Return the gain with which the least amplitude that fired brings the rheobase."""
-    frequency = FITTED_HZ[kind]
-    k = int(np.flatnonzero(spectrum.frequency_Hz == frequency)[0])
-    felt = RATES[kind][frequency][0][0] / 1000 * felt_per_mm(spectrum, kind)[k]
-    H = gain_of_filter(
-        spectrum.frequency_Hz, neuron.filter_centre_Hz, neuron.filter_quality, neuron.filter_order
-    )
-    return float(neuron.threshold_mV / neuron.resistance_GOhm / (felt * H[k]))
-
-
-def compared(spectrum: Spectrum, kind: str, neuron: Neuron) -> list[Row]:
-    """Return measured rates beside the model's."""
+def rates(site: Site, neuron: Neuron) -> list[Row]:
+    """Return and print monkeys' rates, spikes/s."""
     rows = []
-    for frequency, pairs in RATES[kind].items():
-        amplitudes, measured = map(list, zip(*pairs, strict=True))
-        model = rates_of(spectrum, kind, neuron, frequency, amplitudes)
-        for amplitude, rate, found in zip(amplitudes, measured, model, strict=True):
-            fitted = FITTED_HZ.get(kind) == frequency
-            rows.append(Row(kind, frequency, amplitude, rate, float(found), fitted))
+    for f, pairs in RATES[site.kind].items():
+        amplitudes, measured = zip(*pairs, strict=True)
+        model = f * site.cycles(neuron, f, amplitudes)
+        fitted = FITTED_HZ.get(site.kind) == f
+        found = [
+            Row(site.kind, "spikes/s", f, *values, fitted)
+            for values in zip(amplitudes, measured, model.tolist(), strict=True)
+        ]
+        away = np.sqrt(np.mean([(row.model - row.measured) ** 2 for row in found]))
+        told = ", ".join(
+            f"{row.amplitude_um:g} µm {row.measured:g} {row.model:.0f}" for row in found
+        )
+        what = "fitted" if fitted else "predicted"
+        print(f"{site.kind} {f:g} Hz, {what}: {told}; rms {away:.0f} spikes/s")
+        rows += found
     return rows
 
 
-def print_rows(rows: list[Row]) -> None:
-    """Print measured and model's rates, and how far they are apart."""
-    for kind in RATES:
-        own = [row for row in rows if row.kind == kind]
-        for frequency in RATES[kind]:
-            there = [row for row in own if row.frequency_Hz == frequency]
-            told = ", ".join(
-                f"{row.amplitude_um:g} µm {row.measured_Hz:g} {row.model_Hz:.0f}" for row in there
-            )
-            away = np.array([row.model_Hz - row.measured_Hz for row in there])
-            what = "fitted" if there[0].fitted else "predicted"
-            rms = np.sqrt(np.mean(away**2))
-            print(f"{kind} {frequency:g} Hz, {what}: {told}; rms {rms:.0f} spikes/s")
+def entrainment(site: Site, neuron: Neuron) -> list[Row]:
+    """Return and print the cycles of the afferent, of that gain which meets it best."""
+    levels = np.geomspace(1.0, 5000.0, 160)
+    _, gain, model = of_one(levels, site.cycles_of_one(neuron, ENTRAINMENT_HZ, levels))
+    rows = [
+        Row("RA", "entrainment", ENTRAINMENT_HZ, *pair, one, True)
+        for pair, one in zip(ENTRAINMENT, model.tolist(), strict=True)
+    ]
+    told = ", ".join(f"{row.amplitude_um:g} µm {row.measured:g} {row.model:.2f}" for row in rows)
+    print(f"RA entrainment at 40 Hz, gain {gain:.2f} times the median: {told} per cycle")
+    return rows
 
 
-def print_thresholds(spectrum: Spectrum, kind: str, neuron: Neuron) -> None:
+def cycles(site: Site, neuron: Neuron, where: str) -> list[Row]:
+    """Return and print humans' cycles; 125 µm is the amplitude, or from end to end."""
+    ends = {"amplitude": CYCLES_UM, "peak to peak": CYCLES_UM / 2}
+    found: dict[str, list[Row]] = {end: [] for end in ends}
+    for f, measured in CYCLES[site.kind].items():
+        model = site.cycles(neuron, f, list(ends.values())).tolist()
+        for (end, amplitude), one in zip(ends.items(), model, strict=True):
+            row = Row(site.kind, f"humans, {where}, {end}", f, amplitude, measured, one, False)
+            found[end].append(row)
+    for rows in found.values():
+        told = ", ".join(
+            f"{row.frequency_Hz:g} Hz {row.measured:g} {row.model:.2f}" for row in rows
+        )
+        print(f"{site.kind} {rows[0].what}, predicted: {told} per cycle")
+    return [row for rows in found.values() for row in rows]
+
+
+def print_amplitudes(spectrum: Spectrum, neurons: dict[str, Neuron]) -> None:
+    """Print the mean rates over amplitude and frequency."""
+    print("spikes/s at " + ", ".join(f"{a:g}" for a in AMPLITUDES_UM) + " µm")
+    for kind, neuron in neurons.items():
+        site = Site(spectrum, kind)
+        for f in (4.0, 16.0, 50.0, 100.0, 300.0):
+            told = " ".join(f"{f * c:.0f}" for c in site.cycles(neuron, f, AMPLITUDES_UM))
+            print(f"{kind} {f:g} Hz: {told}")
+
+
+def print_ramps(radius: float, share: np.ndarray, felt: np.ndarray, neuron: Neuron) -> None:
+    """Print spikes and shortest interval of the afferent of median gain in each ramp."""
+    told = []
+    for speed, count, shortest in RAMPS:
+        time_s = np.append(share * RAMPS_MM / speed, RAMPS_MM / speed + RAMP_HOLD_S)
+        fired = spikes(neuron, time_s, np.vstack([felt, felt[-1:]]))[0]
+        least = 1000 * np.diff(fired).min() if len(fired) > 1 else np.nan
+        told.append(f"{speed:g} mm/s {count} {len(fired)} {shortest:g} {least:.1f}")
+    print(f"RA ramps, radius {radius:g} mm, spikes and shortest interval (ms): {', '.join(told)}")
+
+
+def print_constants(kind: str, neuron: Neuron) -> None:
+    """Print the constants that thresholds and rates determine."""
+    print(
+        f"{kind}: f_0 {neuron.filter_centre_Hz:.0f} Hz, Q {neuron.filter_quality:.2f}, "
+        f"{neuron.filter_order} stages, gain {neuron.filter_gain_pA:.3g} pA per unit, its spread "
+        f"{neuron.gain_spread:.2g}, membrane {1000 * neuron.time_constant_s:.2g} ms, refractory "
+        f"{1000 * neuron.refractory_s:g} ms, threshold raised by {neuron.threshold_jump_mV:g} mV "
+        f"for {1000 * neuron.threshold_recovery_s:g} ms, other direction {neuron.filter_off:g}"
+    )
+
+
+def print_thresholds(site: Site, neuron: Neuron) -> None:
     """Print the shape of the thresholds, with their mean level that of the measured ones."""
-    measured = THRESHOLDS_UM[kind]
-    shape = dict(zip(spectrum.frequency_Hz, thresholds_of(spectrum, kind, neuron), strict=True))
+    measured, found = THRESHOLDS_UM[site.kind], thresholds_of(site, neuron)
+    shape = dict(zip(site.spectrum.frequency_Hz.tolist(), found.tolist(), strict=True))
     away = {f: np.log(shape[f] / value) for f, value in measured.items()}
     level = np.exp(np.mean(list(away.values())))
     told = ", ".join(f"{f} Hz {value:g} {shape[f] / level:.2g}" for f, value in measured.items())
     best = min(shape, key=lambda f: shape[f])
     spread = np.std(list(away.values()))
-    print(f"{kind} thresholds, µm (measured, shape): {told}; factor {np.exp(spread):.2f} rms")
-    print(f"{kind} best frequency: {best:g} Hz")
+    print(f"{site.kind} thresholds, µm (measured, shape): {told}; factor {np.exp(spread):.2f} rms")
+    print(f"{site.kind} best frequency: {best:g} Hz")
 
 
 if __name__ == "__main__":
