@@ -122,7 +122,9 @@ def main(
     for radius, spectrum in humans.items():
         for kind, neuron in neurons.items():
             rows += cycles(Site(spectrum, kind), neuron, f"radius {radius:g} mm")
-        rows += cycles(Site(spectrum, "SA1", -1), neurons["SA1"], f"rim, {radius:g} mm")
+    # Under the rim of the narrower probe; the wider one does not touch the skin as far out.
+    narrow = min(humans)
+    rows += cycles(Site(humans[narrow], "SA1", -1), neurons["SA1"], f"rim, {narrow:g} mm")
     print_amplitudes(monkeys, neurons)
     for radius, history in ramps.items():
         print_ramps(radius, *history, neurons["RA"])

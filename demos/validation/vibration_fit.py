@@ -28,11 +28,11 @@ FITTED_HZ = {"RA": 50.0, "PC": 100.0}
 # What is tried, one constant after the other; a raised threshold is relative refractoriness.
 _TRIED: dict[str, dict[str, tuple[float, ...]]] = {
     "RA": {
-        "threshold_jump_mV": (0.0, 120.0, 240.0, 480.0, 720.0, 960.0),
+        "threshold_jump_mV": (0.0, 240.0, 480.0, 600.0, 720.0, 960.0),
         "threshold_recovery_s": (0.002, 0.004, 0.005, 0.006, 0.008, 0.012),
         "capacitance_pF": (0.3, 0.6, 1.2, 3.0, 6.0, 12.0),
-        "refractory_s": (0.001, 0.002, 0.004),
-        "filter_off": (0.0, 0.1, 0.2, 0.4),
+        "refractory_s": (0.001, 0.0015, 0.002, 0.004),
+        "filter_off": (0.0, 0.1, 0.2, 0.3, 0.4),
     },
     "PC": {
         "threshold_jump_mV": (0.0, 240.0, 480.0, 960.0, 1920.0),
@@ -44,7 +44,8 @@ _TRIED: dict[str, dict[str, tuple[float, ...]]] = {
 _ROUNDS = 3
 # Weaker vibration evokes spikes in some of the cycles, by noise that the model does not have.
 ENTRAINED_UM = 28.0
-_GAINS, _SPREADS = np.geomspace(0.02, 20, 160), np.linspace(0.0, 1.5, 16)
+# Wider spreads fit hardly better.
+_GAINS, _SPREADS = np.geomspace(0.02, 20, 160), np.linspace(0.0, 0.9, 10)
 _NORMAL = quantiles(11)
 _PER_PERIOD = 1024  # samples of a rectified sine
 
