@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Measured and modelled rates under bar, spheres and grating
+# # Measured and modelled rates under bar, spheres, punch and grating
 #
 #     python demos/validation/rates_figure.py results/rates.png
 
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import recordings
 from calibrate import modelled
+from human_afferents import HumanAfferent
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from recordings import HOLD, RAMP, measured
@@ -22,10 +23,11 @@ BLUE, ORANGE, GREEN, INK = "#0072B2", "#D55E00", "#009E73", "#222222"
 
 # %%
 def main(picture: Path) -> None:
-    """Draw the three experiments side by side, with the default neuron."""
-    figure = Figure(figsize=(10, 3.4), layout="constrained")
-    panels = figure.subplots(1, 3)
-    for axes, draw in zip(panels, (_draw_bar, _draw_spheres, _draw_grating), strict=True):
+    """Draw the experiments side by side, with the default neuron."""
+    figure = Figure(figsize=(12, 3.4), layout="constrained")
+    panels = figure.subplots(1, 4)
+    drawings = _draw_bar, _draw_spheres, _draw_people, _draw_grating
+    for axes, draw in zip(panels, drawings, strict=True):
         draw(axes, Neuron(), DRIVES["sed"])
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_ylim(0, None)
@@ -59,6 +61,21 @@ def _draw_spheres(axes: Axes, neuron: Neuron, drive: Drive) -> None:
         axes.plot(curvature, rates, "o", color=color, mfc="white")
     axes.plot([], [], "o", color=INK, mfc="white", label="measured")
     axes.set(xlabel="Curvature of the sphere (1/m)", title="Spheres, first second, fitted")
+    axes.legend(frameon=False, fontsize=7)
+
+
+def _draw_people(axes: Axes, neuron: Neuron, drive: Drive) -> None:
+    for name, marker in (("b", "o"), ("a", "^")):
+        unit = HumanAfferent.of(drive, neuron, name, recordings.PUNCH_MM)
+        depth = measured(f"unit_{name}")["depth_mm"]
+        parts = zip(
+            unit.model_Hz, unit.measured_Hz, (ORANGE, BLUE), ("first 0.12", "late"), strict=True
+        )
+        for model, rates, color, label in parts:
+            axes.plot(depth, model, color=color)
+            told = f"{label} s, {name}" if label != "late" else f"0.5 to 0.95 s, {name}"
+            axes.plot(depth, rates, marker, color=color, mfc="white", label=told)
+    axes.set(xlabel="Depth of the punch (mm)", title="Two human afferents")
     axes.legend(frameon=False, fontsize=7)
 
 
