@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import (
     ExponentialSum,
+    Population,
     Response,
     current_at,
     load,
@@ -298,6 +299,22 @@ def test_a_hold_goes_on_adapting_for_seconds():
         assert response.mean_rate(start, start + 1.0) == pytest.approx(expected, abs=1.0)
     left = response.mean_rate(12.0, 13.0) / response.mean_rate(0.0, 1.0)
     assert (left > 0.5).all() and (left < 0.75).all()
+
+
+@pytest.mark.parametrize("n", [USUAL, GENERATOR, LOGARITHMIC], ids=name_of)
+def test_afferents_may_have_met_the_state_before(n):
+    """As if the first value had been held: the current is that of the longer history."""
+    time, sed = history()
+    sed[0] = 0.5
+    longer = np.append(time[0] - 3.0, time), np.vstack([sed[:1], sed])
+    (segment, *_) = transduction.held(transduction.transduction_of(n), 3.0).segments(time, sed)
+    expected = current_at(time[:1] + 1e-10, *longer, n)[0][segment.who]
+    assert segment.current_pA.at(1e-10) == pytest.approx(expected, rel=1e-6)
+    population = Population(neuron=n)
+    histories = {"time_s": time, "sed_kPa": sed}
+    adapted, fresh = population.held(3.0).fire(histories), population.fire(histories)
+    assert adapted.start_s == time[0] and min(times[0] for times in adapted.spikes) > time[0]
+    assert adapted.counts().sum() < fresh.counts().sum()
 
 
 def test_spikes_without_end_are_told_however_fine_the_samples():

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from synthetic import make_results
 
-from tactile_fem.neuron import DRIVES, Drive, Population
+from tactile_fem.neuron import DRIVES, Drive, Population, rate_of
 from tactile_fem.output.spectrum import spectrum_figure, write_vibration
-from tactile_fem.study import Study
+from tactile_fem.study import Neuron, Study
 from tactile_fem.vibration import Spectrum, unfelt
 
 PC = {"name": "PC", "kind": "PC"}
@@ -57,6 +57,14 @@ def test_a_fast_filter_does_not_answer_to_the_lines_between_samples():
     population = Population("fast", n, "indentation")
     below, above = (spectrum.rates_Hz(0, factor * rheobase_mm, population) for factor in (0.9, 1.2))
     assert below == 0 and above >= 10
+
+
+def test_rates_are_those_of_afferents_that_have_adapted_to_the_state():
+    n = Neuron()
+    (still,) = made_up().rates_Hz(0, 0.0, Population("fast", n))
+    S = n.compression_kPa * np.log1p(1.0 / n.compression_kPa)
+    left = 1 - n.fast_adaptation + n.adaptation * np.expm1(-60.0 / n.adaptation_time_s)
+    assert still == pytest.approx(rate_of(n.static_gain_pA_per_kPa * left * S, n), abs=1.0)
 
 
 def test_afferents_that_feel_something_else_have_no_rates_and_lose_none(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from tactile_fem.neuron.fields import STANDARD, Field
 from tactile_fem.neuron.membrane import Membrane, Variability
 from tactile_fem.neuron.response import Response
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
-from tactile_fem.neuron.transduction import transduction_of
+from tactile_fem.neuron.transduction import held, transduction_of
 
 Array = NDArray[Any]
 
@@ -118,6 +118,14 @@ class Population:
             return drive_of(self.feels)
         except StudyError as error:
             raise StudyError(f"afferents.{self.name}.feels: {error}") from None
+
+    def held(self, held_s: float) -> Population:
+        """Return the afferents as if the first state of a history had been held before, `held_s`.
+
+        Their transduction has adapted to it; their membranes are at rest.
+        """
+        own = self.transduction or transduction_of(self.neuron)
+        return replace(self, transduction=held(own, held_s))
 
     def fire(self, histories: Histories) -> Response:
         """Return the spikes of the afferents; raises what `respond` raises.

@@ -246,6 +246,28 @@ class BandPass:
         return self._gain * (np.maximum(y, 0.0) + self._off * np.maximum(-y, 0.0))
 
 
+class Held:
+    """Transduction of afferents that have met the first value of a history for `held_s` before.
+
+    Their membranes are at rest when the history begins.
+    """
+
+    def __init__(self, own: Transduction, held_s: float) -> None:
+        self._own, self._held_s = own, held_s
+
+    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
+        """Yield the current of the history, without that of the time before."""
+        time = np.append(time_s[0] - self._held_s, time_s)
+        for segment in self._own.segments(time, np.vstack([drive[:1], drive])):
+            if np.min(segment.start_s) >= time_s[0]:
+                yield segment
+
+
+def held(own: Transduction, held_s: float) -> Transduction:
+    """Return a transduction adapted to the first value; a band-pass has always met it."""
+    return own if isinstance(own, BandPass) else Held(own, held_s)
+
+
 _MODELS: dict[str, Callable[[Neuron], Transduction]] = {
     "hamasaki2020": StaticDynamic,
     "gerling2018": GeneratorFunction,

@@ -20,7 +20,8 @@ Array = NDArray[Any]
 _SAMPLES_PER_PERIOD = 24
 # Between samples lines are felt, whose kinks PC would answer to at low frequencies.
 _LONGEST_SAMPLE_S = 4e-4
-_SETTLING_S, _COUNTING_S = 0.25, 1.0  # membranes and adaptation settle before spikes are counted
+# Afferents have adapted to the state for a minute; membranes settle before spikes are counted.
+_HELD_S, _SETTLING_S, _COUNTING_S = 60.0, 0.25, 1.0
 
 
 class Archived:
@@ -125,8 +126,13 @@ class Spectrum(Archived):
         return rates
 
     def rates_Hz(self, k: int, amplitude_mm: float, population: Population) -> Array:
-        """Return the firing rates of a population's receptors at the k-th frequency, (own,)."""
-        fired = population.fire(self.histories(k, amplitude_mm, _SETTLING_S + _COUNTING_S))
+        """Return the firing rates of a population's receptors at the k-th frequency, (own,).
+
+        The afferents have adapted to the state, held for a minute.
+        """
+        fired = population.held(_HELD_S).fire(
+            self.histories(k, amplitude_mm, _SETTLING_S + _COUNTING_S)
+        )
         return np.array([np.sum(times > _SETTLING_S) / _COUNTING_S for times in fired.spikes])
 
     def write_table(self, path: Path, rates_Hz: Array, amplitude_mm: float) -> None:
