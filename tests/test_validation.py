@@ -148,6 +148,70 @@ def test_rates_are_drawn(tmp_path):
     assert (tmp_path / "rates.png").stat().st_size > 10_000
 
 
+def test_recorded_rates_on_textures_agree_with_all_that_is_asked_of_the_model():
+    with beside(DEMOS / "validation" / "textures.py"):
+        from texture_firing import recorded
+        from textures import CLAIMS
+
+        rates = recorded()
+    for claim in CLAIMS:
+        value = claim.of(rates[claim.kind], rates["SA1"])
+        assert claim.holds(value, value), claim.text
+        if claim.agrees == "order":
+            assert not claim.holds(claim.of(np.full(8, 50.0), rates["SA1"]), value)
+
+
+def test_a_kept_period_is_repeated():
+    with beside(DEMOS / "validation" / "texture_firing.py"):
+        from texture_firing import Kept, mean_rates
+
+        at = np.linspace(0, 3, 31)
+        wave = 0.2 + 0.15 * np.sin(2 * np.pi * at / 3)
+        drift = wave + 0.01 * at / 3
+        felt = np.column_stack([wave, drift, 0 * at])
+        kept = Kept("one", {"dots_3.slide_mm": at, "dots_3.sed_kPa": felt})
+        slide = np.array([0.75, 3.75, 30.75])
+        replayed = kept.replayed("dots_3", "sed_kPa", slide)
+        assert replayed[:, 0] == pytest.approx([0.35] * 3, abs=1e-4)
+        assert replayed[:, 1] == pytest.approx([0.36] * 3, abs=1e-4)  # as it is at the end
+        rates = mean_rates([kept], "SA1", 80.0, duration_s=1.5)
+    assert np.isfinite(rates).tolist() == [[name == "dots_3" for name in kept_names()]]
+    assert 1 < np.nanmean(rates) < 200
+
+
+def kept_names() -> list[str]:
+    """Return the surfaces in the order of their table."""
+    rows = table(DEMOS / "validation" / "measured" / "rates" / "textures.csv")
+    return [row["surface"] for row in rows]
+
+
+@pytest.mark.slow
+def test_textures(tmp_path):
+    output = run("validation/textures.py", str(tmp_path), "--speeds", "80", "--only", "SED")
+    rows = table(tmp_path / "rates.csv")
+    assert {row["surface"] for row in rows} == set(kept_names())
+    assert all(0 <= float(row["model_Hz"]) < 300 for row in rows)
+    assert (
+        0 < number(r"SA1: 2 mm dots over 3 mm grating \(ratio\) \| 6\.50 \| ([\d.]+)", output) < 4
+    )
+    assert (tmp_path / "textures.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_what_textures_are_felt_as(tmp_path):
+    way = ["--kind", "section", "--preset", "coarse", "--surfaces", "grating_3"]
+    command = "validation/texture_histories.py", str(tmp_path), *way, "--conditions", "0.2,0.01"
+    output = run(*command)
+    assert number(r"grating_3: force ([\d.]+) N", output) == pytest.approx(0.01, rel=0.1)
+    kept = np.load(tmp_path / "section_coarse_0.2mm_0.01N.npz")
+    sed = kept["grating_3.sed_kPa"]
+    assert kept["grating_3.slide_mm"][[0, -1]] == pytest.approx([0, 3], abs=1e-5)
+    assert sed[0] == pytest.approx(sed[-1], rel=0.1, abs=0.1 * sed.std())
+    assert (kept["grating_3.cluster_sed_kPa"] > 0.9 * sed).all()
+    assert run(*command) == ""  # what exists is not computed again
+
+
 @pytest.mark.slow
 @needs_gmsh
 def test_strains(tmp_path):
