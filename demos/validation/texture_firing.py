@@ -17,7 +17,7 @@ from typing import Any, Self
 
 import numpy as np
 import recordings
-from calibrate import LAWS, explained
+from calibrate import LAWS, Law, explained
 from compare_laws import COMPARED, started
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -35,11 +35,11 @@ SURFACES = {
 }
 HISTORIES = recordings.HISTORIES / "textures"
 KINDS = {"SA1": "sed_kPa", "RA": "shortening", "PC": "moved_mm"}
-# Seconds of a slide, of which the first are not counted; between samples, by kind.
-DURATION_S, NOT_COUNTED_S = 3.0, 1.0
+# Seconds of a slide, of which the first is not counted, and between samples.
+DURATION_S, NOT_COUNTED_S = {"SA1": 3.0, "RA": 2.0, "PC": 2.0}, 1.0
 STEP_S = {"SA1": 1e-3, "RA": 1e-3, "PC": 2.5e-4}
 # Afferents at each place: those of RA and PC differ in gain.
-COPIES = {"SA1": 1, "RA": 4, "PC": 8}
+COPIES = {"SA1": 1, "RA": 4, "PC": 6}
 APART_MM = 0.5
 
 
@@ -122,7 +122,7 @@ def mean_rates(
     *,
     key: str = "",
     neuron: Neuron | None = None,
-    duration_s: float = DURATION_S,
+    duration_s: float | None = None,
 ) -> Array:
     """Return the mean rates of afferents, spikes/s, (files, surfaces); nan for what is not kept.
 
@@ -143,6 +143,7 @@ def mean_rates(
     duration_s
         Of the slide; the first second is not counted.
     """
+    duration_s = duration_s or DURATION_S[kind]
     time = np.arange(0.0, duration_s + 1e-9, STEP_S[kind])
     places = [
         (i, j) for i, one in enumerate(some) for j, s in enumerate(SURFACES) if s in one.surfaces
@@ -185,13 +186,32 @@ class Felt:
     calibrated: Drive
     spheres: bool = True
 
-    def neuron(self) -> tuple[Neuron, float, float]:
-        """Return the fitted neuron, and R2 of bar and of spheres."""
-        bar, spheres = [recordings.bar(self.calibrated)], recordings.spheres(self.calibrated)
-        known = bar + spheres if self.spheres else bar
-        fitted = started(LAWS["logarithmic"], spheres if self.spheres else bar)
-        neuron = fitted.fitted_quietly(known)[0].neuron
-        return neuron, explained(bar, neuron), explained(spheres, neuron)
+    def fitted(self, linear: bool = False) -> tuple[Neuron, float, float]:
+        """Return the neuron of the law, or of one without compression, and R2 of bar and spheres.
+
+        Equal drives are fitted once.
+        """
+        return _fitted(self.calibrated, self.spheres, linear)
+
+
+@cache
+def _fitted(drive: Drive, with_spheres: bool, linear: bool) -> tuple[Neuron, float, float]:
+    bar, spheres = [recordings.bar(drive)], recordings.spheres(drive)
+    known = bar + spheres if with_spheres else bar
+    law = started(LAWS["logarithmic"], spheres if with_spheres else bar)
+    neuron = (without_compression(law) if linear else law).fitted_quietly(known)[0].neuron
+    return neuron, explained(bar, neuron), explained(spheres, neuron)
+
+
+def without_compression(law: Law) -> Law:
+    """Return a law whose compression begins far above all drives, with about the same currents."""
+    scale = 1e4 * law.neuron.compression_kPa
+    changes = {
+        "compression_kPa": scale,
+        "static_gain_pA_per_kPa": 30 * law.neuron.static_gain_pA_per_kPa / 1e3,
+    }
+    free = tuple(name for name in law.free if name != "compression_kPa")
+    return Law(law.neuron.model_copy(update=changes), free)
 
 
 def difference(label: str, unit: str, of: Callable[[Any], Array]) -> Drive:

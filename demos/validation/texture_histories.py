@@ -158,9 +158,11 @@ def felt(results: Results, period_mm: float) -> dict[str, Array]:
 
 
 def add(path: Path, surface: str, arrays: dict[str, Array]) -> None:
-    """Add a surface to a file, in single precision rounded to four digits."""
+    """Add a surface to a file, in single precision; all but movements with fewer digits."""
     kept = stored(path)
-    kept |= {f"{surface}.{key}": rounded(values) for key, values in arrays.items()}
+    for key, values in arrays.items():
+        shorter = values if key == "moved_mm" else rounded(values)
+        kept[f"{surface}.{key}"] = shorter.astype(np.float32)
     with atomic_write(path) as part, part.open("wb") as stream:
         np.savez_compressed(stream, **kept)
 
@@ -174,9 +176,9 @@ def stored(path: Path) -> dict[str, Array]:
 
 
 def rounded(values: Array) -> Array:
-    """Return values in single precision without the last bits, which would not be compressed."""
+    """Return values to 12 bits, which are compressed well."""
     mantissa, exponent = np.frexp(values)
-    return np.ldexp(np.round(mantissa * 2**13) / 2**13, exponent).astype(np.float32)
+    return np.ldexp(np.round(mantissa * 2**12) / 2**12, exponent)
 
 
 # %%

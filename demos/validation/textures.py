@@ -18,6 +18,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -38,11 +39,12 @@ from tactile_fem import run_script, write_table
 
 NAMES = tuple(SURFACES)
 GRATINGS, DOTS = slice(0, 4), slice(4, 8)
-BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#222222", "#9A9A9A"
+BLUE, ORANGE, INK, GREY = "#0072B2", "#D55E00", "#222222", "#9A9A9A"
 LEVEL = 1.3  # the largest rate over the smallest, if rates are level; recorded: 1.2
 FACTOR = 2.0  # within which a ratio agrees
 FINE, COARSE = "solid_medium_0.5mm_0.3N", "solid_coarse_0.5mm_0.3N"
 DRIVES_MM_S = 80.0
+SHARPEST = "difference of stretch", "linear"
 
 # Rates, spikes/s, (speeds, files, surfaces), by kind.
 RatesOf = dict[str, Array]
@@ -61,17 +63,41 @@ class Rate:
 
 
 @dataclass(frozen=True)
-class Separation:
-    """What SA1 afferents with a drive make of a grating of 3 mm and dots 2 mm apart."""
+class Driven:
+    """Rates of SA1 afferents that respond to a drive, by a law that is fitted to bar and spheres.
+
+    Attributes
+    ----------
+    drive, law
+        What they respond to; compressed or linear.
+    r2_bar, r2_spheres
+        Share of the variance that the law explains there.
+    histories
+        Name of the file.
+    rates
+        Spikes/s, (8,), nan for what is not kept.
+    ratio_of_drive
+        Mean drive on dots 2 mm apart over that on a grating of 3 mm.
+    """
 
     drive: str
+    law: str
     r2_bar: float
     r2_spheres: float
     histories: str
-    grating_3_Hz: float
-    dots_2_Hz: float
-    ratio: float
+    rates: Array
     ratio_of_drive: float
+
+    @property
+    def ratio(self) -> float:
+        """Rate on dots 2 mm apart over that on a grating of 3 mm."""
+        return ratio("dots_2", "grating_3")(self.rates, self.rates)
+
+    def row(self) -> dict[str, str | float]:
+        """Return what a table says of it."""
+        rates = {f"{name}_Hz": rate for name, rate in zip(NAMES, self.rates, strict=True)}
+        known = {key: value for key, value in vars(self).items() if key != "rates"}
+        return known | {"ratio": self.ratio} | rates
 
 
 # %% [markdown]
@@ -147,7 +173,7 @@ CLAIMS = (
     ),
     Claim("RA: 2 and 3 mm dots over all others", "RA", most_at("dots_2", "dots_3"), "order"),
     Claim("PC: gratings, most over least", "PC", spread(GRATINGS), "level"),
-    Claim("PC: dots, most over least", "PC", spread(DOTS), "level"),
+    Claim("PC: dots from 3 mm on, most over least", "PC", spread(slice(4, 7)), "level"),
     Claim(
         "PC over SA1, mean", "PC", lambda rates, sa1: float((rates / floored(sa1)).mean()), "ratio"
     ),
@@ -184,10 +210,10 @@ def main(
     chosen = [kept.index(one) for one in solid]
     print_claims({kind: each[:, chosen] for kind, each in rates.items()}, solid, speeds)
     felt = {name: one for name, one in drives().items() if not only or name in only}
-    separations = list(separated(felt, solid))
-    write_table(folder / "drives.csv", separations)
-    print_separations(separations)
-    draw(folder / "textures.png", {k: r[:, chosen] for k, r in rates.items()}, solid, separations)
+    driven = list(by_drive(felt, solid))
+    write_table(folder / "drives.csv", [one.row() for one in driven])
+    print_drives(driven, solid[middle_of(solid)].name)
+    draw(folder / "textures.png", {k: r[:, chosen] for k, r in rates.items()}, solid, driven)
 
 
 def rows_of(rates: RatesOf, kept: Sequence[Kept], speeds: Sequence[float]) -> Iterator[Rate]:
@@ -233,78 +259,94 @@ def print_claims(rates: RatesOf, kept: Sequence[Kept], speeds: Sequence[float]) 
 
 
 # %% [markdown]
-# Each drive has its own gain, compression and adaptation, fitted to bar and spheres. Points of a
-# cluster share those of the average over 0.25 mm.
+# Each drive has its own gain, compression and adaptation, fitted to bar and spheres, once with
+# compression and once without. Points of a cluster share the constants of the average over
+# 0.25 mm. A difference is zero under the middle of a sphere, so it is fitted to the bar alone.
 
 
 # %%
-def separated(felt: dict[str, Felt], kept: Sequence[Kept]) -> Iterator[Separation]:
-    """Yield the rates of every drive on both surfaces, at 80 mm/s."""
+def by_drive(felt: dict[str, Felt], kept: Sequence[Kept]) -> Iterator[Driven]:
+    """Yield the rates of every drive at 80 mm/s."""
     both = [one for one in kept if {"grating_3", "dots_2"} <= set(one.surfaces)]
-    i, j = NAMES.index("grating_3"), NAMES.index("dots_2")
     for name, drive in felt.items():
-        neuron, bar, spheres = drive.neuron()
-        rates = mean_rates(both, "SA1", DRIVES_MM_S, key=drive.key, neuron=neuron)
-        for one, own in zip(both, rates, strict=True):
-            grating, dots = own[i], own[j]
-            means = [one.get(surface, drive.key).mean() for surface in ("dots_2", "grating_3")]
-            yield Separation(
-                name,
-                bar,
-                spheres,
-                one.name,
-                float(grating),
-                float(dots),
-                float(dots / max(grating, 0.1)),
-                float(means[0] / means[1]),
-            )
+        for linear in (False, True):
+            neuron, *r2 = drive.fitted(linear)
+            rates = mean_rates(both, "SA1", DRIVES_MM_S, key=drive.key, neuron=neuron)
+            law = "linear" if linear else "compressed"
+            for one, own in zip(both, rates, strict=True):
+                dots, grating = (one.get(on, drive.key).mean() for on in ("dots_2", "grating_3"))
+                yield Driven(name, law, *r2, one.name, own, float(dots / grating))
 
 
-def print_separations(rows: Sequence[Separation]) -> None:
-    """Print what each drive makes of the two surfaces, in all conditions and at best."""
-    target = dict(zip(NAMES, recorded()["SA1"], strict=True))
-    wanted = target["dots_2"] / target["grating_3"]
+def print_drives(some: Sequence[Driven], middle: str) -> None:
+    """Print rates in the middle condition by each drive, and a ratio in all conditions."""
+    target = recorded()["SA1"]
     print(
-        f"\nSA1, 2 mm dots over 3 mm grating at {DRIVES_MM_S:g} mm/s; recorded "
-        f"{target['dots_2']:g} / {target['grating_3']:g} = {wanted:.1f}"
+        f"\n{f'SA1 by drive, {middle}, {DRIVES_MM_S:g} mm/s':60s}"
+        + "".join(f"{n:>11s}" for n in NAMES)
     )
-    for name in dict.fromkeys(row.drive for row in rows):
-        own = [row for row in rows if row.drive == name]
-        each = ", ".join(
-            f"{row.histories.removeprefix('solid_')} {row.dots_2_Hz:.0f}/{row.grating_3_Hz:.0f} = "
-            f"{row.ratio:.1f} (drive {row.ratio_of_drive:.1f})"
-            for row in own
-        )
-        print(f"{name} (R2 of bar {own[0].r2_bar:.2f}, spheres {own[0].r2_spheres:.2f}): {each}")
+    print(f"{'recorded':60s}" + "".join(f"{rate:11.0f}" for rate in target))
+    for one in some:
+        if one.histories == middle:
+            of = (
+                f"{one.drive}, {one.law} (R2 of bar {one.r2_bar:.2f}, spheres {one.r2_spheres:.2f})"
+            )
+            print(f"{of:60s}" + "".join(f"{rate:11.0f}" for rate in one.rates))
+    wanted = ratio("dots_2", "grating_3")(target, target)
+    each = ", ".join(dict.fromkeys(one.histories for one in some))
+    print(f"\n2 mm dots over 3 mm grating; recorded {wanted:.1f}; in {each}")
+    for name in dict.fromkeys(one.drive for one in some):
+        for law in ("compressed", "linear"):
+            own = [one for one in some if (one.drive, one.law) == (name, law)]
+            each = ", ".join(f"{one.ratio:.1f} (drive {one.ratio_of_drive:.1f})" for one in own)
+            print(f"{name}, {law}: {each}")
 
 
 # %%
-def draw(picture: Path, rates: RatesOf, kept: Sequence[Kept], rows: Sequence[Separation]) -> None:
+def draw(picture: Path, rates: RatesOf, kept: Sequence[Kept], driven: Sequence[Driven]) -> None:
     """Draw rates beside recorded ones, and the ratios that drives make."""
-    figure = Figure(figsize=(11, 3.6), layout="constrained")
+    figure = Figure(figsize=(12, 3.8), layout="constrained")
     *panels, last = figure.subplots(1, 4, width_ratios=(1, 1, 1, 1.1))
+    middle = middle_of(kept)
     for axes, kind in zip(panels, KINDS, strict=True):
-        draw_kind(axes, rates[kind], kept, recorded()[kind])
+        draw_kind(axes, rates[kind], middle, recorded()[kind])
         axes.set_title(kind)
     panels[0].set_ylabel("Mean rate (spikes/s)")
+    for one in driven:
+        shown = (one.drive, one.law, one.histories) == (*SHARPEST, kept[middle].name)
+        if shown:
+            label = f"{one.drive}, {one.law}"
+            draw_line(panels[0], one.rates, "^:", color=ORANGE, ms=4, label=label)
     panels[0].legend(frameon=False, fontsize=7, loc="upper left")
-    draw_separations(last, rows)
+    panels[0].set_ylim(0, 1.5 * panels[0].get_ylim()[1])
+    draw_drives(last, driven, kept[middle].name)
     figure.savefig(picture, dpi=120)
 
 
-def draw_kind(axes: Axes, rates: Array, kept: Sequence[Kept], target: Array) -> None:
-    """Draw the range of the rates, those of the middle condition and the recorded ones."""
-    names = [one.name for one in kept]
-    middle = names.index(FINE if FINE in names else names[0])
+def middle_of(kept: Sequence[Kept]) -> int:
+    """Return the file of the middle height and force, of the finer mesh if it has all surfaces."""
+    names = [one.name for one in kept if len(one.surfaces) == len(NAMES)]
+    chosen = next((name for name in (FINE, COARSE) if name in names), kept[0].name)
+    return [one.name for one in kept].index(chosen)
+
+
+def draw_line(axes: Axes, rates: Array, style: str, label: str, **how: Any) -> None:
+    """Draw rates on gratings and on dots as two lines."""
     for number, part in enumerate((GRATINGS, DOTS)):
         at = np.arange(8)[part] + number
-        own = rates[:, :, part].reshape(-1, 4)
-        low, high = np.nanmin(own, axis=0), np.nanmax(own, axis=0)
-        labels = ("all heights, forces, speeds", "0.5 mm, 0.3 N", "recorded")
-        labels = labels if not number else (None, None, None)
-        axes.fill_between(at, low, high, color=BLUE, alpha=0.2, lw=0, label=labels[0])
-        axes.plot(at, np.nanmean(rates[:, middle, part], axis=0), "s-", color=BLUE, label=labels[1])
-        axes.plot(at, target[part], "o--", color=INK, mfc="white", label=labels[2])
+        axes.plot(at, rates[part], style, label="" if number else label, **how)
+
+
+def draw_kind(axes: Axes, rates: Array, middle: int, target: Array) -> None:
+    """Draw the range of the rates, those of the middle condition and the recorded ones."""
+    every = rates.reshape(-1, 8)
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    for number, part in enumerate((GRATINGS, DOTS)):
+        at = np.arange(8)[part] + number
+        label = "" if number else "all heights, forces, speeds"
+        axes.fill_between(at, low[part], high[part], color=BLUE, alpha=0.2, lw=0, label=label)
+    draw_line(axes, rates[:, middle].mean(axis=0), "s-", color=BLUE, label="0.5 mm, 0.3 N")
+    draw_line(axes, target, "o--", color=INK, mfc="white", label="recorded")
     periods = [name.split("_")[1] for name in NAMES]
     axes.set_xticks([0, 1, 2, 3, 5, 6, 7, 8], periods)
     axes.set_xlabel("Period (mm): gratings, dots")
@@ -312,17 +354,19 @@ def draw_kind(axes: Axes, rates: Array, kept: Sequence[Kept], target: Array) -> 
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def draw_separations(axes: Axes, rows: Sequence[Separation]) -> None:
+def draw_drives(axes: Axes, driven: Sequence[Driven], middle: str) -> None:
     """Draw for each drive the ratio of rates in all conditions."""
-    names = list(dict.fromkeys(row.drive for row in rows))
-    for row in rows:
-        fine = row.histories == FINE
-        style = {"color": BLUE, "ms": 6} if fine else {"color": GREY, "ms": 4}
-        axes.plot(
-            max(row.ratio, 0.1), names.index(row.drive), "o", zorder=3 if fine else 2, **style
-        )
+    names = list(dict.fromkeys(one.drive for one in driven))
+    for one in driven:
+        color = BLUE if one.histories == middle else GREY
+        face = color if one.law == "compressed" else "white"
+        at = names.index(one.drive) + (0.15 if one.law == "linear" else -0.15)
+        axes.plot(one.ratio, at, "o", ms=5, color=color, mfc=face, zorder=3 if color == BLUE else 2)
     target = dict(zip(NAMES, recorded()["SA1"], strict=True))
     axes.axvline(target["dots_2"] / target["grating_3"], color=INK, ls="--")
+    axes.plot([], [], "o", color=GREY, label="compressed")
+    axes.plot([], [], "o", color=GREY, mfc="white", label="linear")
+    axes.legend(frameon=False, fontsize=7)
     axes.set(xscale="log", title="SA1 by their drive")
     axes.set_xlabel("Rate on 2 mm dots over 3 mm grating")
     axes.set_yticks(range(len(names)), names, fontsize=8)
