@@ -34,6 +34,7 @@ from tactile_fem.simulation.run import resume, scan
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import (
     Finger,
+    Neuron,
     Output,
     Plate,
     Polynomial,
@@ -200,10 +201,9 @@ def test_another_mesh_file_of_the_same_name_is_told(study, cut, small_finger, tm
 
 def test_what_comes_after_the_mechanics_may_change(cut):
     path = cut / "study.toml"
-    changed = path.read_text().replace(
-        "static_gain_pA_per_kPa = 9740.0", "static_gain_pA_per_kPa = 1e7"
-    )
-    path.write_text(changed)
+    gain = f"static_gain_pA_per_kPa = {Neuron().static_gain_pA_per_kPa}"
+    assert gain in path.read_text()
+    path.write_text(path.read_text().replace(gain, "static_gain_pA_per_kPa = 1e7"))
     assert resume(cut).response.counts().sum() > 0
 
 

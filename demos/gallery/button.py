@@ -7,7 +7,7 @@ with an arrow engraved 0.6 mm deep that points along the finger. Its edges evoke
 
 .. figure:: /pictures/button.png
 
-   Two rows of spikes lie along the edges of the shaft, two meet at the tip of the head, 180
+   Two rows of spikes lie along the edges of the shaft, two meet at the tip of the head, 209
    spikes in all. The normal force falls from 0.127 to 0.082 N over the arrow.
 
 Expected time: 5 minutes on one core. It needs the extras ``mesh`` and ``cad``.
