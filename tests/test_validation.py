@@ -251,12 +251,12 @@ def test_afferents_have_adapted_to_the_hold_before_a_vibration():
 
     neuron = Neuron(adaptation=0.5, adaptation_time_s=10.0)
     time_s, felt = np.array([0.0, 0.1, 0.3]), np.array([[1.0], [1.5], [1.0]])
-    held = list(Held(neuron).segments(time_s, felt))
+    held = list(Held(neuron, [2.0]).segments(time_s, felt))
     before = np.append(-HELD_S, time_s), np.vstack([felt[:1], felt])
     whole = current_at(np.array([0.05, 0.2]), *before, neuron)
     for at, wanted in zip((0.05, 0.2), whole, strict=True):
         start, _, current, _ = [one for one in held if np.min(one.start_s) <= at][-1]
-        assert current.at(at - start) == pytest.approx(wanted, rel=1e-12)
+        assert current.at(at - start) == pytest.approx(wanted / 2.0, rel=1e-12)
     assert held[0].start_s == 0.0
 
 
@@ -266,8 +266,10 @@ def test_cycles_of_afferents_are_means_over_gains_of_whole_cycles():
 
         site = vibrating("RA")
         ra = Study.model_validate({"afferents": [{"name": "RA", "kind": "RA"}]}).afferents[0].neuron
-        gains = np.exp(ra.gain_spread * quantiles(11))
-        each = [site.cycles_of_one(ra, 20.0, [100.0 * gain])[0] for gain in gains]
+        each = [
+            site.cycles_of_one(ra, 20.0, [100.0 * gain])[0]
+            for gain in quantiles(ra.gain_spread, 11)
+        ]
         assert site.cycles(ra, 20.0, [100.0]) == pytest.approx(np.mean(each), abs=0.02)
         assert site.cycles(ra, 20.0, [0.0, 1e4])[1] > 1 > site.cycles(ra, 20.0, [0.0])[0]
 

@@ -74,6 +74,8 @@ def main(
     ramp: float = RAMPS_MM,
     hold: float = 2.0,
     fit: bool = True,
+    gain_spread: float | None = None,
+    threshold_spread: float | None = None,
 ) -> None:
     """Press probes, let them vibrate, fit RA and PC and print what is predicted.
 
@@ -89,6 +91,8 @@ def main(
         How long a probe is held before, s, in tissue that relaxes.
     fit
         Fit RA and PC; otherwise they have the defaults.
+    gain_spread, threshold_spread
+        Between SA1 afferents, in place of the defaults.
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     held = Hold(time_s=hold)
@@ -111,6 +115,9 @@ def main(
         for radius in RAMP_RADII_MM
     }
     neurons = defaults()
+    spreads = {"gain_spread": gain_spread, "threshold_spread": threshold_spread}
+    changes = {name: value for name, value in spreads.items() if value is not None}
+    neurons["SA1"] = neurons["SA1"].model_copy(update=changes)
     for kind in THRESHOLDS_UM:
         site = Site(monkeys, kind)
         if fit:

@@ -31,45 +31,41 @@ _FELT = Drive("Felt", "1", lambda histories: histories["felt"])
 class Held:
     """Transduction of afferents that have met the first value of the drive for `HELD_S` before.
 
+    `thresholds` (n,) are factors of the thresholds of the afferents, as with `threshold_spread`.
     Their membranes are at rest when the history begins.
     """
 
-    def __init__(self, neuron: Neuron) -> None:
-        self._own = transduction_of(neuron)
+    def __init__(self, neuron: Neuron, thresholds: ArrayLike) -> None:
+        self._own, self._sensitivity = transduction_of(neuron), 1 / np.asarray(thresholds)
+        # A band-pass has always met the first value.
+        self._held_s = 0.0 if neuron.model == "band_pass" else HELD_S
 
     def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
         """Yield the current of the history, without the hold."""
-        time = np.append(time_s[0] - HELD_S, time_s)
-        for segment in self._own.segments(time, np.vstack([drive[:1], drive])):
-            if np.min(segment.start_s) >= time_s[0]:
-                yield segment
+        start = time_s[0]
+        if self._held_s:
+            time_s = np.append(start - self._held_s, time_s)
+            drive = np.vstack([drive[:1], drive])
+        for segment in self._own.segments(time_s, drive):
+            if np.min(segment.start_s) >= start:
+                current = segment.current_pA.scaled(self._sensitivity[segment.who])
+                yield segment._replace(current_pA=current)
 
 
-def quantiles(count: int) -> Array:
-    """Return the middles of equally probable parts of the normal distribution."""
-    return norm.ppf((np.arange(count) + 0.5) / count)
+def quantiles(spread: float, count: int) -> Array:
+    """Return factors that are equally probable if their logarithm has a standard deviation."""
+    return np.exp(spread * norm.ppf((np.arange(count) + 0.5) / count)) if spread else np.ones(1)
 
 
-def spikes(neuron: Neuron, time_s: Array, felt: Array) -> list[Array]:
-    """Return the spikes of single afferents, with neither spread, for each column of `felt`."""
-    median = neuron.model_copy(update={"gain_spread": 0.0})
-    # A band-pass has always met the first value.
-    transduction = None if neuron.model == "band_pass" else Held(median)
+def spikes(neuron: Neuron, time_s: Array, felt: Array, thresholds: ArrayLike = 1.0) -> list[Array]:
+    """Return the spikes of single afferents, with neither spread, for each column of `felt`.
+
+    `thresholds` are factors, one or (columns,).
+    """
+    median = neuron.model_copy(update={"gain_spread": 0.0, "threshold_spread": 0.0})
+    transduction = Held(median, np.broadcast_to(thresholds, felt.shape[1]))
     fired = Population("one", median, _FELT, transduction).fire({"time_s": time_s, "felt": felt})
     return fired.spikes
-
-
-def thresholds(neuron: Neuron) -> list[Neuron]:
-    """Return afferents of equally probable thresholds."""
-    spread = getattr(neuron, "threshold_spread", 0.0)
-    if not spread:
-        return [neuron]
-    factors = np.exp(spread * quantiles(_THRESHOLDS))
-    changes = [
-        {"threshold_mV": neuron.threshold_mV * factor, "threshold_spread": 0.0}
-        for factor in factors.tolist()
-    ]
-    return [neuron.model_copy(update=change) for change in changes]
 
 
 @dataclass(frozen=True)
@@ -116,22 +112,29 @@ class Site:
         )
 
     def cycles_of_one(
-        self, neuron: Neuron, frequency_Hz: float, amplitudes_um: ArrayLike, gains: ArrayLike = 1.0
+        self,
+        neuron: Neuron,
+        frequency_Hz: float,
+        amplitudes_um: ArrayLike,
+        gains: ArrayLike = 1.0,
+        thresholds: ArrayLike = 1.0,
     ) -> Array:
         """Return the spikes per cycle of single afferents, (amplitudes,).
 
-        `gains` are factors of the drive, one or (amplitudes,).
+        `gains` are factors of the drive, `thresholds` of the threshold; one or (amplitudes,).
         """
         f = frequency_Hz
         settling, counted = (max(n, np.ceil(f * s)) for n, s in (_SETTLING, _COUNTING))
         time_s, felt = self.felt(f, amplitudes_um, (settling + counted) / f)
-        fired = spikes(neuron, time_s, felt * np.asarray(gains))
+        fired = spikes(neuron, time_s, felt * np.asarray(gains), thresholds)
         return np.array([np.sum(times > settling / f) for times in fired]) / counted
 
     def cycles(self, neuron: Neuron, frequency_Hz: float, amplitudes_um: ArrayLike) -> Array:
         """Return the mean spikes per cycle of afferents with both spreads, (amplitudes,)."""
-        gains = np.exp(neuron.gain_spread * quantiles(_GAINS)) if neuron.gain_spread else np.ones(1)
-        amplitudes = np.asarray(amplitudes_um, dtype=float)
-        each, gain = np.repeat(amplitudes, len(gains)), np.tile(gains, len(amplitudes))
-        of_one = [self.cycles_of_one(one, frequency_Hz, each, gain) for one in thresholds(neuron)]
-        return np.mean(of_one, axis=0).reshape(len(amplitudes), -1).mean(axis=1)
+        gains = quantiles(neuron.gain_spread, _GAINS)
+        thresholds = quantiles(neuron.threshold_spread, _THRESHOLDS)
+        each = np.meshgrid(amplitudes_um, gains, thresholds, indexing="ij")
+        columns = [values.ravel() for values in each]
+        return (
+            self.cycles_of_one(neuron, frequency_Hz, *columns).reshape(each[0].shape).mean((1, 2))
+        )

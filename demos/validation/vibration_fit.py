@@ -46,7 +46,6 @@ _ROUNDS = 3
 ENTRAINED_UM = 28.0
 # Wider spreads fit hardly better.
 _GAINS, _SPREADS = np.geomspace(0.02, 20, 160), np.linspace(0.0, 0.9, 10)
-_NORMAL = quantiles(11)
 _PER_PERIOD = 1024  # samples of a rectified sine
 
 
@@ -131,7 +130,7 @@ def of_means(
     """Return mean square deviation, factor of the gain and its spread of the best means."""
     best = np.inf, 1.0, 0.0
     for spread in _SPREADS:
-        each = _GAINS[:, None, None] * amplitudes[:, None] * np.exp(spread * _NORMAL)
+        each = _GAINS[:, None, None] * amplitudes[:, None] * quantiles(spread, 11)
         mean = np.interp(np.log(each), np.log(levels), cycles).mean(axis=-1)
         away = ((mean - measured) ** 2).mean(axis=1)
         k = int(away.argmin())
