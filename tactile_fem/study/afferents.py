@@ -14,22 +14,24 @@ if TYPE_CHECKING:
     from tactile_fem.neuron import Population
 
 # Defaults of a kind that differ from those of SA1. Densities: Johansson and Vallbo 1979 (RA 140, PC
-# 21 per cm2). RA end in dermal papillae, PC at about 2 mm depth. Filters, gains, spread and
-# refractoriness: demos/validation/vibration.py. Membrane times of 5 and 1.5 ms: of published models
-# (touchSim).
+# 21 per cm2). RA end in dermal papillae, PC at about 2 mm depth. Filters, membranes, gains, spread
+# and refractoriness are fitted to thresholds and rates of monkeys' afferents, those of RA also to
+# their entrainment (Talbot et al. 1968): demos/validation/vibration.py.
 _KINDS: dict[str, dict[str, Any]] = {
     "RA": {
         "feels": "compression",
         "receptors": {"density_per_cm2": 140.0, "side": "dermis"},
         "neuron": {
             "model": "band_pass",
-            "filter_centre_Hz": 49.0,
-            "filter_quality": 0.5,
+            "filter_centre_Hz": 35.0,
+            "filter_quality": 0.32,
             "filter_order": 1,
-            "filter_gain_pA": 3290.0,
-            "filter_off": 0.4,
-            "capacitance_pF": 3.0,
-            "refractory_s": 0.006,
+            "filter_gain_pA": 5000.0,
+            "filter_off": 0.2,
+            "capacitance_pF": 0.3,
+            "refractory_s": 0.001,
+            "threshold_jump_mV": 600.0,
+            "threshold_recovery_s": 0.006,
             "gain_spread": 0.9,
             "threshold_noise": 0.1,
         },
@@ -39,16 +41,16 @@ _KINDS: dict[str, dict[str, Any]] = {
         "receptors": {"density_per_cm2": 21.0, "below_skin_mm": 2.0, "side": "subcutaneous"},
         "neuron": {
             "model": "band_pass",
-            "filter_centre_Hz": 465.0,
-            "filter_quality": 0.82,
+            "filter_centre_Hz": 354.0,
+            "filter_quality": 0.68,
             "filter_order": 2,
-            "filter_gain_pA": 398000.0,
+            "filter_gain_pA": 182000.0,
             "filter_off": 0.0,
-            "capacitance_pF": 0.9,
+            "capacitance_pF": 0.3,
             "refractory_s": 0.003,
-            "threshold_jump_mV": 960.0,
+            "threshold_jump_mV": 1920.0,
             "threshold_recovery_s": 0.004,
-            "gain_spread": 0.6,
+            "gain_spread": 0.5,
             "threshold_noise": 0.1,
         },
     },
