@@ -10,7 +10,6 @@ import pytest
 from needs import needs_gmsh
 from scripts import DEMOS, SMALL, beside, imports, number, run
 
-from tactile_fem.neuron import current_at
 from tactile_fem.study import Neuron, Study
 
 
@@ -243,21 +242,6 @@ def vibrating(kind):
         still_stretches=rest + 1.0,
     )
     return Site(spectrum, kind)
-
-
-def test_afferents_have_adapted_to_the_hold_before_a_vibration():
-    with beside(DEMOS / "validation" / "vibration.py"):
-        from vibration_firing import HELD_S, Held
-
-    neuron = Neuron(adaptation=0.5, adaptation_time_s=10.0)
-    time_s, felt = np.array([0.0, 0.1, 0.3]), np.array([[1.0], [1.5], [1.0]])
-    held = list(Held(neuron, [2.0]).segments(time_s, felt))
-    before = np.append(-HELD_S, time_s), np.vstack([felt[:1], felt])
-    whole = current_at(np.array([0.05, 0.2]), *before, neuron)
-    for at, wanted in zip((0.05, 0.2), whole, strict=True):
-        start, _, current, _ = [one for one in held if np.min(one.start_s) <= at][-1]
-        assert current.at(at - start) == pytest.approx(wanted / 2.0, rel=1e-12)
-    assert held[0].start_s == 0.0
 
 
 def test_cycles_of_afferents_are_means_over_gains_of_whole_cycles():

@@ -62,5 +62,5 @@ figure.savefig(folder / "afferents.png", dpi=120)
 # .. figure:: /pictures/afferents.png
 #
 #    SA1 afferents show the letter (r = 0.61 with its outline), RA afferents its leading edges
-#    (0.25), PC afferents that something moves (0.02). Gains of RA and PC afferents vary from row
+#    (0.33), PC afferents that something moves (0.07). Gains of RA and PC afferents vary from row
 #    to row.

@@ -6,7 +6,7 @@ A receptor's spectrum gives what it feels at any amplitude, so that rates follow
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,35 +21,25 @@ from tactile_fem.vibration import Spectrum
 
 Array = NDArray[Any]
 FEELS = {"SA1": "sed", "RA": "compression", "PC": "indentation"}
-HELD_S = 60.0  # before the vibration
+_HELD_S = 60.0  # before the vibration
 # Spikes are counted over whole cycles, at least so many and so long, after others.
 _SETTLING, _COUNTING = (2, 0.25), (4, 1.0)
 _GAINS, _THRESHOLDS = 11, 7  # quantiles
 _FELT = Drive("Felt", "1", lambda histories: histories["felt"])
 
 
-class Held:
-    """Transduction of afferents that have met the first value of the drive for `HELD_S` before.
+class Raised:
+    """The transduction of a population whose thresholds are higher by factors (n,)."""
 
-    `thresholds` (n,) are factors of the thresholds of the afferents, as with `threshold_spread`.
-    Their membranes are at rest when the history begins.
-    """
-
-    def __init__(self, neuron: Neuron, thresholds: ArrayLike) -> None:
-        self._own, self._sensitivity = transduction_of(neuron), 1 / np.asarray(thresholds)
-        # A band-pass has always met the first value.
-        self._held_s = 0.0 if neuron.model == "band_pass" else HELD_S
+    def __init__(self, population: Population, thresholds: ArrayLike) -> None:
+        self._own = population.transduction or transduction_of(population.neuron)
+        self._sensitivity = 1 / np.asarray(thresholds)
 
     def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
-        """Yield the current of the history, without the hold."""
-        start = time_s[0]
-        if self._held_s:
-            time_s = np.append(start - self._held_s, time_s)
-            drive = np.vstack([drive[:1], drive])
+        """Yield currents relative to the thresholds, as `threshold_spread` does."""
         for segment in self._own.segments(time_s, drive):
-            if np.min(segment.start_s) >= start:
-                current = segment.current_pA.scaled(self._sensitivity[segment.who])
-                yield segment._replace(current_pA=current)
+            current = segment.current_pA.scaled(self._sensitivity[segment.who])
+            yield segment._replace(current_pA=current)
 
 
 def quantiles(spread: float, count: int) -> Array:
@@ -63,9 +53,9 @@ def spikes(neuron: Neuron, time_s: Array, felt: Array, thresholds: ArrayLike = 1
     `thresholds` are factors, one or (columns,).
     """
     median = neuron.model_copy(update={"gain_spread": 0.0, "threshold_spread": 0.0})
-    transduction = Held(median, np.broadcast_to(thresholds, felt.shape[1]))
-    fired = Population("one", median, _FELT, transduction).fire({"time_s": time_s, "felt": felt})
-    return fired.spikes
+    one = Population("one", median, _FELT).held(_HELD_S)
+    raised = Raised(one, np.broadcast_to(thresholds, felt.shape[1]))
+    return replace(one, transduction=raised).fire({"time_s": time_s, "felt": felt}).spikes
 
 
 @dataclass(frozen=True)
