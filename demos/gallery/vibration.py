@@ -5,13 +5,13 @@ Vibration: tuning curves of RA and PC
 A probe of 1 mm is pressed 1 mm deep and held for 2 s in tissue that relaxes. About this state the
 finger vibrates at each frequency: one linear solve with inertia. A tuning curve is the amplitude
 of the probe at which an afferent of median gain fires 10 spikes/s more than without vibration.
-SA1 afferents, which fire at 70 spikes/s in the hold, are not drawn: they need 160 µm or more at any
-frequency.
+SA1 afferents, which fire at 37 spikes/s after a minute of hold, are not drawn: they need 250 µm or
+more at any frequency.
 
 .. figure:: /pictures/vibration.png
 
-   Lines: the model; dots: afferents of monkeys. RA are most sensitive at 20 to 50 Hz (50 µm), PC
-   at 300 to 400 Hz (0.16 µm). Near 150 Hz the tissue under the probe resonates, and the force on
+   Lines: the model; dots: afferents of monkeys. RA are most sensitive at 20 to 70 Hz (25 µm), PC
+   at 300 Hz (0.16 µm). Near 150 Hz the tissue under the probe resonates, and the force on
    the probe falls to half.
 
 Expected time: 5 minutes on one core.
