@@ -25,6 +25,7 @@ from scipy.interpolate import CubicSpline
 from tactile_fem import Population, Study
 from tactile_fem.neuron import Drive
 from tactile_fem.neuron.population import fire
+from tactile_fem.neuron.transduction import held, transduction_of
 from tactile_fem.study import Neuron
 
 Array = NDArray[Any]
@@ -35,8 +36,9 @@ SURFACES = {
 }
 HISTORIES = recordings.HISTORIES / "textures"
 KINDS = {"SA1": "sed_kPa", "RA": "shortening", "PC": "moved_mm"}
-# Seconds of a slide, of which the first is not counted, and between samples.
-DURATION_S, NOT_COUNTED_S = {"SA1": 3.0, "RA": 2.0, "PC": 2.0}, 1.0
+# Seconds: of a slide before, to whose mean the afferents have adapted (assumed); of the slide; of
+# its beginning, which is not counted.
+BEFORE_S, DURATION_S, NOT_COUNTED_S = 5.0, 2.0, 0.5
 STEP_S = {"SA1": 1e-3, "RA": 1e-3, "PC": 2.5e-4}
 # Afferents at each place: those of RA and PC differ in gain.
 COPIES = {"SA1": 1, "RA": 4, "PC": 6}
@@ -81,10 +83,14 @@ class Kept:
         """The surfaces, in the order of the table."""
         return tuple(name for name in SURFACES if f"{name}.slide_mm" in self.arrays)
 
-    @property
-    def is_standard(self) -> bool:
-        """Whether nothing but mesh, height and force was chosen."""
-        return self.name.count("_") == 3
+    def serves(self, kind: str) -> bool:
+        """Return whether the rates of a kind can be trusted.
+
+        PC afferents answer to the facets of a coarse mesh, and SED of a section is too low.
+        """
+        if kind == "PC":
+            return not self.name.startswith("solid_coarse")
+        return self.name.startswith("solid") and self.name.count("_") == 3
 
     def get(self, surface: str, key: str) -> Array:
         """Return what is felt on a surface, (rows, receptors)."""
@@ -122,11 +128,11 @@ def mean_rates(
     *,
     key: str = "",
     neuron: Neuron | None = None,
-    duration_s: float | None = None,
+    duration_s: float = DURATION_S,
 ) -> Array:
     """Return the mean rates of afferents, spikes/s, (files, surfaces); nan for what is not kept.
 
-    The same afferents feel all surfaces. They are unadapted at the start.
+    The same afferents feel all surfaces, after some seconds on each.
 
     Parameters
     ----------
@@ -141,14 +147,11 @@ def mean_rates(
     neuron
         By default that of the kind.
     duration_s
-        Of the slide; the first second is not counted.
+        Of the slide; the first half second is not counted.
     """
-    duration_s = duration_s or DURATION_S[kind]
     time = np.arange(0.0, duration_s + 1e-9, STEP_S[kind])
-    places = [
-        (i, j) for i, one in enumerate(some) for j, s in enumerate(SURFACES) if s in one.surfaces
-    ]
     names = tuple(SURFACES)
+    places = [(i, names.index(name)) for i, one in enumerate(some) for name in one.surfaces]
     columns, units = [], []
     for i, j in places:
         felt = some[i].replayed(names[j], key or KINDS[kind], speed_mm_s * time)
@@ -157,13 +160,15 @@ def mean_rates(
     drive = np.concatenate(columns, axis=1)
     if kind == "SA1":
         drive = np.maximum(drive, 0.0)  # a spline may go below
-    fired = fire(time, drive, neuron or population(kind).neuron, units=np.concatenate(units))
+    drive[0] = drive.mean(axis=0)
+    own = neuron or population(kind).neuron
+    before = held(transduction_of(own), BEFORE_S)
+    fired = fire(time, drive, own, before, np.concatenate(units))
     rates = fired.mean_rate(NOT_COUNTED_S, duration_s)
     found = np.full((len(some), len(names)), np.nan)
-    for place, own in zip(
-        places, np.split(rates, np.cumsum([len(u) for u in units])[:-1]), strict=True
-    ):
-        found[place] = own.mean()
+    ends = np.cumsum([len(numbers) for numbers in units])[:-1]
+    for place, each in zip(places, np.split(rates, ends), strict=True):
+        found[place] = each.mean()
     return found
 
 

@@ -176,9 +176,9 @@ def stored(path: Path) -> dict[str, Array]:
 
 
 def rounded(values: Array) -> Array:
-    """Return values to 12 bits, which are compressed well."""
+    """Return values to 11 bits, which are compressed well."""
     mantissa, exponent = np.frexp(values)
-    return np.ldexp(np.round(mantissa * 2**12) / 2**12, exponent)
+    return np.ldexp(np.round(mantissa * 2**11) / 2**11, exponent)
 
 
 # %%
