@@ -274,11 +274,10 @@ def test_the_threshold_of_a_vibration_is_where_an_afferent_begins_to_fire(kind):
 @pytest.mark.slow
 def test_vibration(tmp_path):
     way = ["--depth", "0.3", "--human-depth", "0.2", "--ramp", "0.3", "--hold", "0.05", *SMALL]
-    output = run("validation/vibration.py", str(tmp_path), *way)
+    output = run("validation/vibration.py", str(tmp_path), *way, "--rounds", "0")
     assert 10 <= number(r"RA best frequency: (\d+) Hz", output) <= 100
     assert 100 <= number(r"PC best frequency: (\d+) Hz", output) <= 500
     assert number(r"RA 50 Hz, fitted: .*rms (\d+)", output) < 25
     assert number(r"RA entrainment .* 66 µm 1 ([\d.]+)", output) == pytest.approx(1, abs=0.2)
     assert number(r"SA1 humans, radius 3 mm, amplitude, predicted: 1 Hz 2.1 ([\d.]+)", output) >= 0
-    again = run("validation/vibration.py", str(tmp_path), "--no-fit", *way)
-    assert len(table(tmp_path / "responses.csv")) > 80 and "RA entrainment" in again
+    assert len(table(tmp_path / "responses.csv")) > 80

@@ -12,7 +12,7 @@
 # SA1 have the constants of `calibrate.py`, and have adapted to the hold for a minute.
 #
 #     python demos/validation/vibration.py results/vibration
-#     python demos/validation/vibration.py results/vibration --no-fit  # the defaults: seconds
+#     python demos/validation/vibration.py results/vibration --no-fit  # the defaults: a minute
 #     python demos/validation/vibration.py results/quick --pad-size 3 --far-size 6 --depth 0.3
 
 # %%
@@ -74,6 +74,7 @@ def main(
     ramp: float = RAMPS_MM,
     hold: float = 2.0,
     fit: bool = True,
+    rounds: int = 3,
     gain_spread: float | None = None,
     threshold_spread: float | None = None,
 ) -> None:
@@ -91,6 +92,8 @@ def main(
         How long a probe is held before, s, in tissue that relaxes.
     fit
         Fit RA and PC; otherwise they have the defaults.
+    rounds
+        Of the fit, at most; 0 fits no more than filter, gain and spread.
     gain_spread, threshold_spread
         Between SA1 afferents, in place of the defaults.
     """
@@ -121,7 +124,7 @@ def main(
     for kind in THRESHOLDS_UM:
         site = Site(monkeys, kind)
         if fit:
-            neurons[kind] = with_rates(site, neurons[kind])
+            neurons[kind] = with_rates(site, neurons[kind], rounds)
         print_constants(kind, neurons[kind])
         print_thresholds(site, neurons[kind])
     rows = [row for kind, neuron in neurons.items() for row in rates(Site(monkeys, kind), neuron)]

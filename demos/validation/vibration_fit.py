@@ -41,7 +41,6 @@ _TRIED: dict[str, dict[str, tuple[float, ...]]] = {
         "refractory_s": (0.001, 0.002, 0.003),
     },
 }
-_ROUNDS = 3
 # Weaker vibration evokes spikes in some of the cycles, by noise that the model does not have.
 ENTRAINED_UM = 28.0
 # Wider spreads fit hardly better.
@@ -90,10 +89,13 @@ def with_filter(site: Site, neuron: Neuron) -> tuple[Neuron, float]:
     return changed(found.x), float(np.mean(found.fun**2))
 
 
-def with_rates(site: Site, neuron: Neuron) -> Neuron:
-    """Return the neuron with the constants that fit thresholds and rates best."""
+def with_rates(site: Site, neuron: Neuron, rounds: int) -> Neuron:
+    """Return the neuron with the constants that fit thresholds and rates best.
+
+    All are tried in each round; without rounds, only filter, gain and spread are fitted.
+    """
     best, least = with_gain(site, neuron)
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         before = least
         for name, values in _TRIED[site.kind].items():
             for value in values:
