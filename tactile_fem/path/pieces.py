@@ -119,10 +119,7 @@ class Press(Piece):
 
 
 class Hold(Piece):
-    """Stay.
-
-    After 0.1 s of it SA1 afferents fire steadily, while recorded ones adapt for seconds.
-    """
+    """Stay."""
 
     kind: Literal["hold"] = "hold"
     time_s: Positive = Field(description="how long")
