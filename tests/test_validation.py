@@ -202,7 +202,7 @@ def test_what_textures_are_felt_as(tmp_path):
     way = ["--kind", "section", "--preset", "coarse", "--surfaces", "grating_3"]
     command = "validation/texture_histories.py", str(tmp_path), *way, "--conditions", "0.2,0.01"
     output = run(*command)
-    assert number(r"grating_3: force ([\d.]+) N", output) == pytest.approx(0.01, rel=0.1)
+    assert number(r"grating_3: force ([\d.]+) N", output) == pytest.approx(0.01, rel=0.2)
     kept = np.load(tmp_path / "section_coarse_0.2mm_0.01N.npz")
     sed = kept["grating_3.sed_kPa"]
     assert kept["grating_3.slide_mm"][[0, -1]] == pytest.approx([0, 3], abs=1e-5)

@@ -375,7 +375,7 @@ def draw_drives(axes: Axes, driven: Sequence[Driven], middle: str) -> None:
     axes.plot([], [], "o", color=GREY, label="compressed")
     axes.plot([], [], "o", color=GREY, mfc="white", label="linear")
     axes.legend(frameon=False, fontsize=7, loc="lower right")
-    axes.set(xscale="log", xlim=(0.3, 40), title="SA1 by their drive")
+    axes.set(xscale="log", xlim=(0.3, 100), title="SA1 by their drive")
     axes.set_xlabel("2 mm dots over 3 mm grating")
     axes.set_yticks(range(len(names)), names, fontsize=8)
     axes.set_xticks([0.5, 1, 2, 5, 10, 20], ["0.5", "1", "2", "5", "10", "20"])
