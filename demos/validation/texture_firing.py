@@ -24,8 +24,6 @@ from scipy.interpolate import CubicSpline
 
 from tactile_fem import Population, Study
 from tactile_fem.neuron import Drive
-from tactile_fem.neuron.population import fire
-from tactile_fem.neuron.transduction import held, transduction_of
 from tactile_fem.study import Neuron
 
 Array = NDArray[Any]
@@ -43,6 +41,7 @@ STEP_S = {"SA1": 1e-3, "RA": 1e-3, "PC": 2.5e-4}
 # Afferents at each place: those of RA and PC differ in gain.
 COPIES = {"SA1": 1, "RA": 4, "PC": 6}
 APART_MM = 0.5
+_FELT = Drive("Felt", "1", lambda histories: histories["felt"])
 
 
 @dataclass(frozen=True)
@@ -161,9 +160,8 @@ def mean_rates(
     if kind == "SA1":
         drive = np.maximum(drive, 0.0)  # a spline may go below
     drive[0] = drive.mean(axis=0)
-    own = neuron or population(kind).neuron
-    before = held(transduction_of(own), BEFORE_S)
-    fired = fire(time, drive, own, before, np.concatenate(units))
+    afferents = Population(kind, neuron or population(kind).neuron, _FELT).held(BEFORE_S)
+    fired = afferents.fire({"time_s": time, "felt": drive}, np.concatenate(units))
     rates = fired.mean_rate(NOT_COUNTED_S, duration_s)
     found = np.full((len(some), len(names)), np.nan)
     ends = np.cumsum([len(numbers) for numbers in units])[:-1]

@@ -127,7 +127,7 @@ class Population:
         own = self.transduction or transduction_of(self.neuron)
         return replace(self, transduction=held(own, held_s))
 
-    def fire(self, histories: Histories) -> Response:
+    def fire(self, histories: Histories, units: ArrayLike | None = None) -> Response:
         """Return the spikes of the afferents; raises what `respond` raises.
 
         Parameters
@@ -136,11 +136,13 @@ class Population:
             Arrays of a trace. With ``population`` (receptors,), names, only the receptors of this
             name fire. Their numbers, which select random numbers, count from 0 within the
             population, so it fires as it would alone.
+        units
+            Other numbers of the afferents, as in `respond`.
         """
         time, felt = self.drive.of(histories)
         if "population" in histories:
             felt = felt[:, histories["population"] == self.name]
-        return fire(time, felt, self.neuron, self.transduction)
+        return fire(time, felt, self.neuron, self.transduction, units)
 
 
 def fire_all(populations: Iterable[Population], histories: Histories) -> Response:
