@@ -190,8 +190,7 @@ class _Varied:
 
         A current that hardly lasts changes much with a small share of it.
         """
-        model = self.neuron_with(scale * x)
-        left = max(1 - model.adaptation - model.fast_adaptation, _LEAST_LEFT)
+        left = max(self.neuron_with(scale * x).lasting_share, _LEAST_LEFT)
         shares = np.array([_BOUNDS.get(name) == _SHARE for name in self.names])
         return _RELATIVE_STEP * np.where(shares, left / scale, np.maximum(np.abs(x), 0.1))
 

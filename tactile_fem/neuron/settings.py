@@ -118,6 +118,12 @@ class Neuron(Settings):
         return {key: value for key, value in values.items() if key not in of_models}
 
     @property
+    def lasting_share(self) -> float:
+        """Share of the static current that does not adapt."""
+        fast = self.fast_adaptation if self.model == "logarithmic" else 0.0
+        return 1 - self.adaptation - fast
+
+    @property
     def time_constant_s(self) -> float:
         """R C of the membrane."""
         return 1e-3 * self.resistance_GOhm * self.capacitance_pF
