@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from texture_firing import APART_MM, SURFACES, Condition
+from texture_firing import APART_MM, SURFACES, Condition, Kept
 
 from tactile_fem import Results, Study, completed, run_script
 from tactile_fem.runtime.files import atomic_write
@@ -159,20 +159,12 @@ def felt(results: Results, period_mm: float) -> dict[str, Array]:
 
 def add(path: Path, surface: str, arrays: dict[str, Array]) -> None:
     """Add a surface to a file, in single precision; all but movements with fewer digits."""
-    kept = stored(path)
+    kept = dict(Kept.of(path).arrays)
     for key, values in arrays.items():
         shorter = values if key == "moved_mm" else rounded(values)
         kept[f"{surface}.{key}"] = shorter.astype(np.float32)
     with atomic_write(path) as part, part.open("wb") as stream:
         np.savez_compressed(stream, **kept)
-
-
-def stored(path: Path) -> dict[str, Array]:
-    """Return the arrays of a file, none if there is none."""
-    if not path.exists():
-        return {}
-    with np.load(path) as kept:
-        return {key: kept[key] for key in kept.files}
 
 
 def rounded(values: Array) -> Array:
@@ -216,7 +208,7 @@ def main(
     for condition in [Condition.parsed(text) for text in conditions] or CONDITIONS:
         path = folder / f"{of_run}_{condition}.npz"
         for surface in surfaces:
-            if f"{surface}.slide_mm" in stored(path):
+            if surface in Kept.of(path).surfaces:
                 continue
             one = study(
                 surface,

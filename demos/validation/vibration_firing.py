@@ -5,8 +5,7 @@ A receptor's spectrum gives what it feels at any amplitude, so that rates follow
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
 from tactile_fem import Population
-from tactile_fem.neuron import Drive, Segment, drive_of
-from tactile_fem.neuron.transduction import transduction_of
+from tactile_fem.neuron import Drive, drive_of
+from tactile_fem.neuron.transduction import Raised, held, transduction_of
 from tactile_fem.study import Neuron
 from tactile_fem.vibration import Spectrum
 
@@ -26,20 +25,6 @@ _HELD_S = 60.0  # before the vibration
 _SETTLING, _COUNTING = (2, 0.25), (4, 1.0)
 _GAINS, _THRESHOLDS = 11, 7  # quantiles
 _FELT = Drive("Felt", "1", lambda histories: histories["felt"])
-
-
-class Raised:
-    """The transduction of a population whose thresholds are higher by factors (n,)."""
-
-    def __init__(self, population: Population, thresholds: ArrayLike) -> None:
-        self._own = population.transduction or transduction_of(population.neuron)
-        self._sensitivity = 1 / np.asarray(thresholds)
-
-    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
-        """Yield currents relative to the thresholds, as `threshold_spread` does."""
-        for segment in self._own.segments(time_s, drive):
-            current = segment.current_pA.scaled(self._sensitivity[segment.who])
-            yield segment._replace(current_pA=current)
 
 
 def quantiles(spread: float, count: int) -> Array:
@@ -53,9 +38,9 @@ def spikes(neuron: Neuron, time_s: Array, felt: Array, thresholds: ArrayLike = 1
     `thresholds` are factors, one or (columns,).
     """
     median = neuron.model_copy(update={"gain_spread": 0.0, "threshold_spread": 0.0})
-    one = Population("one", median, _FELT).held(_HELD_S)
-    raised = Raised(one, np.broadcast_to(thresholds, felt.shape[1]))
-    return replace(one, transduction=raised).fire({"time_s": time_s, "felt": felt}).spikes
+    adapted = held(transduction_of(median), _HELD_S)
+    raised = Raised(adapted, np.broadcast_to(thresholds, felt.shape[1]))
+    return Population("one", median, _FELT, raised).fire({"time_s": time_s, "felt": felt}).spikes
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from tactile_fem.neuron.fields import STANDARD, Field
 from tactile_fem.neuron.membrane import Membrane, Variability
 from tactile_fem.neuron.response import Response
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
-from tactile_fem.neuron.transduction import held, transduction_of
+from tactile_fem.neuron.transduction import Raised, held, transduction_of
 
 Array = NDArray[Any]
 
@@ -67,14 +67,10 @@ def fire(
     membrane = Membrane(neuron, variability)
     if neuron.gain_spread:
         drive = drive * variability.gains()
-    segments = (transduction or transduction_of(neuron)).segments(time, drive)
+    own = transduction or transduction_of(neuron)
     if neuron.threshold_spread:
-        # All potentials relative to the threshold: a higher one is a smaller current.
-        sensitivity = 1 / variability.thresholds()
-        segments = (
-            s._replace(current_pA=s.current_pA.scaled(sensitivity[s.who])) for s in segments
-        )
-    for segment in segments:
+        own = Raised(own, variability.thresholds())
+    for segment in own.segments(time, drive):
         membrane.advance(segment)
     return Response(membrane.spikes(), float(time[0]), float(time[-1]))
 

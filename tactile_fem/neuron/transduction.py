@@ -268,6 +268,22 @@ def held(own: Transduction, held_s: float) -> Transduction:
     return own if isinstance(own, BandPass) else Held(own, held_s)
 
 
+class Raised:
+    """Transduction of afferents whose thresholds are higher by factors, (n,).
+
+    Potentials are relative to the threshold: a higher one is a smaller current.
+    """
+
+    def __init__(self, own: Transduction, thresholds: Array) -> None:
+        self._own, self._sensitivity = own, 1 / thresholds
+
+    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
+        """Yield the currents, relative to the thresholds."""
+        for segment in self._own.segments(time_s, drive):
+            current = segment.current_pA.scaled(self._sensitivity[segment.who])
+            yield segment._replace(current_pA=current)
+
+
 _MODELS: dict[str, Callable[[Neuron], Transduction]] = {
     "hamasaki2020": StaticDynamic,
     "gerling2018": GeneratorFunction,
