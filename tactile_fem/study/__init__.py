@@ -21,6 +21,7 @@ from pydantic import (
 
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import Finger, FingerMesh
+from tactile_fem.finger.joint import Joint
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.path import Follow, Hold, Lift, Piece, Press, Protocol, Slide
 from tactile_fem.receptors import Layout
@@ -62,6 +63,7 @@ __all__ = [
     "Follow",
     "Grating",
     "Hold",
+    "Joint",
     "Lift",
     "Mesh",
     "Neuron",
@@ -95,6 +97,7 @@ class Study(Settings):
     """A complete, resolved study."""
 
     finger: Finger = Finger()
+    joint: Joint | None = None
     tissue: Tissue = Tissue.model_validate({})
     stimulus: Stimulus = Text()
     protocol: Protocol = Protocol()
@@ -139,6 +142,8 @@ class Study(Settings):
     @model_validator(mode="after")
     def _tables_agree(self, info: ValidationInfo) -> Self:
         problems = []
+        if self.joint and self.finger.is_section:
+            problems.append('finger.kind is "section" but must be "solid" with a joint')
         is_saved = info.context and info.context.get("saved")  # its drives may be a script's own
         for population in self.populations:
             problem = misplaced(population.receptors, self.finger.section_plane)

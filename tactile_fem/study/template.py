@@ -43,6 +43,9 @@ def commented_template() -> str:
             lines += [*_described("[[afferents]] once or more", Afferents), ""]
             continue
         values = getattr(study, name)
+        if values is None and (model := model_in(Study.model_fields[name].annotation)):
+            lines += [*_described(f"[{name}]", model), ""]
+            continue
         lines += _table(name, values, _summary(type(values)))
         if name == "stimulus":
             for kind, model in Stimulus.kinds.items():
