@@ -81,6 +81,8 @@ def histories(receptors=3, population=None):
         "von_mises_kPa": 3 * np.abs(wave),
         "stretches": 1 + np.stack([-0.1 * wave**2, 0 * wave, 0.1 * wave**2], axis=-1),
         "stresses_kPa": np.stack([wave - 1, wave, wave + 1], axis=-1),
+        "right_cauchy_green": ((1 + 0.1 * wave) ** 2)[..., None] * [1, 0, 2, 0, 0, 3],
+        "directions": np.tile([1.0, 0.0, 0.0], (receptors, 1)),
     }
     if population is not None:
         trace["population"] = np.array(population)
@@ -101,6 +103,7 @@ def test_drives_are_what_their_names_say():
         "largest_stress": wave + 1,
         "smallest_stress": wave - 1,
         "pressure": -wave,
+        "directed_stretch": 0.1 * wave,
         "compression": 0.1 * wave**2,
         "indentation": 0.3 * wave,
     }

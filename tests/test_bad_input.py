@@ -32,8 +32,8 @@ _STARTS = {
 }
 _SPEED = (
     'afferents.fast.feels: There is no drive "speed"; there are sed, von_mises, largest_stretch, '
-    "smallest_stretch, largest_stress, smallest_stress, compression, indentation, pressure, and "
-    'their "_rate".'
+    "smallest_stretch, largest_stress, smallest_stress, compression, indentation, "
+    'directed_stretch, pressure, and their "_rate".'
 )
 _GRID = (
     'receptors.placement = "grid" does not lie in a section: use "line", "intermediate_ridges" or '

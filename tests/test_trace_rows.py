@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactile_fem.errors import StudyError
-from tactile_fem.simulation.columns import OF_STEP
+from tactile_fem.simulation.columns import FELT, OF_STEP
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.simulation.trace_rows import NAME, TraceRows
@@ -36,8 +36,7 @@ class Scan:
         of_step = {column.name: column.rest for column in OF_STEP}
         vectors = {name: np.full(3, 0.1 * number) for name in ("force_N", "stimulator_mm")}
         step = of_step | vectors | {"clock_s": 0.1 * number, "phase": phase}
-        felt = self.trace.arrays().keys() - of_step.keys() - own.keys()
-        felt -= {"time_s", "receptors_mm", "population", "mine_N", "stärke_N"}
+        felt = {column.name for column in FELT}
         columns = {name: self.trace.at(name, [-1])[0] + number for name in felt} | own
         step["indenting"] = phase == "press"
         self.trace(SimpleNamespace(step=SimpleNamespace(**step), columns=columns))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -36,6 +36,10 @@ class ExponentialSum:
         """Return the functions multiplied by factors, (n,)."""
         p, q, c = self.constant * factors, self.slope * factors, self.amplitudes * factors
         return ExponentialSum(p, q, c, self.times)
+
+    def plus(self, constants: Array) -> ExponentialSum:
+        """Return the functions with constants added, (n,)."""
+        return replace(self, constant=self.constant + constants)
 
     def at(self, s: Any) -> Array:
         """Return the values at `s`, a number or (n,) or (m, n)."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron.fields import Field
+from tactile_fem.neuron.fields import RIGHT_CAUCHY_GREEN, Field, stretch_along
 
 Array = NDArray[Any]
 Histories = Mapping[str, Array]
@@ -26,8 +26,9 @@ class Drive:
     label, unit
         Its name in figures, and its unit.
     value
-        Takes the arrays of a trace, with ``time_s`` (t,) and columns of the receptors
-        (t, receptors, ...), and returns the quantity, (t, receptors).
+        Takes the arrays of a trace, with ``time_s`` (t,), columns of the receptors
+        (t, receptors, ...) and their preferred ``directions`` (receptors, 3), and returns the
+        quantity, (t, receptors).
     fields
         Columns of the receptors that it needs besides those of every trace.
     """
@@ -119,6 +120,12 @@ DRIVES: dict[str, Drive] = {
     "smallest_stress": Drive("Smallest stress", "kPa", lambda h: h["stresses_kPa"][..., 0]),
     "compression": Drive("1 - smallest stretch", "1", lambda h: 1 - h["stretches"][..., 0]),
     "indentation": Drive("Displacement into the finger", "mm", lambda h: h["moved_mm"][..., 2]),
+    "directed_stretch": Drive(
+        "Directed stretch - 1",
+        "1",
+        lambda h: stretch_along(h["right_cauchy_green"], h["directions"]) - 1,
+        (RIGHT_CAUCHY_GREEN,),
+    ),
     "pressure": Drive("Pressure", "kPa", lambda h: -h["stresses_kPa"].mean(axis=-1)),
 }
 

@@ -83,11 +83,11 @@ def _principal_stretches(C: Array) -> Array:
     return np.sqrt(np.linalg.eigvalsh((C + np.swapaxes(C, 1, 2)) / 2))
 
 
-def _lower_stress(point: MaterialPoint) -> Any:
+def _lower(matrix: Any) -> Any:
+    """Return xx, yx, yy, zx, zy, zz of a symmetric UFL matrix."""
     import ufl
 
-    lower = [_KPA_PER_MPA * point.cauchy_MPa[i, j] for i in range(3) for j in range(i + 1)]
-    return ufl.as_vector(lower)
+    return ufl.as_vector([matrix[i, j] for i in range(3) for j in range(i + 1)])
 
 
 def _principal_stresses(lower: Array) -> Array:
@@ -103,14 +103,40 @@ SED = Field("sed_kPa", lambda point: _KPA_PER_MPA * point.energy_MPa)
 VON_MISES = Field("von_mises_kPa", _von_mises)
 # Principal values rise; tension is positive.
 STRETCHES = Field("stretches", _right_cauchy_green, (1.0, 1.0, 1.0), _principal_stretches)
-STRESSES = Field("stresses_kPa", _lower_stress, (0.0, 0.0, 0.0), _principal_stresses)
+STRESSES = Field(
+    "stresses_kPa",
+    lambda point: _lower(_KPA_PER_MPA * point.cauchy_MPa),
+    (0.0, 0.0, 0.0),
+    _principal_stresses,
+)
 MOVED = Field("moved_mm", lambda point: point.displacement_mm, (0.0, 0.0, 0.0))
 # Every trace has these.
 STANDARD = (SED, VON_MISES, STRETCHES, STRESSES, MOVED)
+# C = F^T F: xx, yx, yy, zx, zy, zz.
+RIGHT_CAUCHY_GREEN = Field(
+    "right_cauchy_green",
+    lambda point: _lower(_right_cauchy_green(point)),
+    (1.0, 0.0, 1.0, 0.0, 0.0, 1.0),
+)
+
+
+def stretch_along(right_cauchy_green: Array, directions: Array) -> Array:
+    """Return the stretch ``sqrt(d . C d)`` in directions of the undeformed finger.
+
+    Parameters
+    ----------
+    right_cauchy_green
+        (..., receptors, 6), as `RIGHT_CAUCHY_GREEN` has them.
+    directions
+        Unit vectors, (receptors, 3).
+    """
+    row, column = np.tril_indices(3)
+    products = np.where(row == column, 1.0, 2.0) * directions[:, row] * directions[:, column]
+    return np.sqrt(np.sum(right_cauchy_green * products, axis=-1))
 
 
 def trial_histories(fields: Iterable[Field]) -> dict[str, Array]:
     """Return a made-up history of one receptor, to try drives and transductions with."""
     rise = np.array([0.0, 0.1, 0.05])
     columns = {field.name: np.add.outer(rise, field.at_rest(1)) for field in fields}
-    return {"time_s": np.array([0.0, 0.05, 0.1]), **columns}
+    return {"time_s": np.array([0.0, 0.05, 0.1]), "directions": np.eye(1, 3), **columns}

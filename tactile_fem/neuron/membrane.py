@@ -14,7 +14,8 @@ from tactile_fem.neuron.settings import Neuron
 
 Array = NDArray[Any]
 _SHORTEST_INTERVAL_S = 1e-5  # shorter intervals between spikes are an error of the input
-_GAIN_STREAM, _DISTANCE_STREAM, _THRESHOLD_STREAM = 0, 1, 2  # keys of the streams
+# Keys of the streams.
+_GAIN_STREAM, _DISTANCE_STREAM, _THRESHOLD_STREAM, _RESTING_STREAM = range(4)
 _BLOCK_SIZE = 64  # numbers drawn at a time
 
 
@@ -211,7 +212,9 @@ class Course:
 
 
 class Variability:
-    """Log-normal factors of gains, thresholds and distances from reset to threshold.
+    """What differs between afferents and spikes: currents at rest, and log-normal factors.
+
+    The factors are those of gains, thresholds and distances from reset to threshold.
 
     Each afferent has its own stream of random numbers, which follows from the seed and the
     number of the afferent, `units` (n,): spikes do not depend on the other afferents.
@@ -225,15 +228,19 @@ class Variability:
 
     def gains(self) -> Array:
         """Return the factor of the gains of each afferent, median 1, (n,)."""
-        return self._between_afferents(_GAIN_STREAM, self._neuron.gain_spread)
+        return np.exp(self._neuron.gain_spread * self._normals(_GAIN_STREAM))
 
     def thresholds(self) -> Array:
         """Return the factor of the threshold of each afferent, median 1, (n,)."""
-        return self._between_afferents(_THRESHOLD_STREAM, self._neuron.threshold_spread)
+        return np.exp(self._neuron.threshold_spread * self._normals(_THRESHOLD_STREAM))
 
-    def _between_afferents(self, purpose: int, spread: float) -> Array:
-        first = [self._draw(purpose, unit, 0)[0] for unit in self._units.tolist()]
-        return np.exp(spread * np.array(first))
+    def resting_pA(self) -> Array:
+        """Return the current of each afferent without a load, (n,)."""
+        spread = self._neuron.resting_spread_pA
+        return self._neuron.resting_pA + spread * self._normals(_RESTING_STREAM)
+
+    def _normals(self, purpose: int) -> Array:
+        return np.array([self._draw(purpose, unit, 0)[0] for unit in self._units.tolist()])
 
     def after_spike(self, which: Array) -> Array:
         """Return the next factors of the distances of some, median 1, without repetition."""

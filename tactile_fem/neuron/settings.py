@@ -92,6 +92,12 @@ class Neuron(Settings):
     threshold_spread: NonNegative = Field(
         0.0, description="sd of the logarithm of V_th between afferents"
     )
+    resting_pA: Finite = Field(
+        0.0, description="current without a load; an afferent fires if it exceeds V_th/R"
+    )
+    resting_spread_pA: NonNegative = Field(
+        0.0, description="sd of the current without a load between afferents"
+    )
     threshold_noise: NonNegative = Field(
         0.0,
         description="sd of the logarithm of the distance from reset to V_th, from spike to spike",

@@ -268,6 +268,19 @@ def held(own: Transduction, held_s: float) -> Transduction:
     return own if isinstance(own, BandPass) else Held(own, held_s)
 
 
+class Resting:
+    """Transduction of afferents with a current that does not depend on the load, pA, (n,)."""
+
+    def __init__(self, own: Transduction, current_pA: Array) -> None:
+        self._own, self._current_pA = own, current_pA
+
+    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
+        """Yield the sums of the currents."""
+        for segment in self._own.segments(time_s, drive):
+            current = segment.current_pA.plus(self._current_pA[segment.who])
+            yield segment._replace(current_pA=current)
+
+
 class Raised:
     """Transduction of afferents whose thresholds are higher by factors, (n,).
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import count, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.simplex import lowest_facet
 from tactile_fem.receptors.settings import TIPS, Receptors, misplaced
+from tactile_fem.receptors.skin import around, preferred_directions
 
 _BATCH_SIZE = 1000  # random points that are tried at a time
 _PROMINENCE_MM = 0.01  # of a tip: more than the noise of the mesh, far less than a papilla
@@ -32,6 +34,7 @@ class Layout(NamedTuple):
 
     positions_mm: np.ndarray  # (receptors, 3)
     population: np.ndarray  # population of each receptor
+    directions: np.ndarray  # (receptors, 3), unit vectors, tangent to the skin
     samples: Samples
 
     @classmethod
@@ -39,21 +42,23 @@ class Layout(NamedTuple):
         """Place the receptors of a population; raises what `place` and `sample` raise."""
         positions = place(receptors, finger)
         names = np.full(len(positions), population)
-        return cls(positions, names, sample(receptors, positions, finger))
+        directions = preferred_directions(receptors.seed, positions, finger)
+        return cls(positions, names, directions, sample(receptors, positions, finger))
 
     @classmethod
     def joined(cls, layouts: Sequence[Layout]) -> Layout:
         """Return the receptors of several layouts, numbered on from one to the next."""
-        positions, names, samples = zip(*layouts, strict=True)
-        first = np.cumsum([0, *map(len, positions[:-1])])
+        *columns, samples = zip(*layouts, strict=True)
+        positions, names, directions = map(np.concatenate, columns)
+        first = np.cumsum([0, *(len(layout.positions_mm) for layout in layouts[:-1])])
         pairs = zip(samples, first, strict=True)
         numbered = [own._replace(receptor=own.receptor + start) for own, start in pairs]
         together = Samples(*map(np.concatenate, zip(*numbered, strict=True)))
-        return cls(np.concatenate(positions), np.concatenate(names), together)
+        return cls(positions, names, directions, together)
 
 
 def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
-    """Return the positions of receptors (n, 3) in mm, over the pad.
+    """Return the positions of receptors (n, 3) in mm, by default over the pad.
 
     Raises StudyError if one lies outside the finger, or the placement does not suit the finger.
     """
@@ -63,11 +68,14 @@ def place(receptors: Receptors, finger: FingerMesh) -> np.ndarray:
     if receptors.placement in TIPS:
         found, along = tips(finger, receptors.placement), finger.plane.axes[0]
         return found[np.abs(found[:, along]) <= half[along]]
-    facets = _sheet(receptors, finger)
-    if receptors.placement == "afferents":
-        placed, xy = _poisson_disc(receptors, half, facets), np.empty((0, 2))
+    facets, random = _sheet(receptors, finger), np.random.default_rng(receptors.seed)
+    placed, xy = [], np.empty((0, 2))
+    if receptors.placement == "afferents" or receptors.region != "pad":
+        over_pad = receptors.region == "pad"
+        drawn = _over_pad(half, facets, random) if over_pad else around(receptors, finger, random)
+        placed = _apart(receptors, *drawn)
     else:
-        placed, xy = [], _layout(receptors, half, finger)
+        xy = _layout(receptors, half, finger, random)
     xy = np.concatenate([xy, np.reshape(receptors.extra_mm, (-1, 2))])
     return np.array([*placed, *(_lift(x, y, facets)[0] for x, y in xy)])
 
@@ -108,11 +116,13 @@ def tips(finger: FingerMesh, placement: str) -> np.ndarray:
     return found
 
 
-def _layout(receptors: Receptors, half: np.ndarray, finger: FingerMesh) -> np.ndarray:
+def _layout(
+    receptors: Receptors, half: np.ndarray, finger: FingerMesh, random: np.random.Generator
+) -> np.ndarray:
     """Return X, Y of the receptors on a line, on a grid or at random, (n, 2)."""
     if receptors.placement == "random":
-        count = max(1, round(receptors.density_per_cm2 * 4 * half[0] * half[1] / 100))
-        return np.random.default_rng(receptors.seed).uniform(-1, 1, (count, 2)) * half
+        size = receptors.number_on(4 * half[0] * half[1]), 2
+        return random.uniform(-1, 1, size) * half
     counts = [int(h / receptors.spacing_mm + 1e-9) for h in half]
     lines = [np.arange(-n, n + 1) * receptors.spacing_mm for n in counts]
     if receptors.placement == "grid":
@@ -123,27 +133,39 @@ def _layout(receptors: Receptors, half: np.ndarray, finger: FingerMesh) -> np.nd
     return finger.plane.vectors(at)[:, :2]
 
 
-def _poisson_disc(receptors: Receptors, half: np.ndarray, facets: np.ndarray) -> list[np.ndarray]:
-    """Return places on the interface by density, none close to another."""
-    # Random points, evenly distributed over the interface, are accepted if they keep a
-    # distance of 0.75/sqrt(density) from all others. Points jam at 0.83/sqrt(density); where they
-    # cannot keep it, the distance is shortened.
-    random = np.random.default_rng(receptors.seed)
+def _over_pad(
+    half: np.ndarray, facets: np.ndarray, random: np.random.Generator
+) -> tuple[float, Iterator[np.ndarray | None]]:
+    """Return the area of a sheet over the pad, mm2, and random points on it, evenly spread."""
     tries = [_lift(x, y, facets) for x, y in random.uniform(-1, 1, (_BATCH_SIZE, 2)) * half]
     area_mm2 = 4 * half[0] * half[1] * np.mean([stretch for _, stretch in tries])
-    count = max(1, round(receptors.density_per_cm2 * area_mm2 / 100))
-    distance = 7.5 / np.sqrt(receptors.density_per_cm2)
     largest = max(stretch for _, stretch in tries)
+
+    def draw() -> np.ndarray | None:
+        (x, y), chance = random.uniform(-1, 1, 2) * half, random.uniform()
+        point, stretch = _lift(x, y, facets)
+        return point if chance * largest <= stretch else None
+
+    return float(area_mm2), (draw() for _ in count())
+
+
+def _apart(
+    receptors: Receptors, area_mm2: float, points: Iterator[np.ndarray | None]
+) -> list[np.ndarray]:
+    """Return some of the points; like afferents, none lies close to another."""
+    # A point is accepted if it keeps a distance of 0.75/sqrt(density) from all others. Points jam
+    # at 0.83/sqrt(density); where they cannot keep it, the distance is shortened.
+    wanted = receptors.number_on(area_mm2)
+    density = 100 * wanted / area_mm2 if receptors.count else receptors.density_per_cm2
+    distance = 7.5 / np.sqrt(density) if receptors.placement == "afferents" else 0.0
     found: list[np.ndarray] = []
-    while len(found) < count:
-        for _ in range(_BATCH_SIZE):
-            (x, y), chance = random.uniform(-1, 1, 2) * half, random.uniform()
-            point, stretch = _lift(x, y, facets)
-            if chance * largest > stretch:
+    while len(found) < wanted:
+        for point in islice(points, _BATCH_SIZE):
+            if point is None:
                 continue
             if not found or np.linalg.norm(np.array(found) - point, axis=1).min() >= distance:
                 found.append(point)
-                if len(found) == count:
+                if len(found) == wanted:
                     break
         distance *= 0.95
     return found

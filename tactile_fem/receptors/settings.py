@@ -10,6 +10,7 @@ from tactile_fem.finger.plane import Plane
 from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Settings, Whole
 
 _MAX_COUNT = 100_000
+_PHALANX_MM2 = 1000.0  # about its skin
 # Placements at tips of the epidermis-dermis interface, in a section.
 TIPS = ("intermediate_ridges", "papillae")
 
@@ -33,7 +34,18 @@ class Receptors(Settings):
     density_per_cm2: Positive = Field(
         70.0, description="of random and afferents; default that of SA1"
     )
-    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of random and afferents")
+    count: Annotated[Whole, Field(ge=1, le=_MAX_COUNT)] | None = Field(
+        None, description="of random and afferents, in place of density_per_cm2"
+    )
+    region: Literal["pad", "phalanx", "nail_border"] = Field(
+        "pad",
+        description="of random and afferents: the pad in the extent above, the skin of the whole "
+        "phalanx, or that beside the nail",
+    )
+    nail_border_mm: Positive = Field(3.0, description="proposed: width of nail_border")
+    seed: Annotated[Whole, Field(ge=0)] = Field(
+        1, description="of random and afferents, and of all preferred directions"
+    )
     extra_mm: tuple[tuple[Finite, Finite], ...] = Field(
         (), description="further receptors: pairs X, Y"
     )
@@ -63,13 +75,30 @@ class Receptors(Settings):
         if self.placement == "grid":
             count = max(count, rows * columns)
         elif self.placement in ("random", "afferents"):
-            count = max(count, self.density_per_cm2 * across * along / 100)
+            area = across * along if self.region == "pad" else _PHALANX_MM2
+            count = max(count, self.number_on(area))
         if count > _MAX_COUNT:
             raise ValueError(
                 f"{count:.3g} receptors are more than {_MAX_COUNT:,}; choose a smaller extent, a "
                 "longer spacing_mm or a lower density_per_cm2"
             )
         return self
+
+    @model_validator(mode="after")
+    def _are_of_a_region(self) -> Self:
+        """Refuse what is seen from below, elsewhere than on the pad."""
+        if self.region != "pad":
+            if self.placement not in ("random", "afferents"):
+                raise ValueError(
+                    f'region = "{self.region}" needs placement = "random" or "afferents"'
+                )
+            if self.end_organs > 1:
+                raise ValueError(f'region = "{self.region}" needs end_organs = 1')
+        return self
+
+    def number_on(self, area_mm2: float) -> int:
+        """Return how many receptors lie on an area, of random and afferents."""
+        return self.count or max(1, round(self.density_per_cm2 * area_mm2 / 100))
 
     def shared_with(self, own: dict[str, Any]) -> dict[str, Any]:
         """Return the keys that a population inherits: all."""

@@ -93,9 +93,8 @@ FELT = (
     Column("moved_mm", (*_BOTH, 3), "displacement of the receptors"),
 )
 
-TRACE = (
-    Column("time_s", _STEPS, "time since the end of the indentation, negative before"),
-    *OF_STEP,
+# One value for each receptor.
+OF_RECEPTOR = (
     Column(
         "receptors_mm", (*_RECEPTORS, 3), "undeformed positions, one population after the other"
     ),
@@ -104,6 +103,15 @@ TRACE = (
         _RECEPTORS,
         "name of the population; `SA1` in a study without `[[afferents]]`",
     ),
+    Column(
+        "directions", (*_RECEPTORS, 3), "preferred directions: unit vectors, tangent to the skin"
+    ),
+)
+
+TRACE = (
+    Column("time_s", _STEPS, "time since the end of the indentation, negative before"),
+    *OF_STEP,
+    *OF_RECEPTOR,
     *FELT,
 )
 

@@ -27,8 +27,9 @@ class Trace:
 
     Attributes
     ----------
-    receptors_mm, population
-        Undeformed positions, (receptors, 3), and names of their populations, (receptors,).
+    receptors_mm, population, directions
+        Undeformed positions, (receptors, 3), names of their populations, (receptors,), and
+        preferred directions, (receptors, 3); NaN by default.
     time_s
         (steps,). The indentation ends at time 0; ``clock_s`` starts with the path.
     """
@@ -39,9 +40,15 @@ class Trace:
         population: Array,
         start_mm: ArrayLike = (0.0, 0.0, 0.0),
         fields: Sequence[Field] = STANDARD,
+        directions: Array | None = None,
     ) -> None:
         count, start = len(receptors_mm), np.asarray(start_mm, dtype=float)
-        self._fixed = {"receptors_mm": receptors_mm, "population": population}
+        unknown = np.full_like(receptors_mm, np.nan)
+        self._fixed = {
+            "receptors_mm": receptors_mm,
+            "population": population,
+            "directions": unknown if directions is None else directions,
+        }
         self._indented_s = 0.0
         of_step = {column.name: column.rest for column in OF_STEP}
         of_step |= {"stimulator_mm": start, "depth_mm": start[2]}
@@ -57,7 +64,7 @@ class Trace:
         """Return the trace of a simulation at rest; an observer of its steps."""
         layout, start_mm = simulation.layout, simulation.path.start_mm
         fields = simulation.receptors.fields
-        return cls(layout.positions_mm, layout.population, start_mm, fields)
+        return cls(layout.positions_mm, layout.population, start_mm, fields, layout.directions)
 
     @classmethod
     def read(cls, saved: Mapping[str, Array]) -> Trace:
@@ -68,7 +75,8 @@ class Trace:
         StudyError
             It lacks a column.
         """
-        trace = cls(saved["receptors_mm"], saved["population"], fields=())
+        fixed = saved["receptors_mm"], saved["population"]
+        trace = cls(*fixed, fields=(), directions=saved.get("directions"))
         trace.restore(saved, len(saved["time_s"]))
         return trace
 

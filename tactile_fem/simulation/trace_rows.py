@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.files import atomic_write
+from tactile_fem.simulation.columns import OF_RECEPTOR
 
 NAME = "trace.rows"
 
@@ -110,7 +111,7 @@ def with_rows(saved: dict[str, Array], records: Array) -> dict[str, Array]:
     follows = records["number"] == count + np.arange(len(records))
     records = records[np.logical_and.accumulate(follows)]
     columns = records["columns"]
-    names = saved.keys() - {"time_s", "receptors_mm", "population"}
+    names = saved.keys() - {"time_s", *(column.name for column in OF_RECEPTOR)}
     if not len(records) or names != set(columns.dtype.names or ()):  # of an earlier run
         return saved
     joined = {name: np.concatenate([saved[name], columns[name]]) for name in names}

@@ -14,9 +14,12 @@ if TYPE_CHECKING:
     from tactile_fem.neuron import Population
 
 # Defaults of a kind that differ from those of SA1. Densities: Johansson and Vallbo 1979 (RA 140, PC
-# 21 per cm2). RA end in dermal papillae, PC at about 2 mm depth. Filters, membranes, gains, spread
-# and refractoriness are fitted to thresholds and rates of monkeys' afferents, those of RA also to
-# their entrainment (Talbot et al. 1968): demos/validation/vibration.py.
+# 21, SA2 9 per cm2). RA end in dermal papillae, PC at about 2 mm depth. Filters, membranes, gains,
+# spread and refractoriness of RA and PC are fitted to thresholds and rates of monkeys' afferents,
+# those of RA also to their entrainment (Talbot et al. 1968): demos/validation/vibration.py.
+# SA2 are proposed: they lie amid the dermis, and their currents at rest are spread about the
+# rheobase, so that half of them fire without a load, as 20 of 41 do in Saal et al. (eLife 89616),
+# at rates of 5 to 20 spikes/s.
 _KINDS: dict[str, dict[str, Any]] = {
     "RA": {
         "feels": "compression",
@@ -54,6 +57,21 @@ _KINDS: dict[str, dict[str, Any]] = {
             "threshold_noise": 0.1,
         },
     },
+    "SA2": {
+        "feels": "directed_stretch",
+        "receptors": {"density_per_cm2": 9.0, "below_skin_mm": 1.2, "side": "dermis"},
+        "neuron": {
+            "model": "hamasaki2020",
+            "static_gain_pA_per_kPa": 400.0,
+            "dynamic_gain_pA_s_per_kPa": 10.0,
+            "adaptation": 0.3,
+            "adaptation_time_s": 0.5,
+            "intercept_pA": 0.0,
+            "resting_pA": 18.0,
+            "resting_spread_pA": 4.5,
+            "threshold_noise": 0.1,
+        },
+    },
 }
 
 
@@ -63,15 +81,15 @@ class Afferents(Settings):
     name: Annotated[str, Field(pattern="^[A-Za-z0-9_-]+$", max_length=40)] = Field(
         description="its name in results and figures: letters, digits, _ and -"
     )
-    kind: Literal["SA1", "RA", "PC"] = Field(
+    kind: Literal["SA1", "RA", "PC", "SA2"] = Field(
         "SA1",
         description="of afferent: what is not given below is that of its kind",
     )
     feels: str = Field(
         "sed",
         description="sed, von_mises, largest_stretch, smallest_stretch, largest_stress, "
-        "smallest_stress, pressure (kPa), compression or indentation (mm); each also with _rate "
-        "behind it; gains are per its unit, and what is negative inhibits",
+        "smallest_stress, pressure (kPa), compression, directed_stretch or indentation (mm); each "
+        "also with _rate behind it; gains are per its unit, and what is negative inhibits",
     )
     receptors: Receptors = Receptors()
     neuron: Neuron = Neuron()
