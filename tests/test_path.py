@@ -11,7 +11,7 @@ import pytest
 from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
-from tactile_fem.path import Motion, Path, Vibration
+from tactile_fem.path import HeldLoads, Motion, Path, Vibration
 from tactile_fem.simulation.checks import LARGEST_DEPTH_SHARE, check_study
 from tactile_fem.study import Finger, Follow, Hold, Lift, Press, Protocol, Slide, Study
 from tactile_fem.study.file import dump_study, load_study
@@ -100,7 +100,8 @@ def test_following_starts_where_the_body_is(tmp_path):
 
 @pytest.mark.parametrize("force_N", [None, 0.5])
 def test_a_held_force_indents_nothing(force_N):
-    motion = replace(Press(depth_mm=1.0, speed_mm_s=1.0)(REST), held_N=force_N)
+    held = None if force_N is None else HeldLoads.normal(force_N)
+    motion = replace(Press(depth_mm=1.0, speed_mm_s=1.0)(REST), held=held)
     assert motion.indents == (force_N is None)
 
 
@@ -141,9 +142,9 @@ def test_a_protocol_is_a_press_and_a_slide():
 
 def test_a_press_to_a_force_goes_as_deep_as_it_may_and_the_slide_may_hold_it():
     (_, pressed), (at, slid) = Protocol(force_N=0.5, hold="force").route(4.0).plan()
-    assert (pressed.until_N, pressed.held_N, slid.held_N) == (0.5, None, 0.5)
+    assert (pressed.until_N, pressed.held, slid.held_at_end()) == (0.5, None, [0.5])
     assert pressed.place(pressed.duration_s)[2] == 4.0 > at[2] > 3.0
-    assert Protocol(force_N=0.5).route(4.0).pieces[1](REST).held_N is None
+    assert Protocol(force_N=0.5).route(4.0).pieces[1](REST).held is None
 
 
 def test_pieces_follow_each_other():
@@ -158,7 +159,7 @@ def test_pieces_follow_each_other():
     starts = [start.tolist() for start, _ in plan]
     assert starts == [[0, 0, 0], [0, 0, 1], [0, 0, 1], [1, 0, 1]]
     assert plan[1][1].outputs_s == pytest.approx(0.05 * np.arange(1, 11))
-    assert plan[2][1].held_N == 0.2
+    assert plan[2][1].held_at_end() == [0.2]
     np.testing.assert_allclose(plan[3][1].place(plan[3][1].duration_s), [1, 0, -0.5])
 
 
@@ -247,7 +248,7 @@ def test_the_piece_that_is_wrong_is_named():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("", r"the first line of .* is empty but must be time_s,x_mm,y_mm,z_mm\."),
+        ("", r"the first line of .* is empty but must be time_s and some of x_mm, y_mm"),
         ("t,x,y,z\n0,0,0,0\n1,0,0,1\n", r"the first line of .* is t,x,y,z but must be time_s"),
         (HEADING, r"must have at least two rows of numbers but has 0\."),
         (HEADING + "0,0,0,0\n", r"must have at least two rows of numbers but has 1\."),

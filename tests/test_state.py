@@ -21,6 +21,7 @@ from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.mechanics.rows import gathered
 from tactile_fem.mechanics.state import PointHistory, State
+from tactile_fem.path.rotations import matrix
 
 DEGREE = 2
 LINE, DEPTHS = np.linspace(-3, 3, 4), np.array([0.0, 0.17, 0.82, 1.62, 3.0])
@@ -76,11 +77,11 @@ class Made:
         """Take a made-up step, in which only half of the block is squeezed."""
         state = self.state
         state.u.interpolate(lambda x: 1e-2 * k * np.array([x[1], x[0] ** 2, np.maximum(x[0], 0)]))
-        state.translation.value[:] = 0.0, -0.1 * k, 0.5
+        state.move(np.array([0.0, -0.1 * k, 0.5]), matrix([0.1 * k, 0.0, 0.0]))
         state.time_step.value = 0.01 * k
         owned = state.u.function_space.dofmap.index_map.size_local
         friction = 2 * state.u.x.array.reshape(-1, 3)[:owned]
-        state.accept(np.array([0.0, 0.0, 0.3 * k]), friction, 3 * k)
+        state.accept(np.array([0.0, 0.0, 0.3 * k]), np.full(3, 0.1 * k), friction, 3 * k)
 
     def gathered(self) -> dict[str, np.ndarray]:
         return gathered(self.state.to_save(self.order))
@@ -137,16 +138,21 @@ def test_a_step_accepted_is_the_history_of_the_next(gone):
     assert (state.dt_old_s, state.iterations) == (0.02, 9)
     np.testing.assert_allclose(state.translation_old.value, [0, -0.2, 0.5])
     np.testing.assert_allclose(state.translation_before, [0, -0.1, 0.5])
+    np.testing.assert_allclose(state.rotation_old, matrix([0.2, 0.0, 0.0]))
+    np.testing.assert_allclose(state.rotation_before, matrix([0.1, 0.0, 0.0]))
+    np.testing.assert_array_equal(state.turn.value, 0.0)
 
 
 @pytest.mark.ranks
 def test_a_step_that_fails_is_undone(gone):
     state, accepted = gone.state, gone.gathered()
     state.u.x.array[:] = 7.0
-    state.translation.value[:] = 7.0
+    state.move(np.full(3, 7.0), np.eye(3))
     state.reset()
     assert_same(gone.gathered(), accepted)
     np.testing.assert_array_equal(state.translation.value, state.translation_old.value)
+    np.testing.assert_allclose(state.rotation, matrix([0.2, 0.0, 0.0]))
+    np.testing.assert_allclose(state.turn.value, 0.0, atol=1e-15)
 
 
 @pytest.mark.ranks
@@ -181,6 +187,9 @@ def test_the_last_step_is_reopened_and_closed_again(gone):
         assert_close(gone.squeezed.old.x.array, gone.squeezed.before)
         np.testing.assert_allclose(state.translation_old.value, accepted["translation_before"])
         np.testing.assert_allclose(state.translation.value, accepted["translation"])
+        np.testing.assert_allclose(
+            state.turn.value, matrix([0.1, 0.0, 0.0]) - np.eye(3), atol=1e-15
+        )
         assert state.dt_s == 0.02
         with state.reopened():  # already is
             pass

@@ -56,8 +56,8 @@ class Spring:
         V = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
         self.state, self.order, self.solves = State(V), NodeOrder(domain, V), []
 
-    def solve(self, place: np.ndarray, dt_s: float) -> SolveReport:
-        self.state.translation.value[:] = place
+    def solve(self, place: np.ndarray, dt_s: float, rotation: np.ndarray) -> SolveReport:
+        self.state.move(place, rotation)
         self.state.time_step.value = dt_s
         self.solves.append((place, dt_s))
         return SolveReport(True, 3, 9, 0.0, "")
@@ -69,7 +69,7 @@ class Spring:
         return Load(force, np.zeros(3), *8 * [0.0], *2 * [np.zeros((0, 3))])
 
     def accept(self, load: Load) -> None:
-        self.state.accept(load.force_N, load.friction_N, 3)
+        self.state.accept(load.force_N, load.moment_Nmm, load.friction_N, 3)
 
     def to_save(self) -> Saved:
         return self.state.to_save(self.order)
@@ -214,7 +214,7 @@ def test_a_slow_motion_may_step_as_briefly_as_a_fast_one(speed, briefest, monkey
     """Viscosity, which holds what snaps, acts over a time."""
     problem = Spring()
     failed = SolveReport(False, 1, 1, 1.0, "always")
-    monkeypatch.setattr(Spring, "solve", lambda p, place, dt: p.solves.append(dt) or failed)
+    monkeypatch.setattr(Spring, "solve", lambda p, place, dt, R: p.solves.append(dt) or failed)
     path = Protocol(press_speed_mm_s=speed).route(1.0)
     stepper = Stepper(problem, path, Solver(min_step_mm=0.01), smoother_by=["low_pass_mm"])
     with pytest.raises(ConvergenceError, match=r"try .*, a larger stimulus\.low_pass_mm, less"):
@@ -229,9 +229,9 @@ class Countable(Spring):
         super().__init__()
         self._law = law
 
-    def solve(self, place: np.ndarray, dt_s: float) -> SolveReport:
+    def solve(self, place: np.ndarray, dt_s: float, rotation: np.ndarray) -> SolveReport:
         assert len(self.solves) < 300, "it goes on for ever"
-        return super().solve(place, dt_s)
+        return super().solve(place, dt_s, rotation)
 
     def load(self) -> Load:
         z, dt_s = self.state.translation.value[-1], self.state.dt_s

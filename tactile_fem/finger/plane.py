@@ -70,6 +70,16 @@ class Plane:
         found[..., list(self.axes)] = own
         return found
 
+    def rotation(self, in_space: Array) -> Array:
+        """Return a rotation (3, 3) about the axis across it as one of the plane, (2, 2)."""
+        return in_space[np.ix_(self.axes, self.axes)]
+
+    def rotation_in_space(self, within: Array) -> Array:
+        """Return a rotation of the plane, (2, 2), as one of space, (3, 3)."""
+        found = np.eye(3)
+        found[np.ix_(self.axes, self.axes)] = within
+        return found
+
     def distance_mm(self, points: Array) -> float:
         """Return the largest distance of points (n, 3) from the plane; 0 in space."""
         return float(np.abs(points[:, self.outside]).max(initial=0.0))

@@ -108,9 +108,10 @@ class ContactLaw:
     @property
     def s_t(self) -> Expr:
         """Friction on the finger, MPa."""
-        advance = self.obstacle.translation - self.obstacle.translation_old
-        slip = (self.u - self.u_old) - advance
-        trial = self.tangential(self.t - self.untransmitted_old - self.stiffness * slip)
+        state = self.obstacle.state
+        slip = (self.u - self.u_old) - state.advance(self.obstacle.position + self.u_old)
+        stuck = state.turned(self.untransmitted_old)
+        trial = self.tangential(self.t - stuck - self.stiffness * slip)
         return smooth_coulomb(trial, self.friction * self.s_n, self.softness)
 
     def closed(self) -> Expr:

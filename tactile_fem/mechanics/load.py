@@ -111,13 +111,7 @@ class LoadCell:
                 _nodal(form) for form in (self._pressure_form, self._friction_form, self._bulk_form)
             )
             integrals = _nodal(self._integrals_form).sum(axis=0)
-        state = self._state
-        advance = state.translation.value - state.translation_old.value
-        here = [
-            self._forces(pressure + friction, bulk),
-            [self._heat(friction, advance)],
-            integrals,
-        ]
+        here = [self._forces(pressure + friction, bulk), [self._heat(friction)], integrals]
         whole = self._comm.allreduce(np.concatenate(here))
         force, moment, resistance = np.split(whole[:-8], self._splits)
         heat, area, normal, distance, traction, stored, volume, rest = whole[-8:].tolist()
@@ -129,7 +123,7 @@ class LoadCell:
             area,
             distance / pressed,
             (traction - normal) / pressed,
-            float((force + state.force_old_N) @ advance / 2),
+            self._work(force, moment),
             heat,
             stored,
             volume / rest - 1,
@@ -139,21 +133,44 @@ class LoadCell:
 
     def _forces(self, contact: np.ndarray, bulk: np.ndarray) -> np.ndarray:
         """Return this rank's contact force, its moment, and the resistance of nodes that move."""
-        owned = len(contact)
-        u = self._state.u
-        place = u.function_space.tabulate_dof_coordinates()[:owned, : len(u)] + _owned(u, owned)
-        moment = np.column_stack(
-            [place[:, i] * contact[:, j] - place[:, j] * contact[:, i] for i, j in self._planes]
-        )
+        moment = self._moment(self._places(self._state.u, len(contact)), contact)
         resistance = bulk[self._is_free].sum(axis=0)
         return np.concatenate([contact.sum(axis=0), moment.sum(axis=0), resistance])
 
-    def _heat(self, friction: np.ndarray, advance: np.ndarray) -> float:
+    def _places(self, u: fem.Function, owned: int) -> np.ndarray:
+        """Return where the first `owned` nodes of this rank are, (owned, components)."""
+        return u.function_space.tabulate_dof_coordinates()[:owned, : len(u)] + _owned(u, owned)
+
+    def _moment(self, places: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """Return the moments of forces (..., components) about the origin."""
+        x, f = places.T, forces.T
+        return np.array([x[i] * f[j] - x[j] * f[i] for i, j in self._planes]).T
+
+    def _work(self, force: np.ndarray, moment: np.ndarray) -> float:
+        """Return the work of the body since the last accepted step, in mJ."""
+        state, force_old = self._state, self._state.force_old_N
+        b, b_old = state.translation.value, state.translation_old.value
+        # About the body's origin, which moves by b - b_old while the body turns.
+        torque = moment - self._moment(b, force)
+        torque_old = state.moment_old_Nmm - self._moment(b_old, force_old)
+        angles = self._angles(np.eye(len(force)) + state.turn.value)
+        return float((force + force_old) @ (b - b_old) + (torque + torque_old) @ angles) / 2
+
+    def _angles(self, Q: np.ndarray) -> np.ndarray:
+        """Return the rotation vector of a rotation, rad, as `_moment` returns moments."""
+        sines = np.array([Q[j, i] - Q[i, j] for i, j in self._planes]) / 2
+        sine, cosine = np.linalg.norm(sines), (np.trace(Q) - (len(Q) - 2)) / 2
+        return sines * (np.arctan2(sine, cosine) / sine if sine else 1.0)
+
+    def _heat(self, friction: np.ndarray) -> float:
         """Return this rank's heat of friction since the last accepted step, in mJ."""
         owned, state = len(friction), self._state
-        mean = (friction + _owned(state.friction_old, owned)) / 2
-        u, u_old = (_owned(u, owned) for u in (state.u, state.u_old))
-        return float(np.sum(mean * (advance - (u - u_old))))
+        W, b_old = state.turn.value, state.translation_old.value
+        old, x_old = _owned(state.friction_old, owned), self._places(state.u_old, owned)
+        mean = (friction + old + old @ W.T) / 2
+        advance = (state.translation.value - b_old) + (x_old - b_old) @ W.T
+        slid = advance - (_owned(state.u, owned) - _owned(state.u_old, owned))
+        return float(np.sum(mean * slid))
 
 
 _COUNT = 7

@@ -46,11 +46,13 @@ class Obstacle:
 
     Attributes
     ----------
-    translation, translation_old
-        Where the body is, (3,) mm, now and at the last accepted step.
+    state
+        Where the body is, now and at the last accepted step.
     gap, normal, hessian
         UFL expressions of the signed distance, of the outward normal and of the distance's second
         derivatives.
+    position
+        UFL expression of the undeformed position, mm.
     entity_maps
         To be given to the compiler of any form that uses these expressions.
     entities
@@ -63,9 +65,9 @@ class Obstacle:
         self.body = body
         self.u = u = state.u
         parent = u.function_space.mesh
-        self._at: tuple[np.ndarray, ...] = ()  # displacement and place of the last expansion
+        self._at: tuple[np.ndarray, ...] = ()  # displacement and place at the last expansion
         self._margin_mm: np.ndarray | None = None  # of a facet's gap beyond its reach
-        self.translation, self.translation_old = state.translation, state.translation_old
+        self.state = state
         dim = parent.topology.dim
         submesh, entity_map = mesh.create_submesh(parent, dim - 1, facets)[:2]
         self.entity_maps: Sequence[mesh.EntityMap] = [entity_map]
@@ -74,7 +76,8 @@ class Obstacle:
         facet = getattr(basix.CellType, submesh.topology.cell_name())
         points, _ = basix.make_quadrature(facet, degree, rule=scheme)
         self._parent = parent
-        self._position = expression(ufl.SpatialCoordinate(parent), points)
+        self.position: Expr = ufl.SpatialCoordinate(parent)
+        self._position = expression(self.position, points)
         self._displacement = expression(u, points)
         self.entities = _cells_and_local_facets(parent, entity_map, submesh)
         self._points_per_facet = len(points)
@@ -149,19 +152,20 @@ class Obstacle:
     def _refresh(self) -> None:
         if not len(self.entities):
             return
-        now = self.u.x.array, self.translation.value
+        place, R = self.state.translation.value, self.state.rotation
+        now = self.u.x.array, place, R
         if self._at and all(map(np.array_equal, now, self._at)):
             return  # the Jacobian follows a residual at the same place
-        if self._at and not np.array_equal(now[1], self._at[1]):
+        if self._at and not all(map(np.array_equal, now[1:], self._at[1:])):
             self._margin_mm = None
         u = self._at_points(self._displacement)
         near = self._may_be_near(u)
-        y = self.points_mm.reshape(u.shape)[near] + u[near] - self.translation.value
+        y = (self.points_mm.reshape(u.shape)[near] + u[near] - place) @ R
         if len(y):
             d = self.body.distance(y.reshape(-1, y.shape[-1]))
             _set(self._gap, near, d.gap)
-            _set(self._normal, near, d.normal)
-            _set(self.hessian, near, d.hessian)
+            _set(self._normal, near, d.normal @ R.T)
+            _set(self.hessian, near, _turned(d.hessian, R))
             _set(self._base, near, u[near])
         self._at = tuple(values.copy() for values in now)
 
@@ -205,6 +209,12 @@ class PointValues:
         """Return the values at the present state as an array of a quadrature function."""
         self._obstacle.refresh()
         return fem.assemble_vector(self._form).array / self._weight
+
+
+def _turned(symmetric: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Return ``R H R.T`` of symmetric matrices H (n, d, d)."""
+    half = (symmetric.reshape(-1, len(R)) @ R.T).reshape(symmetric.shape)
+    return half.swapaxes(1, 2).reshape(-1, len(R)) @ R.T
 
 
 def _set(function: fem.Function, facets: np.ndarray, values: np.ndarray) -> None:

@@ -17,6 +17,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 from scipy.spatial import cKDTree
+from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.rows import Saved, gather_rows
@@ -101,13 +102,18 @@ class State:
     u, u_old, u_before
         Displacement (mm): now, at the last accepted step and at the one before.
     translation, translation_old, translation_before
-        Position of the body (3,), mm, likewise.
+        Position of the body's origin (3,), mm, likewise.
+    rotation, rotation_old, rotation_before
+        Rotation of the body about its origin, (3, 3), likewise.
+    turn
+        ``Q - I``, with the rotation `Q` of the body since the last accepted step.
     time_step
         Duration of the present step, s; the only constant of it in all forms.
     dt_old_s
         Duration of the last accepted step; 0 if nothing is to be extrapolated from it.
-    force_old_N, friction_old
-        Contact force (3,) and nodal forces of friction at the last accepted step, N.
+    force_old_N, moment_old_Nmm, friction_old
+        Contact force (3,), its moment about the origin (3,) and nodal forces of friction at the
+        last accepted step, N.
     iterations
         Newton iterations of all accepted steps; without any there is no tangent to restart from.
     histories
@@ -122,9 +128,12 @@ class State:
         self.translation = fem.Constant(msh, origin)
         self.translation_old = fem.Constant(msh, origin)
         self.translation_before = origin.copy()
+        self.rotation, self.rotation_old, self.rotation_before = (np.eye(len(origin)),) * 3
+        self.turn = fem.Constant(msh, np.zeros((len(origin), len(origin))))
         self.time_step = fem.Constant(msh, 1.0)
         self.dt_old_s = 0.0
         self.force_old_N = origin.copy()
+        self.moment_old_Nmm = np.zeros(3 if len(origin) == 3 else 1)
         self.iterations = 0
         self.histories: Sequence[PointHistory] = ()
         self._is_reopened = False
@@ -134,24 +143,46 @@ class State:
         """Duration of the present step, s."""
         return float(self.time_step.value)
 
-    def place(self, translation: Array) -> None:
-        """Start from the present displacement, with the body at `translation` (3,)."""
-        self.u_old.x.array[:] = self.u.x.array
+    def move(self, translation: Array, rotation: Array | None = None) -> None:
+        """Move the body to `translation` (3,) and `rotation` (3, 3), by default that of before."""
         self.translation.value[:] = translation
-        self.translation_old.value[:] = translation
+        self.rotation = self.rotation_old if rotation is None else np.array(rotation)
+        self.turn.value[:] = (self.rotation - self.rotation_old) @ self.rotation_old.T
+
+    def place(self, translation: Array, rotation: Array | None = None) -> None:
+        """Start from the present displacement, with the body at that place, as in `move`."""
+        self.move(translation, rotation)
+        self.u_old.x.array[:] = self.u.x.array
+        self._since(self.translation.value, self.rotation)
+
+    def _since(self, translation: Array, rotation: Array) -> None:
+        """Make a place of the body that at the last accepted step."""
+        self.translation_old.value[:], self.rotation_old = translation, rotation
+        self.move(self.translation.value.copy(), self.rotation)
 
     def reset(self) -> None:
         """Go back to the last accepted step."""
         self.u.x.array[:] = self.u_old.x.array
-        self.translation.value[:] = self.translation_old.value
+        self.move(self.translation_old.value)
 
-    def accept(self, force_N: Array, friction: Array, iterations: int) -> None:
+    def advance(self, points: Expr) -> Expr:
+        """Return how far the body has carried `points` since the last accepted step, mm.
+
+        The points are places of then; together with `turned` it makes sticking objective.
+        """
+        return self.translation - self.translation_old + self.turn * (points - self.translation_old)
+
+    def turned(self, vector: Expr) -> Expr:
+        """Return a vector of the last accepted step, turned with the body since."""
+        return vector + self.turn * vector
+
+    def accept(self, force_N: Array, moment_Nmm: Array, friction: Array, iterations: int) -> None:
         """Make the present state the history of the next step; all ranks call.
 
         Parameters
         ----------
-        force_N
-            Contact force at the present state, (3,).
+        force_N, moment_Nmm
+            Contact force at the present state, (3,), and its moment about the origin, (3,).
         friction
             Nodal forces of friction there, (owned nodes, components), N.
         iterations
@@ -162,11 +193,12 @@ class State:
             history.accept(values)
         self.u_before.x.array[:] = self.u_old.x.array
         self.translation_before[:] = self.translation_old.value
-        self.force_old_N = force_N
+        self.rotation_before = self.rotation_old
+        self.force_old_N, self.moment_old_Nmm = force_N, moment_Nmm
         self.friction_old.x.array[: friction.size] = friction.ravel()
         self.dt_old_s = self.dt_s
         self.iterations += iterations
-        self.place(self.translation.value)
+        self.place(self.translation.value, self.rotation)
 
     @contextmanager
     def reopened(self) -> Iterator[None]:
@@ -182,7 +214,7 @@ class State:
         for history in self.histories:
             history.old.x.array[:] = history.before
         self.u_old.x.array[:] = self.u_before.x.array
-        self.translation_old.value[:] = self.translation_before
+        self._since(self.translation_before, self.rotation_before)
         self.time_step.value = self.dt_old_s
         self._is_reopened = True
         try:
@@ -191,7 +223,7 @@ class State:
             self._is_reopened = False
             for history, values in zip(self.histories, accepted, strict=True):
                 history.old.x.array[:] = values
-            self.place(self.translation.value)
+            self.place(self.translation.value, self.rotation)
 
     def to_save(self, order: NodeOrder) -> Saved:
         """Return the accepted state by name, independent of the number of ranks.
@@ -206,8 +238,11 @@ class State:
             **points,
             "translation": self.translation_old.value.copy(),
             "translation_before": self.translation_before.copy(),
+            "rotation": self.rotation_old.ravel(),
+            "rotation_before": self.rotation_before.ravel(),
             "dt_old_s": np.array(self.dt_old_s),
             "force_N": self.force_old_N,
+            "moment_Nmm": self.moment_old_Nmm,
             "iterations": np.array(self.iterations),
         }
 
@@ -218,10 +253,13 @@ class State:
         for history in self.histories:
             history.scatter(saved[history.name], history.old.x.array)
             history.scatter(saved[f"{history.name}_before"], history.before)
-        self.place(saved["translation"])
+        shape = self.rotation.shape
+        self.place(saved["translation"], np.reshape(saved["rotation"], shape))
         self.translation_before[:] = saved["translation_before"]
+        self.rotation_before = np.reshape(saved["rotation_before"], shape)
         self.dt_old_s, self.iterations = float(saved["dt_old_s"]), int(saved["iterations"])
         self.force_old_N = np.array(saved["force_N"])
+        self.moment_old_Nmm = np.array(saved["moment_Nmm"])
 
     def _nodal(self) -> dict[str, fem.Function]:
         return {"u": self.u, "u_before": self.u_before, "friction": self.friction_old}

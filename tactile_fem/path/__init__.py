@@ -1,10 +1,13 @@
 """The path of the body: pieces of motion in order."""
 
+from tactile_fem.path.loads import HeldLoads
 from tactile_fem.path.motion import Motion, Path, straight
 
 # isort: off
 # The kinds of piece, in the order in which the template and messages list them.
 from tactile_fem.path.pieces import Piece, Vibration, Press, Hold, Slide, Lift
+from tactile_fem.path.push import Push
+from tactile_fem.path.turns import Twist, Roll
 from tactile_fem.path.follow import Follow
 
 # isort: on
@@ -12,6 +15,7 @@ from tactile_fem.path.protocol import Protocol
 
 __all__ = [
     "Follow",
+    "HeldLoads",
     "Hold",
     "Lift",
     "Motion",
@@ -19,7 +23,10 @@ __all__ = [
     "Piece",
     "Press",
     "Protocol",
+    "Push",
+    "Roll",
     "Slide",
+    "Twist",
     "Vibration",
     "straight",
 ]

@@ -1,51 +1,70 @@
-"""A piece that follows places in a file."""
+"""A piece that follows measured places, or measured forces."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from tactile_fem.errors import StudyError
+from tactile_fem.path.loads import HeldLoads
 from tactile_fem.path.motion import Array, Motion, MotionFrom, multiples
 from tactile_fem.path.pieces import Piece
+from tactile_fem.path.recording import LOADS, PLACES, TURNS, Recording, read_recording
+from tactile_fem.path.rotations import matrix, vector
 from tactile_fem.runtime.settings import File, Positive
-from tactile_fem.runtime.text import read_rows
 
-_COLUMNS = ["time_s", "x_mm", "y_mm", "z_mm"]
 _OUTPUT_SHARE = 0.01  # of the whole, between two outputs
+_MOST_DEG = 90.0  # between two rows: what lies between would be a guess
 
 
 class Follow(Piece):
-    """Follow places in a file.
+    """Follow places or forces in a file.
 
-    Its columns are ``time_s,x_mm,y_mm,z_mm``, linear in between. The first row of a path's first
-    piece is where the body starts; later pieces go on from where the body is.
+    Its columns are ``time_s`` and some of ``x_mm,y_mm,z_mm`` (places of the body),
+    ``rx_deg,ry_deg,rz_deg`` (its rotation vector, axis times angle) and ``fx_N,fy_N,fz_N,tz_Nmm``
+    (forces on the finger, and torque about Z through the body's origin), linear in between. The
+    first row of a path's first piece is where the body starts; later pieces go on from where the
+    body is. Forces in `hold` are met by moving the body, beginning with those at the piece's start.
     """
 
     kind: Literal["follow"] = "follow"
-    file: File = Field(description="a CSV file with the columns time_s,x_mm,y_mm,z_mm")
+    file: File = Field(
+        description="a CSV file with the column time_s and some of x_mm, y_mm, z_mm, rx_deg, "
+        "ry_deg, rz_deg, fx_N, fy_N, fz_N, tz_Nmm"
+    )
+    hold: tuple[Literal["fx_N", "fy_N", "fz_N", "tz_Nmm"], ...] = Field(
+        (), description="columns of forces to be met by moving the body, instead of its places"
+    )
     output_s: Positive | None = Field(
         None, description="time between two outputs; not set: a hundredth of the whole"
     )
 
     def first_place(self) -> Array:
         """Return the first place, (3,) in mm."""
-        return read_places(self.file)[1][0]
+        return read_recording(self.file).of(PLACES)[0]
+
+    def first_turn(self) -> Array:
+        """Return the first rotation vector, (3,) in rad."""
+        return np.radians(read_recording(self.file).of(TURNS)[0])
 
     def resolved(self, deepest_mm: float) -> MotionFrom:
         """Return the motion through the places that the file holds now."""
-        times, places = read_places(self.file)
-        times, shifts = times - times[0], places - places[0]
+        recorded = read_recording(self.file)
+        times, places = recorded.time_s - recorded.time_s[0], recorded.of(PLACES)
+        held, turns = self._held(recorded, times), self._turns(recorded)
+        shifts = places - places[0]
         outputs = multiples(self.output_s or _OUTPUT_SHARE * times[-1], times[-1])
 
         def motion(start_mm: Array) -> Motion:
             def place(t: float) -> Array:
-                return start_mm + [np.interp(t, times, column) for column in shifts.T]
+                return start_mm + _at(t, times, shifts)
 
-            return Motion("follow", float(times[-1]), place, outputs, times)
+            turn = None if turns is None else lambda t: _at(t, times, turns)
+            end_s = float(times[-1])
+            return Motion("follow", end_s, place, outputs, times, held=held, turn=turn)
 
         return motion
 
@@ -53,52 +72,35 @@ class Follow(Piece):
         """Return the motion, shifted to begin at the start."""
         return self.resolved(np.inf)(start_mm)
 
+    def _turns(self, recorded: Recording) -> Array | None:
+        """Return rotation vectors in rad since the first row, (n, 3); None without a turn."""
+        if not recorded.columns.keys() & {*TURNS}:
+            return None
+        rotations = matrix(np.radians(recorded.of(TURNS)))
+        steps = [vector(after @ before.T) for before, after in pairwise(rotations)]
+        angles = np.degrees(np.linalg.norm(steps, axis=1))
+        k = int(angles.argmax())
+        if angles[k] > _MOST_DEG:
+            raise StudyError(
+                f"protocol.path: the body in {self.file} turns by {angles[k]:.3g} degrees from "
+                f"{recorded.time_s[k]:g} to {recorded.time_s[k + 1]:g} s but may turn by "
+                f"{_MOST_DEG:g} between two rows."
+            )
+        return np.array([vector(each @ rotations[0].T) for each in rotations])
 
-def read_places(file: Path) -> tuple[Array, Array]:
-    """Return times in s, (n,), and places in mm, (n, 3), of a CSV file.
+    def _held(self, recorded: Recording, times: Array) -> HeldLoads | None:
+        for missing in [name for name in self.hold if name not in recorded.columns]:
+            raise StudyError(f"protocol.path: {self.file} has no column {missing}, named in hold.")
+        if not self.hold:
+            return None
+        loads = recorded.of(LOADS)
 
-    Raises
-    ------
-    StudyError
-        It cannot be read, has other columns, less than two rows, a value that is no finite
-        number, or times that do not increase.
-    """
-    rows = read_rows(file, f"protocol.path: {file}")
-    heading = rows[0][1] if rows else ["empty"]
-    if [name.strip() for name in heading] != _COLUMNS:
-        raise StudyError(
-            f"protocol.path: the first line of {file} is {_shown(heading)} but must be "
-            f"{','.join(_COLUMNS)}."
-        )
-    values = np.array([_numbers(row, line, file) for line, row in rows[1:]])
-    if len(values) < 2:
-        raise StudyError(
-            f"protocol.path: {file} must have at least two rows of numbers but has {len(values)}."
-        )
-    late = np.flatnonzero(np.diff(values[:, 0]) <= 0)
-    if late.size:
-        before, after = values[late[0] : late[0] + 2, 0]
-        raise StudyError(
-            f"protocol.path: time_s in {file} must increase, but {after:g} follows {before:g} in "
-            f"line {rows[late[0] + 2][0]}."
-        )
-    return values[:, 0], values[:, 1:]
+        def at(t: float, start: Array) -> Array:
+            return _at(t, times, np.vstack([start, loads[1:]]))
+
+        return HeldLoads(tuple(k for k, name in enumerate(LOADS) if name in self.hold), at)
 
 
-def _numbers(row: list[str], line: int, file: Path) -> list[float]:
-    try:
-        values = [float(text) for text in row]
-    except ValueError:
-        values = []
-    if len(values) != len(_COLUMNS) or not np.isfinite(values).all():
-        raise StudyError(
-            f"protocol.path: line {line} of {file} is {_shown(row)} but must be "
-            f"{len(_COLUMNS)} finite numbers."
-        )
-    return values
-
-
-def _shown(row: list[str]) -> str:
-    """Return a line of the file, short enough for a sentence."""
-    text = " ".join(",".join(row).split())
-    return text if len(text) <= 60 else text[:57] + "..."
+def _at(t: float, times: Array, rows: Array) -> Array:
+    """Return a row at a time, linear between those given, (columns,)."""
+    return np.array([np.interp(t, times, column) for column in rows.T])

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.path.loads import HeldLoads
+from tactile_fem.path.rotations import turned
 
 Array = NDArray[np.float64]
 
@@ -18,7 +20,9 @@ Array = NDArray[np.float64]
 _SAMPLES = 2001
 MAX_OUTPUTS = 100_000
 _MAX_PATH_S = 100_000.0
-_JOINT_TOLERANCE_MM = 1e-6
+_JOINT_TOLERANCE_MM = _JOINT_TOLERANCE_RAD = 1e-6
+# A turn counts as a slide of the skin at this distance from the axis.
+_ARM_MM = 5.0
 # A press to a force is planned to end at this share of its way: another may go deeper from there.
 _PLAN_SHARE = 0.9
 
@@ -42,8 +46,12 @@ class Motion:
         Times between which the velocity is constant; default: 2001 evenly spaced ones.
     until_N
         Normal force that ends the piece.
-    held_N
-        Normal force that is held by moving the body in Z; Z of `place` has no effect.
+    held
+        Loads that are held by moving the body; the parts of `place` and `turn` along them have no
+        effect.
+    turn
+        Rotation vector in rad, (3,), of the body about its own origin, in the axes of space, since
+        the piece began, likewise; None if it does not turn.
     """
 
     phase: str
@@ -52,7 +60,8 @@ class Motion:
     outputs_s: Sequence[float] | Array = ()
     knots_s: Array | None = None
     until_N: float | None = None
-    held_N: float | None = None
+    held: HeldLoads | None = None
+    turn: Callable[[float], Array] | None = None
 
     @cached_property
     def times_s(self) -> Array:
@@ -72,23 +81,40 @@ class Motion:
         return places
 
     @cached_property
+    def turns_rad(self) -> Array:
+        """Rotation vectors at the knots since the piece began, (knots, 3)."""
+        if self.turn is None:
+            return np.zeros_like(self.places_mm)
+        turns = np.array([self.turn(float(t)) for t in self.times_s])
+        if turns.shape != self.places_mm.shape or not np.isfinite(turns).all():
+            raise StudyError(
+                f"protocol: a turn on its path ({self.phase}) is not three finite numbers."
+            )
+        return turns
+
+    @cached_property
     def _travel(self) -> Array:
-        """Times, s, and lengths of path across the finger and in Z up to them, mm, (3, knots)."""
+        """Times, s, and lengths of path up to them, mm, (4, knots).
+
+        Across the finger; the same and in Z, each with the way of skin that a turn carries along.
+        """
         moves = np.abs(np.diff(self.places_mm, axis=0))
-        lengths = np.hypot(moves[:, 0], moves[:, 1]), moves[:, 2]
+        turns = _ARM_MM * np.abs(np.diff(self.turns_rad, axis=0))
+        slid = np.hypot(moves[:, 0], moves[:, 1])
+        lengths = slid, slid + turns[:, 2], moves[:, 2] + np.hypot(turns[:, 0], turns[:, 1])
         return np.array([self.times_s, *(np.append(0.0, np.cumsum(length)) for length in lengths)])
 
     def slid_mm(self, time_s: float) -> float:
         """Return the length of the path across the finger, in X and Y, up to a time."""
-        times, across, _ = self._travel
-        return float(np.interp(time_s, times, across))
+        times, slid, *_ = self._travel
+        return float(np.interp(time_s, times, slid))
 
     def time_within(self, time_s: float, across_mm: float, up_mm: float) -> float:
         """Return how long the body moves, from a time on, before it exceeds a length of path.
 
         The lengths are those across the finger and in Z; at the latest the piece ends.
         """
-        times, *travel = self._travel
+        times, _, *travel = self._travel
         ends = [self.duration_s]
         for lengths, longest in zip(travel, (across_mm, up_mm), strict=True):
             limit = np.interp(time_s, times, lengths) + longest
@@ -100,20 +126,25 @@ class Motion:
 
     def least_steps(self, across_mm: float, up_mm: float) -> float:
         """Return how many steps it takes if none is longer than `across_mm` or `up_mm`."""
-        _, across, up = self._travel[:, -1]
+        *_, across, up = self._travel[:, -1]
         return max(1.0, len(self.outputs_s), float(across / across_mm), float(up / up_mm))
 
     @property
     def fastest_mm_s(self) -> float:
-        """The body's highest speed."""
-        times, across, up = self._travel
+        """The body's highest speed, also of skin that a turn carries along."""
+        times, _, across, up = self._travel
         return float((np.hypot(np.diff(across), np.diff(up)) / np.diff(times)).max())
 
     @property
     def indents(self) -> bool:
         """Whether it presses the body straight into the finger."""
         goes_in = self.place(self.duration_s)[2] > self.place(0.0)[2]
-        return self.held_N is None and self.slid_mm(self.duration_s) == 0 and bool(goes_in)
+        is_straight = self.turn is None and self.slid_mm(self.duration_s) == 0
+        return self.held is None and is_straight and bool(goes_in)
+
+    def held_at_end(self) -> Array:
+        """Return the held loads at its end if it begins without one, (components,)."""
+        return np.zeros(0) if self.held is None else self.held.at_end(self.duration_s)
 
     def check(self, name: str, start_mm: Array) -> None:
         """Raise StudyError, which begins with a name, if it is not valid or begins elsewhere."""
@@ -141,6 +172,12 @@ class Motion:
                 f"{name} begins {distance:.3g} mm from where the body is then; its first place "
                 f"must be X {x:g}, Y {y:g}, Z {z:g} mm."
             )
+        angle_rad = float(np.linalg.norm(self.turns_rad[0]))
+        if not angle_rad <= _JOINT_TOLERANCE_RAD:
+            raise StudyError(
+                f"{name} begins turned by {math.degrees(angle_rad):.3g} degrees from where the "
+                "body is then; its first turn must be 0."
+            )
 
 
 # From the position (3,) in mm at which a piece begins to its motion.
@@ -159,12 +196,13 @@ class Path:
     pieces
         At least one: kinds of `Piece`, or functions from the position (3,) in mm at which the
         piece begins, known only when a press to a force has ended, to its motion.
-    start_mm
-        Where the body is at the start, (3,).
+    start_mm, start_rad
+        Where the body is at the start, (3,), and its rotation vector then, (3,).
     """
 
     pieces: tuple[MotionFrom, ...]
     start_mm: Array = field(default_factory=lambda: np.zeros(3))
+    start_rad: Array = field(default_factory=lambda: np.zeros(3))
 
     def plan(self) -> Iterator[tuple[Array, Motion]]:
         """Yield the start of each piece and its motion, as far as they are known before the scan.
@@ -181,6 +219,14 @@ class Path:
     def places_mm(self) -> Array:
         """Return positions along the whole plan, (n, 3)."""
         return np.concatenate([motion.places_mm for _, motion in self.plan()])
+
+    def turns_rad(self) -> Array:
+        """Return the body's rotation vectors there, (n, 3)."""
+        found, start = [], np.asarray(self.start_rad, dtype=float)
+        for _, motion in self.plan():
+            found.append(np.array([turned(start, turn) for turn in motion.turns_rad]))
+            start = found[-1][-1]
+        return np.concatenate(found)
 
     def check(self) -> None:
         """Raise StudyError if the path is not valid."""
@@ -203,7 +249,7 @@ def straight(
     outputs_s: Sequence[float] | Array = (),
     *,
     until_N: float | None = None,
-    held_N: float | None = None,
+    held: HeldLoads | None = None,
 ) -> Motion:
     """Return a motion from one place to another at constant speed."""
     way = np.subtract(end_mm, start_mm)
@@ -213,7 +259,7 @@ def straight(
         return start_mm + (t / duration) * way
 
     knots = np.array([0.0, duration])
-    return Motion(phase, duration, place, outputs_s, knots, until_N, held_N)
+    return Motion(phase, duration, place, outputs_s, knots, until_N, held)
 
 
 def multiples(step: float, end: float) -> Array:

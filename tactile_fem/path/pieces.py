@@ -9,13 +9,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from tactile_fem.errors import StudyError
+from tactile_fem.path.loads import HeldLoads
 from tactile_fem.path.motion import Array, Motion, MotionFrom, multiples, straight
 from tactile_fem.runtime.settings import Finite, Kind, Positive, Settings
 
 _STEPS_PER_PERIOD = 24
 Speed = Annotated[Positive, Field(description="speed of the body")]
 _OUTPUT_SHARE = 0.1  # of a hold, between two outputs
-_HELD = "normal force to be held by moving in Z; not set: the depth is held"
+HELD = "normal force to be held by moving in Z; not set: the depth is held"
 _VIBRATES = "small vibration of the body on top: frequency_Hz, amplitude_mm, direction"
 
 
@@ -34,6 +35,10 @@ class Piece(Kind):
 
     def first_place(self) -> Array:
         """Return where the body starts if this is the first piece, (3,) in mm."""
+        return np.zeros(3)
+
+    def first_turn(self) -> Array:
+        """Return the body's rotation vector then, (3,) in rad."""
         return np.zeros(3)
 
     def resolved(self, deepest_mm: float) -> MotionFrom:
@@ -71,11 +76,11 @@ class Vibration(Settings):
         """
         along = np.asarray(self.direction, dtype=float)
         swing = self.amplitude_mm * along / np.linalg.norm(along)
-        if base.held_N is not None and swing[2]:
+        if base.held is not None and swing[2]:
             raise StudyError(
-                f"protocol: a {base.phase} holds a force of {base.held_N:g} by moving in Z, so its "
-                f"vibration cannot have the direction {along.tolist()}: let it vibrate in X and Y, "
-                "or hold the depth."
+                f"protocol: a {base.phase} holds a force of {base.held_at_end()[-1]:g} by moving "
+                f"in Z, so its vibration cannot have the direction {along.tolist()}: let it "
+                "vibrate in X and Y, or hold the depth."
             )
 
         def place(t: float) -> Array:
@@ -86,6 +91,10 @@ class Vibration(Settings):
         inside = outputs[outputs < base.duration_s * (1 - 1e-9)]
         knots = np.array([0.0, *inside, base.duration_s])
         return replace(base, place=place, outputs_s=knots[1:], knots_s=knots)
+
+
+def _normal(force_N: float | None) -> HeldLoads | None:
+    return None if force_N is None else HeldLoads.normal(force_N)
 
 
 class Press(Piece):
@@ -99,6 +108,9 @@ class Press(Piece):
         None, description="normal force that ends it, instead of depth_mm"
     )
     speed_mm_s: Speed = 20.0
+    direction: tuple[Finite, Finite, Positive] = Field(
+        (0.0, 0.0, 1.0), description="X, Y and Z, which is above 0; its length has no effect"
+    )
 
     @model_validator(mode="after")
     def _has_one_end(self) -> Self:
@@ -114,8 +126,9 @@ class Press(Piece):
         """Return a straight press; one to a force must be `resolved`."""
         if self.depth_mm is None:
             raise ValueError("a press to a force needs the depth at which it is given up")
-        end = np.array([start_mm[0], start_mm[1], self.depth_mm])
-        return straight("press", start_mm, end, self.speed_mm_s, until_N=self.force_N)
+        x, y, z = self.direction
+        way = (self.depth_mm - start_mm[2]) * np.array([x / z, y / z, 1.0])
+        return straight("press", start_mm, start_mm + way, self.speed_mm_s, until_N=self.force_N)
 
 
 class Hold(Piece):
@@ -126,15 +139,15 @@ class Hold(Piece):
     output_s: Positive | None = Field(
         None, description="time between two outputs; not set: a tenth of time_s"
     )
-    force_N: Positive | None = Field(None, description=_HELD)
+    force_N: Positive | None = Field(None, description=HELD)
     vibration: Vibration | None = Field(None, description=_VIBRATES)
 
     def motion(self, start_mm: Array) -> Motion:
         """Return a stay, at the depth or at a held normal force."""
         outputs = multiples(self.output_s or _OUTPUT_SHARE * self.time_s, self.time_s)
         knots = np.array([0.0, self.time_s])
-        held = self.force_N
-        base = Motion("hold", self.time_s, lambda t: start_mm, outputs, knots, held_N=held)
+        held = _normal(self.force_N)
+        base = Motion("hold", self.time_s, lambda t: start_mm, outputs, knots, held=held)
         return self.vibration.added_to(base) if self.vibration else base
 
 
@@ -147,7 +160,7 @@ class Slide(Piece):
     )
     speed_mm_s: Speed = 20.0
     output_mm: Positive = Field(0.1, description="positions that are hit exactly")
-    force_N: Positive | None = Field(None, description=_HELD)
+    force_N: Positive | None = Field(None, description=HELD)
     vibration: Vibration | None = Field(None, description=_VIBRATES)
 
     @model_validator(mode="after")
@@ -160,7 +173,9 @@ class Slide(Piece):
         """Return a slide at a held depth or normal force."""
         by, speed = np.array([*self.by_mm, 0.0]), self.speed_mm_s
         outputs = multiples(self.output_mm, float(np.linalg.norm(by))) / speed
-        base = straight("slide", start_mm, start_mm + by, speed, outputs, held_N=self.force_N)
+        base = straight(
+            "slide", start_mm, start_mm + by, speed, outputs, held=_normal(self.force_N)
+        )
         return self.vibration.added_to(base) if self.vibration else base
 
 

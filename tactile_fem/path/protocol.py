@@ -35,7 +35,7 @@ class Protocol(Either):
     path: Annotated[tuple[Piece, ...], Field(min_length=1)] | None = Field(
         None,
         description="pieces in order, instead of all other keys of this table: [[protocol.path]] "
-        "with kind = press, hold, slide, lift or follow",
+        "with kind = press, hold, slide, lift, push, twist, roll or follow",
     )
 
     def _alternatives(self) -> dict[str, list[str]]:
@@ -79,6 +79,7 @@ class Protocol(Either):
             A file cannot be read, or the path is not valid.
         """
         pieces = tuple(piece.resolved(deepest_mm) for piece in self.pieces)
-        path = Path(pieces, self.pieces[0].first_place())
+        first = self.pieces[0]
+        path = Path(pieces, first.first_place(), first.first_turn())
         path.check()
         return path

@@ -12,6 +12,8 @@ from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.plane import AXES, Plane
 from tactile_fem.neuron import fields_of
 from tactile_fem.path import Path
+from tactile_fem.path.loads import COMPONENTS, NORMAL
+from tactile_fem.path.rotations import matrix
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.check import miss
@@ -21,7 +23,7 @@ logger = logging.getLogger(__name__)
 
 # A press to a force is given up at this share of the thickness of the pad.
 LARGEST_DEPTH_SHARE = 0.8
-_TOUCH_TOLERANCE_MM = 1e-3
+_TOUCH_TOLERANCE_MM = _TURN_TOLERANCE_DEG = 1e-3
 
 
 def check_study(study: Study) -> None:
@@ -69,7 +71,7 @@ def check_motion(
         cuts none of the raised parts of the study's stimulus.
     """
     _check_path(study, path, mesh.pad_thickness_mm, mesh.plane, parts)
-    gap = body.distance(mesh.nodes - path.start_mm).gap
+    gap = body.distance((mesh.nodes - path.start_mm) @ matrix(path.start_rad)).gap
     worst = int(np.argmin(gap))
     if gap[worst] < -_TOUCH_TOLERANCE_MM:
         x, y, z = mesh.nodes[worst]
@@ -85,7 +87,8 @@ def _check_path(
     """Refuse to press the skin onto the bone or through it, and a path out of a section's plane."""
     for number, (_, motion) in enumerate(path.plan(), 1):
         depth_mm = motion.places_mm[:, 2].max()
-        if depth_mm >= pad_thickness_mm and motion.until_N is None:
+        is_held = motion.held is not None and NORMAL in motion.held.components
+        if depth_mm >= pad_thickness_mm and motion.until_N is None and not is_held:
             if parts.path is not None:
                 what = f"parts.path (piece {number}) goes {depth_mm:g} mm deep"
             elif study.protocol.path is None:
@@ -109,6 +112,18 @@ def _check_section(study: Study, path: Path, plane: Plane, parts: Parts) -> None
             f"protocol: its path leaves the section's plane, {plane.equation}, by {off:.3g} mm; "
             f"slide along {AXES[along]} only, for example protocol.path with by_mm = "
             f"{'[0, -10]' if along else '[10, 0]'}, or choose another finger.plane"
+        )
+    turn_deg = float(np.degrees(np.abs(path.turns_rad()[:, list(plane.axes)]).max(initial=0.0)))
+    if turn_deg > _TURN_TOLERANCE_DEG:
+        raise StudyError(
+            f"protocol: its path turns the body by {turn_deg:.3g} degrees out of the section's "
+            f"plane, {plane.equation}; let it roll about {AXES[plane.across]} only"
+        )
+    held = [k for _, motion in path.plan() if motion.held for k in motion.held.components]
+    if wrong := [COMPONENTS[k] for k in held if k not in plane.axes]:
+        raise StudyError(
+            f"protocol: its path holds a force or torque, {wrong[0]}, that does not lie in the "
+            f"section's plane, {plane.equation}"
         )
     outlines = [] if parts.body is not None else study.stimulus.outlines()
     boxes = [shape.bounds for shape in outlines]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-_UNITS = ("mm", "mm2", "s", "N", "Nmm", "mJ", "kPa")
+_UNITS = ("mm", "mm2", "s", "N", "Nmm", "mJ", "kPa", "rad")
 
 
 class Column(NamedTuple):
@@ -51,6 +51,12 @@ OF_STEP = (
     ),
     Column("depth_mm", _STEPS, "depth of the stimulator: Z of `stimulator_mm`"),
     Column("stimulator_mm", (*_STEPS, 3), "position of the stimulator", _ORIGIN),
+    Column(
+        "stimulator_rad",
+        (*_STEPS, 3),
+        "rotation vector of the stimulator about its origin, axis times angle",
+        _ORIGIN,
+    ),
     Column("force_N", (*_STEPS, 3), "force of the stimulator on the finger", _ORIGIN),
     Column("moment_Nmm", (*_STEPS, 3), "moment of this force about the origin", _ORIGIN),
     Column("contact_area_mm2", _STEPS, "skin within 0.01 mm of the stimulator"),

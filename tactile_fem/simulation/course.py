@@ -17,11 +17,14 @@ _ROUNDING_S, _ROUNDING_MM = 1e-9, 1e-9
 
 @dataclass(frozen=True)
 class Moment:
-    """When and where the body is: the piece of the path, the time in it, and the place (3,), mm."""
+    """When and where the body is: the piece of the path, the time in it, and the place.
+
+    The latter is its position (3,), mm, and its rotation vector (3,), rad.
+    """
 
     piece: int
     time_s: float
-    place_mm: Array
+    place: Array
 
 
 class Course:
@@ -86,13 +89,13 @@ class _Piece:
     """Steps of a piece of the path."""
 
     times_s: list[float] = field(default_factory=list)
-    places_mm: list[Array] = field(default_factory=list)
+    places: list[Array] = field(default_factory=list)
     u: list[Array] = field(default_factory=list)
     iterations: list[int] = field(default_factory=list)
 
     def note(self, moment: Moment, u: Array, iterations: int) -> None:
         self.times_s.append(moment.time_s)
-        self.places_mm.append(moment.place_mm)
+        self.places.append(moment.place)
         self.u.append(u.astype(np.float32))
         self.iterations.append(iterations)
 
@@ -101,8 +104,8 @@ class _Piece:
         if begin.time_s < first or end.time_s > last:
             return None
         times_s = begin.time_s, end.time_s
-        moved_mm = self._change(self.places_mm, *times_s)
-        if np.abs(moved_mm - (end.place_mm - begin.place_mm)).max() > _ROUNDING_MM:
+        moved = self._change(self.places, *times_s)
+        if np.abs(moved - (end.place - begin.place)).max() > _ROUNDING_MM:
             return None
         return self._change(self.u, *times_s)
 

@@ -57,7 +57,7 @@ def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Cost:
     solver, steps = study.solver, 0.0
     for _, motion in path.plan():
         count = motion.least_steps(solver.max_slide_step_mm, solver.max_press_step_mm)
-        steps += count * (1.0 if motion.held_N is None else _SOLVES_AT_FORCE)
+        steps += count * (1.0 if motion.held is None else _SOLVES_AT_FORCE)
     steps += _FIRST_STEPS * len(path.pieces)
     return Cost(memory, newton * _NEWTON_PER_STEP * steps * ranks**-0.7)
 

@@ -13,7 +13,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger import TISSUES, FingerMesh
 from tactile_fem.neuron import Population, fields_of
 from tactile_fem.neuron.fields import trial_histories
-from tactile_fem.path import Path
+from tactile_fem.path import Motion, Path
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.check import POINTS, check_body, check_lipschitz
 from tactile_fem.study import Tissue
@@ -69,9 +69,8 @@ class Parts:
         if self.body is not None:
             parts["body"] = self.body, self.body.distance(POINTS).gap
         if self.path is not None:
-            motions = [motion for _, motion in self.path.plan()]
-            when = [[m.duration_s, m.until_N or 0.0, m.held_N or 0.0] for m in motions]
-            parts["path"] = self.path, np.concatenate([when, *(m.places_mm for m in motions)])
+            does = [_motion(motion) for _, motion in self.path.plan()]
+            parts["path"] = self.path, np.concatenate(does)
         found = {name: f"{_name(part)} {_hash(does)}" for name, (part, does) in parts.items()}
         for number, term in enumerate(self.terms, 1):
             found[f"term {number}"] = getattr(term, "__qualname__", type(term).__qualname__)
@@ -133,6 +132,13 @@ def _energy(law: Law, F: np.ndarray) -> float:
 
     origin = ufl.as_vector([0.0, 0.0, 0.0])
     return float(law.energy(ufl.as_matrix(F.tolist()), origin)(()))
+
+
+def _motion(motion: Motion) -> np.ndarray:
+    """Return numbers that tell a motion from others."""
+    when = [motion.duration_s, motion.until_N or 0.0]
+    ways = motion.places_mm.ravel(), motion.turns_rad.ravel()
+    return np.concatenate([when, motion.held_at_end(), *ways])
 
 
 def _name(part: object) -> str:

@@ -31,6 +31,8 @@ class Step(Load):
         Duration of the step; time since the start.
     stimulator_mm
         Position of the body relative to where it touches the undeformed pad's apex, (3,).
+    stimulator_rad
+        Rotation vector of the body about its origin: axis times angle, (3,).
     newton_iterations, linear_iterations
         Of the step, discarded solves included.
     discarded
@@ -52,6 +54,7 @@ class Step(Load):
     dt_s: float
     clock_s: float
     stimulator_mm: np.ndarray
+    stimulator_rad: np.ndarray
     newton_iterations: int
     linear_iterations: int
     discarded: tuple[SolveReport, ...]

@@ -14,10 +14,13 @@ from tactile_fem.errors import ConvergenceError
 from tactile_fem.finger.plane import SPACE, Plane
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.rows import Saved
-from tactile_fem.path import Motion, Path
+from tactile_fem.path import HeldLoads, Motion, Path
+from tactile_fem.path.loads import NORMAL
+from tactile_fem.path.rotations import matrix, vector
 from tactile_fem.simulation.control import TOLERANCE, StepControl, StepTooSmallError
 from tactile_fem.simulation.course import Course, Moment
 from tactile_fem.simulation.equilibrium import Equilibrium
+from tactile_fem.simulation.held import SCALES, Held, Pose
 from tactile_fem.simulation.step import Step
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.report import SolveReport
@@ -37,6 +40,8 @@ class _Progress:
 
     piece: int  # index of the piece of the path
     start_mm: tuple[float, float, float]  # position of the body when it began
+    start_rad: tuple[float, float, float]  # its rotation vector then
+    start_load: tuple[float, ...]  # on the finger then; see `HeldLoads`
     start_s: float  # time when it began
     slid_mm: float  # length of the path across the finger when it began
     indenting: bool  # whether the steps so far belong to the indentation
@@ -63,10 +68,11 @@ class Stepper:
         self._problem, self._state, self._plane = problem, problem.state, plane
         self._path, self._settings, self._smoother_by = path, settings, smoother_by
         self._course = course
-        self._equilibrium = Equilibrium(problem, plane.force_unit, settings.max_press_step_mm)
+        self._equilibrium = Equilibrium(problem, plane, settings.max_press_step_mm)
         longest = settings.max_slide_step_mm, settings.max_press_step_mm
         self._weights = [motion.least_steps(*longest) for _, motion in path.plan()]
-        self._state.place(plane.within(path.start_mm))
+        rotation = plane.rotation(matrix(path.start_rad))
+        self._state.place(plane.within(path.start_mm), rotation)
         self._progress = self._begin(0, start_s=0.0, slid_mm=0.0, indenting=True, index=0)
 
     def __iter__(self) -> Iterator[Step]:
@@ -93,17 +99,22 @@ class Stepper:
         """Return all that the next step needs, as `State.to_save` does."""
         p = self._progress
         known = replace(p, control=replace(p.control, outputs_s=()))  # which are the path's
-        values = asdict(known) | {"stiffness_N_mm": self._equilibrium.stiffness_N_mm}
+        loads, equilibrium = self._equilibrium.loads_before_N, self._equilibrium
+        values = asdict(known) | {
+            "stiffness_N_mm": equilibrium.stiffness_N_mm.tolist(),
+            "loads_before_N": None if loads is None else loads.tolist(),
+        }
         return {**self._problem.to_save(), "progress": np.array(json.dumps(values))}
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
         """Go on from where `to_save` was called, with what was gathered; all ranks call."""
         values = json.loads(str(saved["progress"]))
-        control, start = StepControl(**values.pop("control")), tuple(values.pop("start_mm"))
-        self._equilibrium.stiffness_N_mm = values.pop("stiffness_N_mm")
-        self._motion = self._path.pieces[values["piece"]](np.array(start))
+        control, loads = StepControl(**values.pop("control")), values.pop("loads_before_N")
+        self._equilibrium.stiffness_N_mm = np.array(values.pop("stiffness_N_mm"))
+        self._equilibrium.loads_before_N = None if loads is None else np.array(loads)
+        self._motion = self._path.pieces[values["piece"]](np.array(values["start_mm"]))
         control.outputs_s = tuple(self._motion.outputs_s)
-        self._progress = _Progress(**values, start_mm=start, control=control)
+        self._progress = _Progress(**values, control=control)
         self._problem.restore(saved)
 
     # --- pieces of the path --------------------------------------------------------------------
@@ -123,12 +134,21 @@ class Stepper:
     def _begin(
         self, piece: int, *, start_s: float, slid_mm: float, indenting: bool, index: int
     ) -> _Progress:
-        start = self._position_mm()
-        self._motion = self._path.pieces[piece](start)
+        start = self._equilibrium.pose()
+        self._motion = self._path.pieces[piece](start.translation)
         control = self._control(self._motion)
         self._end_at_force(control)
-        indenting = indenting and self._motion.indents
-        return _Progress(piece, tuple(start.tolist()), start_s, slid_mm, indenting, index, control)
+        return _Progress(
+            piece,
+            tuple(start.translation.tolist()),
+            tuple(vector(start.rotation).tolist()),
+            tuple((self._equilibrium.loads_N() / SCALES).tolist()),
+            start_s,
+            slid_mm,
+            indenting and self._motion.indents,
+            index,
+            control,
+        )
 
     def _control(self, motion: Motion) -> StepControl:
         """Return the control of the steps of a motion.
@@ -149,7 +169,14 @@ class Stepper:
 
     def _position_mm(self) -> np.ndarray:
         """Return where the body is after the last accepted step, (3,)."""
-        return self._plane.vectors(self._state.translation_old.value)
+        return self._equilibrium.pose().translation
+
+    def _pose(self, time_s: float) -> Pose:
+        """Return the pose of the body by the path at a time in the present piece."""
+        motion, rotation = self._motion, matrix(self._progress.start_rad)
+        if motion.turn is not None:
+            rotation = matrix(motion.turn(time_s)) @ rotation
+        return Pose(motion.place(time_s), rotation)
 
     # --- one step ------------------------------------------------------------------------------
 
@@ -163,19 +190,19 @@ class Stepper:
         begin, end = self._moment(control.time_s), self._moment(target)
         way_mm = self._course.way(begin, end, self._state) if self._course else None
         equilibrium.predict(dt, way_mm)
-        position = self._plane.within(motion.place(target))
-        if motion.held_N is None:
-            report, load = equilibrium.at_position(position, dt)
+        if motion.held is None:
+            report, load = equilibrium.at_pose(self._pose(target), dt)
         else:
-            position[-1] = equilibrium.predicted_z_mm(dt)
-            report, load = equilibrium.at_force(position, dt, motion.held_N, motion.phase)
+            held = self._held(motion.held, target)
+            x_mm = equilibrium.predicted(held, self._pose(control.time_s), dt)
+            report, load = equilibrium.at_loads(held, dt, motion.phase, x_mm)
         if load and until_N is not None and load.force_N[-1] > until_N * (1 + TOLERANCE):
             target, report, load = self._solve_press_end(target, load, report, until_N)
             dt = target - control.time_s
         if load is None:
             self._halve(target, report)
             return None
-        if motion.held_N is None:
+        if motion.held is None:
             equilibrium.note_stiffness(load)
         solves = equilibrium.accept(load, report)
         iterations = report.iterations
@@ -186,9 +213,16 @@ class Stepper:
         self._end_at_force(control)
         return self._step(load, solves, dt, started)
 
+    def _held(self, loads: HeldLoads, time_s: float) -> Held:
+        """Return the loads that are held at a time in the present piece."""
+        wanted = loads.at(time_s, np.array(self._progress.start_load))
+        return Held(loads.components, wanted, self._pose(time_s), self._plane)
+
     def _moment(self, time_s: float) -> Moment:
         """Return when and where the body is by the path at a time in the present piece."""
-        return Moment(self._progress.piece, time_s, self._motion.place(time_s))
+        pose = self._pose(time_s)
+        place = np.concatenate([pose.translation, vector(pose.rotation)])
+        return Moment(self._progress.piece, time_s, place)
 
     def _step(
         self, load: Load, solves: tuple[SolveReport, ...], dt_s: float, started: float
@@ -206,6 +240,7 @@ class Stepper:
             dt_s=dt_s,
             clock_s=progress.start_s + progress.control.time_s,
             stimulator_mm=self._position_mm(),
+            stimulator_rad=vector(self._equilibrium.pose().rotation),
             newton_iterations=sum(solve.iterations for solve in solves),
             linear_iterations=sum(solve.linear_iterations for solve in solves),
             discarded=solves[:-1],
@@ -265,8 +300,9 @@ class Stepper:
         dt_s = end_s - begin_s
         equilibrium.note_stiffness(load)
         equilibrium.predict(dt_s)
-        position = self._plane.within(self._motion.place(end_s))
-        return end_s, *equilibrium.at_force(position, dt_s, force_N, self._motion.phase)
+        held = self._held(HeldLoads.normal(force_N), end_s)
+        depth_mm = held.pose.translation[[NORMAL]]
+        return end_s, *equilibrium.at_loads(held, dt_s, self._motion.phase, depth_mm)
 
     def _end_at_force(self, control: StepControl) -> None:
         """End a press where its force is reached, which it may be from the start."""

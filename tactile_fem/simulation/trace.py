@@ -39,6 +39,7 @@ class Trace:
         receptors_mm: Array,
         population: Array,
         start_mm: ArrayLike = (0.0, 0.0, 0.0),
+        start_rad: ArrayLike = (0.0, 0.0, 0.0),
         fields: Sequence[Field] = STANDARD,
         directions: Array | None = None,
     ) -> None:
@@ -52,6 +53,7 @@ class Trace:
         self._indented_s = 0.0
         of_step = {column.name: column.rest for column in OF_STEP}
         of_step |= {"stimulator_mm": start, "depth_mm": start[2]}
+        of_step["stimulator_rad"] = np.asarray(start_rad, dtype=float)
         felt = {field.name: field.at_rest(count) for field in fields}
         self._of_step, self._felt = tuple(of_step), tuple(felt)
         self._reserved = {*of_step, *self._fixed, "time_s"}
@@ -62,9 +64,10 @@ class Trace:
     @classmethod
     def of(cls, simulation: Simulation) -> Trace:
         """Return the trace of a simulation at rest; an observer of its steps."""
-        layout, start_mm = simulation.layout, simulation.path.start_mm
+        layout, path = simulation.layout, simulation.path
         fields = simulation.receptors.fields
-        return cls(layout.positions_mm, layout.population, start_mm, fields, layout.directions)
+        starts = path.start_mm, path.start_rad
+        return cls(layout.positions_mm, layout.population, *starts, fields, layout.directions)
 
     @classmethod
     def read(cls, saved: Mapping[str, Array]) -> Trace:

@@ -60,12 +60,15 @@ class FingerProblem(Problem):
         if self.domain.comm.size > 1:
             _OPEN[self] = None
 
-    def solve(self, translation: np.ndarray, dt_s: float) -> SolveReport:
+    def solve(
+        self, translation: np.ndarray, dt_s: float, rotation: np.ndarray | None = None
+    ) -> SolveReport:
         """Find the equilibrium with the body at `translation` (3,), `dt_s` after the last one.
 
+        The body turns to `rotation` (3, 3) about its origin; by default it does not turn.
         `u` is the initial guess and the result; on failure the caller resets the state.
         """
-        self.begin_step(translation, dt_s)
+        self.begin_step(translation, dt_s, rotation)
         report = self.solver.solve()
         self._iterations = report.iterations
         return report
@@ -89,7 +92,7 @@ class FingerProblem(Problem):
             raise ConvergenceError(f"a state cannot be accepted: {reason}", load.force_N, reason)
         if self._iterations or self.state.iterations:
             self.solver.end_step()
-        self.state.accept(load.force_N, load.friction_N, self._iterations)
+        self.state.accept(load.force_N, load.moment_Nmm, load.friction_N, self._iterations)
         self._iterations = 0
         return load
 

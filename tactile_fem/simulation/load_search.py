@@ -1,0 +1,82 @@
+"""The place of the body at which several loads are met at once.
+
+Plain numbers: it knows nothing of finite elements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Share of the whole load by which loads may be missed.
+TOLERANCE = 1e-3
+# Solves in which loads have to be met, and how many are usual.
+_MOST_SOLVES, _USUAL_SOLVES = 12, 4
+# Loads that grow by less than this share of what is expected no longer follow the body.
+_SLIPS_BELOW = 0.05
+
+
+@dataclass
+class LoadSearch:
+    """The place `x` of the body at which its loads are those sought: Broyden's method.
+
+    Loads are in N and places in mm; torques and angles are divided and multiplied by an arm.
+
+    Parameters
+    ----------
+    x
+        Place at the first solve, then at the next one, (k,).
+    stiffness
+        Change of the loads over that of the place as far as it is known, (k, k), N/mm; updated.
+    longest_mm
+        Longest way between two solves.
+    """
+
+    x: Array
+    stiffness: Array
+    longest_mm: float
+    solves: int = 0  # their number so far
+    slips: int = 0  # how many solves in a row the loads did not follow the body
+    _last: tuple[Array, Array] | None = field(default=None, repr=False)
+
+    def is_met(self, excess_N: Array, scale_N: float) -> bool:
+        """Return whether loads exceed those sought by nearly nothing; if not, move `x`.
+
+        `scale_N` is the size of the whole load.
+        """
+        x, self.solves = self.x, self.solves + 1
+        if self._last is not None:
+            self._learn(x - self._last[0], excess_N - self._last[1])
+        self._last = x, excess_N
+        if np.linalg.norm(excess_N) <= TOLERANCE * scale_N:
+            return True
+        self.x = x + self.way_to(-excess_N)
+        return False
+
+    def way_to(self, gain_N: Array) -> Array:
+        """Return a way of the body that changes the loads by so much, at most the longest one."""
+        way_mm: Array = np.linalg.lstsq(self.stiffness, gain_N, rcond=1e-6)[0]
+        length = float(np.linalg.norm(way_mm))
+        return way_mm * min(1.0, self.longest_mm / length) if length else way_mm
+
+    def _learn(self, way_mm: Array, gained_N: Array) -> None:
+        expected = self.stiffness @ way_mm
+        follows = np.linalg.norm(gained_N) > _SLIPS_BELOW * np.linalg.norm(expected)
+        self.slips = 0 if follows else self.slips + 1
+        if follows:
+            square = float(way_mm @ way_mm)
+            self.stiffness = self.stiffness + np.outer(gained_N - expected, way_mm) / square
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether it takes more solves than usual."""
+        return self.solves >= _USUAL_SOLVES
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether it has taken too many solves, or the loads do not follow the body."""
+        return self.solves >= _MOST_SOLVES or self.slips > 1
