@@ -9,6 +9,7 @@ from sphere_on_block import PRESS_AND_SLIDE, TWO_TISSUES, follow, sphere_on_bloc
 
 from dolfinx import fem  # isort: skip
 
+from tactile_fem.path.rotations import matrix
 from tactile_fem.solvers.finger_problem import FingerProblem
 
 
@@ -37,7 +38,7 @@ def test_products_are_those_of_the_entries_and_differences_of_the_residual(tissu
     """The tangent has fewer points than the residual; products that read half of it are exact."""
     made = sphere_on_block(tissue, **solver)
     made.state.place(np.array([0.0, 0.0, 0.3]))
-    made.begin_step(np.array([0.0, -0.05, 0.3]), 0.01)
+    made.begin_step(np.array([0.0, -0.05, 0.3]), 0.01, matrix([0.05, 0.0, 0.1]))
     x = random(made, 2)
     x.scale(1e-3)
     operator, entries, _ = made.solver.snes.getJacobian()
