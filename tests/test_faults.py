@@ -28,6 +28,7 @@ from tactile_fem.mechanics.compile import clean_cache, jit_options
 from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.runtime.files import locked
+from tactile_fem.simulation.columns import OF_RECEPTOR
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.run import resume, scan
@@ -148,7 +149,7 @@ def with_another_trace(folder: Path) -> None:
 def with_a_shorter_trace(folder: Path) -> None:
     results = Results(folder)
     trace = results.trace
-    steps = trace.keys() - {"receptors_mm", "population"}
+    steps = trace.keys() - {column.name for column in OF_RECEPTOR}
     short = {**trace, **{name: trace[name][:2] for name in steps}}
     results.save_trace(**short)
 

@@ -24,6 +24,7 @@ from tactile_fem.neuron import Drive, Population
 from tactile_fem.neuron.fields import STANDARD
 from tactile_fem.output.histories import at_time
 from tactile_fem.path import Path
+from tactile_fem.simulation.columns import FELT, OF_RECEPTOR
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.parts import Parts
 from tactile_fem.simulation.results import Results
@@ -305,8 +306,7 @@ def test_a_step_has_the_traces_names(study):
     steps = []
     brief = study.model_copy(update={"protocol": Protocol(depth_mm=0.3, distance_mm=0)})
     trace = scan(brief, observers=[lambda seen: steps.append(seen.step)]).trace.arrays()
-    of_receptors = {"moved_mm", "sed_kPa", "von_mises_kPa", "stretches", "stresses_kPa"}
-    of_receptors |= {"receptors_mm", "population"}
+    of_receptors = {column.name for column in (*OF_RECEPTOR, *FELT)}
     for name in trace.keys() - of_receptors - {"time_s"}:
         values = [getattr(step, name) for step in steps]
         np.testing.assert_array_equal(values, trace[name][1:], err_msg=name)
