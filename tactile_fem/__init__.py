@@ -15,8 +15,8 @@ compute mechanics:
 - ``Parts`` and what it takes: ``Finger.mesh`` makes a ``FingerMesh``, a ``Law`` is a tissue, a
   ``RigidBody`` (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a
   ``Population`` the afferents.
-- ``Stimulus`` and ``Piece``, below which a script adds kinds of its own to what a study may state;
-  ``Term``, likewise of the virtual work, ``FastSolver`` and ``PlainSolver``.
+- ``Stimulus``, ``Friction`` and ``Piece``, below which a script adds kinds of its own to what a
+  study may state; ``Term``, likewise of the virtual work, ``FastSolver`` and ``PlainSolver``.
 - ``StudyError``, ``MeshError``, ``ConvergenceError``, ``StoppedError``, and their base
   ``TactileError``.
 - ``run_script``: the program around a script's ``main``; ``write_table``: a CSV file.
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from tactile_fem.simulation.trace import Trace
     from tactile_fem.solvers.fast import FastSolver
     from tactile_fem.solvers.plain import PlainSolver
-    from tactile_fem.stimulus import Distance, Embossed, RigidBody, Stimulus
+    from tactile_fem.stimulus import Distance, Embossed, Friction, RigidBody, Stimulus
     from tactile_fem.study import Study
     from tactile_fem.study.file import load_study
     from tactile_fem.tissue.energies import Law
@@ -76,6 +76,7 @@ __all__ = [
     "Experiment",
     "FastSolver",
     "FingerMesh",
+    "Friction",
     "Law",
     "MeshError",
     "Motion",
@@ -132,7 +133,7 @@ _MODULES = {
     "simulation.trace": ("Trace",),
     "solvers.fast": ("FastSolver",),
     "solvers.plain": ("PlainSolver",),
-    "stimulus": ("Distance", "Embossed", "RigidBody", "Stimulus"),
+    "stimulus": ("Distance", "Embossed", "Friction", "RigidBody", "Stimulus"),
     "study": ("Study",),
     "study.file": ("load_study",),
     "tissue.energies": ("Law",),

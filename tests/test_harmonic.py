@@ -158,7 +158,7 @@ def test_a_slow_and_small_motion_of_a_body_in_time_gives_the_same(axis, friction
         return follow(problem, place, dt_s=period_s / steps).force_N[axis]
 
     def set_friction(value: float) -> None:
-        problem.contact.friction.value = value
+        problem.contact.friction.coefficient.value = value
 
     place, along = np.array([0.0, 0.0, 0.3]), np.eye(3)[axis]
     set_friction(0.0)  # at first: all of the skin then sticks

@@ -78,7 +78,7 @@ def peaks_at_nodes(contact, block, load, is_bar, a):
     """Return the peak of an ellipse by the pressure at each corner within four fifths of it."""
     gathered = contact.order.gather(contact.u), contact.order.gather_owned(load.pressure_N)
     moved, force = contact.domain.comm.bcast(gathered)
-    pressure = SkinContact(block, 0.0).fields(moved, force, 0 * force)["contact_pressure_kPa"]
+    pressure = SkinContact(block).fields(moved, force, *2 * [0 * force])["contact_pressure_kPa"]
     skin = block.facets[block.surface == SURFACES["skin"]]
     corners = np.unique(skin[:, : block.simplex.dim])
     r = np.hypot(*(block.nodes[corners, :2] * [1, 0 if is_bar else 1]).T)

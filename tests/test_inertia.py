@@ -117,7 +117,9 @@ def test_a_body_that_vibrates_in_time_gives_the_harmonic_response(axis, friction
 
     place, along = np.array([0.0, 0.0, 0.3]), np.eye(3)[axis]
     for value, shares in ((0.0, np.linspace(0, 1, 7)[1:]), (friction, 6 * [1.0])):
-        problem.contact.friction.value = value  # 0 at first: all of the skin then sticks
+        problem.contact.friction.coefficient.value = (
+            value  # 0 at first: all of the skin then sticks
+        )
         for share in shares:
             force(share * place, 0.01)
     held, found, steps = problem.gather(), [], 24

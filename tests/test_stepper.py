@@ -66,7 +66,7 @@ class Spring:
         x, y, z = self.state.translation.value
         normal = max(z, 0.0) ** 1.5 / (1 + 0.2 * np.hypot(x, y))
         force = np.array([0.0, -0.3 * normal, normal])
-        return Load(force, np.zeros(3), *8 * [0.0], *2 * [np.zeros((0, 3))])
+        return Load(force, np.zeros(3), *8 * [0.0], *3 * [np.zeros((0, 3))])
 
     def accept(self, load: Load) -> None:
         self.state.accept(load.force_N, load.moment_Nmm, load.friction_N, 3)
@@ -236,7 +236,7 @@ class Countable(Spring):
     def load(self) -> Load:
         z, dt_s = self.state.translation.value[-1], self.state.dt_s
         force = np.array([0.0, 0.0, self._law(z, dt_s)])
-        return Load(force, np.zeros(3), *8 * [0.0], *2 * [np.zeros((0, 3))])
+        return Load(force, np.zeros(3), *8 * [0.0], *3 * [np.zeros((0, 3))])
 
 
 def test_a_press_ends_at_a_force_that_short_steps_pass_at_once():

@@ -37,11 +37,11 @@ def state(finger, tmp_path_factory):
     folder = tmp_path_factory.mktemp("fields")
     writer = FieldWriter(folder, finger.nodes, finger.cells, finger.tissue)
     moved = finger.nodes @ (gradient - np.eye(3)).T
-    contact = SkinContact(finger, 0.3)
+    contact = SkinContact(finger)
     none = np.zeros_like(moved)
     of_nodes = {
         "displacement_mm": moved,
-        **contact.fields(moved, none, none),
+        **contact.fields(moved, none, none, none),
         "skin": contact.on_skin.astype(np.int8),
     }
     stress = finger.tissue[:, None] * np.arange(1.0, 7.0)
@@ -99,8 +99,8 @@ def test_a_constant_traction_is_recovered_and_forces_add_up(finger):
     force = still.copy()
     for facet, size in zip(skin, sizes, strict=True):
         force[facet] += size * np.outer(shares, traction)
-    contact = SkinContact(finger, 0.3)
-    fields = contact.fields(still, force, -0.1 * force)
+    contact = SkinContact(finger)
+    fields = contact.fields(still, force, -0.1 * force, 0.3 * force)
     on_skin = contact.on_skin
     np.testing.assert_allclose(fields["contact_pressure_kPa"][on_skin], 5.0, rtol=1e-9)
     np.testing.assert_allclose(
@@ -112,7 +112,7 @@ def test_a_constant_traction_is_recovered_and_forces_add_up(finger):
 
     any_force = np.random.default_rng(1).normal(size=force.shape) * on_skin[:, None]
     moved = 0.1 * np.sin(finger.nodes)
-    fields = contact.fields(moved, 10 * force, any_force)
+    fields = contact.fields(moved, 10 * force, any_force, force)
     area = vertex_areas(finger.nodes + moved, skin[:, : shape.dim])
     total = (fields["friction_kPa"] * area[:, None]).sum(axis=0) / 1000
     np.testing.assert_allclose(total, any_force.sum(axis=0), rtol=1e-9)
@@ -120,14 +120,13 @@ def test_a_constant_traction_is_recovered_and_forces_add_up(finger):
 
 def test_skin_slips_where_friction_is_at_its_bound(finger):
     force = np.zeros_like(finger.nodes)
-    contact = SkinContact(finger, 0.3)
+    contact = SkinContact(finger)
     force[contact.on_skin, 2] = 1.0
     aside = force[:, [2, 1, 0]]
     for share, expected in ((0.2, Contact.STICKS), (0.3, Contact.SLIPS)):
-        assert set(contact.fields(0 * force, force, share * aside)["contact"][contact.on_skin]) == {
-            expected
-        }
-    frictionless = SkinContact(finger, 0.0).fields(0 * force, force, 0 * force)
+        fields = contact.fields(0 * force, force, share * aside, 0.3 * force)
+        assert set(fields["contact"][contact.on_skin]) == {expected}
+    frictionless = contact.fields(0 * force, force, 0 * force, 0 * force)
     assert set(frictionless["contact"][contact.on_skin]) == {Contact.SLIPS}
 
 

@@ -17,7 +17,7 @@ import tactile_fem
 from tactile_fem.path import Piece
 from tactile_fem.runtime.settings import Kind
 from tactile_fem.simulation.columns import table
-from tactile_fem.stimulus import Stimulus
+from tactile_fem.stimulus import Friction, Stimulus
 from tactile_fem.study import Study
 from tactile_fem.study.afferents import Afferents
 from tactile_fem.study.explain import model_in, toml_value
@@ -60,6 +60,8 @@ def _tables() -> Iterator[tuple[str, type[BaseModel], BaseModel | None]]:
         elif name == "stimulus":
             for kind, model in Stimulus.kinds.items():
                 yield f'[stimulus] kind = "{kind}"', model, None
+            for law, friction in Friction.kinds.items():
+                yield f'[stimulus.friction] law = "{law}"', friction, None
         elif name == "protocol":
             yield "[protocol]", type(default.protocol), default.protocol
             for kind, piece in Piece.kinds.items():
@@ -82,7 +84,7 @@ def _rows(model: type[BaseModel], values: BaseModel | None) -> Iterator[str]:
     yield from ("| key | default | meaning |", "| --- | --- | --- |")
     for key, field, note in notes(model):
         value = getattr(values, key, None) if values is not None else field.get_default()
-        if (issubclass(model, Kind) and key == "kind") or isinstance(value, BaseModel):
+        if (issubclass(model, Kind) and key == model.tag) or isinstance(value, BaseModel):
             continue
         if not note and (nested := model_in(field.annotation)):
             note = f"keys as in `[{key}]`" if model is Afferents else _first_line(nested)

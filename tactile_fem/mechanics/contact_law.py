@@ -8,6 +8,8 @@ positive) and ``t_t = t - p nu``:
     s_n = [p - gamma_h g]_+                                 non-penetration, smoothed
     s_t = Coulomb(t_t - d_old - gamma_h slip; mu s_n)       friction, see `terms.contact`
     residual -= Int s.v + theta/gamma_h (t - s).Dt[v] dA,   s = s_n nu + s_t
+
+`mu` may depend on pressure, slip speed and place, see `tactile_fem.stimulus.friction`.
 """
 
 from __future__ import annotations
@@ -18,9 +20,11 @@ import ufl
 from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.obstacle import Obstacle
+from tactile_fem.stimulus import Friction
 
 # Keeps the friction law differentiable where neither pressure nor slip acts, in MPa.
 _TINY_MPa = 1e-12
+_TINY_MM = 1e-9
 # Where the smoothed positive part is zero, in widths.
 ZERO_BELOW = 250
 # Share of Coulomb's bound over which sticking turns to sliding.
@@ -70,7 +74,11 @@ class ContactLaw:
     u, u_old
         Displacement now and at the last accepted step, mm.
     friction
-        Coulomb's coefficient.
+        Law of friction.
+    local
+        What it knows of the place on the body.
+    area_stretch
+        Deformed over undeformed area of the skin.
     stiffness
         ``gamma_h`` in MPa/mm.
     width
@@ -87,7 +95,9 @@ class ContactLaw:
     t: Expr
     u: Expr
     u_old: Expr
-    friction: Expr | float
+    friction: Friction
+    local: Expr | None
+    area_stretch: Expr
     stiffness: Expr | float
     width: Expr | float
     softness: Expr | float
@@ -106,13 +116,28 @@ class ContactLaw:
         return smooth_positive(p - self.stiffness * self.obstacle.gap, self.width)
 
     @property
+    def slip(self) -> Expr:
+        """Motion of the skin relative to the body in the step, mm."""
+        advance = self.obstacle.state.advance(self.obstacle.position + self.u_old)
+        return (self.u - self.u_old) - advance
+
+    def coefficient(self, s_n: Expr) -> Expr:
+        """Return the coefficient of friction at a pressure."""
+        slip = self.tangential(self.slip)
+        speed = ufl.sqrt(ufl.dot(slip, slip) + _TINY_MM**2) / self.obstacle.state.time_step
+        return self.friction.coefficient_at(s_n / self.area_stretch, speed, self.local)
+
+    def bound_slope(self) -> Expr:
+        """Return how the bound of friction grows with the pressure at a given slip and place."""
+        s_n = ufl.variable(self.s_n)
+        return ufl.diff(self.coefficient(s_n) * s_n, s_n)
+
+    @property
     def s_t(self) -> Expr:
         """Friction on the finger, MPa."""
-        state = self.obstacle.state
-        slip = (self.u - self.u_old) - state.advance(self.obstacle.position + self.u_old)
-        stuck = state.turned(self.untransmitted_old)
-        trial = self.tangential(self.t - stuck - self.stiffness * slip)
-        return smooth_coulomb(trial, self.friction * self.s_n, self.softness)
+        stuck = self.obstacle.state.turned(self.untransmitted_old)
+        trial = self.tangential(self.t - stuck - self.stiffness * self.slip)
+        return smooth_coulomb(trial, self.coefficient(self.s_n) * self.s_n, self.softness)
 
     def closed(self) -> Expr:
         """Return how `s_n` grows with ``p - gamma_h g``, 0 to 1; see `smooth_positive`."""

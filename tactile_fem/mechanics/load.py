@@ -44,8 +44,9 @@ class Load:
         Strain energy of the tissues.
     volume_change
         Of the deformable tissue, relative.
-    pressure_N, friction_N
-        Nodal forces of contact pressure and of friction on this rank's nodes, (nodes, components).
+    pressure_N, friction_N, bound_N
+        Nodal forces of contact pressure, of friction, and of pressure times the coefficient of
+        friction on this rank's nodes, (nodes, components).
     """
 
     force_N: np.ndarray
@@ -60,11 +61,12 @@ class Load:
     volume_change: float
     pressure_N: np.ndarray = field(repr=False)
     friction_N: np.ndarray = field(repr=False)
+    bound_N: np.ndarray = field(repr=False)
 
     @property
     def is_finite(self) -> bool:
         """Whether all its integrals are numbers."""
-        nodal = "pressure_N", "friction_N"
+        nodal = "pressure_N", "friction_N", "bound_N"
         integrals = [value for name, value in vars(self).items() if name not in nodal]
         return bool(np.isfinite(np.hstack(integrals)).all())
 
@@ -92,13 +94,17 @@ class LoadCell:
         self._is_free = np.ones(owned, dtype=bool)
         self._is_free[held[held < owned]] = False
         v = ufl.TestFunction(V)
-        pressure, friction = ufl.Form([]), ufl.Form([])
+        pressure, friction, bound = (ufl.Form([]) for _ in range(3))
         for part in contact.parts:
-            pressure += part.law.s_n * ufl.dot(self._obstacle.normal, v) * part.ds
+            s_n, across = part.law.s_n, ufl.dot(self._obstacle.normal, v)
+            pressure += s_n * across * part.ds
             friction += ufl.dot(part.law.s_t, v) * part.ds
+            bound += part.law.coefficient(s_n) * s_n * across * part.ds
         compile_ = self._obstacle.compile
         self._pressure_form = compile_(pressure)
         self._friction_form = compile_(friction)
+        self._coefficient = contact.friction.uniform
+        self._bound_form = compile_(bound) if self._coefficient is None else None
         self._bulk_form = compile_(bulk.residual(v))
         self._integrals_form = compile_(_integrals(bulk, contact))
 
@@ -110,6 +116,10 @@ class LoadCell:
             pressure, friction, bulk = (
                 _nodal(form) for form in (self._pressure_form, self._friction_form, self._bulk_form)
             )
+            if self._bound_form is None:
+                bound = float(self._coefficient.value) * pressure
+            else:
+                bound = _nodal(self._bound_form)
             integrals = _nodal(self._integrals_form).sum(axis=0)
         here = [self._forces(pressure + friction, bulk), [self._heat(friction)], integrals]
         whole = self._comm.allreduce(np.concatenate(here))
@@ -129,6 +139,7 @@ class LoadCell:
             volume / rest - 1,
             pressure,
             friction,
+            bound,
         )
 
     def _forces(self, contact: np.ndarray, bulk: np.ndarray) -> np.ndarray:

@@ -24,6 +24,7 @@ from tactile_fem.mechanics.compile import expression, jit_options
 from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.ranks import shared_errors
 from tactile_fem.stimulus.body import EXCESS_MM, NEAR_MM, RigidBody
+from tactile_fem.stimulus.friction import OverBody
 from tactile_fem.study import Solver
 
 # Added to the length of gradients, which may vanish.
@@ -87,11 +88,18 @@ class Obstacle:
         self._normal = self.quadrature_function((dim,))
         self.hessian = self.quadrature_function((dim, dim))
         self._base = self.quadrature_function((dim,))
+        self._fields: list[tuple[OverBody, fem.Function, fem.Function]] = []
         du = u - self._base
         self.gap: Expr = self._gap + ufl.dot(self._normal, du) + ufl.dot(du, self.hessian * du) / 2
         gradient = self._normal + self.hessian * du
         # Unit already, but where two surfaces are blended; none where several are equally far.
         self.normal: Expr = gradient / ufl.sqrt(ufl.dot(gradient, gradient) + _ZERO**2)
+
+    def over_body(self, field: OverBody) -> Expr:
+        """Return a value over the body in UFL, by its expansion to first order, as the gap's."""
+        value, gradient = map(self.quadrature_function, ((), (len(self.u),)))
+        self._fields.append((field, value, gradient))
+        return value + ufl.dot(gradient, self.u - self._base)
 
     def compile(self, form: ufl.Form) -> fem.Form:
         """Compile a form that may use the body."""
@@ -162,11 +170,16 @@ class Obstacle:
         near = self._may_be_near(u)
         y = (self.points_mm.reshape(u.shape)[near] + u[near] - place) @ R
         if len(y):
-            d = self.body.distance(y.reshape(-1, y.shape[-1]))
+            points = y.reshape(-1, y.shape[-1])
+            d = self.body.distance(points)
             _set(self._gap, near, d.gap)
             _set(self._normal, near, d.normal @ R.T)
             _set(self.hessian, near, _turned(d.hessian, R))
             _set(self._base, near, u[near])
+            for field, value, gradient in self._fields:
+                values, gradients = field(points)
+                _set(value, near, values)
+                _set(gradient, near, gradients @ R.T)
         self._at = tuple(values.copy() for values in now)
 
     def _may_be_near(self, u: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ from tactile_fem.mechanics.terms.relaxation import Relaxation
 from tactile_fem.mechanics.terms.term import MakeTerm, Sum
 from tactile_fem.mechanics.terms.viscosity import Viscosity
 from tactile_fem.mechanics.tissues import NO_LAWS, Tissues
-from tactile_fem.stimulus.body import RigidBody
+from tactile_fem.stimulus import Friction, RigidBody
 from tactile_fem.study import Solver
 from tactile_fem.tissue.constants import Tissue
 from tactile_fem.tissue.energies import Law
@@ -45,7 +45,7 @@ class Problem:
     constants
         Constants of the tissues.
     body, friction
-        The rigid body and Coulomb's coefficient.
+        The rigid body and its law of friction, or Coulomb's coefficient.
     solver
         Discretization and held parts.
     constraints
@@ -76,7 +76,7 @@ class Problem:
         domain: Domain,
         constants: Tissue,
         body: RigidBody,
-        friction: float,
+        friction: float | Friction,
         solver: Solver,
         constraints: Constraints = lambda V: [],
         laws: Mapping[str, Law] = NO_LAWS,

@@ -146,6 +146,11 @@ def write_deck(
             f"tissue.{relaxing[0]}.g is set but CalculiX has no tissue that relaxes: write the "
             'deck for Abaqus, or set tissue.relaxation to "none".'
         )
+    friction = study.stimulus.law()
+    if friction.uniform is None:
+        raise StudyError(
+            f'stimulus.friction.law = "{friction.law}" is not written into a deck: give a number'
+        )
     lines = ["** Fingertip and rigid stimulator, written by tactile_fem; mm, N, MPa"]
     lines += _finger_lines(finger, deformable, used, held, present)
     if energy_of is not None:
@@ -153,7 +158,7 @@ def write_deck(
     lines += _stimulator_lines(field, len(finger.nodes), len(finger.cells))
     for name in present:
         lines += material_lines(name, getattr(study.tissue, name))
-    lines += _contact_lines(faces, study.stimulus.friction, contact, code)
+    lines += _contact_lines(faces, friction.uniform, contact, code)
     printed = _print_lines(code, energy_of is not None)
     slide = slide_step_mm or study.solver.max_slide_step_mm
     press = press_step_mm or study.solver.max_press_step_mm

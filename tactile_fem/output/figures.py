@@ -88,7 +88,7 @@ def _force(results: Results, over: Abscissa) -> Figure:
     figure = force_figure(
         (trace["depth_mm"][indenting], "Indentation (mm)", trace["force_N"][indenting]),
         (over.values, over.label, trace["force_N"]),
-        results.study.stimulus.friction,
+        results.study.stimulus.law().uniform,
         results.study.finger.force_unit,
     )
     _, force, _, ratio = figure.axes

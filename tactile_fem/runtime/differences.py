@@ -64,7 +64,7 @@ def _brief(value: Any) -> str:
     if isinstance(value, BaseModel):
         own = differences(value, type(value).model_construct())
         keys = [f"{found.key} = {_brief(found.here)}" for found in own]
-        kind = getattr(value, "kind", "")
+        kind = getattr(value, getattr(value, "tag", "kind"), "")
         return " ".join(filter(None, [kind, ", ".join(keys)])) or "as by default"
     if _are_tables(value):
         return "; ".join(map(_brief, value))

@@ -20,6 +20,7 @@ from pydantic import (
     SerializerFunctionWrapHandler,
     TypeAdapter,
     ValidationInfo,
+    create_model,
     model_serializer,
     model_validator,
 )
@@ -86,7 +87,11 @@ class Settings(BaseModel):
 
     def files(self) -> dict[str, Path]:
         """Return the files that it is read from, by their keys."""
-        return {key: value for key, value in self if isinstance(value, Path)}
+        found = {key: value for key, value in self if isinstance(value, Path)}
+        tables = [(key, value) for key, value in self if isinstance(value, Settings)]
+        for key, table in tables:
+            found |= {f"{key}.{own}": file for own, file in table.files().items()}
+        return found
 
     def _repr_html_(self) -> str:
         """Show the keys in a notebook, and what they mean."""
@@ -115,7 +120,7 @@ def _meaning(field: FieldInfo) -> str:
 
 
 class Kind(Settings):
-    """Settings of one of several kinds, which their key `kind` names.
+    """Settings of one of several kinds, which the key `kind` names, or another as its `tag` says.
 
     A class directly below this one is a family, such as `Stimulus`; a class below that one which
     states a `kind` joins it. A field of the type of the family takes any of its kinds, in a
@@ -132,6 +137,7 @@ class Kind(Settings):
             """Name of the kind, as a study states it."""
 
     kinds: ClassVar[dict[str, type[Kind]]] = {}
+    tag: ClassVar[str] = "kind"
 
     def __init_subclass__(cls) -> None:
         if Kind in cls.__bases__:
@@ -140,11 +146,13 @@ class Kind(Settings):
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         super().__pydantic_init_subclass__(**kwargs)
-        name = cls.model_fields["kind"].default if "kind" in cls.__annotations__ else None
+        name = cls.model_fields[cls.tag].default if cls.tag in cls.__annotations__ else None
         if isinstance(name, str):
             known = cls.kinds.get(name, cls)
             if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
-                raise TypeError(f'kind = "{name}" is taken by {known.__module__}.{known.__name__}')
+                raise TypeError(
+                    f'{cls.tag} = "{name}" is taken by {known.__module__}.{known.__name__}'
+                )
             cls.kinds[name] = cls
 
     @classmethod
@@ -153,7 +161,7 @@ class Kind(Settings):
     ) -> CoreSchema:
         if "kinds" not in vars(cls):
             return handler(source)
-        return core_schema.with_info_plain_validator_function(cls._one_of_the_kinds)
+        return core_schema.with_info_plain_validator_function(cls.one_of_the_kinds)
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -162,29 +170,26 @@ class Kind(Settings):
         return {} if "kinds" in vars(cls) else handler(schema)
 
     @classmethod
-    def _one_of_the_kinds(cls, value: Any, info: ValidationInfo) -> Kind:
+    def one_of_the_kinds(cls, value: Any, info: ValidationInfo) -> Any:
+        """Return the kind that a table states."""
         if info.context and info.context.get("saved") and isinstance(value, dict):
-            if isinstance(name := value.get("kind"), str) and name not in cls.kinds:
+            if isinstance(name := value.get(cls.tag), str) and name not in cls.kinds:
                 return _unknown_in(cls).model_validate(value)
-        adapter = _adapter_of(tuple(cls.kinds.values()))
+        adapter = _adapter_of(tuple(cls.kinds.values()), cls.tag)
         return adapter.validate_python(value, context=info.context)
 
 
 @lru_cache
-def _adapter_of(kinds: tuple[type[Kind], ...]) -> TypeAdapter[Any]:
-    choice: Any = Annotated[Union[kinds], Field(discriminator="kind")]  # noqa: UP007
+def _adapter_of(kinds: tuple[type[Kind], ...], tag: str) -> TypeAdapter[Any]:
+    choice: Any = Annotated[Union[kinds], Field(discriminator=tag)]  # noqa: UP007
     return TypeAdapter(choice)
 
 
 @lru_cache
 def _unknown_in(family: type[Kind]) -> type[Kind]:
     """Return a kind with any keys: a script's own, in results that are read without the script."""
-
-    class Unknown(family):  # type: ignore[valid-type, misc]
-        model_config = ConfigDict(extra="allow")
-        kind: str
-
-    return Unknown
+    key: Any = {family.tag: (str, ...)}
+    return create_model("Unknown", __base__=family, __cls_kwargs__={"extra": "allow"}, **key)
 
 
 class Either(Settings):

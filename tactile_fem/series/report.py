@@ -12,6 +12,7 @@ import numpy as np
 from tactile_fem.errors import StudyError
 from tactile_fem.output.histories import rings
 from tactile_fem.runtime import html
+from tactile_fem.runtime.differences import brief
 from tactile_fem.runtime.files import write_text
 from tactile_fem.series.run import numbers_of
 from tactile_fem.simulation.results import Results
@@ -62,7 +63,7 @@ def _scan(results: Results) -> tuple[str, list[str]]:
     from tactile_fem.output.figures import draw_plots  # takes 0.5 s
 
     study, run = results.study, results.run
-    rows = [("status", run.get("status", "unknown")), ("friction", study.stimulus.friction)]
+    rows = [("status", run.get("status", "unknown")), ("friction", brief(study.stimulus.friction))]
     rows += [("receptors", len(results.trace["receptors_mm"]))]
     rows += [(name, f"{value:.5g}") for name, value in numbers_of(results).items()]
     drawn = {path.stem: path for path in draw_plots(results)}

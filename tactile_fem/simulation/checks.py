@@ -41,6 +41,7 @@ def check_study(study: Study) -> None:
         path = study.protocol.route(LARGEST_DEPTH_SHARE * finger.pad_thickness_mm)
         _check_path(study, path, finger.pad_thickness_mm, finger.section_plane, NO_PARTS)
     mesh, body = finger.check(), study.stimulus.body()
+    study.stimulus.law().over_body()  # reads its file
     if mesh is not None:
         check_with_mesh(study, body, mesh)
 
@@ -71,6 +72,7 @@ def check_motion(
         cuts none of the raised parts of the study's stimulus.
     """
     _check_path(study, path, mesh.pad_thickness_mm, mesh.plane, parts)
+    _check_friction(study, path, mesh)
     gap = body.distance((mesh.nodes - path.start_mm) @ matrix(path.start_rad)).gap
     worst = int(np.argmin(gap))
     if gap[worst] < -_TOUCH_TOLERANCE_MM:
@@ -101,6 +103,28 @@ def _check_path(
             )
     if not plane.is_space:
         _check_section(study, path, plane, parts)
+
+
+def _check_friction(study: Study, path: Path, mesh: FingerMesh) -> None:
+    """Refuse a law of friction that is unknown where the body may touch the undeformed finger.
+
+    That is where skin lies below the highest plane of the body. How deep a force presses is not
+    known: then it is where contact begins.
+    """
+    law = study.stimulus.law()
+    if law.over_body() is None:
+        return
+    skin = np.unique(mesh.corners_of("skin").reshape(-1, 3), axis=0)
+    places_mm = path.places_mm()
+    if any(motion.until_N is not None or motion.held is not None for _, motion in path.plan()):
+        places_mm[:, 2] = np.minimum(places_mm[:, 2], 0.0)
+    corners = []
+    for pose in np.unique(np.hstack([places_mm, path.turns_rad()]), axis=0):
+        own = (skin - pose[:3]) @ matrix(pose[3:])
+        touched = own[own[:, 2] <= _TOUCH_TOLERANCE_MM, :2]
+        corners += [touched.min(axis=0), touched.max(axis=0)] if len(touched) else []
+    if corners:
+        law.check_covers(np.min(corners, axis=0), np.max(corners, axis=0))
 
 
 def _check_section(study: Study, path: Path, plane: Plane, parts: Parts) -> None:

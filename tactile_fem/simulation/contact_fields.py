@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 ON_SKIN = ("contact_pressure_kPa", "friction_kPa", "contact")
 _KPA_PER_MPA = 1000.0
-# Share of Coulomb's bound from which skin slips: the law of friction is rounded up to it.
+# Share of the bound of friction from which skin slips: the law is rounded up to it.
 _SLIP_SHARE = 0.95
 # Share of the largest pressure below which skin is not in contact: the pressure sets in smoothly.
 _CONTACT_SHARE = 0.01
@@ -39,12 +39,10 @@ class SkinContact:
     ----------
     finger
         The mesh.
-    friction
-        Coulomb's coefficient.
     """
 
-    def __init__(self, finger: FingerMesh, friction: float) -> None:
-        self._nodes, self._friction = finger.nodes, friction
+    def __init__(self, finger: FingerMesh) -> None:
+        self._nodes = finger.nodes
         shape = finger.simplex
         skin = finger.facets[finger.surface == SURFACES["skin"]]
         sides = skin[:, shape.facet_edges].reshape(-1, 2)
@@ -61,15 +59,18 @@ class SkinContact:
         found[self._middles] = True
         return found
 
-    def fields(self, moved_mm: Array, pressure_N: Array, friction_N: Array) -> dict[str, Array]:
+    def fields(
+        self, moved_mm: Array, pressure_N: Array, friction_N: Array, bound_N: Array
+    ) -> dict[str, Array]:
         """Return the fields of all nodes; they vanish off the skin.
 
         Parameters
         ----------
         moved_mm
             Displacement, (n, 3).
-        pressure_N, friction_N
-            Forces of contact pressure and friction on the nodes, (n, 3); of a section per width.
+        pressure_N, friction_N, bound_N
+            Forces of contact pressure, of friction, and of pressure times the coefficient of
+            friction on the nodes, (n, 3); of a section per width.
 
         Returns
         -------
@@ -77,14 +78,14 @@ class SkinContact:
         ``contact`` (n,), see `Contact`.
         """
         area = vertex_areas(self._nodes + moved_mm, self._corners)
-        pressure, friction = (
-            self._spread(self._hats(force), area) for force in (pressure_N, friction_N)
+        pressure, friction, bound = (
+            self._spread(self._hats(force), area) for force in (pressure_N, friction_N, bound_N)
         )
-        pressure = np.linalg.norm(pressure, axis=1)
-        # A middle has the mean of its edge's ends, as fields between corners are linear.
-        pressure[self._middles] = pressure[self._sides].mean(axis=1)
-        friction[self._middles] = friction[self._sides].mean(axis=1)
-        slips = np.linalg.norm(friction, axis=1) >= _SLIP_SHARE * self._friction * pressure
+        pressure, bound = (np.linalg.norm(values, axis=1) for values in (pressure, bound))
+        for values in (pressure, friction, bound):
+            # A middle has the mean of its edge's ends, as fields between corners are linear.
+            values[self._middles] = values[self._sides].mean(axis=1)
+        slips = np.linalg.norm(friction, axis=1) >= _SLIP_SHARE * bound
         contact = np.where(slips, Contact.SLIPS, Contact.STICKS)
         touches = pressure > _CONTACT_SHARE * pressure.max()
         contact = np.where(touches, contact, Contact.NONE)

@@ -84,7 +84,7 @@ class Recorder:
         due, order = self._is_due(seen.step), problem.order
         fields = [*self._field_rows, len(trace) - 1] if due else self._field_rows
         if due:
-            forces = seen.step.pressure_N, seen.step.friction_N
+            forces = seen.step.pressure_N, seen.step.friction_N, seen.step.bound_N
             vectors = [order.gather(problem.u), *map(order.gather_owned, forces)]
             cells = self._cells.gather()
 
@@ -183,14 +183,14 @@ class _KeptFields:
     def __init__(self, results: Results, simulation: Simulation) -> None:
         finger = simulation.finger
         self._plane = finger.plane
-        self._contact = SkinContact(finger, simulation.study.stimulus.friction)
+        self._contact = SkinContact(finger)
         self._skin = self._contact.on_skin.astype(np.int8)
         self.writer = FieldWriter(results.fields, finger.nodes, finger.cells, finger.tissue)
 
     def write(self, time_s: float, vectors: Sequence[Array], cells: dict[str, Array]) -> None:
         """Write the fields of a state.
 
-        The vectors of the nodes, (n, components), are displacement, pressure and friction.
+        The vectors of the nodes, (n, components), are displacement and what `SkinContact` takes.
         """
         moved, *forces = map(self._plane.vectors, vectors)
         contact = self._contact.fields(moved, *forces)

@@ -134,7 +134,7 @@ class Simulation:
                 domain,
                 study.tissue,
                 in_plane(self.body, domain.plane),
-                study.stimulus.friction,
+                study.stimulus.law(),
                 study.solver,
                 laws=self.parts.laws,
                 terms=self.parts.terms,

@@ -1,6 +1,13 @@
 """Rigid stimuli: letters, bars, gratings and other bodies by their signed distance."""
 
 from tactile_fem.stimulus.body import Distance, Embossed, Outline, RigidBody, norm_of
+from tactile_fem.stimulus.friction import (
+    ConstantFriction,
+    Friction,
+    KineticFriction,
+    MappedFriction,
+    PressureFriction,
+)
 from tactile_fem.stimulus.stimulus import Stimulus
 
 # isort: off
@@ -16,16 +23,21 @@ from tactile_fem.stimulus.mesh import Mesh
 
 __all__ = [
     "Braille",
+    "ConstantFriction",
     "Cylinder",
     "Distance",
     "Dots",
     "Drawing",
     "Edge",
     "Embossed",
+    "Friction",
     "Grating",
+    "KineticFriction",
+    "MappedFriction",
     "Mesh",
     "Outline",
     "Plate",
+    "PressureFriction",
     "RigidBody",
     "Sphere",
     "Stimulus",

@@ -55,15 +55,15 @@ class Raw:
     unit_mm: float | None = None
 
 
-def read_raw(file: Path) -> Raw:
-    """Return the heights of a file.
+def read_raw(file: Path, key: str = "stimulus.file") -> Raw:
+    """Return the heights of a file, which a study names with `key`.
 
     Raises
     ------
     StudyError
         There is none, it is too large, or cannot be read.
     """
-    start = f"stimulus.file = {file}"
+    start = f"{key} = {file}"
     if not file.is_file():
         raise StudyError(f"{start}: there is no such file")
     try:

@@ -9,8 +9,9 @@ from pydantic import Field
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.files import cached_by_content
-from tactile_fem.runtime.settings import Finite, Kind, NonNegative, Positive
+from tactile_fem.runtime.settings import Finite, Kind, Positive
 from tactile_fem.stimulus.body import Embossed, Moved, Outline, RigidBody
+from tactile_fem.stimulus.friction import Friction, NumberOrLaw, law_of
 
 if TYPE_CHECKING:
     from shapely import Geometry
@@ -46,7 +47,9 @@ class Stimulus(Kind):
     smoother_by: ClassVar[tuple[str, ...]] = ()
     """Keys whose larger values make the body smoother: they help where mechanics diverges."""
 
-    friction: NonNegative = Field(0.3, description="paper: Coulomb friction (nylon)")
+    friction: NumberOrLaw = Field(
+        0.3, description="paper: Coulomb friction (nylon); or a table with its law"
+    )
     shift_mm: tuple[Finite, Finite] = Field(
         (0.0, 0.0), description="shift of the body across (X) and along (Y) the finger"
     )
@@ -54,6 +57,10 @@ class Stimulus(Kind):
     def shape(self) -> RigidBody:
         """Return the body before `shift_mm`, its highest plane at z = 0."""
         raise StudyError(f'stimulus.kind = "{self.kind}" is known where its module is imported')
+
+    def law(self) -> Friction:
+        """Return the law of friction, in the frame of `body`."""
+        return law_of(self.friction).moved(self.shift_mm)
 
     def raised(self) -> Sequence[Geometry]:
         """Return the outlines of what is raised from a plate, before `shift_mm`."""

@@ -120,9 +120,9 @@ def _sentence(problem: Any) -> str:
         return f"{name} is missing: {_dotted(path[:-1])} is {value}."
     if kind == "union_tag_invalid":
         what, hint = model.__name__.lower(), suggestion(context["tag"], model.kinds)
-        return f'{name}.kind is "{context["tag"]}", which is no kind of {what}; {hint}'
+        return f'{name}.{model.tag} is "{context["tag"]}", which is no kind of {what}; {hint}'
     if kind == "union_tag_not_found":
-        return f"{name} has no kind; allowed: {', '.join(model.kinds)}."
+        return f"{name} has no {model.tag}; allowed: {', '.join(model.kinds)}."
     if kind == "value_error":
         sentence = f"{name}: {context['error']}" if path else str(context["error"])
     elif model is not None and kind in ("tuple_type", "too_short"):
@@ -158,8 +158,9 @@ def _unknown(path: tuple[Any, ...], model: type[BaseModel]) -> str:
     kinds = [f'"{kind}"' for kind, one in model.kinds.items() if word in one.model_fields]
     if kinds:
         words = " or ".join(part for part in (", ".join(kinds[:-1]), kinds[-1]) if part)
-        hint = f"it goes with kind = {words}."
-    return f'{name} is not a key of a {what} of kind "{model.model_fields["kind"].default}"; {hint}'
+        hint = f"it goes with {model.tag} = {words}."
+    own = model.model_fields[model.tag].default
+    return f'{name} is not a key of a {what} of {model.tag} "{own}"; {hint}'
 
 
 def _tables() -> Iterator[tuple[str, type[BaseModel]]]:

@@ -15,7 +15,7 @@ from tactile_fem.finger import Finger
 from tactile_fem.path import Piece
 from tactile_fem.runtime.settings import Settings
 from tactile_fem.runtime.text import read_text
-from tactile_fem.stimulus import Stimulus
+from tactile_fem.stimulus import Friction, Stimulus
 from tactile_fem.study import Study
 from tactile_fem.study.explain import explain, located
 from tactile_fem.study.kept import usable
@@ -163,9 +163,11 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
     """Make the names of files absolute: relative paths start from the folder of the study."""
     protocol = data.get("protocol")
     pieces = protocol.get("path") if isinstance(protocol, dict) else None
-    tables: list[Any] = [data.get("finger"), data.get("stimulus")]
+    tables: list[Any] = [data.get("finger"), stimulus := data.get("stimulus")]
+    tables += [stimulus.get("friction")] if isinstance(stimulus, dict) else []
     tables += pieces if isinstance(pieces, list) else []
-    models: list[type[Settings]] = [Finger, *Stimulus.kinds.values(), *Piece.kinds.values()]
+    models: list[type[Settings]] = [Finger]
+    models += [kind for one in (Stimulus, Friction, Piece) for kind in one.kinds.values()]
     model_of = {key: model for model in models for key in model.file_keys()}
     for table in tables:
         for key in model_of.keys() & table.keys() if isinstance(table, dict) else ():

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from tactile_fem.path import Piece
-from tactile_fem.stimulus import Stimulus
+from tactile_fem.stimulus import Friction, Stimulus
 from tactile_fem.study import Study
 from tactile_fem.study.afferents import Afferents
 from tactile_fem.study.explain import model_in, toml_value
@@ -53,6 +53,8 @@ def commented_template() -> str:
                     lines += _comment(f'or kind = "{kind}": {_summary(model)}')
                     hidden = {"kind", *Stimulus.model_fields}
                     lines += [*_keys(model.model_construct(), "#     ", hidden), ""]
+            for law, model in Friction.kinds.items():
+                lines += [*_described(f'[stimulus.friction] with law = "{law}"', model), ""]
         if name == "protocol":
             for kind, model in Piece.kinds.items():
                 lines += [*_described(f'[[protocol.path]] with kind = "{kind}"', model), ""]
@@ -63,7 +65,7 @@ def _described(heading: str, model: type[BaseModel]) -> Iterator[str]:
     """Describe a table that may be added to a study."""
     yield from _comment(f"{heading}: {_summary(model)}")
     for key, field, note in notes(model):
-        if key == "kind" and model is not Afferents:  # the heading says it
+        if key == getattr(model, "tag", None):  # the heading says it
             continue
         if not note:
             yield f"#     [afferents.{key}] has the keys of [{key}]"

@@ -18,9 +18,10 @@ the curvature of the body,
 
     ds_n = c (dt.nu - gamma_h m.nu),    dnu = H m                    where s_n > 0
     ds_t = (dt - gamma_h m)_t                                        where it sticks
-    ds_t = mu ds_n s_t/|s_t|                                         where it slides
+    ds_t = (d(mu s_n)/ds_n) ds_n s_t/|s_t|                           where it slides
 
-`c` is 1 but where the onset of contact is regularized.
+`c` is 1 but where the onset of contact is regularized. `mu` is that of the last step's slip speed
+and place; how it changes with them in the vibration is left out.
 
 The equations are solved with one factorization per frequency
 (`tactile_fem.vibration.complex_solver`).
@@ -28,7 +29,8 @@ The equations are solved with one factorization per frequency
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 
 from petsc4py import PETSc
@@ -42,7 +44,7 @@ from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.contact_law import ContactLaw
 from tactile_fem.mechanics.problem import Problem
-from tactile_fem.mechanics.terms.contact import Contact
+from tactile_fem.mechanics.terms.contact import SkinPart
 from tactile_fem.mechanics.terms.inertia import mass_density
 from tactile_fem.mechanics.terms.term import Delay
 from tactile_fem.vibration.complex_solver import complex_solver
@@ -152,7 +154,7 @@ class Harmonic:
         problem, V = self._problem, self._u.function_space
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
         still = ufl.as_vector([0.0] * len(self._u))
-        touch = _Touch.of(problem.contact)
+        touch = _Touch.of(problem)
         # Here the viscous stress pulls at the skin as well, and the contact is as much stiffer.
         skin = problem.contact.skin(problem.bulk)
 
@@ -241,22 +243,29 @@ class _Touch:
     """The contact of the accepted state at the quadrature points."""
 
     pressure: fem.Function  # MPa
+    coefficient: fem.Function  # of friction
+    slope: fem.Function  # how the bound of friction grows with the pressure
     closed: fem.Function  # how it grows with what it would be without regularization, 0 to 1
     friction: fem.Function  # MPa
 
     @classmethod
-    def of(cls, contact: Contact) -> _Touch:
-        """Read it at the accepted state, which the forms have to be at."""
-        obstacle = contact.obstacle
-        scalars = [obstacle.quadrature_function(()) for _ in range(2)]
+    def of(cls, problem: Problem) -> _Touch:
+        """Read it at the accepted state, the coefficient of friction at the end of its step."""
+        contact, obstacle = problem.contact, problem.contact.obstacle
+        scalars = [obstacle.quadrature_function(()) for _ in range(4)]
         touch = cls(*scalars, obstacle.quadrature_function(obstacle.u.ufl_shape))
-        for function, values in (
-            (touch.pressure, contact.at_points(lambda part: part.law.s_n)),
-            (touch.closed, contact.at_points(lambda part: part.law.closed())),
-            (touch.friction, contact.at_points(lambda part: _transmitted(part.law))),
-        ):
-            found = values.read()
+
+        def read(function: fem.Function, of: Callable[[SkinPart], Expr]) -> None:
+            found = contact.at_points(of).read()
             function.x.array[: len(found)] = found
+
+        with problem.reopened() if problem.state.dt_old_s else nullcontext():
+            read(touch.coefficient, lambda part: part.law.coefficient(part.law.s_n))
+            read(touch.slope, lambda part: part.law.bound_slope())
+        problem.terms.freeze(None)
+        read(touch.pressure, lambda part: part.law.s_n)
+        read(touch.closed, lambda part: part.law.closed())
+        read(touch.friction, lambda part: _transmitted(part.law))
         return touch
 
     def change(self, law: ContactLaw, dt: Expr, motion: Expr) -> Expr:
@@ -269,8 +278,8 @@ class _Touch:
         q = dt - stiffness * motion
         ds_n = self.closed * ufl.dot(q, nu)
         size = ufl.sqrt(ufl.dot(self.friction, self.friction) + _TINY_MPa**2)
-        slides = ufl.ge(size, _SLIDING_SHARE * law.friction * self.pressure)
-        follows = law.friction * ds_n * self.friction / size
+        slides = ufl.ge(size, _SLIDING_SHARE * self.coefficient * self.pressure)
+        follows = self.slope * ds_n * self.friction / size
         ds_t = ufl.conditional(slides, follows, law.tangential(q))
         ds = ds_n * nu + self.pressure * (law.obstacle.hessian * motion) + ds_t
         return ufl.conditional(ufl.gt(self.pressure, 0.0), ds, 0.0 * ds)

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import ufl
@@ -27,7 +28,8 @@ from tactile_fem.mechanics.contact_law import ZERO_BELOW, ContactLaw
 from tactile_fem.mechanics.obstacle import Obstacle, PointValues
 from tactile_fem.mechanics.state import PointHistory
 from tactile_fem.mechanics.terms.term import Sum, Term
-from tactile_fem.stimulus.body import RigidBody
+from tactile_fem.stimulus import Friction, RigidBody
+from tactile_fem.stimulus.friction import field_in_plane, law_of
 from tactile_fem.study import Solver
 
 # Share of its outermost tetrahedron's height by which skin may be pulled out; the traction that
@@ -63,7 +65,7 @@ class Contact(Term):
     bulk
         The other terms: what they pull at the skin, and how stiff they make it.
     body, friction
-        The rigid body and Coulomb's coefficient.
+        The rigid body and its law of friction, or Coulomb's coefficient.
     solver
         Discretization of the contact.
 
@@ -72,7 +74,7 @@ class Contact(Term):
     obstacle
         The rigid body in UFL.
     friction
-        Coulomb's coefficient, a constant.
+        The law of friction; its numbers are constants.
     facets
         The skin, tagged with its tissues.
     parts
@@ -81,13 +83,18 @@ class Contact(Term):
 
     is_symmetric = False
 
-    def __init__(self, bulk: Sum, body: RigidBody, friction: float, solver: Solver) -> None:
+    def __init__(
+        self, bulk: Sum, body: RigidBody, friction: float | Friction, solver: Solver
+    ) -> None:
         super().__init__(bulk.tissues)
         tissues, msh = bulk.tissues, bulk.tissues.u.function_space.mesh
         self.facets = tissues.domain.skin_by_tissue()
         self.obstacle = Obstacle(body, tissues.state, np.sort(self.facets.indices), solver)
         self._solver = solver
-        self.friction = fem.Constant(msh, friction)
+        law, plane = law_of(friction), tissues.domain.plane
+        self.friction = law.with_constants(partial(fem.Constant, msh))
+        field = law.over_body()
+        self._local = field and self.obstacle.over_body(field_in_plane(field, plane))
         self._gamma = fem.Constant(msh, solver.nitsche_gamma)
         self._width = fem.Constant(msh, solver.contact_width_MPa)
         self._softness = fem.Constant(msh, 0.0)
@@ -113,6 +120,8 @@ class Contact(Term):
                 own.u,
                 own.state.u_old,
                 self.friction,
+                self._local,
+                own.area_stretch(),
                 stiffness,
                 self._width,
                 self._softness,

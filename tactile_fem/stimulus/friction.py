@@ -1,0 +1,281 @@
+"""Laws of friction: the coefficient by pressure, slip speed and place on the body.
+
+Friction is at most the coefficient times the pressure (`tactile_fem.mechanics.contact_law`). A law
+states the coefficient in UFL, from which the tangent follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, PlainValidator, TypeAdapter, ValidationInfo
+
+from tactile_fem.errors import StudyError
+from tactile_fem.runtime.files import cached_by_content
+from tactile_fem.runtime.settings import File, Finite, Kind, NonNegative, Positive
+from tactile_fem.stimulus.body import Array
+
+if TYPE_CHECKING:
+    from ufl.core.expr import Expr
+
+    from tactile_fem.finger.plane import Plane
+
+# Values (n,) at points (n, 3) in the body's frame, and their gradients (n, 3) per mm; of a section
+# both in its plane, (n, 2).
+OverBody = Callable[[Array], tuple[Array, Array]]
+
+# Share of the reference pressure below which the coefficient hardly grows any more.
+_LEAST_PRESSURE_SHARE = 0.01
+_NUMBER: TypeAdapter[float] = TypeAdapter(NonNegative)
+
+
+class Friction(Kind):
+    """Keys of a law of friction; each law is a class of its own below this one.
+
+    It states its name `law`, further keys, and `coefficient_at`. In forms its numbers are constants
+    of DOLFINx, so that studies with other values take the same compiled code.
+    """
+
+    tag = "law"
+
+    @property
+    def uniform(self) -> Any:
+        """The coefficient if it is the same at all times and places, else None."""
+        return None
+
+    def coefficient_at(self, pressure: Expr, speed: Expr, local: Expr | None) -> Expr:
+        """Return the coefficient of friction in UFL.
+
+        Parameters
+        ----------
+        pressure
+            Contact pressure per deformed area, MPa.
+        speed
+            Slip speed of the skin relative to the body, tangential, mean over the present step,
+            mm/s.
+        local
+            Value of `over_body` at the place of the skin; None without it.
+        """
+        raise StudyError(
+            f'stimulus.friction.law = "{self.law}" is known where its module is imported'
+        )
+
+    def over_body(self) -> OverBody | None:
+        """Return what gives a value at each place on the body; None if all places are alike."""
+        return None
+
+    def moved(self, shift_mm: tuple[float, float]) -> Self:
+        """Return the law of a body that is shifted in X and Y."""
+        return self
+
+    def check_covers(self, low_mm: Array, high_mm: Array) -> None:
+        """Raise StudyError unless it is known between two corners (X, Y) in the body's frame."""
+
+    def with_constants(self, constant: Callable[[float], Any]) -> Self:
+        """Return the law for forms: each number is what `constant` makes of it."""
+        numbers = {key: constant(value) for key, value in self if isinstance(value, float)}
+        return self.model_copy(update=numbers)
+
+    if TYPE_CHECKING:
+
+        @property
+        def law(self) -> str:
+            """Name of the law, as a study states it."""
+
+
+class ConstantFriction(Friction):
+    """One coefficient, Coulomb's law; a number in place of the table means the same."""
+
+    law: Literal["constant"] = "constant"
+    coefficient: NonNegative = Field(0.3, description="of friction")
+
+    @property
+    def uniform(self) -> Any:
+        """The coefficient."""
+        return self.coefficient
+
+    def coefficient_at(self, pressure: Expr, speed: Expr, local: Expr | None) -> Expr:
+        """Return the constant."""
+        return self.uniform
+
+
+class KineticFriction(Friction):
+    """Friction that changes exponentially from a static to a kinetic coefficient as skin slips.
+
+    mu = kinetic + (static - kinetic) exp(-v / speed_mm_s), with v the slip speed (Bo and Pavelescu,
+    Wear 82, 1982). A kinetic coefficient above the static one makes friction grow with speed.
+    Friction that falls with speed is unstable without inertia or viscosity (`solver.inertia`,
+    `tissue.viscous_time_s`): if skin then jumps from sticking to sliding, no smaller step follows.
+    """
+
+    law: Literal["kinetic"] = "kinetic"
+    static: NonNegative = Field(description="coefficient of friction at rest")
+    kinetic: NonNegative = Field(description="coefficient at high speed; may exceed the static one")
+    speed_mm_s: Positive = Field(description="slip speed at which 1/e of the difference is left")
+
+    def coefficient_at(self, pressure: Expr, speed: Expr, local: Expr | None) -> Expr:
+        """Return the coefficient at a slip speed."""
+        import ufl  # takes a while
+
+        return self.kinetic + (self.static - self.kinetic) * ufl.exp(-speed / self.speed_mm_s)
+
+
+class PressureFriction(Friction):
+    """Friction that falls with pressure, as of skin, whose true contact area saturates.
+
+    mu = coefficient (p / pressure_MPa)^(load_index - 1): friction is proportional to p^load_index
+    (Adams et al., J. R. Soc. Interface 10, 2013). Below a hundredth of `pressure_MPa` the
+    coefficient hardly grows any more.
+    """
+
+    law: Literal["pressure"] = "pressure"
+    coefficient: NonNegative = Field(description="of friction at pressure_MPa")
+    pressure_MPa: Positive = Field(description="pressure at which `coefficient` holds")
+    load_index: Annotated[Positive, Field(le=1)] = Field(
+        description="exponent of friction over pressure: 2/3 to 1, with 1 as Coulomb"
+    )
+
+    def coefficient_at(self, pressure: Expr, speed: Expr, local: Expr | None) -> Expr:
+        """Return the coefficient at a pressure, bounded and smooth at none."""
+        share = pressure / self.pressure_MPa
+        return self.coefficient * (share**2 + _LEAST_PRESSURE_SHARE**2) ** (
+            (self.load_index - 1) / 2
+        )
+
+
+class MappedFriction(Friction):
+    """A coefficient for each place on the body, from a file, bilinear between its values.
+
+    Beyond the file's edges the nearest value holds.
+    """
+
+    law: Literal["map"] = "map"
+    file: File = Field(
+        description='coefficients over X and Y, in the formats of kind = "surface"; rows follow '
+        "each other along X, columns along Y"
+    )
+    spacing_mm: Positive | None = Field(
+        None, description="between two values; default as the file states"
+    )
+    unit: Positive = Field(
+        1.0, description="coefficient of one unit of the values, such as 0.01 for gray values"
+    )
+    middle_mm: tuple[Finite, Finite] = Field(
+        (0.0, 0.0), description="X and Y of the map's middle on the body, before its shift_mm"
+    )
+
+    @cached_by_content(maxsize=4)
+    def coefficients(self) -> CoefficientMap:
+        """Return the map; raises StudyError if the file cannot be used."""
+        from tactile_fem.stimulus.height_formats import read_raw  # SciPy takes a while
+
+        key = "stimulus.friction.file"
+        raw = read_raw(self.file, key)
+        spacing = raw.spacing_mm if self.spacing_mm is None else (self.spacing_mm,) * 2
+        values = np.asarray(raw.values, dtype=np.float64)
+        if spacing is None:
+            raise StudyError(f"stimulus.friction.spacing_mm must be given: {self.file} states none")
+        if min(values.shape) < 2:
+            rows, columns = values.shape
+            raise StudyError(f"{key} = {self.file}: {rows} x {columns} values make no map")
+        wrong = ~(values >= 0) | np.isinf(values)
+        if wrong.any():
+            row, column = np.argwhere(wrong)[0]
+            raise StudyError(
+                f"{key} = {self.file} has {wrong.sum()} missing or negative coefficients, the "
+                f"first in row {row}, column {column}"
+            )
+        return CoefficientMap(values * self.unit, np.array(spacing), np.array(self.middle_mm))
+
+    def coefficient_at(self, pressure: Expr, speed: Expr, local: Expr | None) -> Expr:
+        """Return the value of the map."""
+        assert local is not None
+        return local
+
+    def over_body(self) -> OverBody:
+        """Return the map as a function of the place on the body."""
+        return self.coefficients().at
+
+    def moved(self, shift_mm: tuple[float, float]) -> Self:
+        """Return the map, shifted with the body."""
+        x, y = np.add(self.middle_mm, shift_mm).tolist()
+        return self.model_copy(update={"middle_mm": (x, y)})
+
+    def check_covers(self, low_mm: Array, high_mm: Array) -> None:
+        """Raise StudyError unless the map covers what lies between two corners (X, Y)."""
+        own = self.coefficients()
+        if np.all(own.first_mm <= low_mm + 1e-6) and np.all(own.last_mm >= high_mm - 1e-6):
+            return
+        covers, touches = (
+            f"X {low[0]:.3g} to {high[0]:.3g}, Y {low[1]:.3g} to {high[1]:.3g} mm"
+            for low, high in ((own.first_mm, own.last_mm), (low_mm, high_mm))
+        )
+        raise StudyError(
+            f"stimulus.friction.file = {self.file} covers {covers} of the body, but the finger may "
+            f"touch {touches}: give a larger map, or another spacing_mm or middle_mm"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CoefficientMap:
+    """Coefficients (nx, ny) at points of a rectangular grid, bilinear between them."""
+
+    values: Array
+    spacing_mm: Array
+    middle_mm: Array
+
+    @property
+    def first_mm(self) -> Array:
+        """X and Y of the first value."""
+        return self.middle_mm - self.spacing_mm * (np.array(self.values.shape) - 1) / 2
+
+    @property
+    def last_mm(self) -> Array:
+        """X and Y of the last value."""
+        return 2 * self.middle_mm - self.first_mm
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """Return the coefficients (n,) and their gradients (n, 3) at points (n, 3) of the body."""
+        place = (points[:, :2] - self.first_mm) / self.spacing_mm
+        last = np.array(self.values.shape) - 1
+        inside = np.clip(place, 0, last)
+        i, j = cell = np.minimum(inside.astype(int), last - 1).T
+        x, y = inside.T - cell
+        v = self.values
+        at_y, next_y = ((1 - y) * v[k, j] + y * v[k, j + 1] for k in (i, i + 1))
+        at_x, next_x = ((1 - x) * v[i, k] + x * v[i + 1, k] for k in (j, j + 1))
+        gradient = np.zeros_like(points)
+        gradient[:, :2] = np.column_stack([next_y - at_y, next_x - at_x]) / self.spacing_mm
+        gradient[:, :2][place != inside] = 0.0
+        return (1 - x) * at_y + x * next_y, gradient
+
+
+def _number_or_law(value: Any, info: ValidationInfo) -> float | Friction:
+    if isinstance(value, dict | Friction):
+        return Friction.one_of_the_kinds(value, info)
+    return _NUMBER.validate_python(value)
+
+
+NumberOrLaw = Annotated[
+    float | Friction, PlainValidator(_number_or_law, json_schema_input_type=NonNegative)
+]
+
+
+def field_in_plane(field: OverBody, plane: Plane) -> OverBody:
+    """Return a function of the place on a body as a section, or space, takes it."""
+
+    def at(points: Array) -> tuple[Array, Array]:
+        values, gradient = field(plane.vectors(points))
+        return values, plane.within(gradient)
+
+    return at
+
+
+def law_of(friction: float | Friction) -> Friction:
+    """Return the law of friction that a number or a law states."""
+    if isinstance(friction, Friction):
+        return friction
+    return ConstantFriction(coefficient=friction)
