@@ -25,6 +25,8 @@ _BALANCE_N = 1e-5
 
 # How a solve ended and, if it succeeded, the load at its end.
 Solved = tuple[SolveReport, Load | None]
+# Unknowns of a search, and the displacement there.
+Place = tuple[np.ndarray, np.ndarray]
 
 
 class Equilibrium:
@@ -93,8 +95,9 @@ class Equilibrium:
             return self._at_normal_force(held, dt_s, phase, float(x_mm[0]))
         own = np.ix_(held.components, held.components)
         search = LoadSearch(x_mm, self.stiffness_N_mm[own], self._longest_mm)
+        last = held.unknowns(self.pose(), held.pose), self._problem.state.u_old.x.array.copy()
         while True:
-            pose = held.pose_at(search.x)
+            x, pose = search.x, held.pose_at(search.x)
             report, load = self.at_pose(pose, dt_s)
             if load is None:
                 return report, None
@@ -109,6 +112,15 @@ class Equilibrium:
                 reason = f"the loads cannot be held: {held.shown(loads)}; {why}"
                 return replace(report, converged=False, reason=reason), None
             self.discarded.append(report)
+            last = self._extrapolate(last, x, search.x)
+
+    def _extrapolate(self, last: Place, x_mm: np.ndarray, next_mm: np.ndarray) -> Place:
+        """Move the displacement on as it changed on the way from the `last` place to this one."""
+        u, way = self._problem.state.u.x.array, x_mm - last[0]
+        here = x_mm, u.copy()
+        if way.any():
+            u += (next_mm - x_mm) @ way / (way @ way) * (u - last[1])
+        return here
 
     def _at_normal_force(self, held: Held, dt_s: float, phase: str, z_mm: float) -> Solved:
         """Solve for a normal force, which may jump with the depth."""
