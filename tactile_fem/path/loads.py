@@ -42,3 +42,7 @@ class HeldLoads:
     def at_end(self, duration_s: float) -> Array:
         """Return the held components at the end, if the piece begins without a load."""
         return self.at(duration_s, np.zeros(len(COMPONENTS)))[list(self.components)]
+
+
+# Along all directions the body follows its path.
+NOTHING = HeldLoads((), lambda _, start: start)

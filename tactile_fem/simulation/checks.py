@@ -26,6 +26,12 @@ LARGEST_DEPTH_SHARE = 0.8
 _TOUCH_TOLERANCE_MM = _TURN_TOLERANCE_DEG = 1e-3
 
 
+def deepest_mm(study: Study, pad_thickness_mm: float) -> float:
+    """Return the depth at which a press to a force is given up; a bone on its joint gives way."""
+    gives_way_mm = study.joint.length_mm if study.joint else 0.0
+    return LARGEST_DEPTH_SHARE * pad_thickness_mm + gives_way_mm
+
+
 def check_study(study: Study) -> None:
     """Try stimulus, finger and receptors without meshing and without DOLFINx.
 
@@ -38,7 +44,7 @@ def check_study(study: Study) -> None:
     fields_of(afferents.population() for afferents in study.populations)
     finger = study.finger
     if finger.is_parametric:  # before what takes longer
-        path = study.protocol.route(LARGEST_DEPTH_SHARE * finger.pad_thickness_mm)
+        path = study.protocol.route(deepest_mm(study, finger.pad_thickness_mm))
         _check_path(study, path, finger.pad_thickness_mm, finger.section_plane, NO_PARTS)
     mesh, body = finger.check(), study.stimulus.body()
     study.stimulus.law().over_body()  # reads its file
@@ -54,7 +60,7 @@ def check_with_mesh(study: Study, body: RigidBody, mesh: FingerMesh) -> Path:
     StudyError
         See `check_motion`; or a receptor lies outside or far from the tissue that it feels.
     """
-    path = study.protocol.route(LARGEST_DEPTH_SHARE * mesh.pad_thickness_mm)
+    path = study.protocol.route(deepest_mm(study, mesh.pad_thickness_mm))
     check_motion(study, body, path, mesh)
     study.lay_out(mesh)
     return path
@@ -90,7 +96,8 @@ def _check_path(
     for number, (_, motion) in enumerate(path.plan(), 1):
         depth_mm = motion.places_mm[:, 2].max()
         is_held = motion.held is not None and NORMAL in motion.held.components
-        if depth_mm >= pad_thickness_mm and motion.until_N is None and not is_held:
+        yields = motion.until_N is not None or is_held or study.joint is not None
+        if depth_mm >= pad_thickness_mm and not yields:
             if parts.path is not None:
                 what = f"parts.path (piece {number}) goes {depth_mm:g} mm deep"
             elif study.protocol.path is None:

@@ -57,6 +57,7 @@ OF_STEP = (
         "rotation vector of the stimulator about its origin, axis times angle",
         _ORIGIN,
     ),
+    Column("bone_rad", _STEPS, "angle of the bone about its joint; positive away from the pad"),
     Column("force_N", (*_STEPS, 3), "force of the stimulator on the finger", _ORIGIN),
     Column("moment_Nmm", (*_STEPS, 3), "moment of this force about the origin", _ORIGIN),
     Column("contact_area_mm2", _STEPS, "skin within 0.01 mm of the stimulator"),

@@ -10,16 +10,20 @@ import numpy as np
 from tactile_fem.finger.plane import Plane
 from tactile_fem.mechanics.load import Load
 from tactile_fem.path.loads import NORMAL
+from tactile_fem.simulation.bone import Bone
 from tactile_fem.simulation.control import ForceSearch
-from tactile_fem.simulation.held import SCALES, Held, Pose
+from tactile_fem.simulation.held import JOINT, SCALES, Held
 from tactile_fem.simulation.load_search import LoadSearch
+from tactile_fem.simulation.pose import Pose
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.report import SolveReport
 
+Array = np.ndarray
 logger = logging.getLogger(__name__)
 
 # Loads over the body's motion along X, Y and Z, and its turn, before any is known.
-_FIRST_STIFFNESS_N_MM = (0.3, 0.3, 0.5, 0.1)
+_FIRST_STIFFNESS_N_MM = np.diag([0.3, 0.3, 0.5, 0.1, 0.7])
+_FIRST_STIFFNESS_N_MM[[NORMAL, JOINT], [JOINT, NORMAL]] = 0.5
 # Contact force and the forces of the tissues differ by what the residual's norm allows.
 _BALANCE_N = 1e-5
 
@@ -35,29 +39,48 @@ class Equilibrium:
     In the search for loads two places of the body are at most `longest_mm` apart.
     """
 
-    def __init__(self, problem: FingerProblem, plane: Plane, longest_mm: float) -> None:
+    def __init__(
+        self, problem: FingerProblem, plane: Plane, longest_mm: float, bone: Bone | None
+    ) -> None:
         self._problem, self._plane, self._longest_mm = problem, plane, longest_mm
         # Solves of the present step that failed or did not meet the wanted loads.
         self.discarded: list[SolveReport] = []
         # Loads over the body's motion, as last observed.
-        self.stiffness_N_mm = np.diag(_FIRST_STIFFNESS_N_MM)
+        self.stiffness_N_mm = _FIRST_STIFFNESS_N_MM.copy()
         # Loads at the accepted step before the last one; None at the begin of a piece.
         self.loads_before_N: np.ndarray | None = None
+        self.bone = bone
+        self._angle_rad = 0.0  # of the bone, at the last solve
         self._is_guided = False
 
     def pose(self, *, before: bool = False) -> Pose:
         """Return where the body was after the last accepted step, or after that `before` it."""
-        state, plane = self._problem.state, self._plane
+        state, plane, bone = self._problem.state, self._plane, self.bone
         place, rotation = state.translation_old.value, state.rotation_old
         if before:
             place, rotation = state.translation_before, state.rotation_before
-        return Pose(plane.vectors(place), plane.rotation_in_space(rotation))
+        pose = Pose(plane.vectors(place), plane.rotation_in_space(rotation))
+        return bone.in_space(pose, bone.before_rad if before else bone.angle_rad) if bone else pose
 
     def loads_N(self) -> np.ndarray:
         """Return the loads after the last accepted step, scaled as `Held` does, (4,)."""
-        force, moment = self._problem.state.force_old_N, self._problem.state.moment_old_Nmm
-        own = self._plane.vectors(force), self._plane.moment(moment)
-        return SCALES * self.pose().load(*own)
+        state = self._problem.state
+        load = self._in_space(state.force_old_N, state.moment_old_Nmm, self.angle_rad)
+        return SCALES * self.pose().load(*load)
+
+    @property
+    def angle_rad(self) -> float:
+        """Angle of the bone after the last accepted step; 0 if it is clamped."""
+        return self.bone.angle_rad if self.bone else 0.0
+
+    def in_space(self, load: Load) -> Load:
+        """Return a load at the end of the last solve in space, with vectors (3,)."""
+        force, moment = self._in_space(load.force_N, load.moment_Nmm, self._angle_rad)
+        return replace(load, force_N=force, moment_Nmm=moment)
+
+    def _in_space(self, force_N: Array, moment_Nmm: Array, angle_rad: float) -> tuple[Array, Array]:
+        load = self._plane.vectors(force_N), self._plane.moment(moment_Nmm)
+        return self.bone.load_in_space(*load, angle_rad) if self.bone else load
 
     def predict(self, dt_s: float, way_mm: np.ndarray | None = None) -> None:
         """Make the initial guess from the change of the displacement in a similar scan.
@@ -86,33 +109,54 @@ class Equilibrium:
             return replace(report, converged=False, reason="the load is not finite"), None
         return report, load
 
-    def at_loads(self, held: Held, dt_s: float, phase: str, x_mm: np.ndarray) -> Solved:
-        """Solve for the loads that are held; the search begins with the unknowns `x_mm`, (k,).
+    def solve(self, held: Held, path: Pose, phase: str) -> Solved:
+        """Solve for the end of a step, with the loads that it holds.
 
-        The piece of the path is called `phase` in messages.
+        Parameters
+        ----------
+        held
+            Loads, and where the body is at the end by the path.
+        path
+            Where it would have been by the path after the last step.
+        phase
+            Name of the piece of the path, for messages.
         """
-        if held.components == (NORMAL,):
-            return self._at_normal_force(held, dt_s, phase, float(x_mm[0]))
-        own = np.ix_(held.components, held.components)
-        search = LoadSearch(x_mm, self.stiffness_N_mm[own], self._longest_mm)
-        last = held.unknowns(self.pose(), held.pose), self._problem.state.u_old.x.array.copy()
+        if not held.indices:
+            return self.at_pose(held.pose, held.dt_s)
+        if held.indices == [NORMAL]:
+            return self._at_normal_force(held, path, phase)
+        own = np.ix_(held.indices, held.indices)
+        start = self._predicted(held, path)
+        search = LoadSearch(start, self.stiffness_N_mm[own], self._longest_mm)
+        last = self._unknowns(held, held.pose), self._problem.state.u_old.x.array.copy()
         while True:
-            x, pose = search.x, held.pose_at(search.x)
-            report, load = self.at_pose(pose, dt_s)
+            x, angle, pose = search.x, held.angle_rad(search.x), held.pose_at(search.x)
+            seen = held.bone.seen_from(pose, angle) if held.bone else pose
+            report, load = self.at_pose(seen, held.dt_s)
             if load is None:
                 return report, None
-            loads = held.loads_of(pose, load)
-            if search.is_met(held.excess_N(loads), held.scale_N(loads)):
+            self._angle_rad = angle
+            loads, unbalanced = self._loads(held, pose, load)
+            if search.is_met(-held.gains_N(loads, unbalanced), held.scale_N(loads)):
                 self.stiffness_N_mm[own] = search.stiffness
                 return report, load
-            message = f"{phase}: {held.shown(loads)}"
-            logger.log(logging.INFO if search.is_slow else logging.DEBUG, "%s", message)
+            shown = held.shown(loads, self._plane.force_unit)
+            logger.log(logging.INFO if search.is_slow else logging.DEBUG, "%s: %s", phase, shown)
             if search.has_failed:
                 why = "the skin slips" if search.slips else "the search does not converge"
-                reason = f"the loads cannot be held: {held.shown(loads)}; {why}"
+                reason = f"the loads cannot be held: {shown}; {why}"
                 return replace(report, converged=False, reason=reason), None
             self.discarded.append(report)
             last = self._extrapolate(last, x, search.x)
+
+    def _loads(self, held: Held, pose: Pose, load: Load) -> tuple[Array, float]:
+        """Return the scaled loads, (4,), and what the joint does not balance, N."""
+        in_space = self.in_space(load)
+        loads = SCALES * pose.load(in_space.force_N, in_space.moment_Nmm)
+        if held.bone is None:
+            return loads, 0.0
+        seen = load.force_N, load.moment_Nmm
+        return loads, held.bone.excess_N(self._angle_rad, held.dt_s, *seen)
 
     def _extrapolate(self, last: Place, x_mm: np.ndarray, next_mm: np.ndarray) -> Place:
         """Move the displacement on as it changed on the way from the `last` place to this one."""
@@ -122,14 +166,15 @@ class Equilibrium:
             u += (next_mm - x_mm) @ way / (way @ way) * (u - last[1])
         return here
 
-    def _at_normal_force(self, held: Held, dt_s: float, phase: str, z_mm: float) -> Solved:
+    def _at_normal_force(self, held: Held, path: Pose, phase: str) -> Solved:
         """Solve for a normal force, which may jump with the depth."""
+        z_mm = float(self._predicted(held, path)[0])
         wanted_N = float(held.loads[NORMAL])
         stiffness = float(self.stiffness_N_mm[NORMAL, NORMAL])
         search = ForceSearch(wanted_N, z_mm, stiffness, self._longest_mm)
         while True:
             z = search.z_mm
-            report, load = self.at_pose(held.pose_at(np.array([z])), dt_s)
+            report, load = self.at_pose(held.pose_at(np.array([z])), held.dt_s)
             if load is None:
                 return report, None
             force = float(load.force_N[-1])
@@ -145,22 +190,26 @@ class Equilibrium:
                 return replace(report, converged=False, reason=search.reason), None
             self.discarded.append(report)
 
-    def predicted(self, held: Held, path: Pose, dt_s: float) -> np.ndarray:
+    def _predicted(self, held: Held, path: Pose) -> np.ndarray:
         """Return the unknowns of a step if the body goes on as in the last one, (k,).
 
         A change of the loads' rates is made up for by the stiffness. By the `path` the body would
         have been there after the last step.
         """
         state, loads = self._problem.state, self.loads_N()
-        x = held.unknowns(self.pose(), path)
-        wanted = -held.excess_N(loads)
+        x, wanted = self._unknowns(held, path), held.gains_N(loads)
         if state.dt_old_s:
-            ratio, own = dt_s / state.dt_old_s, list(held.components)
-            x = x + ratio * (x - held.unknowns(self.pose(before=True), path))
+            ratio = held.dt_s / state.dt_old_s
+            x = x + ratio * (x - self._unknowns(held, path, before=True))
             if self.loads_before_N is not None:
-                wanted -= ratio * (loads - self.loads_before_N)[own]
-        stiffness = self.stiffness_N_mm[np.ix_(held.components, held.components)]
+                wanted -= ratio * np.append(loads - self.loads_before_N, 0.0)[held.indices]
+        stiffness = self.stiffness_N_mm[np.ix_(held.indices, held.indices)]
         return x + LoadSearch(x, stiffness, self._longest_mm).way_to(wanted)
+
+    def _unknowns(self, held: Held, path: Pose, *, before: bool = False) -> np.ndarray:
+        """Return the unknowns after the last accepted step, or after that `before` it, (k,)."""
+        angle = self.bone.before_rad if self.bone and before else self.angle_rad
+        return held.unknowns(self.pose(before=before), path, angle)
 
     def note_stiffness(self, load: Load) -> None:
         """Note how the normal force grew with the depth, in a step towards the finger."""
@@ -178,6 +227,8 @@ class Equilibrium:
                 *(load.imbalance_N, self._plane.force_unit),
             )
         self.loads_before_N = self.loads_N() if self._problem.state.dt_old_s else None
+        if self.bone:  # before the state moves on
+            self.bone = self.bone.moved(self._angle_rad, self._problem.state.dt_s)
         self._problem.accept(load)
         solves, self.discarded = (*self.discarded, report), []
         return solves

@@ -6,40 +6,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_fem.finger.plane import Plane
-from tactile_fem.mechanics.load import Load
-from tactile_fem.path.loads import COMPONENTS, HeldLoads
+from tactile_fem.path.loads import COMPONENTS
 from tactile_fem.path.rotations import matrix, vector
+from tactile_fem.simulation.bone import Bone
+from tactile_fem.simulation.pose import Pose
 
 Array = np.ndarray
 # Torques and turns are compared with forces and ways at this distance from the axis.
 ARM_MM = 5.0
-_TORQUE = 3
+_TORQUE, JOINT = 3, 4
 # From torque, Nmm, to N, and from mm to an angle, rad.
 SCALES = np.array([1.0, 1.0, 1.0, 1 / ARM_MM])
 
 
 @dataclass(frozen=True)
-class Pose:
-    """A place of the body: position (3,) of its origin, mm, and rotation (3, 3)."""
-
-    translation: Array
-    rotation: Array
-
-    def load(self, force_N: Array, moment_Nmm: Array) -> Array:
-        """Return forces, N, and the torque about Z through the body's origin, Nmm, (4,).
-
-        `moment_Nmm` (3,) is that of the force (3,) about the origin.
-        """
-        return np.append(force_N, (moment_Nmm - np.cross(self.translation, force_N))[2])
-
-
-@dataclass(frozen=True)
 class Held:
-    """The loads that a step holds.
+    """The loads that a step holds, and the joint that is in balance.
 
     Unknown are the places of the body along the held components, in mm: those of the path's `pose`
-    do not count, but for a turn about Z, which is added to the path's.
+    do not count, but for a turn about Z, which is added to the path's. The last one, if the bone is
+    on its joint, is how far the contact point moves against Z with the bone.
 
     Parameters
     ----------
@@ -49,54 +35,58 @@ class Held:
         Wanted, of all components, (4,).
     pose
         By the path at the end of the step.
-    plane
-        In which the finger deforms.
+    bone
+        After the last accepted step; None if it is clamped.
+    dt_s
+        Duration of the step.
     """
 
     components: tuple[int, ...]
     loads: Array
     pose: Pose
-    plane: Plane
+    bone: Bone | None
+    dt_s: float
 
-    @classmethod
-    def of(cls, held: HeldLoads, time_s: float, start: Array, pose: Pose, plane: Plane) -> Held:
-        """Return what is held at a time since the piece began with the loads `start`."""
-        return cls(held.components, held.at(time_s, start), pose, plane)
+    @property
+    def indices(self) -> list[int]:
+        """Indices of the unknowns and of their loads among all, (k,)."""
+        return [*self.components, *([JOINT] if self.bone else [])]
+
+    def angle_rad(self, x: Array) -> float:
+        """Return the angle of the bone for the unknowns, (k,)."""
+        return -float(x[-1]) / self.bone.joint.length_mm if self.bone else 0.0
 
     def pose_at(self, x: Array) -> Pose:
-        """Return the pose of the body for the unknowns, (k,)."""
+        """Return the pose of the body in space for the unknowns, (k,)."""
         place, turn = self.pose.translation.copy(), np.zeros(3)
-        for component, value in zip(self.components, x, strict=True):
+        for component, value in zip(self.components, x, strict=False):
             if component == _TORQUE:
                 turn[2] = value / ARM_MM
             else:
                 place[component] = value
         return Pose(place, matrix(turn) @ self.pose.rotation)
 
-    def unknowns(self, pose: Pose, path: Pose) -> Array:
+    def unknowns(self, pose: Pose, path: Pose, angle_rad: float) -> Array:
         """Return the unknowns, (k,), of a pose where the path is at another one."""
         turn = vector(pose.rotation @ path.rotation.T)[2] * ARM_MM
-        return np.append(pose.translation, turn)[list(self.components)]
+        down = -angle_rad * self.bone.joint.length_mm if self.bone else 0.0
+        return np.array([*pose.translation, turn, down])[self.indices]
 
-    def loads_of(self, pose: Pose, load: Load) -> Array:
-        """Return the load on the finger, (4,), in N."""
-        force, moment = self.plane.vectors(load.force_N), self.plane.moment(load.moment_Nmm)
-        return SCALES * pose.load(force, moment)
-
-    def excess_N(self, loads_N: Array) -> Array:
-        """Return by how much loads (4,) exceed those wanted, (k,)."""
-        return (loads_N - SCALES * self.loads)[list(self.components)]
+    def gains_N(self, loads_N: Array, unbalanced_N: float = 0.0) -> Array:
+        """Return what is wanted beyond loads (4,) and what the joint does not balance, (k,)."""
+        return np.append(SCALES * self.loads - loads_N, -unbalanced_N)[self.indices]
 
     def scale_N(self, loads_N: Array) -> float:
         """Return the size of the load (4,): what is wanted, or there where nothing is held."""
-        whole = loads_N.copy()
-        whole[list(self.components)] -= self.excess_N(loads_N)
+        whole, own = loads_N.copy(), list(self.components)
+        whole[own] = (SCALES * self.loads)[own]
         return float(np.linalg.norm(whole))
 
-    def shown(self, loads_N: Array) -> str:
+    def shown(self, loads_N: Array, force_unit: str) -> str:
         """Return in words the loads (4,) and those wanted."""
-        units = [self.plane.force_unit] * 3 + ["Nmm"]
-        return ", ".join(
+        units = [force_unit] * 3 + ["Nmm"]
+        each = [
             f"{COMPONENTS[k]} {loads_N[k] / SCALES[k]:.4g} of {self.loads[k]:.4g} {units[k]}"
             for k in self.components
-        )
+        ]
+        return ", ".join(each) or "the joint"

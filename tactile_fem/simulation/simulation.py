@@ -28,7 +28,8 @@ from tactile_fem.neuron import fields_of, replaced
 from tactile_fem.receptors import Layout
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.ranks import on_root
-from tactile_fem.simulation.checks import LARGEST_DEPTH_SHARE, check_motion, judge_surface
+from tactile_fem.simulation.bone import Bone
+from tactile_fem.simulation.checks import check_motion, deepest_mm, judge_surface
 from tactile_fem.simulation.course import Course
 from tactile_fem.simulation.parts import NO_PARTS, Parts, check_parts
 from tactile_fem.simulation.probe import Probe, ReceptorState
@@ -117,7 +118,7 @@ class Simulation:
         self.body = parts.body or study.stimulus.body()
         if parts.body is None:  # an own one has been tried
             check_body(self.body, "stimulus")
-        self.path = parts.path or study.protocol.route(LARGEST_DEPTH_SHARE * thickness_mm)
+        self.path = parts.path or study.protocol.route(deepest_mm(study, thickness_mm))
         check_unchanged(study.files(), self.files)  # the hashes are those of what each rank read
         on_root(comm, lambda: check_motion(study, self.body, self.path, self.finger, parts))
 
@@ -167,7 +168,8 @@ class Simulation:
         plane = problem.domain.plane
         if self._course and self._course.beside:
             logger.info("steps are guessed from those of an earlier scan beside this one")
-        return Stepper(problem, self.path, study.solver, plane, smoother_by, self._course)
+        bone = Bone(study.joint, study.solver.inertia) if study.joint else None
+        return Stepper(problem, self.path, study.solver, plane, smoother_by, self._course, bone)
 
     @property
     def state(self) -> State:

@@ -33,6 +33,8 @@ class Step(Load):
         Position of the body relative to where it touches the undeformed pad's apex, (3,).
     stimulator_rad
         Rotation vector of the body about its origin: axis times angle, (3,).
+    bone_rad
+        Angle of the bone about its joint.
     newton_iterations, linear_iterations
         Of the step, discarded solves included.
     discarded
@@ -55,6 +57,7 @@ class Step(Load):
     clock_s: float
     stimulator_mm: np.ndarray
     stimulator_rad: np.ndarray
+    bone_rad: float
     newton_iterations: int
     linear_iterations: int
     discarded: tuple[SolveReport, ...]

@@ -15,12 +15,14 @@ from tactile_fem.finger.plane import SPACE, Plane
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.rows import Saved
 from tactile_fem.path import HeldLoads, Motion, Path
-from tactile_fem.path.loads import NORMAL
+from tactile_fem.path.loads import NORMAL, NOTHING
 from tactile_fem.path.rotations import matrix, vector
+from tactile_fem.simulation.bone import Bone
 from tactile_fem.simulation.control import TOLERANCE, StepControl, StepTooSmallError
 from tactile_fem.simulation.course import Course, Moment
-from tactile_fem.simulation.equilibrium import Equilibrium
-from tactile_fem.simulation.held import SCALES, Held, Pose
+from tactile_fem.simulation.equilibrium import Equilibrium, Solved
+from tactile_fem.simulation.held import SCALES, Held
+from tactile_fem.simulation.pose import Pose
 from tactile_fem.simulation.step import Step
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.report import SolveReport
@@ -64,11 +66,12 @@ class Stepper:
         plane: Plane = SPACE,
         smoother_by: Sequence[str] = (),
         course: Course | None = None,
+        bone: Bone | None = None,
     ) -> None:
         self._problem, self._state, self._plane = problem, problem.state, plane
         self._path, self._settings, self._smoother_by = path, settings, smoother_by
         self._course = course
-        self._equilibrium = Equilibrium(problem, plane, settings.max_press_step_mm)
+        self._equilibrium = Equilibrium(problem, plane, settings.max_press_step_mm, bone)
         longest = settings.max_slide_step_mm, settings.max_press_step_mm
         self._weights = [motion.least_steps(*longest) for _, motion in path.plan()]
         rotation = plane.rotation(matrix(path.start_rad))
@@ -103,6 +106,7 @@ class Stepper:
         values = asdict(known) | {
             "stiffness_N_mm": equilibrium.stiffness_N_mm.tolist(),
             "loads_before_N": None if loads is None else loads.tolist(),
+            "bone": equilibrium.bone.to_save() if equilibrium.bone else {},
         }
         return {**self._problem.to_save(), "progress": np.array(json.dumps(values))}
 
@@ -112,6 +116,9 @@ class Stepper:
         control, loads = StepControl(**values.pop("control")), values.pop("loads_before_N")
         self._equilibrium.stiffness_N_mm = np.array(values.pop("stiffness_N_mm"))
         self._equilibrium.loads_before_N = None if loads is None else np.array(loads)
+        if own := values.pop("bone"):
+            assert self._equilibrium.bone is not None
+            self._equilibrium.bone = replace(self._equilibrium.bone, **own)
         self._motion = self._path.pieces[values["piece"]](np.array(values["start_mm"]))
         control.outputs_s = tuple(self._motion.outputs_s)
         self._progress = _Progress(**values, control=control)
@@ -190,13 +197,8 @@ class Stepper:
         begin, end = self._moment(control.time_s), self._moment(target)
         way_mm = self._course.way(begin, end, self._state) if self._course else None
         equilibrium.predict(dt, way_mm)
-        if motion.held is None:
-            report, load = equilibrium.at_pose(self._pose(target), dt)
-        else:
-            held = self._held(motion.held, target)
-            x_mm = equilibrium.predicted(held, self._pose(control.time_s), dt)
-            report, load = equilibrium.at_loads(held, dt, motion.phase, x_mm)
-        if load and until_N is not None and load.force_N[-1] > until_N * (1 + TOLERANCE):
+        report, load = self._solve(motion.held or NOTHING, target)
+        if load and until_N is not None and self._normal_N(load) > until_N * (1 + TOLERANCE):
             target, report, load = self._solve_press_end(target, load, report, until_N)
             dt = target - control.time_s
         if load is None:
@@ -213,10 +215,18 @@ class Stepper:
         self._end_at_force(control)
         return self._step(load, solves, dt, started)
 
-    def _held(self, loads: HeldLoads, time_s: float) -> Held:
-        """Return the loads that are held at a time in the present piece."""
-        wanted = loads.at(time_s, np.array(self._progress.start_load))
-        return Held(loads.components, wanted, self._pose(time_s), self._plane)
+    def _solve(self, loads: HeldLoads, target_s: float) -> Solved:
+        """Solve for a time in the present piece, with the loads that are held."""
+        progress, equilibrium = self._progress, self._equilibrium
+        begin_s = progress.control.time_s
+        wanted = loads.at(target_s, np.array(progress.start_load))
+        pose, dt_s = self._pose(target_s), target_s - begin_s
+        held = Held(loads.components, wanted, pose, equilibrium.bone, dt_s)
+        return equilibrium.solve(held, self._pose(begin_s), self._motion.phase)
+
+    def _normal_N(self, load: Load) -> float:
+        """Return the normal force of the last solve."""
+        return float(self._equilibrium.in_space(load).force_N[NORMAL])
 
     def _moment(self, time_s: float) -> Moment:
         """Return when and where the body is by the path at a time in the present piece."""
@@ -228,19 +238,19 @@ class Stepper:
         self, load: Load, solves: tuple[SolveReport, ...], dt_s: float, started: float
     ) -> Step:
         """Return the step that was accepted."""
-        progress, plane = self._progress, self._plane
+        progress, pose = self._progress, self._equilibrium.pose()
         progress.index += 1
-        force, moment = plane.vectors(load.force_N), plane.moment(load.moment_Nmm)
         return Step(
-            **vars(replace(load, force_N=force, moment_Nmm=moment)),
+            **vars(self._equilibrium.in_space(load)),
             index=progress.index,
             phase=self._motion.phase,
             indenting=progress.indenting,
             displacement_mm=progress.slid_mm + self._slid_mm(),
             dt_s=dt_s,
             clock_s=progress.start_s + progress.control.time_s,
-            stimulator_mm=self._position_mm(),
-            stimulator_rad=vector(self._equilibrium.pose().rotation),
+            stimulator_mm=pose.translation,
+            stimulator_rad=vector(pose.rotation),
+            bone_rad=self._equilibrium.angle_rad,
             newton_iterations=sum(solve.iterations for solve in solves),
             linear_iterations=sum(solve.linear_iterations for solve in solves),
             discarded=solves[:-1],
@@ -248,7 +258,7 @@ class Stepper:
             ends_piece=progress.control.finished,
             fraction=self._fraction(),
             wall_s=time.perf_counter() - started,
-            force_unit=plane.force_unit,
+            force_unit=self._plane.force_unit,
         )
 
     def _fraction(self) -> float:
@@ -294,15 +304,12 @@ class Stepper:
         """
         equilibrium, begin_s = self._equilibrium, self._progress.control.time_s
         equilibrium.discarded.append(report)
-        before, passed = float(self._state.force_old_N[-1]), float(load.force_N[-1])
+        before, passed = self._last_normal_N(), self._normal_N(load)
         share = max((force_N - before) / (passed - before), _MIN_SHARE)
         end_s = begin_s + share * (target_s - begin_s)
-        dt_s = end_s - begin_s
         equilibrium.note_stiffness(load)
-        equilibrium.predict(dt_s)
-        held = self._held(HeldLoads.normal(force_N), end_s)
-        depth_mm = held.pose.translation[[NORMAL]]
-        return end_s, *equilibrium.at_loads(held, dt_s, self._motion.phase, depth_mm)
+        equilibrium.predict(end_s - begin_s)
+        return end_s, *self._solve(HeldLoads.normal(force_N), end_s)
 
     def _end_at_force(self, control: StepControl) -> None:
         """End a press where its force is reached, which it may be from the start."""
@@ -312,14 +319,18 @@ class Stepper:
 
     def _is_short_of(self, force_N: float) -> bool:
         """Return whether the normal force of the last accepted step is less."""
-        return bool(self._state.force_old_N[-1] < force_N * (1 - TOLERANCE))
+        return self._last_normal_N() < force_N * (1 - TOLERANCE)
+
+    def _last_normal_N(self) -> float:
+        """Return the normal force after the last accepted step."""
+        return float(self._equilibrium.loads_N()[NORMAL])
 
     def _check_force_reached(self) -> None:
         """Log the force that a press has reached; raise ConvergenceError if it is too small."""
         if self._motion.until_N is None:
             return
         if self._is_short_of(self._motion.until_N):
-            reached, wanted = self._state.force_old_N[-1], self._motion.until_N
+            reached, wanted = self._last_normal_N(), self._motion.until_N
             raise stopped(
                 self._motion.phase,
                 self._position_mm(),
@@ -330,18 +341,18 @@ class Stepper:
             )
         logger.info(
             "%.4f %s are reached at a depth of %.4f mm",
-            self._state.force_old_N[-1],
+            self._last_normal_N(),
             self._plane.force_unit,
-            self._state.translation_old.value[-1],
+            self._position_mm()[NORMAL],
         )
 
     def _warn_without_contact(self) -> None:
         """Warn if the indentation ends without contact."""
-        if self._progress.indenting and not self._state.force_old_N[-1]:
+        if self._progress.indenting and not self._last_normal_N():
             logger.warning(
                 "the press ends at %.4g mm without contact: no raised part of the stimulator lies "
                 "under the pad, or the depth is too small",
-                self._state.translation_old.value[-1],
+                self._position_mm()[NORMAL],
             )
 
 

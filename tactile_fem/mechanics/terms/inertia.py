@@ -21,6 +21,8 @@ Displacements are relative to the bone, which is at rest.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
@@ -42,6 +44,33 @@ _T_PER_MM3 = 1e-12
 def mass_density(msh: mesh.Mesh, density_kg_m3: float) -> fem.Constant:
     """Return a density in t/mm3."""
     return fem.Constant(msh, density_kg_m3 * _T_PER_MM3)
+
+
+class GeneralizedAlpha:
+    """The method's formulas, of numbers as of UFL expressions; see the top of this module.
+
+    Parameters
+    ----------
+    spectral_radius
+        `r`.
+    """
+
+    def __init__(self, spectral_radius: float = SPECTRAL_RADIUS) -> None:
+        self.alpha = (spectral_radius - 1) / (spectral_radius + 1)
+        self.gamma, self.beta = 1 / 2 - self.alpha, (1 - self.alpha) ** 2 / 4
+
+    def acceleration(self, moved: Any, v_old: Any, a_old: Any, dt: Any) -> Any:
+        """Return `a` where a step moves by `moved`."""
+        beta = self.beta
+        return (moved - dt * v_old) / (beta * dt**2) - (1 / (2 * beta) - 1) * a_old
+
+    def velocity(self, a: Any, v_old: Any, a_old: Any, dt: Any) -> Any:
+        """Return `v` at the end of the step."""
+        return v_old + dt * ((1 - self.gamma) * a_old + self.gamma * a)
+
+    def averaged(self, a: Any, a_old: Any) -> Any:
+        """Return the acceleration that is balanced."""
+        return (1 - self.alpha) * a + self.alpha * a_old
 
 
 class Inertia(Term):
@@ -68,13 +97,12 @@ class Inertia(Term):
         v_old = ufl.as_vector([old[i] for i in range(dim)])
         a_old = ufl.as_vector([old[dim + i] for i in range(dim)])
         self._density = mass_density(msh, tissues.constants.density_kg_m3)
-        alpha = (spectral_radius - 1) / (spectral_radius + 1)
-        gamma, beta = 1 / 2 - alpha, (1 - alpha) ** 2 / 4
-        a = (u - u_old - dt * v_old) / (beta * dt**2) - (1 / (2 * beta) - 1) * a_old
+        method = GeneralizedAlpha(spectral_radius)
+        a = method.acceleration(u - u_old, v_old, a_old, dt)
         self.acceleration: Expr = a
-        self.velocity: Expr = v_old + dt * ((1 - gamma) * a_old + gamma * a)
-        self._averaged = (1 - alpha) * a + alpha * a_old
-        self._per_mm = self._density * (1 - alpha) / (beta * dt**2)
+        self.velocity: Expr = method.velocity(a, v_old, a_old, dt)
+        self._averaged = method.averaged(a, a_old)
+        self._per_mm = self._density * (1 - method.alpha) / (method.beta * dt**2)
         self.histories = [_Motion(old, self.velocity, self.acceleration)]
 
     @classmethod

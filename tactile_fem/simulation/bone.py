@@ -1,0 +1,107 @@
+"""The bone on its joint: its angle, and the body as seen from it.
+
+The mechanics is computed in the bone's frame, in which the held tissues are at rest: the body moves
+by the inverse of the bone's motion. The angle `phi` balances the moment `M` of the contact,
+
+    I phi'' + c phi' + k phi = M,
+
+with the phalanx's moment of inertia `I` where the tissue has inertia. That of the tissue's motion
+relative to the bone is left out of `M`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactile_fem.finger.joint import Joint
+from tactile_fem.mechanics.terms.inertia import GeneralizedAlpha
+from tactile_fem.path.rotations import matrix
+from tactile_fem.simulation.pose import Pose
+
+Array = np.ndarray
+_METHOD = GeneralizedAlpha()
+
+
+@dataclass(frozen=True)
+class Bone:
+    """The bone after an accepted step.
+
+    Parameters
+    ----------
+    joint
+        Its joint.
+    has_inertia
+        Whether the phalanx has.
+    angle_rad, rate_rad_s, rate_rad_s2
+        Angle about the joint and its derivatives.
+    before_rad
+        Angle at the accepted step before.
+    """
+
+    joint: Joint
+    has_inertia: bool = False
+    angle_rad: float = 0.0
+    rate_rad_s: float = 0.0
+    rate_rad_s2: float = 0.0
+    before_rad: float = 0.0
+
+    def to_save(self) -> dict[str, float]:
+        """Return its motion as plain numbers, by name."""
+        names = "angle_rad", "rate_rad_s", "rate_rad_s2", "before_rad"
+        return {name: getattr(self, name) for name in names}
+
+    def seen_from(self, pose: Pose, angle_rad: float) -> Pose:
+        """Return a pose in space as seen from the bone at an angle."""
+        return self._turned(pose, -angle_rad)
+
+    def in_space(self, pose: Pose, angle_rad: float) -> Pose:
+        """Return where a pose seen from the bone at an angle is in space."""
+        return self._turned(pose, angle_rad)
+
+    def load_in_space(
+        self, force_N: Array, moment_Nmm: Array, angle_rad: float
+    ) -> tuple[Array, Array]:
+        """Return force and moment about the origin in space, (3,), of those seen from the bone."""
+        R, centre = matrix([angle_rad, 0.0, 0.0]), self.joint.centre_mm
+        force = R @ force_N
+        moment = R @ (moment_Nmm - np.cross(centre, force_N)) + np.cross(centre, force)
+        return force, moment
+
+    def _turned(self, pose: Pose, angle_rad: float) -> Pose:
+        R, centre = matrix([angle_rad, 0.0, 0.0]), self.joint.centre_mm
+        return Pose(centre + R @ (pose.translation - centre), R @ pose.rotation)
+
+    def moved(self, angle_rad: float, dt_s: float) -> Bone:
+        """Return the bone at an angle, `dt_s` later."""
+        moved_rad = angle_rad - self.angle_rad
+        velocity, acceleration = moved_rad / dt_s, 0.0
+        if self.has_inertia:
+            old = self.rate_rad_s, self.rate_rad_s2
+            acceleration = _METHOD.acceleration(moved_rad, *old, dt_s)
+            velocity = _METHOD.velocity(acceleration, *old, dt_s)
+        return replace(
+            self,
+            angle_rad=angle_rad,
+            rate_rad_s=velocity,
+            rate_rad_s2=acceleration,
+            before_rad=self.angle_rad,
+        )
+
+    def excess_N(self, angle_rad: float, dt_s: float, force_N: Array, moment_Nmm: Array) -> float:
+        """Return the moment that the joint does not balance over its distance, N.
+
+        Parameters
+        ----------
+        angle_rad
+            Of the bone, `dt_s` after the last accepted step.
+        force_N, moment_Nmm
+            Of the contact, (3,), as seen from the bone; the moment is about the origin.
+        """
+        joint, now = self.joint, self.moved(angle_rad, dt_s)
+        moment = (moment_Nmm - np.cross(joint.centre_mm, force_N))[0]
+        held = joint.stiffness_Nmm_rad * angle_rad + joint.damping_Nmms_rad * now.rate_rad_s
+        if self.has_inertia:
+            held += joint.inertia_Nmms2 * _METHOD.averaged(now.rate_rad_s2, self.rate_rad_s2)
+        return float(moment - held) / joint.length_mm

@@ -1,0 +1,24 @@
+"""A place of the body: position and rotation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A place of the body: position (3,) of its origin, mm, and rotation (3, 3)."""
+
+    translation: Array
+    rotation: Array
+
+    def load(self, force_N: Array, moment_Nmm: Array) -> Array:
+        """Return forces, N, and the torque about Z through the body's origin, Nmm, (4,).
+
+        `moment_Nmm` (3,) is that of the force (3,) about the origin.
+        """
+        return np.append(force_N, (moment_Nmm - np.cross(self.translation, force_N))[2])
