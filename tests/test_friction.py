@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -16,15 +17,20 @@ from mpi4py import MPI  # isort: skip
 from blocks import block_mesh
 from dolfinx import fem
 from materials import ELASTIC
+from needs import needs_gmsh
 from sphere_on_block import DEPTHS, TWO_TISSUES, follow
 
+from tactile_fem import Simulation
 from tactile_fem.errors import StudyError
 from tactile_fem.mechanics.domain import create_domain, roller
+from tactile_fem.output.deck import write_deck
+from tactile_fem.path.rotations import matrix
 from tactile_fem.simulation.checks import check_study
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import Friction, KineticFriction, MappedFriction, PressureFriction
 from tactile_fem.study import Finger, Plate, Solver, Sphere, Study
 from tactile_fem.study.file import dump_study, load_study
+from tactile_fem.vibration.harmonic import Harmonic
 
 STATIC, KINETIC, SPEED_MM_S = 0.6, 0.2, 8.0
 EXPONENT, PRESSURE_MPA = 0.8, 0.002
@@ -109,14 +115,33 @@ def test_a_map_holds_in_the_frame_of_the_body(laws):
 
 
 @pytest.mark.ranks
+def test_a_map_turns_with_its_body(laws):
+    contact = problem(laws["map"])
+    half_turn = matrix([0, 0, np.pi])
+    assert contact.solve(np.array([0, 4.0, -0.5]), DT_S, half_turn).converged
+    contact.accept()
+    follow(contact, *((0, 4.0, depth) for depth in (0.1, 0.2, 0.3)))
+    (tangential, normal), *_ = drag(contact, 3.9)
+    assert -tangential / normal == pytest.approx(HIGH, rel=1e-7)
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize("law", ["kinetic", "pressure"])
+def test_skin_that_slides_follows_a_vibration_of_the_pressure(laws, law):
+    contact = pressed(laws[law])
+    *_, (tangential, normal) = drag(contact, -0.1, -0.2)
+    _, along, across = Harmonic(contact, 1e-6).respond(1.0, [0, 0, 1.0]).force_N
+    expected = tangential / normal * (EXPONENT if law == "pressure" else 1)
+    assert along / across == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.ranks
 @pytest.mark.parametrize("law", ["kinetic", "pressure", "map"])
 def test_the_tangent_is_the_derivative_of_the_residual(laws, law):
     ball = Sphere(radius_mm=4.0).body()
     contact = problem(laws[law], body=ball, upright=False, tangent_iterations=1)
-    contact.state.place((0, -0.1, 0.1))
-    contact.state.translation_old.value[1] += 0.1
-    contact.state.time_step.value = DT_S
-    contact.terms.begin_step()
+    contact.state.place((0, 0, 0.1))
+    contact.begin_step(np.array([0, -0.1, 0.1]), DT_S, matrix([0, 0, 0.5]))
     snes, random = contact.solver.snes, np.random.default_rng(0)
 
     def vector(scale):
@@ -205,3 +230,28 @@ def test_a_map_that_does_not_do_is_refused(tmp_path, rows, sentence):
     study = Study(stimulus=Plate(friction=law), finger=Finger(mesh_file=SMALL))
     with pytest.raises(StudyError, match=f"stimulus.friction.file = .*{sentence}"):
         check_study(study)
+
+
+@needs_gmsh
+def test_viscosity_steadies_friction_that_falls_with_speed():
+    """Without it this slide ends where skin jumps from sticking to sliding."""
+    study = load_study(
+        None,
+        [
+            *("finger.kind=section", "stimulus.kind=plate", "tissue.viscous_time_s=0.2"),
+            *("protocol.depth_mm=0.5", "protocol.distance_mm=2.5", "protocol.speed_mm_s=1"),
+            "stimulus.friction={law='kinetic', static=0.5, kinetic=0.3, speed_mm_s=2}",
+        ],
+    )
+    with closing(Simulation(study)) as simulation:
+        forces = [step.force_N for step in simulation.steps() if not step.indenting]
+    ratio = [-force[1] / force[2] for force in forces]
+    slides = 0.3 + 0.2 * np.exp(-1 / 2)
+    assert max(ratio) > 1.1 * slides
+    assert ratio[-1] == pytest.approx(slides, rel=1e-3)
+
+
+def test_a_deck_takes_one_coefficient(laws, tmp_path):
+    study = Study(stimulus=Plate(friction=laws["kinetic"]), finger=Finger(mesh_file=SMALL))
+    with pytest.raises(StudyError, match=r'law = "kinetic" is not written into a deck: give a num'):
+        write_deck(study, study.finger.mesh(), tmp_path / "deck.inp")
