@@ -14,6 +14,7 @@ from dolfinx import fem
 from materials import NO_VISCOSITY_S, relaxing, uniform
 from sphere_on_block import TWO_TISSUES, follow, sphere_on_block
 
+from tactile_fem.finger.joint import Joint
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Plate, Solver, Tissue
@@ -114,10 +115,11 @@ def test_a_plate_that_sticks_sends_the_exact_shear_waves(relaxes):
         np.testing.assert_allclose(found.force_N[0], force, atol=5e-3 * abs(force))
 
 
-def test_what_one_place_does_to_another_it_does_in_return():
+@pytest.mark.parametrize("joint", [None, Joint(stiffness_Nmm_rad=1e-3, damping_Nmms_rad=1e-5)])
+def test_what_one_place_does_to_another_it_does_in_return(joint):
     problem = block(tissue(relaxes=True), 1)
     problem.state.place(np.array([0.0, 0.0, -1.0]))  # far from the plate
-    vibrating = Harmonic(problem, DENSITY)
+    vibrating = Harmonic(problem, DENSITY, joint)
     count = len(problem.u.x.array)
     places = [3 * (count // 9), 3 * (count // 5) + 2]
     matrix = []
@@ -126,6 +128,67 @@ def test_what_one_place_does_to_another_it_does_in_return():
         matrix.append(found.u[places])
     assert abs(matrix[0][1]) > 1e-6
     np.testing.assert_allclose(matrix[0][1], matrix[1][0], rtol=1e-6)
+
+
+@pytest.mark.ranks
+def test_a_block_that_nothing_touches_swings_about_its_joint():
+    """Slowly, as the rigid body that the joint's mass describes."""
+    joint = Joint(stiffness_Nmm_rad=2e-6, damping_Nmms_rad=1e-6, length_mm=5.0, mass_g=0.02)
+    problem = block(tissue(relaxes=True), layers=4)
+    problem.state.place(np.array([0.0, 0.0, -1.0]))
+    places = problem.u.function_space.tabulate_dof_coordinates()
+    owned = problem.u.function_space.dofmap.index_map.size_local
+    count = problem.domain.comm.allreduce(owned)
+    load = np.tile([0.0, 0.0, 1e-9 / count], owned)
+    moment = problem.domain.comm.allreduce(load @ joint.arms(places[:owned]).ravel())
+    for frequency in (1.0, 3.0):
+        w = 2 * np.pi * frequency
+        found = Harmonic(problem, DENSITY, joint).respond(frequency, np.zeros(3), load=load)
+        rigid = moment / (joint.moment_per_angle(frequency) - w**2 * joint.inertia_Nmms2)
+        np.testing.assert_allclose(found.turn_rad, rigid, rtol=1e-3)
+        u = found.u.reshape(-1, 3)
+        np.testing.assert_allclose(u, rigid * joint.arms(places), atol=2e-3 * abs(u).max())
+
+
+@pytest.mark.ranks
+def test_a_bone_that_turns_sees_a_ball_turn_the_other_way():
+    """Without friction a ball feels no turn of its own: clamped answers give those on the joint."""
+    problem = sphere_on_block(relaxing(viscous_time_s=NO_VISCOSITY_S), layers=TWO_TISSUES)
+    problem.contact.friction.value = 0.0
+    for depth in np.linspace(0, 0.6, 7)[1:]:
+        force = follow(problem, (0, 0, depth)).force_N
+    centre = np.array([0.0, 0.0, 0.6 - 3.0])  # the apex of the ball is its origin
+    joint = Joint(
+        stiffness_Nmm_rad=0.5, damping_Nmms_rad=0.01, mass_g=0.0, length_mm=4.0, height_mm=2.0
+    )
+    axis, arm, frequency = np.array([1.0, 0.0, 0.0]), joint.arms(centre), 5.0
+    clamped, hinged = Harmonic(problem, 1e-9), Harmonic(problem, 1e-9, joint)
+    K = np.column_stack([clamped.respond(frequency, unit).force_N for unit in np.eye(3)])
+    for body in np.eye(3):
+
+        def moment(moved: np.ndarray) -> complex:
+            """Return the change of the moment on the bone, seen from it."""
+            return arm @ K @ moved + axis @ np.cross(moved, force)
+
+        turn = moment(body) / (joint.moment_per_angle(frequency) + moment(arm))
+        exact = K @ (body - turn * arm) + turn * np.cross(axis, force)
+        found = hinged.respond(frequency, body)
+        # The contact's linearization leaves out how the traction turns with the normal.
+        np.testing.assert_allclose(found.turn_rad, turn, rtol=0, atol=2e-3)
+        np.testing.assert_allclose(found.force_N, exact, rtol=0, atol=0.01 * abs(K).max())
+
+
+@pytest.mark.ranks
+def test_a_stiff_joint_is_a_clamp_and_a_far_one_a_spring_in_series():
+    problem = touched(block(tissue(relaxes=False), 0, layers=4))
+    clamped = Harmonic(problem, DENSITY).respond(30.0, [0.0, 0.0, 1.0])
+    stiff = Harmonic(problem, DENSITY, Joint(stiffness_Nmm_rad=1e9))
+    np.testing.assert_allclose(stiff.respond(30.0, [0, 0, 1.0]).force_N, clamped.force_N, rtol=1e-6)
+    far = Joint(stiffness_Nmm_rad=1e6, damping_Nmms_rad=0.0, length_mm=1e4, mass_g=0.0)
+    found = Harmonic(problem, 1e-9, far).respond(1e-3, [0.0, 0.0, 1.0]).force_N[2]
+    alone = Harmonic(problem, 1e-9).respond(1e-3, [0.0, 0.0, 1.0]).force_N[2]
+    spring = far.stiffness_Nmm_rad / far.length_mm**2
+    np.testing.assert_allclose(found, 1 / (1 / alone + 1 / spring), rtol=1e-3)
 
 
 def test_whatever_breaks_in_a_vibration_the_state_stays_that_of_the_scan():

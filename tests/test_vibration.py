@@ -7,6 +7,7 @@ import os
 import signal
 from dataclasses import replace
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from tactile_fem.output.film import Film
 from tactile_fem.output.pictures import frames_of
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.run import scan
-from tactile_fem.study import Study
+from tactile_fem.study import Joint, Study
 from tactile_fem.vibration import Modes, Spectrum, few_of, frequencies_of, nearest
 from tactile_fem.vibration.vibrate import ModeKeeper, vibrate
 
@@ -290,3 +291,20 @@ def test_a_vibration_in_time_is_that_in_frequency(tmp_path):
         amplitudes = 2 * np.tensordot(sine, felt, 1) / len(sine) / 0.002
         largest = np.abs(found).max()
         np.testing.assert_allclose(found[0].real, amplitudes, atol=0.01 * largest)
+
+
+def test_a_bone_on_its_joint_gives_way(scanned, vibrations, tmp_path):
+    folder = copytree(scanned, tmp_path / "hinged")
+    with (folder / "study.toml").open("a") as file:
+        file.write("[joint]\n")
+    keeper = ModeKeeper([SLOW_HZ])
+    found = vibrate(folder, [SLOW_HZ], observers=[keeper], comm=MPI.COMM_SELF)
+    (spectrum, _), shape = vibrations["body"], keeper.modes()
+    assert 0 < found.force_N[0, 2].real < 0.95 * spectrum.force_N[0, 2].real
+    bone = np.unique(shape.tets[shape.tissue == TISSUES["bone"]])
+    arms = Joint().arms(shape.nodes_mm[bone])
+    turn = np.sum(arms * shape.moved[0, bone]) / np.sum(arms**2)
+    np.testing.assert_allclose(shape.moved[0, bone], turn * arms, atol=1e-6)
+    assert turn.real > 0
+    with pytest.raises(StudyError, match='moves is "bone" but must be "body"'):
+        vibrate(folder, [SLOW_HZ], moves="bone", comm=MPI.COMM_SELF)

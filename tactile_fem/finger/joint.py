@@ -56,6 +56,10 @@ class Joint(Settings):
         """
         return np.cross(_AXIS, np.asarray(places_mm) - self.centre_mm)
 
+    def inwards(self, places_mm: Array) -> Array:
+        """Return how the arms of places change per angle of the bone, mm/rad^2, (n, 3)."""
+        return np.cross(_AXIS, self.arms(places_mm))
+
     def moment_per_angle(self, frequency_Hz: float) -> complex:
         """Return the moment in Nmm that turns the joint alone by 1 rad at a frequency."""
         return complex(self.stiffness_Nmm_rad, 2 * math.pi * frequency_Hz * self.damping_Nmms_rad)

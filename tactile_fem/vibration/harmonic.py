@@ -23,6 +23,16 @@ the curvature of the body,
 `c` is 1 but where the onset of contact is regularized. `mu` is that of the last step's slip speed
 and place; how it changes with them in the vibration is left out.
 
+A bone on its joint (`tactile_fem.finger.joint`) turns by an angle ``a``. With `r` the motion of all
+places with the bone per angle, ``û = x + a r``, where `x` is 0 at what is held, and the moments
+about the joint are in balance:
+
+    (k + i w d - w^2 I) a + r.(K(w) û - f(w) b̂) + r'.h a - w^2 r.M x = 0,
+
+where `h` are the forces that hold the finger and ``r'`` is how `r` changes per angle. `I` is that
+of the joint or, if it is larger, that of the meshed tissues, ``r.M r``, which the joint's mass
+contains: the soft tissue is counted once.
+
 The equations are solved with one factorization per frequency
 (`tactile_fem.vibration.complex_solver`).
 """
@@ -30,7 +40,7 @@ The equations are solved with one factorization per frequency
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 
 from petsc4py import PETSc
@@ -42,6 +52,7 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import ArrayLike
 from ufl.core.expr import Expr
 
+from tactile_fem.finger.joint import Joint
 from tactile_fem.mechanics.contact_law import ContactLaw
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.terms.contact import SkinPart
@@ -60,9 +71,9 @@ class _Parts:
     """What the forms assemble to on this rank with one set of coefficients."""
 
     stiffness: PETSc.Mat
-    loads: Array  # of a motion of the body along each axis, (3, dofs)
-    forces: Array  # on the body along each axis, over the displacement, (3, dofs)
-    direct: Array  # those without displacement, over the body's motion, (3, 3)
+    loads: Array  # of a motion of the body along each axis, of a turn of the bone, (3 or 4, dofs)
+    forces: Array  # on the finger along each axis, moment that turns the bone, over displacement
+    direct: Array  # those without displacement, over motions of the body and turn, (3 or 4, same)
 
 
 @dataclass(frozen=True)
@@ -73,17 +84,19 @@ class HarmonicResponse:
     u: Array  # complex amplitude of this rank's displacement, absolute, as `State.u` holds it, mm
     force_N: Array  # complex amplitude of the force on the finger, (3,)
     iterations: int  # of GMRES
+    turn_rad: complex = 0.0  # amplitude of the bone's turn about its joint
 
 
 class Harmonic:
     """The finger about the last accepted state of a problem, with one density of all tissues.
 
-    Nothing of the problem changes but the duration of its time step, which each solve sets.
+    What is held is clamped, or turns about a joint. Nothing of the problem changes but the duration
+    of its time step, which each solve sets.
     `delays` are what depends on the frequency besides inertia.
     """
 
-    def __init__(self, problem: Problem, density_kg_m3: float) -> None:
-        self._problem, self._comm = problem, problem.domain.comm
+    def __init__(self, problem: Problem, density_kg_m3: float, joint: Joint | None = None) -> None:
+        self._problem, self._comm, self._joint = problem, problem.domain.comm, joint
         self._u = problem.u
         V = self._u.function_space
         problem.state.reset()
@@ -97,9 +110,20 @@ class Harmonic:
         density, dx = mass_density(V.mesh, density_kg_m3), problem.tissues.dx
         mass = compile_(density * ufl.inner(u, v) * dx)
         pull = compile_(density * ufl.dot(self._axis, v) * dx)
-        self._inertia = [self._vector(pull) for _ in _along(self._axis)]
+        self._is_free = self._where_free()
+        self._places = self._where()
+        self._arms = joint.arms(self._places).ravel() if joint else np.zeros(0)
+        self._inertia = [self._vector(pull) * self._is_free for _ in _along(self._axis)]
         self._mass = fem_petsc.assemble_matrix(mass, problem.bcs, diag=0.0)
         self._mass.assemble()
+        if joint:
+            turned, _ = self._of_turn(mass)
+            self._turned_mass = turned * self._is_free
+            tissues = self._comm.allreduce(self._arms @ turned)
+            self._moment_of_inertia = max(tissues, joint.inertia_Nmms2)
+            held = self._vector(compile_(problem.bulk.static_residual(v))) * (1 - self._is_free)
+            inwards = joint.inwards(self._places).ravel()
+            self._per_turn_of_held = self._comm.allreduce(inwards @ held)
         self.delays = problem.bulk.delays
         self._at_once = self._assembled(None)
         self._late = [self._without_at_once(self._assembled(delay)) for delay in self.delays]
@@ -118,7 +142,8 @@ class Harmonic:
     ) -> HarmonicResponse:
         """Return the answer to motions of the body and of the bone, and to nodal forces.
 
-        Seen from the bone, the body moves by the difference and inertia pulls at all tissues.
+        Seen from the bone, the body moves by the difference and inertia pulls at all tissues. A
+        bone on its joint also turns; then `bone_mm` is 0.
 
         Parameters
         ----------
@@ -139,15 +164,32 @@ class Harmonic:
         bone = np.asarray(bone_mm)
         motion = np.asarray(body_mm) - bone
         parts = [(1.0, self._at_once), *zip(amounts, self._late, strict=True)]
-        right = sum(c * np.tensordot(motion, part.loads, 1) for c, part in parts)
-        right = right + w**2 * np.tensordot(bone, self._inertia, 1)
+        loads, forces, direct = (
+            sum(c * getattr(part, name) for c, part in parts)
+            for name in ("loads", "forces", "direct")
+        )
+        right = motion @ loads[:3] + w**2 * np.tensordot(bone, self._inertia, 1)
         if load is not None:
             right = right + load
-        x, iterations = self._solve(w, amounts, right)
-        owned = len(right)
-        force = sum(c * (part.forces @ x[:owned] + part.direct @ motion) for c, part in parts)
+        with self._solver(w, amounts) as solve:
+            x, iterations = solve(right)
+            owned, turn = len(right), 0j
+            force = self._comm.allreduce(forces @ x[:owned] + direct[:, :3] @ motion)
+            if self._joint:
+                inertia = w**2 * self._turned_mass
+                of_turn, more = solve(loads[3] + inertia)
+                moments = inertia @ np.array([x[:owned], of_turn[:owned]]).T
+                if load is not None:
+                    moments[0] += self._arms @ load
+                of_loads, of_inertia = self._comm.allreduce(moments)
+                per_turn = self._comm.allreduce(forces @ of_turn[:owned] + direct[:, 3])
+                own = self._joint.moment_per_angle(frequency_Hz) + self._per_turn_of_held
+                own -= w**2 * self._moment_of_inertia
+                turn = (of_loads - force[3]) / (own + per_turn[3] - of_inertia)
+                x = x + turn * (of_turn + self._with_ghosts(self._arms))
+                force, iterations = force + turn * per_turn, iterations + more
         u = x + np.tile(bone, len(x) // len(bone))
-        return HarmonicResponse(frequency_Hz, u, self._comm.allreduce(force), iterations)
+        return HarmonicResponse(frequency_Hz, u, force[:3], iterations, complex(turn))
 
     def _forms(self) -> tuple[fem.Form, fem.Form, fem.Form, fem.Form]:
         """Return the compiled forms of what `_Parts` has."""
@@ -180,22 +222,57 @@ class Harmonic:
         with common.Timer("tactile: harmonic tangent"):
             K = fem_petsc.assemble_matrix(self._stiffness, self._problem.bcs)
             K.assemble()
-            loads = [self._vector(self._load) for _ in _along(self._motion)]
-            forces = [self._vector(self._force) for _ in _along(self._axis)]
-            direct = [
-                [fem.assemble_scalar(self._direct) for _ in _along(self._motion)]
-                for _ in _along(self._axis)
-            ]
-            return _Parts(K, np.array(loads), np.array(forces), np.array(direct))
+            loads = np.array([self._vector(self._load) for _ in _along(self._motion)])
+            forces = np.array([self._vector(self._force) for _ in _along(self._axis)])
+            direct = np.array(
+                [
+                    [fem.assemble_scalar(self._direct) for _ in _along(self._motion)]
+                    for _ in _along(self._axis)
+                ]
+            )
+            if self._joint:
+                right, left = self._of_turn(self._stiffness)
+                arms = self._arms
+                direct = np.block([[direct, forces @ arms[:, None]], [-loads @ arms, right @ arms]])
+                loads, forces = np.vstack([loads, -right]), np.vstack([forces, left])
+            return _Parts(K, loads * self._is_free, forces * self._is_free, direct)
 
     def _vector(self, form: fem.Form) -> Array:
-        """Return this rank's owned entries of an assembled vector, zero where held."""
+        """Return this rank's owned entries of an assembled vector."""
         b = fem_petsc.assemble_vector(form)
         b.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+        values = b.array.copy()
+        b.destroy()
+        return values
+
+    def _where_free(self) -> Array:
+        """Return 1 where this rank's owned dofs are free and 0 where they are held."""
+        b = self._u.x.petsc_vec.duplicate()
+        b.set(1.0)
         fem_petsc.set_bc(b, self._problem.bcs, alpha=0.0)
         values = b.array.copy()
         b.destroy()
         return values
+
+    def _where(self) -> Array:
+        """Return where this rank's owned nodes are, (n, dimension)."""
+        V = self._u.function_space
+        places = V.tabulate_dof_coordinates()[:, : len(self._u)]
+        return (places + self._u.x.array.reshape(places.shape))[: V.dofmap.index_map.size_local]
+
+    def _of_turn(self, form: fem.Form) -> tuple[Array, Array]:
+        """Return a matrix, nothing held, times the motion with the bone, and the transpose."""
+        matrix = fem_petsc.assemble_matrix(form)
+        matrix.assemble()
+        arms, product = matrix.createVecs()
+        arms.array[:] = self._arms
+        found = []
+        for multiply in (matrix.mult, matrix.multTranspose):
+            multiply(arms, product)
+            found.append(product.array.copy())
+        for made in (matrix, arms, product):
+            made.destroy()
+        return found[0], found[1]
 
     def _without_at_once(self, parts: _Parts) -> _Parts:
         """Take away what there is without any delay."""
@@ -208,8 +285,11 @@ class Harmonic:
             parts.direct - own.direct,
         )
 
-    def _solve(self, w: float, amounts: list[complex], right: Array) -> tuple[Array, int]:
-        """Return the displacement's complex amplitude, with ghosts, and the iterations."""
+    @contextmanager
+    def _solver(
+        self, w: float, amounts: list[complex]
+    ) -> Iterator[Callable[[Array], tuple[Array, int]]]:
+        """Provide the solver, which returns complex amplitudes, with ghosts, and iterations."""
         same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
         A = self._at_once.stiffness.duplicate(copy=True)
         B = self._at_once.stiffness.duplicate(copy=False)
@@ -219,8 +299,12 @@ class Harmonic:
             A.axpy(amount.real, part.stiffness, same)
             B.axpy(amount.imag, part.stiffness, same)
         with common.Timer("tactile: harmonic solve"), complex_solver(A, B) as solve:
-            real, imag, iterations = solve(right.real, right.imag)
-        return self._with_ghosts(real) + 1j * self._with_ghosts(imag), iterations
+
+            def solution(right: Array) -> tuple[Array, int]:
+                real, imag, iterations = solve(right.real, right.imag)
+                return self._with_ghosts(real) + 1j * self._with_ghosts(imag), iterations
+
+            yield solution
 
     def _with_ghosts(self, owned: Array) -> Array:
         self._field.x.array[: len(owned)] = owned

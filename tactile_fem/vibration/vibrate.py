@@ -83,7 +83,11 @@ class ModeKeeper:
 
         inside = gathered(1.0) != 0  # rigid tissues are outside the space
         moved = gathered(response.u.real) + 1j * gathered(response.u.imag)
-        kept = np.where(inside, moved, point.bone).astype(np.complex64)
+        joint, finger = point.simulation.study.joint, point.simulation.finger
+        rigid = point.bone
+        if joint and finger is not None:
+            rigid = rigid + response.turn_rad * joint.arms(finger.nodes)
+        kept = np.where(inside, moved, rigid).astype(np.complex64)
         self._kept[response.frequency_Hz] = kept
 
     def modes(self) -> Modes | None:
@@ -131,6 +135,7 @@ def vibrate(
         last state.
     moves
         What vibrates: the body, or the bone with everything that is held, while the body rests.
+        A bone on its joint turns with a body that vibrates; it is not moved itself.
     direction
         Of the vibration, (3,).
     density_kg_m3
@@ -151,7 +156,8 @@ def vibrate(
     Raises
     ------
     StudyError
-        No such state or scan; an invalid frequency, direction or density.
+        No such state or scan; an invalid frequency, direction or density; a bone that is to vibrate
+        is on its joint.
     TactileError
         The linear equations could not be solved.
     StoppedError
@@ -164,18 +170,28 @@ def vibrate(
     with abort_if_one_fails(comm):
         results = on_root(comm, lambda: Results.open(folder))
         on_root(comm, lambda: results.study.finger.require_solid(f"a vibration of {folder}"))
+        on_root(comm, lambda: _require_clamped(results, moves))
         simulation = Simulation(on_root(comm, lambda: results.study), parts, comm)
         saved = read_checkpoint(simulation, results, at_mm, at_s)
         with closing(simulation):
             simulation.restore(saved)
-            own = simulation.study.tissue.density_kg_m3
-            harmonic = Harmonic(simulation.problem, own if density_kg_m3 is None else density_kg_m3)
+            study = simulation.study
+            density = study.tissue.density_kg_m3 if density_kg_m3 is None else density_kg_m3
+            harmonic = Harmonic(simulation.problem, density, study.joint)
             body, bone = (along, 0 * along) if moves == "body" else (0 * along, along)
             point = OperatingPoint(simulation, body, bone)
             stop = StopRequest(comm, "nothing of the vibration is saved")
             with signal_handler(stop.request):
                 observers = (*observers, lambda *_: stop.check())
                 return _spectrum(harmonic, frequencies, point, observers)
+
+
+def _require_clamped(results: Results, moves: Moves) -> None:
+    """Raise StudyError if a bone that is to vibrate is on its joint."""
+    if moves == "bone" and results.study.joint:
+        raise StudyError(
+            f'moves is "bone" but must be "body" for {results.folder}, whose bone is on its joint.'
+        )
 
 
 def _spectrum(
