@@ -154,7 +154,7 @@ def test_a_block_that_nothing_touches_swings_about_its_joint():
 def test_a_bone_that_turns_sees_a_ball_turn_the_other_way():
     """Without friction a ball feels no turn of its own: clamped answers give those on the joint."""
     problem = sphere_on_block(relaxing(viscous_time_s=NO_VISCOSITY_S), layers=TWO_TISSUES)
-    problem.contact.friction.value = 0.0
+    problem.contact.friction.coefficient.value = 0.0
     for depth in np.linspace(0, 0.6, 7)[1:]:
         force = follow(problem, (0, 0, depth)).force_N
     centre = np.array([0.0, 0.0, 0.6 - 3.0])  # the apex of the ball is its origin
