@@ -66,8 +66,10 @@ def _tables() -> Iterator[tuple[str, type[BaseModel], BaseModel | None]]:
             yield "[protocol]", type(default.protocol), default.protocol
             for kind, piece in Piece.kinds.items():
                 yield f'[[protocol.path]] kind = "{kind}"', piece, None
-        else:
-            yield from _nested(name, getattr(default, name))
+        elif (values := getattr(default, name)) is not None:
+            yield from _nested(name, values)
+        elif model := model_in(Study.model_fields[name].annotation):
+            yield f"[{name}]", model, None
 
 
 def _nested(
