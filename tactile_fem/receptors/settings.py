@@ -39,8 +39,8 @@ class Receptors(Settings):
     )
     region: Literal["pad", "phalanx", "nail_border"] = Field(
         "pad",
-        description="of random and afferents: the pad in the extent above, the skin of the whole "
-        "phalanx, or that beside the nail",
+        description="of random and afferents: the pad in the extent above; phalanx: pad, sides and "
+        "end; or the skin beside the nail",
     )
     nail_border_mm: Positive = Field(3.0, description="proposed: width of nail_border")
     seed: Annotated[Whole, Field(ge=0)] = Field(

@@ -13,6 +13,7 @@ from tactile_fem.receptors.settings import Receptors
 
 _BATCH_SIZE = 1000  # random points that are drawn at a time
 _FROM_CUT_MM = 1.0  # no receptor lies closer to the cut
+_STEEPEST = 0.5  # component along Z of the outward normal, beyond which skin belongs to the back
 
 
 def around(
@@ -20,9 +21,9 @@ def around(
 ) -> tuple[float, Iterator[np.ndarray | None]]:
     """Return the area of a region of the skin, mm2, and random points below it, evenly spread.
 
-    The skin of the phalanx is all but nail and cut; the nail's border is what lies within
-    `nail_border_mm` of it. A point that falls beside the region is None. Raises StudyError if there
-    is no such region.
+    "phalanx" is the skin of pad, sides and end, without that of the back; "nail_border" is what
+    lies within `nail_border_mm` of the nail. A point that falls beside the region is None. Raises
+    StudyError if there is no such region.
     """
     from scipy.spatial.distance import cdist  # takes 0.3 s
 
@@ -45,7 +46,9 @@ def around(
         else:
             points = on_skin + receptors.below_skin_mm * inwards[facet]
         belongs = points[:, 1] > first_y
-        if rim is not None:
+        if rim is None:
+            belongs &= inwards[facet, 2] >= -_STEEPEST
+        else:
             belongs &= cdist(on_skin, rim).min(axis=1) <= receptors.nail_border_mm
         return points, belongs
 
