@@ -121,6 +121,10 @@ class Network:
 
 
 def inverse_metric(F: Expr) -> Expr:
-    """Return ``Cbar^-1 = J^(2/3) (F^T F)^-1``."""
+    """Return ``Cbar^-1 = J^(2/3) (F^T F)^-1``.
+
+    It is kept at the nodes of cells, where J may be negative though it is positive wherever stress
+    is needed; it is positive definite there, too.
+    """
     inverse = ufl.inv(F)
-    return ufl.det(F) ** (2 / 3) * inverse * inverse.T
+    return (ufl.det(F) ** 2) ** (1 / 3) * inverse * inverse.T
