@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -281,3 +282,67 @@ def test_vibration(tmp_path):
     assert number(r"RA entrainment .* 66 µm 1 ([\d.]+)", output) == pytest.approx(1, abs=0.2)
     assert number(r"SA1 humans, radius 3 mm, amplitude, predicted: 1 Hz 2.1 ([\d.]+)", output) >= 0
     assert len(table(tmp_path / "responses.csv")) > 80
+
+
+def pushed(folder, order):
+    """Write what six afferents would feel: each SA1 and SA2 feels the force in one direction."""
+    from manipulation_firing import BACKGROUND_N, COUNTED_S, LOAD_S, LOADS, RISE_S, SETTLING_S
+    from manipulation_firing import sequence as loads_of
+
+    time, force = [-SETTLING_S], [(0.0, 0.0, BACKGROUND_N)]
+    for k, load in enumerate(loads_of(order)):
+        x, y = LOADS[load]
+        for after, share in ((0, 0), (RISE_S, 1), (COUNTED_S, 1), (LOAD_S - 0.25, 0)):
+            time.append(k * LOAD_S + after + 1e-9)
+            force.append((share * x, share * y, BACKGROUND_N + share * 3.8))
+    time.append(len(loads_of(order)) * LOAD_S)
+    force = np.array([*force, force[0]])
+    x, y, z = force.T
+    # The second SA2 feels more in the other order, as if the load before had stretched it.
+    more = 0.1 * z if order == "two" else 0 * z
+    felt = np.column_stack([0.2 * z, 0 * z, np.maximum(y, 0), 0 * z, -0.1 * y, more])
+    np.savez(
+        folder / f"{order}.npz",
+        time_s=time,
+        force_N=force,
+        stimulator_mm=force * [1, 1, 0.5] + (0.1 if order == "two" else 0.0),
+        receptors_mm=np.arange(18.0).reshape(6, 3) - 9,
+        population=np.repeat(["RA", "SA1", "SA2"], 2),
+        felt=felt,
+    )
+
+
+def test_manipulation_draws_what_the_load_before_changes(tmp_path):
+    with beside(DEMOS / "validation" / "manipulation_firing.py"):
+        for order in ("one", "two"):
+            pushed(tmp_path, order)
+    output = run("validation/manipulation.py", str(tmp_path))
+    shares = {
+        kind: [float(share) for share in re.findall(r"(\d+) %", row)]
+        for kind, row in re.findall(r"^\| (RA|SA1|SA2) \|(.*)$", output, re.M)
+    }
+    assert shares["SA1"] == [100, 0, 0, 0, 0, 0]  # of the directions, and of what changes
+    assert shares["SA2"][1] > 0 and shares["SA2"][4] >= 50 and shares["SA2"][5] >= 50
+    assert re.search(r"\| distal \| 0.00, 1.40; 0.00, 1.40 \| 0.0; 0.0 \| 0.141 \|", output)
+    assert number(r"without a load: (\d) of 2", output) <= 2
+    rows = table(tmp_path / "afferents.csv")
+    assert [row["kind"] for row in rows] == ["RA", "RA", "SA1", "SA1", "SA2", "SA2"]
+    assert int(rows[2]["distal_one"]) > 0 == int(rows[2]["proximal_one"])
+    for picture in ("way", "rates", "directions", "pairs"):
+        assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
+
+
+def test_each_load_of_manipulation_follows_another_one_in_the_other_order():
+    imports_mechanics = DEMOS / "validation" / "manipulation_histories.py"
+    with beside(imports_mechanics):
+        from manipulation_firing import COUNTS, LOAD_S, LOADS, SETTLING_S, sequence
+        from manipulation_histories import study
+
+        studies = [study(order, {}) for order in ("one", "two")]
+        pairs = [{*pairwise(sequence(order))} for order in ("one", "two")]
+    assert len(pairs[0] | pairs[1]) == 2 * len(LOADS)
+    for one in studies:
+        pieces = one.protocol.pieces[1:]
+        assert sum(piece.time_s for piece in pieces) == pytest.approx(SETTLING_S + 6 * LOAD_S)
+        assert max(piece.normal_N for piece in pieces) == 4.0
+        assert [each.receptors.count for each in one.populations] == list(COUNTS.values())

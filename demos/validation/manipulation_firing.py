@@ -42,7 +42,7 @@ LOAD_S = RISE_S + PLATEAU_S + BACK_S + PAUSE_S
 COUNTED_S = RISE_S + PLATEAU_S
 COUNTS = {"RA": 60, "SA1": 73, "SA2": 41}
 OTHERWISE = 2  # spikes by which a response differs; one may be due to the phase
-STEP_S, AT_REST_S = 1e-3, 3.0
+STEP_S, AT_REST_S = 2e-3, 3.0
 FELT = Drive("Felt", "1", lambda histories: histories["felt"])
 
 
