@@ -76,6 +76,7 @@ def here(tmp_path_factory) -> Path:
     (folder / "forces.csv").write_text(
         "indenter,speed_mm_s,depth_mm,force_N,sd_N\nplate,0.2,1,0.2,0.1\n"
     )
+    (folder / "turns.csv").write_text("time_s,rz_deg\n0,0\n1,95\n")
     (folder / "binary.toml").write_bytes(b"\xff\xfe")
     (folder / "old.inp").write_text("mine")
     (folder / "full").mkdir()

@@ -21,6 +21,7 @@ class Step:
     depth_mm: float
     fraction: float
     force_N: np.ndarray = field(default_factory=lambda: np.array([0.03, -0.04, 0.5]))
+    stimulator_rad: np.ndarray = field(default_factory=lambda: np.zeros(3))
     newton_iterations: int = 5
     force_unit: str = "N"
 

@@ -19,7 +19,19 @@ from tactile_fem.output.film import Film
 from tactile_fem.output.preview import preview_figure
 from tactile_fem.simulation.checks import warn_if_missed
 from tactile_fem.stimulus.check import miss
-from tactile_fem.study import Cylinder, Edge, Finger, Plate, Protocol, Sphere, Study, Text
+from tactile_fem.study import (
+    Cylinder,
+    Edge,
+    Finger,
+    Plate,
+    Press,
+    Protocol,
+    Push,
+    Sphere,
+    Study,
+    Text,
+    Twist,
+)
 
 LINE = np.linspace(-3.0, 3.0, 4)
 BLOCK = block_mesh(LINE, LINE, np.array([0.0, 0.17, 0.82, 1.62, 3.0]), list(LAYERS))
@@ -64,6 +76,30 @@ def test_a_body_that_passes_between_the_ends_of_its_way_is_not_missed():
     ends = np.array([[0.0, -20.0, 0.2], [0.0, 20.0, 0.2]])
     assert miss(Sphere(radius_mm=1.0).body(), ends, SKIN) is None
     assert miss(Sphere(radius_mm=1.0, shift_mm=(9, 0)).body(), ends, SKIN) is not None
+
+
+def test_a_body_may_touch_only_because_it_turns():
+    """A ball 9 mm beside the contact point comes to it by half a twist, and a plate by a roll."""
+    ball = Sphere(radius_mm=1.0, shift_mm=(9.0, 0.0)).body()
+    ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]])  # rad
+    places = np.array([[9.0, 0.0, 0.2]] * 2)
+    assert miss(ball, places, SKIN, np.zeros((2, 3))) is not None
+    assert miss(ball, places, SKIN, ends) is None
+    below = np.array([[0.0, 0.0, -0.5]])
+    assert miss(Plate().body(), below, SKIN) is not None
+    assert miss(Plate().body(), below, SKIN, np.radians([[20.0, 0.0, 0.0]])) is None
+
+
+def test_no_deck_is_written_of_a_path_that_turns_or_holds_loads(tmp_path):
+    press = Press(depth_mm=0.3)
+    for piece, words in (
+        (Twist(angle_deg=5.0), r"piece 2 \(twist\) turns the stimulator: let it press, hold"),
+        (Push(time_s=1.0, tangential_N=(0.1, 0.0)), r"piece 2 \(push\) holds loads: give it"),
+    ):
+        study = Study(stimulus=Plate(), protocol=Protocol(path=(press, piece)))
+        with pytest.raises(StudyError, match=r"path: a deck knows places only, but " + words):
+            write_deck(study, BLOCK, tmp_path / "a.inp")
+    assert not list(tmp_path.iterdir())
 
 
 def test_no_deck_is_written_of_a_stimulator_beside_the_finger(tmp_path):

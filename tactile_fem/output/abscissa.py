@@ -142,11 +142,12 @@ def _phase_rows(trace: Mapping[str, NDArray[Any]]) -> list[tuple[str, int, int]]
 def _steady_speed_mm_s(trace: Mapping[str, NDArray[Any]]) -> float:
     """Return the speed of a slide towards the palm that fills the time from 0 on; 0 if none does.
 
-    Two times are needed.
+    Two times are needed. A body that turns slides along no line.
     """
     rows = trace["time_s"] >= -_ROUNDING
     time_s, slid_mm = trace["time_s"][rows], trace["displacement_mm"][rows]
-    if len(time_s) < 2 or slid_mm[-1] <= 0:
+    turns = np.any(trace.get("stimulator_rad", 0.0))
+    if len(time_s) < 2 or slid_mm[-1] <= 0 or turns:
         return 0.0
     speed = float(slid_mm[-1] / time_s[-1])
     places = trace["stimulator_mm"][rows, :2]

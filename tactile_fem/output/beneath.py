@@ -12,8 +12,9 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from tactile_fem.output.histories import at_time
+from tactile_fem.output.histories import at_time, turns_at
 from tactile_fem.output.section import gap_of
+from tactile_fem.path.rotations import between, swept, to_body
 from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus.sampled import DistanceGrid, height_map
 
@@ -39,7 +40,7 @@ class Beneath:
     """What is raised of a body: sampled in its frame, positive inside its outline.
 
     `inside` (x, y) has the samples from `origin_mm` (2,) on, `step_mm` apart. The body goes through
-    the places (steps, 2) at the times (steps,).
+    the places (steps, 2) at the times (steps,), with the rotation vectors (steps, 3) if it turns.
     """
 
     origin_mm: Array
@@ -47,6 +48,7 @@ class Beneath:
     inside: Array
     time_s: Array
     places_mm: Array
+    turns_rad: Array | None = None
 
     @property
     def x_mm(self) -> Array:
@@ -61,21 +63,28 @@ class Beneath:
         contour at half the height of what comes near the finger.
         """
         trace = results.trace
-        places, felt = trace["stimulator_mm"][:, :2], trace["receptors_mm"][:, :2]
-        low = felt.min(axis=0) - places.max(axis=0) - _MARGIN_MM
-        high = felt.max(axis=0) - places.min(axis=0) + _MARGIN_MM
+        places = trace["stimulator_mm"] * [1.0, 1.0, 0.0]
+        turns = turns_at(trace, trace["time_s"])
+        felt = trace["receptors_mm"] * [1.0, 1.0, 0.0]
+        ends = swept(felt.min(axis=0), felt.max(axis=0), places, turns)
+        low, high = ends[0][:2] - _MARGIN_MM, ends[1][:2] + _MARGIN_MM
         step = max(_STEP_MM, float(np.sqrt(np.prod(high - low) / _MOST_SAMPLES)))
         x, y = (np.arange(a, b + step, step) for a, b in zip(low, high, strict=True))
         shapes = results.study.stimulus.outlines() if results.stimulator is None else []
         inside = _inside(shapes, x, y) if shapes else _half_way_up(results, x, y)
-        return cls(low, step, inside, trace["time_s"], places)
+        return cls(low, step, inside, trace["time_s"], places[:, :2], turns)
 
     def under(self, points_mm: Array, time_s: Array) -> Array:
-        """Return what lies beneath points (n, 2) at some times (t,): (n, t), positive inside."""
-        trace = {"time_s": self.time_s, "places_mm": self.places_mm}
-        there = points_mm[:, :, None] - at_time(trace, "places_mm", time_s)
-        index = (there - self.origin_mm[:, None]) / self.step_mm
-        return ndimage.map_coordinates(self.inside, index.swapaxes(0, 1), order=1, mode="nearest")
+        """Return what lies beneath points (n, 2) at some times (t,): (n, t), positive inside.
+
+        The points are as high as the body's origin.
+        """
+        trace = {"time_s": self.time_s, "places_mm": np.pad(self.places_mm, ((0, 0), (0, 1)))}
+        turns = None if self.turns_rad is None else between(self.turns_rad, self.time_s, time_s)
+        points = np.pad(points_mm, ((0, 0), (0, 1)))
+        there = to_body(points, at_time(trace, "places_mm", time_s).T, turns)[..., :2]
+        index = (there - self.origin_mm) / self.step_mm
+        return ndimage.map_coordinates(self.inside, index.T, order=1, mode="nearest")
 
 
 def draw_beneath(

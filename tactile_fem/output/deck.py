@@ -32,6 +32,7 @@ from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, held_parts
 from tactile_fem.finger.simplex import SOLID
 from tactile_fem.path import Motion
+from tactile_fem.path import Path as Route
 from tactile_fem.runtime.files import write_text
 from tactile_fem.stimulus.check import miss
 from tactile_fem.stimulus.sampled import HeightField, height_field
@@ -114,11 +115,12 @@ def write_deck(
     Raises
     ------
     StudyError
-        The path wants a force, the stimulator does not touch the finger, nothing of the mesh is
-        held, or tissue relaxes, which CalculiX cannot do.
+        The path wants a force or turns the stimulator, the stimulator does not touch the finger,
+        nothing of the mesh is held, or tissue relaxes, which CalculiX cannot do.
     """
     _check_goes_to_places(study.protocol)
     route = study.protocol.route(0.0)
+    _check_only_moves(route)
     rigid, fixed = held_parts(finger, study.solver.held)
     deformable = np.flatnonzero(~rigid)
     used = np.unique(finger.cells[deformable])
@@ -177,6 +179,19 @@ def _check_goes_to_places(protocol: Protocol) -> None:
                 f"protocol.{name} is {force:g} but a deck knows no force: press to a depth_mm and "
                 "hold the depth."
             )
+
+
+def _check_only_moves(route: Route) -> None:
+    for number, (_, motion) in enumerate(route.plan(), 1):
+        if motion.held is not None:
+            does = "holds loads: give it places"
+        elif motion.turns_rad.any() or np.any(route.start_rad):
+            does = "turns the stimulator: let it press, hold, slide and lift"
+        else:
+            continue
+        raise StudyError(
+            f"protocol.path: a deck knows places only, but piece {number} ({motion.phase}) {does}."
+        )
 
 
 def _element_faces(tets: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -13,7 +13,8 @@ from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.simplex import SOLID, simplex_of
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import is_soft
-from tactile_fem.output.histories import TIME, at_time
+from tactile_fem.output.histories import TIME, at_time, turns_at
+from tactile_fem.path.rotations import to_body, to_space
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.fields import FieldState, read_series
 from tactile_fem.simulation.results import Results
@@ -37,10 +38,11 @@ class Film:
     The undeformed `mesh` has no facets; its cells are linear tetrahedra, or quadratic triangles.
     Displacements `moved_mm` (fields, n, 3) and the `values` that colours show, of cells (fields, m)
     or of nodes (fields, n), are combined by `weights` (frames, fields). The body is at
-    `stimulator_mm` (frames, 3). Frames are sorted by `along` (frames,), with the name and unit
-    `label`: those of a scan by their time, at which it has slid by `slid_mm` (frames,). They have
-    `titles`. `quantity` is the name and unit of the values, `top` the upper end
-    of their colours, and `strongest` the number of the frame with the largest deformation.
+    `stimulator_mm` (frames, 3), with the rotation vectors `stimulator_rad` (frames, 3) if it turns.
+    Frames are sorted by `along` (frames,), with the name and unit `label`: those of a scan by their
+    time, at which it has slid by `slid_mm` (frames,). They have `titles`. `quantity` is the name
+    and unit of the values, `top` the upper end of their colours, and `strongest` the number of the
+    frame with the largest deformation.
     Receptors have deformed places (frames, r, 3) and may have `fired` since the frame before
     (frames, r), and the names of their `population` (r,).
     """
@@ -60,6 +62,7 @@ class Film:
     fired: NDArray[np.bool_] | None = None
     population: NDArray[np.str_] | None = None
     slid_mm: Array | None = None
+    stimulator_rad: Array | None = None
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -77,12 +80,31 @@ class Film:
         apart = np.abs(self.slid_mm - slid_mm) + np.where(self.along < -_ROUNDING_S, np.inf, 0.0)
         return int(np.argmin(apart))
 
+    def turn_rad(self, k: int) -> Array | None:
+        """Return the rotation vector of the body in frame `k`, (3,); None if it does not turn."""
+        return None if self.stimulator_rad is None else self.stimulator_rad[k]
+
+    def in_space(self, points_mm: Array, k: int) -> Array:
+        """Return where points (n, 3) of the body's frame are in space in frame `k`."""
+        return to_space(points_mm, self.stimulator_mm[k], self.turn_rad(k))
+
+    def in_body(self, points_mm: Array, k: int) -> Array:
+        """Return where points (n, 3) of space are in the body's frame in frame `k`."""
+        return to_body(points_mm, self.stimulator_mm[k], self.turn_rad(k))
+
     @classmethod
-    def at_rest(cls, finger: FingerMesh, place_mm: ArrayLike = (0.0, 0.0, 0.0)) -> Film:
-        """Return a single frame: the undeformed finger, and the body at a place (3,)."""
+    def at_rest(
+        cls,
+        finger: FingerMesh,
+        place_mm: ArrayLike = (0.0, 0.0, 0.0),
+        turn_rad: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> Film:
+        """Return a single frame: the undeformed finger, and the body at a place, turned (3,)."""
         mesh, used = _drawn_mesh(finger.nodes, finger.cells, finger.tissue)
         still, place = np.zeros((1, len(used), 3)), np.reshape(place_mm, (1, 3))
-        return cls(mesh, still, still[..., 0], np.ones((1, 1)), place, np.zeros(1), [""])
+        turn = np.reshape(turn_rad, (1, 3)) if np.any(turn_rad) else None
+        one, at = np.ones((1, 1)), np.zeros(1)
+        return cls(mesh, still, still[..., 0], one, place, at, [""], stimulator_rad=turn)
 
     @classmethod
     def of_scan(cls, results: Results) -> Film:
@@ -122,6 +144,7 @@ class Film:
             fired=_fired(results, times),
             population=trace["population"],
             slid_mm=at_time(trace, "displacement_mm", times),
+            stimulator_rad=turns_at(trace, times),
         )
 
     @classmethod
@@ -149,6 +172,7 @@ class Film:
             values=np.array([amplitude, 0 * amplitude, 0 * amplitude]),
             weights=np.column_stack([np.ones(len(phase)), swing.real, -swing.imag]),
             stimulator_mm=modes.stimulator_mm + np.outer(swing, modes.body).real,
+            stimulator_rad=np.tile(modes.stimulator_rad, (len(phase), 1)),
             along=phase,
             titles=[f"{title}{angle:.0f}°" for angle in phase],
             label="Phase (°)",
@@ -178,13 +202,18 @@ def _titles(trace: dict[str, NDArray[Any]], times_s: Array) -> list[str]:
     over = Abscissa.of(trace)
     phases = over.phases
     slid, deep = (at_time(trace, name, times_s) for name in ("displacement_mm", "depth_mm"))
+    turns = turns_at(trace, times_s)
+    turned = [""] * len(times_s)
+    if turns is not None:
+        angles = np.degrees(np.linalg.norm(turns, axis=1))
+        turned = [f", turned {angle:.1f}°" for angle in angles]
     ends = np.array([phase.end for phase in phases]) / over.per_s
     titles = []
-    for time, slid_mm, deep_mm in zip(times_s, slid, deep, strict=True):
+    for time, slid_mm, deep_mm, turn in zip(times_s, slid, deep, turned, strict=True):
         k = min(int(np.searchsorted(ends, time - _ROUNDING_S)), len(phases) - 1)
         across = f"displacement {slid_mm:.2f} mm, " if np.ptp(trace["displacement_mm"]) else ""
         name = f"{phases[k].name.capitalize()}, " if phases else ""
-        titles.append(f"{name}{time:.3f} s: {across}depth {deep_mm:.2f} mm")
+        titles.append(f"{name}{time:.3f} s: {across}depth {deep_mm:.2f} mm{turn}")
     return titles
 
 

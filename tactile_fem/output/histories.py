@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_fem.path.rotations import between
 from tactile_fem.study import Stimulus
 
 Array = NDArray[np.float64]
@@ -45,6 +46,12 @@ def at_time(trace: Mapping[str, Array], name: str, time_s: ArrayLike) -> Array:
     columns = values.reshape(len(values), -1).T
     found = np.array([np.interp(time_s, trace["time_s"], column) for column in columns])
     return found.reshape(values.shape[1:] + np.shape(time_s))
+
+
+def turns_at(trace: Mapping[str, Array], time_s: ArrayLike) -> Array | None:
+    """Return rotation vectors (times, 3) of the body; None if it does not turn."""
+    turns = trace.get("stimulator_rad")  # which older folders lack
+    return None if turns is None or not turns.any() else between(turns, trace["time_s"], time_s)
 
 
 def rings(stimulus: Stimulus) -> Outlines:

@@ -19,6 +19,7 @@ from tactile_fem.output.film import Film
 from tactile_fem.output.pictures import prepare_drawing
 from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.path import Path
+from tactile_fem.path.rotations import to_body
 from tactile_fem.runtime.logs import shown
 from tactile_fem.simulation.checks import check_with_mesh, judge_surface, warn_if_missed
 from tactile_fem.stimulus import RigidBody
@@ -71,29 +72,36 @@ def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:
 
     A solid finger is cut open at X = 0; beside it are the body and the path over it from above.
     """
-    places = path.places_mm()
-    film = Film.at_rest(finger, places[0])
+    film = Film.at_rest(finger, path.start_mm, path.start_rad)
     if not finger.plane.is_space:
         return SectionScene(film, gap_of(body)).figure(0, _DPI)
     from tactile_fem.output import scene
 
-    surface = scene.body_surface(body, places)
+    places, turns = path.places_mm(), path.turns_rad()
+    surface = scene.body_surface(body, places, turns if turns.any() else None)
     figure = ShownFigure(figsize=_SIZE_INCHES, dpi=_DPI)
     side = scene.shot(scene.Scene(film, surface, scene.WHOLE).plotter, *_PIXELS)
     _show(figure, (0.0, 0.1, 0.5, 0.82), side, "Where it starts, cut at X = 0")
-    _draw_from_above(figure, finger, surface, places)
+    contact = to_body(np.zeros((1, 3)), places, turns)[:, 0, :2]
+    rim = finger.nodes[ConvexHull(finger.nodes[:, :2]).vertices] * [1.0, 1.0, 0.0]
+    _draw_from_above(figure, film.in_body(rim, 0)[:, :2], surface, contact)
     legend = dots(legend_of(COLOURS))
     figure.legend(handles=legend, loc="lower left", ncols=6, frameon=False, fontsize=8)
     return figure
 
 
 def _draw_from_above(
-    figure: Figure, finger: FingerMesh, surface: pv.PolyData, places: NDArray[np.float64]
+    figure: Figure,
+    rim: NDArray[np.float64],
+    surface: pv.PolyData,
+    path: NDArray[np.float64],
 ) -> None:
-    """Draw the heights of a body, in its own frame, and the path of the contact point over it."""
+    """Draw the heights of a body, the finger's rim and the path of the contact point over it.
+
+    These are (n, 2) in the body's own frame, in which the finger is where it starts.
+    """
     from tactile_fem.output import scene
 
-    path = -places[:, :2]
     x, y = (path.min(axis=0) + path.max(axis=0)) / 2
     half = float(np.ptp(path, axis=0).max() / 2 + _MARGIN_MM)
     plotter = scene.new_plotter()
@@ -103,8 +111,7 @@ def _draw_from_above(
     above, extent = scene.shot(plotter, *_PIXELS), (x - half, x + half, y - half, y + half)
     title = "From above: path of the contact point"
     axes = _show(figure, (0.56, 0.16, 0.42, 0.74), above, title, extent)
-    hull = finger.nodes[:, :2][ConvexHull(finger.nodes[:, :2]).vertices]
-    outline = np.vstack([hull, hull[:1]]) + path[0]
+    outline = np.vstack([rim, rim[:1]])
     axes.plot(*outline.T, "k--", lw=0.8, label="finger")
     axes.plot(*path.T, color=_PATH_COLOUR, lw=1.5, label="contact point")
     axes.plot(*path[0], "o", color=_PATH_COLOUR, ms=5)

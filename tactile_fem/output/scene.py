@@ -32,6 +32,7 @@ from tactile_fem.output.annotations import (
     receptor_labels,
 )
 from tactile_fem.output.film import Film
+from tactile_fem.path.rotations import matrix
 from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.sampled import DistanceGrid
@@ -112,7 +113,11 @@ class Scene:
             drawn = stimulator.copy()
 
             def place(k: int) -> None:
-                drawn.points = stimulator.points + film.stimulator_mm[k]
+                drawn.points = film.in_space(stimulator.points, k)
+                if (turn := film.turn_rad(k)) is not None:
+                    normals = stimulator.point_data.active_normals
+                    # In place, as the plotter draws a shallow copy.
+                    drawn.point_data.active_normals[:] = normals @ matrix(turn).T
 
             self._add("stimulator", drawn, place, **RELIEF)
 
@@ -236,15 +241,20 @@ def stimulator_surface(results: Results) -> pv.PolyData:
     """
     if results.stimulator is not None:
         return _zero_level(results.stimulator)
-    return body_surface(results.study.stimulus.body(), results.trace["stimulator_mm"])
+    trace, body = results.trace, results.study.stimulus.body()
+    return body_surface(body, trace["stimulator_mm"], trace.get("stimulator_rad"))
 
 
-def body_surface(body: RigidBody, places_mm: NDArray[np.float64]) -> pv.PolyData:
-    """Return that surface of a body that comes to places (n, 3), as smooth as the skin feels it.
+def body_surface(
+    body: RigidBody,
+    places_mm: NDArray[np.float64],
+    turns_rad: NDArray[np.float64] | None = None,
+) -> pv.PolyData:
+    """Return that surface of a body that comes to places and turns (n, 3), as smooth as felt.
 
     It is empty if the body does not come near the finger.
     """
-    surface = _zero_level(DistanceGrid.of(body, places_mm))
+    surface = _zero_level(DistanceGrid.of(body, places_mm, turns_rad))
     if surface.n_points:
         surface.point_data.active_normals = body.distance(surface.points.astype(float)).normal
     return surface

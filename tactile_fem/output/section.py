@@ -30,6 +30,7 @@ from tactile_fem.output.annotations import (
 )
 from tactile_fem.output.film import Film
 from tactile_fem.output.plots import styled
+from tactile_fem.path.rotations import swept
 from tactile_fem.stimulus import RigidBody
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ _RECEPTORS, _SIZES, _EDGES = ("#101010", "#FF3B30"), (7, 24), (0.0, 0.4)
 # The nodes around a quadratic triangle.
 _TRIANGLE_BOUNDARY = [0, 3, 1, 4, 2, 5]
 _MARGIN_MM, _MARGIN_BELOW_MM = 0.6, 1.5
-# The body is sampled at these intervals, from below its contact plane to above it.
+# The body is sampled at these intervals, from below its contact plane, at least, to above it.
 _SPACING_MM, _BODY_HEIGHTS_MM = (0.03, 0.0125), (-4.0, 1.0)
 # Fields are shown in the pad: half its width, and its height.
 _PAD_SIZE_MM = 9.0, 6.5
@@ -69,13 +70,17 @@ class SectionScene:
             left, right = max(left, -half_width), min(right, half_width)
         self._x_limits = left - _MARGIN_MM, right + _MARGIN_MM
         self._z_limits = low - _MARGIN_BELOW_MM, high + _MARGIN_MM
-        places = self._plane.within(film.stimulator_mm)
-        ends = self._x_limits[0] - places[:, 0].max(), self._x_limits[1] - places[:, 0].min()
-        x = np.arange(*ends, _SPACING_MM[0])
-        z = np.arange(*_BODY_HEIGHTS_MM, _SPACING_MM[1])
-        grid = np.stack(np.meshgrid(x, z), axis=-1).reshape(-1, 2)
-        gap = gap_of(self._plane.vectors(grid + places[0]) - film.stimulator_mm[0])
-        self._body = x, z, gap.reshape(len(z), len(x))
+        shown = zip(self._x_limits, self._z_limits, strict=True)
+        corners = (self._plane.vectors(corner) for corner in shown)
+        ends = swept(*corners, film.stimulator_mm, film.stimulator_rad)
+        (left, low), (right, _) = map(self._plane.within, ends)
+        lowest, highest = _BODY_HEIGHTS_MM
+        x = np.arange(left, right, _SPACING_MM[0])
+        z = np.arange(min(low, lowest), highest, _SPACING_MM[1])
+        self._sampled = self._plane.vectors(np.stack(np.meshgrid(x, z), axis=-1))
+        beside = np.zeros(3)
+        beside[self._plane.across] = film.stimulator_mm[0, self._plane.across]
+        self._gap = gap_of(self._sampled.reshape(-1, 3) - beside).reshape(len(z), len(x))
 
     @styled
     def figure(self, k: int, dots_per_inch: int = PICTURE_DPI) -> Figure:
@@ -97,7 +102,7 @@ class SectionScene:
         style = {"edgecolors": "face", "linewidths": 0.3, "rasterized": True}
         axes.add_collection(PolyCollection(around, facecolors=colours, **style))
         axes.add_collection(LineCollection(nodes[self._edges], colors="black", linewidths=0.4))
-        self._draw_body(axes, within(film.stimulator_mm[k]))
+        self._draw_body(axes, k)
         if film.receptors_mm is not None:
             self._draw_receptors(axes, within(film.receptors_mm[k]), film.fired[k])
         axes.set(xlim=self._x_limits, ylim=self._z_limits, aspect="equal", title=film.titles[k])
@@ -121,10 +126,10 @@ class SectionScene:
                 style = {"color": colours[label], "ec": "black", "zorder": 5}
                 axes.scatter(*places[own & which].T, s=size, linewidths=edge, **style)
 
-    def _draw_body(self, axes: Axes, place_mm: Array) -> None:
+    def _draw_body(self, axes: Axes, k: int) -> None:
         """Fill the body where the plane cuts it."""
-        x, z, gap = self._body
-        x, z = x + place_mm[0], z + place_mm[1]
+        x, z = np.moveaxis(self._plane.within(self.film.in_space(self._sampled, k)), -1, 0)
+        gap = self._gap
         axes.contourf(x, z, gap, [-np.inf, 0.0], colors=_BODY_COLOUR, zorder=3)
         if gap.min() < 0 < gap.max():
             axes.contour(x, z, gap, [0.0], colors="black", linewidths=0.8, zorder=4)

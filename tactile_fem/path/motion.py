@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.path.loads import HeldLoads
-from tactile_fem.path.rotations import turned
+from tactile_fem.path.rotations import ARM_MM, turned
 
 Array = NDArray[np.float64]
 
@@ -21,8 +21,6 @@ _SAMPLES = 2001
 MAX_OUTPUTS = 100_000
 _MAX_PATH_S = 100_000.0
 _JOINT_TOLERANCE_MM = _JOINT_TOLERANCE_RAD = 1e-6
-# A turn counts as a slide of the skin at this distance from the axis.
-_ARM_MM = 5.0
 # A press to a force is planned to end at this share of its way: another may go deeper from there.
 _PLAN_SHARE = 0.9
 
@@ -99,7 +97,7 @@ class Motion:
         Across the finger; the same and in Z, each with the way of skin that a turn carries along.
         """
         moves = np.abs(np.diff(self.places_mm, axis=0))
-        turns = _ARM_MM * np.abs(np.diff(self.turns_rad, axis=0))
+        turns = ARM_MM * np.abs(np.diff(self.turns_rad, axis=0))
         slid = np.hypot(moves[:, 0], moves[:, 1])
         lengths = slid, slid + turns[:, 2], moves[:, 2] + np.hypot(turns[:, 0], turns[:, 1])
         return np.array([self.times_s, *(np.append(0.0, np.cumsum(length)) for length in lengths)])

@@ -169,7 +169,7 @@ def _check_section(study: Study, path: Path, plane: Plane, parts: Parts) -> None
 
 def warn_if_missed(body: RigidBody, path: Path, finger: FingerMesh) -> None:
     """Warn if the body does not touch the finger on its way: nothing is felt then."""
-    missed = miss(body, path.places_mm(), finger.corners_of("skin"))
+    missed = miss(body, path.places_mm(), finger.corners_of("skin"), path.turns_rad())
     if missed is not None:
         logger.warning("%s: correct stimulus.shift_mm or the protocol.", missed)
 

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_fem.path.loads import COMPONENTS
-from tactile_fem.path.rotations import matrix, vector
+from tactile_fem.path.rotations import ARM_MM, matrix, vector
 from tactile_fem.simulation.bone import Bone
 from tactile_fem.simulation.pose import Pose
 
 Array = np.ndarray
-# Torques and turns are compared with forces and ways at this distance from the axis.
-ARM_MM = 5.0
 _TORQUE, JOINT = 3, 4
 # From torque, Nmm, to N, and from mm to an angle, rad.
 SCALES = np.array([1.0, 1.0, 1.0, 1 / ARM_MM])

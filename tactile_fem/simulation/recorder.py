@@ -18,6 +18,7 @@ from dolfinx import common
 from tactile_fem import __version__
 from tactile_fem.mechanics.compile import compiled_by
 from tactile_fem.neuron import Response
+from tactile_fem.path.rotations import ARM_MM, angle_rad
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.cell_fields import CellFields
@@ -72,8 +73,8 @@ class Recorder:
             keep_files(study, self._results.folder, afresh=False)  # if it was cut off before
             self._results.save_trace(**self._trace.arrays())
             if simulation.parts.body is not None or study.stimulus.is_kept_sampled:
-                places_mm = simulation.path.places_mm()
-                self._results.save_stimulator(DistanceGrid.of(simulation.body, places_mm))
+                poses = simulation.path.places_mm(), simulation.path.turns_rad()
+                self._results.save_stimulator(DistanceGrid.of(simulation.body, *poses))
 
         on_root(self._comm, save)
         self._save_run("running")
@@ -127,7 +128,8 @@ class Recorder:
             return True
         rows = [self._field_rows[-1] if self._field_rows else 0, -1]
         ways = (self._trace.at(name, rows) for name in ("displacement_mm", "depth_mm"))
-        way_mm = max(abs(way[1] - way[0]) for way in ways)
+        turn_mm = ARM_MM * angle_rad(*self._trace.at("stimulator_rad", rows))
+        way_mm = max(turn_mm, *(abs(way[1] - way[0]) for way in ways))
         return step.output and way_mm >= self._simulation.study.output.states_mm - 1e-9
 
     def restore(self, saved: dict[str, Array]) -> None:

@@ -96,8 +96,8 @@ class ScanResult:
         results.save_trace(**self.trace.arrays())
         results.save_spikes(self.response.spikes, self.trace)
         if self.parts.body is not None:
-            places_mm = self.trace.stimulator_mm
-            results.save_stimulator(DistanceGrid.of(self.parts.body, places_mm))
+            poses = self.trace.stimulator_mm, self.trace.stimulator_rad
+            results.save_stimulator(DistanceGrid.of(self.parts.body, *poses))
         return results
 
 

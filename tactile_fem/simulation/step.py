@@ -72,13 +72,23 @@ class Step(Load):
         """Z of `stimulator_mm`."""
         return float(self.stimulator_mm[2])
 
+    @property
+    def torque_Nmm(self) -> float:
+        """Torque on the finger about Z through the body's origin."""
+        return float((self.moment_Nmm - np.cross(self.stimulator_mm, self.force_N))[2])
+
     def __str__(self) -> str:
         """Return one line that describes the step."""
         normal = round(float(self.force_N[2]), 4) + 0.0  # no -0.0000
         tangential = (self.force_N[0] ** 2 + self.force_N[1] ** 2) ** 0.5
+        turn = ""
+        if self.stimulator_rad.any():
+            turn = f"turned {np.degrees(np.linalg.norm(self.stimulator_rad)):.1f} deg  "
+        if self.stimulator_rad[2]:
+            turn += f"torque {self.torque_Nmm:.3f} Nmm  "
         return (
             f"step {self.index:3d}  {self.phase:5s} {self.displacement_mm:6.3f} mm  "
             f"depth {self.depth_mm:.3f} mm  normal {normal:.4f} {self.force_unit}  "
             f"tangential {tangential:.4f} {self.force_unit}  "
-            f"{self.newton_iterations:2d} iterations"
+            f"{turn}{self.newton_iterations:2d} iterations"
         )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 
 from tactile_fem.errors import StudyError
+from tactile_fem.path.rotations import ARM_MM, angle_rad, between, to_body
 from tactile_fem.stimulus.body import EXCESS_MM, NEAR_MM, Array, RigidBody
 from tactile_fem.stimulus.sampled import height_map
 
@@ -22,8 +23,9 @@ _MAX_SLOPE = 1.02
 _MIN_NORMAL = 1e-6
 # A body is searched for within a distance of the path and in steps, down to a height.
 _SEARCHES_MM, _LOWEST_MM = ((100.0, 0.5), (1000.0, 5.0)), -3.0
-# Steps along the path and on the skin, whose facets are divided so often at most.
-_PATH_STEP_MM, _SKIN_STEP_MM, _MAX_PARTS = 0.5, 0.25, 20
+# Steps along the path, whose knots are thinned to others, and on the skin, whose facets are divided
+# so often at most.
+_PATH_STEP_MM, _KNOT_STEP_MM, _SKIN_STEP_MM, _MAX_PARTS = 0.5, 0.1, 0.25, 20
 _TOUCH_MM = 1e-3
 
 
@@ -76,7 +78,9 @@ def _shown(place: Array) -> str:
     return f"X {x:.2f}, Y {y:.2f}, Z {z:.2f} mm of its own frame"
 
 
-def miss(body: RigidBody, places_mm: Array, skin_mm: Array) -> str | None:
+def miss(
+    body: RigidBody, places_mm: Array, skin_mm: Array, turns_rad: Array | None = None
+) -> str | None:
     """Return in a sentence that a body does not touch a finger along its path; None if it does.
 
     Parameters
@@ -87,18 +91,29 @@ def miss(body: RigidBody, places_mm: Array, skin_mm: Array) -> str | None:
         Knots of its path, (n, 3).
     skin_mm
         Corners of the undeformed skin's facets, (m, 3, 3) or, of a section, (m, 2, 3).
+    turns_rad
+        Rotation vectors of the body at the knots, (n, 3); None if it does not turn.
     """
-    skin = skin_mm.reshape(-1, 3)
-    deepest = float(places_mm[:, 2].max())
-    near = _points(skin_mm[skin_mm[..., 2].min(axis=1) < deepest + _TOUCH_MM])
+    turns = np.zeros_like(places_mm) if turns_rad is None else turns_rad
+    places, turns = _along(places_mm, turns)
+    # A body lies below Z = 0 of its own frame.
+    heights = np.full(len(skin_mm), np.inf)
+    for place, turn in zip(places, turns, strict=True):
+        corners = to_body(skin_mm, place, turn)[..., 2].min(axis=1)
+        heights = np.minimum(heights, corners)
+    near = _points(skin_mm[heights < _TOUCH_MM])
     if not len(near):
         return (
-            f"the stimulator does not reach the finger on its way, whose deepest place is "
-            f"{deepest:.3g} mm, {skin[:, 2].min() - deepest:.3g} mm below the skin"
+            "the stimulator does not reach the finger on its way, whose deepest place is "
+            f"{places_mm[:, 2].max():.3g} mm, {heights.min():.3g} mm below the skin"
         )
-    if any(body.distance(near - place).gap.min() < _TOUCH_MM for place in _along(places_mm)):
-        return None
-    return f"the stimulator does not touch the finger on its way: {_where(body, places_mm)}"
+    for place, turn in zip(places, turns, strict=True):
+        points = to_body(near, place, turn)
+        points = points[points[:, 2] < _TOUCH_MM]
+        if len(points) and body.distance(points).gap.min() < _TOUCH_MM:
+            return None
+    path = to_body(np.zeros((1, 3)), places_mm, turns_rad)[:, 0, :2]
+    return f"the stimulator does not touch the finger on its way: {_where(body, path)}"
 
 
 def _points(facets: Array) -> Array:
@@ -110,21 +125,22 @@ def _points(facets: Array) -> Array:
     return np.einsum("wk,mkd->mwd", np.array(weights) / parts, facets).reshape(-1, 3)
 
 
-def _along(knots: Array) -> Array:
-    """Return places along a path: the deepest first, the knots, then those between them."""
-    between = [np.zeros((0, 3))]
-    for a, b in pairwise(knots):
-        parts = int(np.ceil(np.linalg.norm(b - a) / _PATH_STEP_MM))
-        between.append(a + np.linspace(0, 1, max(parts, 1), endpoint=False)[1:, None] * (b - a))
-    knots = np.unique(knots, axis=0)
-    return np.vstack([knots[np.argsort(-knots[:, 2])], *between])
+def _along(places: Array, turns: Array) -> tuple[Array, Array]:
+    """Return places and turns along a path, the deepest first, from its knots (n, 3)."""
+    moved = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    moved += ARM_MM * angle_rad(turns[:-1], turns[1:])
+    length = np.append(0.0, np.cumsum(moved))
+    knots = length[np.unique(np.ceil(length / _KNOT_STEP_MM), return_index=True)[1]]
+    at = np.union1d(knots, [*np.arange(0.0, length[-1], _PATH_STEP_MM), length[-1]])
+    along = np.column_stack([np.interp(at, length, column) for column in places.T])
+    deepest_first = np.argsort(-along[:, 2], kind="stable")
+    return along[deepest_first], between(turns, length, at)[deepest_first]
 
 
-def _where(body: RigidBody, places_mm: Array) -> str:
-    """Return where the nearest place of a body is, seen from above, in its own axes."""
+def _where(body: RigidBody, path: Array) -> str:
+    """Return where the nearest place of a body is from a path over it, (n, 2) in its own axes."""
     import shapely  # takes a while
 
-    path = -places_mm[:, :2]
     for far, step in _SEARCHES_MM:
         ends = zip(path.min(axis=0) - far, path.max(axis=0) + far, strict=True)
         x, y = (np.arange(low, high + step, step) for low, high in ends)

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_fem.path.rotations import matrix, swept
 from tactile_fem.stimulus.body import NEAR_MM, Array, RigidBody
 
-# Of the grid: its step, half the width and length of the finger and its surroundings, and the
-# height down to which the body is shown.
-_STEP_MM, _HALF_MM, _LOWEST_MM = 0.1, np.array([9.0, 15.0]), -3.0
+# Of the grid: its step, the box of the finger's pad and its surroundings, from its lowest corner to
+# its highest, and the height down to which a body that does not turn is shown.
+_STEP_MM, _BOX_MM, _LOWEST_MM = 0.1, ((-9.0, -15.0, 0.0), (9.0, 15.0, 5.0)), -3.0
 # Skin and body that stay this far apart, by undeformed shapes, do not touch.
 _MARGIN_MM = 0.5
 # Where the search for the surface along a vertical line begins, and how exact it is.
@@ -45,15 +46,18 @@ class DistanceGrid:
         )
 
     @classmethod
-    def of(cls, body: RigidBody, places_mm: Array) -> DistanceGrid:
-        """Sample a body where it comes near the finger, its places being (n, 3)."""
-        low = -_HALF_MM - places_mm[:, :2].max(axis=0)
-        high = _HALF_MM - places_mm[:, :2].min(axis=0)
+    def of(cls, body: RigidBody, places_mm: Array, turns_rad: Array | None = None) -> DistanceGrid:
+        """Sample a body where it comes near the finger, at places and turns (n, 3)."""
+        low, high = (ends[:2] for ends in swept(*_BOX_MM, places_mm, turns_rad))
         x, y = (np.arange(a, b + _STEP_MM, _STEP_MM) for a, b in zip(low, high, strict=True))
+        lowest = _LOWEST_MM
+        if turns_rad is not None:  # it comes near the finger with its sides
+            upright = float(matrix(turns_rad)[:, 2, 2].min())
+            lowest -= _BOX_MM[1][0] * np.sqrt(max(1 - upright**2, 0.0))
         plane = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
         layers: list[Array] = []
         # Downwards until a whole layer is inside: early for a plate, never for a ball.
-        for z in np.arange(_STEP_MM / 2, _LOWEST_MM, -_STEP_MM):
+        for z in np.arange(_STEP_MM / 2, lowest, -_STEP_MM):
             points = np.column_stack([plane, np.full(len(plane), z)])
             layers.append(np.clip(body.distance(points).gap, -NEAR_MM, NEAR_MM))
             if layers[-1].max() < 0:

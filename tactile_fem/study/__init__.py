@@ -23,7 +23,18 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger import Finger, FingerMesh
 from tactile_fem.finger.joint import Joint
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
-from tactile_fem.path import Follow, Hold, Lift, Piece, Press, Protocol, Slide
+from tactile_fem.path import (
+    Follow,
+    Hold,
+    Lift,
+    Piece,
+    Press,
+    Protocol,
+    Push,
+    Roll,
+    Slide,
+    Twist,
+)
 from tactile_fem.receptors import Layout
 from tactile_fem.receptors.settings import Receptors, misplaced
 from tactile_fem.runtime import html
@@ -73,7 +84,9 @@ __all__ = [
     "Polynomial",
     "Press",
     "Protocol",
+    "Push",
     "Receptors",
+    "Roll",
     "Settings",
     "Slide",
     "Solver",
@@ -83,6 +96,7 @@ __all__ = [
     "Surface",
     "Text",
     "Tissue",
+    "Twist",
 ]
 
 

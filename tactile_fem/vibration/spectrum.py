@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self, cast
 
@@ -36,8 +36,9 @@ class Archived:
         """Return what `save` wrote; StudyError if it cannot be read."""
         try:
             with np.load(path, allow_pickle=False) as arrays:
-                return cls(**{field.name: arrays[field.name] for field in fields(cast(Any, cls))})
-        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+                known = [one.name for one in fields(cast(Any, cls))]
+                return cls(**{name: arrays[name] for name in known if name in arrays})
+        except (OSError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
             raise StudyError(f"{path} cannot be read as a vibration: {error}.") from None
 
 
@@ -173,6 +174,8 @@ class Modes(Archived):
         Position of the body in the state, (3,).
     body
         How the body vibrates, (3,): a unit vector, or 0 if the bone vibrates.
+    stimulator_rad
+        Rotation vector of the body in the state, (3,).
     """
 
     frequency_Hz: Array
@@ -183,6 +186,7 @@ class Modes(Archived):
     tissue: Array
     stimulator_mm: Array
     body: Array
+    stimulator_rad: Array = field(default_factory=lambda: np.zeros(3))  # older files lack it
 
     def nearest(self, frequency_Hz: float) -> int:
         """Return the number of the frequency nearest to one, by their ratio."""

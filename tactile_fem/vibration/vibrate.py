@@ -18,6 +18,7 @@ from dolfinx import fem
 from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
+from tactile_fem.path.rotations import vector
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.ranks import (
     StopRequest,
@@ -94,7 +95,7 @@ class ModeKeeper:
         """Return what was kept, on the first rank; None on the others or if there is nothing."""
         if self._point is None or self._point.simulation.finger is None:
             return None
-        finger = self._point.simulation.finger
+        finger, state = self._point.simulation.finger, self._point.simulation.state
         return Modes(
             np.array(list(self._kept)),
             np.array(list(self._kept.values())),
@@ -102,8 +103,9 @@ class ModeKeeper:
             finger.nodes.astype(np.float32),
             finger.cells.astype(np.int32),
             finger.tissue.astype(np.int32),
-            self._point.simulation.state.translation_old.value.copy(),
+            state.translation_old.value.copy(),
             self._point.body,
+            vector(state.rotation_old),
         )
 
 
