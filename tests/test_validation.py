@@ -68,6 +68,32 @@ def test_relaxation(tmp_path):
 
 
 @pytest.mark.slow
+def test_impedance(tmp_path):
+    way = [
+        "--forces",
+        "0.05",
+        "--forces",
+        "0.1",
+        "--frequencies",
+        "20",
+        "--viscous-time",
+        "0.004",
+        *SMALL,
+    ]
+    output = run("validation/impedance.py", str(tmp_path), *way)
+    low, high = table(tmp_path / "impedance.csv")
+    assert 0 < float(low["k"]) < float(high["k"]) < float(high["law_k"])
+    assert float(low["law_b"]) == pytest.approx(1.78 * 0.05**0.35, rel=1e-4)
+    assert 0 < number(r"20 Hz: k as P\^([\d.]+)", output) < 1
+
+
+@pytest.mark.slow
+def test_tangential_energy():
+    output = run("validation/tangential_energy.py", "--forces", "0.05", "--distance", "0.5", *SMALL)
+    assert 0 < number(r"more than .*: tissue [\d.]+ mJ, ([\d.]+) % outside", output) < 100
+
+
+@pytest.mark.slow
 @needs_gmsh
 def test_fit_of_relaxation(tmp_path):
     way = ["--fit", "--evaluations", "1", "--pad-size", "4", "--far-size", "8", "--outputs", "1"]

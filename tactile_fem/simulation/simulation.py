@@ -181,6 +181,11 @@ class Simulation:
         with self.problem.reopened():
             return self.problem.load()
 
+    @property
+    def bone_rad(self) -> float:
+        """Angle of the bone about its joint at the end of the last accepted step."""
+        return self._stepper.bone_rad
+
     # --- stepping --------------------------------------------------------------------------------
 
     def steps(self) -> Iterator[Step]:

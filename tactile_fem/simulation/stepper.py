@@ -98,6 +98,11 @@ class Stepper:
                 yield step
                 started = time.perf_counter()
 
+    @property
+    def bone_rad(self) -> float:
+        """Angle of the bone about its joint; 0 if it is clamped."""
+        return self._equilibrium.angle_rad
+
     def to_save(self) -> Saved:
         """Return all that the next step needs, as `State.to_save` does."""
         p = self._progress

@@ -18,7 +18,7 @@ from dolfinx import fem
 from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
-from tactile_fem.path.rotations import vector
+from tactile_fem.path.rotations import matrix, vector
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.ranks import (
     StopRequest,
@@ -48,12 +48,14 @@ class OperatingPoint:
     """State about which a finger vibrates, and how it is moved.
 
     `body` and `bone`, with everything that is held, move along the vectors (3,) of these names:
-    one is a unit vector, the other 0.
+    one is a unit vector, the other 0. They are in the axes of the bone, in which the mechanics is
+    computed; `axes` (3, 3) turns them into those of space.
     """
 
     simulation: Simulation
     body: Array
     bone: Array
+    axes: Array
 
 
 # Called on all ranks with the response at each frequency.
@@ -180,8 +182,10 @@ def vibrate(
             study = simulation.study
             density = study.tissue.density_kg_m3 if density_kg_m3 is None else density_kg_m3
             harmonic = Harmonic(simulation.problem, density, study.joint)
-            body, bone = (along, 0 * along) if moves == "body" else (0 * along, along)
-            point = OperatingPoint(simulation, body, bone)
+            axes = matrix([simulation.bone_rad, 0.0, 0.0])
+            seen = along @ axes
+            body, bone = (seen, 0 * seen) if moves == "body" else (0 * seen, seen)
+            point = OperatingPoint(simulation, body, bone, axes)
             stop = StopRequest(comm, "nothing of the vibration is saved")
             with signal_handler(stop.request):
                 observers = (*observers, lambda *_: stop.check())
@@ -209,7 +213,7 @@ def _spectrum(
     for number, frequency in enumerate(frequencies, 1):
         response = harmonic.respond(frequency, point.body, point.bone)
         amplitudes.append(_amplitudes(point.simulation, harmonic, response))
-        forces.append(response.force_N)
+        forces.append(point.axes @ response.force_N)
         for observer in observers:
             observer(point, response)
         logger.info(
@@ -219,7 +223,7 @@ def _spectrum(
     felt = np.array(amplitudes)
     return Spectrum(
         frequency_Hz=frequencies,
-        motion=point.body + point.bone,
+        motion=point.axes @ (point.body + point.bone),
         receptors_mm=layout.positions_mm,
         population=layout.population,
         moved=felt[..., :3],
