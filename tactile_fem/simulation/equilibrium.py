@@ -162,8 +162,9 @@ class Equilibrium:
         """Move the displacement on as it changed on the way from the `last` place to this one."""
         u, way = self._problem.state.u.x.array, x_mm - last[0]
         here = x_mm, u.copy()
-        if way.any():
-            u += (next_mm - x_mm) @ way / (way @ way) * (u - last[1])
+        if way.any():  # where it hardly moved, the displacement changed for another reason
+            share = (next_mm - x_mm) @ way / (way @ way)
+            u += np.clip(share, -1.0, 1.0) * (u - last[1])
         return here
 
     def _at_normal_force(self, held: Held, path: Pose, phase: str) -> Solved:
