@@ -1,7 +1,7 @@
 import io
 import logging
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,7 +24,10 @@ class Step:
     stimulator_rad: np.ndarray = field(default_factory=lambda: np.zeros(3))
     newton_iterations: int = 5
     force_unit: str = "N"
+    stimulator_mm: np.ndarray = field(default_factory=lambda: np.array([1.0, 2.0, 0.5]))
+    moment_Nmm: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 0.7]))
 
+    torque_Nmm = step.Step.torque_Nmm
     __str__ = step.Step.__str__
 
 
@@ -55,6 +58,14 @@ def test_plain_lines_tell_force_iterations_and_time_left():
     assert "16 %" in lines[1] and "left" in lines[1]
     assert "100 %" in lines[2] and "left" not in lines[2]
     assert "something to say" in lines[3]
+
+
+def test_a_line_of_a_body_that_turns_tells_the_turn_and_a_twist_its_torque():
+    """The moment about the origin, 0.7, less 1 x (-0.04) - 2 x 0.03."""
+    twist = replace(STEPS[2], stimulator_rad=np.radians([0.0, 0.0, -30.0]))
+    assert str(twist).endswith("0.0500 N  turned 30.0 deg  torque 0.800 Nmm   5 iterations")
+    roll = replace(STEPS[2], stimulator_rad=np.radians([20.0, 0.0, 0.0]))
+    assert str(roll).endswith("0.0500 N  turned 20.0 deg   5 iterations")
 
 
 def test_a_resumed_scan_counts_the_time_left_from_where_it_went_on():

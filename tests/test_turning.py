@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -17,9 +19,10 @@ from sphere_on_block import follow, sphere_on_block
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.path.rotations import matrix
 from tactile_fem.simulation.held import Pose
+from tactile_fem.simulation.recorder import Recorder
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus.body import HalfSpace
-from tactile_fem.study import Solver
+from tactile_fem.study import Solver, Study
 from tactile_fem.tissue.energies import shear_modulus
 
 TURN = matrix([0.3, -0.2, 0.5])
@@ -60,6 +63,20 @@ def test_a_ball_that_twists_on_the_skin_slips_on_it():
     assert twisted.force_N[2] == pytest.approx(pressed.force_N[2], rel=0.05)
     assert 0.03 < twisted.moment_Nmm[2] / twisted.force_N[2] < 0.3
     assert 0 < twisted.friction_mJ
+
+
+@pytest.mark.parametrize(("degrees", "is_due"), [(4.0, False), (5.0, True)])
+def test_a_twist_keeps_states_as_often_as_a_slide_5_mm_from_its_axis(degrees, is_due):
+    """The default is 0.4 mm, 4.6 degrees."""
+    trace = {"displacement_mm": np.zeros(2), "depth_mm": np.ones(2)}
+    trace["stimulator_rad"] = np.radians([[0.0, 0.0, 0.0], [0.0, 0.0, degrees]])
+    recorder = SimpleNamespace(
+        _field_rows=[0],
+        _trace=SimpleNamespace(at=lambda name, rows: trace[name][rows]),
+        _simulation=SimpleNamespace(study=Study()),
+    )
+    step = SimpleNamespace(ends_piece=False, output=True)
+    assert Recorder._is_due(recorder, step) == is_due
 
 
 SIDE, HEIGHT, DEPTH = 4.0, 0.5, 0.01

@@ -13,7 +13,8 @@ class Output(Settings):
     states_mm: Positive = Field(
         0.4,
         validation_alias=AliasChoices("states_mm", "fields_mm"),  # its former name
-        description="way of the body, down or across, between two states whose fields are kept",
+        description="way of the body, down, across or, at 5 mm from its axis, around, between two "
+        "states whose fields are kept",
     )
     restarts: bool = Field(
         False,
