@@ -31,7 +31,8 @@ _DIRECT_NEWTON_S = 1.6
 _SECTION_NEWTON_S, _SECTION_UNKNOWN_MB = 2.0e-6, 0.003
 _NEWTON_PER_STEP = 6.9
 _FIRST_STEPS = 3  # shorter ones, of each piece of the path
-_SOLVES_AT_FORCE = 1.8  # cost of a step at a held force, relative to one at a held depth
+# Cost of a step at a held force, relative to one at a held depth, and of each further held load.
+_SOLVES_AT_FORCE, _SOLVES_AT_LOAD = 1.8, 0.5
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,8 @@ def estimate(study: Study, path: Path, unknowns: int, ranks: int) -> Cost:
     solver, steps = study.solver, 0.0
     for _, motion in path.plan():
         count = motion.least_steps(solver.max_slide_step_mm, solver.max_press_step_mm)
-        steps += count * (1.0 if motion.held is None else _SOLVES_AT_FORCE)
+        loads = 0 if motion.held is None else len(motion.held.components)
+        steps += count * (_SOLVES_AT_FORCE + _SOLVES_AT_LOAD * (loads - 1) if loads else 1.0)
     steps += _FIRST_STEPS * len(path.pieces)
     return Cost(memory, newton * _NEWTON_PER_STEP * steps * ranks**-0.7)
 
