@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from needs import needs_gmsh, needs_graphics
 from synthetic import make_fields, make_results, make_trace
 
+from tactile_fem.errors import StudyError
 from tactile_fem.finger import read_msh
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.beneath import Beneath
@@ -17,6 +18,7 @@ from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.path.rotations import angle_rad, between, matrix, swept, to_body, to_space
 from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import Cylinder, Dots, Edge, Finger, Plate, Study
+from tactile_fem.vibration import Modes
 
 POINTS = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, -1.0], [0.3, -0.2, 0.5]])
 
@@ -82,6 +84,16 @@ def _with_fields(folder):
     results = make_results(folder)
     make_fields(results)
     return results
+
+
+def test_shapes_of_a_vibration_kept_before_bodies_turned(tmp_path):
+    arrays = {one.name: np.zeros(3) for one in fields(Modes) if one.name != "stimulator_rad"}
+    np.savez(tmp_path / "modes.npz", **arrays)
+    assert Modes.load(tmp_path / "modes.npz").stimulator_rad.tolist() == [0, 0, 0]
+    del arrays["body"]
+    np.savez(tmp_path / "modes.npz", **arrays)
+    with pytest.raises(StudyError, match="cannot be read as a vibration"):
+        Modes.load(tmp_path / "modes.npz")
 
 
 @needs_graphics

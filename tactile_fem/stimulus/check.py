@@ -95,23 +95,19 @@ def miss(
         Rotation vectors of the body at the knots, (n, 3); None if it does not turn.
     """
     turns = np.zeros_like(places_mm) if turns_rad is None else turns_rad
-    places, turns = _along(places_mm, turns)
-    # A body lies below Z = 0 of its own frame.
-    heights = np.full(len(skin_mm), np.inf)
-    for place, turn in zip(places, turns, strict=True):
-        corners = to_body(skin_mm, place, turn)[..., 2].min(axis=1)
-        heights = np.minimum(heights, corners)
-    near = _points(skin_mm[heights < _TOUCH_MM])
-    if not len(near):
+    lowest = np.inf
+    for place, turn in zip(*_along(places_mm, turns), strict=True):
+        # A body lies below Z = 0 of its own frame.
+        heights = to_body(skin_mm, place, turn)[..., 2].min(axis=1)
+        lowest = min(lowest, float(heights.min()))
+        near = to_body(_points(skin_mm[heights < _TOUCH_MM]), place, turn)
+        if len(near) and body.distance(near).gap.min() < _TOUCH_MM:
+            return None
+    if lowest >= _TOUCH_MM:
         return (
             "the stimulator does not reach the finger on its way, whose deepest place is "
-            f"{places_mm[:, 2].max():.3g} mm, {heights.min():.3g} mm below the skin"
+            f"{places_mm[:, 2].max():.3g} mm, {lowest:.3g} mm below the skin"
         )
-    for place, turn in zip(places, turns, strict=True):
-        points = to_body(near, place, turn)
-        points = points[points[:, 2] < _TOUCH_MM]
-        if len(points) and body.distance(points).gap.min() < _TOUCH_MM:
-            return None
     path = to_body(np.zeros((1, 3)), places_mm, turns_rad)[:, 0, :2]
     return f"the stimulator does not touch the finger on its way: {_where(body, path)}"
 
