@@ -9,7 +9,7 @@
 #
 # Predicted; nothing is fitted. About 70 % is reported for people (Doumont et al.).
 #
-#     python demos/validation/tangential_energy.py  # two forces: three minutes on one core
+#     python demos/validation/tangential_energy.py  # two forces: five minutes on one core
 #     python demos/validation/tangential_energy.py --forces 0.05 --pad-size 3 --far-size 6
 
 # %%
