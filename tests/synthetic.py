@@ -42,6 +42,8 @@ def make_trace(across=np.arange(-10, 11) * 0.5):
         "stimulator_mm": np.column_stack([0 * depth, -displacement, depth]),
         "force_N": force,
         "moment_Nmm": 0 * force,
+        "stimulator_rad": 0 * force,
+        "bone_rad": 0 * clock,
         "receptors_mm": np.column_stack([across, 0 * across, height]),
         "moved_mm": moved,
         "sed_kPa": (depth / 1.97)[:, None] * wave[:, None] * np.exp(-((across / 4) ** 2)),

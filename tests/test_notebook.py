@@ -34,6 +34,7 @@ def cells(html: str) -> list[list[str]]:
             [
                 ("protocol.path (entry 3).kind", "press", "lift"),
                 ("protocol.path (entry 3).depth_mm", 2.0, 0.0),
+                ("protocol.path (entry 3).direction", (0.0, 0.0, 1.0), None),
             ],
         ),
         ({"protocol": Protocol()}, [("protocol.path", None, HOLD.path)]),
