@@ -172,7 +172,8 @@ def draw_rates(picture: Path, kept: Sequence[Kept]) -> None:
         ):
             top.plot(time, part, label=name, lw=1.0)
         for k, load in enumerate(one.loads):
-            top.text((k + 0.33) * LOAD_S, 4.4, load, ha="center", fontsize=8)
+            at = {"transform": top.get_xaxis_transform(), "ha": "center", "fontsize": 8}
+            top.text((k + 0.33) * LOAD_S, 1.02, load, **at)
             for axes in (top, *below):
                 axes.axvspan(k * LOAD_S, k * LOAD_S + COUNTED_S, color="#EEF2F6", zorder=0)
         fine = np.arange(time[0], time[-1], 5e-3)
@@ -181,7 +182,7 @@ def draw_rates(picture: Path, kept: Sequence[Kept]) -> None:
             own = rates[:, one.arrays["population"] == kind]
             axes.plot(fine, own.mean(axis=1), color=COLOURS[kind], lw=1.2)
             axes.set_ylabel(f"{kind} (spikes/s)" if one is kept[0] else "")
-        top.set_title(f"Order {one.order}", fontsize=10, pad=12)
+        top.set_title(f"Order {one.order}", fontsize=10, pad=18)
         below[-1].set(xlabel="Time (s)", xlim=(-0.1, time[-1]))
     grid[0, 0].set_ylabel("Force (N)")
     lines = grid[0, 0].get_legend_handles_labels()
