@@ -91,6 +91,13 @@ def test_followed_turns_are_relative_to_the_first_row(tmp_path):
     assert later.turns_rad()[-1] == pytest.approx(vector(last @ first.T))
 
 
+def test_followed_turns_go_on_beyond_half_a_round(tmp_path):
+    rows = "".join(f"{t},0,0,0,0,0,{30 + 80 * t}\n" for t in range(6))
+    motion = Follow(file=written(tmp_path, SIX + rows))(REST)
+    assert np.degrees(motion.turn(2.5)) == pytest.approx([0, 0, 200])
+    assert np.degrees(motion.turn(5.0)) == pytest.approx([0, 0, 400])
+
+
 def test_followed_loads_begin_with_those_at_the_start(tmp_path):
     file = written(tmp_path, "time_s,fx_N,fz_N\n0,0.1,0.3\n2,0.3,0.5\n4,0,0.5\n")
     motion = Follow(file=file, hold=("fx_N", "fz_N"))(REST)

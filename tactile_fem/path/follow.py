@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -13,7 +12,7 @@ from tactile_fem.path.loads import HeldLoads
 from tactile_fem.path.motion import Array, Motion, MotionFrom, multiples
 from tactile_fem.path.pieces import Piece
 from tactile_fem.path.recording import LOADS, PLACES, TURNS, Recording, read_recording
-from tactile_fem.path.rotations import matrix, vector
+from tactile_fem.path.rotations import angle_rad, since_first
 from tactile_fem.runtime.settings import File, Positive
 
 _OUTPUT_SHARE = 0.01  # of the whole, between two outputs
@@ -76,9 +75,8 @@ class Follow(Piece):
         """Return rotation vectors in rad since the first row, (n, 3); None without a turn."""
         if not recorded.columns.keys() & {*TURNS}:
             return None
-        rotations = matrix(np.radians(recorded.of(TURNS)))
-        steps = [vector(after @ before.T) for before, after in pairwise(rotations)]
-        angles = np.degrees(np.linalg.norm(steps, axis=1))
+        turns = np.radians(recorded.of(TURNS))
+        angles = np.degrees(angle_rad(turns[:-1], turns[1:]))
         k = int(angles.argmax())
         if angles[k] > _MOST_DEG:
             raise StudyError(
@@ -86,7 +84,7 @@ class Follow(Piece):
                 f"{recorded.time_s[k]:g} to {recorded.time_s[k + 1]:g} s but may turn by "
                 f"{_MOST_DEG:g} between two rows."
             )
-        return np.array([vector(each @ rotations[0].T) for each in rotations])
+        return since_first(turns)
 
     def _held(self, recorded: Recording, times: Array) -> HeldLoads | None:
         for missing in [name for name in self.hold if name not in recorded.columns]:

@@ -48,6 +48,22 @@ def turned(start_rad: Array, turn_rad: Array) -> Array:
     return vector(matrix(turn_rad) @ matrix(start_rad))
 
 
+def since_first(turns_rad: Array) -> Array:
+    """Return rotation vectors (n, 3) since the first of those given, (n, 3).
+
+    Of those that are the same rotation it is the nearest to the one before, also beyond pi.
+    """
+    rotations = matrix(turns_rad)
+    found = np.zeros_like(turns_rad)
+    for k, rotation in enumerate(rotations[1:], 1):
+        turn = vector(rotation @ rotations[0].T)
+        angle = float(np.linalg.norm(turn))
+        axis = turn / angle if angle else turn
+        rounds = np.round((found[k - 1] @ axis - angle) / (2 * np.pi))
+        found[k] = turn + 2 * np.pi * rounds * axis
+    return found
+
+
 def between(turns_rad: Array, times: Array, at: ArrayLike) -> Array:
     """Return rotation vectors (n, 3) at some times (n,), on the shortest way between those given.
 
