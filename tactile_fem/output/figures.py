@@ -16,6 +16,7 @@ from tactile_fem.output.annotations import BLUE, colours_of
 from tactile_fem.output.beneath import Beneath
 from tactile_fem.output.felt import Felt, felt
 from tactile_fem.output.histories import central_receptor
+from tactile_fem.output.measured import measured
 from tactile_fem.output.pictures import draw_pictures
 from tactile_fem.output.plots import force_figure, styled
 from tactile_fem.output.rasters import Trains, firing, raster
@@ -62,6 +63,7 @@ def draw_plots(results: Results, *, dpi: int | None = None) -> list[Path]:
         figures |= {"raster": raster(trains, over, beneath)}
         figures |= {"firing": firing(trains, over, beneath)}
         figures |= {"snapshots": snapshots(trains, over, beneath)}
+        figures["measured"] = measured(results, over)
     results.figures.mkdir(exist_ok=True)
     drawn = {results.figures / f"{name}.png": figure for name, figure in figures.items() if figure}
     for path, figure in drawn.items():

@@ -34,6 +34,7 @@ _CAPTIONS = {
     "sed": "Strain energy density of the central receptor and the outline that passes it.",
     "raster": "Spikes of each receptor over the path.",
     "firing": "Firing rate.",
+    "measured": "What was recorded and what the model gave.",
     "finger": "Layers of the undeformed finger.",
 }
 

@@ -14,6 +14,7 @@ from tactile_fem.neuron import fields_of
 from tactile_fem.path import Path
 from tactile_fem.path.loads import COMPONENTS, NORMAL
 from tactile_fem.path.rotations import matrix
+from tactile_fem.simulation.measured import check_measured
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.check import miss
@@ -75,9 +76,11 @@ def check_motion(
     ------
     StudyError
         The body goes too deep, starts in the finger or leaves the plane of a section, or the plane
-        cuts none of the raised parts of the study's stimulus.
+        cuts none of the raised parts of the study's stimulus; or there is nothing to compare with
+        a recording.
     """
     _check_path(study, path, mesh.pad_thickness_mm, mesh.plane, parts)
+    check_measured(study, path)
     _check_friction(study, path, mesh)
     gap = body.distance((mesh.nodes - path.start_mm) @ matrix(path.start_rad)).gap
     worst = int(np.argmin(gap))

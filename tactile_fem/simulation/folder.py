@@ -19,7 +19,7 @@ logger = logging.getLogger(__name__)
 _OWN_FILES = {
     ".": (
         *("study.toml", "run.json", "trace.npz", "trace.rows", "spikes.csv"),
-        *("checkpoint.npz", "stimulator.npz", "log.txt"),
+        *("checkpoint.npz", "stimulator.npz", "log.txt", "measured.csv"),
     ),
     "states": ("state_*.npz",),
     "fields": ("deformation.pvd", "deformation_*.vtu"),
@@ -28,6 +28,7 @@ _OWN_FILES = {
         *(
             "finger.png",
             "snapshots.png",
+            "measured.png",
             "felt_*.png",
             "raster_*.png",
             "firing_*.png",

@@ -6,6 +6,7 @@
 ``run.json``         versions, mesh, options, ranks, timings, status
 ``trace.npz``        histories; while a scan runs, ``trace.rows`` has further rows
 ``spikes.csv``       see `tactile_fem.simulation.columns`, as for ``trace.npz``
+``measured.csv``     what was recorded and what the model gave
 ``checkpoint.npz``   the state to go on from
 ``states/``          states that were kept, as ``checkpoint.npz``
 ``stimulator.npz``   shape of an own body or a part, for pictures

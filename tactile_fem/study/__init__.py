@@ -207,8 +207,10 @@ class Study(Settings):
         return html.section("Study", parts, f"As by default: {', '.join(same)}." if same else "")
 
     def files(self) -> dict[str, Path]:
-        """Return the files that finger, stimulus and path are read from, by their keys."""
-        sections: dict[str, Settings] = {"finger": self.finger, "stimulus": self.stimulus}
+        """Return the files that finger, stimulus, path and output name, by their keys."""
+        sections = dict[str, Settings](
+            finger=self.finger, stimulus=self.stimulus, output=self.output
+        )
         for number, piece in enumerate(self.protocol.pieces, 1):
             sections[f"protocol.path (entry {number})"] = piece
         return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import AliasChoices, Field
 
-from tactile_fem.runtime.settings import Positive, Settings
+from tactile_fem.runtime.settings import File, Positive, Settings
 
 
 class Output(Settings):
@@ -23,3 +23,8 @@ class Output(Settings):
         description="keep with each of them all that a restart needs, for vibration there",
     )
     pictures: bool = Field(True, strict=True, description="draw the figures at the end")
+    measured: File | None = Field(
+        None,
+        description="a CSV file with columns as of a piece follow, which is compared with the scan "
+        "in all that the path does not take from it",
+    )
