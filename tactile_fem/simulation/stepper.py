@@ -32,6 +32,8 @@ logger = logging.getLogger(__name__)
 
 # Least share of a step that passes a force at which the force is sought.
 _MIN_SHARE = 0.05
+# A step that holds loads takes more iterations, be it short or long.
+_EASY_AT_LOADS = 16
 # At this speed or faster a step may not be shorter than `min_step_mm`.
 _FULL_SPEED_MM_S = 20.0
 
@@ -173,7 +175,9 @@ class Stepper:
         if motion.fastest_mm_s == 0.0 and self._state.dt_old_s:
             first = min(first, self._state.dt_old_s)
         smallest = s.min_step_mm / max(motion.fastest_mm_s, _FULL_SPEED_MM_S)
-        return StepControl(motion.duration_s, first, smallest, tuple(motion.outputs_s))
+        easy = _EASY_AT_LOADS if motion.held else StepControl.easy_iterations
+        outputs = tuple(motion.outputs_s)
+        return StepControl(motion.duration_s, first, smallest, outputs, easy_iterations=easy)
 
     def _slid_mm(self) -> float:
         """Return the length of the piece across the finger so far."""
