@@ -27,6 +27,8 @@ _FIRST_STIFFNESS_N_MM[[NORMAL, JOINT], [JOINT, NORMAL]] = 0.5
 # Contact force and the forces of the tissues differ by what the residual's norm allows.
 _BALANCE_N = 1e-5
 
+# Share of the largest friction above which the skin is said to slip.
+_SLIPS = 0.95
 # How a solve ended and, if it succeeded, the load at its end.
 Solved = tuple[SolveReport, Load | None]
 # Unknowns of a search, and the displacement there.
@@ -143,7 +145,8 @@ class Equilibrium:
             shown = held.shown(loads, self._plane.force_unit)
             logger.log(logging.INFO if search.is_slow else logging.DEBUG, "%s: %s", phase, shown)
             if search.has_failed:
-                why = "the skin slips" if search.slips else "the search does not converge"
+                share = self._used_friction(load)
+                why = "the skin slips" if share > _SLIPS else "the search does not converge"
                 reason = f"the loads cannot be held: {shown}; {why}"
                 return replace(report, converged=False, reason=reason), None
             self.discarded.append(report)
@@ -157,6 +160,12 @@ class Equilibrium:
             return loads, 0.0
         seen = load.force_N, load.moment_Nmm
         return loads, held.bone.excess_N(self._angle_rad, held.dt_s, *seen)
+
+    def _used_friction(self, load: Load) -> float:
+        """Return the friction of all skin as a share of the largest."""
+        own = [np.linalg.norm(load.friction_N, axis=1).sum(), load.bound_N.sum()]
+        used, bound = self._problem.domain.comm.allreduce(np.array(own))
+        return float(used / bound) if bound else 0.0
 
     def _extrapolate(self, last: Place, x_mm: np.ndarray, next_mm: np.ndarray) -> Place:
         """Move the displacement on as it changed on the way from the `last` place to this one."""
