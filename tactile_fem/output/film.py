@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.finger.joint import Joint
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.simplex import SOLID, simplex_of
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import is_soft
 from tactile_fem.output.histories import TIME, at_time, turns_at
-from tactile_fem.path.rotations import to_body, to_space
+from tactile_fem.path.rotations import matrix, to_body, to_space, vector
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.fields import FieldState, read_series
 from tactile_fem.simulation.results import Results
@@ -38,7 +39,7 @@ class Film:
     The undeformed `mesh` has no facets; its cells are linear tetrahedra, or quadratic triangles.
     Displacements `moved_mm` (fields, n, 3) and the `values` that colours show, of cells (fields, m)
     or of nodes (fields, n), are combined by `weights` (frames, fields). The body is at
-    `stimulator_mm` (frames, 3), with the rotation vectors `stimulator_rad` (frames, 3) if it turns.
+    `stimulator_mm` (frames, 3), seen from the bone, with the rotation vectors `stimulator_rad` (frames, 3) if it turns.
     Frames are sorted by `along` (frames,), with the name and unit `label`: those of a scan by their
     time, at which it has slid by `slid_mm` (frames,). They have `titles`. `quantity` is the name
     and unit of the values, `top` the upper end of their colours, and `strongest` the number of the
@@ -127,12 +128,16 @@ class Film:
         weights = np.array([np.interp(frames, states, one) for one in np.eye(len(files))]).T
         times = weights @ written_s
         tops = np.percentile(sed[:, is_soft(mesh.tissue)], _TOP_PERCENTILE, axis=1)
+        places, turns = at_time(trace, "stimulator_mm", times).T, turns_at(trace, times)
+        if joint := results.study.joint:
+            angles = at_time(trace, "bone_rad", times)
+            places, turns = _seen_from_bone(joint, places, turns, angles)
         return cls(
             mesh,
             moved,
             sed,
             weights,
-            stimulator_mm=at_time(trace, "stimulator_mm", times).T,
+            stimulator_mm=places,
             along=times,
             titles=_titles(trace, times),
             label=TIME,
@@ -144,7 +149,7 @@ class Film:
             fired=_fired(results, times),
             population=trace["population"],
             slid_mm=at_time(trace, "displacement_mm", times),
-            stimulator_rad=turns_at(trace, times),
+            stimulator_rad=turns,
         )
 
     @classmethod
@@ -180,6 +185,16 @@ class Film:
             top=top,
             strongest=round(largest) % FRAMES_PER_PERIOD,
         )
+
+
+def _seen_from_bone(
+    joint: Joint, places_mm: Array, turns_rad: Array | None, angles_rad: Array
+) -> tuple[Array, Array]:
+    """Return places and turns (n, 3) of a body as seen from the bone at angles (n,)."""
+    back = matrix(-np.outer(angles_rad, [1.0, 0.0, 0.0]))
+    own = matrix(np.zeros_like(places_mm) if turns_rad is None else turns_rad)
+    places = joint.centre_mm + np.einsum("nij,nj->ni", back, places_mm - joint.centre_mm)
+    return places, np.array([vector(turn) for turn in back @ own])
 
 
 def _drawn_mesh(
