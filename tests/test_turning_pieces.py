@@ -174,8 +174,8 @@ def test_a_piece_that_makes_no_sense(piece, sentence):
             "turns the body by 5 degrees out of the section's plane, X = 0; let",
         ),
         (Roll(angle_deg=5.0, axis="y"), "turns the body by 5 degrees out of .* about X only"),
-        (Push(time_s=1.0, torque_Nmm=1.0), "holds a force or torque, torque, that does not lie"),
-        (Push(time_s=1.0, tangential_N=(0.1, 0.1)), "holds a force or torque, X, that does not"),
+        (Push(time_s=1.0, torque_Nmm=1.0), "holds a load along torque, which is not in"),
+        (Push(time_s=1.0, tangential_N=(0.1, 0.1)), "holds a load along X, which is not in"),
     ],
 )
 def test_a_section_is_not_turned_out_of_its_plane(piece, sentence):

@@ -18,7 +18,7 @@ from tactile_fem.simulation.measured import check_measured
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.check import miss
-from tactile_fem.study import Stimulus, Study
+from tactile_fem.study import Plate, Stimulus, Study
 
 logger = logging.getLogger(__name__)
 
@@ -111,6 +111,8 @@ def _check_path(
                 f"{what} but must be less than {pad_thickness_mm:.4g}, the finger's thickness "
                 "from skin to bone over the contact point"
             )
+    if parts.body is None and isinstance(study.stimulus, Plate):
+        _check_friction(study.stimulus, path)
     if not plane.is_space:
         _check_section(study, path, plane, parts)
 
@@ -137,6 +139,24 @@ def _check_friction(study: Study, path: Path, mesh: FingerMesh) -> None:
         law.check_covers(np.min(corners, axis=0), np.max(corners, axis=0))
 
 
+def _check_friction(plate: Plate, path: Path) -> None:
+    """Refuse to hold more force along a plate than friction carries."""
+    friction = plate.law().uniform
+    for number, (_, motion) in enumerate(path.plan(), 1):
+        held = motion.held
+        if friction is None or held is None or not {0, 1, NORMAL} <= {*held.components}:
+            continue
+        loads = np.array([held.at(t, np.zeros(len(COMPONENTS))) for t in motion.times_s])
+        along, normal = np.hypot(loads[:, 0], loads[:, 1]), loads[:, NORMAL]
+        worst = int(np.argmax(along - friction * normal))
+        if along[worst] > friction * normal[worst]:
+            raise StudyError(
+                f"protocol.path (entry {number}) holds {along[worst]:.3g} N along the plate with "
+                f"{normal[worst]:.3g} N on it, but friction carries {friction:g} times as much at "
+                "most: hold less, or raise stimulus.friction"
+            )
+
+
 def _check_section(study: Study, path: Path, plane: Plane, parts: Parts) -> None:
     """Refuse a path that leaves the plane of a section, and letters that it does not cut."""
     off = float(np.abs(path.places_mm()[:, plane.outside]).max(initial=0.0))
@@ -156,8 +176,8 @@ def _check_section(study: Study, path: Path, plane: Plane, parts: Parts) -> None
     held = [k for _, motion in path.plan() if motion.held for k in motion.held.components]
     if wrong := [COMPONENTS[k] for k in held if k not in plane.axes]:
         raise StudyError(
-            f"protocol: its path holds a force or torque, {wrong[0]}, that does not lie in the "
-            f"section's plane, {plane.equation}"
+            f"protocol: its path holds a load along {wrong[0]}, which is not in the section's "
+            f"plane, {plane.equation}"
         )
     outlines = [] if parts.body is not None else study.stimulus.outlines()
     boxes = [shape.bounds for shape in outlines]
