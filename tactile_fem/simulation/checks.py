@@ -112,7 +112,7 @@ def _check_path(
                 "from skin to bone over the contact point"
             )
     if parts.body is None and isinstance(study.stimulus, Plate):
-        _check_friction(study.stimulus, path)
+        _check_force_along(study.stimulus, path)
     if not plane.is_space:
         _check_section(study, path, plane, parts)
 
@@ -139,7 +139,7 @@ def _check_friction(study: Study, path: Path, mesh: FingerMesh) -> None:
         law.check_covers(np.min(corners, axis=0), np.max(corners, axis=0))
 
 
-def _check_friction(plate: Plate, path: Path) -> None:
+def _check_force_along(plate: Plate, path: Path) -> None:
     """Refuse to hold more force along a plate than friction carries."""
     friction = plate.law().uniform
     for number, (_, motion) in enumerate(path.plan(), 1):
