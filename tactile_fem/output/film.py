@@ -42,10 +42,10 @@ class Film:
     `stimulator_mm` (frames, 3), seen from the bone, with the rotation vectors `stimulator_rad`
     (frames, 3) if it turns. Frames are sorted by `along` (frames,), with the name and unit `label`:
     those of a scan by their time, at which it has slid by `slid_mm` (frames,). They have `titles`.
-    `quantity` is the name and unit of the values, `top` the upper end of their colours, and `strongest` the number of the
-    frame with the largest deformation.
-    Receptors have deformed places (frames, r, 3) and may have `fired` since the frame before
-    (frames, r), and the names of their `population` (r,).
+    `quantity` is the name and unit of the values, `top` the upper end of their colours, and
+    `strongest` the number of the frame with the largest deformation. Receptors have deformed places
+    (frames, r, 3) and may have `fired` since the frame before (frames, r), and the names of their
+    `population` (r,).
     """
 
     mesh: FingerMesh
