@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from blocks import block_mesh
 from needs import needs_gmsh
 from scripts import DEMOS, SMALL, beside, imports, number, run
 
@@ -50,6 +51,39 @@ def test_slip_spreads_from_the_rim():
     assert steps[0].stuck > steps[-1].stuck
     assert steps[-1].tangential_N == pytest.approx(0.3 * 0.05, rel=0.02)  # all of it slips
     assert end.skin_mm < 1
+
+
+def test_skin_that_turns_with_the_plate_sticks():
+    """Skin within 3 mm of the axis turns with the plate, that from there to 5 mm stays."""
+    from tactile_fem.finger.mesh_data import SURFACES
+    from tactile_fem.path.rotations import matrix
+
+    line = np.linspace(-6, 6, 41)
+    mesh = block_mesh(line, line, np.array([0.0, 1.0]), ["dermis"])
+    middles = np.unique(mesh.facets[mesh.surface == SURFACES["skin"], 3:])
+    distance, turn = np.hypot(*mesh.nodes[:, :2].T), np.array([0.0, 0.0, 0.02])
+    bound = np.zeros_like(mesh.nodes)
+    bound[middles, 2] = distance[middles] < 5
+    before = mesh.nodes @ matrix(5 * turn).T - mesh.nodes
+    with_plate = mesh.nodes @ matrix(6 * turn).T - mesh.nodes
+    now = np.where(distance[:, None] < 3, with_plate, before)
+    with beside(DEMOS / "validation" / "torsion.py"):
+        from torsion import slip_of
+
+        sliding, *rim = slip_of(mesh, before, now, bound, turn)
+        assert slip_of(mesh, before, before, bound, turn)[1] == 1
+        assert slip_of(mesh, before, with_plate, bound, turn)[1] == 0
+    assert sliding == pytest.approx(bound[:, 2] @ distance, rel=1e-12)
+    assert rim == pytest.approx([1 - 9 / 25, 2 / 3 * (125 - 27) / (25 - 9), 2], rel=0.02)
+
+
+@pytest.mark.slow
+def test_torsion(tmp_path):
+    output = run("validation/torsion.py", str(tmp_path / "new"), "--forces", "0.05", *SMALL)
+    assert number(r"0\.05 N: 95% of the torque at ([\d.]+) deg", output) < 10
+    last = table(tmp_path / "new" / "torsion.csv")[-1]
+    assert float(last["torque_Nmm"]) == pytest.approx(float(last["sliding_Nmm"]), rel=0.06)
+    assert (tmp_path / "new" / "torsion.png").stat().st_size > 10_000
 
 
 @pytest.mark.slow
