@@ -173,7 +173,7 @@ def test_a_bone_that_turns_sees_a_ball_turn_the_other_way():
         turn = moment(body) / (joint.moment_per_angle(frequency) + moment(arm))
         exact = K @ (body - turn * arm) + turn * np.cross(axis, force)
         found = hinged.respond(frequency, body)
-        # The contact's linearization leaves out how the traction turns with the normal.
+        # What the linearized contact lacks for an exact turn is some per cent of these small turns.
         np.testing.assert_allclose(found.turn_rad, turn, rtol=0, atol=2e-3)
         np.testing.assert_allclose(found.force_N, exact, rtol=0, atol=0.01 * abs(K).max())
 

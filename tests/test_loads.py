@@ -16,6 +16,7 @@ from sphere_on_block import TWO_TISSUES, sphere_on_block
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.finger.joint import Joint
 from tactile_fem.mechanics.rows import gathered
+from tactile_fem.output.film import _seen_from_bone
 from tactile_fem.path import Path, Press, Push, Twist
 from tactile_fem.path.rotations import matrix, vector
 from tactile_fem.simulation.bone import Bone
@@ -171,6 +172,13 @@ def test_seen_from_the_bone_and_in_space_are_inverse():
     back = bone.in_space(bone.seen_from(pose, 0.2), 0.2)
     np.testing.assert_allclose(back.translation, pose.translation, atol=1e-14)
     np.testing.assert_allclose(vector(back.rotation), [0.1, 0.2, -0.3], atol=1e-14)
+    angle = np.array([0.2, -0.1])
+    places = np.tile(pose.translation, (2, 1))
+    drawn, turns = _seen_from_bone(bone.joint, places, np.tile([0.1, 0.2, -0.3], (2, 1)), angle)
+    for k in range(2):
+        seen = bone.seen_from(pose, angle[k])
+        np.testing.assert_allclose(drawn[k], seen.translation, atol=1e-14)
+        np.testing.assert_allclose(turns[k], vector(seen.rotation), atol=1e-14)
     force, moment = np.array([0.1, -0.2, 1.0]), np.array([0.5, 0.2, -0.1])
     turned, about = bone.load_in_space(force, moment, 0.2)
     centre = bone.joint.centre_mm
