@@ -82,7 +82,7 @@ def study(
     return Study.model_validate(
         {
             "finger": finger,
-            "tissue": {"relaxation": "fingerpad"},
+            "tissue": {"set": "plate", "relaxation": "fingerpad", "viscous_time_s": 0.004},
             "stimulus": {"kind": "plate", "friction": FRICTION},
             "protocol": {"path": [press, settle, *loads]},
             "afferents": afferents(),

@@ -27,6 +27,8 @@ _FIRST_STIFFNESS_N_MM[[NORMAL, JOINT], [JOINT, NORMAL]] = 0.5
 # Contact force and the forces of the tissues differ by what the residual's norm allows.
 _BALANCE_N = 1e-5
 
+# A step that holds loads extrapolates the last one by at most this ratio of their durations.
+_MOST_AT_LOADS = 2.0
 # Share of the largest friction above which the skin is said to slip.
 _SLIPS = 0.95
 # How a solve ended and, if it succeeded, the load at its end.
@@ -84,10 +86,13 @@ class Equilibrium:
         load = self._plane.vectors(force_N), self._plane.moment(moment_Nmm)
         return self.bone.load_in_space(*load, angle_rad) if self.bone else load
 
-    def predict(self, dt_s: float, way_mm: np.ndarray | None = None) -> None:
+    def predict(
+        self, dt_s: float, way_mm: np.ndarray | None = None, *, holds: bool = False
+    ) -> None:
         """Make the initial guess from the change of the displacement in a similar scan.
 
-        Without one the last step is extrapolated, which halves the Newton iterations.
+        Without one the last step is extrapolated, which halves the Newton iterations; if the step
+        `holds` loads, by no more than twice as long.
         """
         state = self._problem.state
         state.reset()
@@ -96,7 +101,15 @@ class Equilibrium:
             state.u.x.array[:] += way_mm
         elif state.dt_old_s:
             u, old, before = state.u.x.array, state.u_old.x.array, state.u_before.x.array
-            u += (dt_s / state.dt_old_s) * (old - before)
+            u += self._ratio(dt_s, holds=holds) * (old - before)
+
+    def _ratio(self, dt_s: float, *, holds: bool) -> float:
+        """Return how much longer the step is than the last one, as far as it is extrapolated.
+
+        Places that a search has found are as inaccurate as the loads.
+        """
+        ratio = dt_s / self._problem.state.dt_old_s
+        return min(ratio, _MOST_AT_LOADS) if holds else ratio
 
     def at_pose(self, pose: Pose, dt_s: float) -> Solved:
         """Solve with the body at `pose`."""
@@ -209,7 +222,7 @@ class Equilibrium:
         state, loads = self._problem.state, self.loads_N()
         x, wanted = self._unknowns(held, path), held.gains_N(loads)
         if state.dt_old_s:
-            ratio = held.dt_s / state.dt_old_s
+            ratio = self._ratio(held.dt_s, holds=True)
             x = x + ratio * (x - self._unknowns(held, path, before=True))
             if self.loads_before_N is not None:
                 wanted -= ratio * np.append(loads - self.loads_before_N, 0.0)[held.indices]

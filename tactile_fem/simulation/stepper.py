@@ -205,7 +205,7 @@ class Stepper:
         dt = target - control.time_s
         begin, end = self._moment(control.time_s), self._moment(target)
         way_mm = self._course.way(begin, end, self._state) if self._course else None
-        equilibrium.predict(dt, way_mm)
+        equilibrium.predict(dt, way_mm, holds=motion.held is not None)
         report, load = self._solve(motion.held or NOTHING, target)
         if load and until_N is not None and self._normal_N(load) > until_N * (1 + TOLERANCE):
             target, report, load = self._solve_press_end(target, load, report, until_N)
