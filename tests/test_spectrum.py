@@ -40,7 +40,7 @@ def made_up() -> Spectrum:
 @pytest.mark.parametrize("name", DRIVES)
 def test_what_a_vibration_has_is_what_its_histories_have(name):
     histories = made_up().histories(0, 0.1, 0.2)
-    without = {"von_mises", "largest_stress", "smallest_stress", "pressure"}
+    without = {"von_mises", "largest_stress", "smallest_stress", "pressure", "directed_stretch"}
     for feels in (name, f"{name}_rate"):
         population = Population("fast", feels=feels)
         assert bool(unfelt(population)) == (name in without)

@@ -6,7 +6,7 @@ import pytest
 
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.errors import StudyError
-from tactile_fem.path.follow import read_places
+from tactile_fem.path.recording import PLACES, read_recording
 from tactile_fem.runtime.text import read_rows, read_text
 from tactile_fem.study.file import load_study
 
@@ -41,15 +41,15 @@ def test_a_study_a_path_and_forces_are_read_in_each_encoding(name, end, tmp_path
     assert read_text(file(STUDY), "it") == STUDY
     study = load_study(file(STUDY))
     assert (study.stimulus.text, study.protocol.depth_mm) == ("FÜ", 0.3)
-    times, places = read_places(file(WAY))
-    assert (times[1], places[1].tolist()) == (1.0, [0, -1.5, 0.5])
+    way = read_recording(file(WAY))
+    assert (way.time_s[1], way.of(PLACES)[1].tolist()) == (1.0, [0, -1.5, 0.5])
     (experiment,) = read_measurements([file(FORCES)])
     assert (experiment.indenter.radius_mm, experiment.mean[0]) == (1.5, 0.037)
 
 
 def test_semicolons_and_decimal_commas_are_those_of_a_spreadsheet(tmp_path):
     file = write(tmp_path / "f.csv", WAY.replace(",", ";").replace(".", ","))
-    assert read_places(file)[1][1].tolist() == [0, -1.5, 0.5]
+    assert read_recording(file).of(PLACES)[1].tolist() == [0, -1.5, 0.5]
     text = "indenter;speed_mm_s;depth_mm;force_N;sd_N\ncylinder radius_mm=1.5;0,2;0,5;0,037;0,01\n"
     (experiment,) = read_measurements([write(file, text)])
     assert (experiment.speed_mm_s, experiment.mean[0]) == (0.2, 0.037)
@@ -67,7 +67,7 @@ def test_another_encoding_is_refused_with_what_helps(tmp_path):
     with pytest.raises(StudyError, match=sentence):
         load_study(file)
     with pytest.raises(StudyError, match="Save it with the encoding UTF-8"):
-        read_places(write(file, WAY + "# ü\n", "cp1252"))
+        read_recording(write(file, WAY + "# ü\n", "cp1252"))
     assert read_text(file, "it", western=True).endswith("# ü\n")
 
 
