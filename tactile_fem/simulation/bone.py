@@ -18,7 +18,7 @@ import numpy as np
 from tactile_fem.finger.joint import Joint
 from tactile_fem.mechanics.terms.inertia import GeneralizedAlpha
 from tactile_fem.path.rotations import matrix
-from tactile_fem.simulation.pose import Pose
+from tactile_fem.simulation.pose import Pose, moment_about
 
 Array = np.ndarray
 _METHOD = GeneralizedAlpha()
@@ -66,7 +66,7 @@ class Bone:
         """Return force and moment about the origin in space, (3,), of those seen from the bone."""
         R, centre = matrix([angle_rad, 0.0, 0.0]), self.joint.centre_mm
         force = R @ force_N
-        moment = R @ (moment_Nmm - np.cross(centre, force_N)) + np.cross(centre, force)
+        moment = R @ moment_about(centre, force_N, moment_Nmm) + np.cross(centre, force)
         return force, moment
 
     def _turned(self, pose: Pose, angle_rad: float) -> Pose:
@@ -100,7 +100,7 @@ class Bone:
             Of the contact, (3,), as seen from the bone; the moment is about the origin.
         """
         joint, now = self.joint, self.moved(angle_rad, dt_s)
-        moment = (moment_Nmm - np.cross(joint.centre_mm, force_N))[0]
+        moment = moment_about(joint.centre_mm, force_N, moment_Nmm)[0]
         held = joint.stiffness_Nmm_rad * angle_rad + joint.damping_Nmms_rad * now.rate_rad_s
         if self.has_inertia:
             held += joint.inertia_Nmms2 * _METHOD.averaged(now.rate_rad_s2, self.rate_rad_s2)

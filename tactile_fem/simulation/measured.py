@@ -14,6 +14,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.path import Follow, Path
 from tactile_fem.path.recording import LOADS, PLACES, TURNS, Recording, read_recording
 from tactile_fem.path.rotations import between, since_first
+from tactile_fem.simulation.pose import moment_about
 from tactile_fem.study import Study
 
 Array = NDArray[np.float64]
@@ -101,7 +102,7 @@ def compare(study: Study, trace: Mapping[str, NDArray[Any]]) -> list[Compared]:
     there, time_s = _columns(places, turns, loads), at_s - clock_s[0] + trace["time_s"][0]
 
     forces, origins = trace["force_N"], trace["stimulator_mm"]
-    torque_Nmm = (trace["moment_Nmm"] - np.cross(origins, forces))[:, 2]
+    torque_Nmm = moment_about(origins, forces, trace["moment_Nmm"])[:, 2]
     places, loads = (
         np.column_stack([np.interp(at_s, clock_s, column) for column in values.T])
         for values in (origins, np.column_stack([forces, torque_Nmm]))

@@ -21,4 +21,9 @@ class Pose:
 
         `moment_Nmm` (3,) is that of the force (3,) about the origin.
         """
-        return np.append(force_N, (moment_Nmm - np.cross(self.translation, force_N))[2])
+        return np.append(force_N, moment_about(self.translation, force_N, moment_Nmm)[2])
+
+
+def moment_about(point_mm: Array, force_N: Array, moment_Nmm: Array) -> Array:
+    """Return moments about points (..., 3) from those about the origin and their forces."""
+    return moment_Nmm - np.cross(point_mm, force_N)

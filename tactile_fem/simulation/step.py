@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_fem.mechanics.load import Load
+from tactile_fem.simulation.pose import moment_about
 from tactile_fem.solvers.report import SolveReport
 
 
@@ -75,7 +76,7 @@ class Step(Load):
     @property
     def torque_Nmm(self) -> float:
         """Torque on the finger about Z through the body's origin."""
-        return float((self.moment_Nmm - np.cross(self.stimulator_mm, self.force_N))[2])
+        return float(moment_about(self.stimulator_mm, self.force_N, self.moment_Nmm)[2])
 
     def __str__(self) -> str:
         """Return one line that describes the step."""
