@@ -18,6 +18,7 @@ from tactile_fem.output.histories import TIME, at_time, turns_at
 from tactile_fem.path.rotations import matrix, to_body, to_space, vector
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.fields import FieldState, read_series
+from tactile_fem.simulation.pose import Pose, turned_with_bone
 from tactile_fem.simulation.results import Results
 from tactile_fem.vibration import Modes
 
@@ -191,10 +192,14 @@ def _seen_from_bone(
     joint: Joint, places_mm: Array, turns_rad: Array | None, angles_rad: Array
 ) -> tuple[Array, Array]:
     """Return places and turns (n, 3) of a body as seen from the bone at angles (n,)."""
-    back = matrix(-np.outer(angles_rad, [1.0, 0.0, 0.0]))
     own = matrix(np.zeros_like(places_mm) if turns_rad is None else turns_rad)
-    places = joint.centre_mm + np.einsum("nij,nj->ni", back, places_mm - joint.centre_mm)
-    return places, np.array([vector(turn) for turn in back @ own])
+    seen = [
+        turned_with_bone(Pose(*pose), joint, -angle)
+        for *pose, angle in zip(places_mm, own, angles_rad, strict=True)
+    ]
+    return np.array([pose.translation for pose in seen]), np.array(
+        [vector(pose.rotation) for pose in seen]
+    )
 
 
 def _drawn_mesh(

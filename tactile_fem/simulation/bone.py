@@ -18,7 +18,7 @@ import numpy as np
 from tactile_fem.finger.joint import Joint
 from tactile_fem.mechanics.terms.inertia import GeneralizedAlpha
 from tactile_fem.path.rotations import matrix
-from tactile_fem.simulation.pose import Pose, moment_about
+from tactile_fem.simulation.pose import Pose, moment_about, turned_with_bone
 
 Array = np.ndarray
 _METHOD = GeneralizedAlpha()
@@ -54,11 +54,11 @@ class Bone:
 
     def seen_from(self, pose: Pose, angle_rad: float) -> Pose:
         """Return a pose in space as seen from the bone at an angle."""
-        return self._turned(pose, -angle_rad)
+        return turned_with_bone(pose, self.joint, -angle_rad)
 
     def in_space(self, pose: Pose, angle_rad: float) -> Pose:
         """Return where a pose seen from the bone at an angle is in space."""
-        return self._turned(pose, angle_rad)
+        return turned_with_bone(pose, self.joint, angle_rad)
 
     def load_in_space(
         self, force_N: Array, moment_Nmm: Array, angle_rad: float
@@ -68,10 +68,6 @@ class Bone:
         force = R @ force_N
         moment = R @ moment_about(centre, force_N, moment_Nmm) + np.cross(centre, force)
         return force, moment
-
-    def _turned(self, pose: Pose, angle_rad: float) -> Pose:
-        R, centre = matrix([angle_rad, 0.0, 0.0]), self.joint.centre_mm
-        return Pose(centre + R @ (pose.translation - centre), R @ pose.rotation)
 
     def moved(self, angle_rad: float, dt_s: float) -> Bone:
         """Return the bone at an angle, `dt_s` later."""

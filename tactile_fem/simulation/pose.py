@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactile_fem.finger.joint import Joint
+from tactile_fem.path.rotations import matrix
+
 Array = np.ndarray
 
 
@@ -22,6 +25,12 @@ class Pose:
         `moment_Nmm` (3,) is that of the force (3,) about the origin.
         """
         return np.append(force_N, moment_about(self.translation, force_N, moment_Nmm)[2])
+
+
+def turned_with_bone(pose: Pose, joint: Joint, angle_rad: float) -> Pose:
+    """Return a pose that turns about a joint by an angle as the bone does."""
+    R, centre = matrix([angle_rad, 0.0, 0.0]), joint.centre_mm
+    return Pose(centre + R @ (pose.translation - centre), R @ pose.rotation)
 
 
 def moment_about(point_mm: Array, force_N: Array, moment_Nmm: Array) -> Array:
