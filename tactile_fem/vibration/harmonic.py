@@ -13,11 +13,12 @@ complex moduli of the tissues at their present strain.
 
 The contact stays that of the state: what touches goes on touching and what does not stays free;
 what sticks goes on sticking, and what slides goes on in its direction with Coulomb's friction. With
-`m` the motion of the skin relative to the body, ``dt`` the change of the tissue's traction and `H`
-the curvature of the body,
+`m` the motion of the skin relative to the body, ``dt`` the change of the tissue's traction `t` and
+`H` the curvature of the body,
 
-    ds_n = c (dt.nu - gamma_h m.nu),    dnu = H m                    where s_n > 0
-    ds_t = (dt - gamma_h m)_t                                        where it sticks
+    ds = ds_n nu + s_n dnu + ds_t - (s_t.dnu) nu,    dnu = H m       where s_n > 0
+    ds_n = c (dt.nu + t.dnu - gamma_h m.nu)
+    ds_t = (dt - gamma_h m)_t - (t.nu) dnu                           where it sticks
     ds_t = (d(mu s_n)/ds_n) ds_n s_t/|s_t|                           where it slides
 
 `c` is 1 but where the onset of contact is regularized. `mu` is that of the last step's slip speed
@@ -331,13 +332,15 @@ class _Touch:
     slope: fem.Function  # how the bound of friction grows with the pressure
     closed: fem.Function  # how it grows with what it would be without regularization, 0 to 1
     friction: fem.Function  # MPa
+    traction: fem.Function  # of the tissue, MPa
 
     @classmethod
     def of(cls, problem: Problem) -> _Touch:
         """Read it at the accepted state, the coefficient of friction at the end of its step."""
         contact, obstacle = problem.contact, problem.contact.obstacle
         scalars = [obstacle.quadrature_function(()) for _ in range(4)]
-        touch = cls(*scalars, obstacle.quadrature_function(obstacle.u.ufl_shape))
+        vectors = [obstacle.quadrature_function(obstacle.u.ufl_shape) for _ in range(2)]
+        touch = cls(*scalars, *vectors)
 
         def read(function: fem.Function, of: Callable[[SkinPart], Expr]) -> None:
             found = contact.at_points(of).read()
@@ -350,6 +353,7 @@ class _Touch:
         read(touch.pressure, lambda part: part.law.s_n)
         read(touch.closed, lambda part: part.law.closed())
         read(touch.friction, lambda part: _transmitted(part.law))
+        read(touch.traction, lambda part: part.law.t)
         return touch
 
     def change(self, law: ContactLaw, dt: Expr, motion: Expr) -> Expr:
@@ -359,13 +363,14 @@ class _Touch:
         body, mm.
         """
         nu, stiffness = law.obstacle.normal, law.stiffness
-        q = dt - stiffness * motion
-        ds_n = self.closed * ufl.dot(q, nu)
+        q, dnu = dt - stiffness * motion, law.obstacle.hessian * motion
+        ds_n = self.closed * (ufl.dot(q, nu) + ufl.dot(self.traction, dnu))
         size = ufl.sqrt(ufl.dot(self.friction, self.friction) + _TINY_MPa**2)
         slides = ufl.ge(size, _SLIDING_SHARE * self.coefficient * self.pressure)
         follows = self.slope * ds_n * self.friction / size
-        ds_t = ufl.conditional(slides, follows, law.tangential(q))
-        ds = ds_n * nu + self.pressure * (law.obstacle.hessian * motion) + ds_t
+        sticks = law.tangential(q) - ufl.dot(self.traction, nu) * dnu
+        ds_t = ufl.conditional(slides, follows, sticks) - ufl.dot(self.friction, dnu) * nu
+        ds = ds_n * nu + self.pressure * dnu + ds_t
         return ufl.conditional(ufl.gt(self.pressure, 0.0), ds, 0.0 * ds)
 
 
