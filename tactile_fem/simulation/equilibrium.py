@@ -13,7 +13,7 @@ from tactile_fem.path.loads import NORMAL
 from tactile_fem.simulation.bone import Bone
 from tactile_fem.simulation.control import ForceSearch
 from tactile_fem.simulation.held import JOINT, SCALES, Held
-from tactile_fem.simulation.load_search import LoadSearch
+from tactile_fem.simulation.load_search import LoadSearch, way_to
 from tactile_fem.simulation.pose import Pose
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.report import SolveReport
@@ -227,7 +227,7 @@ class Equilibrium:
             if self.loads_before_N is not None:
                 wanted -= ratio * np.append(loads - self.loads_before_N, 0.0)[held.indices]
         stiffness = self.stiffness_N_mm[np.ix_(held.indices, held.indices)]
-        return x + LoadSearch(x, stiffness, self._longest_mm).way_to(wanted)
+        return x + way_to(wanted, stiffness, self._longest_mm)
 
     def _unknowns(self, held: Held, path: Pose, *, before: bool = False) -> np.ndarray:
         """Return the unknowns after the last accepted step, or after that `before` it, (k,)."""

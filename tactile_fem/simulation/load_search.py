@@ -51,14 +51,8 @@ class LoadSearch:
         self._last = x, excess_N
         if np.linalg.norm(excess_N) <= TOLERANCE * scale_N:
             return True
-        self.x = x + self.way_to(-excess_N)
+        self.x = x + way_to(-excess_N, self.stiffness, self.longest_mm)
         return False
-
-    def way_to(self, gain_N: Array) -> Array:
-        """Return a way of the body that changes the loads by so much, at most the longest one."""
-        way_mm: Array = np.linalg.lstsq(self.stiffness, gain_N, rcond=1e-6)[0]
-        length = float(np.linalg.norm(way_mm))
-        return way_mm * min(1.0, self.longest_mm / length) if length else way_mm
 
     def _learn(self, way_mm: Array, gained_N: Array) -> None:
         if square := float(way_mm @ way_mm):
@@ -74,3 +68,10 @@ class LoadSearch:
     def has_failed(self) -> bool:
         """Whether it has taken too many solves."""
         return self.solves >= _MOST_SOLVES
+
+
+def way_to(gain_N: Array, stiffness: Array, longest_mm: float) -> Array:
+    """Return a way of the body that changes the loads by so much, at most the longest one, (k,)."""
+    way_mm: Array = np.linalg.lstsq(stiffness, gain_N, rcond=1e-6)[0]
+    length = float(np.linalg.norm(way_mm))
+    return way_mm * min(1.0, longest_mm / length) if length else way_mm
