@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from tactile_fem.errors import StudyError
 from tactile_fem.path.loads import HeldLoads
-from tactile_fem.path.motion import Array, Motion, MotionFrom, multiples
+from tactile_fem.path.motion import Array, Motion, multiples
 from tactile_fem.path.pieces import Piece
 from tactile_fem.path.recording import LOADS, PLACES, TURNS, Recording, read_recording
 from tactile_fem.path.rotations import angle_rad, since_first
@@ -41,35 +41,40 @@ class Follow(Piece):
         None, description="time between two outputs; not set: a hundredth of the whole"
     )
 
+    _known: Recording | None = PrivateAttr(None)
+
+    @property
+    def _recorded(self) -> Recording:
+        """What the file held when the piece was resolved, or holds now."""
+        return self._known or read_recording(self.file)
+
     def first_place(self) -> Array:
         """Return the first place, (3,) in mm."""
-        return read_recording(self.file).of(PLACES)[0]
+        return self._recorded.of(PLACES)[0]
 
     def first_turn(self) -> Array:
         """Return the first rotation vector, (3,) in rad."""
-        return np.radians(read_recording(self.file).of(TURNS)[0])
+        return np.radians(self._recorded.of(TURNS)[0])
 
-    def resolved(self, deepest_mm: float) -> MotionFrom:
-        """Return the motion through the places that the file holds now."""
-        recorded = read_recording(self.file)
+    def resolved(self, deepest_mm: float) -> Follow:
+        """Return the piece with what the file holds now."""
+        known = self.model_copy()
+        known._known = read_recording(self.file)
+        return known
+
+    def motion(self, start_mm: Array) -> Motion:
+        """Return the motion, shifted to begin at the start."""
+        recorded = self._recorded
         times, places = recorded.time_s - recorded.time_s[0], recorded.of(PLACES)
         held, turns = self._held(recorded, times), self._turns(recorded)
         shifts = places - places[0]
         outputs = multiples(self.output_s or _OUTPUT_SHARE * times[-1], times[-1])
 
-        def motion(start_mm: Array) -> Motion:
-            def place(t: float) -> Array:
-                return start_mm + _at(t, times, shifts)
+        def place(t: float) -> Array:
+            return start_mm + _at(t, times, shifts)
 
-            turn = None if turns is None else lambda t: _at(t, times, turns)
-            end_s = float(times[-1])
-            return Motion("follow", end_s, place, outputs, times, held=held, turn=turn)
-
-        return motion
-
-    def motion(self, start_mm: Array) -> Motion:
-        """Return the motion, shifted to begin at the start."""
-        return self.resolved(np.inf)(start_mm)
+        turn = None if turns is None else lambda t: _at(t, times, turns)
+        return Motion("follow", float(times[-1]), place, outputs, times, held=held, turn=turn)
 
     def _turns(self, recorded: Recording) -> Array | None:
         """Return rotation vectors in rad since the first row, (n, 3); None without a turn."""

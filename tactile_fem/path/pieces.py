@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from tactile_fem.errors import StudyError
 from tactile_fem.path.loads import HeldLoads
-from tactile_fem.path.motion import Array, Motion, MotionFrom, multiples, straight
+from tactile_fem.path.motion import Array, Motion, multiples, straight
 from tactile_fem.runtime.settings import Finite, Kind, Positive, Settings
 
 _STEPS_PER_PERIOD = 24
@@ -41,7 +41,7 @@ class Piece(Kind):
         """Return the body's rotation vector then, (3,) in rad."""
         return np.zeros(3)
 
-    def resolved(self, deepest_mm: float) -> MotionFrom:
+    def resolved(self, deepest_mm: float) -> Piece:
         """Return the piece with what its keys leave open, such as the content of a file.
 
         A press to a force is given up at `deepest_mm`.

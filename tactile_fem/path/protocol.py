@@ -79,7 +79,6 @@ class Protocol(Either):
             A file cannot be read, or the path is not valid.
         """
         pieces = tuple(piece.resolved(deepest_mm) for piece in self.pieces)
-        first = self.pieces[0]
-        path = Path(pieces, first.first_place(), first.first_turn())
+        path = Path(pieces, pieces[0].first_place(), pieces[0].first_turn())
         path.check()
         return path
