@@ -1,0 +1,1 @@
+"""People: predictions with their spread between fingers."""
