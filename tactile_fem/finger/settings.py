@@ -11,6 +11,14 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger.plane import PLANES, SPACE, Plane
 from tactile_fem.runtime.settings import Either, File, Finite, NonNegative, Positive, Whole
 
+# Lengths of one finger relative to another's of the same shape, but for skin, nail's thickness and
+# ridges: thickness of skin hardly follows the size of a hand (proposed).
+_OF_SIZE = (
+    *("half_width_mm", "palmar_height_mm", "dorsal_height_mm", "tip_length_mm"),
+    *("straight_length_mm", "contact_from_tip_mm", "pad_radius_mm", "subcutaneous_mm"),
+    *("bone_half_width_mm", "bone_half_height_mm", "bone_tip_gap_mm"),
+    *("nail_width_mm", "nail_length_mm", "pad_size_mm", "far_size_mm"),
+)
 # Of a section, for each mm of its width: the 0.6 N of the paper over 10 mm, as a contact is wide.
 _SECTION_FORCE_N_MM = 0.06
 
@@ -224,6 +232,19 @@ class FingerSettings(Either):
             raise StudyError(f'finger.kind is "section" but must be "solid" for {purpose}.')
 
     # --- its lengths -----------------------------------------------------------------------------
+
+    def size_keys(self) -> list[tuple[str, ...]]:
+        """Return the keys of the lengths that a larger finger of the same shape has larger.
+
+        Edges of elements are among them if they are given. A file of the skin or bone is scaled by
+        its unit, with the contact point in it; a mesh from a file has no such keys.
+        """
+        given = self.model_dump(exclude_none=True)
+        keys: list[tuple[str, ...]] = [(name,) for name in _OF_SIZE if name in given]
+        if self.is_scanned:
+            keys.append(("file_unit_mm",))
+            keys += [("contact_mm", str(k)) for k in range(3) if self.contact_mm]
+        return keys
 
     @property
     def skin_thickness_mm(self) -> float:
