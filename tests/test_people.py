@@ -10,7 +10,7 @@ import pytest
 from synthetic import make_results, make_trace
 
 from tactile_fem import Ensemble
-from tactile_fem.calibration.parameters import Parameter, powers_of
+from tactile_fem.calibration.parameters import Parameter, powers_of, with_values
 from tactile_fem.calibration.posterior import Posterior
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
@@ -25,11 +25,10 @@ from tactile_fem.study.people import PRIORS
 # --- names ---------------------------------------------------------------------------------------
 
 
-def test_the_size_of_a_finger_is_that_of_all_its_lengths_but_skin():
+def test_the_size_of_a_finger_is_that_of_all_its_lengths_but_ridges():
     keys = {key for _, key in powers_of("finger.size", Study())}
     lengths = {key for key in Study().finger.model_dump() if key.endswith("_mm")}
-    other = {"stratum_corneum_mm", "epidermis_mm", "dermis_mm", "nail_thickness_mm", "smooth_mm"}
-    other |= {"file_unit_mm", "contact_mm", "pad_size_mm", "far_size_mm"}
+    other = {"smooth_mm", "file_unit_mm", "contact_mm", "pad_size_mm", "far_size_mm"}
     assert keys == {key for key in lengths - other if not key.startswith(("ridge", "papilla"))}
     meshed = Study(finger=Finger(pad_size_mm=2.0))
     assert ("finger", "pad_size_mm") in powers_of("finger.size", meshed)
@@ -96,6 +95,13 @@ def test_what_a_study_does_not_have_does_not_vary(small_finger):
         "SA1.threshold_mV",
     ]
     assert set(Varied.of(Study()).parameters) == {*PRIORS, "SA1.gain", "SA1.threshold_mV"}
+
+
+def test_a_layer_takes_its_room_from_the_tissue_below():
+    layer = Parameter("finger.dermis", powers_of("finger.dermis", Study()), 1.2)
+    finger = with_values(Study(), [layer], [0.02]).finger
+    assert finger.dermis_mm == pytest.approx(0.8 * np.exp(0.02))
+    assert finger.pad_thickness_mm == pytest.approx(Study().finger.pad_thickness_mm, abs=2e-4)
 
 
 # --- distributions -------------------------------------------------------------------------------

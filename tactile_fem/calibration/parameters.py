@@ -101,7 +101,7 @@ def value_at(study: Study, keys: Sequence[str]) -> Any:
 
 def is_of_file(study: Study, keys: Sequence[str]) -> bool:
     """Return whether a file of the finger takes the place of a value."""
-    return keys[0] == "finger" and keys[1] not in study.finger.model_dump()
+    return keys[0] == "finger" and len(keys) > 1 and keys[1] not in study.finger.model_dump()
 
 
 def _entry(entries: Sequence[Any], key: str) -> Any:
@@ -140,10 +140,11 @@ def powers_of(name: str, study: Study, tables: Collection[str] = Study.model_fie
     """Return the values of a study that a name stands for, and their powers.
 
     It is a tissue (all its moduli), ``skin`` (those of stratum corneum, epidermis and dermis),
-    ``finger.size`` (lengths of the finger, but not of its layers of skin), ``stimulus.friction``
-    (the coefficients of its law), the ``gain`` of a population, such as ``SA1.gain``, or any
-    number above 0 by its keys: ``finger.pad_radius_mm``. Before a tissue ``tissue.`` may be left
-    out, before a constant of a population's neuron all but the name of the population.
+    ``finger.size`` (its lengths, but not of its ridges), a layer of skin such as ``finger.dermis``
+    (its thickness, for which subcutaneous tissue makes room), ``stimulus.friction`` (the
+    coefficients of its law), the ``gain`` of a population, such as ``SA1.gain``, or any number
+    above 0 by its keys: ``finger.pad_radius_mm``. Before a tissue ``tissue.`` may be left out,
+    before a constant of a population's neuron all but the name of the population.
 
     Parameters
     ----------
@@ -161,11 +162,13 @@ def powers_of(name: str, study: Study, tables: Collection[str] = Study.model_fie
         return groups[name]
     keys = _keys_of(name, study)
     value = value_at(study, keys) if keys[0] in tables else None
-    is_size = name == "finger.size" and name in groups
-    if (value is None and not is_size) or isinstance(value, BaseModel):
+    of_file = keys[0] == "finger" and (
+        name in groups or (value is not None and is_of_file(study, keys))
+    )
+    if (value is None and not of_file) or isinstance(value, BaseModel):
         known = [*filter(groups.get, groups), *_numbers(study, tables)]
         raise StudyError(f"{name}: there is no such value; {suggestion(name, known)}")
-    if is_size or is_of_file(study, keys):
+    if of_file:
         raise StudyError(f"{name}: it has no effect on a finger that comes from a file.")
     if isinstance(value, int) and not isinstance(value, bool):
         raise StudyError(f"{name}: it is a whole number, which cannot be varied.")
@@ -189,6 +192,9 @@ def _groups(study: Study) -> Iterator[tuple[str, Powers]]:
         "finger.size",
         dict.fromkeys((("finger", *keys) for keys in study.finger.size_keys()), 1.0),
     )
+    for layer in _SKIN:
+        powers = study.finger.layer_powers(layer)
+        yield f"finger.{layer}", {("finger", *key): power for key, power in powers.items()}
     if isinstance(law := study.stimulus.friction, Friction):
         yield (
             "stimulus.friction",

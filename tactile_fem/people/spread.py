@@ -80,7 +80,7 @@ class Varied:
             parameters[name] = _parameter(name, spread, middle)
             spreads[name] = spread
         _add_shipped(parameters, spreads, middle)
-        _check_fixed(asked.fixed, parameters)
+        _check_fixed(asked.fixed, parameters, _shipped(middle))
         correlation = np.empty((0, 0)) if posterior is None else posterior.correlation
         return cls(middle, parameters, spreads, frozenset(asked.fixed), correlation)
 
@@ -153,7 +153,8 @@ def _add_shipped(
         except StudyError as error:
             logger.info("the same in all people: %s", error)
             continue
-        if name not in parameters and not parameter.powers.keys() <= varied:
+        own = {keys for keys, power in parameter.powers.items() if power > 0}
+        if name not in parameters and not own <= varied:
             parameters[name], spreads[name] = parameter, spread
 
 
@@ -166,11 +167,11 @@ def _shipped(study: Study) -> dict[str, float]:
     return {**PRIORS, **of_neurons}
 
 
-def _check_fixed(fixed: tuple[str, ...], parameters: Mapping[str, Parameter]) -> None:
+def _check_fixed(
+    fixed: tuple[str, ...], parameters: Mapping[str, Parameter], shipped: Mapping[str, float]
+) -> None:
     for name in fixed:
-        if name not in parameters:
-            raise StudyError(
-                f"people.fixed: {name} varies in no case; {suggestion(name, parameters)}"
-            )
+        if name not in (known := {**parameters, **shipped}):
+            raise StudyError(f"people.fixed: {name} varies in no case; {suggestion(name, known)}")
     if not parameters.keys() - set(fixed):
         raise StudyError("people.fixed holds all that varies: leave something out of it.")

@@ -17,10 +17,10 @@ MOST_SD = 5.0
 # their product meets what is measured of people: forces on a plate and a sphere, see
 # demos/pages/how/truth.md.
 # - size: length of the index finger 63.9 (4.1) mm (Chatzioglou and Govsa 2024, 51 adults), 6.4 %;
-#   hand breadths differ by 7 to 8 % (from memory).
-# - thickness: of the stratum corneum 20 to 27 %, of the living epidermis 19 to 20 % between 71
-#   people (Sandby-Moller et al. 2003, DOI 10.1080/00015550310015419; hairy skin, as of the
-#   fingertip none was found). Dermis proposed.
+#   hand breadths differ by 7 to 8 % (from memory). Layers of skin follow it.
+# - thickness beyond that by size: of the stratum corneum 20 to 27 %, of the living epidermis 19 to
+#   20 % between 71 people (Sandby-Moller et al. 2003, DOI 10.1080/00015550310015419; hairy skin, as
+#   of the fingertip none was found). Dermis proposed.
 # - pad's radius beyond that by size: proposed.
 # - moduli: proposed. Measured ones of the stratum corneum alone go from 1 to 2 MPa (Geerligs 2011),
 #   those of subcutaneous tissue from 0.005 to 0.034 MPa (Gerling 2014, Maeno 1998).
@@ -28,9 +28,9 @@ MOST_SD = 5.0
 PRIORS = {
     "finger.size": 1.075,
     "finger.pad_radius_mm": 1.15,
-    "finger.stratum_corneum_mm": 1.25,
-    "finger.epidermis_mm": 1.2,
-    "finger.dermis_mm": 1.2,
+    "finger.stratum_corneum": 1.25,
+    "finger.epidermis": 1.2,
+    "finger.dermis": 1.2,
     "skin": 1.4,
     "subcutaneous": 1.4,
     "stimulus.friction": 1.45,
