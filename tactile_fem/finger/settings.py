@@ -254,7 +254,7 @@ class FingerSettings(Either):
         Subcutaneous tissue does, so that the bone stays where it is (to first order).
         """
         given, key, below = self.model_dump(), f"{layer}_mm", "subcutaneous_mm"
-        powers = {(key,): 1.0} if key in given else {}
+        powers: dict[tuple[str, ...], float] = {(key,): 1.0} if key in given else {}
         if powers and below in given:
             powers[below,] = -getattr(self, key) / self.subcutaneous_mm
         return powers
