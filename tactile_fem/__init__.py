@@ -10,6 +10,7 @@ compute mechanics:
 - ``Experiment``, ``read_measurements``: what ``fit`` takes.
 - ``ScanResult``, ``Trace``, ``Spectrum``, ``Calibration``: what they return; ``Observation``: what
   an observer of a scan is given.
+- ``Ensemble``: people in a folder, see `tactile_fem.people`.
 - ``preview``: finger and stimulator before a scan; ``Results``, ``draw``: the results folder and
   its figures; ``SurfaceFields``: fields on the skin.
 - ``Parts`` and what it takes: ``Finger.mesh`` makes a ``FingerMesh``, a ``Law`` is a tissue, a
@@ -21,7 +22,8 @@ compute mechanics:
   ``TactileError``.
 - ``run_script``: the program around a script's ``main``; ``write_table``: a CSV file.
 
-The lists of `tactile_fem.study`, `tactile_fem.neuron` and `tactile_fem.series` are public too.
+The lists of `tactile_fem.study`, `tactile_fem.neuron`, `tactile_fem.series` and
+`tactile_fem.people` are public too.
 Everything else may change from release to release.
 """
 
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
     from tactile_fem.output.figures import draw
     from tactile_fem.output.preview import preview
     from tactile_fem.path import Motion, Path, Piece
+    from tactile_fem.people import Ensemble
     from tactile_fem.runtime.files import write_table
     from tactile_fem.simulation.parts import Parts
     from tactile_fem.simulation.results import Results
@@ -73,6 +76,7 @@ __all__ = [
     "ConvergenceError",
     "Distance",
     "Embossed",
+    "Ensemble",
     "Experiment",
     "FastSolver",
     "FingerMesh",
@@ -123,6 +127,7 @@ _MODULES = {
     "neuron": ("Population",),
     "output.figures": ("draw",),
     "output.preview": ("preview",),
+    "people": ("Ensemble",),
     "path": ("Motion", "Path", "Piece"),
     "runtime.files": ("write_table",),
     "simulation.parts": ("Parts",),

@@ -29,6 +29,7 @@ _STARTS = {
     "mesh": " -o new.msh",
     "sweep": " --over protocol.depth_mm=1,2",
     "fibre": "",
+    "people": " --number 2",
 }
 _SPEED = (
     'afferents.fast.feels: There is no drive "speed"; there are sed, von_mises, largest_stretch, '

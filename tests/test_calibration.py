@@ -123,7 +123,7 @@ def test_a_tissue_that_relaxes_scales_as_well():
         ("epidermis.C20_MPa", "it is 0.0 but must be a number above 0."),
         ("skin:0.5", 'the factor is "0.5" but must be a number above 1.'),
         ("skin:x", 'the factor is "x" but must be a number above 1.'),
-        ("finger.epidermis_rows", "it is a whole number, which a fit cannot change."),
+        ("finger.epidermis_rows", "it is a whole number, which cannot be varied."),
         ("finger.papillae_aligned", "it is True but must be a number above 0."),
         ("finger.preset", "it is coarse but must be a number above 0."),
     ],

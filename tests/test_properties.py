@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import respond
-from tactile_fem.study import Afferents, Joint, Neuron, Stimulus, Study
+from tactile_fem.study import Afferents, Joint, Neuron, People, Stimulus, Study
 from tactile_fem.study.file import dump_study, load_study
 
 # The same examples in every run, on however slow a machine.
@@ -47,10 +47,9 @@ VALUES = st.recursive(
 def keys_of(section: str) -> list[str]:
     if section == "stimulus":
         return sorted({key for kind in Stimulus.kinds.values() for key in kind.model_fields})
-    if section == "joint":  # by default there is none
-        return list(Joint.model_fields)
-    model: type[BaseModel] = type(getattr(Study(), section))
-    return list((Afferents if section == "afferents" else model).model_fields)
+    absent: dict[str, type[BaseModel]]  # by default
+    absent = {"joint": Joint, "people": People, "afferents": Afferents}
+    return list(absent.get(section, type(getattr(Study(), section))).model_fields)
 
 
 def tables(section: str) -> st.SearchStrategy[Any]:

@@ -39,7 +39,7 @@ def test_only_computing_needs_dolfinx():
     without = [
         *("Study", "load_study", "Results", "draw", "Population", "Path", "Motion", "Piece"),
         *("RigidBody", "Distance", "Embossed", "Stimulus", "run_script", "write_table"),
-        "preview",
+        *("Ensemble", "preview"),
     ]
     assert not loaded_by(f"from tactile_fem import {', '.join(without)}") & {"dolfinx", "mpi4py"}
 

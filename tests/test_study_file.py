@@ -12,6 +12,7 @@ from tactile_fem.study import (
     Afferents,
     Finger,
     Joint,
+    People,
     Protocol,
     Stimulus,
     Study,
@@ -38,10 +39,11 @@ def test_the_template_is_the_papers_study_as_it_is_and_with_every_line_in_force(
 
 def test_the_template_mentions_every_key():
     template = commented_template()
-    sections = set(Study.model_fields) - {"afferents", "joint"}
+    sections = set(Study.model_fields) - {"afferents", "joint", "people"}
     models = [
         *(type(getattr(Study(), name)) for name in sections),
         Joint,
+        People,
         *Stimulus.kinds.values(),
         Afferents,
     ]

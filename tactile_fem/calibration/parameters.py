@@ -1,17 +1,18 @@
-"""What a fit may change: constants of the tissues, lengths of the finger."""
+"""Values of a study that are multiplied by factors: by a fit, or from person to person."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from tactile_fem.errors import StudyError
+from tactile_fem.stimulus import Friction
 from tactile_fem.study import Study
 from tactile_fem.study.explain import explain, suggestion
 
@@ -25,25 +26,29 @@ DEFAULT_PARAMETERS = (
     "subcutaneous.D1_per_MPa",
 )
 _FACTOR = 3.0  # of a parameter for which none is given
+# Tables of a study that a fit may change: its presses depend on no others.
+_FITTED = ("tissue", "finger")
+
+Powers = Mapping[tuple[str, ...], float]
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a fit: the logarithm x of a factor, 0 at the study's values.
+    """The logarithm x of a factor, 0 at the study's values.
 
     Attributes
     ----------
     name
         As the user writes it.
     powers
-        Section and key in the study of each value that it changes, and the power: the value times
-        ``exp(power x)``.
+        Keys in the study of each value that it changes, and the power: the value times
+        ``exp(power x)``. A population is called by its name, an entry of a list by its number.
     factor
         Expected ratio to the study's value before any measurement, at one standard deviation.
     """
 
     name: str
-    powers: Mapping[tuple[str, ...], float]
+    powers: Powers
     factor: float
 
     @property
@@ -63,8 +68,13 @@ class Parameter:
 
     @property
     def unit(self) -> str:
-        """Unit of its value; a factor of several constants multiplies moduli."""
-        return unit_of(*self.powers) if len(self.powers) == 1 else "times its moduli"
+        """Unit of its value; a factor of several values multiplies moduli or lengths."""
+        return unit_of(*self.powers) if len(self.powers) == 1 else f"times its {self.multiplied}"
+
+    @property
+    def multiplied(self) -> str:
+        """What a factor of several values multiplies."""
+        return "moduli" if self.of_tissue else "lengths"
 
     def value(self, study: Study) -> float:
         """Return its value in a study; 1 for a factor of several constants."""
@@ -81,17 +91,31 @@ def value_at(study: Study, keys: Sequence[str]) -> Any:
     """Return a value of a study; None if there is none."""
     found: Any = study
     for key in keys:
-        fields = getattr(type(found), "model_fields", ())
-        found = getattr(found, key) if key in fields else None
+        if isinstance(found, tuple):
+            found = _entry(found, key)
+        else:
+            fields = getattr(type(found), "model_fields", ())
+            found = getattr(found, key) if key in fields else None
     return found
 
 
-def parse_parameter(text: str, study: Study) -> Parameter:
-    """Return the parameter ``name`` or ``name:factor``.
+def is_of_file(study: Study, keys: Sequence[str]) -> bool:
+    """Return whether a file of the finger takes the place of a value."""
+    return keys[0] == "finger" and len(keys) > 1 and keys[1] not in study.finger.model_dump()
 
-    Its name is a tissue (all its moduli), ``skin`` (those of stratum corneum, epidermis and
-    dermis), a constant such as ``subcutaneous.C20_MPa``, or a length such as
-    ``finger.pad_radius_mm``.
+
+def _entry(entries: Sequence[Any], key: str) -> Any:
+    """Return an entry of a list by its name or its number; None if there is none."""
+    for entry in entries:
+        if (entry.get("name") if isinstance(entry, dict) else getattr(entry, "name", None)) == key:
+            return entry
+    return entries[int(key)] if key.isdecimal() and int(key) < len(entries) else None
+
+
+def parse_parameter(text: str, study: Study) -> Parameter:
+    """Return the parameter ``name`` or ``name:factor`` of a fit.
+
+    Its name is one of `powers_of` in the tables ``tissue`` and ``finger``.
 
     Raises
     ------
@@ -106,30 +130,105 @@ def parse_parameter(text: str, study: Study) -> Parameter:
         factor = math.nan
     if not (math.isfinite(factor) and factor > 1):
         raise StudyError(f'parameter {text}: the factor is "{given}" but must be a number above 1.')
-    if name == "skin" or name in _TISSUES:
-        tissues = _SKIN if name == "skin" else (name,)
-        powers: dict[tuple[str, ...], float] = {
-            ("tissue", tissue, key): float(power)  # 1 of a modulus, -1 of an inverse
-            for tissue in tissues
-            for key, power in getattr(study.tissue, tissue).moduli().items()
-        }
-        return Parameter(name, powers, factor)
-    section, _, key = name.rpartition(".")
-    keys = (section, key) if section == "finger" else ("tissue", section, key)
-    value = value_at(study, keys)
-    if section == "finger" and value is not None and key not in study.finger.model_dump():
-        raise StudyError(f"parameter {name}: it has no effect on a finger that comes from a file.")
+    try:
+        return Parameter(name, powers_of(name, study, _FITTED), factor)
+    except StudyError as error:
+        raise StudyError(f"parameter {error}") from None
+
+
+def powers_of(name: str, study: Study, tables: Collection[str] = Study.model_fields) -> Powers:
+    """Return the values of a study that a name stands for, and their powers.
+
+    It is a tissue (all its moduli), ``skin`` (those of stratum corneum, epidermis and dermis),
+    ``finger.size`` (its lengths, but not of its ridges), a layer of skin such as ``finger.dermis``
+    (its thickness, for which subcutaneous tissue makes room), ``stimulus.friction`` (the
+    coefficients of its law), the ``gain`` of a population, such as ``SA1.gain``, or any number
+    above 0 by its keys: ``finger.pad_radius_mm``. Before a tissue ``tissue.`` may be left out,
+    before a constant of a population's neuron all but the name of the population.
+
+    Parameters
+    ----------
+    tables
+        Tables of the study in which it may lie.
+
+    Raises
+    ------
+    StudyError
+        There is no such value in these tables, or it is not a positive number; the sentence begins
+        with the name.
+    """
+    groups = {key: powers for key, powers in _groups(study) if {k[0] for k in powers} <= {*tables}}
+    if groups.get(name):
+        return groups[name]
+    keys = _keys_of(name, study)
+    value = value_at(study, keys) if keys[0] in tables else None
+    of_file = keys[0] == "finger" and (
+        name in groups or (value is not None and is_of_file(study, keys))
+    )
+    if (value is None and not of_file) or isinstance(value, BaseModel):
+        known = [*filter(groups.get, groups), *_numbers(study, tables)]
+        raise StudyError(f"{name}: there is no such value; {suggestion(name, known)}")
+    if of_file:
+        raise StudyError(f"{name}: it has no effect on a finger that comes from a file.")
     if isinstance(value, int) and not isinstance(value, bool):
-        raise StudyError(f"parameter {name}: it is a whole number, which a fit cannot change.")
+        raise StudyError(f"{name}: it is a whole number, which cannot be varied.")
     if not isinstance(value, float) or not value > 0:
-        if value is not None:
-            raise StudyError(f"parameter {name}: it is {value} but must be a number above 0.")
-        known = ["skin", *_TISSUES]
-        for tissue in _TISSUES:
-            known += [f"{tissue}.{key}" for key in _positive(getattr(study.tissue, tissue))]
-        known += [f"finger.{key}" for key in _positive(study.finger)]
-        raise StudyError(f"parameter {name}: there is no such value; {suggestion(name, known)}")
-    return Parameter(name, {keys: 1.0}, factor)
+        raise StudyError(f"{name}: it is {value} but must be a number above 0.")
+    return {keys: 1.0}
+
+
+def _groups(study: Study) -> Iterator[tuple[str, Powers]]:
+    """Yield the names that stand for several values, with these."""
+    for name, tissues in {"skin": _SKIN, **{tissue: (tissue,) for tissue in _TISSUES}}.items():
+        yield (
+            name,
+            {  # 1 of a modulus, -1 of an inverse
+                ("tissue", tissue, key): float(power)
+                for tissue in tissues
+                for key, power in getattr(study.tissue, tissue).moduli().items()
+            },
+        )
+    yield (
+        "finger.size",
+        dict.fromkeys((("finger", *keys) for keys in study.finger.size_keys()), 1.0),
+    )
+    for layer in _SKIN:
+        powers = study.finger.layer_powers(layer)
+        yield f"finger.{layer}", {("finger", *key): power for key, power in powers.items()}
+    if isinstance(law := study.stimulus.friction, Friction):
+        yield (
+            "stimulus.friction",
+            dict.fromkeys((("stimulus", "friction", key) for key in law.scaled_by), 1.0),
+        )
+    for population in study.populations:
+        neuron = _neuron(study, population.name)
+        gains = population.neuron.gain_keys()
+        yield f"{population.name}.gain", dict.fromkeys(((*neuron, *key) for key in gains), 1.0)
+
+
+def _neuron(study: Study, population: str) -> tuple[str, ...]:
+    return ("afferents", population, "neuron") if study.afferents else ("neuron",)
+
+
+def _keys_of(name: str, study: Study) -> tuple[str, ...]:
+    """Return the keys of a name, in full."""
+    first, *rest = name.split(".")
+    if first in Study.model_fields:
+        return (first, *rest)
+    if first in {population.name for population in study.populations}:
+        return (*_neuron(study, first), *rest)
+    return ("tissue", first, *rest)
+
+
+def _numbers(study: Study, tables: Collection[str]) -> Iterator[str]:
+    """Yield the names of single values above 0."""
+    for tissue in _TISSUES:
+        yield from (f"{tissue}.{key}" for key in _positive(getattr(study.tissue, tissue)))
+    yield from (f"finger.{key}" for key in _positive(study.finger))
+    if "stimulus" in tables:
+        yield from (f"stimulus.{key}" for key in _positive(study.stimulus))
+    for population in study.populations if "neuron" in tables else ():
+        yield from (f"{population.name}.{key}" for key in _positive(population.neuron))
 
 
 def with_values(study: Study, parameters: Sequence[Parameter], x: ArrayLike) -> Study:
@@ -140,13 +239,14 @@ def with_values(study: Study, parameters: Sequence[Parameter], x: ArrayLike) -> 
     StudyError
         The values are not allowed.
     """
-    data = study.model_dump(exclude_none=True)
+    data = study.model_dump(mode="json", exclude_none=True)
     for parameter, log in zip(parameters, np.asarray(x, dtype=float).tolist(), strict=True):
         for keys, power in parameter.powers.items():
             section: Any = data
             for key in keys[:-1]:
-                section = section[key]
-            section[keys[-1]] *= math.exp(power * log)
+                section = _entry(section, key) if isinstance(section, list) else section[key]
+            last: Any = int(keys[-1]) if isinstance(section, list) else keys[-1]
+            section[last] *= math.exp(power * log)
     try:
         return Study.model_validate(data)
     except ValidationError as error:

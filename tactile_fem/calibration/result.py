@@ -10,6 +10,7 @@ from scipy.special import chdtrc, ndtri
 
 from tactile_fem.calibration.measurements import Experiment, deviations
 from tactile_fem.calibration.parameters import Parameter, unit_of, value_at
+from tactile_fem.calibration.posterior import Posterior
 from tactile_fem.runtime.estimates import Estimate, r_squared
 from tactile_fem.study import Study
 
@@ -104,6 +105,11 @@ class Calibration:
         return self.covariance / np.outer(self.sd, self.sd)
 
     @property
+    def posterior(self) -> Posterior:
+        """What is known of the parameters, to be written into a file."""
+        return Posterior.of(self.start, self.parameters, self.x, self.covariance)
+
+    @property
     def influence(self) -> Array:
         """Change of `x`, in its deviations, by one of a measured number, (numbers, parameters)."""
         return (self.jacobian @ self.covariance) / self.sd
@@ -153,7 +159,7 @@ class Calibration:
         if len(parameter.powers) > 1:
             factor, indent = self.estimate(k, 1.0), "  "
             lines.append(
-                f"{parameter.name}: moduli times {factor.value:.3g} "
+                f"{parameter.name}: {parameter.multiplied} times {factor.value:.3g} "
                 f"({factor.low:.3g} to {factor.high:.3g})"
             )
         for keys, power in parameter.powers.items():

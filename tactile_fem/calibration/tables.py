@@ -31,7 +31,8 @@ def write_results(found: Calibration, folder: Path) -> None:
 
     ``parameters.csv`` (values, 95 % intervals), ``constants.csv`` (each value of the study that
     they change), ``correlation.csv``, ``predicted.csv`` (model and measurement), ``curves.csv``
-    (the fitted finger's forces at each step), ``pulls.csv`` (influence of each measurement) and
+    (the fitted finger's forces at each step), ``pulls.csv`` (influence of each measurement),
+    ``posterior.json`` (the parameters with their covariance, for ``people.fit`` in a study) and
     ``fit.png``.
     """
     write_text(folder / "study.toml", dump_study(found.study))
@@ -45,6 +46,7 @@ def write_results(found: Calibration, folder: Path) -> None:
         {**_place(e, k), **dict(zip(names, _rounded(row), strict=True))}
         for (e, k), row in zip(_numbers(found), found.influence, strict=True)
     ]
+    found.posterior.save(folder / "posterior.json")
     write_table(folder / "parameters.csv", parameters_table(found))
     write_table(folder / "constants.csv", constants_table(found))
     write_table(folder / "correlation.csv", correlation)

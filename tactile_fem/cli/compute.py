@@ -179,6 +179,49 @@ def fibre(
     _raise_failures(_run_series(members, results, shares))
 
 
+def people(
+    study: StudyFile = None,
+    /,
+    *,
+    number: Count,
+    over: list[str] | None = None,
+    changes: Changes = (),
+    results: _SeriesFolder = Path("results/people"),
+    shares: Shares = _ALL_SCANS,
+) -> None:
+    """Scan with an ensemble of fingers, which differ as people do: see the table people of a study.
+
+    Started again, it completes the missing scans; the first of a larger ensemble are a smaller one.
+    Each scan has its own folder. A finger that cannot be meshed or pressed is counted. It prints
+    medians and bands of people, differences between conditions within people and what the spread
+    comes from, and draws them.
+
+    Parameters
+    ----------
+    number
+        Of people.
+    over
+        Conditions, in each of which all people are scanned: section.key=value,value,... May be
+        repeated.
+    """
+    from tactile_fem import load_study, series
+    from tactile_fem.people import Ensemble, run_people
+    from tactile_fem.people import people as draw
+    from tactile_fem.people.report import tell
+
+    conditions = series.sweep(over, study, changes) if over else load_study(study, changes)
+    scans = draw(conditions, number)
+    outcomes = run_people(scans, results, **vars(shares))
+    print(f"Written to {series.write_summary(scans, results)}")
+    if failed := [outcome for outcome in outcomes if outcome.problem]:
+        print(f"{len(failed)} of {len(outcomes)} scans failed: see {results}/*.failed.txt")
+    if outcomes and len(failed) == len(outcomes):
+        raise TactileError(failed[0].problem)
+    ensemble = Ensemble.open(results)
+    if ensemble.complete.any():
+        print("\n".join(tell(ensemble)))
+
+
 def _run_series(members: Sequence[Member], folder: Path, shares: Shares) -> list[Outcome]:
     from tactile_fem import series
 
@@ -338,4 +381,4 @@ def vibrate(
             print(file)
 
 
-COMMANDS = (scan, resume, sweep, fibre, fit, vibrate)
+COMMANDS = (scan, resume, sweep, fibre, people, fit, vibrate)

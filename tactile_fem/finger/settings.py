@@ -11,6 +11,16 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger.plane import PLANES, SPACE, Plane
 from tactile_fem.runtime.settings import Either, File, Finite, NonNegative, Positive, Whole
 
+# Lengths that a larger finger of the same shape has larger. Layers of skin are among them: men,
+# whose fingers are larger, have a thicker epidermis of the fingertip (Jones et al. 2025,
+# DOI 10.1002/ca.24292). Ridges and papillae are not (proposed).
+_OF_SIZE = (
+    *("half_width_mm", "palmar_height_mm", "dorsal_height_mm", "tip_length_mm"),
+    *("straight_length_mm", "contact_from_tip_mm", "pad_radius_mm", "subcutaneous_mm"),
+    *("stratum_corneum_mm", "epidermis_mm", "dermis_mm", "nail_thickness_mm"),
+    *("bone_half_width_mm", "bone_half_height_mm", "bone_tip_gap_mm"),
+    *("nail_width_mm", "nail_length_mm", "pad_size_mm", "far_size_mm"),
+)
 # Of a section, for each mm of its width: the 0.6 N of the paper over 10 mm, as a contact is wide.
 _SECTION_FORCE_N_MM = 0.06
 
@@ -224,6 +234,30 @@ class FingerSettings(Either):
             raise StudyError(f'finger.kind is "section" but must be "solid" for {purpose}.')
 
     # --- its lengths -----------------------------------------------------------------------------
+
+    def size_keys(self) -> list[tuple[str, ...]]:
+        """Return the keys of the lengths that a larger finger of the same shape has larger.
+
+        Edges of elements are among them if they are given. A file of the skin or bone is scaled by
+        its unit, with the contact point in it; a mesh from a file has no such keys.
+        """
+        given = self.model_dump(exclude_none=True)
+        keys: list[tuple[str, ...]] = [(name,) for name in _OF_SIZE if name in given]
+        if self.is_scanned:
+            keys.append(("file_unit_mm",))
+            keys += [("contact_mm", str(k)) for k in range(3) if self.contact_mm]
+        return keys
+
+    def layer_powers(self, layer: str) -> dict[tuple[str, ...], float]:
+        """Return the powers of a layer's thickness and of what makes room for it.
+
+        Subcutaneous tissue does, so that the bone stays where it is (to first order).
+        """
+        given, key, below = self.model_dump(), f"{layer}_mm", "subcutaneous_mm"
+        powers: dict[tuple[str, ...], float] = {(key,): 1.0} if key in given else {}
+        if powers and below in given:
+            powers[below,] = -getattr(self, key) / self.subcutaneous_mm
+        return powers
 
     @property
     def skin_thickness_mm(self) -> float:

@@ -123,6 +123,15 @@ class Neuron(Settings):
         of_models = {"model"}.union(*_CONSTANTS.values())
         return {key: value for key, value in values.items() if key not in of_models}
 
+    def gain_keys(self) -> list[tuple[str, ...]]:
+        """Return the keys of what multiplies the current in its model."""
+        if self.model == "band_pass":
+            return [("filter_gain_pA",)]
+        if self.model == "gerling2018":
+            name = "generator_gains_pA_per_kPa"
+            return [(name, str(k)) for k in range(len(self.generator_gains_pA_per_kPa))]
+        return [("static_gain_pA_per_kPa",), ("dynamic_gain_pA_s_per_kPa",)]
+
     @property
     def lasting_share(self) -> float:
         """Share of the static current that does not adapt."""

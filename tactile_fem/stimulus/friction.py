@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, PlainValidator, TypeAdapter, ValidationInfo
@@ -40,6 +40,8 @@ class Friction(Kind):
     """
 
     tag = "law"
+    scaled_by: ClassVar[tuple[str, ...]] = ()
+    """Keys of numbers to which friction is proportional."""
 
     @property
     def uniform(self) -> Any:
@@ -90,6 +92,7 @@ class ConstantFriction(Friction):
     """One coefficient, Coulomb's law; a number in place of the table means the same."""
 
     law: Literal["constant"] = "constant"
+    scaled_by = ("coefficient",)
     coefficient: NonNegative = Field(0.3, description="of friction")
 
     @property
@@ -112,6 +115,7 @@ class KineticFriction(Friction):
     """
 
     law: Literal["kinetic"] = "kinetic"
+    scaled_by = ("static", "kinetic")
     static: NonNegative = Field(description="coefficient of friction at rest")
     kinetic: NonNegative = Field(description="coefficient at high speed; may exceed the static one")
     speed_mm_s: Positive = Field(description="slip speed at which 1/e of the difference is left")
@@ -132,6 +136,7 @@ class PressureFriction(Friction):
     """
 
     law: Literal["pressure"] = "pressure"
+    scaled_by = ("coefficient",)
     coefficient: NonNegative = Field(description="of friction at pressure_MPa")
     pressure_MPa: Positive = Field(description="pressure at which `coefficient` holds")
     load_index: Annotated[Positive, Field(le=1)] = Field(
@@ -153,6 +158,7 @@ class MappedFriction(Friction):
     """
 
     law: Literal["map"] = "map"
+    scaled_by = ("unit",)
     file: File = Field(
         description='coefficients over X and Y, in the formats of kind = "surface"; rows follow '
         "each other along X, columns along Y"

@@ -56,6 +56,7 @@ from tactile_fem.stimulus import (
 )
 from tactile_fem.study.afferents import Afferents, filled, given_keys
 from tactile_fem.study.output import Output
+from tactile_fem.study.people import People, Spread
 from tactile_fem.study.solver import Solver
 from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissue
 
@@ -79,6 +80,7 @@ __all__ = [
     "Mesh",
     "Neuron",
     "Output",
+    "People",
     "Piece",
     "Plate",
     "Polynomial",
@@ -91,6 +93,7 @@ __all__ = [
     "Slide",
     "Solver",
     "Sphere",
+    "Spread",
     "Stimulus",
     "Study",
     "Surface",
@@ -103,6 +106,7 @@ __all__ = [
 # Keys that the mechanics does not depend on, as pydantic excludes them.
 AFTER_MECHANICS: dict[str, Any] = {
     "neuron": True,
+    "people": True,
     "afferents": {"__all__": {"neuron", "feels"}},
 }
 
@@ -120,6 +124,7 @@ class Study(Settings):
     afferents: tuple[Afferents, ...] = ()
     solver: Solver = Solver()
     output: Output = Output()
+    people: People | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -207,10 +212,12 @@ class Study(Settings):
         return html.section("Study", parts, f"As by default: {', '.join(same)}." if same else "")
 
     def files(self) -> dict[str, Path]:
-        """Return the files that finger, stimulus, path and output name, by their keys."""
+        """Return the files that its tables name, by their keys."""
         sections = dict[str, Settings](
             finger=self.finger, stimulus=self.stimulus, output=self.output
         )
+        if self.people is not None:
+            sections["people"] = self.people
         for number, piece in enumerate(self.protocol.pieces, 1):
             sections[f"protocol.path (entry {number})"] = piece
         return {

@@ -20,6 +20,7 @@ from tactile_fem.study import Study
 from tactile_fem.study.explain import explain, located
 from tactile_fem.study.kept import usable
 from tactile_fem.study.output import Output
+from tactile_fem.study.people import People
 
 # One file for each study; its name is that of the study.
 _SHIPPED = Path(__file__).parent / "shipped"
@@ -164,10 +165,13 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
     """Make the names of files absolute: relative paths start from the folder of the study."""
     protocol = data.get("protocol")
     pieces = protocol.get("path") if isinstance(protocol, dict) else None
-    tables: list[Any] = [*map(data.get, ("finger", "output")), stimulus := data.get("stimulus")]
+    tables: list[Any] = [
+        *map(data.get, ("finger", "output", "people")),
+        stimulus := data.get("stimulus"),
+    ]
     tables += [stimulus.get("friction")] if isinstance(stimulus, dict) else []
     tables += pieces if isinstance(pieces, list) else []
-    models: list[type[Settings]] = [Finger, Output]
+    models: list[type[Settings]] = [Finger, Output, People]
     models += [kind for one in (Stimulus, Friction, Piece) for kind in one.kinds.values()]
     model_of = {key: model for model in models for key in model.file_keys()}
     for table in tables:

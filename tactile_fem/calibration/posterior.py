@@ -1,0 +1,138 @@
+"""What a fit knows of its parameters, in a file: values with their covariance."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from tactile_fem.calibration.parameters import Parameter, value_at
+from tactile_fem.errors import StudyError
+from tactile_fem.runtime.files import write_text
+from tactile_fem.runtime.text import read_text
+from tactile_fem.study import Study
+
+Array = NDArray[np.float64]
+
+_TOLERANCE = 1e-9  # of a covariance, relative: rounding
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Parameters of a fit, jointly normal.
+
+    Attributes
+    ----------
+    parameters
+        What was fitted.
+    start
+        Values that x = 0 stands for, by their keys in the study.
+    x
+        Mean of the logarithms of the factors, (parameters,).
+    covariance
+        Of `x`, (parameters, parameters).
+    """
+
+    parameters: tuple[Parameter, ...]
+    start: dict[tuple[str, ...], float]
+    x: Array
+    covariance: Array
+
+    @classmethod
+    def of(cls, start: Study, parameters: tuple[Parameter, ...], x: Array, cov: Array) -> Posterior:
+        """Return that of a fit which began with the study `start`."""
+        values = {keys: float(value_at(start, keys)) for p in parameters for keys in p.powers}
+        return cls(parameters, values, x, cov)
+
+    def mean(self, parameter: int) -> dict[tuple[str, ...], float]:
+        """Return the fitted values of a parameter, by their keys."""
+        powers, x = self.parameters[parameter].powers, self.x[parameter]
+        return {keys: self.start[keys] * float(np.exp(p * x)) for keys, p in powers.items()}
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviation of `x`."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> Array:
+        """Of the parameters, (parameters, parameters)."""
+        return self.covariance / np.outer(self.sd, self.sd)
+
+    def save(self, path: Path) -> None:
+        """Write it as JSON."""
+        entries = [
+            _Entry(
+                name=parameter.name,
+                factor=parameter.factor,
+                powers={".".join(keys): power for keys, power in parameter.powers.items()},
+                start={".".join(keys): self.start[keys] for keys in parameter.powers},
+            )
+            for parameter in self.parameters
+        ]
+        saved = _File(parameters=entries, x=self.x.tolist(), covariance=self.covariance.tolist())
+        write_text(path, json.dumps(saved.model_dump(), indent=1) + "\n")
+
+    @classmethod
+    def load(cls, path: Path, what: str) -> Posterior:
+        """Return that of a file; raise StudyError, which begins with `what`, if it has none."""
+        try:
+            saved = _File.model_validate_json(read_text(path, what))
+        except ValidationError:
+            raise StudyError(f"{what} is no posterior.json as a fit writes it.") from None
+        x, covariance = np.array(saved.x), np.array(saved.covariance, ndmin=2)
+        count = len(saved.parameters)
+        if x.shape != (count,) or covariance.shape != (count, count):
+            raise StudyError(f"{what} has {count} parameters, but x or covariance of another size.")
+        if not _is_covariance(covariance):
+            raise StudyError(f"{what}: its covariance is not symmetric and positive definite.")
+        start = {
+            _keys(key): value for entry in saved.parameters for key, value in entry.start.items()
+        }
+        parameters = tuple(entry.parameter() for entry in saved.parameters)
+        if missing := {key for p in parameters for key in p.powers} - start.keys():
+            raise StudyError(f"{what} lacks the start of {'.'.join(min(missing))}.")
+        return cls(parameters, start, x, covariance)
+
+
+class _Entry(BaseModel):
+    """A parameter in the file; keys are joined by dots."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    name: str
+    factor: float = Field(gt=1)
+    powers: dict[str, float] = Field(min_length=1)
+    start: dict[str, float]
+
+    def parameter(self) -> Parameter:
+        powers = {_keys(key): power for key, power in self.powers.items()}
+        return Parameter(self.name, powers, self.factor)
+
+
+class _File(BaseModel):
+    """The file."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    parameters: list[_Entry] = Field(min_length=1)
+    x: list[float]
+    covariance: list[list[float]]
+
+
+def _keys(dotted: str) -> tuple[str, ...]:
+    return tuple(dotted.split("."))
+
+
+def _is_covariance(matrix: Array) -> bool:
+    if not np.allclose(matrix, matrix.T, rtol=1e-6, atol=_TOLERANCE * np.abs(matrix).max()):
+        return False
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True

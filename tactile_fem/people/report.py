@@ -1,0 +1,162 @@
+"""What an ensemble tells: tables in words, and figures in its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tactile_fem.output.abscissa import Abscissa
+from tactile_fem.output.histories import central_receptor
+from tactile_fem.people.bands import SHARES, bands_table, people_needed
+from tactile_fem.people.causes import Causes, causes, causes_table
+from tactile_fem.people.ensemble import Ensemble
+from tactile_fem.people.figures import bands_figure, causes_figure, paired_figure, people_raster
+from tactile_fem.people.paired import paired
+from tactile_fem.runtime.files import write_figure
+from tactile_fem.series.comparison import common
+from tactile_fem.simulation.results import Results
+
+Array = NDArray[np.float64]
+
+# Numbers of a scan that are its cost.
+_COST = ("steps", "newton_iterations", "wall_s")
+# Numbers whose causes are drawn, as their names begin.
+_DRAWN = ("pressed_", "central_largest_sed_", "central_spikes")
+
+
+def tell(ensemble: Ensemble) -> list[str]:
+    """Return in lines of text what an ensemble tells, and write its figures.
+
+    Tables: median and bands of each number, by condition; where its spread comes from; how each
+    further condition differs from the first one within people. Figures, in ``figures`` of the
+    folder: ``bands.png``, ``raster.png``, ``causes.png`` and, with conditions, ``paired.png``.
+
+    Raises
+    ------
+    StudyError
+        Nobody is complete.
+    """
+    numbers = {name: _numbers(ensemble, name) for name in ensemble.conditions}
+    folder = ensemble.folder / "figures"
+    folder.mkdir(exist_ok=True)
+    lines = [*_spread(numbers), *_differences(numbers)]
+    for name, figure in _figures(ensemble, numbers):
+        write_figure(folder / f"{name}.png", figure)
+    found = _causes(ensemble, numbers)
+    if found:
+        lines += ["", *_aligned(causes_table(found))]
+        drawn = {name: own for name, own in found.items() if name.split(": ")[-1].startswith(_DRAWN)}
+        write_figure(folder / "causes.png", causes_figure(drawn or found))
+    else:
+        few, needed = int(ensemble.complete.sum()), len(ensemble.names) + 2
+        lines += ["", f"{few} people: {needed} or more tell where the spread comes from"]
+    return lines
+
+
+def _numbers(ensemble: Ensemble, condition: str) -> dict[str, Array]:
+    """Return the numbers of complete people, (m,), without the cost of the scans."""
+    numbers = ensemble.numbers(condition)
+    return {name: values for name, values in numbers.items() if name not in _COST}
+
+
+def _named(numbers: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
+    """Return the numbers of all conditions, named with their condition if there are several."""
+    return {
+        f"{condition}: {name}" if condition else name: values
+        for condition, own in numbers.items()
+        for name, values in own.items()
+    }
+
+
+def _spread(numbers: Mapping[str, Mapping[str, Array]]) -> list[str]:
+    named = _named(numbers)
+    count, needed = len(next(iter(named.values()))), people_needed(max(SHARES))
+    few = f"{count} people: a band of {100 * max(SHARES):.0f} % needs {needed}"
+    return [*_aligned(bands_table(named)), *([few] if count < needed else [])]
+
+
+def _differences(numbers: Mapping[str, Mapping[str, Array]]) -> Iterator[str]:
+    """Yield how numbers of each further condition differ from the first one's."""
+    (first, own), *others = numbers.items()
+    for second, theirs in others:
+        yield ""
+        yield f"{second} after {first}, within people"
+        for name in own.keys() & theirs.keys():
+            yield f"  {name}: {paired(own[name], theirs[name])}"
+
+
+def _causes(
+    ensemble: Ensemble, numbers: Mapping[str, Mapping[str, Array]]
+) -> dict[str, Causes]:
+    """Return the causes of each number that varies; none if people are too few.
+
+    Of positive numbers it is the logarithm, so that no large one decides.
+    """
+    scores = ensemble.scores[ensemble.complete]
+    if len(scores) < len(ensemble.names) + 2:
+        return {}
+    return {
+        name: causes(scores, ensemble.names, np.log(own) if (own > 0).all() else own)
+        for name, own in _named(numbers).items()
+        if np.ptp(own) > 0
+    }
+
+
+def _figures(
+    ensemble: Ensemble, numbers: Mapping[str, Mapping[str, Array]]
+) -> Iterator[tuple[str, Figure]]:
+    """Yield the figures of histories and spikes, with their names."""
+    conditions = ensemble.conditions
+    scans = {name: ensemble.results(name) for name in conditions}
+    every = [Abscissa.of(scan.trace) for own in scans.values() for scan in own]
+    over, first = common(every), scans[conditions[0]]
+    unit = first[0].study.finger.force_unit
+    felt = str(first[0].trace["population"][0])
+    labels = {
+        f"Normal ({unit})": "normal",
+        f"Tangential ({unit})": "tangential",
+        f"SED of the central\n{felt} receptor (kPa)": "central_sed_kPa",
+    }
+    over_time = {name: {label: ensemble.history(name, of) for label, of in labels.items()}
+                 for name in conditions}  # fmt: skip
+    grids = {name: next(iter(own.values()))[0] for name, own in over_time.items()}
+    time_s = grids[conditions[0]]
+    histories = {
+        label: {name: _onto(time_s, *over_time[name][label]) for name in conditions}
+        for label in labels
+    }
+    yield "bands", bands_figure(histories, Abscissa(over.label, over.per_s, over.at(time_s), over.phases))
+    order = next(name for name in numbers[conditions[0]] if name.startswith("pressed_"))
+    spikes = [over.at(_central_spikes(scan)) for scan in first]
+    yield (
+        "raster",
+        people_raster(spikes, over, numbers[conditions[0]][order], f"Pressed ({unit})"),
+    )
+    for second in conditions[1:2]:
+        pair = (numbers[name]["central_spikes"] for name in (conditions[0], second))
+        yield "paired", paired_figure(*pair, (conditions[0], second), "Spikes of the central receptor")
+
+
+def _onto(time_s: Array, own_s: Array, values: Array) -> Array:
+    """Return histories (m, n) at other times, NaN beyond their own."""
+    return np.array([np.interp(time_s, own_s, one, np.nan, np.nan) for one in values])
+
+
+def _central_spikes(scan: Results) -> Array:
+    """Return the times of the spikes of the central receptor of the first population, s."""
+    trace, spikes = scan.trace, scan.spikes
+    own = spikes.receptor == central_receptor(trace["receptors_mm"], trace["population"])
+    return np.asarray(spikes.time_s[own], dtype=float)
+
+
+def _aligned(rows: list[list[str]]) -> list[str]:
+    """Return the rows of a table as lines."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
