@@ -112,7 +112,7 @@ def people_raster(
     number = np.asarray(order, dtype=float)
     rows = [int(k) for k in np.argsort(number) if spikes[k] is not None]
     height = float(np.clip(0.07 * len(rows), 1.0, 4.5))
-    figure, (axes,) = panels([height], over, _WIDTH - 0.6, right=0.85, top=0.5)
+    figure, (axes,) = panels([height], over, _WIDTH - 0.6, right=0.85, top=0.5, below=0.15)
     times = [np.asarray(spikes[k], dtype=float) for k in rows]
     axes.eventplot(times, color=INK, linelengths=0.8, linewidths=0.7)
     box = axes.get_position()

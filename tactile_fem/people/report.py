@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -49,7 +48,9 @@ def tell(ensemble: Ensemble) -> list[str]:
     found = _causes(ensemble, numbers)
     if found:
         lines += ["", *_aligned(causes_table(found))]
-        drawn = {name: own for name, own in found.items() if name.split(": ")[-1].startswith(_DRAWN)}
+        drawn = {
+            name: own for name, own in found.items() if name.split(": ")[-1].startswith(_DRAWN)
+        }
         write_figure(folder / "causes.png", causes_figure(drawn or found))
     else:
         few, needed = int(ensemble.complete.sum()), len(ensemble.names) + 2
@@ -85,13 +86,11 @@ def _differences(numbers: Mapping[str, Mapping[str, Array]]) -> Iterator[str]:
     for second, theirs in others:
         yield ""
         yield f"{second} after {first}, within people"
-        for name in own.keys() & theirs.keys():
+        for name in [name for name in own if name in theirs]:
             yield f"  {name}: {paired(own[name], theirs[name])}"
 
 
-def _causes(
-    ensemble: Ensemble, numbers: Mapping[str, Mapping[str, Array]]
-) -> dict[str, Causes]:
+def _causes(ensemble: Ensemble, numbers: Mapping[str, Mapping[str, Array]]) -> dict[str, Causes]:
     """Return the causes of each number that varies; none if people are too few.
 
     Of positive numbers it is the logarithm, so that no large one decides.
@@ -115,21 +114,9 @@ def _figures(
     every = [Abscissa.of(scan.trace) for own in scans.values() for scan in own]
     over, first = common(every), scans[conditions[0]]
     unit = first[0].study.finger.force_unit
-    felt = str(first[0].trace["population"][0])
-    labels = {
-        f"Normal ({unit})": "normal",
-        f"Tangential ({unit})": "tangential",
-        f"SED of the central\n{felt} receptor (kPa)": "central_sed_kPa",
-    }
-    over_time = {name: {label: ensemble.history(name, of) for label, of in labels.items()}
-                 for name in conditions}  # fmt: skip
-    grids = {name: next(iter(own.values()))[0] for name, own in over_time.items()}
-    time_s = grids[conditions[0]]
-    histories = {
-        label: {name: _onto(time_s, *over_time[name][label]) for name in conditions}
-        for label in labels
-    }
-    yield "bands", bands_figure(histories, Abscissa(over.label, over.per_s, over.at(time_s), over.phases))
+    time_s, histories = _histories(ensemble, {name: own[0] for name, own in scans.items()})
+    axis = Abscissa(over.label, over.per_s, over.at(time_s), over.phases)
+    yield "bands", bands_figure(histories, axis)
     order = next(name for name in numbers[conditions[0]] if name.startswith("pressed_"))
     spikes = [over.at(_central_spikes(scan)) for scan in first]
     yield (
@@ -137,8 +124,36 @@ def _figures(
         people_raster(spikes, over, numbers[conditions[0]][order], f"Pressed ({unit})"),
     )
     for second in conditions[1:2]:
-        pair = (numbers[name]["central_spikes"] for name in (conditions[0], second))
-        yield "paired", paired_figure(*pair, (conditions[0], second), "Spikes of the central receptor")
+        counts = [numbers[name]["central_spikes"] for name in (conditions[0], second)]
+        label = "Spikes of the central receptor"
+        yield "paired", paired_figure(counts[0], counts[1], (conditions[0], second), label)
+
+
+def _histories(
+    ensemble: Ensemble, scans: Mapping[str, Results]
+) -> tuple[Array, dict[str, dict[str, Array]]]:
+    """Return times, s, and the histories (m, n) there by label and condition.
+
+    Parameters
+    ----------
+    ensemble
+        The people.
+    scans
+        One of each condition.
+    """
+    scan = next(iter(scans.values()))
+    unit, felt = scan.study.finger.force_unit, scan.trace["population"][0]
+    labels = {
+        f"Normal ({unit})": "normal",
+        f"Tangential ({unit})": "tangential",
+        f"SED of the central\n{felt} receptor (kPa)": "central_sed_kPa",
+    }
+    time_s, _ = ensemble.history()
+    found: dict[str, dict[str, Array]] = {label: {} for label in labels}
+    for label, of in labels.items():
+        for condition in scans:
+            found[label][condition] = _onto(time_s, *ensemble.history(condition, of))
+    return time_s, found
 
 
 def _onto(time_s: Array, own_s: Array, values: Array) -> Array:
