@@ -13,7 +13,7 @@ from tactile_fem.series import sweep
 
 
 def ensemble(folder, number, conditions, factor):
-    """Return an ensemble whose forces and strain energies are `factor` of scores times a trace's."""
+    """Return an ensemble whose forces and energies are `factor` of a scan times a trace's."""
     scans = people(conditions, number)
     for scan in scans:
         trace = make_trace()

@@ -406,3 +406,25 @@ def test_each_load_of_manipulation_follows_another_one_in_the_other_order():
         assert sum(piece.time_s for piece in pieces) == pytest.approx(SETTLING_S + 6 * LOAD_S)
         assert max(piece.normal_N for piece in pieces) == 4.0
         assert [each.receptors.count for each in one.populations] == list(COUNTS.values())
+
+
+def test_spread_of_few_people():
+    """Of many people whose forces are log-normal the variation is known; few scatter about it."""
+    with beside(DEMOS / "validation" / "people.py"):
+        from people import measured, rows_of, spread_of_few, variation
+    force = np.exp(0.4 * np.random.default_rng(0).standard_normal((4000, 4)))
+    assert variation(force) == pytest.approx(np.sqrt(np.exp(0.4**2) - 1), rel=0.1)
+    few = spread_of_few(force, 4)
+    assert few.shape[1] == 4 and np.quantile(few, 0.05) < 0.3 < np.quantile(few, 0.95)
+    plate = measured()["plate"]
+    assert plate.mean_N[-1] == pytest.approx(0.7685)
+    assert {row["met"] for row in rows_of("plate", plate, force)} == {"yes"}
+    nearly_equal = 1 + 1e-3 * force
+    assert {row["met"] for row in rows_of("plate", plate, nearly_equal)} == {"**missed**"}
+
+
+@pytest.mark.slow
+@needs_gmsh
+def test_people(tmp_path):
+    output = run("validation/people.py", str(tmp_path), "--number", "2", "--deepest", "0.5", *SMALL)
+    assert len(re.findall(r"^\| (?:plate|probe|sphere) \| 0\.\d+ \|", output, re.M)) == 4

@@ -6,8 +6,8 @@
 #
 # - a plate and a flat probe: four subjects, the same for both (Gulati and Srinivasan, digitized by
 #   others),
-# - a sphere: seven adults, three pads of each. Its radius is unstated; 5 mm is assumed, with which
-#   the default finger meets the mean force.
+# - a sphere: seven adults, three pads of each. Its radius is unstated; with the 5 mm assumed here
+#   the model has half the force.
 #
 # So few people have a wide range of spreads: as many as were measured are drawn out of the ensemble
 # again and again. Then: what the spread comes from.
@@ -131,7 +131,7 @@ def main(
     }
     rows = [row for name, one in presses.items() for row in rows_of(name, one, forces[name])]
     write_table(folder / "spread.csv", rows)
-    for row in [dict.fromkeys(rows[0], "---"), *rows]:
+    for row in [dict(zip(rows[0], rows[0], strict=True)), dict.fromkeys(rows[0], "---"), *rows]:
         print(f"| {' | '.join(row.values())} |", flush=True)
     explain(folder, ensemble, presses, forces)
 
@@ -176,7 +176,7 @@ def rows_of(name: str, one: Pressed, force_N: Array) -> list[dict[str, str]]:
             "model": f"{force_N[:, k].mean():.3f}",
             "people: sd/mean": f"{one.sd_N[k] / one.mean_N[k]:.2f}",
             "all of the model": f"{variation(force_N)[k]:.2f}",
-            f"{one.people} of the model, 90 %": f"{low[k]:.2f} to {high[k]:.2f}",
+            "as few of the model, 90 %": f"{low[k]:.2f} to {high[k]:.2f}",
             "met": "yes" if met[k] else "**missed**",
         }
         for k in range(len(one.depth_mm))
@@ -202,12 +202,15 @@ def explain(
     labels = {name: f"{name}, {one.depth_mm[-1]:g} mm (N)" for name, one in presses.items()}
     deepest = {labels[name]: force[:, -1] for name, force in forces.items()}
     scores = ensemble.scores[ensemble.complete]
-    found = {name: causes(scores, ensemble.names, np.log(f)) for name, f in deepest.items()}
-    for rows in (bands_table(deepest), causes_table(found)):
+    tables = [bands_table(deepest)]
+    if len(scores) >= len(ensemble.names) + 2:
+        found = {name: causes(scores, ensemble.names, np.log(f)) for name, f in deepest.items()}
+        tables.append(causes_table(found))
+        write_figure(folder / "causes.png", causes_figure(found))
+    for rows in tables:
         print()
         for row in rows:
             print(f"| {' | '.join(row)} |")
-    write_figure(folder / "causes.png", causes_figure(found))
 
 
 # %%

@@ -13,9 +13,8 @@ from tactile_fem.runtime.settings import File, Finite, Positive, Settings, Whole
 # Scores lie within so many standard deviations: all but one of a million people.
 MOST_SD = 5.0
 
-# Ratios at one standard deviation, of adults of both sexes; what has no source is proposed. Only
-# their product meets what is measured of people: forces on a plate and a sphere, see
-# demos/pages/how/truth.md.
+# Ratios at one standard deviation, of adults of both sexes; what has no source is proposed. Forces
+# of measured people were not used to choose them; they are compared in demos/validation/people.py.
 # - size: length of the index finger 63.9 (4.1) mm (Chatzioglou and Govsa 2024, 51 adults), 6.4 %;
 #   hand breadths differ by 7 to 8 % (from memory). Layers of skin follow it.
 # - thickness beyond that by size: of the stratum corneum 20 to 27 %, of the living epidermis 19 to
