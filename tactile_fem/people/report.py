@@ -23,8 +23,14 @@ Array = NDArray[np.float64]
 
 # Numbers of a scan that are its cost.
 _COST = ("steps", "newton_iterations", "wall_s")
-# Numbers whose causes are drawn, as their names begin.
-_DRAWN = ("pressed_", "central_largest_sed_", "central_spikes")
+# Numbers whose causes are drawn, as their names begin, and what they are called.
+_DRAWN = {
+    "normal_": "normal force",
+    "central_largest_sed_": "central SED",
+    "central_spikes": "central spikes",
+}
+# Numbers that differ by less are the same in all people, as a held force is.
+_SAME_SHARE = 5e-3
 
 
 def tell(ensemble: Ensemble) -> list[str]:
@@ -48,10 +54,8 @@ def tell(ensemble: Ensemble) -> list[str]:
     found = _causes(ensemble, numbers)
     if found:
         lines += ["", *_aligned(causes_table(found))]
-        drawn = {
-            name: own for name, own in found.items() if name.split(": ")[-1].startswith(_DRAWN)
-        }
-        write_figure(folder / "causes.png", causes_figure(drawn or found))
+        if drawn := _drawn(found, ensemble.conditions[0]):
+            write_figure(folder / "causes.png", causes_figure(drawn))
     else:
         few, needed = int(ensemble.complete.sum()), len(ensemble.names) + 2
         lines += ["", f"{few} people: {needed} or more tell where the spread comes from"]
@@ -101,7 +105,18 @@ def _causes(ensemble: Ensemble, numbers: Mapping[str, Mapping[str, Array]]) -> d
     return {
         name: causes(scores, ensemble.names, np.log(own) if (own > 0).all() else own)
         for name, own in _named(numbers).items()
-        if np.ptp(own) > 0
+        if np.ptp(own) > _SAME_SHARE * abs(own.mean())
+    }
+
+
+def _drawn(found: Mapping[str, Causes], condition: str) -> dict[str, Causes]:
+    """Return the causes that are drawn, of a condition, by what the numbers are called."""
+    start = f"{condition}: " if condition else ""
+    return {
+        label: own
+        for name, own in found.items()
+        for key, label in _DRAWN.items()
+        if name.startswith(f"{start}{key}")
     }
 
 
@@ -113,16 +128,12 @@ def _figures(
     scans = {name: ensemble.results(name) for name in conditions}
     every = [Abscissa.of(scan.trace) for own in scans.values() for scan in own]
     over, first = common(every), scans[conditions[0]]
-    unit = first[0].study.finger.force_unit
     time_s, histories = _histories(ensemble, {name: own[0] for name, own in scans.items()})
     axis = Abscissa(over.label, over.per_s, over.at(time_s), over.phases)
     yield "bands", bands_figure(histories, axis)
-    order = next(name for name in numbers[conditions[0]] if name.startswith("pressed_"))
     spikes = [over.at(_central_spikes(scan)) for scan in first]
-    yield (
-        "raster",
-        people_raster(spikes, over, numbers[conditions[0]][order], f"Pressed ({unit})"),
-    )
+    sed = numbers[conditions[0]]["central_largest_sed_kPa"]
+    yield "raster", people_raster(spikes, over, sed, "Largest SED (kPa)")
     for second in conditions[1:2]:
         counts = [numbers[name]["central_spikes"] for name in (conditions[0], second)]
         label = "Spikes of the central receptor"
