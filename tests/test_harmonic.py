@@ -175,8 +175,8 @@ def test_a_bone_that_turns_sees_a_ball_turn_the_other_way():
         turn = moment(body) / (joint.moment_per_angle(frequency) + moment(arm))
         exact = K @ (body - turn * arm) + turn * np.cross(axis, force)
         found = hinged.respond(frequency, body)
-        np.testing.assert_allclose(found.turn_rad, turn, rtol=0, atol=2e-4)
-        np.testing.assert_allclose(found.force_N, exact, rtol=0, atol=2e-3 * abs(K).max())
+        np.testing.assert_allclose(found.turn_rad, turn, rtol=0, atol=2e-3)
+        np.testing.assert_allclose(found.force_N, exact, rtol=0, atol=1e-2 * abs(K).max())
 
 
 @pytest.mark.ranks
