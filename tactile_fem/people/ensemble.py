@@ -166,14 +166,22 @@ class Ensemble:
             raise StudyError(f"{folder} holds no ensemble: there is no {_TABLE} in it.") from None
         return cls(folder, tuple(of_person), conditions, names, np.array(scores))
 
-    def _scan(self, person: str, condition: str) -> Results:
-        return Results(self.folder / (f"{person}_{condition}" if condition else person))
+    @cached_property
+    def _scans(self) -> dict[tuple[str, str], Results]:
+        """The scans by person and condition; each reads its files once."""
+        return {
+            (person, condition): Results(
+                self.folder / (f"{person}_{condition}" if condition else person)
+            )
+            for person in self.people
+            for condition in self.conditions
+        }
 
     @cached_property
     def complete(self) -> NDArray[np.bool_]:
         """Which people are complete, (n,)."""
         return np.array(
-            [all(self._scan(p, c).complete for c in self.conditions) for p in self.people]
+            [all(self._scans[p, c].complete for c in self.conditions) for p in self.people]
         )
 
     @property
@@ -181,7 +189,7 @@ class Ensemble:
         """Why scans failed, in one sentence, by their names."""
         files = {
             scan.folder.name: _reason_file(self.folder, scan.folder.name)
-            for scan in (self._scan(p, c) for p in self.people for c in self.conditions)
+            for scan in self._scans.values()
         }
         return {
             name: file.read_text(encoding="utf-8").strip()
@@ -210,7 +218,7 @@ class Ensemble:
         if not self.complete.any():
             raise StudyError(f"Nobody in {self.folder} is complete: run the ensemble first.")
         whole = np.array(self.people)[self.complete].tolist()
-        return [self._scan(person, name) for person in whole]
+        return [self._scans[person, name] for person in whole]
 
     def numbers(self, condition: str | None = None) -> dict[str, Array]:
         """Return the numbers of `tactile_fem.series.numbers_of`, each (m,) of complete people."""
