@@ -21,7 +21,7 @@ QUICK += ["protocol.distance_mm=2", "protocol.output_mm=1", "neuron.threshold_mV
 
 
 def images(seed: int, people: int = 4) -> np.ndarray:
-    """Return images of letters, alike in all people but for their scale; two are nearly the same."""
+    """Return images of letters, alike in all people but for their scale; two nearly the same."""
     rng = np.random.default_rng(seed)
     letters = rng.random((len(LETTERS), 12, 30))
     letters[1] = letters[0] + 1e-3 * letters[1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+
 import numpy as np
 import pytest
 from synthetic import make_results, make_trace
@@ -26,6 +28,10 @@ def ensemble(folder, number, conditions, factor):
     return Ensemble.open(folder)
 
 
+def read(path):
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
 def written(found):
     return sorted(path.name for path in (found.folder / "figures").iterdir())
 
@@ -43,6 +49,16 @@ def test_few_people_in_two_conditions(tmp_path):
     assert any("needs 19" in line for line in lines)
     assert lines[-1] == f"3 people: {len(twice.names) + 2} or more tell where the spread comes from"
     assert written(twice) == ["bands.png", "paired.png", "raster.png"]
+    rows = read(tmp_path / "histories.csv")
+    last = [r for r in rows if r["history"] == "normal_N" and r["condition"] == "text-G"][-1]
+    assert (float(last["time_s"]), last["people"]) == (pytest.approx(0.5), "3")
+    assert float(last["median"]) == float(last["low_90"]) == float(last["high_50"]) == 1.2
+    rate = [r for r in rows if r["history"] == "central_rate_Hz" and r["condition"] == "text-G"]
+    spikes = np.trapezoid(*([float(r[name]) for r in rate] for name in ("median", "time_s")))
+    assert spikes == pytest.approx(5, abs=0.05)  # of a receptor, as written to the scan
+    places = read(tmp_path / "places.csv")
+    assert len(places) == 2 * 21 and {row["median"] for row in places} == {"5"}
+    assert [float(row["x_mm"]) for row in places[:2]] == [-5, -4.5]
 
 
 def test_many_people_tell_the_cause(tmp_path):

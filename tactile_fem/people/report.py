@@ -15,7 +15,8 @@ from tactile_fem.people.causes import Causes, causes, causes_table
 from tactile_fem.people.ensemble import Ensemble
 from tactile_fem.people.figures import bands_figure, causes_figure, paired_figure, people_raster
 from tactile_fem.people.paired import paired
-from tactile_fem.runtime.files import write_figure
+from tactile_fem.people.tables import history_rows, place_rows
+from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.series.comparison import common
 from tactile_fem.simulation.results import Results
 
@@ -39,6 +40,7 @@ def tell(ensemble: Ensemble) -> list[str]:
     Tables: median and bands of each number, by condition; where its spread comes from; how each
     further condition differs from the first one within people. Figures, in ``figures`` of the
     folder: ``bands.png``, ``raster.png``, ``causes.png`` and, with conditions, ``paired.png``.
+    Bands of histories are in ``histories.csv``, of the spikes at each place in ``places.csv``.
 
     Raises
     ------
@@ -48,6 +50,9 @@ def tell(ensemble: Ensemble) -> list[str]:
     numbers = {name: _numbers(ensemble, name) for name in ensemble.conditions}
     folder = ensemble.folder / "figures"
     folder.mkdir(exist_ok=True)
+    write_table(ensemble.folder / "histories.csv", history_rows(ensemble))
+    if rows := place_rows(ensemble):
+        write_table(ensemble.folder / "places.csv", rows)
     lines = [*_spread(numbers), *_differences(numbers)]
     for name, figure in _figures(ensemble, numbers):
         write_figure(folder / f"{name}.png", figure)

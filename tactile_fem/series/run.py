@@ -165,6 +165,7 @@ def numbers_of(results: Results) -> dict[str, int | float]:
         f"pressed_{unit}": float(trace["force_N"][trace["time_s"] <= _ROUNDING_S][-1, 2]),
         f"normal_{unit}": float(force[:, 2].mean()),
         f"tangential_{unit}": float(np.hypot(force[:, 0], force[:, 1]).mean()),
+        "contact_area_mm2": float(trace["contact_area_mm2"][slide].mean()),
         "largest_sed_kPa": float(sed.max()),
         "central_largest_sed_kPa": float(sed[:, central].max()),
         "spikes": int(sliding.sum()),

@@ -145,6 +145,7 @@ SUMMARY = tuple(
         ("pressed_N", "normal force at the end of the indentation"),
         ("normal_N", "normal force, mean over the steps of the slide"),
         ("tangential_N", "magnitude of the tangential force, mean over the steps of the slide"),
+        ("contact_area_mm2", "contact area, mean over the steps of the slide"),
         ("largest_sed_kPa", "largest strain energy density of all receptors in the slide"),
         ("central_largest_sed_kPa", "the same for the receptor nearest to the origin"),
         ("spikes", "of all receptors from the end of the indentation on"),

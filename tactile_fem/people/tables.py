@@ -1,0 +1,99 @@
+"""Tables of an ensemble for other programs: bands of histories, and of the spikes at each place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_fem.neuron import Response
+from tactile_fem.output.histories import central_receptor
+from tactile_fem.people.bands import Bands, bands
+from tactile_fem.people.ensemble import Ensemble, History
+from tactile_fem.simulation.results import Results
+
+Array = NDArray[np.float64]
+
+# Standard deviation of the Gaussian that spreads a spike.
+_WINDOW_S = 0.01
+
+
+def history_rows(ensemble: Ensemble) -> list[dict[str, Any]]:
+    """Return a row for each condition, history and time: median and bands of the complete people.
+
+    Histories are the forces, the contact area, and the SED and firing rate of the central receptor.
+
+    Raises
+    ------
+    StudyError
+        Nobody is complete.
+    """
+    unit = ensemble.results()[0].study.finger.force_unit.replace("/", "_per_")
+    histories: dict[str, str | History] = {
+        f"normal_{unit}": "normal",
+        f"tangential_{unit}": "tangential",
+        "contact_area_mm2": "contact_area_mm2",
+        "central_sed_kPa": "central_sed_kPa",
+        "central_rate_Hz": _central_rate_Hz,
+    }
+    rows: list[dict[str, Any]] = []
+    for condition in ensemble.conditions:
+        for name, of in histories.items():
+            time_s, values = ensemble.history(condition, of)
+            start = {"condition": condition, "history": name}
+            at = [{**start, "time_s": f"{t:.6g}"} for t in time_s]
+            rows += [{**a, **b} for a, b in zip(at, _columns(bands(values)), strict=True)]
+    return rows
+
+
+def place_rows(ensemble: Ensemble) -> list[dict[str, Any]]:
+    """Return a row for each condition and receptor: bands of its spikes from time 0 on.
+
+    Places are those of the first person; there are none if people differ in their number, as those
+    that are drawn on the mesh can.
+
+    Raises
+    ------
+    StudyError
+        Nobody is complete.
+    """
+    rows: list[dict[str, Any]] = []
+    for condition in ensemble.conditions:
+        scans = ensemble.results(condition)
+        trace = scans[0].trace
+        names, places = trace["population"], trace["receptors_mm"]
+        if any(not np.array_equal(scan.trace["population"], names) for scan in scans):
+            continue
+        counts = np.array([_counts(scan) for scan in scans], dtype=float)
+        for k, columns in enumerate(_columns(bands(counts))):
+            x_mm, y_mm, z_mm = (f"{x:.4g}" for x in places[k])
+            place = {"population": str(names[k]), "x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm}
+            rows.append({"condition": condition, "receptor": k, **place, **columns})
+    return rows
+
+
+def _columns(own: Bands) -> Iterator[dict[str, Any]]:
+    """Yield people, median and ends of the bands of values in a row."""
+    for k, median in enumerate(own.median):
+        row: dict[str, Any] = {"people": int(own.people[k]), "median": f"{median:.5g}"}
+        for share, low, high in zip(own.shares, own.low[:, k], own.high[:, k], strict=True):
+            row[f"low_{100 * share:.0f}"] = f"{low:.5g}"
+            row[f"high_{100 * share:.0f}"] = f"{high:.5g}"
+        yield row
+
+
+def _central_rate_Hz(scan: Results) -> Array:
+    """Return the firing rate of the central receptor at each step."""
+    trace, spikes = scan.trace, scan.spikes
+    own = spikes.receptor == central_receptor(trace["receptors_mm"], trace["population"])
+    times = trace["time_s"]
+    response = Response([spikes.time_s[own]], float(times[0]), float(times[-1]))
+    return response.rate(times, _WINDOW_S)[:, 0]
+
+
+def _counts(scan: Results) -> NDArray[np.intp]:
+    spikes = scan.spikes
+    sliding = spikes.receptor[spikes.time_s >= 0]
+    return np.bincount(sliding, minlength=len(scan.trace["population"]))
