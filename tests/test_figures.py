@@ -48,6 +48,24 @@ def dots(axes):
     return [one for one in axes.lines if one.get_gid() == "spikes"]
 
 
+# --- forces --------------------------------------------------------------------------------------
+
+
+def test_a_body_that_turns_shows_its_torque_about_its_own_origin(tmp_path):
+    trace = make_trace()
+    plain = figures._force(scan(tmp_path / "plain", trace=trace), Abscissa.of(trace))
+    assert len(plain.axes) == 4 and "mm" in plain.axes[2].get_xlabel()
+    trace["stimulator_rad"][:, 2] = 0.1
+    trace["moment_Nmm"] = np.cross(trace["stimulator_mm"], trace["force_N"])
+    trace["moment_Nmm"][:, 2] += 0.7
+    turned = figures._force(scan(tmp_path / "turned", trace=trace), Abscissa.of(trace))
+    press, slide = turned.axes[4:6]
+    assert press.get_ylabel() == "Torque (Nmm)" and press.get_xlabel() == "Indentation (mm)"
+    assert press.lines[0].get_ydata() == pytest.approx(0.7)
+    assert slide.lines[0].get_ydata() == pytest.approx(0.7) and slide.get_xlabel() == TIME
+    assert not turned.axes[3].get_xlabel()
+
+
 # --- the axis ------------------------------------------------------------------------------------
 
 

@@ -22,6 +22,7 @@ from tactile_fem.output.plots import force_figure, styled
 from tactile_fem.output.rasters import Trains, firing, raster
 from tactile_fem.output.snapshots import snapshots
 from tactile_fem.runtime.files import write_figure
+from tactile_fem.simulation.pose import moment_about
 from tactile_fem.simulation.results import Results
 
 logger = logging.getLogger(__name__)
@@ -87,15 +88,20 @@ def trains_of(results: Results) -> list[Trains]:
 def _force(results: Results, over: Abscissa) -> Figure:
     trace = results.trace
     indenting = trace["time_s"] <= 1e-12
+    about = trace["stimulator_mm"], trace["force_N"], trace["moment_Nmm"]
+    torque_Nmm = moment_about(*about)[:, 2]
+    turns = bool(trace["stimulator_rad"][:, 2].any())
     figure = force_figure(
         (trace["depth_mm"][indenting], "Indentation (mm)", trace["force_N"][indenting]),
         (over.values, over.label, trace["force_N"]),
         results.study.stimulus.law().uniform,
         results.study.finger.force_unit,
+        (torque_Nmm[indenting], torque_Nmm) if turns else None,
     )
-    _, force, _, ratio = figure.axes
+    force, *others = figure.axes[1::2]
     over.draw(force, label=False)
-    over.draw(ratio, names=False)
+    for axes in others:
+        over.draw(axes, names=False, label=axes is others[-1])
     return figure
 
 

@@ -106,12 +106,14 @@ def force_figure(
     rest: tuple[ArrayLike, str, ArrayLike],
     friction: float | None = None,
     unit: str = "N",
+    torques_Nmm: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> Figure:
-    """Draw normal and tangential force and their ratio over indentation and slide.
+    """Draw normal and tangential force, their ratio and torques over indentation and slide.
 
-    Both have an abscissa (steps,), its label, and the forces on the finger (steps, 3), in a section
-    per width. The ratio exceeds the coefficient of friction, drawn as a line, if inclined faces,
-    such as the flanks of letters, push sideways; the legend then states this.
+    Both have an abscissa (steps,), its label, the forces on the finger (steps, 3), in a section
+    per width, and a torque (steps,) if there are any. The ratio exceeds the coefficient of
+    friction, drawn as a line, if inclined faces, such as the flanks of letters, push sideways; the
+    legend then states this.
     """
     columns = []
     for along, label, force_N in (indentation, rest):
@@ -126,17 +128,22 @@ def force_figure(
     bound = "friction coefficient"
     if friction is not None and largest > friction + 0.01:
         bound += ", exceeded where flanks press sideways"
-    figure = Figure(figsize=(7.0, 4.4), layout="constrained")
-    ratio = {"width_ratios": [1, 2], "height_ratios": [2, 1]}
-    grid = figure.subplots(2, 2, sharex="col", sharey="row", gridspec_kw=ratio)
+    further = 0 if torques_Nmm is None else 1
+    figure = Figure(figsize=(7.0, 4.4 + 1.1 * further), layout="constrained")
+    ratio = {"width_ratios": [1, 2], "height_ratios": [2, 1, *[1] * further]}
+    grid = figure.subplots(2 + further, 2, sharex="col", sharey="row", gridspec_kw=ratio)
     for column, (along, label, normal, tangential) in enumerate(columns):
-        top, below = grid[:, column]
+        top, below = grid[:2, column]
         top.plot(along, normal, color=BLUE, label="normal")
         top.plot(along, tangential, color=VERMILION, label="tangential")
         below.plot(along, ratios[column], color=INK, lw=1.2)
         if friction is not None:
             below.axhline(friction, color=GREEN, lw=1, ls=(0, (4, 3)), label=bound)
-        below.set(xlabel=label, xlim=_span(along))
+        grid[-1, column].set(xlabel=label, xlim=_span(along))
+        if torques_Nmm is not None:
+            grid[2, column].plot(along, np.asarray(torques_Nmm[column]), color=INK, lw=1.2)
+    if torques_Nmm is not None:
+        grid[2, 0].set_ylabel("Torque (Nmm)")
     grid[0, 0].set_ylabel(f"Force on the finger ({unit})")
     grid[0, 0].set_ylim(bottom=0)
     grid[1, 0].set_ylabel("Tangential / normal")
