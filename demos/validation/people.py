@@ -17,7 +17,7 @@
 
 # %%
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem import Results, Study, run_script, write_table
+from tactile_fem.calibration.measurements import Experiment, read_measurements
 from tactile_fem.people import Ensemble, people, run_people
 from tactile_fem.people.bands import bands_table
 from tactile_fem.people.causes import causes, causes_table
@@ -34,62 +35,18 @@ from tactile_fem.series import Member
 
 Array = NDArray[np.float64]
 
-# Forces of each subject, N, plate and probe in the same order.
-PLATE_N = ((0.043, 0.227, 0.557, 1.039), (0.023, 0.110, 0.225, 0.504))
-PLATE_N += ((0.045, 0.168, 0.458, 0.848), (0.037, 0.130, 0.341, 0.683))
-PROBE_N = ((0.027, 0.088, 0.210, 0.386, 0.808, 1.475), (0.017, 0.065, 0.128, 0.224, 0.420, 0.673))
-PROBE_N += ((0.022, 0.066, 0.193, 0.350, 0.584, 0.994), (0.032, 0.087, 0.123, 0.248, 0.444, 0.687))
-SPHERE_MEAN_N = (0.024, 0.045, 0.071, 0.111, 0.154, 0.207, 0.274)
-SPHERE_SD_N = (0.015, 0.030, 0.051, 0.070, 0.086, 0.105, 0.121)
-PROBE = {"kind": "dots", "radius_mm": 3.175, "relief_mm": 4.0, "rows": 1, "columns": 1}
+MEASURED = Path(__file__).parent / "measured"
+# Mean and standard deviation of the forces of so many people; where an adult is three pads.
+FILES = {"plate": "plate.csv", "probe": "probe.csv", "sphere": "not_fitted/sphere.csv"}
+COUNTS = {"plate": 4, "probe": 4, "sphere": 7}
 AGAIN, SEED = 20_000, 1
 # Steps that are long enough for forces, as in the fit of the finger.
 LONG = {"first_step_mm": 0.25, "max_press_step_mm": 0.5}
 
 
-@dataclass(frozen=True)
-class Pressed:
-    """Forces that were measured under an indenter.
-
-    Attributes
-    ----------
-    stimulus
-        As in a study.
-    depth_mm
-        Depths, (n,).
-    mean_N, sd_N
-        Of people, (n,).
-    people
-        Their number.
-    """
-
-    stimulus: dict[str, Any]
-    depth_mm: Array
-    mean_N: Array
-    sd_N: Array
-    people: int
-
-
-def measured() -> dict[str, Pressed]:
+def measured() -> dict[str, Experiment]:
     """Return what was measured, by the name of the indenter."""
-    plate, probe = np.array(PLATE_N), np.array(PROBE_N)
-    return {
-        "plate": _of_subjects({"kind": "plate"}, plate),
-        "probe": _of_subjects(PROBE, probe),
-        "sphere": Pressed(
-            {"kind": "sphere", "radius_mm": 5.0},
-            0.25 * np.arange(1, 8),
-            np.array(SPHERE_MEAN_N),
-            np.array(SPHERE_SD_N),
-            7,
-        ),
-    }
-
-
-def _of_subjects(stimulus: dict[str, Any], force_N: Array) -> Pressed:
-    depth_mm = 0.5 * np.arange(1, force_N.shape[1] + 1)
-    mean, sd = force_N.mean(axis=0), force_N.std(axis=0, ddof=1)
-    return Pressed(stimulus, depth_mm, mean, sd, len(force_N))
+    return {name: read_measurements([MEASURED / file])[0] for name, file in FILES.items()}
 
 
 # %%
@@ -136,19 +93,19 @@ def main(
     explain(folder, ensemble, presses, forces)
 
 
-def upto(one: Pressed, deepest_mm: float) -> Pressed:
+def upto(one: Experiment, deepest_mm: float) -> Experiment:
     """Return what was measured at no larger depths."""
     own = one.depth_mm <= deepest_mm
-    return Pressed(one.stimulus, one.depth_mm[own], one.mean_N[own], one.sd_N[own], one.people)
+    return replace(one, depth_mm=one.depth_mm[own], mean=one.mean[own], sd=one.sd[own])
 
 
-def study(one: Pressed, finger: Mapping[str, Any]) -> Study:
+def study(one: Experiment, finger: Mapping[str, Any]) -> Study:
     """Return the study of a press that stops at each depth."""
     path = [{"kind": "press", "depth_mm": depth} for depth in one.depth_mm.tolist()]
     return Study.model_validate(
         {
             "finger": finger,
-            "stimulus": one.stimulus,
+            "stimulus": one.indenter.model_dump(mode="json", exclude_none=True),
             "protocol": {"path": path},
             "solver": LONG,
             "output": {"pictures": False},
@@ -156,25 +113,25 @@ def study(one: Pressed, finger: Mapping[str, Any]) -> Study:
     )
 
 
-def at_depths(one: Pressed, scan: Results) -> Array:
+def at_depths(one: Experiment, scan: Results) -> Array:
     """Return the normal forces of a scan at the depths, N, (n,)."""
     trace = scan.trace
     return np.interp(one.depth_mm, trace["stimulator_mm"][:, 2], trace["force_N"][:, 2])
 
 
 # %%
-def rows_of(name: str, one: Pressed, force_N: Array) -> list[dict[str, str]]:
+def rows_of(name: str, one: Experiment, force_N: Array) -> list[dict[str, str]]:
     """Return mean and variation at each depth, of people and of the model (people, n)."""
-    few = spread_of_few(force_N, one.people)
+    few = spread_of_few(force_N, COUNTS[name])
     low, high = np.quantile(few, [0.05, 0.95], axis=0)
-    met = (one.sd_N / one.mean_N >= low) & (one.sd_N / one.mean_N <= high)
+    met = (one.sd / one.mean >= low) & (one.sd / one.mean <= high)
     return [
         {
             "indenter": name,
             "depth, mm": f"{one.depth_mm[k]:g}",
-            "people: mean, N": f"{one.mean_N[k]:.3f}",
+            "people: mean, N": f"{one.mean[k]:.3f}",
             "model": f"{force_N[:, k].mean():.3f}",
-            "people: sd/mean": f"{one.sd_N[k] / one.mean_N[k]:.2f}",
+            "people: sd/mean": f"{one.sd[k] / one.mean[k]:.2f}",
             "all of the model": f"{variation(force_N)[k]:.2f}",
             "as few of the model, 90 %": f"{low[k]:.2f} to {high[k]:.2f}",
             "met": "yes" if met[k] else "**missed**",
@@ -196,7 +153,7 @@ def spread_of_few(force_N: Array, count: int) -> Array:
 
 
 def explain(
-    folder: Path, ensemble: Ensemble, presses: Mapping[str, Pressed], forces: Mapping[str, Array]
+    folder: Path, ensemble: Ensemble, presses: Mapping[str, Experiment], forces: Mapping[str, Array]
 ) -> None:
     """Print and draw what the forces at the largest depths are, and what they come from."""
     labels = {name: f"{name}, {one.depth_mm[-1]:g} mm (N)" for name, one in presses.items()}
