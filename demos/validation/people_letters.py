@@ -48,8 +48,9 @@ FRICTION = {"friction-0": 0.0, "text-G": 0.3, "friction-1": 1.0}
 SPACING_MM, HALF_WIDTH_MM = 0.5, 4.0
 ROW_MM = 2 * SPACING_MM
 SHIFT_MM = 1.0  # of an image over another, at most
-# Of a reader who knows half of all letters, see demos/gallery/alphabet.py.
-NOISE_HZ, READINGS, SEED = 630.0, 200, 1
+# Of a reader who knows half of all letters, see demos/gallery/alphabet.py: there in rows at 0.2 mm,
+# here as much for each square millimetre.
+NOISE_HZ, READINGS, SEED = 630.0 * (0.2 / SPACING_MM) ** 0.5, 200, 1
 
 
 # %%
