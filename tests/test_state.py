@@ -77,7 +77,8 @@ class Made:
         """Take a made-up step, in which only half of the block is squeezed."""
         state = self.state
         state.u.interpolate(lambda x: 1e-2 * k * np.array([x[1], x[0] ** 2, np.maximum(x[0], 0)]))
-        state.move(np.array([0.0, -0.1 * k, 0.5]), matrix([0.1 * k, 0.0, 0.0]))
+        place, swing = np.array([0.0, -0.1 * k, 0.5]), np.full((3, 4), 0.01 * k)
+        state.move(place, matrix([0.1 * k, 0.0, 0.0]), swing)
         state.time_step.value = 0.01 * k
         owned = state.u.function_space.dofmap.index_map.size_local
         friction = 2 * state.u.x.array.reshape(-1, 3)[:owned]
@@ -153,6 +154,7 @@ def test_a_step_that_fails_is_undone(gone):
     np.testing.assert_array_equal(state.translation.value, state.translation_old.value)
     np.testing.assert_allclose(state.rotation, matrix([0.2, 0.0, 0.0]))
     np.testing.assert_allclose(state.turn.value, 0.0, atol=1e-15)
+    np.testing.assert_array_equal(state.swing.value, 0.0)
 
 
 @pytest.mark.ranks
@@ -190,6 +192,7 @@ def test_the_last_step_is_reopened_and_closed_again(gone):
         np.testing.assert_allclose(
             state.turn.value, matrix([0.1, 0.0, 0.0]) - np.eye(3), atol=1e-15
         )
+        np.testing.assert_array_equal(state.swing.value, 0.02)
         assert state.dt_s == 0.02
         with state.reopened():  # already is
             pass

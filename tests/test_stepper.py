@@ -56,8 +56,8 @@ class Spring:
         V = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
         self.state, self.order, self.solves = State(V), NodeOrder(domain, V), []
 
-    def solve(self, place: np.ndarray, dt_s: float, rotation: np.ndarray) -> SolveReport:
-        self.state.move(place, rotation)
+    def solve(self, place: np.ndarray, dt_s: float, rotation: np.ndarray, swing) -> SolveReport:
+        self.state.move(place, rotation, swing)
         self.state.time_step.value = dt_s
         self.solves.append((place, dt_s))
         return SolveReport(True, 3, 9, 0.0, "")
@@ -66,7 +66,7 @@ class Spring:
         x, y, z = self.state.translation.value
         normal = max(z, 0.0) ** 1.5 / (1 + 0.2 * np.hypot(x, y))
         force = np.array([0.0, -0.3 * normal, normal])
-        return Load(force, np.zeros(3), *8 * [0.0], *3 * [np.zeros((0, 3))])
+        return Load(force, *3 * [np.zeros(3)], *8 * [0.0], *3 * [np.zeros((0, 3))])
 
     def accept(self, load: Load) -> None:
         self.state.accept(load.force_N, load.moment_Nmm, load.friction_N, 3)
@@ -214,7 +214,9 @@ def test_a_slow_motion_may_step_as_briefly_as_a_fast_one(speed, briefest, monkey
     """Viscosity, which holds what snaps, acts over a time."""
     problem = Spring()
     failed = SolveReport(False, 1, 1, 1.0, "always")
-    monkeypatch.setattr(Spring, "solve", lambda p, place, dt, R: p.solves.append(dt) or failed)
+    monkeypatch.setattr(
+        Spring, "solve", lambda p, place, dt, R, swing: p.solves.append(dt) or failed
+    )
     path = Protocol(press_speed_mm_s=speed).route(1.0)
     stepper = Stepper(problem, path, Solver(min_step_mm=0.01), smoother_by=["low_pass_mm"])
     with pytest.raises(ConvergenceError, match=r"try .*, a larger stimulus\.low_pass_mm, less"):
@@ -229,14 +231,14 @@ class Countable(Spring):
         super().__init__()
         self._law = law
 
-    def solve(self, place: np.ndarray, dt_s: float, rotation: np.ndarray) -> SolveReport:
+    def solve(self, place: np.ndarray, dt_s: float, rotation: np.ndarray, swing) -> SolveReport:
         assert len(self.solves) < 300, "it goes on for ever"
-        return super().solve(place, dt_s, rotation)
+        return super().solve(place, dt_s, rotation, swing)
 
     def load(self) -> Load:
         z, dt_s = self.state.translation.value[-1], self.state.dt_s
         force = np.array([0.0, 0.0, self._law(z, dt_s)])
-        return Load(force, np.zeros(3), *8 * [0.0], *3 * [np.zeros((0, 3))])
+        return Load(force, *3 * [np.zeros(3)], *8 * [0.0], *3 * [np.zeros((0, 3))])
 
 
 def test_a_press_ends_at_a_force_that_short_steps_pass_at_once():

@@ -29,8 +29,8 @@ class Joint(Settings):
     )
     mass_g: NonNegative = Field(
         3.0,
-        description="proposed: of the phalanx with its soft tissue, a rod of length_mm; for "
-        "`vibrate`, where the bone has the moment of inertia that the meshed tissue leaves",
+        description="proposed: of the phalanx with its soft tissue, a rod of length_mm; the bone "
+        "has the moment of inertia that the meshed tissue leaves",
     )
     length_mm: Positive = Field(
         25.0, description="proposed: from the contact point to the joint, towards the palm"
@@ -48,6 +48,10 @@ class Joint(Settings):
     def inertia_Nmms2(self) -> float:
         """Moment of inertia of the phalanx, N mm s2."""
         return self.mass_g * self.length_mm**2 / 3 * _NMM_S2_PER_G_MM2
+
+    def inertia_beyond(self, tissue_Nmms2: float) -> float:
+        """Return the moment of inertia that the meshed tissue leaves to the bone, N mm s2."""
+        return max(self.inertia_Nmms2 - tissue_Nmms2, 0.0)
 
     def arms(self, places_mm: Array) -> Array:
         """Return how places move per angle of the bone, mm/rad, (n, 3).

@@ -27,6 +27,9 @@ class Load:
     ----------
     force_N, moment_Nmm
         Of the contact traction on the finger, (3,); the moment about the origin.
+    bone_N, bone_Nmm
+        Force of the tissue on what is held, (3,), and its moment about the origin: those of the
+        contact but for inertia.
     imbalance_N
         Difference of the contact force and the forces of all other terms on nodes that may move.
     contact_area_mm2
@@ -51,6 +54,8 @@ class Load:
 
     force_N: np.ndarray
     moment_Nmm: np.ndarray
+    bone_N: np.ndarray
+    bone_Nmm: np.ndarray
     imbalance_N: float
     contact_area_mm2: float
     gap_error_mm: float
@@ -88,7 +93,7 @@ class LoadCell:
         dim = len(state.u)
         # Of the moment; a section has the one out of its plane.
         self._planes = ((1, 2), (2, 0), (0, 1)) if dim == 3 else ((0, 1),)
-        self._splits = dim, dim + len(self._planes)
+        self._splits = np.cumsum(2 * [dim, len(self._planes)])
         V = state.u.function_space
         owned = V.dofmap.index_map.size_local
         self._is_free = np.ones(owned, dtype=bool)
@@ -123,12 +128,14 @@ class LoadCell:
             integrals = _nodal(self._integrals_form).sum(axis=0)
         here = [self._forces(pressure + friction, bulk), [self._heat(friction)], integrals]
         whole = self._comm.allreduce(np.concatenate(here))
-        force, moment, resistance = np.split(whole[:-8], self._splits)
+        force, moment, on_bone, moment_on_bone, resistance = np.split(whole[:-8], self._splits)
         heat, area, normal, distance, traction, stored, volume, rest = whole[-8:].tolist()
         pressed = normal if normal > 0 else 1.0
         return Load(
             force,
             moment,
+            on_bone,
+            moment_on_bone,
             float(np.linalg.norm(force - resistance)),
             area,
             distance / pressed,
@@ -143,10 +150,15 @@ class LoadCell:
         )
 
     def _forces(self, contact: np.ndarray, bulk: np.ndarray) -> np.ndarray:
-        """Return this rank's contact force, its moment, and the resistance of nodes that move."""
-        moment = self._moment(self._places(self._state.u, len(contact)), contact)
-        resistance = bulk[self._is_free].sum(axis=0)
-        return np.concatenate([contact.sum(axis=0), moment.sum(axis=0), resistance])
+        """Return this rank's part of forces and moments.
+
+        Those of the contact, those on what is held, and the resistance of nodes that move.
+        """
+        places = self._places(self._state.u, len(contact))
+        found = []
+        for forces in (contact, np.where(self._is_free[:, None], 0.0, contact - bulk)):
+            found += [forces.sum(axis=0), self._moment(places, forces).sum(axis=0)]
+        return np.concatenate([*found, bulk[self._is_free].sum(axis=0)])
 
     def _places(self, u: fem.Function, owned: int) -> np.ndarray:
         """Return where the first `owned` nodes of this rank are, (owned, components)."""

@@ -115,13 +115,14 @@ class Problem:
         return ufl.TestFunction(self.u.function_space)
 
     def begin_step(
-        self, translation: np.ndarray, dt_s: float, rotation: np.ndarray | None = None
+        self,
+        translation: np.ndarray,
+        dt_s: float,
+        rotation: np.ndarray | None = None,
+        swing: np.ndarray | None = None,
     ) -> None:
-        """Move the body to `translation` (3,), `dt_s` after the last accepted step.
-
-        It turns to `rotation` (3, 3) about its origin; by default it does not turn.
-        """
-        self.state.move(translation, rotation)
+        """Move body and bone, `dt_s` after the last accepted step; see `State.move`."""
+        self.state.move(translation, rotation, swing)
         self.state.time_step.value = dt_s
         self.terms.begin_step()
 

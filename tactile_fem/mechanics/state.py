@@ -15,6 +15,7 @@ from functools import partial
 from mpi4py import MPI
 
 import numpy as np
+import ufl
 from dolfinx import fem
 from scipy.spatial import cKDTree
 from ufl.core.expr import Expr
@@ -107,6 +108,11 @@ class State:
         Rotation of the body about its origin, (3, 3), likewise.
     turn
         ``Q - I``, with the rotation `Q` of the body since the last accepted step.
+    swing
+        How the bone has swung since the last accepted step, ``[Q - I, t]``, (dimension,
+        dimension + 1): a place `y` seen from it is ``Q y + t`` seen from the bone of then.
+    swing_before
+        That of the last accepted step.
     time_step
         Duration of the present step, s; the only constant of it in all forms.
     dt_old_s
@@ -130,6 +136,8 @@ class State:
         self.translation_before = origin.copy()
         self.rotation, self.rotation_old, self.rotation_before = (np.eye(len(origin)),) * 3
         self.turn = fem.Constant(msh, np.zeros((len(origin), len(origin))))
+        self.swing = fem.Constant(msh, np.zeros((len(origin), len(origin) + 1)))
+        self.swing_before = self.swing.value.copy()
         self.time_step = fem.Constant(msh, 1.0)
         self.dt_old_s = 0.0
         self.force_old_N = origin.copy()
@@ -143,11 +151,17 @@ class State:
         """Duration of the present step, s."""
         return float(self.time_step.value)
 
-    def move(self, translation: Array, rotation: Array | None = None) -> None:
-        """Move the body to `translation` (3,) and `rotation` (3, 3), by default that of before."""
+    def move(
+        self, translation: Array, rotation: Array | None = None, swing: Array | None = None
+    ) -> None:
+        """Move the body to `translation` (3,) and `rotation` (3, 3), by default that of before.
+
+        The bone has swung by `swing`; by default it has not.
+        """
         self.translation.value[:] = translation
         self.rotation = self.rotation_old if rotation is None else np.array(rotation)
         self.turn.value[:] = (self.rotation - self.rotation_old) @ self.rotation_old.T
+        self.swing.value[:] = 0.0 if swing is None else swing
 
     def place(self, translation: Array, rotation: Array | None = None) -> None:
         """Start from the present displacement, with the body at that place, as in `move`."""
@@ -176,6 +190,18 @@ class State:
         """Return a vector of the last accepted step, turned with the body since."""
         return vector + self.turn * vector
 
+    def swung(self, points: Expr) -> Expr:
+        """Return how far the bone has carried `points` since the last accepted step, mm.
+
+        The points are places of now; the way is seen from the bone of then.
+        """
+        return self.swing * ufl.as_vector([*points, 1.0])
+
+    def seen_from_bone(self, vector: Expr) -> Expr:
+        """Return a vector seen from the bone of now that is given as seen from that of then."""
+        turned = ufl.transpose(self.swing) * vector
+        return vector + ufl.as_vector([turned[i] for i in range(len(self.u))])
+
     def accept(self, force_N: Array, moment_Nmm: Array, friction: Array, iterations: int) -> None:
         """Make the present state the history of the next step; all ranks call.
 
@@ -194,6 +220,7 @@ class State:
         self.u_before.x.array[:] = self.u_old.x.array
         self.translation_before[:] = self.translation_old.value
         self.rotation_before = self.rotation_old
+        self.swing_before[:] = self.swing.value
         self.force_old_N, self.moment_old_Nmm = force_N, moment_Nmm
         self.friction_old.x.array[: friction.size] = friction.ravel()
         self.dt_old_s = self.dt_s
@@ -215,6 +242,7 @@ class State:
             history.old.x.array[:] = history.before
         self.u_old.x.array[:] = self.u_before.x.array
         self._since(self.translation_before, self.rotation_before)
+        self.swing.value[:] = self.swing_before
         self.time_step.value = self.dt_old_s
         self._is_reopened = True
         try:
@@ -240,6 +268,7 @@ class State:
             "translation_before": self.translation_before.copy(),
             "rotation": self.rotation_old.ravel(),
             "rotation_before": self.rotation_before.ravel(),
+            "swing_before": self.swing_before.flatten(),
             "dt_old_s": np.array(self.dt_old_s),
             "force_N": self.force_old_N,
             "moment_Nmm": self.moment_old_Nmm,
@@ -257,6 +286,7 @@ class State:
         self.place(saved["translation"], np.reshape(saved["rotation"], shape))
         self.translation_before[:] = saved["translation_before"]
         self.rotation_before = np.reshape(saved["rotation_before"], shape)
+        self.swing_before.flat = saved["swing_before"]
         self.dt_old_s, self.iterations = float(saved["dt_old_s"]), int(saved["iterations"])
         self.force_old_N = np.array(saved["force_N"])
         self.moment_old_Nmm = np.array(saved["moment_Nmm"])

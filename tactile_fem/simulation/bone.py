@@ -1,12 +1,12 @@
 """The bone on its joint: its angle, and the body as seen from it.
 
 The mechanics is computed in the bone's frame, in which the held tissues are at rest: the body moves
-by the inverse of the bone's motion. The angle `phi` balances the moment `M` of the contact,
+by the inverse of the bone's motion. The angle `phi` balances the moment `M` of the tissue,
 
-    I phi'' + c phi' + k phi = M,
+    I phi'' + c phi' + k phi = M.
 
-with the phalanx's moment of inertia `I` where the tissue has inertia. That of the tissue's motion
-relative to the bone is left out of `M`.
+Where the tissue has mass, `M` is that of the contact less its rate of angular momentum, and `I` is
+what it leaves of the phalanx's moment of inertia.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Bone:
     ----------
     joint
         Its joint.
-    has_inertia
-        Whether the phalanx has.
+    inertia_Nmms2
+        Moment of inertia without the tissue; None if nothing has mass.
     angle_rad, rate_rad_s, rate_rad_s2
         Angle about the joint and its derivatives.
     before_rad
@@ -41,7 +41,7 @@ class Bone:
     """
 
     joint: Joint
-    has_inertia: bool = False
+    inertia_Nmms2: float | None = None
     angle_rad: float = 0.0
     rate_rad_s: float = 0.0
     rate_rad_s2: float = 0.0
@@ -69,11 +69,17 @@ class Bone:
         moment = R @ moment_about(centre, force_N, moment_Nmm) + np.cross(centre, force)
         return force, moment
 
+    def swing(self, angle_rad: float) -> Array:
+        """Return how it has swung to an angle, as in `State.swing`, (3, 4)."""
+        still = Pose(np.zeros(3), np.eye(3))
+        moved = turned_with_bone(still, self.joint, angle_rad - self.angle_rad)
+        return np.column_stack([moved.rotation - np.eye(3), moved.translation])
+
     def moved(self, angle_rad: float, dt_s: float) -> Bone:
         """Return the bone at an angle, `dt_s` later."""
         moved_rad = angle_rad - self.angle_rad
         velocity, acceleration = moved_rad / dt_s, 0.0
-        if self.has_inertia:
+        if self.inertia_Nmms2 is not None:
             old = self.rate_rad_s, self.rate_rad_s2
             acceleration = _METHOD.acceleration(moved_rad, *old, dt_s)
             velocity = _METHOD.velocity(acceleration, *old, dt_s)
@@ -85,19 +91,22 @@ class Bone:
             before_rad=self.angle_rad,
         )
 
-    def excess_N(self, angle_rad: float, dt_s: float, force_N: Array, moment_Nmm: Array) -> float:
-        """Return the moment that the joint does not balance over its distance, N.
+    def moments_N(self, angle_rad: float, dt_s: float, force_N: Array, moment_Nmm: Array) -> Array:
+        """Return the moments about the joint, whose sum is to vanish, over its distance, N, (4,).
+
+        Those of the tissue, the joint's stiffness, its damping and the bone's mass.
 
         Parameters
         ----------
         angle_rad
             Of the bone, `dt_s` after the last accepted step.
         force_N, moment_Nmm
-            Of the contact, (3,), as seen from the bone; the moment is about the origin.
+            Of the tissue, (3,), as seen from the bone; the moment is about the origin.
         """
         joint, now = self.joint, self.moved(angle_rad, dt_s)
         moment = moment_about(joint.centre_mm, force_N, moment_Nmm)[0]
-        held = joint.stiffness_Nmm_rad * angle_rad + joint.damping_Nmms_rad * now.rate_rad_s
-        if self.has_inertia:
-            held += joint.inertia_Nmms2 * _METHOD.averaged(now.rate_rad_s2, self.rate_rad_s2)
-        return float(moment - held) / joint.length_mm
+        stiffness = -joint.stiffness_Nmm_rad * angle_rad
+        damping = -joint.damping_Nmms_rad * now.rate_rad_s
+        averaged = _METHOD.averaged(now.rate_rad_s2, self.rate_rad_s2)
+        mass = -(self.inertia_Nmms2 or 0.0) * averaged
+        return np.array([moment, stiffness, damping, mass]) / joint.length_mm

@@ -80,7 +80,8 @@ class Equilibrium:
     def in_space(self, load: Load) -> Load:
         """Return a load at the end of the last solve in space, with vectors (3,)."""
         force, moment = self._in_space(load.force_N, load.moment_Nmm, self._angle_rad)
-        return replace(load, force_N=force, moment_Nmm=moment)
+        on_bone, about = self._in_space(load.bone_N, load.bone_Nmm, self._angle_rad)
+        return replace(load, force_N=force, moment_Nmm=moment, bone_N=on_bone, bone_Nmm=about)
 
     def _in_space(self, force_N: Array, moment_Nmm: Array, angle_rad: float) -> tuple[Array, Array]:
         load = self._plane.vectors(force_N), self._plane.moment(moment_Nmm)
@@ -111,14 +112,14 @@ class Equilibrium:
         ratio = dt_s / self._problem.state.dt_old_s
         return min(ratio, _MOST_AT_LOADS) if holds else ratio
 
-    def at_pose(self, pose: Pose, dt_s: float) -> Solved:
-        """Solve with the body at `pose`."""
+    def at_pose(self, pose: Pose, dt_s: float, swing: Array | None = None) -> Solved:
+        """Solve with the body at `pose`, after a `swing` of the bone."""
         place, rotation = self._plane.within(pose.translation), self._plane.rotation(pose.rotation)
-        report = self._problem.solve(place, dt_s, rotation)
+        report = self._problem.solve(place, dt_s, rotation, swing)
         if not report.converged and self._is_guided:
             self.discarded.append(report)
             self.predict(dt_s)
-            report = self._problem.solve(place, dt_s, rotation)
+            report = self._problem.solve(place, dt_s, rotation, swing)
         load = self._problem.load() if report.converged else None
         if load is not None and not load.is_finite:
             return replace(report, converged=False, reason="the load is not finite"), None
@@ -147,12 +148,13 @@ class Equilibrium:
         while True:
             x, angle, pose = search.x, held.angle_rad(search.x), held.pose_at(search.x)
             seen = held.bone.seen_from(pose, angle) if held.bone else pose
-            report, load = self.at_pose(seen, held.dt_s)
+            swing = held.bone.swing(angle) if held.bone else None
+            report, load = self.at_pose(seen, held.dt_s, swing)
             if load is None:
                 return report, None
             self._angle_rad = angle
-            loads, unbalanced = self._loads(held, pose, load)
-            if search.is_met(-held.gains_N(loads, unbalanced), held.scale_N(loads)):
+            found = loads, _ = self._loads(held, pose, load)
+            if search.is_met(-held.gains_N(*found), held.scale_N(*found)):
                 self.stiffness_N_mm[own] = search.stiffness
                 return report, load
             shown = held.shown(loads, self._plane.force_unit)
@@ -165,14 +167,14 @@ class Equilibrium:
             self.discarded.append(report)
             last = self._extrapolate(last, x, search.x)
 
-    def _loads(self, held: Held, pose: Pose, load: Load) -> tuple[Array, float]:
-        """Return the scaled loads, (4,), and what the joint does not balance, N."""
+    def _loads(self, held: Held, pose: Pose, load: Load) -> tuple[Array, Array]:
+        """Return the scaled loads, (4,), and the moments on the joint as `Bone` does, N."""
         in_space = self.in_space(load)
         loads = SCALES * pose.load(in_space.force_N, in_space.moment_Nmm)
         if held.bone is None:
-            return loads, 0.0
-        seen = load.force_N, load.moment_Nmm
-        return loads, held.bone.excess_N(self._angle_rad, held.dt_s, *seen)
+            return loads, np.zeros(0)
+        on_bone = load.bone_N, load.bone_Nmm
+        return loads, held.bone.moments_N(self._angle_rad, held.dt_s, *on_bone)
 
     def _used_friction(self, load: Load) -> float:
         """Return the friction of all skin as a share of the largest."""

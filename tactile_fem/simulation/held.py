@@ -15,6 +15,7 @@ Array = np.ndarray
 _TORQUE, JOINT = 3, 4
 # From torque, Nmm, to N, and from mm to an angle, rad.
 SCALES = np.array([1.0, 1.0, 1.0, 1 / ARM_MM])
+_NONE = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -70,15 +71,18 @@ class Held:
         down = -angle_rad * self.bone.joint.length_mm if self.bone else 0.0
         return np.array([*pose.translation, turn, down])[self.indices]
 
-    def gains_N(self, loads_N: Array, unbalanced_N: float = 0.0) -> Array:
-        """Return what is wanted beyond loads (4,) and what the joint does not balance, (k,)."""
-        return np.append(SCALES * self.loads - loads_N, -unbalanced_N)[self.indices]
+    def gains_N(self, loads_N: Array, on_joint_N: Array = _NONE) -> Array:
+        """Return what is wanted beyond loads, (4,), and beyond what acts on the joint, (k,)."""
+        return np.append(SCALES * self.loads - loads_N, -on_joint_N.sum())[self.indices]
 
-    def scale_N(self, loads_N: Array) -> float:
-        """Return the size of the load (4,): what is wanted, or there where nothing is held."""
+    def scale_N(self, loads_N: Array, on_joint_N: Array = _NONE) -> float:
+        """Return the size of the load (4,): what is wanted, or there where nothing is held.
+
+        What acts on the joint counts where it is more.
+        """
         whole, own = loads_N.copy(), list(self.components)
         whole[own] = (SCALES * self.loads)[own]
-        return float(np.linalg.norm(whole))
+        return float(max(np.linalg.norm(whole), np.abs(on_joint_N).max(initial=0.0)))
 
     def shown(self, loads_N: Array, force_unit: str) -> str:
         """Return in words the loads (4,) and those wanted."""

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Share of the whole load by which loads may be missed.
-TOLERANCE = 1e-3
+# Share of the whole load by which loads may be missed; as much may be where there is hardly any.
+TOLERANCE, _NEGLIGIBLE_N = 1e-3, 1e-6
 # Solves in which loads have to be met, and how many are usual.
 _MOST_SOLVES, _USUAL_SOLVES = 9, 4
 
@@ -49,7 +49,7 @@ class LoadSearch:
         if self._last is not None:
             self._learn(x - self._last[0], excess_N - self._last[1])
         self._last = x, excess_N
-        if np.linalg.norm(excess_N) <= TOLERANCE * scale_N:
+        if np.linalg.norm(excess_N) <= max(TOLERANCE * scale_N, _NEGLIGIBLE_N):
             return True
         self.x = x + way_to(-excess_N, self.stiffness, self.longest_mm)
         return False

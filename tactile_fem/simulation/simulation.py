@@ -24,6 +24,7 @@ from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.rows import Saved
 from tactile_fem.mechanics.state import State
+from tactile_fem.mechanics.terms.inertia import moment_of_inertia
 from tactile_fem.neuron import fields_of, replaced
 from tactile_fem.receptors import Layout
 from tactile_fem.runtime.files import check_unchanged, hashes
@@ -168,8 +169,16 @@ class Simulation:
         plane = problem.domain.plane
         if self._course and self._course.beside:
             logger.info("steps are guessed from those of an earlier scan beside this one")
-        bone = Bone(study.joint, study.solver.inertia) if study.joint else None
-        return Stepper(problem, self.path, study.solver, plane, smoother_by, self._course, bone)
+        course, bone = self._course, self._bone()
+        return Stepper(problem, self.path, study.solver, plane, smoother_by, course, bone)
+
+    def _bone(self) -> Bone | None:
+        """Return the bone at rest on its joint; None if it is clamped."""
+        joint, density = self.study.joint, self.study.tissue.density_kg_m3
+        if joint is None or not self.study.solver.inertia:
+            return Bone(joint) if joint else None
+        of_tissue = moment_of_inertia(self.problem.tissues, density, joint.centre_mm)
+        return Bone(joint, joint.inertia_beyond(of_tissue))
 
     @property
     def state(self) -> State:

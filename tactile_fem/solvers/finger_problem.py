@@ -61,14 +61,19 @@ class FingerProblem(Problem):
             _OPEN[self] = None
 
     def solve(
-        self, translation: np.ndarray, dt_s: float, rotation: np.ndarray | None = None
+        self,
+        translation: np.ndarray,
+        dt_s: float,
+        rotation: np.ndarray | None = None,
+        swing: np.ndarray | None = None,
     ) -> SolveReport:
         """Find the equilibrium with the body at `translation` (3,), `dt_s` after the last one.
 
-        The body turns to `rotation` (3, 3) about its origin; by default it does not turn.
+        The body turns to `rotation` (3, 3) about its origin; by default it does not turn. The bone
+        swings by `swing`, see `State`; by default it does not.
         `u` is the initial guess and the result; on failure the caller resets the state.
         """
-        self.begin_step(translation, dt_s, rotation)
+        self.begin_step(translation, dt_s, rotation, swing)
         report = self.solver.solve()
         self._iterations = report.iterations
         return report

@@ -28,11 +28,10 @@ A bone on its joint (`tactile_fem.finger.joint`) turns by an angle ``a``. With `
 places with the bone per angle, ``û = x + a r``, where `x` is 0 at what is held, and the moments
 about the joint are in balance:
 
-    (k + i w d - w^2 I) a + r.(K(w) û - f(w) b̂) + r'.h a - w^2 r.M x = 0,
+    (k + i w d - w^2 I) a + r.(K(w) û - f(w) b̂) + r'.h a - w^2 r.M û = 0,
 
-where `h` are the forces that hold the finger and ``r'`` is how `r` changes per angle. `I` is that
-of the joint or, if it is larger, that of the meshed tissues, ``r.M r``, which the joint's mass
-contains: the soft tissue is counted once.
+where `h` are the forces that hold the finger and ``r'`` is how `r` changes per angle. `I` is what
+the meshed tissues leave of the joint's moment of inertia, at least 0.
 
 The equations are solved with one factorization per frequency
 (`tactile_fem.vibration.complex_solver`).
@@ -57,7 +56,7 @@ from tactile_fem.finger.joint import Joint
 from tactile_fem.mechanics.contact_law import ContactLaw
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.terms.contact import SkinPart
-from tactile_fem.mechanics.terms.inertia import mass_density
+from tactile_fem.mechanics.terms.inertia import mass_density, moment_of_inertia
 from tactile_fem.mechanics.terms.term import Delay
 from tactile_fem.vibration.complex_solver import complex_solver
 
@@ -121,7 +120,8 @@ class Harmonic:
             turned, _ = self._of_turn(mass)
             self._turned_mass = turned * self._is_free
             tissues = self._comm.allreduce(self._arms @ turned)
-            self._moment_of_inertia = max(tissues, joint.inertia_Nmms2)
+            at_rest = moment_of_inertia(problem.tissues, density_kg_m3, joint.centre_mm)
+            self._moment_of_inertia = tissues + joint.inertia_beyond(at_rest)
             held = self._vector(compile_(problem.bulk.static_residual(v))) * (1 - self._is_free)
             inwards = joint.inwards(self._places).ravel()
             self._per_turn_of_held = self._comm.allreduce(inwards @ held)

@@ -16,7 +16,13 @@ spectral radius at infinite frequency. Forces are not averaged because contact a
 the tissues are those of the end of a step: there the skin may not be inside the body, and the same
 residual and load serve with and without inertia.
 
-Displacements are relative to the bone, which is at rest.
+Displacements are relative to the bone, which may turn about its joint. All motion here is that in
+space: over a step whose bone swings by a rotation `Q` and ``t``, tissue at ``y = X + u`` moves by
+
+    Q y + t - y_n,
+
+seen from the bone of the last accepted step. That holds the accelerations of Euler, Coriolis and
+the centrifugal one, for any angle.
 """
 
 from __future__ import annotations
@@ -26,9 +32,10 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
+from numpy.typing import ArrayLike
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import expression
+from tactile_fem.mechanics.compile import expression, jit_options
 from tactile_fem.mechanics.state import PointHistory
 from tactile_fem.mechanics.terms.term import Term
 from tactile_fem.mechanics.tissues import Tissues
@@ -39,6 +46,18 @@ from tactile_fem.study import Solver
 SPECTRAL_RADIUS = 0.5
 # kg/m3 in the unit of mass that goes with mm, N and s.
 _T_PER_MM3 = 1e-12
+
+
+def moment_of_inertia(tissues: Tissues, density_kg_m3: float, point_mm: ArrayLike) -> float:
+    """Return that of the undeformed tissues, in N mm s2; all ranks call.
+
+    It is about the line along X through a point, (3,).
+    """
+    msh = tissues.domain.mesh
+    r = tissues.X - fem.Constant(msh, np.asarray(point_mm))
+    density = mass_density(msh, density_kg_m3)
+    form = fem.form(density * (r[1] ** 2 + r[2] ** 2) * tissues.dx, jit_options=jit_options(()))
+    return float(tissues.domain.comm.allreduce(fem.assemble_scalar(form)))
 
 
 def mass_density(msh: mesh.Mesh, density_kg_m3: float) -> fem.Constant:
@@ -86,24 +105,29 @@ class Inertia(Term):
     Attributes
     ----------
     velocity, acceleration
-        At the end of the step, mm/s and mm/s2.
+        In space at the end of the step, seen from the bone at its beginning, mm/s and mm/s2.
     """
 
     def __init__(self, tissues: Tissues, spectral_radius: float = SPECTRAL_RADIUS) -> None:
         super().__init__(tissues)
-        u, u_old, dt = tissues.u, tissues.state.u_old, tissues.state.time_step
+        self._state = state = tissues.state
+        u, u_old, dt = tissues.u, state.u_old, state.time_step
         msh, dim = u.function_space.mesh, len(u)
         old = fem.Function(fem.functionspace(msh, ("Lagrange", 2, (2 * dim,))))
         v_old = ufl.as_vector([old[i] for i in range(dim)])
         a_old = ufl.as_vector([old[dim + i] for i in range(dim)])
         self._density = mass_density(msh, tissues.constants.density_kg_m3)
         method = GeneralizedAlpha(spectral_radius)
-        a = method.acceleration(u - u_old, v_old, a_old, dt)
+        y = ufl.SpatialCoordinate(msh) + u
+        a = method.acceleration(u - u_old + state.swung(y), v_old, a_old, dt)
         self.acceleration: Expr = a
         self.velocity: Expr = method.velocity(a, v_old, a_old, dt)
         self._averaged = method.averaged(a, a_old)
+        against_bone = method.acceleration(u - u_old, v_old, a_old, dt)
+        self._averaged_against_bone = method.averaged(against_bone, a_old)
         self._per_mm = self._density * (1 - method.alpha) / (method.beta * dt**2)
-        self.histories = [_Motion(old, self.velocity, self.acceleration)]
+        motion = [state.seen_from_bone(vector) for vector in (self.velocity, a)]
+        self.histories = [_Motion(old, *motion)]
 
     @classmethod
     def of(cls, tissues: Tissues, solver: Solver) -> list[Inertia]:
@@ -112,7 +136,12 @@ class Inertia(Term):
 
     def residual(self, v: Expr) -> ufl.Form:
         """Return the virtual work of the mass times its acceleration in `v`."""
-        return self._density * ufl.inner(self._averaged, v) * self.tissues.dx
+        averaged = self._state.seen_from_bone(self._averaged)
+        return self._density * ufl.inner(averaged, v) * self.tissues.dx
+
+    def work_of_tangent(self, v: Expr) -> ufl.Form:
+        """Return that of a bone that does not swing, of which the tangent does not depend."""
+        return self._density * ufl.inner(self._averaged_against_bone, v) * self.tissues.dx
 
     def static_residual(self, v: Expr) -> ufl.Form:
         """Return nothing."""
