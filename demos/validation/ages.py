@@ -78,17 +78,14 @@ def main(
     jobs
         Scans side by side.
     """
-    scans = {
-        name: run_all(
-            [
-                Member(f"{name}-{letter}", felt(aged(base(changes), ratios), text=letter), {})
-                for letter in letters
-            ],
-            folder / "scans",
-            jobs=jobs,
-        )
-        for name, ratios in FINGERS.items()
+    studies = {name: aged(base(changes), ratios) for name, ratios in FINGERS.items()}
+    members = {
+        name: [Member(f"{name}-{letter}", felt(study, text=letter), {}) for letter in letters]
+        for name, study in studies.items()
     }
+    every = [one for own in members.values() for one in own]
+    found = iter(run_all(every, folder / "scans", jobs=jobs))
+    scans = {name: [next(found) for _ in own] for name, own in members.items()}
     numbers = {name: numbers_with_likeness(own[0]) for name, own in scans.items()}
     images = {name: [population_image(one) for one in own] for name, own in scans.items()}
     columns = min(image.rate_Hz.shape[1] for own in images.values() for image in own)
