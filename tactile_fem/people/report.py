@@ -9,13 +9,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.histories import central_receptor
 from tactile_fem.people.bands import SHARES, bands_table, people_needed
 from tactile_fem.people.causes import Causes, causes, causes_table
 from tactile_fem.people.ensemble import Ensemble
 from tactile_fem.people.figures import bands_figure, causes_figure, paired_figure, people_raster
 from tactile_fem.people.paired import paired
-from tactile_fem.people.tables import history_rows, place_rows
+from tactile_fem.people.tables import central_spikes_s, history_rows, place_rows
 from tactile_fem.runtime.files import write_figure, write_table
 from tactile_fem.series.comparison import common
 from tactile_fem.simulation.results import Results
@@ -136,7 +135,7 @@ def _figures(
     time_s, histories = _histories(ensemble, {name: own[0] for name, own in scans.items()})
     axis = Abscissa(over.label, over.per_s, over.at(time_s), over.phases)
     yield "bands", bands_figure(histories, axis)
-    spikes = [over.at(_central_spikes(scan)) for scan in first]
+    spikes = [over.at(central_spikes_s(scan)) for scan in first]
     sed = numbers[conditions[0]]["central_largest_sed_kPa"]
     yield "raster", people_raster(spikes, over, sed, "Largest SED (kPa)")
     for second in conditions[1:2]:
@@ -175,13 +174,6 @@ def _histories(
 def _onto(time_s: Array, own_s: Array, values: Array) -> Array:
     """Return histories (m, n) at other times, NaN beyond their own."""
     return np.array([np.interp(time_s, own_s, one, np.nan, np.nan) for one in values])
-
-
-def _central_spikes(scan: Results) -> Array:
-    """Return the times of the spikes of the central receptor of the first population, s."""
-    trace, spikes = scan.trace, scan.spikes
-    own = spikes.receptor == central_receptor(trace["receptors_mm"], trace["population"])
-    return np.asarray(spikes.time_s[own], dtype=float)
 
 
 def _aligned(rows: list[list[str]]) -> list[str]:

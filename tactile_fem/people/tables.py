@@ -84,12 +84,17 @@ def _columns(own: Bands) -> Iterator[dict[str, Any]]:
         yield row
 
 
-def _central_rate_Hz(scan: Results) -> Array:
-    """Return the firing rate of the central receptor at each step."""
+def central_spikes_s(scan: Results) -> Array:
+    """Return the times of the spikes of the central receptor of the first population, s."""
     trace, spikes = scan.trace, scan.spikes
     own = spikes.receptor == central_receptor(trace["receptors_mm"], trace["population"])
-    times = trace["time_s"]
-    response = Response([spikes.time_s[own]], float(times[0]), float(times[-1]))
+    return np.asarray(spikes.time_s[own], dtype=float)
+
+
+def _central_rate_Hz(scan: Results) -> Array:
+    """Return the firing rate of the central receptor at each step."""
+    times = scan.trace["time_s"]
+    response = Response([central_spikes_s(scan)], float(times[0]), float(times[-1]))
     return response.rate(times, _WINDOW_S)[:, 0]
 
 
