@@ -1,0 +1,62 @@
+"""The command that makes a fast finger."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tactile_fem.cli.options import (
+    Changes,
+    Count,
+    Overwrite,
+    StudyFile,
+    Written,
+    check_file,
+    with_mechanics,
+)
+from tactile_fem.errors import StudyError
+
+
+def reduce(
+    study: StudyFile = None,
+    /,
+    *,
+    output: Written = Path("finger.npz"),
+    scans: Count = 100,
+    changes: Changes = (),
+    results: Path = Path("results/reduce"),
+    jobs: Count = 1,
+    overwrite: Overwrite = False,
+) -> None:
+    """Make a finger that answers in milliseconds, from scans of a study's finger.
+
+    The scans are of random shapes along random paths; started again, it completes the missing ones.
+    What the fast finger gets wrong in scans that it has not seen is printed and kept in the file.
+
+    Parameters
+    ----------
+    output
+        The file, for tactile_fem.surrogate.FastFinger.
+    scans
+        How many; each takes a minute or two.
+    results
+        Folder for the scans.
+    jobs
+        Scans in parallel.
+    overwrite
+        Replace the file.
+    """
+    from tactile_fem import load_study
+
+    check_file("--output", output, ".npz")
+    if output.exists() and not overwrite:
+        raise StudyError(f"{output} exists: choose another file, or --overwrite.")
+    the_study = load_study(study, changes)
+    module = with_mechanics("tactile_fem.surrogate.reduce", 1)
+    finger = module.reduce_finger(the_study, results, scans=scans, jobs=jobs)
+    finger.write(output)
+    for name, value in finger.errors.items():
+        print(f"{name}: {value:g}")
+    print(f"Written to {output}")
+
+
+COMMANDS = (reduce,)

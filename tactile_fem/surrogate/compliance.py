@@ -1,0 +1,173 @@
+"""The compliance of the pressed pad, from the finite elements: one solve for each cell of skin."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from typing import Any
+
+from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx.fem import petsc as fem_petsc
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import Delaunay
+
+from tactile_fem.finger.mesh_data import SURFACES, FingerMesh
+from tactile_fem.finger.simplex import lowest_facet
+from tactile_fem.simulation.simulation import Simulation
+from tactile_fem.stimulus import Plate
+from tactile_fem.study import Study
+from tactile_fem.surrogate.cushion import Cushion
+from tactile_fem.surrogate.drag import Drag
+from tactile_fem.surrogate.grid import Grid
+from tactile_fem.surrogate.touch import Pad
+
+Array = NDArray[Any]
+logger = logging.getLogger(__name__)
+
+# The plate that the finger is pressed by, amid the depths of the scans.
+_PRESSED_MM = 1.5
+_HALF_MM = (8.0, 10.0)  # of the grid of heights
+_CELLS_HALF_MM = (7.0, 8.0)
+_SPACING_MM, _CELL_MM = 0.25, 0.5
+_FAR_MM = 5.0  # Z of skin beside the finger
+# What skin between two nodes yields by itself, which no node's compliance holds, mm per MPa.
+_OWN_mm_per_MPa = 1.0
+_SOLVES = 96  # right-hand sides at a time
+
+
+def pad_of(study: Study, deepest_mm: float) -> Pad:
+    """Return the pad of a study's finger, which bodies press down to a depth; without drag yet.
+
+    Only the calling process works.
+
+    Raises
+    ------
+    TactileError
+        See `Simulation`.
+    """
+    pressed = study.model_copy(
+        update={
+            "stimulus": Plate(),
+            "protocol": study.protocol.model_validate(
+                {"depth_mm": _PRESSED_MM, "distance_mm": 0.0}
+            ),
+        }
+    )
+    with closing(Simulation(pressed, comm=MPI.COMM_SELF)) as simulation:
+        grid = Grid.over(-np.array(_HALF_MM), _HALF_MM, _SPACING_MM)
+        skin = _skin(simulation.finger, grid.points_mm)
+        cells_grid = Grid.over(-np.array(_CELLS_HALF_MM), _CELLS_HALF_MM, _CELL_MM)
+        near = _skin(simulation.finger, cells_grid.points_mm) <= deepest_mm
+        for step in simulation.steps():
+            logger.info("plate at %.2f mm: %.3f N", step.depth_mm, step.force_N[2])
+        cells, compliance = _compliance(simulation, cells_grid, np.flatnonzero(near))
+    cushion = Cushion(cells_grid, cells, compliance)
+    return Pad(grid, skin.astype(np.float32), cushion, Drag(0.0, 1.0, 1.0))
+
+
+def _skin(finger: FingerMesh, places: Array) -> Array:
+    """Return Z of the undeformed skin's underside over places (n, 2); far where there is none."""
+    facets = finger.nodes[finger.facets[finger.surface == SURFACES["skin"]][:, :3]]
+    facets = facets[facets[:, :, 2].min(axis=1) < _FAR_MM]
+    heights = np.full(len(places), _FAR_MM)
+    for k, (x, y) in enumerate(places.tolist()):
+        found = lowest_facet(x, y, facets)
+        if found is not None:
+            heights[k] = min(found[1] @ facets[found[0], :, 2], _FAR_MM)
+    return heights
+
+
+def _compliance(
+    simulation: Simulation, grid: Grid, wanted: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], Array]:
+    """Return the cells that lie on skin, and the motion in Z of each by a pressure on another."""
+    problem = simulation.problem
+    V, on_skin = problem.u.function_space, _nodes_of_skin(simulation)
+    places = V.tabulate_dof_coordinates()[on_skin]
+    mean, inside = _interpolation(places[:, :2], grid.points_mm[wanted])
+    cells, mean = wanted[inside], mean[inside]
+    dofs = 3 * on_skin + 2
+    loads = grid.spacing_mm**2 * mean.T.toarray()  # N at each node by 1 MPa on each cell
+    moved = np.empty((len(cells), len(cells)))
+    with _solver(simulation) as solve:
+        for first in range(0, len(cells), _SOLVES):
+            part = slice(first, min(first + _SOLVES, len(cells)))
+            right = np.zeros((V.dofmap.index_map.size_local * 3, part.stop - part.start))
+            right[dofs] = loads[:, part]
+            moved[:, part] = mean @ solve(right)[dofs]
+    moved = (moved + moved.T) / 2 + _OWN_mm_per_MPa * np.eye(len(cells))
+    return cells, np.ascontiguousarray(moved, dtype=np.float32)
+
+
+def _nodes_of_skin(simulation: Simulation) -> NDArray[np.int64]:
+    """Return the numbers of the nodes on the underside of the skin, free to move."""
+    problem = simulation.problem
+    x = problem.u.function_space.tabulate_dof_coordinates()
+    finger = simulation.finger
+    facets = finger.facets[finger.surface == SURFACES["skin"]]
+    nodes = finger.nodes[np.unique(facets)]
+    nodes = nodes[nodes[:, 2] < _FAR_MM]
+    from scipy.spatial import KDTree  # takes a while
+
+    distance, found = KDTree(x).query(nodes)
+    assert distance.max() < 1e-6, "nodes of the mesh are those of the displacement"
+    return np.setdiff1d(found, problem.held)
+
+
+def _interpolation(nodes: Array, places: Array) -> tuple[sparse.csr_array, NDArray[np.bool_]]:
+    """Return weights (places, nodes) of linear interpolation, and which places lie between."""
+    triangles = Delaunay(nodes)
+    found = triangles.find_simplex(places)
+    transform = triangles.transform[found]
+    two = np.einsum("nij,nj->ni", transform[:, :2], places - transform[:, 2])
+    weights = np.column_stack([two, 1 - two.sum(axis=1)])
+    rows = np.repeat(np.arange(len(places)), 3)
+    entries = weights.ravel(), (rows, triangles.simplices[found].ravel())
+    return sparse.csr_array(entries, shape=(len(places), len(nodes))), found >= 0
+
+
+@contextmanager
+def _solver(simulation: Simulation) -> Iterator[Any]:
+    """Yield a function that solves with the static tangent of the tissue, of many loads at once."""
+    problem = simulation.problem
+    V = problem.u.function_space
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    problem.terms.freeze(None)
+    form = problem.contact.obstacle.compile(
+        ufl.derivative(problem.bulk.static_residual(v), problem.u, u)
+    )
+    K = fem_petsc.assemble_matrix(form, problem.bcs)
+    K.assemble()
+    factor = PETSc.KSP().create(K.comm)
+    factor.setOperators(K)
+    factor.setType("preonly")
+    factor.getPC().setType("lu")
+    factor.getPC().setFactorSolverType("mumps")
+    factor.setUp()
+    F = factor.getPC().getFactorMatrix()
+
+    def solve(right: Array) -> Array:
+        columns: Any = np.asfortranarray(right)
+        B = PETSc.Mat().createDense(right.shape, array=columns, comm=K.comm)
+        X = PETSc.Mat().createDense(right.shape, comm=K.comm)
+        for matrix in (B, X):
+            matrix.assemble()
+        F.matSolve(B, X)
+        found = X.getDenseArray().copy()
+        B.destroy()
+        X.destroy()
+        return found
+
+    try:
+        yield solve
+    finally:
+        factor.destroy()
+        K.destroy()

@@ -1,0 +1,125 @@
+"""What the networks see: pressures and overlaps about a receptor, and the whole contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from tactile_fem.surrogate.grid import Grid, disc
+from tactile_fem.surrogate.touch import ACROSS, Pad, Touch
+
+Array = NDArray[Any]
+
+# Half widths of the means, mm, and their places about a receptor.
+_OF_PRESSURE = ((0.5, disc(0.5, 2.1)), (1.0, disc(1.0, 5.1, 2.1)))
+_OF_OVERLAP = ((0.25, disc(0.25, 0.8)), (0.5, disc(0.5, 1.6, 0.8)))
+_REACH_MM = 5.0  # scale of a receptor's place
+_PRESSURES_PER_MPA = 100.0  # scale of a pressure
+# Places of the means that the network of the whole finger sees.
+_COARSE_MM = 2.0
+_AREA_MM2 = 100.0  # scale of an area
+
+
+def _places(parts: tuple[tuple[float, Array], ...]) -> Array:
+    return np.concatenate([places for _, places in parts])
+
+
+def _mirrored(places: Array) -> NDArray[np.int64]:
+    """Return the number of the place that mirrors each in X."""
+    order = {(round(x, 6), round(y, 6)): k for k, (x, y) in enumerate(places.tolist())}
+    return np.array([order[round(-x, 6) + 0.0, round(y, 6)] for x, y in places.tolist()])
+
+
+@dataclass(frozen=True)
+class View:
+    """What the network of the receptors sees, of receptors at places of the pad."""
+
+    places_mm: Array  # (receptors, 2)
+    pressures: sparse.csr_array
+    overlaps: sparse.csr_array
+
+    @classmethod
+    def of(cls, pad: Pad, places_mm: Array) -> View:
+        """Return the view of receptors at X and Y (receptors, 2)."""
+        places = np.asarray(places_mm, dtype=float)
+        return cls(
+            places,
+            _around(places, pad.cushion.grid, _OF_PRESSURE),
+            _around(places, pad.grid, _OF_OVERLAP),
+        )
+
+    def __call__(self, touch: Touch) -> Array:
+        """Return the inputs, (bodies, receptors, inputs)."""
+        whole = touch.whole()
+        bodies, receptors = len(whole), len(self.places_mm)
+        parts = (
+            _about(self.pressures, _PRESSURES_PER_MPA * touch.pressure_MPa, receptors),
+            _about(self.overlaps, touch.overlap_mm, receptors),
+            np.broadcast_to(whole[:, None], (bodies, receptors, whole.shape[1])),
+            np.broadcast_to(self.places_mm / _REACH_MM, (bodies, receptors, 2)),
+        )
+        return np.concatenate(parts, axis=2, dtype=np.float32)
+
+
+def _around(places: Array, grid: Grid, parts: tuple[tuple[float, Array], ...]) -> sparse.csr_array:
+    """Return the matrix of means about places; its rows are receptors, in them their parts."""
+    matrices = [grid.means((places[:, None] + about).reshape(-1, 2), half) for half, about in parts]
+    rows = np.concatenate(
+        [np.full(len(places) * len(about), k) for k, (_, about) in enumerate(parts)]
+    )
+    of_place = np.concatenate([np.repeat(np.arange(len(places)), len(about)) for _, about in parts])
+    return sparse.csr_array(sparse.vstack(matrices))[np.lexsort((rows, of_place))]
+
+
+def _about(matrix: sparse.csr_array, values: Array, receptors: int) -> Array:
+    """Return means about receptors, (bodies, receptors, means)."""
+    return (matrix @ values.T).T.reshape(len(values), receptors, -1)
+
+
+def mirror_of_view() -> tuple[NDArray[np.int64], Array]:
+    """Return the order and the signs of a view's inputs if all is mirrored in X."""
+    pressures, overlaps = _mirrored(_places(_OF_PRESSURE)), _mirrored(_places(_OF_OVERLAP))
+    stencil = np.concatenate([pressures, len(pressures) + overlaps])
+    order = np.concatenate([stencil, len(stencil) + np.arange(len(ACROSS) + 2)])
+    flips = np.concatenate([np.zeros(len(stencil), bool), ACROSS, [True, False]])
+    return order, np.where(flips, -1.0, 1.0).astype(np.float32)
+
+
+def stencil_parts() -> tuple[slice, slice]:
+    """Return which inputs are pressures and which overlaps."""
+    pressures, overlaps = len(_places(_OF_PRESSURE)), len(_places(_OF_OVERLAP))
+    return slice(0, pressures), slice(pressures, pressures + overlaps)
+
+
+class Overview:
+    """What the network of the whole finger sees: coarse pressures, and the whole contact."""
+
+    def __init__(self, pad: Pad) -> None:
+        grid = pad.cushion.grid
+        half = _COARSE_MM * np.floor(np.abs(grid.low_mm) / _COARSE_MM)
+        self._coarse = Grid.over(-half, half, _COARSE_MM)
+        self._means = grid.means(self._coarse.points_mm, _COARSE_MM)
+        self._cell_mm2 = pad.cushion.cell_mm2
+
+    def __call__(self, touch: Touch) -> Array:
+        """Return the inputs, (bodies, inputs)."""
+        fine = touch.pressure_MPa
+        coarse = _about(self._means, _PRESSURES_PER_MPA * fine, 1)[:, 0]
+        pressed_mm2 = self._cell_mm2 * (fine > 0).sum(axis=1)
+        # As large, if all cells that press pressed alike.
+        alike_mm2 = (
+            fine.sum(axis=1) ** 2 / np.maximum((fine**2).sum(axis=1), 1e-12) * self._cell_mm2
+        )
+        areas = np.column_stack([pressed_mm2, alike_mm2]) / _AREA_MM2
+        return np.concatenate([coarse, areas, touch.whole()], axis=1, dtype=np.float32)
+
+    def mirror(self) -> tuple[NDArray[np.int64], Array]:
+        """Return the order and the signs of its inputs if all is mirrored in X."""
+        coarse = _mirrored(self._coarse.points_mm)
+        order = np.concatenate([coarse, len(coarse) + np.arange(2 + len(ACROSS))])
+        flips = np.concatenate([np.zeros(len(coarse) + 2, bool), ACROSS])
+        return order, np.where(flips, -1.0, 1.0).astype(np.float32)

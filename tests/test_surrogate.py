@@ -1,0 +1,362 @@
+"""The finger in milliseconds: each part against exact answers, and the shipped one."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_fem import Study, StudyError
+from tactile_fem.path import Path as Route
+from tactile_fem.stimulus import Sphere, Text
+from tactile_fem.study import Hold, Press, Protocol, Slide, Twist
+from tactile_fem.surrogate import FastFinger, HeightMap
+from tactile_fem.surrogate.cushion import Cushion
+from tactile_fem.surrogate.drag import Drag
+from tactile_fem.surrogate.grid import Grid, disc
+from tactile_fem.surrogate.lessons import DEEPEST_MM, lesson
+from tactile_fem.surrogate.network import Network
+from tactile_fem.surrogate.reduce import check_reducible
+from tactile_fem.surrogate.touch import WHOLE, Pad, Touch
+from tactile_fem.surrogate.view import Overview, View, mirror_of_view
+
+SHIPPED = Path(__file__).parents[1] / "meshes" / "fast_finger.npz"
+
+
+def toy_pad() -> Pad:
+    """A paraboloid of radius 8 mm on springs that share a little of their load."""
+    grid = Grid.over((-4.0, -4.0), (4.0, 4.0), 0.25)
+    skin = (grid.points_mm**2).sum(axis=1) / 16
+    cells = Grid.over((-3.0, -3.0), (3.0, 3.0), 0.5)
+    apart = np.linalg.norm(cells.points_mm[:, None] - cells.points_mm[None], axis=2)
+    compliance = (20 * np.exp(-apart) + 2 * np.eye(len(apart))).astype(np.float32)
+    cushion = Cushion(cells, np.arange(len(apart)), compliance)
+    return Pad(grid, skin, cushion, Drag(60.0, 1.0, 1.5))
+
+
+def network(inputs: int, outputs: int) -> Network:
+    random = np.random.default_rng(outputs)
+    sizes = (inputs, 8, outputs)
+    weights = [random.normal(0, 0.1, pair).astype(np.float32) for pair in pairwise(sizes)]
+    return Network(tuple(weights), tuple(np.full(n, 0.2, np.float32) for n in sizes[1:]))
+
+
+@pytest.fixture(scope="module")
+def toy() -> FastFinger:
+    pad = toy_pad()
+    places = np.array([[0.0, 0.0, 0.8], [1.0, 0.5, 0.9]])
+    touch = Touch(pad, [flat()], np.zeros(1), np.zeros((1, 3)))
+    seen = View.of(pad, places[:, :2])(touch).shape[-1]
+    return FastFinger(
+        pad,
+        network(seen, 11),
+        network(Overview(pad)(touch).shape[-1], 4),
+        places,
+        np.array([[-10.0], [10.0]]) * np.ones(len(WHOLE) + 1),
+        {"study": Study().model_dump(mode="json"), "scans": []},
+    )
+
+
+def flat() -> HeightMap:
+    return HeightMap.of_array(np.zeros((41, 41)), 0.5)
+
+
+def bumps() -> HeightMap:
+    return HeightMap.of_array(np.random.default_rng(2).normal(0, 0.1, (41, 61)), 0.5)
+
+
+# --- bodies ---------------------------------------------------------------------------------------
+
+
+def test_heights_of_a_ball_are_its_surface():
+    found = HeightMap.of(Sphere(radius_mm=3.0).body(), (-2, -2), (2, 2))
+    r2 = (found.grid.points_mm**2).sum(axis=1).reshape(found.grid.shape)
+    assert np.abs(found.heights_mm - (np.sqrt(9 - r2) - 3)).max() < 5e-3
+
+
+def test_heights_of_letters_are_those_of_their_tops_and_of_the_plate():
+    found = HeightMap.of(Text(text="G").body(), (-5, -5), (5, 5))
+    assert found.heights_mm.max() == 0
+    assert found.heights_mm.min() == pytest.approx(-0.6, abs=2e-3)
+
+
+def test_heights_move_with_the_body():
+    grid, slope = Grid.over((-1, -2), (1, 2), 0.25), np.array([0.3, -0.2])
+    body = HeightMap.of_array(
+        Grid.over((-5, -5), (5, 5), 0.5).points_mm.reshape(21, 21, 2) @ slope, 0.5
+    )
+    place = np.array([0.13, 1.71])
+    expected = (grid.points_mm - place) @ slope - 2.5
+    assert body.over(grid, place).ravel() == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("heights", "spacing", "problem"),
+    [
+        (np.zeros(4), 0.1, r"shape \(4,\)"),
+        (np.full((3, 3), np.nan), 0.1, "finite"),
+        (np.zeros((3, 3)), 0.0, "spacing_mm is 0.0"),
+    ],
+)
+def test_bad_heights_are_refused(heights, spacing, problem):
+    with pytest.raises(StudyError, match=problem):
+        HeightMap.of_array(heights, spacing)
+
+
+# --- contact --------------------------------------------------------------------------------------
+
+
+def test_means_interpolate_and_keep_slopes():
+    grid = Grid.over((-3, -3), (3, 3), 0.5)
+    places, slope = np.array([[0.2, -1.1], [1.37, 0.61]]), np.array([2.0, -1.0])
+    for half in (0.5, 1.0):
+        assert grid.means(places, half) @ (grid.points_mm @ slope) == pytest.approx(
+            places @ slope, abs=0.15 if half > 0.5 else 1e-5
+        )
+
+
+def test_pressed_skin_lies_on_the_body_and_other_skin_is_clear_of_it():
+    cushion = toy_pad().cushion
+    overlap = np.random.default_rng(1).normal(0.0, 0.5, (len(cushion.cells), 3)).astype(np.float32)
+    p = cushion.press(overlap, np.zeros_like(overlap))
+    gap = cushion.compliance_mm_per_MPa @ p - overlap
+    assert p.min() == 0 and 0.1 < (p > 0).mean() < 0.9
+    assert np.abs(gap[p > 0]).max() < 3e-3
+    assert gap[p == 0].min() > -3e-3
+
+
+def test_sticking_skin_follows_and_sliding_skin_is_dragged_to_its_limit():
+    drag = Drag(2.0, 1.0, 1.5)
+    limit = drag.limit_mm(np.array(0.3), np.array(0.5))
+    assert limit == pytest.approx(0.3)
+    step = np.array([0.0, -1e-4])
+    assert drag.of(drag.slid(np.zeros(2), step, limit), limit) == pytest.approx(step, rel=1e-3)
+    far = drag.slid(np.zeros(2), np.array([9.0, 0.0]), limit)
+    assert drag.of(far, limit) == pytest.approx([0.45, 0.0])
+    halves = drag.slid(drag.slid(np.zeros(2), step / 2, limit), step / 2, limit)
+    assert halves == pytest.approx(drag.slid(np.zeros(2), step, limit))
+
+
+def test_skin_dragged_by_friction_meets_what_lies_behind():
+    """All sliding, the pad feels the body from where the body is less the drag."""
+    pad = toy_pad()
+    rough = Touch(pad, [bumps()], np.array([0.5]), np.zeros((1, 3)))
+    for y in (0.0, *np.linspace(-1, -4, 31)):
+        rough.move(np.array([[0.0, y, 0.5]]), 0.01)
+    drag = rough.whole()[0, WHOLE.index("drag_y_mm")]
+    smooth = Touch(pad, [bumps()], np.zeros(1), np.zeros((1, 3)))
+    smooth.move(np.array([[0.0, -4.0 - drag, 0.5]]), 0.01)
+    assert drag < -0.05
+    assert smooth.overlap_mm == pytest.approx(rough.overlap_mm, abs=1e-5)
+
+
+def test_a_mirrored_body_is_seen_mirrored():
+    pad, body = toy_pad(), bumps()
+    other = HeightMap(body.grid, body.heights_mm[::-1])
+    touches = []
+    for each, sign in ((body, 1.0), (other, -1.0)):
+        touch = Touch(pad, [each], np.array([0.4]), np.zeros((1, 3)))
+        for x in (0.0, 0.3, 0.5):
+            touch.move(np.array([[sign * x, -2 * x, 0.8]]), 0.01)
+        touches.append(touch)
+    places = np.array([[0.7, 0.4], [-0.7, 0.4]])
+    one, two = (View.of(pad, places)(touch)[0] for touch in touches)
+    order, signs = mirror_of_view()
+    assert two[1] == pytest.approx(one[0][order] * signs, abs=2e-2)
+    one, two = (Overview(pad)(touch)[0] for touch in touches)
+    order, signs = Overview(pad).mirror()
+    assert two == pytest.approx(one[order] * signs, abs=2e-2)
+
+
+def test_scales_are_folded_into_a_network():
+    random = np.random.default_rng(0)
+    w, b = [random.normal(size=(3, 5)), random.normal(size=(5, 2))], [np.ones(5), np.zeros(2)]
+    middle, scale, mean, spread = (
+        random.normal(size=3),
+        np.array([1.0, 2, 3]),
+        np.ones(2),
+        np.array([4.0, 5]),
+    )
+    x = random.normal(size=(6, 3))
+    expected = mean + spread * (np.maximum((x - middle) / scale @ w[0] + 1, 0) @ w[1])
+    network = Network.scaled(w, b, (middle, scale), (mean, spread))
+    assert network(x.astype(np.float32)) == pytest.approx(expected, rel=1e-4, abs=1e-4)
+
+
+# --- a finger -------------------------------------------------------------------------------------
+
+
+def route(*pieces) -> Route:
+    return Protocol(path=pieces).route(2.0)
+
+
+PRESS_AND_SLIDE = (Press(depth_mm=0.5), Slide(by_mm=(0.0, -1.0)))
+
+
+def test_a_trace_has_the_names_of_a_scan(toy, finished):
+    trace = toy.scan(flat(), route(*PRESS_AND_SLIDE))
+    own, full = trace.arrays(), finished.trace.arrays()
+    assert set(own) - set(full) == {"is_outside"}
+    assert {name for name in full if name not in own} <= {"wall_s"}
+    for name in set(own) & set(full):
+        assert own[name].shape[2:] == full[name].shape[2:], name
+    assert own["phase"][0] == "rest" and own["phase"][-1] == "slide"
+    assert own["displacement_mm"][-1] == pytest.approx(1.0)
+    assert own["time_s"][own["phase"] == "press"][-1] == pytest.approx(0.0)
+    assert np.isnan(own["stored_mJ"][1:]).all()
+    assert own["force_N"][0] == pytest.approx(np.zeros(3)) and own["force_N"][-1, 2] > 0
+    assert len(toy.respond(trace).spikes) == 2
+
+
+def test_bodies_side_by_side_are_felt_as_each_alone(toy):
+    together = toy.scan_all([flat(), bumps()], route(*PRESS_AND_SLIDE), friction=[0.1, 0.5])
+    for body, friction, trace in zip((flat(), bumps()), (0.1, 0.5), together, strict=True):
+        alone = toy.scan(body, route(*PRESS_AND_SLIDE), friction=friction)
+        assert trace.sed_kPa == pytest.approx(alone.sed_kPa, rel=0.05, abs=1e-3)
+
+
+def test_a_finger_is_what_its_file_says(toy, tmp_path):
+    toy.write(tmp_path / "finger.npz")
+    again = FastFinger.read(tmp_path / "finger.npz")
+    path = route(*PRESS_AND_SLIDE)
+    assert np.array_equal(again.scan(bumps(), path).sed_kPa, toy.scan(bumps(), path).sed_kPa)
+    assert again.study == Study()
+
+
+def test_nothing_is_felt_without_contact(toy):
+    loop = toy.loop(flat())
+    moment = loop.step((0.0, 0.0, -0.5), 0.001)
+    assert not moment.force_N.any() and not moment.felt["sed_kPa"].any()
+    assert np.array_equal(moment.felt["stretches"], np.ones((1, 2, 3)))
+    assert loop.step((0.0, 0.0, 0.5), 0.001).force_N[0, 2] > 0
+    assert not loop.step((0.0, 0.0, -0.5), 0.001).force_N.any()
+
+
+def test_it_says_when_it_answers_beyond_what_it_was_made_from(toy):
+    from dataclasses import replace
+
+    ranges = toy.ranges.copy()
+    ranges[:, WHOLE.index("depth_mm")] = 0.0, 0.4
+    trace = replace(toy, ranges=ranges).scan(flat(), route(Press(depth_mm=0.6)))
+    assert trace.is_outside[-1] == 1
+    assert not trace.is_outside[trace.depth_mm < 0.4].any()
+
+
+def test_a_press_to_a_force_ends_there(toy):
+    deep = toy.scan(flat(), route(Press(depth_mm=1.0)))
+    wanted = float(deep.force_N[-1, 2]) / 2
+    trace = toy.scan(flat(), route(Press(force_N=wanted), Hold(time_s=0.1)))
+    reached = trace.force_N[trace.phase == "press", 2]
+    assert reached[-1] >= wanted > reached[-2]
+    assert trace.depth_mm[-1] == trace.depth_mm[trace.phase == "press"][-1] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("piece", "name"), [(Twist(angle_deg=5.0), "twist"), (Hold(time_s=1.0, force_N=0.1), "hold")]
+)
+def test_turns_and_held_forces_are_refused(toy, piece, name):
+    with pytest.raises(StudyError, match=name):
+        toy.scan(flat(), route(Press(depth_mm=0.5), piece))
+
+
+@pytest.mark.parametrize(
+    ("keys", "problem"),
+    [
+        ({"friction": -0.1}, "friction is -0.1"),
+        ({"friction": [0.1, 0.2, 0.3]}, "all 1 bodies"),
+        ({"receptors_mm": [1.0, 2.0]}, "receptors_mm has the shape"),
+    ],
+)
+def test_a_bad_loop_is_refused(toy, keys, problem):
+    with pytest.raises(StudyError, match=problem):
+        toy.loop(flat(), **keys)
+
+
+@pytest.mark.parametrize(
+    ("place", "dt_s", "problem"),
+    [((0, 0, 0), 0.0, "dt_s is 0.0"), ((0, np.nan, 0), 0.1, "finite"), ((0, 0), 0.1, "place_mm")],
+)
+def test_a_bad_step_is_refused(toy, place, dt_s, problem):
+    with pytest.raises(StudyError, match=problem):
+        toy.loop(flat()).step(place, dt_s)
+
+
+def test_other_files_are_refused(tmp_path):
+    with pytest.raises(StudyError, match="cannot be read"):
+        FastFinger.read(tmp_path / "none.npz")
+    np.savez(tmp_path / "other.npz", x=1)
+    with pytest.raises(StudyError, match="no reduced finger"):
+        FastFinger.read(tmp_path / "other.npz")
+    (tmp_path / "text.npz").write_text("text")
+    with pytest.raises(StudyError, match="no reduced finger"):
+        FastFinger.read(tmp_path / "text.npz")
+
+
+# --- making one -----------------------------------------------------------------------------------
+
+
+def test_lessons_are_drawn_by_number():
+    one, again, other = (lesson(Study(), number) for number in (3, 3, 4))
+    assert one.study == again.study and one.name == "lesson-0003"
+    assert other.study.stimulus != one.study.stimulus
+    for member in (one, other):
+        depths = [p.depth_mm for p in member.study.protocol.pieces if hasattr(p, "depth_mm")]
+        assert max(depths) <= DEEPEST_MM
+        assert 0 <= member.study.stimulus.friction <= 0.7
+
+
+def test_the_networks_learn_what_they_are_taught():
+    pytest.importorskip("sklearn")
+    from tactile_fem.surrogate.learning import _learnt
+
+    x = np.random.default_rng(0).normal(5.0, 2.0, (4000, 3)).astype(np.float32)
+    y = np.column_stack([x[:, 0] - 2 * x[:, 1], 100 + np.abs(x[:, 2] - 5)])
+    network = _learnt("whole", x, y, x.std(axis=0))
+    assert np.abs(network(x) - y).max(axis=0) == pytest.approx([0, 0], abs=0.8)
+    assert np.sqrt(((network(x) - y) ** 2).mean(axis=0)).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("changes", "scans", "problem"),
+    [
+        ({}, 15, "scans is 15"),
+        ({"finger": {"kind": "section"}}, 50, "section"),
+        ({"joint": {}}, 50, "joint"),
+    ],
+)
+def test_what_cannot_be_reduced_is_refused(changes, scans, problem):
+    with pytest.raises(StudyError, match=problem):
+        check_reducible(Study.model_validate(changes), scans)
+
+
+# --- the shipped one ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def shipped() -> FastFinger:
+    return FastFinger.read(SHIPPED)
+
+
+def test_the_shipped_finger_presses_a_plate_as_the_finite_elements_do(shipped):
+    """Forces of the coarse finger under a plate pressed at 20 mm/s, and how it feels."""
+    plate = HeightMap.of_array(np.zeros((61, 81)), 0.5)
+    trace = shipped.scan(plate, route(Press(depth_mm=1.5)))
+    depths, forces = np.array([0.5, 1.0, 1.5]), np.array([0.037, 0.123, 0.319])
+    found = np.interp(depths, trace.depth_mm, trace.force_N[:, 2])
+    assert found == pytest.approx(forces, rel=0.2)
+    assert not trace.is_outside.any()
+
+
+def test_the_shipped_finger_feels_a_letter_as_a_full_scan_did(shipped):
+    """Largest SED on the line of receptors, and forces, of the default scan (a G)."""
+    study = Study(stimulus=Text(text="G"))
+    trace = shipped.scan(study.stimulus.body(), study.protocol.route(2.0), friction=0.3)
+    slide = trace.displacement_mm > 1
+    assert trace.force_N[slide, 2].mean() == pytest.approx(0.389, rel=0.1)
+    assert -trace.force_N[slide, 1].mean() == pytest.approx(0.128, rel=0.15)
+    assert trace.sed_kPa.max() == pytest.approx(3.67, rel=0.3)
+    assert len(shipped.respond(trace).spikes) == 51
+
+
+def test_disc_is_round():
+    assert len(disc(1.0, 1.0)) == 5 and len(disc(1.0, 2.0, 1.0)) == 8
