@@ -23,7 +23,7 @@ from tactile_fem.study import Drawing, Hold, Press, Protocol, Receptors
 from tactile_fem.surrogate import FastFinger, HeightMap
 
 FINGER = Path(__file__).parents[2] / "meshes" / "fast_finger.npz"
-SPACING_MM, RADIUS_MM, FILLET_MM = 2.5, 0.8, 0.3
+SPACING_MM, RADIUS_MM, FILLET_MM = 2.5, 0.8, 0.1
 LEAST_MM, LARGEST_MM, DEPTH_MM, HOLD_S = 0.1, 1.0, 1.6, 0.5
 # One row of the cell after the other, spikes/s.
 WANTED_HZ = np.array([[40.0, 10.0, 40.0], [10.0, 40.0, 10.0], [40.0, 10.0, 40.0]])
@@ -94,7 +94,7 @@ def full_rates(heights_mm: np.ndarray, folder: Path) -> np.ndarray:
     dots = [shapely.Point(centre).buffer(RADIUS_MM, quad_segs=32) for centre in CENTRES]
     study = Study(
         stimulus=Drawing(
-            polygons=dots, relief_mm=heights_mm.round(3).tolist(), fillet_radius_mm=LEAST_MM
+            polygons=dots, relief_mm=heights_mm.round(3).tolist(), fillet_radius_mm=FILLET_MM
         ),
         protocol=route(float(heights_mm.max())),
         receptors=Receptors(half_width_mm=0.0, extra_mm=[tuple(c) for c in CENTRES if c.any()]),

@@ -50,6 +50,7 @@ BODIES: Mapping[str, Sequence[str]] = {
     "G, shallow, no friction": ["stimulus.text=G", "stimulus.friction=0", SHALLOW, COARSER],
     "G, friction 0.6": ["stimulus.text=G", "stimulus.friction=0.6", COARSER],
 }
+FIRES = 3  # spikes: afferents with more are compared
 STRONG = 0.2  # of the largest SED: histories of receptors that feel more are compared
 
 
@@ -99,7 +100,7 @@ def errors(finger: FastFinger, scan: Results) -> dict[str, float | str]:
         np.array([sum(times >= 0) for times in populations[0].fire(trace).spikes])
         for trace in (fast, full)
     )
-    fires = true_spikes > 3
+    fires = true_spikes > FIRES
     image, true_image = (values - values.mean() for values in (sed, true_sed))
     return {
         "normal force, %": 100 * np.abs(force - true_force)[:, 2].mean() / true_force[:, 2].mean(),
@@ -111,9 +112,8 @@ def errors(finger: FastFinger, scan: Results) -> dict[str, float | str]:
         ),
         "maxima, mm": float(np.median(away)),
         "spikes of all, %": 100 * (spikes.sum() / max(true_spikes.sum(), 1) - 1),
-        "per afferent, %": 100 * float(np.median(np.abs(spikes / true_spikes - 1)[fires]))
-        if fires.any()
-        else np.nan,
+        "per afferent, %": 100
+        * float(np.median(np.abs(spikes - true_spikes)[fires] / true_spikes[fires])),
         "outside, % of steps": 100 * float(fast["is_outside"][1:].mean()),
         "heights, s": heights_s,
         "scan, s": scan_s,
