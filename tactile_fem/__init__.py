@@ -22,8 +22,8 @@ compute mechanics:
   ``TactileError``.
 - ``run_script``: the program around a script's ``main``; ``write_table``: a CSV file.
 
-The lists of `tactile_fem.study`, `tactile_fem.neuron`, `tactile_fem.series` and
-`tactile_fem.people` are public too.
+The lists of `tactile_fem.study`, `tactile_fem.neuron`, `tactile_fem.series`,
+`tactile_fem.people` and `tactile_fem.surrogate` are public too.
 Everything else may change from release to release.
 """
 

@@ -41,7 +41,8 @@ def test_only_computing_needs_dolfinx():
         *("RigidBody", "Distance", "Embossed", "Stimulus", "run_script", "write_table"),
         *("Ensemble", "preview"),
     ]
-    assert not loaded_by(f"from tactile_fem import {', '.join(without)}") & {"dolfinx", "mpi4py"}
+    imported = f"from tactile_fem import {', '.join(without)}\nimport tactile_fem.surrogate"
+    assert not loaded_by(imported) & {"dolfinx", "mpi4py", "sklearn"}
 
 
 def test_a_subpackage_does_not_hide_a_name():

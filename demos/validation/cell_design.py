@@ -89,13 +89,18 @@ def design(finger: FastFinger, wanted_kPa: np.ndarray) -> np.ndarray:
     return found.x
 
 
+def drawing(heights_mm: np.ndarray) -> Drawing:
+    """Return the cell as a full scan takes it."""
+    dots = [shapely.Point(centre).buffer(RADIUS_MM, quad_segs=32) for centre in CENTRES]
+    return Drawing(
+        polygons=dots, relief_mm=heights_mm.round(3).tolist(), fillet_radius_mm=FILLET_MM
+    )
+
+
 def full_rates(heights_mm: np.ndarray, folder: Path) -> np.ndarray:
     """Return the rates in the hold of a full scan of the cell."""
-    dots = [shapely.Point(centre).buffer(RADIUS_MM, quad_segs=32) for centre in CENTRES]
     study = Study(
-        stimulus=Drawing(
-            polygons=dots, relief_mm=heights_mm.round(3).tolist(), fillet_radius_mm=FILLET_MM
-        ),
+        stimulus=drawing(heights_mm),
         protocol=route(float(heights_mm.max())),
         receptors=Receptors(half_width_mm=0.0, extra_mm=[tuple(c) for c in CENTRES if c.any()]),
     )

@@ -101,6 +101,7 @@ def errors(finger: FastFinger, scan: Results) -> dict[str, float | str]:
         for trace in (fast, full)
     )
     fires = true_spikes > FIRES
+    wrong = np.abs(spikes - true_spikes)[fires] / true_spikes[fires]
     image, true_image = (values - values.mean() for values in (sed, true_sed))
     return {
         "normal force, %": 100 * np.abs(force - true_force)[:, 2].mean() / true_force[:, 2].mean(),
@@ -112,8 +113,7 @@ def errors(finger: FastFinger, scan: Results) -> dict[str, float | str]:
         ),
         "maxima, mm": float(np.median(away)),
         "spikes of all, %": 100 * (spikes.sum() / max(true_spikes.sum(), 1) - 1),
-        "per afferent, %": 100
-        * float(np.median(np.abs(spikes - true_spikes)[fires] / true_spikes[fires])),
+        "per afferent, %": 100 * float(np.median(wrong)) if len(wrong) else np.nan,
         "outside, % of steps": 100 * float(fast["is_outside"][1:].mean()),
         "heights, s": heights_s,
         "scan, s": scan_s,
@@ -142,7 +142,7 @@ def draw(finger: FastFinger, scans: Mapping[str, Results], file: Path) -> None:
             )
         row[2].set(xlabel="Displacement (mm)", ylabel="SED (kPa)", title="where it is largest")
         row[2].legend()
-    figure.savefig(file, dpi=110)
+    figure.savefig(file, dpi=90)
 
 
 def main(folder: Path, *overrides: str, finger: Path = FINGER, jobs: int = 1) -> None:
