@@ -341,9 +341,10 @@ def test_a_wrong_file_is_told_in_a_sentence(tmp_path, capsys):
     file.write_bytes(bytes(80) + (10**9).to_bytes(4, "little") + bytes(500))
     options = ["--set", "stimulus.kind=mesh", "--set", f"stimulus.file={file}"]
     assert cli.main(["scan", *options, "--results", str(tmp_path / "out")]) == 2
-    message = capsys.readouterr().err
+    *log, message = capsys.readouterr().err.splitlines()  # the log is empty if the mesh is known
+    assert all(" INFO " in line for line in log)
     assert message.startswith(f"tactile-fem: stimulus.file = {file} ")
-    assert "not its header's 50000000084" in message and message.count("\n") == 1
+    assert "not its header's 50000000084" in message
     assert not (tmp_path / "out").exists()
 
 

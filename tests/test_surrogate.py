@@ -15,7 +15,7 @@ from tactile_fem.surrogate import FastFinger, HeightMap
 from tactile_fem.surrogate.cushion import Cushion
 from tactile_fem.surrogate.drag import Drag
 from tactile_fem.surrogate.grid import Grid, disc
-from tactile_fem.surrogate.lessons import DEEPEST_MM, lesson
+from tactile_fem.surrogate.lessons import DEEPEST_MM, _drawn, lesson
 from tactile_fem.surrogate.network import Network
 from tactile_fem.surrogate.reduce import check_reducible
 from tactile_fem.surrogate.touch import WHOLE, Pad, Touch
@@ -360,6 +360,13 @@ def test_the_drag_of_scans_is_found():
         moved.append(drag.of(slip, limit) + normal[k] * np.array([0.0, 0.2]))
     missed = _missed(np.array([5.0, 1.2, 1.7, 0.0, 0.2]), friction, normal, places, np.array(moved))
     assert np.abs(missed).max() < 1e-12
+
+
+def test_a_body_that_cannot_be_rounded_is_drawn_again():
+    """The tenth drawing has shapes of which one needs a radius that another does not allow."""
+    with pytest.raises(StudyError, match=r"cannot be rounded by 0\.\d+ mm, which others need"):
+        _drawn(Study(), 10).stimulus.body()
+    assert lesson(Study(), 10).study.receptors.seed == 1010
 
 
 @pytest.mark.parametrize("there", [True, False])

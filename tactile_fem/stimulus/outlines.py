@@ -138,6 +138,12 @@ def radii_that_fit(
             f"stimulus.corner_radius_mm = {corner_mm:g}: {strokes}, which must be less than half "
             f"of each; it must not exceed {fits:g}"
         )
+    # A shape that the wanted radius fits need not allow the smaller one that others need.
+    elif odd := [name for name, shape in shapes.items() if _rounded(shape, fits) is None]:
+        problems.append(
+            f"stimulus: {', '.join(odd)} cannot be rounded by {fits:g} mm, which others need; set "
+            "another corner_radius_mm"
+        )
     if fillet_mm is not None and fillet_mm > limit + 1e-12:
         problems.append(
             f"stimulus.fillet_radius_mm = {fillet_mm:g} must not exceed {limit_name} ({limit:g})"
