@@ -260,6 +260,12 @@ def test_turns_and_held_forces_are_refused(toy, piece, name):
         toy.scan(flat(), route(Press(depth_mm=0.5), piece))
 
 
+def test_a_path_that_begins_turned_is_refused(toy):
+    path = route(*PRESS_AND_SLIDE)
+    with pytest.raises(StudyError, match="begins turned"):
+        toy.scan(flat(), Route(path.pieces, path.start_mm, np.array([0.0, 0.0, 0.1])))
+
+
 @pytest.mark.parametrize(
     ("keys", "problem"),
     [

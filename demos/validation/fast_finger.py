@@ -69,10 +69,8 @@ def fast_trace(finger: FastFinger, study: Study) -> tuple[dict[str, np.ndarray],
     """Return the fast finger's trace of a study, and what heights and scan took in s."""
     path = study.protocol.route(study.protocol.depth_mm)
     begun = time.perf_counter()
-    reach = np.array([10.0, 12.0])
-    places = path.places_mm()[:, :2]
-    low, high = -places.max(axis=0) - reach, -places.min(axis=0) + reach
-    heights = HeightMap.of(study.stimulus.body(), low, high)
+    reach = finger.pad.meets(path.places_mm()[:, :2])
+    heights = HeightMap.of(study.stimulus.body(), *reach)
     mapped = time.perf_counter()
     trace = finger.scan(heights, path, friction=float(study.stimulus.friction))
     return trace.arrays(), mapped - begun, time.perf_counter() - mapped

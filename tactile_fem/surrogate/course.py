@@ -62,8 +62,10 @@ def along(path: Path, normal_N: Callable[[], float]) -> Iterator[Row]:
     Raises
     ------
     StudyError
-        A piece turns the body or holds a force.
+        The path begins turned, or a piece turns the body or holds a force.
     """
+    if np.any(path.start_rad):
+        raise StudyError("protocol: a fast finger knows no turns, but its path begins turned.")
     place, clock, slid, indenting = np.asarray(path.start_mm, dtype=float), 0.0, 0.0, True
     for piece in path.pieces:
         motion = piece(place)

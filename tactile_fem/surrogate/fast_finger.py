@@ -181,15 +181,9 @@ class FastFinger:
 
         A press to a force ends for all when the first body reaches it.
         """
-        places = path.places_mm()[:, :2]
-        margin = self.pad.grid.points_mm.min(axis=0), self.pad.grid.points_mm.max(axis=0)
-        low, high = margin[0] - places.max(axis=0), margin[1] - places.min(axis=0)
-        dragged = 2.0  # skin is dragged by no more
+        reach = self.pad.meets(path.places_mm()[:, :2])
         maps = [
-            body
-            if isinstance(body, HeightMap)
-            else HeightMap.of(body, low - dragged, high + dragged)
-            for body in bodies
+            body if isinstance(body, HeightMap) else HeightMap.of(body, *reach) for body in bodies
         ]
         loop = self.loop(maps, friction=friction, start_mm=path.start_mm, receptors_mm=receptors_mm)
         rows: list[Row] = []

@@ -24,7 +24,6 @@ logger = logging.getLogger(__name__)
 
 # Receptors near the middle move as the skin is dragged.
 _MIDDLE_MM = 2.5
-_DRAGGED_MM = 2.0  # at most, for the heights beside the path
 _RECEPTORS = 100  # of each scan
 # Lighter touches do not teach the ratios of forces: they are too rough.
 _LIGHT_N = 0.01
@@ -84,10 +83,7 @@ def _touches(pad: Pad, scan: Results) -> Iterator[tuple[int, Touch]]:
     """Yield the rows of a scan with the contact then."""
     trace, stimulus = scan.trace, scan.study.stimulus
     places, clock = trace["stimulator_mm"], trace["clock_s"]
-    reach, dragged = pad.grid.points_mm, _DRAGGED_MM
-    low = reach.min(axis=0) - places[:, :2].max(axis=0) - dragged
-    high = reach.max(axis=0) - places[:, :2].min(axis=0) + dragged
-    body = HeightMap.of(stimulus.body(), low, high)
+    body = HeightMap.of(stimulus.body(), *pad.meets(places[:, :2]))
     touch = Touch(pad, [body], np.array([_friction(scan)]), places[:1])
     for row in range(1, len(places)):
         touch.move(places[row : row + 1], clock[row] - clock[row - 1])

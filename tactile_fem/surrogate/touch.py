@@ -20,6 +20,7 @@ Array = NDArray[Any]
 _APART_MM = -0.8
 # Velocities are given as the way in this time, some time constant of the tissue's viscosity.
 _LEAD_S = 0.004
+_DRAGGED_MM = 2.0  # skin is dragged by no more
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,18 @@ class Pad:
     skin_mm: Array
     cushion: Cushion
     drag: Drag
+
+    def meets(self, places_mm: Array) -> tuple[Array, Array]:
+        """Return the least and the largest X and Y, in its frame, of what it meets of a body.
+
+        Parameters
+        ----------
+        places_mm
+            Where the body is in turn, (n, 2).
+        """
+        reach = self.grid.points_mm
+        low = reach.min(axis=0) - places_mm.max(axis=0) - _DRAGGED_MM
+        return low, reach.max(axis=0) - places_mm.min(axis=0) + _DRAGGED_MM
 
     def under_cells(self) -> NDArray[np.int64]:
         """Return the places of the grid at the cells of the cushion, (cells,)."""
