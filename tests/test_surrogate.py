@@ -399,7 +399,8 @@ def test_the_compliance_of_a_pressed_finger_is_that_of_its_tangent(study):
     middle = int(np.linalg.norm(at, axis=1).argmin())
     assert 3 < C[middle, middle] < 20
     assert C[middle, np.linalg.norm(at - at[middle], axis=1) > 6].max() < C[middle, middle] / 5
-    assert abs(pad.skin_mm.min()) < 0.02
+    # The lowest node, at 0, need not be a place of the grid; facets of 3 mm rise by 0.14 mm.
+    assert -1e-6 < pad.skin_mm.min() < 0.15
 
 
 # --- demos ----------------------------------------------------------------------------------------
