@@ -46,7 +46,13 @@ BODIES: Mapping[str, Sequence[str]] = {
     ],
     "Braille": ["stimulus.kind=braille", DEEP, COARSER],
     "ball": ["stimulus.kind=sphere", DEEP, COARSER],
-    "edge": ["stimulus.kind=edge", "stimulus.shift_mm=[0,5]", SHALLOW, COARSER],
+    "edge": [
+        "stimulus.kind=edge",
+        "stimulus.radius_mm=0.2",
+        "stimulus.shift_mm=[0,5]",
+        SHALLOW,
+        COARSER,
+    ],
     "G, shallow, no friction": ["stimulus.text=G", "stimulus.friction=0", SHALLOW, COARSER],
     "G, friction 0.6": ["stimulus.text=G", "stimulus.friction=0.6", COARSER],
 }
