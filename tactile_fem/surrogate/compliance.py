@@ -17,10 +17,10 @@ import ufl
 from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.spatial import Delaunay
+from scipy.spatial import Delaunay, KDTree
 
 from tactile_fem.finger.mesh_data import SURFACES, FingerMesh
-from tactile_fem.finger.simplex import lowest_facet
+from tactile_fem.finger.simplex import lowest_height
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.stimulus import Plate
 from tactile_fem.study import Study
@@ -77,12 +77,8 @@ def _skin(finger: FingerMesh, places: Array) -> Array:
     """Return Z of the undeformed skin's underside over places (n, 2); far where there is none."""
     facets = finger.nodes[finger.facets[finger.surface == SURFACES["skin"]][:, :3]]
     facets = facets[facets[:, :, 2].min(axis=1) < _FAR_MM]
-    heights = np.full(len(places), _FAR_MM)
-    for k, (x, y) in enumerate(places.tolist()):
-        found = lowest_facet(x, y, facets)
-        if found is not None:
-            heights[k] = min(found[1] @ facets[found[0], :, 2], _FAR_MM)
-    return heights
+    found = [lowest_height(x, y, facets) for x, y in places.tolist()]
+    return np.array([_FAR_MM if z is None else min(z, _FAR_MM) for z in found])
 
 
 def _compliance(
@@ -115,8 +111,6 @@ def _nodes_of_skin(simulation: Simulation) -> NDArray[np.int64]:
     facets = finger.facets[finger.surface == SURFACES["skin"]]
     nodes = finger.nodes[np.unique(facets)]
     nodes = nodes[nodes[:, 2] < _FAR_MM]
-    from scipy.spatial import KDTree  # takes a while
-
     distance, found = KDTree(x).query(nodes)
     assert distance.max() < 1e-6, "nodes of the mesh are those of the displacement"
     return np.setdiff1d(found, problem.held)

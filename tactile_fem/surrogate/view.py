@@ -68,11 +68,8 @@ class View:
 def _around(places: Array, grid: Grid, parts: tuple[tuple[float, Array], ...]) -> sparse.csr_array:
     """Return the matrix of means about places; its rows are receptors, in them their parts."""
     matrices = [grid.means((places[:, None] + about).reshape(-1, 2), half) for half, about in parts]
-    rows = np.concatenate(
-        [np.full(len(places) * len(about), k) for k, (_, about) in enumerate(parts)]
-    )
     of_place = np.concatenate([np.repeat(np.arange(len(places)), len(about)) for _, about in parts])
-    return sparse.csr_array(sparse.vstack(matrices))[np.lexsort((rows, of_place))]
+    return sparse.csr_array(sparse.vstack(matrices))[np.argsort(of_place, kind="stable")]
 
 
 def _about(matrix: sparse.csr_array, values: Array, receptors: int) -> Array:
