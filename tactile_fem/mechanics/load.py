@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from petsc4py import PETSc
@@ -17,6 +18,8 @@ from tactile_fem.mechanics.terms.term import Term
 # Skin that is nearer to the body than this touches it, as ink on the finger would. Less would
 # show the noise of the gap on coarse meshes, one or two micrometres.
 _CONTACT_GAP_MM = 0.01
+# Contact force and the forces of the tissues differ by what the residual's norm allows, much less.
+_BALANCE_N = 1e-5
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Load:
         Force of the tissue on what is held, (3,), and its moment about the origin: those of the
         contact but for inertia.
     imbalance_N
-        Difference of the contact force and the forces of all other terms on nodes that may move.
+        Sum of the residual, that of the contact and all other terms, where nodes may move.
     contact_area_mm2
         Skin within a hundredth of a millimetre of the body, as it is deformed.
     gap_error_mm
@@ -69,11 +72,18 @@ class Load:
     bound_N: np.ndarray = field(repr=False)
 
     @property
-    def is_finite(self) -> bool:
-        """Whether all its integrals are numbers."""
+    def problem(self) -> str:
+        """Why no state with this load may be accepted; nothing if it may."""
         nodal = "pressure_N", "friction_N", "bound_N"
         integrals = [value for name, value in vars(self).items() if name not in nodal]
-        return bool(np.isfinite(np.hstack(integrals)).all())
+        if not np.isfinite(np.hstack(integrals)).all():
+            return "the load is not finite"
+        if self.imbalance_N > _BALANCE_N:
+            return (
+                f"the step is not in equilibrium: contact force and held reaction differ by "
+                f"{self.imbalance_N:.1e} N"
+            )
+        return ""
 
 
 class LoadCell:
@@ -85,9 +95,13 @@ class LoadCell:
         The terms of the virtual work.
     held
         This rank's dofs (blocks) of the nodes that do not move.
+    bcs
+        All conditions on the displacement, also those on some components of a node.
     """
 
-    def __init__(self, bulk: Term, contact: Contact, held: np.ndarray) -> None:
+    def __init__(
+        self, bulk: Term, contact: Contact, held: np.ndarray, bcs: Sequence[fem.DirichletBC]
+    ) -> None:
         self._obstacle, self._comm = contact.obstacle, bulk.tissues.domain.comm
         self._state = state = bulk.tissues.state
         dim = len(state.u)
@@ -98,6 +112,10 @@ class LoadCell:
         owned = V.dofmap.index_map.size_local
         self._is_free = np.ones(owned, dtype=bool)
         self._is_free[held[held < owned]] = False
+        self._may_move = np.ones(owned * dim, dtype=bool)
+        for bc in bcs:
+            dofs, own = bc.dof_indices()
+            self._may_move[dofs[:own]] = False
         v = ufl.TestFunction(V)
         pressure, friction, bound = (ufl.Form([]) for _ in range(3))
         for part in contact.parts:
@@ -128,7 +146,7 @@ class LoadCell:
             integrals = _nodal(self._integrals_form).sum(axis=0)
         here = [self._forces(pressure + friction, bulk), [self._heat(friction)], integrals]
         whole = self._comm.allreduce(np.concatenate(here))
-        force, moment, on_bone, moment_on_bone, resistance = np.split(whole[:-8], self._splits)
+        force, moment, on_bone, moment_on_bone, residual = np.split(whole[:-8], self._splits)
         heat, area, normal, distance, traction, stored, volume, rest = whole[-8:].tolist()
         pressed = normal if normal > 0 else 1.0
         return Load(
@@ -136,7 +154,7 @@ class LoadCell:
             moment,
             on_bone,
             moment_on_bone,
-            float(np.linalg.norm(force - resistance)),
+            float(np.linalg.norm(residual)),
             area,
             distance / pressed,
             (traction - normal) / pressed,
@@ -152,13 +170,14 @@ class LoadCell:
     def _forces(self, contact: np.ndarray, bulk: np.ndarray) -> np.ndarray:
         """Return this rank's part of forces and moments.
 
-        Those of the contact, those on what is held, and the resistance of nodes that move.
+        Those of the contact, those on what is held, and what is left on what moves.
         """
         places = self._places(self._state.u, len(contact))
         found = []
         for forces in (contact, np.where(self._is_free[:, None], 0.0, contact - bulk)):
             found += [forces.sum(axis=0), self._moment(places, forces).sum(axis=0)]
-        return np.concatenate([*found, bulk[self._is_free].sum(axis=0)])
+        residual = np.where(self._may_move.reshape(bulk.shape), contact - bulk, 0.0)
+        return np.concatenate([*found, residual.sum(axis=0)])
 
     def _places(self, u: fem.Function, owned: int) -> np.ndarray:
         """Return where the first `owned` nodes of this rank are, (owned, components)."""

@@ -21,6 +21,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.compile import expression, jit_options
+from tactile_fem.mechanics.measures import with_shared_tags
 from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.ranks import shared_errors
 from tactile_fem.stimulus.body import EXCESS_MM, NEAR_MM, RigidBody
@@ -103,7 +104,8 @@ class Obstacle:
 
     def compile(self, form: ufl.Form) -> fem.Form:
         """Compile a form that may use the body."""
-        return fem.form(form, jit_options=self._jit, entity_maps=self.entity_maps)
+        shared = with_shared_tags(form)
+        return fem.form(shared, jit_options=self._jit, entity_maps=self.entity_maps)
 
     @property
     def comm(self) -> MPI.Comm:

@@ -16,12 +16,13 @@ from dolfinx import fem
 from tactile_fem.errors import MeshError
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.load import Load, LoadCell
+from tactile_fem.mechanics.measures import check_work
 from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.terms.contact import Contact
 from tactile_fem.mechanics.terms.hyperelasticity import Hyperelasticity
 from tactile_fem.mechanics.terms.inertia import Inertia
 from tactile_fem.mechanics.terms.relaxation import Relaxation
-from tactile_fem.mechanics.terms.term import MakeTerm, Sum
+from tactile_fem.mechanics.terms.term import MakeTerm, Sum, Term
 from tactile_fem.mechanics.terms.viscosity import Viscosity
 from tactile_fem.mechanics.tissues import NO_LAWS, Tissues
 from tactile_fem.stimulus import Friction, RigidBody
@@ -88,7 +89,7 @@ class Problem:
         self.state = State(V)
         self.tissues = Tissues(domain, constants, self.state, solver.bulk_degree, laws)
         bulk = [term for kind in KINDS for term in kind.of(self.tissues, solver)]
-        self.bulk = Sum(self.tissues, [*bulk, *(make(self.tissues) for make in terms)])
+        self.bulk = Sum(self.tissues, [*bulk, *map(self._own, terms)])
         self.contact = Contact(self.bulk, body, friction, solver)
         self.terms = Sum(self.tissues, [self.bulk, self.contact])
         self.state.histories = self.terms.histories
@@ -97,6 +98,13 @@ class Problem:
         if not domain.comm.allreduce(len(self.held)):
             raise MeshError(f"solver.held = {list(solver.held)}: nothing of the mesh is held")
         self.bcs = [fem.dirichletbc(np.zeros(dim), self.held, V), *constraints(V)]
+
+    def _own(self, make: MakeTerm) -> Term:
+        """Return a user's own term, after a check of its virtual work."""
+        term = make(self.tissues)
+        for form in (term.residual(self.test), term.work_of_tangent(self.test)):
+            check_work(form, self.test, type(term).__name__)
+        return term
 
     @property
     def u(self) -> fem.Function:
@@ -139,7 +147,7 @@ class Problem:
     @cached_property
     def load_cell(self) -> LoadCell:
         """Evaluates the load on the finger; compiled when first used."""
-        return LoadCell(self.bulk, self.contact, self.held)
+        return LoadCell(self.bulk, self.contact, self.held, self.bcs)
 
     def load(self) -> Load:
         """Return forces and energies at the present displacement, before it is accepted.

@@ -10,9 +10,19 @@ import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.apply_derivatives import apply_derivatives
 from ufl.core.expr import Expr
 from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
+
+
+def lowered(form: ufl.Form) -> ufl.Form:
+    """Return a form without `div`, `curl` and the like, whose derivatives are gradients of fields.
+
+    Integrals that vanish are left out.
+    """
+    return apply_derivatives(apply_algebra_lowering(form))
 
 
 class NotAtPointsError(Exception):
@@ -77,7 +87,8 @@ class AtPoint:
         Raises
         ------
         NotAtPointsError
-            It contains something else.
+            It contains something else, such as derivatives that are no gradient of a field; see
+            `lowered`.
         """
         replaced: Expr = map_expr_dag(_Replaced(self), integrand)
         return replaced
@@ -165,11 +176,20 @@ def _joined(derivatives: Sequence[Expr], dim: int) -> Expr:
 
 
 class _Replaced(MultiFunction):
+    """Replaces what is given at points; whatever else depends on the place is refused."""
+
     expr = MultiFunction.reuse_if_untouched
+    constant_value = constant = multi_index = label = MultiFunction.reuse_if_untouched
 
     def __init__(self, at: AtPoint) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
         self._number = at.number
+
+    def refused(self, value: Expr, *operands: Expr) -> Expr:
+        raise NotAtPointsError
+
+    terminal = derivative = restricted = cell_avg = facet_avg = reference_value = refused
+    base_form_operator = refused
 
     def grad(self, gradient: Expr) -> Expr:
         (of,) = gradient.ufl_operands
@@ -195,9 +215,3 @@ class _Replaced(MultiFunction):
 
     def facet_jacobian_determinant(self, determinant: Expr) -> Expr:
         return self._number(Given(Kind.FACET_DETERMINANT))
-
-    def geometric_quantity(self, quantity: Expr) -> Expr:
-        raise NotAtPointsError
-
-    def coefficient_derivative(self, derivative: Expr) -> Expr:
-        raise NotAtPointsError

@@ -89,12 +89,13 @@ class FingerProblem(Problem):
         Raises
         ------
         ConvergenceError
-            The load is not finite.
+            The load is not finite, or the state is not in equilibrium.
         """
         load = load or self.load()
-        if not load.is_finite:
-            reason = "the load is not finite"
-            raise ConvergenceError(f"a state cannot be accepted: {reason}", load.force_N, reason)
+        if load.problem:
+            raise ConvergenceError(
+                f"a state cannot be accepted: {load.problem}", load.force_N, load.problem
+            )
         if self._iterations or self.state.iterations:
             self.solver.end_step()
         self.state.accept(load.force_N, load.moment_Nmm, load.friction_N, self._iterations)

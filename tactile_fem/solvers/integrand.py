@@ -27,6 +27,7 @@ Array = np.ndarray
 # Cells at once: as many numbers as the largest registers hold; of smaller ones it takes several.
 _LANES = 8
 _FACETS = "exterior_facet"
+_SCHEMES = "default", "Gauss-Jacobi", "Xiao-Gimbutas"
 _SOURCE = Path(__file__).with_name("virtual_work.c")
 _DECLARATIONS = """
 struct cells {
@@ -71,6 +72,8 @@ class Integrand:
     work, moduli
         For each rule: factors of the test function and its gradient, and their derivatives with
         respect to displacement and gradient.
+    has_tangent
+        Whether it depends on the displacement; a dead load does not.
     tested
         What of the test function's value (0) and gradient (1 and more) it contains.
     geometry, displacement, fields
@@ -95,15 +98,17 @@ class Integrand:
         self.rules, sums = _by_rule(integrals, at)
         is_symmetric = is_symmetric and at.tested == at.trial
         work = [at.work(value) for value in sums]
-        moduli = [at.moduli(value, is_symmetric=is_symmetric) for value in sums]
+        moduli = [at.moduli(value, is_symmetric=is_symmetric) for value in sums if at.trial]
         self.work = [PointFunction(f"work_{i}", value, at) for i, value in enumerate(work)]
         self.moduli = [PointFunction(f"moduli_{i}", value, at) for i, value in enumerate(moduli)]
-        self.tested = at.tested
+        self.tested, self.has_tangent = at.tested, bool(at.trial)
         self.geometry = CellField(Given(Kind.VALUE, ufl.SpatialCoordinate(self.mesh)), self.mesh)
         self.displacement = CellField(Given(Kind.VALUE, u), self.mesh)
         self.fields = [CellField(given, self.mesh) for given in at.given]
         in_cells = [own for own in self.fields if own.kind in (Kind.VALUE, Kind.GRADIENT)]
-        if len(self.rules) > 1 and any(own.kind == Kind.AT_POINTS for own in self.fields):
+        at_points = [own for own in self.fields if own.kind == Kind.AT_POINTS]
+        of_facets = [own for own in self.fields if own.kind in (Kind.NORMAL, Kind.FACET_DETERMINANT)]
+        if (at_points and len(self.rules) > 1) or (of_facets and not self.is_on_facets):
             raise NotAtPointsError
         self._definitions = _defined(
             DIM=at.dim,
@@ -120,7 +125,7 @@ class Integrand:
             TRIAL=at.trial.start,
             TRIALS=len(at.trial),
             WORK=_braced(function.name for function in self.work),
-            MODULI=_braced(function.name for function in self.moduli),
+            MODULI=_braced([function.name for function in self.moduli] or ["0"]),
         )
         keys = [function.key for function in (*self.work, *self.moduli)]
         self.c, self.ffi = c_functions(
@@ -191,9 +196,10 @@ def _by_rule(integrals: Sequence[ufl.Integral], at: AtPoint) -> tuple[list[Rule]
     sums: dict[Rule, Expr] = {}
     for integral in integrals:
         metadata = integral.metadata()
-        if not isinstance(metadata.get("quadrature_degree"), int):
+        degree, scheme = metadata.get("quadrature_degree"), metadata.get("quadrature_rule", "default")
+        if not isinstance(degree, int) or degree < 0 or scheme not in _SCHEMES:
             raise NotAtPointsError
-        rule = Rule(metadata["quadrature_degree"], metadata.get("quadrature_rule", "default"))
+        rule = Rule(degree, scheme)
         value = at(integral.integrand())
         sums[rule] = sums[rule] + value if rule in sums else value
     return list(sums), list(sums.values())

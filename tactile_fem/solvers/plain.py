@@ -15,6 +15,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 from tactile_fem.mechanics.compile import jit_options
+from tactile_fem.mechanics.measures import with_shared_tags
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.options import NEWTON, PLAIN, clear_options, set_options
 from tactile_fem.solvers.report import LinearSolve, SolveReport, StepSolver, solve_linear
@@ -28,7 +29,7 @@ class PlainSolver(StepSolver):
         self.options = {**NEWTON, **PLAIN, **problem.settings.petsc}
         self._prefix = set_options(self.options, problem.domain.comm)
         self._equations = equations = fem_petsc.NonlinearProblem(
-            problem.terms.residual(problem.test),
+            with_shared_tags(problem.terms.residual(problem.test)),
             problem.u,
             bcs=problem.bcs,
             petsc_options_prefix=self._prefix,

@@ -47,6 +47,7 @@ static void {name}(const lanes *given_, const double *c, lanes *found_)
 #pragma GCC ivdep
   for (int l = 0; l < LANES; ++l) {{
     double w[{given}], A[{found}] = {{0}};
+    (void)given;
     {take}
     {inner}(A, w, c, 0, 0, 0, 0);
     {give}

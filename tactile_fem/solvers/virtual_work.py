@@ -19,7 +19,7 @@ import ufl
 from dolfinx import fem, la
 
 from tactile_fem.mechanics.problem import Problem
-from tactile_fem.solvers.at_points import NotAtPointsError
+from tactile_fem.solvers.at_points import NotAtPointsError, lowered
 from tactile_fem.solvers.integrand import Integrand
 from tactile_fem.solvers.quadrature import quadrature, reference_normal
 
@@ -54,9 +54,10 @@ class VirtualWork:
 
     def __init__(self, form: ufl.Form, problem: Problem, *, is_symmetric: bool = False) -> None:
         obstacle, u = problem.contact.obstacle, problem.u
-        groups: defaultdict[tuple[str, Any], list[ufl.Integral]] = defaultdict(list)
-        for integral in form.integrals():
-            groups[integral.integral_type(), integral.subdomain_id()].append(integral)
+        groups: defaultdict[tuple[str, Any, int], list[ufl.Integral]] = defaultdict(list)
+        for integral in lowered(form).integrals():
+            where = integral.integral_type(), integral.subdomain_id(), id(integral.subdomain_data())
+            groups[where].append(integral)
         self._parts: list[_Cells] = []
         rest = []
         for integrals in groups.values():
@@ -97,13 +98,15 @@ class VirtualWork:
         is_free
             Whether rows and columns of a node are wanted, (nodes,), ghosts included.
         """
+        parts = [part for part in self._parts if part.has_tangent]
         if not self._positions:
             wanted = is_free.astype(np.int8)
-            self._positions = [part.positions(matrix, wanted) for part in self._parts]
-        for part, positions in zip(self._parts, self._positions, strict=True):
+            self._positions = [part.positions(matrix, wanted) for part in parts]
+        for part, positions in zip(parts, self._positions, strict=True):
             part.add_tangent(matrix.data, positions)
         if self._rest:
             fem.assemble_matrix(matrix, self._tangent_of_rest)
+            _clear(matrix, ~is_free)
 
 
 class _Cells:
@@ -122,6 +125,7 @@ class _Cells:
     def __init__(self, integrand: Integrand, cells: Array, facet: int | None = None) -> None:
         self._cells, self._facet = cells, facet
         self._tag, self._c, self._ffi = integrand.tag, integrand.c, integrand.ffi
+        self.has_tangent = integrand.has_tangent
         cell = getattr(basix.CellType, integrand.mesh.topology.cell_name())
         points, weights, rules = quadrature(integrand.rules, cell, facet)
         basis = integrand.displacement.values_and_gradients(points)
@@ -187,6 +191,13 @@ class _Cells:
 
     def _pointer(self, array: Array) -> Any:
         return self._ffi.from_buffer(_C_TYPES[array.dtype.type], array)
+
+
+def _clear(matrix: la.MatrixCSR, nodes: Array) -> None:
+    """Make the blocks in the rows and columns of nodes zero, (nodes,), ghosts included."""
+    row = np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
+    column = matrix.indices[: len(row)]
+    matrix.data.reshape(len(matrix.indices), -1)[: len(row)][nodes[row] | nodes[column]] = 0.0
 
 
 def _addresses(arrays: Sequence[Array]) -> Array:

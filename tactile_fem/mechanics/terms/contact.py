@@ -81,8 +81,6 @@ class Contact(Term):
         The skin that may touch, by tissue.
     """
 
-    is_symmetric = False
-
     def __init__(
         self, bulk: Sum, body: RigidBody, friction: float | Friction, solver: Solver
     ) -> None:

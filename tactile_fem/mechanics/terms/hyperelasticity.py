@@ -25,6 +25,8 @@ _LEAST_SHARE = 0.02
 class Hyperelasticity(StressTerm):
     """The elastic laws; `locking_ratio` is K/G as above."""
 
+    is_symmetric = True
+
     def __init__(self, tissues: Tissues, locking_ratio: float) -> None:
         super().__init__(tissues)
         self._locking_ratio = locking_ratio

@@ -108,6 +108,8 @@ class Inertia(Term):
         In space at the end of the step, seen from the bone at its beginning, mm/s and mm/s2.
     """
 
+    is_symmetric = True
+
     def __init__(self, tissues: Tissues, spectral_radius: float = SPECTRAL_RADIUS) -> None:
         super().__init__(tissues)
         self._state = state = tissues.state

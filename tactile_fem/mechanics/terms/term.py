@@ -40,7 +40,7 @@ class Term:
     Attributes
     ----------
     is_symmetric
-        Whether the tangent is symmetric.
+        Whether the tangent is symmetric, which halves its cost.
     pulls_at_skin
         Whether `stress` belongs to the traction with which Nitsche's method holds the skin.
     histories
@@ -49,7 +49,7 @@ class Term:
         How it follows small vibrations.
     """
 
-    is_symmetric = True
+    is_symmetric = False
     pulls_at_skin = True
     histories: Sequence[PointHistory] = ()
     delays: Sequence[Delay] = ()

@@ -24,6 +24,7 @@ class Viscosity(StressTerm):
         `tau`.
     """
 
+    is_symmetric = True
     pulls_at_skin = False
 
     def __init__(self, tissues: Tissues, time_s: float) -> None:
