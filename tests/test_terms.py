@@ -114,5 +114,5 @@ def test_a_state_that_is_not_in_equilibrium_is_not_accepted():
 
     made = pressed(weight, Hasty)
     made.u.x.array[:] *= 0.9
-    with pytest.raises(ConvergenceError, match="not in equilibrium: contact force .* differ by"):
+    with pytest.raises(ConvergenceError, match=r"not in equilibrium: contact force .* differ by"):
         made.accept()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import mesh
 from dolfinx.fem import IntegralType
@@ -37,9 +39,11 @@ def check_work(form: ufl.Form, v: ufl.Argument, name: str) -> None:
     work = f"parts.terms: the virtual work of {name}"
     if not isinstance(form, ufl.Form):
         what = type(form).__name__
-        raise StudyError(f"{work} is of type {what} but must be a form: an integrand times dx or ds.")
+        raise StudyError(
+            f"{work} is of type {what} but must be a form: an integrand times dx or ds."
+        )
     for integral in form.integrals():
-        kind, tag, tags = integral.integral_type(), integral.subdomain_id(), integral.subdomain_data()
+        kind, tag, tags = _where(integral)
         if kind not in _TYPES:
             raise StudyError(f'{work} has integrals of the type "{kind}"; allowed: dx and ds.')
         if tag != _EVERYWHERE and not isinstance(tags, mesh.MeshTags):
@@ -67,26 +71,35 @@ def check_work(form: ufl.Form, v: ufl.Argument, name: str) -> None:
 def with_shared_tags(form: ufl.Form) -> ufl.Form:
     """Return a form whose integrals of one type have the same tags, as DOLFINx wants them.
 
-    Where they have several, parts are numbered anew.
+    Where they have several, their parts are numbered anew.
     """
-    tags_of: defaultdict[str, set[int]] = defaultdict(set)
+    tags_of: defaultdict[str, dict[int, mesh.MeshTags]] = defaultdict(dict)
     for integral in form.integrals():
-        if integral.subdomain_data() is not None:
-            tags_of[integral.integral_type()].add(id(integral.subdomain_data()))
-    parts: dict[str, list] = {kind: [] for kind, tags in tags_of.items() if len(tags) > 1}
-    if not parts:
-        return form
-    numbers: dict[tuple, int] = {}
-    integrals = []
-    for integral in form.integrals():
-        kind, tag, tags = integral.integral_type(), integral.subdomain_id(), integral.subdomain_data()
-        if kind in parts:
-            number = tag
-            if tag != _EVERYWHERE:
-                number = numbers.setdefault((kind, tag, id(tags)), len(numbers))
-                if number not in dict(parts[kind]):
-                    ((_, entities),) = get_integration_domains(IntegralType[kind], tags, [tag])
-                    parts[kind].append((number, entities))
-            integral = integral.reconstruct(subdomain_id=number, subdomain_data=parts[kind])
-        integrals.append(integral)
-    return ufl.Form(integrals)
+        tags = integral.subdomain_data()
+        if tags is not None:
+            tags_of[integral.integral_type()][id(tags)] = tags
+    several: dict[str, list[tuple[int, np.ndarray]]] = {
+        kind: [] for kind, found in tags_of.items() if len(found) > 1
+    }
+    numbers: dict[tuple[str, int, int], int] = {}
+
+    def shared(integral: ufl.Integral) -> ufl.Integral:
+        kind, tag, tags = _where(integral)
+        if kind not in several:
+            (own,) = tags_of[kind].values() or (None,)
+            return integral.reconstruct(subdomain_data=own)
+        if tag != _EVERYWHERE:
+            key = kind, tag, id(tags)
+            if key not in numbers:
+                numbers[key] = len(numbers)
+                ((_, entities),) = get_integration_domains(IntegralType[kind], tags, [tag])
+                several[kind].append((numbers[key], entities))
+            tag = numbers[key]
+        return integral.reconstruct(subdomain_id=tag, subdomain_data=several[kind])
+
+    return ufl.Form([shared(integral) for integral in form.integrals()])
+
+
+def _where(integral: ufl.Integral) -> tuple[str, Any, Any]:
+    """Return over what an integral is taken: type, part, and tags of the parts."""
+    return integral.integral_type(), integral.subdomain_id(), integral.subdomain_data()

@@ -107,7 +107,9 @@ class Integrand:
         self.fields = [CellField(given, self.mesh) for given in at.given]
         in_cells = [own for own in self.fields if own.kind in (Kind.VALUE, Kind.GRADIENT)]
         at_points = [own for own in self.fields if own.kind == Kind.AT_POINTS]
-        of_facets = [own for own in self.fields if own.kind in (Kind.NORMAL, Kind.FACET_DETERMINANT)]
+        of_facets = [
+            own for own in self.fields if own.kind in (Kind.NORMAL, Kind.FACET_DETERMINANT)
+        ]
         if (at_points and len(self.rules) > 1) or (of_facets and not self.is_on_facets):
             raise NotAtPointsError
         self._definitions = _defined(
@@ -196,7 +198,10 @@ def _by_rule(integrals: Sequence[ufl.Integral], at: AtPoint) -> tuple[list[Rule]
     sums: dict[Rule, Expr] = {}
     for integral in integrals:
         metadata = integral.metadata()
-        degree, scheme = metadata.get("quadrature_degree"), metadata.get("quadrature_rule", "default")
+        degree, scheme = (
+            metadata.get("quadrature_degree"),
+            metadata.get("quadrature_rule", "default"),
+        )
         if not isinstance(degree, int) or degree < 0 or scheme not in _SCHEMES:
             raise NotAtPointsError
         rule = Rule(degree, scheme)
