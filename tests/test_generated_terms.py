@@ -39,7 +39,8 @@ ON_FACETS = {0: ["dot({f}, n)"], 1: ["grad({f}) * n", "dot({f}, n) * n"], 2: ["o
 FUNCTIONS = [
     "1", "c", "k", "X[0]", "cell", "exp({s})", "sin({s}) + c", "sqrt(1 + {s}**2)",
     "1 / (2 + {s}**2)", "conditional(gt({s}, 0), {s}, {s}**2)", "max_value({s}, 0.1)",
-    "abs({s} - 0.1)", "atan({s})", "det(Identity(dim) + grad(u))", "inner(grad(c), X)", "CellVolume(domain)", "{s}",
+    "abs({s} - 0.1)", "atan({s})", "det(Identity(dim) + grad(u))",
+    "inner(grad(c), X)", "CellVolume(domain)", "{s}",
 ]  # fmt: skip
 IN_CELLS = ["dx", "dx(degree=2)", "dx(1)", "dx(skin, degree=3)", "plain_dx", "plain_dx(degree=1)"]
 # Each example is compiled, so those that fail are not made smaller.
