@@ -106,12 +106,11 @@ class Integrand:
         self.displacement = CellField(Given(Kind.VALUE, u), self.mesh)
         self.fields = [CellField(given, self.mesh) for given in at.given]
         in_cells = [own for own in self.fields if own.kind in (Kind.VALUE, Kind.GRADIENT)]
-        at_points = [own for own in self.fields if own.kind == Kind.AT_POINTS]
-        of_facets = [
-            own for own in self.fields if own.kind in (Kind.NORMAL, Kind.FACET_DETERMINANT)
-        ]
-        if (at_points and len(self.rules) > 1) or (of_facets and not self.is_on_facets):
-            raise NotAtPointsError
+        for given in at.given:
+            if given.kind == Kind.AT_POINTS and not self._has_points_of(given.of):
+                raise NotAtPointsError
+            if given.kind in (Kind.NORMAL, Kind.FACET_DETERMINANT) and not self.is_on_facets:
+                raise NotAtPointsError
         self._definitions = _defined(
             DIM=at.dim,
             LANES=_LANES,
@@ -138,6 +137,13 @@ class Integrand:
             key=" ".join([self._definitions, *keys]),
             generated=self._generated,
         )
+
+    def _has_points_of(self, function: Expr | None) -> bool:
+        """Return whether the integral's points are those at which a function is known."""
+        assert isinstance(function, fem.Function)
+        known = self._obstacle.hessian.function_space
+        rule = Rule(known.ufl_element().embedded_superdegree, "default")
+        return self.rules == [rule] and function.function_space.mesh == known.mesh
 
     def _generated(self) -> str:
         """Return what stands before `virtual_work.c`."""
