@@ -193,7 +193,7 @@ class _Replaced(MultiFunction):
 
     def grad(self, gradient: Expr) -> Expr:
         (of,) = gradient.ufl_operands
-        if not isinstance(of, fem.Function | ufl.Argument) or of.ufl_element().is_quadrature:
+        if not isinstance(of, fem.Function | ufl.Argument):
             raise NotAtPointsError
         return self._number(Given(Kind.GRADIENT, of))
 

@@ -44,7 +44,8 @@ class CellField:
             element, self._dofs, self.size = space.ufl_element(), space.dofmap.list, space.dofmap.bs
             self.values = of.x.array
             is_elsewhere = (space.mesh != msh) != (self.kind == Kind.AT_POINTS)
-            if is_elsewhere or element.block_size != self.size:
+            has_no_gradient = element.is_quadrature and self.kind == Kind.GRADIENT
+            if is_elsewhere or has_no_gradient or element.block_size != self.size:
                 raise NotAtPointsError
         elif of is not None:  # the position
             element = msh.ufl_domain().ufl_coordinate_element()  # type: ignore[union-attr]
