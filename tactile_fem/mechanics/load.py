@@ -72,8 +72,8 @@ class Load:
     bound_N: np.ndarray = field(repr=False)
 
     @property
-    def problem(self) -> str:
-        """Why no state with this load may be accepted; nothing if it may."""
+    def rejection(self) -> str:
+        """Why a state with this load must not be accepted; empty if it may."""
         nodal = "pressure_N", "friction_N", "bound_N"
         integrals = [value for name, value in vars(self).items() if name not in nodal]
         if not np.isfinite(np.hstack(integrals)).all():

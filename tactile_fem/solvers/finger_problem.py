@@ -92,9 +92,9 @@ class FingerProblem(Problem):
             The load is not finite, or the state is not in equilibrium.
         """
         load = load or self.load()
-        if load.problem:
+        if load.rejection:
             raise ConvergenceError(
-                f"a state cannot be accepted: {load.problem}", load.force_N, load.problem
+                f"a state cannot be accepted: {load.rejection}", load.force_N, load.rejection
             )
         if self._iterations or self.state.iterations:
             self.solver.end_step()
