@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from tactile_fem.errors import ConvergenceError
 from tactile_fem.surrogate.grid import Grid
 
 Array = NDArray[Any]
@@ -54,17 +55,24 @@ class Cushion:
             (n, bodies); negative where they are apart.
         start_MPa
             A guess, (n, bodies).
+
+        Raises
+        ------
+        ConvergenceError
+            Skin of a body is not on it.
         """
         C, nearly = self.compliance_mm_per_MPa, self._near_inverse
         stiffest, p = C.diagonal().max(), start_MPa.copy()
         gap = C @ p - overlap_mm
         way = np.zeros_like(p)
         before, goes_on = np.ones_like(p[0]), np.zeros_like(p[0])
+        found = np.zeros(p.shape[1], dtype=bool)
         for _ in range(_ITERATIONS):
             on = p > 0
             wrong = np.where(on, np.abs(gap), -gap)
-            if wrong.max(initial=0.0) < _TOLERANCE_MM:
-                break
+            found |= wrong.max(axis=0, initial=0.0) < _TOLERANCE_MM
+            if found.all():
+                return p
             rest = np.where(on, gap, 0)
             guess = np.where(on, nearly @ rest, 0)
             square = (rest * guess).sum(axis=0)
@@ -72,7 +80,8 @@ class Cushion:
             before = square
             yields = C @ way
             step = (rest * way).sum(axis=0) / np.maximum((way * yields).sum(axis=0), _TINY)
-            freed, touched = on & (p < step * way), ~on & (gap < 0)
+            step[found] = 0  # so that each body is felt as it would be alone
+            freed, touched = on & (p < step * way), ~on & (gap < 0) & ~found
             p = np.maximum(p - step * way, 0)
             gap = gap - step * yields
             if freed.any() or touched.any():
@@ -80,7 +89,16 @@ class Cushion:
                 p = np.maximum(p, 0)
                 gap = C @ p - overlap_mm
             goes_on = np.where(touched.any(axis=0), 0, 1).astype(p.dtype)
-        return p
+        body = int(np.argmin(found))
+        cell = int(np.argmax(np.where(np.isnan(wrong[:, body]), np.inf, wrong[:, body])))
+        x, y = self.grid.points_mm[self.cells[cell]]
+        raise ConvergenceError(
+            f"the contact with body {body + 1} is not found in {_ITERATIONS} iterations: at X "
+            f"{x:.1f}, Y {y:.1f} mm the skin is {wrong[cell, body]:.2g} mm off it; try shorter "
+            "steps, less depth or a smoother body",
+            (np.nan,) * 3,
+            "too many iterations",
+        )
 
     @cached_property
     def _near_inverse(self) -> sparse.csr_array:

@@ -16,6 +16,7 @@ Array = NDArray[Any]
 
 FLOOR_MM = -3.0  # no finger reaches deeper below the highest plane of a body
 _SPACING_MM, _NEAR_MM, _STEPS = 0.125, 2e-3, 80
+_ROUNDING_MM = 1e-6
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class HeightMap:
         Raises
         ------
         StudyError
-            Another shape, or heights that are not finite.
+            Another shape, or heights that are above 0 or not finite.
         """
         if np.shape(self.heights_mm) != self.grid.shape:
             raise StudyError(
@@ -49,6 +50,10 @@ class HeightMap:
             )
         if not np.isfinite(self.heights_mm).all():
             raise StudyError("heights_mm: all heights must be finite.")
+        if np.max(self.heights_mm) > _ROUNDING_MM:
+            raise StudyError(
+                f"heights_mm reach {np.max(self.heights_mm):g}; the highest plane of a body is 0."
+            )
 
     @classmethod
     def of_array(cls, heights_mm: ArrayLike, spacing_mm: float) -> Self:
@@ -75,7 +80,8 @@ class HeightMap:
         Each is found from above: as a distance is never too long, steps of its length end on the
         body.
         """
-        grid = Grid.over(low_mm, high_mm, _SPACING_MM)
+        low = _SPACING_MM * np.floor(np.asarray(low_mm) / _SPACING_MM)  # so mirror images are alike
+        grid = Grid.over(low, high_mm, _SPACING_MM)
         z, above = np.zeros(len(grid.points_mm)), np.arange(len(grid.points_mm))
         for _ in range(_STEPS):
             gap = body.distance(np.column_stack([grid.points_mm[above], z[above]])).gap

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
+from tactile_fem.errors import ConvergenceError
 from tactile_fem.surrogate.cushion import Cushion
 from tactile_fem.surrogate.drag import Drag
 from tactile_fem.surrogate.grid import Grid
@@ -21,6 +24,7 @@ _APART_MM = -0.8
 # Velocities are given as the way in this time, some time constant of the tissue's viscosity.
 _LEAD_S = 0.004
 _DRAGGED_MM = 2.0  # skin is dragged by no more
+_UNSEEN_MM = 0.05  # skin without cells may overlap a body by so much
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,26 @@ class Pad:
         )
         return i * self.grid.shape[1] + j
 
+    @cached_property
+    def without_cells(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Places of the grid that no cell covers, (k,), and the nearest cell of each, (k,)."""
+        cushion = self.cushion
+        distance, nearest = KDTree(cushion.grid.points_mm[cushion.cells]).query(self.grid.points_mm)
+        places = np.flatnonzero(distance > cushion.grid.spacing_mm)
+        return places, nearest[places]
+
+    def symmetric(self) -> Pad:
+        """Return the mean of the pad and its mirror image in X."""
+        cushion, skin = self.cushion, self.skin_mm.reshape(self.grid.shape)
+        numbers = np.arange(len(cushion.grid.points_mm)).reshape(cushion.grid.shape)
+        mirrored = numbers[::-1].ravel()
+        cells = np.intersect1d(cushion.cells, mirrored[cushion.cells])
+        C, one = cushion.compliance_mm_per_MPa, np.searchsorted(cushion.cells, cells)
+        other = np.searchsorted(cushion.cells, mirrored[cells])
+        C = (C[np.ix_(one, one)] + C[np.ix_(other, other)]) / 2
+        skin = (skin + skin[::-1]) / 2
+        return replace(self, skin_mm=skin.ravel(), cushion=Cushion(cushion.grid, cells, C))
+
 
 class Touch:
     """The contact of one pad with bodies, each on its own.
@@ -89,6 +113,8 @@ class Touch:
         On the cells of the cushion's grid, (bodies, cells).
     normal_N
         Sum of the pressures, (bodies,).
+    reaches_beyond
+        Whether bodies overlap skin of which the cushion has no cells, (bodies,).
     """
 
     def __init__(
@@ -103,32 +129,43 @@ class Touch:
         self.overlap_mm = np.full((count, len(pad.skin_mm)), np.float32(_APART_MM))
         self.pressure_MPa = np.zeros((count, len(pad.cushion.grid.points_mm)), np.float32)
         self.normal_N = np.zeros(count)
+        self.reaches_beyond = np.zeros(count, bool)
 
     def move(self, places_mm: Array, dt_s: float) -> None:
-        """Move the bodies to places (bodies, 3) within a time above 0."""
+        """Move the bodies to places (bodies, 3) within a time above 0; see `Cushion.press`.
+
+        No array is changed in place, so that a shallow copy keeps the state.
+        """
         moved = places_mm - self._places
         drag, limit = self._pad.drag, self._pad.drag.limit_mm(self._friction, self.normal_N)
-        self._slip = drag.slid(self._slip, moved[:, :2], limit)
-        self._slip[self.normal_N <= 0] = 0.0
+        slip = drag.slid(self._slip, moved[:, :2], limit)
+        self._slip = np.where(self.normal_N[:, None] > 0, slip, 0.0)
         self._drag = drag.of(self._slip, limit)
         self._lead = _LEAD_S * moved / dt_s
-        self._places = np.array(places_mm, dtype=float)
+        before, self._places = self._places, np.array(places_mm, dtype=float)
         self._overlap()
-        self._press()
+        try:
+            self._press()
+        except ConvergenceError as error:
+            raise ConvergenceError(str(error), before[0], error.reason) from None
 
     def _overlap(self) -> None:
-        pad = self._pad
+        pad, overlap = self._pad, np.empty_like(self.overlap_mm)
         for k, body in enumerate(self._bodies):
             heights = body.over(pad.grid, self._places[k, :2] - self._drag[k])
-            overlap = self._places[k, 2] + heights.ravel() - pad.skin_mm
-            self.overlap_mm[k] = np.maximum(overlap, _APART_MM)
+            overlap[k] = self._places[k, 2] + heights.ravel() - pad.skin_mm
+        self.overlap_mm = np.maximum(overlap, np.float32(_APART_MM))
 
     def _press(self) -> None:
-        cushion = self._pad.cushion
+        cushion, (places, nearest) = self._pad.cushion, self._pad.without_cells
         overlap = np.ascontiguousarray(self.overlap_mm[:, self._under].T)
         self._pressed = cushion.press(overlap, self._pressed)
+        self.pressure_MPa = np.zeros_like(self.pressure_MPa)
         self.pressure_MPa[:, self._cells] = self._pressed.T
         self.normal_N = self._pressed.sum(axis=0, dtype=float) * cushion.cell_mm2
+        border, back = np.unique(nearest, return_inverse=True)
+        yields = (cushion.compliance_mm_per_MPa[border] @ self._pressed)[back].T
+        self.reaches_beyond = (self.overlap_mm[:, places] > yields + _UNSEEN_MM).any(axis=1)
 
     def whole(self) -> Array:
         """Return what is the same for all receptors, (bodies, `WHOLE`)."""
