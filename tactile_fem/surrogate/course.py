@@ -36,8 +36,8 @@ class Moment:
     felt
         The columns of every trace by name, such as ``sed_kPa``, (bodies, receptors, ...).
     is_outside
-        Whether a motion, load or pressure lies beyond those that the finger was made from, the
-        body slides rather across than along, or it overlaps skin off the pad, (bodies,).
+        Whether a motion, load or pressure lies beyond those that the finger was made from, or the
+        body slides across rather than along, or lies deepest off the pad, (bodies,).
     """
 
     force_N: Array
@@ -58,10 +58,10 @@ class Row(NamedTuple):
 
 
 class Stepped(Protocol):
-    """A finger that is stepped; `ahead` returns what a step would, and does not take it."""
+    """A finger that is stepped; `ahead` returns what a step would, and stays."""
 
-    def step(self, place_mm: ArrayLike, dt_s: float) -> Moment: ...
-    def ahead(self, place_mm: ArrayLike, dt_s: float) -> Moment: ...
+    def step(self, place_mm: ArrayLike, dt_s: float) -> Moment: ...  # noqa: D102
+    def ahead(self, place_mm: ArrayLike, dt_s: float) -> Moment: ...  # noqa: D102
 
 
 def along(path: Path, finger: Stepped) -> Iterator[tuple[Row, Moment]]:
@@ -92,50 +92,47 @@ def along(path: Path, finger: Stepped) -> Iterator[tuple[Row, Moment]]:
             if wanted is not None:
                 if normal_N >= wanted * (1 - TOLERANCE):
                     break
-                t = _end_of_press(motion, before, t, normal_N, finger)
+                t = _end_of_press(motion, before, t, normal_N, wanted, finger)
             place = np.asarray(motion.place(t), dtype=float)
             way = 0.0 if indenting else slid + motion.slid_mm(t)
             moment = finger.step(place, t - before)
             normal_N = float(moment.force_N[0, NORMAL])
             yield Row(clock + t, t - before, motion.phase, way, place, indenting), moment
             before = t
-        if wanted is not None and abs(normal_N - wanted) > TOLERANCE * wanted and before:
-            _raise_not_met(motion, place, slid, normal_N)
+        if wanted is not None and before and abs(normal_N - wanted) > TOLERANCE * wanted:
+            raise _not_met(motion.phase, place, normal_N, wanted)
         clock += before
         slid += 0.0 if indenting else motion.slid_mm(before)
 
 
 def _end_of_press(
-    motion: Motion, before: float, t: float, normal_N: float, finger: Stepped
+    motion: Motion, before: float, t: float, normal_N: float, wanted_N: float, finger: Stepped
 ) -> float:
-    """Return a time, or an earlier one since the last at which a press meets its force."""
-    wanted = motion.until_N
-    assert wanted is not None, "a press to a force"
-    sought = wanted * (1 + TOLERANCE / 2)
+    """Return a time, or an earlier one since the last at which the wanted force is met."""
 
-    def excess(time: float) -> float:
+    def excess_N(time: float) -> float:
         normal = normal_N
         if time > before:
             normal = float(finger.ahead(motion.place(time), time - before).force_N[0, NORMAL])
-        # Met is also a little more, so that no press ends short of its force.
-        return 0.0 if 0 <= normal - wanted < TOLERANCE * wanted else normal - sought
+        # A little more is met as well, so that no press ends short of its force.
+        excess = normal - wanted_N * (1 + TOLERANCE / 2)
+        return 0.0 if abs(excess) < TOLERANCE * wanted_N / 2 else excess
 
-    return t if excess(t) <= 0 else float(brentq(excess, before, t, xtol=1e-9 * t))
+    if excess_N(t) <= 0:
+        return t
+    shortest = 1e-9 * t
+    return max(before + shortest, float(brentq(excess_N, before, t, xtol=shortest)))
 
 
-def _raise_not_met(motion: Motion, place: Array, slid_mm: float, normal_N: float) -> None:
-    """Raise the error of a press that ends at another force than it should, as a scan does."""
-    wanted, side = motion.until_N or 0.0, "smaller"
-    reason = f"the force is not reached: {normal_N:.3g} of {wanted:.3g} N at the deepest position "
-    reason += "that is allowed"
-    if normal_N > wanted:
-        reason, side = f"the force is not met: it jumps to {normal_N:.3g} of {wanted:.3g} N", "larger"
-    raise ConvergenceError(
-        f"the {motion.phase} stopped at a depth of {place[2]:.4f} mm, {slid_mm:.4f} mm across "
-        f"({reason}); try a {side} force",
-        place,
-        reason,
-    )
+def _not_met(phase: str, place: Array, normal_N: float, wanted_N: float) -> ConvergenceError:
+    """Return the error of a press that ends at another force, in the words of a scan."""
+    if normal_N < wanted_N:
+        how, ends, advice = "reached", " at the deepest position that is allowed", "smaller"
+    else:
+        how, ends, advice = "met", ", to which it jumps", "larger"
+    reason = f"the force is not {how}: {normal_N:.3g} of {wanted_N:.3g} N{ends}"
+    where = f"the {phase} stopped at a depth of {place[2]:.4f} mm"
+    return ConvergenceError(f"{where} ({reason}); try a {advice} force", place, reason)
 
 
 def _times(motion: Motion) -> list[float]:

@@ -15,7 +15,9 @@ from tactile_fem.surrogate.grid import Grid
 
 Array = NDArray[Any]
 
-_ITERATIONS, _TOLERANCE_MM = 60, 3e-3
+# Skin may be so far off a body; less where a force is sought, lest it jumps.
+TOLERANCE_MM, FINE_MM = 3e-3, 1e-4
+_ITERATIONS = 200
 _NEAR_MM = 1.6  # of cells in the preconditioner
 _TINY = np.float32(1e-20)
 
@@ -43,7 +45,9 @@ class Cushion:
         """The area of a cell."""
         return self.grid.spacing_mm**2
 
-    def press(self, overlap_mm: Array, start_MPa: Array) -> Array:
+    def press(
+        self, overlap_mm: Array, start_MPa: Array, tolerance_mm: float = TOLERANCE_MM
+    ) -> Array:
         """Return the pressures under bodies that overlap the undeformed skin, without friction.
 
         Where pressed, skin lies on the body; elsewhere it is clear of it. The pressures are found
@@ -55,6 +59,8 @@ class Cushion:
             (n, bodies); negative where they are apart.
         start_MPa
             A guess, (n, bodies).
+        tolerance_mm
+            Of the skin's place.
 
         Raises
         ------
@@ -70,7 +76,7 @@ class Cushion:
         for _ in range(_ITERATIONS):
             on = p > 0
             wrong = np.where(on, np.abs(gap), -gap)
-            found |= wrong.max(axis=0, initial=0.0) < _TOLERANCE_MM
+            found |= wrong.max(axis=0, initial=0.0) < tolerance_mm
             if found.all():
                 return p
             rest = np.where(on, gap, 0)
@@ -89,15 +95,15 @@ class Cushion:
                 p = np.maximum(p, 0)
                 gap = C @ p - overlap_mm
             goes_on = np.where(touched.any(axis=0), 0, 1).astype(p.dtype)
-        body = int(np.argmin(found))
-        cell = int(np.argmax(np.where(np.isnan(wrong[:, body]), np.inf, wrong[:, body])))
+        body = int(found.argmin())
+        cell = int(wrong[:, body].argmax())
         x, y = self.grid.points_mm[self.cells[cell]]
+        reason = f"skin at X {x:.1f}, Y {y:.1f} mm is {wrong[cell, body]:.2g} mm off the body"
         raise ConvergenceError(
-            f"the contact with body {body + 1} is not found in {_ITERATIONS} iterations: at X "
-            f"{x:.1f}, Y {y:.1f} mm the skin is {wrong[cell, body]:.2g} mm off it; try shorter "
-            "steps, less depth or a smoother body",
-            (np.nan,) * 3,
-            "too many iterations",
+            f"the contact is not found in {_ITERATIONS} iterations ({reason}); try less depth or a "
+            "smoother body",
+            np.full(3, np.nan),
+            reason,
         )
 
     @cached_property

@@ -16,7 +16,6 @@ Array = NDArray[Any]
 
 FLOOR_MM = -3.0  # no finger reaches deeper below the highest plane of a body
 _SPACING_MM, _NEAR_MM, _STEPS = 0.125, 2e-3, 80
-_ROUNDING_MM = 1e-6
 
 
 @dataclass(frozen=True)
@@ -50,10 +49,8 @@ class HeightMap:
             )
         if not np.isfinite(self.heights_mm).all():
             raise StudyError("heights_mm: all heights must be finite.")
-        if np.max(self.heights_mm) > _ROUNDING_MM:
-            raise StudyError(
-                f"heights_mm reach {np.max(self.heights_mm):g}; the highest plane of a body is 0."
-            )
+        if (top := np.max(self.heights_mm)) > _NEAR_MM:
+            raise StudyError(f"heights_mm reach {top:g}; the highest plane of a body is 0.")
 
     @classmethod
     def of_array(cls, heights_mm: ArrayLike, spacing_mm: float) -> Self:

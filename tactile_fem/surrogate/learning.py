@@ -138,10 +138,7 @@ def _missed(values: Array, friction: Array, normal: Array, places: Array, moved:
 
 
 def learn_felt(lessons: Sequence[Lesson], *, is_symmetric: bool) -> Network:
-    """Return the network of the receptors, learnt from scans.
-
-    Of a symmetric finger it learns their mirror images in X as well.
-    """
+    """Return the network of the receptors, learnt from scans and their mirror images, if any."""
     inputs = [lesson.seen.reshape(-1, lesson.seen.shape[-1]) for lesson in lessons]
     outputs = [lesson.felt.reshape(-1, lesson.felt.shape[-1]) for lesson in lessons]
     x, y = np.concatenate(inputs), np.concatenate(outputs)

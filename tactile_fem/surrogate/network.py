@@ -58,15 +58,7 @@ class Network:
     def mirrored_mean(
         self, x: Array, mirror: tuple[NDArray[np.int64], Array], signs: Array
     ) -> Array:
-        """Return the mean of the outputs of inputs, and of their mirror images mirrored back.
-
-        Parameters
-        ----------
-        mirror
-            The order and the signs of mirrored inputs.
-        signs
-            Those of mirrored outputs.
-        """
+        """Return the mean of outputs and of those of mirrored inputs, which `signs` mirror back."""
         order, flips = mirror
         return (self(x) + signs * self(x[:, order] * flips)) / 2
 

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from tactile_fem.errors import ConvergenceError
-from tactile_fem.surrogate.cushion import Cushion
+from tactile_fem.surrogate.cushion import TOLERANCE_MM, Cushion
 from tactile_fem.surrogate.drag import Drag
 from tactile_fem.surrogate.grid import Grid
 from tactile_fem.surrogate.heights import HeightMap
@@ -24,7 +23,6 @@ _APART_MM = -0.8
 # Velocities are given as the way in this time, some time constant of the tissue's viscosity.
 _LEAD_S = 0.004
 _DRAGGED_MM = 2.0  # skin is dragged by no more
-_UNSEEN_MM = 0.05  # skin without cells may overlap a body by so much
 
 
 @dataclass(frozen=True)
@@ -70,24 +68,24 @@ class Pad:
         return i * self.grid.shape[1] + j
 
     @cached_property
-    def without_cells(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Places of the grid that no cell covers, (k,), and the nearest cell of each, (k,)."""
-        cushion = self.cushion
-        distance, nearest = KDTree(cushion.grid.points_mm[cushion.cells]).query(self.grid.points_mm)
-        places = np.flatnonzero(distance > cushion.grid.spacing_mm)
-        return places, nearest[places]
+    def is_covered(self) -> NDArray[np.bool_]:
+        """Whether places of the grid are at a cell, (places,)."""
+        cells = KDTree(self.cushion.grid.points_mm[self.cushion.cells])
+        covered: NDArray[np.bool_] = (
+            cells.query(self.grid.points_mm)[0] <= self.cushion.grid.spacing_mm
+        )
+        return covered
 
     def symmetric(self) -> Pad:
         """Return the mean of the pad and its mirror image in X."""
-        cushion, skin = self.cushion, self.skin_mm.reshape(self.grid.shape)
-        numbers = np.arange(len(cushion.grid.points_mm)).reshape(cushion.grid.shape)
-        mirrored = numbers[::-1].ravel()
-        cells = np.intersect1d(cushion.cells, mirrored[cushion.cells])
-        C, one = cushion.compliance_mm_per_MPa, np.searchsorted(cushion.cells, cells)
-        other = np.searchsorted(cushion.cells, mirrored[cells])
+        grid, own, C = self.cushion.grid, self.cushion.cells, self.cushion.compliance_mm_per_MPa
+        mirrored = np.arange(len(grid.points_mm)).reshape(grid.shape)[::-1].ravel()
+        cells = np.intersect1d(own, mirrored[own])
+        one, other = (np.searchsorted(own, each) for each in (cells, mirrored[cells]))
         C = (C[np.ix_(one, one)] + C[np.ix_(other, other)]) / 2
-        skin = (skin + skin[::-1]) / 2
-        return replace(self, skin_mm=skin.ravel(), cushion=Cushion(cushion.grid, cells, C))
+        skin = self.skin_mm.reshape(self.grid.shape)
+        mean = ((skin + skin[::-1]) / 2).ravel()
+        return replace(self, skin_mm=mean, cushion=Cushion(grid, cells, C))
 
 
 class Touch:
@@ -103,6 +101,8 @@ class Touch:
         Coefficients, (bodies,).
     places_mm
         Where the bodies are at first, (bodies, 3).
+    tolerance_mm
+        See `Cushion.press`.
 
     Attributes
     ----------
@@ -113,13 +113,19 @@ class Touch:
         On the cells of the cushion's grid, (bodies, cells).
     normal_N
         Sum of the pressures, (bodies,).
-    reaches_beyond
-        Whether bodies overlap skin of which the cushion has no cells, (bodies,).
+    is_off
+        Whether bodies lie deepest in skin of which the cushion has no cells, (bodies,).
     """
 
     def __init__(
-        self, pad: Pad, bodies: Sequence[HeightMap], friction: Array, places_mm: Array
+        self,
+        pad: Pad,
+        bodies: Sequence[HeightMap],
+        friction: Array,
+        places_mm: Array,
+        tolerance_mm: float = TOLERANCE_MM,
     ) -> None:
+        self._tolerance_mm = tolerance_mm
         self._pad, self._bodies, self._friction = pad, bodies, np.asarray(friction, dtype=float)
         self._places, count = np.array(places_mm, dtype=float), len(bodies)
         self._under, self._cells = pad.under_cells(), pad.cushion.cells
@@ -129,12 +135,12 @@ class Touch:
         self.overlap_mm = np.full((count, len(pad.skin_mm)), np.float32(_APART_MM))
         self.pressure_MPa = np.zeros((count, len(pad.cushion.grid.points_mm)), np.float32)
         self.normal_N = np.zeros(count)
-        self.reaches_beyond = np.zeros(count, bool)
+        self.is_off = np.zeros(count, bool)
 
     def move(self, places_mm: Array, dt_s: float) -> None:
-        """Move the bodies to places (bodies, 3) within a time above 0; see `Cushion.press`.
+        """Move the bodies to places (bodies, 3) within a time above 0.
 
-        No array is changed in place, so that a shallow copy keeps the state.
+        A shallow copy keeps the state before: no array is changed in place.
         """
         moved = places_mm - self._places
         drag, limit = self._pad.drag, self._pad.drag.limit_mm(self._friction, self.normal_N)
@@ -142,12 +148,9 @@ class Touch:
         self._slip = np.where(self.normal_N[:, None] > 0, slip, 0.0)
         self._drag = drag.of(self._slip, limit)
         self._lead = _LEAD_S * moved / dt_s
-        before, self._places = self._places, np.array(places_mm, dtype=float)
+        self._places = np.array(places_mm, dtype=float)
         self._overlap()
-        try:
-            self._press()
-        except ConvergenceError as error:
-            raise ConvergenceError(str(error), before[0], error.reason) from None
+        self._press()
 
     def _overlap(self) -> None:
         pad, overlap = self._pad, np.empty_like(self.overlap_mm)
@@ -157,15 +160,14 @@ class Touch:
         self.overlap_mm = np.maximum(overlap, np.float32(_APART_MM))
 
     def _press(self) -> None:
-        cushion, (places, nearest) = self._pad.cushion, self._pad.without_cells
+        cushion = self._pad.cushion
         overlap = np.ascontiguousarray(self.overlap_mm[:, self._under].T)
-        self._pressed = cushion.press(overlap, self._pressed)
+        self._pressed = cushion.press(overlap, self._pressed, self._tolerance_mm)
         self.pressure_MPa = np.zeros_like(self.pressure_MPa)
         self.pressure_MPa[:, self._cells] = self._pressed.T
         self.normal_N = self._pressed.sum(axis=0, dtype=float) * cushion.cell_mm2
-        border, back = np.unique(nearest, return_inverse=True)
-        yields = (cushion.compliance_mm_per_MPa[border] @ self._pressed)[back].T
-        self.reaches_beyond = (self.overlap_mm[:, places] > yields + _UNSEEN_MM).any(axis=1)
+        off_cells = np.where(self._pad.is_covered, 0.0, self.overlap_mm).max(axis=1)
+        self.is_off = off_cells > np.maximum(overlap.max(axis=0), 0.0)
 
     def whole(self) -> Array:
         """Return what is the same for all receptors, (bodies, `WHOLE`)."""
