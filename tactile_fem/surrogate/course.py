@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
 
-from tactile_fem.errors import StudyError
+from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.neuron.settings import DEFAULT_NAME
+from tactile_fem.path.loads import NORMAL
 from tactile_fem.path.motion import Motion, Path
 from tactile_fem.simulation.columns import OF_STEP
+from tactile_fem.simulation.control import TOLERANCE
 from tactile_fem.simulation.trace import Trace
 
 Array = NDArray[Any]
@@ -33,8 +36,8 @@ class Moment:
     felt
         The columns of every trace by name, such as ``sed_kPa``, (bodies, receptors, ...).
     is_outside
-        Whether a motion, load or pressure lies beyond those that the finger was made from,
-        (bodies,).
+        Whether a motion, load or pressure lies beyond those that the finger was made from, or the
+        body slides across rather than along, or lies deepest off the pad, (bodies,).
     """
 
     force_N: Array
@@ -54,19 +57,29 @@ class Row(NamedTuple):
     is_indenting: bool
 
 
-def along(path: Path, normal_N: Callable[[], float]) -> Iterator[Row]:
-    """Yield the steps along a path, none longer than 0.1 mm or 0.05 s.
+class Stepped(Protocol):
+    """A finger that is stepped; `ahead` returns what a step would, and stays."""
 
-    `normal_N` returns the normal force of the step before, at which a press to a force ends.
+    def step(self, place_mm: ArrayLike, dt_s: float) -> Moment: ...  # noqa: D102
+    def ahead(self, place_mm: ArrayLike, dt_s: float) -> Moment: ...  # noqa: D102
+
+
+def along(path: Path, finger: Stepped) -> Iterator[tuple[Row, Moment]]:
+    """Step a finger along a path, no step longer than 0.1 mm or 0.05 s; yield what is felt.
+
+    A press to a force is that of the first body.
 
     Raises
     ------
     StudyError
         The path begins turned, or a piece turns the body or holds a force.
+    ConvergenceError
+        A force is not met.
     """
     if np.any(path.start_rad):
         raise StudyError("protocol: a fast finger knows no turns, but its path begins turned.")
     place, clock, slid, indenting = np.asarray(path.start_mm, dtype=float), 0.0, 0.0, True
+    normal_N = 0.0
     for piece in path.pieces:
         motion = piece(place)
         if motion.turn is not None or motion.held is not None:
@@ -74,16 +87,52 @@ def along(path: Path, normal_N: Callable[[], float]) -> Iterator[Row]:
                 f"protocol: a fast finger knows no turns and holds no forces, but its path has a "
                 f"{motion.phase} that does."
             )
-        indenting, before = indenting and motion.indents, 0.0
+        indenting, before, wanted = indenting and motion.indents, 0.0, motion.until_N
         for t in _times(motion):
+            if wanted is not None:
+                if normal_N >= wanted * (1 - TOLERANCE):
+                    break
+                t = _end_of_press(motion, before, t, normal_N, wanted, finger)
             place = np.asarray(motion.place(t), dtype=float)
             way = 0.0 if indenting else slid + motion.slid_mm(t)
-            yield Row(clock + t, t - before, motion.phase, way, place, indenting)
+            moment = finger.step(place, t - before)
+            normal_N = float(moment.force_N[0, NORMAL])
+            yield Row(clock + t, t - before, motion.phase, way, place, indenting), moment
             before = t
-            if motion.until_N is not None and normal_N() >= motion.until_N:
-                break
+        if wanted is not None and before and abs(normal_N - wanted) > TOLERANCE * wanted:
+            raise _not_met(motion.phase, place, normal_N, wanted)
         clock += before
         slid += 0.0 if indenting else motion.slid_mm(before)
+
+
+def _end_of_press(
+    motion: Motion, before: float, t: float, normal_N: float, wanted_N: float, finger: Stepped
+) -> float:
+    """Return a time, or an earlier one since the last at which the wanted force is met."""
+
+    def excess_N(time: float) -> float:
+        normal = normal_N
+        if time > before:
+            normal = float(finger.ahead(motion.place(time), time - before).force_N[0, NORMAL])
+        # A little more is met as well, so that no press ends short of its force.
+        excess = normal - wanted_N * (1 + TOLERANCE / 2)
+        return 0.0 if abs(excess) < TOLERANCE * wanted_N / 2 else excess
+
+    if excess_N(t) <= 0:
+        return t
+    shortest = 1e-9 * t
+    return max(before + shortest, float(brentq(excess_N, before, t, xtol=shortest)))
+
+
+def _not_met(phase: str, place: Array, normal_N: float, wanted_N: float) -> ConvergenceError:
+    """Return the error of a press that ends at another force, in the words of a scan."""
+    if normal_N < wanted_N:
+        how, ends, advice = "reached", " at the deepest position that is allowed", "smaller"
+    else:
+        how, ends, advice = "met", ", to which it jumps", "larger"
+    reason = f"the force is not {how}: {normal_N:.3g} of {wanted_N:.3g} N{ends}"
+    where = f"the {phase} stopped at a depth of {place[2]:.4f} mm"
+    return ConvergenceError(f"{where} ({reason}); try a {advice} force", place, reason)
 
 
 def _times(motion: Motion) -> list[float]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path as File
 from typing import Any, Self
@@ -19,20 +21,29 @@ from tactile_fem.runtime.files import write_arrays
 from tactile_fem.simulation.trace import Trace
 from tactile_fem.stimulus.body import RigidBody
 from tactile_fem.study import Study
-from tactile_fem.surrogate.course import Moment, Row, along, trace_of
-from tactile_fem.surrogate.cushion import Cushion
+from tactile_fem.surrogate.course import Moment, along, trace_of
+from tactile_fem.surrogate.cushion import FINE_MM, TOLERANCE_MM, Cushion
 from tactile_fem.surrogate.drag import Drag
 from tactile_fem.surrogate.grid import Grid
 from tactile_fem.surrogate.heights import HeightMap
 from tactile_fem.surrogate.network import Network
-from tactile_fem.surrogate.touch import Pad, Touch
-from tactile_fem.surrogate.view import Overview, View
+from tactile_fem.surrogate.touch import ACROSS, WHOLE, Pad, Touch
+from tactile_fem.surrogate.view import (
+    FELT_SIGNS,
+    TAUGHT_MM,
+    WHOLE_SIGNS,
+    Overview,
+    View,
+    mirror_of_view,
+)
 
 Array = NDArray[Any]
 
 _WIDTHS = tuple(np.size(each.rest) for each in STANDARD)
 # Share of the range of what it was made from that a value may lie beyond it.
 _BEYOND = 0.05
+# A finger with one of these counts as one that is not its own mirror image.
+_FILES = ("mesh_file", "skin_file", "bone_file", "nail_file")
 
 
 @dataclass(frozen=True)
@@ -66,6 +77,18 @@ class FastFinger:
     ranges: Array
     made_from: Mapping[str, Any]
     errors: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Make what its mesh and its scans only nearly were symmetric in X."""
+        if self.is_symmetric:
+            sides = np.array([[-1], [1]]) * np.abs(self.ranges).max(axis=0)
+            object.__setattr__(self, "ranges", np.where([*ACROSS, False], sides, self.ranges))
+            object.__setattr__(self, "pad", self.pad.symmetric())
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether the finger, and so what it answers, is its own mirror image in X."""
+        return is_symmetric(self.made_from["study"])
 
     @property
     def study(self) -> Study:
@@ -103,8 +126,12 @@ class FastFinger:
             There is none, or it holds no reduced finger.
         """
         try:
-            with np.load(file, allow_pickle=False) as saved:
-                arrays = dict(saved)
+            saved = File(file).read_bytes()
+        except OSError as error:
+            raise StudyError(f"{file} cannot be read: {error.strerror or error}.") from None
+        try:
+            with np.load(io.BytesIO(saved), allow_pickle=False) as opened:
+                arrays = dict(opened)
             about = json.loads(str(arrays["about"]))
             grids = {
                 name: Grid((x, y), spacing, (nx, ny))
@@ -114,11 +141,14 @@ class FastFinger:
             pad = Pad(grids["pad"], arrays["skin_mm"], cushion, Drag(*about["drag"]))
             networks = Network.read("felt", arrays), Network.read("whole", arrays)
             rest = arrays["receptors_mm"], arrays["ranges"], about["made_from"], about["errors"]
-        except OSError as error:
-            raise StudyError(f"{file} cannot be read: {error.strerror or error}.") from None
-        except (KeyError, ValueError, TypeError, EOFError):
+            finger = cls(pad, *networks, *rest)
+            _check_arrays(arrays, pad)
+            assert finger.study.populations
+            plate = HeightMap.of_array(np.zeros((2, 2)), 1.0)
+            finger.loop(plate, receptors_mm=[(0.0, 0.0)]).step((0.0, 0.0, 0.1), 1.0)
+        except Exception:  # of the archive, its arrays, their sizes or the study
             raise StudyError(f"{file} holds no reduced finger.") from None
-        return cls(pad, *networks, *rest)
+        return finger
 
     def loop(
         self,
@@ -140,12 +170,13 @@ class FastFinger:
             Where the bodies are at first, (3,) or (bodies, 3), clear of the finger: at 0 the
             highest plane just touches it.
         receptors_mm
-            X and Y of receptors, (receptors, 2); default those of the study.
+            X and Y of receptors, (receptors, 2), up to 5.5 and 6 mm from 0; default those of the
+            study. Z may follow but has no effect: it is at the study's depth below the skin.
 
         Raises
         ------
         StudyError
-            Friction is negative or not finite, or shapes do not fit.
+            Friction is negative or not finite, shapes do not fit, or a receptor lies elsewhere.
         """
         return Loop(self, bodies, friction, start_mm, receptors_mm)
 
@@ -165,7 +196,9 @@ class FastFinger:
         Raises
         ------
         StudyError
-            The path turns the body or holds a force; or see `loop`.
+            The path is not valid, turns the body or holds a force; or see `loop`.
+        ConvergenceError
+            A press does not meet its force, or the pressures are not found.
         """
         return self.scan_all([body], path, friction=friction, receptors_mm=receptors_mm)[0]
 
@@ -177,20 +210,24 @@ class FastFinger:
         friction: ArrayLike = 0.3,
         receptors_mm: ArrayLike | None = None,
     ) -> list[Trace]:
-        """Return the traces of many bodies along one path, stepped together; see `scan`.
+        """Return the traces of many bodies along one path; see `scan`.
 
-        A press to a force ends for all when the first body reaches it.
+        They are stepped together, unless the path presses to a force, which each meets elsewhere.
         """
+        path.check()
         reach = self.pad.meets(path.places_mm()[:, :2])
         maps = [
             body if isinstance(body, HeightMap) else HeightMap.of(body, *reach) for body in bodies
         ]
-        loop = self.loop(maps, friction=friction, start_mm=path.start_mm, receptors_mm=receptors_mm)
-        rows: list[Row] = []
-        moments: list[Moment] = []
-        for row in along(path, lambda: float(moments[-1].force_N[:, 2].max())):
-            rows.append(row)
-            moments.append(loop.step(row.place_mm, row.dt_s))
+        to_force = any(motion.until_N is not None for _, motion in path.plan())
+        tolerance_mm = FINE_MM if to_force else TOLERANCE_MM
+        loop = Loop(self, maps, friction, path.start_mm, receptors_mm, tolerance_mm)
+        if len(maps) > 1 and to_force:
+            each = zip(maps, loop.friction.tolist(), strict=True)
+            return [
+                self.scan(body, path, friction=mu, receptors_mm=receptors_mm) for body, mu in each
+            ]
+        rows, moments = zip(*along(path, loop), strict=True)
         return [trace_of(rows, moments, k, loop.receptors_mm, path) for k in range(len(maps))]
 
     def respond(self, trace: Trace) -> Response:
@@ -206,6 +243,8 @@ class Loop:
     ----------
     receptors_mm
         X, Y and Z, (receptors, 3).
+    friction
+        Coefficients, (bodies,).
     """
 
     def __init__(
@@ -215,22 +254,26 @@ class Loop:
         friction: ArrayLike,
         start_mm: ArrayLike,
         receptors_mm: ArrayLike | None,
+        tolerance_mm: float = TOLERANCE_MM,
     ) -> None:
         maps = [bodies] if isinstance(bodies, HeightMap) else list(bodies)
         try:
             mu = np.broadcast_to(np.asarray(friction, dtype=float), (len(maps),))
             start = np.broadcast_to(np.asarray(start_mm, dtype=float), (len(maps), 3))
-        except ValueError:
+        except (ValueError, TypeError):
             raise StudyError(
                 f"friction and start_mm must be those of one or of all {len(maps)} bodies."
             ) from None
         if not (np.isfinite(mu).all() and (mu >= 0).all()):
             raise StudyError(f"friction is {friction!r}; it must be 0 or more.")
-        self._finger, self._count = finger, len(maps)
+        if not maps or not np.isfinite(start).all():
+            raise StudyError("a fast finger needs one body or more, and finite start_mm.")
+        self._finger, self._count, self.friction = finger, len(maps), mu
         self.receptors_mm = _in_space(finger, receptors_mm)
-        self._touch = Touch(finger.pad, maps, mu, start)
+        self._touch = Touch(finger.pad, maps, mu, start, tolerance_mm)
         self._view = View.of(finger.pad, self.receptors_mm[:, :2])
         self._overview = Overview(finger.pad)
+        self._mirrors = mirror_of_view(), self._overview.mirror()
 
     def step(self, place_mm: ArrayLike, dt_s: float) -> Moment:
         """Move the bodies to a place, (3,) or (bodies, 3), within a time; return what is felt.
@@ -239,43 +282,94 @@ class Loop:
         ------
         StudyError
             The time is not positive, or a place is not finite or has another shape.
+        ConvergenceError
+            The pressures are not found.
         """
         if not (np.isfinite(dt_s) and dt_s > 0):
             raise StudyError(f"dt_s is {dt_s}; it must be positive.")
         try:
             places = np.broadcast_to(np.asarray(place_mm, dtype=float), (self._count, 3))
-        except ValueError:
+        except (ValueError, TypeError):
             raise StudyError(f"place_mm must be (3,) or ({self._count}, 3).") from None
         if not np.isfinite(places).all():
             raise StudyError("place_mm: all places must be finite.")
         touch, finger = self._touch, self._finger
         touch.move(places, dt_s)
         touches = touch.normal_N > 0
-        whole = finger.whole(self._overview(touch)).astype(float)
+        inputs = np.concatenate(self._view(touch)), self._overview(touch)
+        if finger.is_symmetric:
+            of_view, of_overview = self._mirrors
+            values = finger.felt.mirrored_mean(inputs[0], of_view, FELT_SIGNS)
+            whole = finger.whole.mirrored_mean(inputs[1], of_overview, WHOLE_SIGNS)
+        else:
+            values, whole = finger.felt(inputs[0]), finger.whole(inputs[1])
         force = np.where(touches[:, None], whole[:, :3] * touch.normal_N[:, None], 0.0)
         area = np.where(touches, np.maximum(whole[:, 3], 0.0), 0.0)
         force[:, 2] = np.maximum(force[:, 2], 0.0)
-        values = finger.felt(np.concatenate(self._view(touch))).astype(float)
-        felt = columns_of(values.reshape(self._count, len(self.receptors_mm), -1))
+        values = values.astype(float).reshape(self._count, len(self.receptors_mm), sum(_WIDTHS))
+        felt = columns_of(values)
         for each in STANDARD:
             felt[each.name][~touches] = each.at_rest(len(self.receptors_mm))
-        return Moment(force, area, felt, self._is_outside() & touches)
+        is_outside = (touches & self._is_outside()) | touch.is_off
+        return Moment(force, area, felt, is_outside)
+
+    def ahead(self, place_mm: ArrayLike, dt_s: float) -> Moment:
+        """Return what `step` would, and stay."""
+        other = copy(self)
+        other._touch = copy(self._touch)
+        return other.step(place_mm, dt_s)
 
     def _is_outside(self) -> NDArray[np.bool_]:
         values, (least, largest) = measures(self._touch), self._finger.ranges
         allowed = _BEYOND * (largest - least)
-        return ((values < least - allowed) | (values > largest + allowed)).any(axis=1)
+        beyond = ((values < least - allowed) | (values > largest + allowed)).any(axis=1)
+        # A fifth of the lessons' way is across: friction is then too small, by half at first.
+        x, y = (np.abs(values[:, WHOLE.index(name)]) for name in ("slip_x", "slip_y"))
+        return beyond | (x > y)
+
+
+def _check_arrays(arrays: Mapping[str, Array], pad: Pad) -> None:
+    """Raise an error for arrays of a file that are not finite or of another shape."""
+    count = len(pad.cushion.grid.points_mm[arrays["cells"]])
+    sizes = {
+        "skin_mm": (len(pad.grid.points_mm),),
+        "compliance_mm_per_MPa": (count, count),
+        "receptors_mm": (len(arrays["receptors_mm"]), 3),
+        "ranges": (2, len(WHOLE) + 1),
+    }
+    finite = all(np.isfinite(array).all() for name, array in arrays.items() if name != "about")
+    if not (finite and all(arrays[name].shape == size for name, size in sizes.items())):
+        raise ValueError
+
+
+def is_symmetric(study: Mapping[str, Any]) -> bool:
+    """Return whether the finger of a study's tables is its own mirror image in X."""
+    return not any(study.get("finger", {}).get(name) for name in _FILES)
+
+
+def check_taught(places_mm: Array) -> None:
+    """Raise StudyError for a receptor (n, 2 or more) beyond those of the scans that teach."""
+    off = np.flatnonzero((np.abs(places_mm[:, :2]) > TAUGHT_MM + 1e-6).any(axis=1))
+    if len(off):
+        x, y = places_mm[off[0], :2]
+        raise StudyError(
+            f"receptors_mm: receptor {off[0]} is at X {x:g}, Y {y:g} mm; a fast finger knows those "
+            "from X -{0:g} to {0:g} and Y -{1:g} to {1:g} mm.".format(*TAUGHT_MM)
+        )
 
 
 def _in_space(finger: FastFinger, receptors_mm: ArrayLike | None) -> Array:
     """Return receptors (n, 3), by default those of the study; Z of others is not known."""
-    if receptors_mm is None:
-        return finger.receptors_mm
-    places = np.asarray(receptors_mm, dtype=float)
+    try:
+        given = finger.receptors_mm if receptors_mm is None else receptors_mm
+        places = np.asarray(given, dtype=float)
+    except (ValueError, TypeError):
+        raise StudyError("receptors_mm must be numbers, (receptors, 2).") from None
     if places.ndim != 2 or places.shape[1] not in (2, 3) or not np.isfinite(places).all():
         raise StudyError(
             f"receptors_mm has the shape {places.shape}; it needs (receptors, 2), all finite."
         )
+    check_taught(places)
     unknown = np.full((len(places), 3 - places.shape[1]), np.nan)
     return np.concatenate([places, unknown], axis=1)
 

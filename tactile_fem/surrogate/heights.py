@@ -40,7 +40,7 @@ class HeightMap:
         Raises
         ------
         StudyError
-            Another shape, or heights that are not finite.
+            Another shape, or heights that are above 0 or not finite.
         """
         if np.shape(self.heights_mm) != self.grid.shape:
             raise StudyError(
@@ -49,6 +49,8 @@ class HeightMap:
             )
         if not np.isfinite(self.heights_mm).all():
             raise StudyError("heights_mm: all heights must be finite.")
+        if (top := np.max(self.heights_mm)) > _NEAR_MM:
+            raise StudyError(f"heights_mm reach {top:g}; the highest plane of a body is 0.")
 
     @classmethod
     def of_array(cls, heights_mm: ArrayLike, spacing_mm: float) -> Self:
@@ -75,7 +77,8 @@ class HeightMap:
         Each is found from above: as a distance is never too long, steps of its length end on the
         body.
         """
-        grid = Grid.over(low_mm, high_mm, _SPACING_MM)
+        low = _SPACING_MM * np.floor(np.asarray(low_mm) / _SPACING_MM)  # so mirror images are alike
+        grid = Grid.over(low, high_mm, _SPACING_MM)
         z, above = np.zeros(len(grid.points_mm)), np.arange(len(grid.points_mm))
         for _ in range(_STEPS):
             gap = body.distance(np.column_stack([grid.points_mm[above], z[above]])).gap

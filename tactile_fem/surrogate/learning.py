@@ -17,7 +17,14 @@ from tactile_fem.surrogate.fast_finger import columns_of, measures, outputs_of
 from tactile_fem.surrogate.heights import HeightMap
 from tactile_fem.surrogate.network import Network
 from tactile_fem.surrogate.touch import WHOLE, Pad, Touch
-from tactile_fem.surrogate.view import Overview, View, mirror_of_view, stencil_parts
+from tactile_fem.surrogate.view import (
+    FELT_SIGNS,
+    WHOLE_SIGNS,
+    Overview,
+    View,
+    mirror_of_view,
+    stencil_parts,
+)
 
 Array = NDArray[Any]
 logger = logging.getLogger(__name__)
@@ -130,24 +137,21 @@ def _missed(values: Array, friction: Array, normal: Array, places: Array, moved:
     return np.concatenate(missed)
 
 
-def learn_felt(lessons: Sequence[Lesson]) -> Network:
-    """Return the network of the receptors, learnt from scans and their mirror images in X."""
-    order, signs = mirror_of_view()
-    flips = np.ones(lessons[0].felt.shape[-1], np.float32)
-    flips[-3] = -1.0  # the receptor's motion along X
+def learn_felt(lessons: Sequence[Lesson], *, is_symmetric: bool) -> Network:
+    """Return the network of the receptors, learnt from scans and their mirror images, if any."""
     inputs = [lesson.seen.reshape(-1, lesson.seen.shape[-1]) for lesson in lessons]
     outputs = [lesson.felt.reshape(-1, lesson.felt.shape[-1]) for lesson in lessons]
     x, y = np.concatenate(inputs), np.concatenate(outputs)
-    x, y = np.concatenate([x, x[:, order] * signs]), np.concatenate([y, y * flips])
+    if is_symmetric:
+        x, y = _with_mirror_images(x, y, mirror_of_view(), FELT_SIGNS)
     scale = x.std(axis=0) + 1e-3
     for part in stencil_parts():
         scale[part] = np.sqrt(np.mean(scale[part] ** 2))  # so neighbours keep their proportions
     return _learnt("felt", x, y, scale)
 
 
-def learn_whole(pad: Pad, lessons: Sequence[Lesson]) -> Network:
+def learn_whole(pad: Pad, lessons: Sequence[Lesson], *, is_symmetric: bool) -> Network:
     """Return the network of the whole finger, learnt likewise."""
-    order, signs = Overview(pad).mirror()
     normal = WHOLE.index("normal_N")
     x, y = (
         np.concatenate(
@@ -155,9 +159,16 @@ def learn_whole(pad: Pad, lessons: Sequence[Lesson]) -> Network:
         )
         for name in ("overview", "whole")
     )
-    flips = np.array([-1.0, 1.0, 1.0, 1.0], np.float32)
-    x, y = np.concatenate([x, x[:, order] * signs]), np.concatenate([y, y * flips])
+    if is_symmetric:
+        x, y = _with_mirror_images(x, y, Overview(pad).mirror(), WHOLE_SIGNS)
     return _learnt("whole", x, y, x.std(axis=0) + 1e-2)
+
+
+def _with_mirror_images(
+    x: Array, y: Array, mirror: tuple[Array, Array], signs: Array
+) -> tuple[Array, Array]:
+    order, flips = mirror
+    return np.concatenate([x, x[:, order] * flips]), np.concatenate([y, y * signs])
 
 
 def _learnt(name: str, x: Array, y: Array, scale: Array) -> Network:

@@ -10,6 +10,7 @@ import shapely
 from tactile_fem.errors import StudyError
 from tactile_fem.series import Member
 from tactile_fem.study import Study
+from tactile_fem.surrogate.view import TAUGHT_MM
 
 # Ranges of what is drawn; lengths in mm, speeds in mm/s.
 DEEPEST_MM = 2.1
@@ -61,8 +62,8 @@ def _drawn(study: Study, seed: int) -> Study:
         "placement": "random",
         "count": _RECEPTORS,
         "seed": seed,
-        "half_width_mm": 5.5,
-        "half_length_mm": 6.0,
+        "half_width_mm": float(TAUGHT_MM[0]),
+        "half_length_mm": float(TAUGHT_MM[1]),
     }
     own = {"stimulus": stimulus, "protocol": {"path": path}, "receptors": receptors}
     kept = {name: getattr(study, name) for name in ("finger", "tissue", "solver", "neuron")}

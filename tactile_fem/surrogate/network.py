@@ -55,6 +55,13 @@ class Network:
             np.maximum(x, 0, out=x)
         return x @ last[0] + last[1]
 
+    def mirrored_mean(
+        self, x: Array, mirror: tuple[NDArray[np.int64], Array], signs: Array
+    ) -> Array:
+        """Return the mean of outputs and of those of mirrored inputs, which `signs` mirror back."""
+        order, flips = mirror
+        return (self(x) + signs * self(x[:, order] * flips)) / 2
+
     def arrays(self, name: str) -> dict[str, Array]:
         """Return its arrays to save, by names that begin with its own."""
         layers = enumerate(zip(self.weights, self.biases, strict=True))

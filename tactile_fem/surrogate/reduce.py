@@ -15,7 +15,7 @@ from tactile_fem.series import Outcome, run_series
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Study
 from tactile_fem.surrogate.compliance import pad_of
-from tactile_fem.surrogate.fast_finger import FastFinger
+from tactile_fem.surrogate.fast_finger import FastFinger, check_taught, is_symmetric
 from tactile_fem.surrogate.learning import Lesson, errors_of, learn_felt, learn_whole, with_drag
 from tactile_fem.surrogate.lessons import DEEPEST_MM, lesson
 
@@ -55,6 +55,9 @@ def reduce_finger(
         raise TactileError(
             'Reducing a finger needs scikit-learn: pip install "tactile-fem[reduce]".'
         )
+    mesh = study.finger.check()
+    assert mesh is not None, "this process reads the mesh"
+    check_taught(study.lay_out(mesh).positions_mm)
     members = [lesson(study, number) for number in range(scans)]
     outcomes = run_series(members, folder, jobs=jobs)
     return learn(study, _complete(outcomes, Path(folder)))
@@ -73,11 +76,14 @@ def check_reducible(study: Study, scans: int) -> None:
 
 def learn(study: Study, scans: Sequence[Results]) -> FastFinger:
     """Return the surrogate learnt from complete scans of a study's finger."""
-    pad = with_drag(pad_of(study, DEEPEST_MM + _REACH_MM), scans)
+    tables = study.model_dump(mode="json")
+    pad, symmetric = pad_of(study, DEEPEST_MM + _REACH_MM), is_symmetric(tables)
+    pad = with_drag(pad.symmetric() if symmetric else pad, scans)
     lessons = [Lesson.of(pad, scan) for scan in scans]
     held_out = lessons[::_HELD_OUT]
     taught = [each for k, each in enumerate(lessons) if k % _HELD_OUT]
-    felt, whole = learn_felt(taught), learn_whole(pad, taught)
+    felt = learn_felt(taught, is_symmetric=symmetric)
+    whole = learn_whole(pad, taught, is_symmetric=symmetric)
     mesh = study.finger.check()
     assert mesh is not None, "this process reads the mesh"
     measures = np.concatenate([each.measures for each in taught])
@@ -87,7 +93,7 @@ def learn(study: Study, scans: Sequence[Results]) -> FastFinger:
         whole=whole,
         receptors_mm=study.lay_out(mesh).positions_mm,
         ranges=np.array([measures.min(axis=0), measures.max(axis=0)]),
-        made_from={"study": study.model_dump(mode="json"), "scans": [s.folder.name for s in scans]},
+        made_from={"study": tables, "scans": [s.folder.name for s in scans]},
         errors=errors_of(felt, whole, held_out),
     )
     logger.info("of %d scans that were held out: %s", len(held_out), finger.errors)

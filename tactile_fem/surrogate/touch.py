@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
-from tactile_fem.surrogate.cushion import Cushion
+from tactile_fem.surrogate.cushion import TOLERANCE_MM, Cushion
 from tactile_fem.surrogate.drag import Drag
 from tactile_fem.surrogate.grid import Grid
 from tactile_fem.surrogate.heights import HeightMap
@@ -65,6 +67,26 @@ class Pad:
         )
         return i * self.grid.shape[1] + j
 
+    @cached_property
+    def is_covered(self) -> NDArray[np.bool_]:
+        """Whether places of the grid are at a cell, (places,)."""
+        cells = KDTree(self.cushion.grid.points_mm[self.cushion.cells])
+        covered: NDArray[np.bool_] = (
+            cells.query(self.grid.points_mm)[0] <= self.cushion.grid.spacing_mm
+        )
+        return covered
+
+    def symmetric(self) -> Pad:
+        """Return the mean of the pad and its mirror image in X."""
+        grid, own, C = self.cushion.grid, self.cushion.cells, self.cushion.compliance_mm_per_MPa
+        mirrored = np.arange(len(grid.points_mm)).reshape(grid.shape)[::-1].ravel()
+        cells = np.intersect1d(own, mirrored[own])
+        one, other = (np.searchsorted(own, each) for each in (cells, mirrored[cells]))
+        C = (C[np.ix_(one, one)] + C[np.ix_(other, other)]) / 2
+        skin = self.skin_mm.reshape(self.grid.shape)
+        mean = ((skin + skin[::-1]) / 2).ravel()
+        return replace(self, skin_mm=mean, cushion=Cushion(grid, cells, C))
+
 
 class Touch:
     """The contact of one pad with bodies, each on its own.
@@ -79,6 +101,8 @@ class Touch:
         Coefficients, (bodies,).
     places_mm
         Where the bodies are at first, (bodies, 3).
+    tolerance_mm
+        See `Cushion.press`.
 
     Attributes
     ----------
@@ -89,11 +113,19 @@ class Touch:
         On the cells of the cushion's grid, (bodies, cells).
     normal_N
         Sum of the pressures, (bodies,).
+    is_off
+        Whether bodies lie deepest in skin of which the cushion has no cells, (bodies,).
     """
 
     def __init__(
-        self, pad: Pad, bodies: Sequence[HeightMap], friction: Array, places_mm: Array
+        self,
+        pad: Pad,
+        bodies: Sequence[HeightMap],
+        friction: Array,
+        places_mm: Array,
+        tolerance_mm: float = TOLERANCE_MM,
     ) -> None:
+        self._tolerance_mm = tolerance_mm
         self._pad, self._bodies, self._friction = pad, bodies, np.asarray(friction, dtype=float)
         self._places, count = np.array(places_mm, dtype=float), len(bodies)
         self._under, self._cells = pad.under_cells(), pad.cushion.cells
@@ -103,13 +135,17 @@ class Touch:
         self.overlap_mm = np.full((count, len(pad.skin_mm)), np.float32(_APART_MM))
         self.pressure_MPa = np.zeros((count, len(pad.cushion.grid.points_mm)), np.float32)
         self.normal_N = np.zeros(count)
+        self.is_off = np.zeros(count, bool)
 
     def move(self, places_mm: Array, dt_s: float) -> None:
-        """Move the bodies to places (bodies, 3) within a time above 0."""
+        """Move the bodies to places (bodies, 3) within a time above 0.
+
+        A shallow copy keeps the state before: no array is changed in place.
+        """
         moved = places_mm - self._places
         drag, limit = self._pad.drag, self._pad.drag.limit_mm(self._friction, self.normal_N)
-        self._slip = drag.slid(self._slip, moved[:, :2], limit)
-        self._slip[self.normal_N <= 0] = 0.0
+        slip = drag.slid(self._slip, moved[:, :2], limit)
+        self._slip = np.where(self.normal_N[:, None] > 0, slip, 0.0)
         self._drag = drag.of(self._slip, limit)
         self._lead = _LEAD_S * moved / dt_s
         self._places = np.array(places_mm, dtype=float)
@@ -117,18 +153,21 @@ class Touch:
         self._press()
 
     def _overlap(self) -> None:
-        pad = self._pad
+        pad, overlap = self._pad, np.empty_like(self.overlap_mm)
         for k, body in enumerate(self._bodies):
             heights = body.over(pad.grid, self._places[k, :2] - self._drag[k])
-            overlap = self._places[k, 2] + heights.ravel() - pad.skin_mm
-            self.overlap_mm[k] = np.maximum(overlap, _APART_MM)
+            overlap[k] = self._places[k, 2] + heights.ravel() - pad.skin_mm
+        self.overlap_mm = np.maximum(overlap, np.float32(_APART_MM))
 
     def _press(self) -> None:
         cushion = self._pad.cushion
         overlap = np.ascontiguousarray(self.overlap_mm[:, self._under].T)
-        self._pressed = cushion.press(overlap, self._pressed)
+        self._pressed = cushion.press(overlap, self._pressed, self._tolerance_mm)
+        self.pressure_MPa = np.zeros_like(self.pressure_MPa)
         self.pressure_MPa[:, self._cells] = self._pressed.T
         self.normal_N = self._pressed.sum(axis=0, dtype=float) * cushion.cell_mm2
+        off_cells = np.where(self._pad.is_covered, 0.0, self.overlap_mm).max(axis=1)
+        self.is_off = off_cells > np.maximum(overlap.max(axis=0), 0.0)
 
     def whole(self) -> Array:
         """Return what is the same for all receptors, (bodies, `WHOLE`)."""

@@ -22,6 +22,11 @@ _PRESSURES_PER_MPA = 100.0  # scale of a pressure
 # Places of the means that the network of the whole finger sees.
 _COARSE_MM = 2.0
 _AREA_MM2 = 100.0  # scale of an area
+# Largest |X| and |Y| of receptors that scans teach.
+TAUGHT_MM = np.array([5.5, 6.0])
+# Signs of the networks' outputs if all is mirrored in X: moved_mm and force_N change along it.
+FELT_SIGNS = np.array([1, 1, 1, 1, 1, 1, 1, 1, -1, 1, 1], np.float32)
+WHOLE_SIGNS = np.array([-1, 1, 1, 1], np.float32)
 
 
 def _places(parts: tuple[tuple[float, Array], ...]) -> Array:
