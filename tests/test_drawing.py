@@ -175,7 +175,84 @@ def test_a_drawing_that_cannot_be_raised_is_told_in_a_sentence(keys, sentence, t
     assert "\n" not in str(told.value)
 
 
-def test_pixels_that_raise_nothing_are_refused():
-    for pixels, sentence in ((np.zeros((9, 9)), "no pixel is raised"), (np.ones(9), "in rows")):
-        with pytest.raises(StudyError, match=sentence):
-            Drawing.of_pixels(pixels, 0.1)
+MASK = np.zeros((100, 100), dtype=bool)
+MASK[30:70, 20:80] = True
+
+
+@pytest.mark.parametrize(
+    ("pixels", "sentence"),
+    [
+        (np.zeros((9, 9)), "no pixel is raised"),
+        (np.ones(9), "in rows"),
+        (np.zeros((0, 0)), "in rows"),
+        (MASK * np.uint8(255), "from 0 to 255 but must be booleans or from 0 to 1"),
+        (np.where(MASK, 1.0, -1.0), "from -1 to 1 but must be"),
+        (np.where(MASK, np.nan, 1.0), "needs finite values"),
+        (np.ma.masked_array(MASK, ~MASK), "pixels are masked"),
+        ([["black", "white"]], "must be numbers"),
+    ],
+)
+def test_pixels_that_cannot_be_raised_are_refused(pixels, sentence):
+    with pytest.raises(StudyError, match=sentence):
+        Drawing.of_pixels(pixels, 0.05)
+
+
+def test_equal_pixels_of_any_type_are_raised_alike():
+    for pixels in (MASK, MASK.astype(int), MASK * 1.0, np.ma.masked_array(MASK)):
+        assert areas(Drawing.of_pixels(pixels, 0.05)) == pytest.approx([6], rel=0.02)
+    with pytest.raises(StudyError, match="pixel_mm is 0"):
+        Drawing.of_pixels(MASK, 0)
+
+
+def picture(ink: float, paper: float, kind: type) -> np.ndarray:
+    return np.where(MASK, ink, paper).astype(kind)
+
+
+def saved(path, values, **options):
+    Image.fromarray(values).save(path, **options)
+    return path
+
+
+def test_pictures_of_any_depth_are_raised_where_they_are_dark(tmp_path):
+    """Ink of 5000 on paper of 60000 of 65535 is black on white."""
+    cmyk = Image.fromarray(picture(20, 230, np.uint8)).convert("CMYK")
+    cmyk.save(tmp_path / "cmyk.tif")
+    files = [
+        saved(tmp_path / "8.png", picture(20, 230, np.uint8)),
+        saved(tmp_path / "16.png", picture(5000, 60000, np.uint16)),
+        saved(tmp_path / "16.tif", picture(5000, 60000, np.uint16)),
+        saved(tmp_path / "float.tif", picture(0.1, 0.9, np.float32)),
+        saved(tmp_path / "white.tif", picture(60000, 5000, np.uint16), tiffinfo={262: 0}),
+        saved(tmp_path / "1.png", picture(0, 1, bool)),
+        tmp_path / "cmyk.tif",
+    ]
+    for file in files:
+        assert areas(Drawing(file=file, width_mm=3.0)) == pytest.approx([6], rel=0.02), file
+    for kind, ink in ((np.int32, 100000), (np.float32, 255), (np.float32, np.nan)):
+        file = saved(tmp_path / "odd.tif", picture(ink, 0, kind))
+        with pytest.raises(StudyError, match="must have 8 or 16 bits, or floating-point"):
+            Drawing(file=file, width_mm=3.0).body()
+
+
+SQUARE = [(-2, -2), (2, -2), (2, 2), (-2, 2)]
+
+
+@pytest.mark.parametrize(
+    ("rings", "right"),
+    [
+        ([SQUARE, [(5, 5), (6, 5), (6, 6)]], 16.5),  # beside it
+        ([SQUARE, [(-1, -1), (1, -1), (1, 1), (-1, 1)]], 12),  # within it
+        ([SQUARE[:2] + SQUARE[1:]], 16),  # a point twice
+        ([[(-2, -2), (2, 2), (2, -2), (-2, 2)]], r"shape 1 crosses or touches itself \(.*\[0 0\]"),
+        ([[(0, 0), (4, 0), (4, 4), (2, 0), (0, 4)]], "crosses or touches itself"),
+        ([SQUARE, [(0, 0), (4, 0), (4, 1), (0, 1)]], "ring 2 of shape 1 crosses another one"),
+    ],
+)
+def test_rings_are_raised_whole_or_refused(rings, right):
+    drawing = Drawing(polygons=[rings], corner_radius_mm=0.1)
+    if isinstance(right, str):
+        with pytest.raises(StudyError, match=right):
+            drawing.body()
+    else:
+        assert sum(areas(drawing)) == pytest.approx(right, rel=0.01)
+        drawing.body()

@@ -69,7 +69,7 @@ class Drawing(Stimulus):
     polygons: Annotated[tuple[Shape, ...], BeforeValidator(_shapes)] = Field(
         (),
         description="shapes, each a list of points [X, Y] in mm, or several such rings, of which "
-        "the inner ones are holes",
+        "the inner ones are holes; the middle of all comes to X = 0 and start_mm, wherever it lies",
     )
     file: File | None = Field(
         None,
@@ -107,7 +107,7 @@ class Drawing(Stimulus):
         ----------
         pixels
             Booleans, true where it is raised, or gray values from 0 to 1, raised above a half;
-            (rows, columns). Rows follow each other along X, columns along Y.
+            (rows, columns), none of them masked. Rows follow each other along X, columns along Y.
         pixel_mm
             Size of a pixel.
         **keys
@@ -116,7 +116,7 @@ class Drawing(Stimulus):
         Raises
         ------
         StudyError
-            Nothing is raised.
+            They are no such values, or nothing is raised.
         """
         from tactile_fem.stimulus.outline_files import outlines_of_pixels
 
@@ -165,6 +165,7 @@ class Drawing(Stimulus):
         from tactile_fem.stimulus.outline_files import read_outlines, shape_of
 
         if self.file is None:
+            _check_rings(self.polygons)
             shapes = [shape_of(rings) for rings in self.polygons]
         else:
             shapes = read_outlines(self.file, self.width_mm is None)
@@ -177,6 +178,22 @@ class Drawing(Stimulus):
         to = [c, -s, s, c, -c * middle[0] + s * middle[1], -s * middle[0] - c * middle[1]]
         to[5] -= self.start_mm
         return [affinity.affine_transform(shape, to) for shape in shapes]
+
+
+def _check_rings(polygons: Sequence[Shape]) -> None:
+    """Raise StudyError for a ring that crosses itself or another one of its shape."""
+    import shapely  # takes a while
+
+    for number, rings in enumerate(polygons, 1):
+        lines: list[Geometry] = [shapely.LinearRing(ring) for ring in rings]
+        for k, line in enumerate(lines, 1):
+            start = f"stimulus.polygons: ring {k} of shape {number}"
+            has_area = shapely.convex_hull(line).area > 0  # of others `shape_of` tells
+            if has_area and not line.is_simple:
+                reason = shapely.is_valid_reason(shapely.Polygon(line))
+                raise StudyError(f"{start} crosses or touches itself ({reason}): give simple rings")
+            if any(line.crosses(other) for other in lines[: k - 1]):
+                raise StudyError(f"{start} crosses another one: give one ring around both")
 
 
 def _name(number: int, shape: Geometry) -> str:

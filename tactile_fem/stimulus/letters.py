@@ -12,6 +12,7 @@ from matplotlib.textpath import text_to_path
 from shapely import affinity
 
 from tactile_fem.errors import StudyError
+from tactile_fem.stimulus.winding import filled
 
 # At this font size the chords of curves are shorter than the grid, so that curvature is smooth.
 _TYPE_SIZE = 20000
@@ -95,11 +96,11 @@ def _glyph(character: str, font: FT2Font, name: str) -> shapely.Geometry:
         _, glyphs, _ = text_to_path.get_glyphs_with_font(font, character)
     except RuntimeError as error:
         raise StudyError(f'stimulus.font = "{name}" cannot be read as a font') from error
+    if len(glyphs) != 1:  # a mark that combines with a letter, drawn on a dotted circle
+        raise StudyError(f'stimulus.text: "{character}" is no character of its own')
     ((vertices, codes),) = glyphs.values()
     path = Outline(vertices * (_TYPE_SIZE / text_to_path.FONT_SCALE), codes)
-    shape = shapely.Polygon()
-    for ring in path.to_polygons(closed_only=True):
-        shape = shape.symmetric_difference(shapely.Polygon(ring).buffer(0))
+    shape = filled(path.to_polygons(closed_only=True), "nonzero")
     if shape.is_empty:
         raise StudyError(f'stimulus.text: "{character}" has no outline in the font "{name}"')
     return shape

@@ -23,6 +23,7 @@ _PIXELS_PER_INCH = 96.0
 # Chords of an SVG's curves, as a share of the drawing's size.
 _CHORD_SHARE = 1 / 2000
 _MAX_PIXELS = 20_000_000
+_PHOTOMETRIC = 262  # tag of a TIFF: 0 if its gray values count from white
 # Gray values of a picture are smoothed over this many pixels, so that steps of pixels vanish.
 _SMOOTHING_PIXELS = 1.0
 # Points of an outline that lie closer than this to a line are left out, in pixels.
@@ -182,10 +183,31 @@ def _read_picture(file: Path) -> list[shapely.Geometry]:
                 f"stimulus.file = {file} has {image.width * image.height:,} pixels but may have at "
                 f"most {_MAX_PIXELS:,}"
             )
-        upright = ImageOps.exif_transpose(image).convert("RGBA")
+        upright = ImageOps.exif_transpose(image)
+        if image.mode in ("I", "F") or image.mode.startswith("I;"):
+            return _contours(1 - _gray_of_many_bits(image, np.asarray(upright), file))
+        if upright.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA"):
+            upright = upright.convert("RGB")
+        upright = upright.convert("RGBA")
         white = Image.new("RGBA", upright.size, "white")
         gray = np.asarray(Image.alpha_composite(white, upright).convert("L"), dtype=float)
     return _contours(1 - gray / 255)
+
+
+def _gray_of_many_bits(image: Any, values: NDArray[Any], file: Path) -> NDArray[np.float64]:
+    """Return gray values of more than eight bits from 0, black, to 1."""
+    # Pillow reads 16 bits of a PNG as 16 or as 32, and takes no notice of a TIFF's WhiteIsZero.
+    largest = 1.0 if image.mode == "F" else 65535.0
+    has_16_bits = image.mode.startswith("I;16") or image.format == "PNG"
+    is_in_range = np.isfinite(values).all() and values.min() >= 0 and values.max() <= largest
+    if not is_in_range or not (has_16_bits or image.mode == "F"):
+        raise StudyError(
+            f"stimulus.file = {file} has gray values from {values.min():g} to {values.max():g} "
+            f"(mode {image.mode}) but must have 8 or 16 bits, or floating-point numbers from 0 to 1"
+        )
+    gray = values / largest
+    is_white_zero = getattr(image, "tag_v2", {}).get(_PHOTOMETRIC) == 0
+    return 1 - gray if is_white_zero else gray
 
 
 def outlines_of_pixels(pixels: ArrayLike, pixel_mm: float) -> list[shapely.Geometry]:
@@ -194,11 +216,24 @@ def outlines_of_pixels(pixels: ArrayLike, pixel_mm: float) -> list[shapely.Geome
     Raises
     ------
     StudyError
-        Nothing is raised.
+        They are neither booleans nor from 0 to 1, or nothing is raised.
     """
-    values = np.asarray(pixels, dtype=float)
-    if values.ndim != 2 or not np.isfinite(values).all():
-        raise StudyError("Drawing.of_pixels needs finite values in rows and columns")
+    start = "Drawing.of_pixels"
+    if np.ma.is_masked(pixels):
+        raise StudyError(f"{start}: pixels are masked; fill them first, pixels.filled(False)")
+    try:
+        values = np.asarray(pixels, dtype=float)
+    except (TypeError, ValueError):
+        raise StudyError(f"{start}: pixels must be numbers in rows and columns") from None
+    if values.ndim != 2 or not values.size or not np.isfinite(values).all():
+        raise StudyError(f"{start} needs finite values in rows and columns, not {values.shape}")
+    if values.min() < 0 or values.max() > 1:
+        raise StudyError(
+            f"{start}: pixels are from {values.min():g} to {values.max():g} but must be booleans "
+            "or from 0 to 1: divide them by their largest possible value, or compare them with one"
+        )
+    if not (np.isfinite(pixel_mm) and pixel_mm > 0):
+        raise StudyError(f"{start}: pixel_mm is {pixel_mm} but must be greater than 0")
     shapes = _contours(values)
     if not shapes:
         raise StudyError("Drawing.of_pixels: no pixel is raised")

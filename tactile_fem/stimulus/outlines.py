@@ -219,6 +219,7 @@ def _splined(shape: shapely.Geometry, radius: float, reach: float) -> Rounded:
 
 def _edges(shape: shapely.Geometry) -> NDArray[np.object_]:
     """Return the straight parts of a shape's boundary."""
-    corners, ring = shapely.get_coordinates(shapely.get_rings(shape), return_index=True)
+    rings = shapely.get_rings(shapely.get_parts(shape))
+    corners, ring = shapely.get_coordinates(rings, return_index=True)
     same = ring[1:] == ring[:-1]
     return shapely.linestrings(np.stack([corners[:-1][same], corners[1:][same]], axis=1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,6 +16,11 @@ if TYPE_CHECKING:
     from shapely import Geometry
 
     from tactile_fem.stimulus.outlines import Outlines
+
+
+def _composed(text: str) -> str:
+    """Return a text whose letters and their marks are one character each where Unicode has it."""
+    return unicodedata.normalize("NFC", text)
 
 
 def _is_font_file(font: str) -> bool:
@@ -47,7 +53,7 @@ class Text(Stimulus):
 
     smoother_by = ("corner_radius_mm", "fillet_radius_mm")
     kind: Literal["text"] = Field("text", description="which stimulator; each has keys of its own")
-    text: Annotated[str, Field(min_length=1, max_length=40)] = Field(
+    text: Annotated[str, AfterValidator(_composed), Field(min_length=1, max_length=40)] = Field(
         "FGH", description="paper: letters in the order in which they pass the receptor"
     )
     font: Annotated[str, AfterValidator(font_file)] = Field(

@@ -61,6 +61,8 @@ class HeightMap:
         StudyError
             They are no table of two by two or more finite heights, or the spacing is not positive.
         """
+        if np.ma.is_masked(heights_mm):
+            raise StudyError("heights_mm: some heights are masked; fill them first.")
         heights = np.array(heights_mm, dtype=float)
         if heights.ndim != 2 or min(heights.shape) < 2:
             raise StudyError(f"heights_mm has the shape {heights.shape}; it needs (nx, ny).")
