@@ -86,13 +86,13 @@ def test_an_svg_is_placed_as_letters_and_in_its_units(tmp_path):
     (tmp_path / "d.svg").write_text(SVG)
     pytest.importorskip("svgelements")
     drawing = Drawing(file=tmp_path / "d.svg", corner_radius_mm=0.05)
-    assert areas(drawing) == pytest.approx([np.pi * 2**2, 12 - 2, 10 + np.pi / 4], rel=2e-3)
+    assert areas(drawing) == pytest.approx([np.pi * 2**2, 12 - 2, 10], rel=2e-3)
     disc, ring, line = drawing.outlines()
     # On top of the picture is -X, its left is -Y. All of it reaches from 2 to 8 mm down.
     assert (disc.centroid.x, disc.centroid.y) == pytest.approx((-1, -2), abs=1e-3)
     assert ring.centroid.y == pytest.approx(2.5, abs=1e-3) and line.centroid.x > ring.centroid.x
     assert Drawing(file=tmp_path / "d.svg", width_mm=5.0).outlines()[0].area == pytest.approx(
-        np.pi * (2 * 5 / 11) ** 2, rel=2e-3
+        np.pi * (2 * 5 / 10) ** 2, rel=2e-3
     )
 
 
@@ -104,12 +104,94 @@ def test_what_an_svg_shows_is_raised_or_said(tmp_path):
     (tmp_path / "d.svg").write_text(f"{start}{gradient}{square}</svg>")
     assert areas(Drawing(file=tmp_path / "d.svg")) == pytest.approx([36], abs=0.1)
     (tmp_path / "d.svg").write_text(
-        f'{start}{square}<circle cx="3" cy="3" r="1" fill="#fff"/></svg>'
+        f'{start}{gradient}{square}<circle cx="3" cy="3" r="1" fill="#fff"/></svg>'
     )
     assert areas(Drawing(file=tmp_path / "d.svg")) == pytest.approx([36 - np.pi], abs=0.1)
-    (tmp_path / "d.svg").write_text(f'{start}{square}<text x="1" y="5">F</text></svg>')
+    (tmp_path / "d.svg").write_text(f'{start}{gradient}{square}<text x="1" y="5">F</text></svg>')
     with pytest.raises(StudyError, match=r"has text, .* convert it to paths"):
         Drawing(file=tmp_path / "d.svg").body()
+
+
+BOX = '<rect x="2" y="3" width="4" height="4"{}/>'
+PAGE = '<rect width="10" height="10"{}/>'
+NESTED = '<path d="M1 1h6v6h-6z M2 2h2v2h-2z M4 4v2h2v-2z"{}/>'  # the second square runs back
+SMALL = '<rect id="s" width="2" height="2"/>'
+
+
+@pytest.mark.parametrize(
+    ("drawn", "right_mm2"),
+    [
+        ('<path d="M1 1h4v4h-4z M3 3h4v4h-4z"/>', 28),  # overlapping, of one sense
+        ('<path d="M1 1h4v4h-4z M3 3h4v4h-4z" fill-rule="evenodd"/>', 24),
+        ('<style>path{fill-rule:evenodd}</style><path d="M1 1h4v4h-4z M3 3h4v4h-4z"/>', 24),
+        ('<g style="fill-rule: evenodd"><path d="M1 1h4v4h-4z M3 3h4v4h-4z"/></g>', 24),
+        (NESTED.format(""), 32),
+        (NESTED.format(' fill-rule="evenodd"'), 28),
+        ('<path d="M2,2 L6,2 L4,6"/>', 8),  # open paths are filled as closed
+        ('<polyline points="2,2 6,2 6,6 2,6"/>', 16),
+        (BOX.format("") + PAGE.format(' opacity="0"'), 16),
+        (BOX.format("") + PAGE.format(' style="opacity:0%"'), 16),
+        (f'{BOX.format("")}<g opacity="0">{PAGE.format(" opacity='1'")}</g>', 16),
+        (f"<style>.t, #u {{opacity: 0.0}}</style>{BOX.format('')}{PAGE.format(" class='t'")}", 16),
+        (BOX.format(' opacity="0.4"'), 16),
+        (f'{BOX.format("")}<g display="none">{PAGE.format("")}<text>F</text></g>', 16),
+        (f'{BOX.format("")}<g visibility="hidden">{PAGE.format("")}</g>', 16),
+        (f'<g visibility="hidden">{BOX.format(" visibility='visible'")}{PAGE.format("")}</g>', 16),
+        (BOX.format("") + PAGE.format(' fill="transparent" stroke="none"'), 16),
+        (f"{BOX.format('')}<symbol>{PAGE.format('')}</symbol>", 16),
+        (f'<symbol id="s">{BOX.format("")}</symbol><use href="#s" x="1"/>', 16),
+        (f'<defs>{SMALL}</defs>{BOX.format("")}<use href="#s" x="7" y="7"/>', 20),
+        (f'{BOX.format("")}<clipPath id="c">{PAGE.format("")}</clipPath>', 16),
+        (f"{BOX.format('')}<mask>{PAGE.format('')}</mask><marker>{PAGE.format('')}</marker>", 16),
+        ('<path stroke="#000" stroke-width="1" d="M1 1.5h3M5 1.5h2M1 2.5h6"/>', 11),
+        ('<path stroke="#000" stroke-linecap="square" d="M2 2h5"/>', 6),
+        ('<g stroke-linecap="round"><path stroke="#000" d="M2 2h5"/></g>', 5 + np.pi / 4),
+        ('<path fill="none" stroke="#000" d="M2 2h4v4h-4z"/>', 16),  # mitred corners
+        ('<path fill="none" stroke="#000" stroke-linejoin="bevel" d="M2 2h4v4h-4z"/>', 15.5),
+        ('<path fill="none" stroke="#000" d="M2 2h4v4h-4v-4"/>', 15.75),  # ends where it began
+        ('<g transform="scale(2)"><path stroke="#000" stroke-width=".5" d="M1 1h2"/></g>', 4),
+        ('<rect width="2" height="2" transform="translate(1px, 2px) rotate(45)"/>', 4),
+        ('<a href="x"><title>t</title><rect width="2" height="2"/></a>', 4),
+    ],
+)
+def test_what_is_seen_of_an_svg_is_raised(drawn, right_mm2, tmp_path):
+    drawing = svg(tmp_path, drawn)
+    assert sum(shape.area for shape in drawing._placed()) == pytest.approx(right_mm2, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("drawn", "named"),
+    [
+        (BOX.format(' clip-path="url(#c)"'), "clip-path: url"),
+        (f'<g style="mask:url(#m)">{BOX.format("")}</g>', "mask: url"),
+        (f"<style>.f{{filter:url(#f)}}</style>{BOX.format(" class='f'")}", "filter: url"),
+        (f"<style>g rect{{opacity:0}}</style><g>{BOX.format('')}</g>", 'the selector "g rect"'),
+        (f"<style>@media print{{rect{{opacity:0}}}}</style>{BOX.format('')}", "@media"),
+        (BOX.format(' fill="url(#p)"') + '<pattern id="p"/>', "fill by pattern"),
+        ('<path d="M1 1h5" stroke="#000" stroke-dasharray="2 1"/>', "stroke-dasharray: 2 1"),
+        ('<path d="M1 1h5" stroke="#000" marker-end="url(#m)"/>', "marker-end: url"),
+        ('<path d="M1 1h5" stroke="#000" transform="scale(2, 1)"/>', "stroke whose width differs"),
+        ('<image width="4" height="4" href="a.png"/>', "<image>"),
+        (f"<switch>{BOX.format('')}</switch>", "<switch>"),
+        (f'<svg x="2" y="2">{BOX.format("")}</svg>', "<svg> within it"),
+        (
+            f'<symbol id="a" viewBox="0 0 4 4">{SMALL}</symbol><use href="#a" width="1"/>',
+            "symbol with a viewBox",
+        ),
+        ('<use href="b.svg#x"/>', "<use> of something that is not in it"),
+        (BOX.format(' style="opacity:var(--o)"'), r"var\(\) in opacity"),
+    ],
+)
+def test_what_an_svg_says_and_is_not_read_is_named(drawn, named, tmp_path):
+    with pytest.raises(StudyError, match=f"stimulus.file = .*d.svg has .*{named}.* not read"):
+        svg(tmp_path, drawn).body()
+
+
+def svg(folder, drawn: str) -> Drawing:
+    pytest.importorskip("svgelements")
+    size = 'width="10mm" height="10mm" viewBox="0 0 10 10"'
+    (folder / "d.svg").write_text(f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{drawn}</svg>')
+    return Drawing(file=folder / "d.svg")
 
 
 def test_a_picture_reads_as_letters_do(tmp_path):

@@ -5,7 +5,7 @@ A drawing lies as letters do: its right is along Y, its top towards -X.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from shapely import affinity
 
 from tactile_fem.errors import StudyError
+from tactile_fem.stimulus.svg import read_svg
 
-_MM_PER_INCH = 25.4
-# CSS pixels, in which an SVG without units counts.
-_PIXELS_PER_INCH = 96.0
-# Chords of an SVG's curves, as a share of the drawing's size.
-_CHORD_SHARE = 1 / 2000
 _MAX_PIXELS = 20_000_000
 _PHOTOMETRIC = 262  # tag of a TIFF: 0 if its gray values count from white
 # Gray values of a picture are smoothed over this many pixels, so that steps of pixels vanish.
@@ -72,7 +68,7 @@ def read_outlines(file: Path, needs_size: bool) -> list[shapely.Geometry]:
         raise StudyError(f"{start}: there is no such file")
     try:
         if file.suffix.lower() == ".svg":
-            found = _read_svg(file)
+            found = read_svg(file)
         elif needs_size:
             raise StudyError(f"{start} is a picture, which has no size in mm: give width_mm")
         else:
@@ -84,93 +80,6 @@ def read_outlines(file: Path, needs_size: bool) -> list[shapely.Geometry]:
         raise StudyError(f"{start} cannot be read: {reason}") from None
     if not found:
         raise StudyError(f"{start} shows nothing that could be raised: it must be black there")
-    return found
-
-
-def _read_svg(file: Path) -> list[shapely.Geometry]:
-    """Return the filled shapes, and the strokes of lines, in the order of the file."""
-    try:
-        import svgelements
-    except ImportError:
-        raise StudyError(
-            "stimulus.file: svgelements, which reads .svg files, is not installed: pip install "
-            "svgelements"
-        ) from None
-    svg = svgelements.SVG.parse(str(file), ppi=_PIXELS_PER_INCH)
-    shown = [element for element in svg.elements() if _is_shown(element)]
-    if any(isinstance(element, svgelements.Text) for element in shown):
-        raise StudyError(
-            f"stimulus.file = {file} has text, whose font is not in it: convert it to paths"
-        )
-    elements = [element for element in shown if isinstance(element, svgelements.Shape)]
-    box = svgelements.Group.union_bbox(elements)
-    if box is None:
-        return []
-    chord = max(box[2] - box[0], box[3] - box[1]) * _CHORD_SHARE
-    mm = _MM_PER_INCH / _PIXELS_PER_INCH
-    found: list[shapely.Geometry] = []
-    for element in elements:
-        lines = _polylines(svgelements.Path(element).reify(), chord)
-        raised: shapely.Geometry = shapely.Polygon()
-        for is_raised, region in _painted(element, lines):
-            if is_raised:
-                raised = raised.union(region)
-            else:  # white covers what lies below it
-                found = [shape.difference(region) for shape in found]
-                raised = raised.difference(region)
-        found.append(raised)
-    to_finger = [0, mm, mm, 0, 0, 0]
-    return [affinity.affine_transform(shape, to_finger) for shape in found if shape.area]
-
-
-def _painted(
-    element: Any, lines: list[NDArray[np.float64]]
-) -> Iterator[tuple[bool, shapely.Geometry]]:
-    """Yield the regions of an element's fill and stroke, and whether they are raised, not white."""
-    if (is_raised := _is_raised(element, "fill")) is not None:
-        yield is_raised, _odd([line for line in lines if len(line) > 3])
-    if (is_raised := _is_raised(element, "stroke")) is not None and element.stroke_width:
-        width = float(element.stroke_width)
-        yield (
-            is_raised,
-            shapely.union_all([shapely.LineString(line).buffer(width / 2) for line in lines]),
-        )
-
-
-def _is_shown(element: Any) -> bool:
-    values = getattr(element, "values", None) or {}
-    return values.get("display") != "none" and values.get("visibility") != "hidden"
-
-
-def _is_raised(element: Any, what: str) -> bool | None:
-    """Return whether a fill or stroke is raised, not if it is white; None if it is not painted."""
-    if str(element.values.get(what, "")).startswith("url("):  # a gradient or a pattern
-        return True
-    color = getattr(element, what)
-    if color is None or color.value is None or color.opacity == 0:
-        return None
-    return bool(min(color.red, color.green, color.blue) < 255)
-
-
-def _polylines(path: Any, chord: float) -> list[NDArray[np.float64]]:
-    """Return the subpaths as points (n, 2), curves with chords of some length."""
-    found = []
-    for subpath in path.as_subpaths():
-        points: list[tuple[float, float]] = []
-        for segment in subpath:
-            if segment.start is None or segment.end is None:
-                continue
-            name = type(segment).__name__
-            count = 1
-            if name not in ("Line", "Close", "Move"):
-                count = int(np.ceil(segment.length(error=1e-2) / chord)) + 1
-            if name == "Move":
-                continue
-            for t in np.linspace(0, 1, count + 1)[0 if not points else 1 :]:
-                point = segment.point(t)
-                points.append((point.x, point.y))
-        if len(points) > 1:
-            found.append(np.array(points))
     return found
 
 
