@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,9 +13,10 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger import TISSUES, FingerMesh
 from tactile_fem.neuron import Population, fields_of
 from tactile_fem.neuron.fields import trial_histories
-from tactile_fem.path import Motion, Path
+from tactile_fem.path import Path
+from tactile_fem.simulation.fingerprint import fingerprint
 from tactile_fem.stimulus import RigidBody
-from tactile_fem.stimulus.check import POINTS, check_body, check_lipschitz
+from tactile_fem.stimulus.check import check_body, check_lipschitz
 from tactile_fem.study import Tissue
 
 if TYPE_CHECKING:
@@ -34,8 +35,8 @@ _DEFORMATIONS = (
 class Parts:
     """Own parts of a scan; what is not given is made from the study.
 
-    A checkpoint stores which parts were own ones and a hash of what they compute. The scan
-    continues only with parts that compute the same.
+    A checkpoint stores which parts were own ones and a hash of their code and values. The scan
+    continues only with parts that are the same.
 
     Attributes
     ----------
@@ -62,19 +63,28 @@ class Parts:
     populations: tuple[Population, ...] = ()
 
     def identity(self) -> dict[str, str]:
-        """Return the type of each own part of the mechanics and a hash of what it computes."""
-        parts: dict[str, tuple[object, Any]] = {}
-        for tissue, law in self.laws.items():
-            parts[f"law of {tissue}"] = law, [_energy(law, F) for F in _DEFORMATIONS]
+        """Return the name of each own part of the mechanics and a hash of its code and values.
+
+        Raises
+        ------
+        StudyError
+            A part cannot be told from others.
+        """
+        return self._identity
+
+    @cached_property
+    def _identity(self) -> dict[str, str]:
+        """As the parts were before they were used, which may change them."""
+        parts: dict[str, object] = {f"law of {name}": law for name, law in self.laws.items()}
         if self.body is not None:
-            parts["body"] = self.body, self.body.distance(POINTS).gap
+            parts["body"] = self.body
         if self.path is not None:
-            does = [_motion(motion) for _, motion in self.path.plan()]
-            parts["path"] = self.path, np.concatenate(does)
-        found = {name: f"{_name(part)} {_hash(does)}" for name, (part, does) in parts.items()}
-        for number, term in enumerate(self.terms, 1):
-            found[f"term {number}"] = getattr(term, "__qualname__", type(term).__qualname__)
-        return found
+            parts["path"] = self.path
+        parts |= {f"term {number}": term for number, term in enumerate(self.terms, 1)}
+        return {
+            name: f"{_name(part)} {fingerprint(part, f'parts: the {name}')}"
+            for name, part in parts.items()
+        }
 
     def listed(self) -> dict[str, str]:
         """Return all own parts, for ``run.json``: `identity`, finger, and names of populations."""
@@ -87,10 +97,10 @@ class Parts:
 
 
 def changed_part(before: Mapping[str, str], now: Mapping[str, str]) -> str:
-    """Return in words the first part that computes other than before, from their identities."""
+    """Return in words the first part that is another than before, from their identities."""
     for name in {**before, **now}:
         then, here = (parts.get(name, "the study's") for parts in (before, now))
-        # A script that is imported has another name, but computes the same.
+        # A script that is imported has another name.
         if then.split()[-1] != here.split()[-1]:
             return f"a {name} that was {then}, now it is {here}"
     return ""
@@ -100,10 +110,11 @@ NO_PARTS = Parts()
 
 
 def check_parts(parts: Parts, of_study: Tissue) -> None:
-    """Try own parts before any long work; raise StudyError for one that is not valid.
+    """Try own parts before any long work; raise StudyError for one that cannot be used.
 
     Laws have to suit the tissues of the study, some of which relax.
     """
+    parts.identity()
     for tissue, law in parts.laws.items():
         if tissue not in TISSUES:
             raise StudyError(f'parts.laws: "{tissue}" is no tissue; allowed: {", ".join(TISSUES)}.')
@@ -134,18 +145,6 @@ def _energy(law: Law, F: np.ndarray) -> float:
     return float(law.energy(ufl.as_matrix(F.tolist()), origin)(()))
 
 
-def _motion(motion: Motion) -> np.ndarray:
-    """Return numbers that tell a motion from others."""
-    when = [motion.duration_s, motion.until_N or 0.0]
-    ways = motion.places_mm.ravel(), motion.turns_rad.ravel()
-    return np.concatenate([when, motion.held_at_end(), *ways])
-
-
 def _name(part: object) -> str:
-    return f"{type(part).__module__}.{type(part).__qualname__}"
-
-
-def _hash(values: Any) -> str:
-    """Return a hash of numbers that does not see their rounding."""
-    digits = np.round(np.asarray(values, dtype=float), 9) + 0.0
-    return hashlib.sha256(digits.tobytes()).hexdigest()[:16]
+    named = part if hasattr(part, "__qualname__") else type(part)
+    return f"{named.__module__}.{named.__qualname__}"
