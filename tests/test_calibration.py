@@ -15,6 +15,7 @@ from needs import needs_gmsh
 
 from tactile_fem.calibration.measurements import Experiment, read_measurements
 from tactile_fem.calibration.parameters import parse_parameter, with_values
+from tactile_fem.calibration.press import deflection
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StoppedError, StudyError
 from tactile_fem.runtime.ranks import raise_stopped, signal_handler
@@ -412,3 +413,14 @@ def test_again_it_presses_nothing(fitted, capsys):
     assert (folder / "parameters.csv").read_text() == result
     after = {path: path.stat().st_mtime_ns for path in (folder / "presses").glob("*.npz")}
     assert after == before
+
+
+def test_the_deflection_of_skin_does_not_depend_on_the_order_of_its_points():
+    along = np.linspace(-4.0, 4.0, 41)
+    rest = np.column_stack([along, 0 * along, 0.1 * along**2])
+    moved = rest + np.column_stack([0 * along, 0 * along, 1 - np.abs(along) / 4])
+    places = np.array([0.0, 1.0, 3.0])
+    folded = np.r_[:30, 31, 30, 32:41]  # beside the indenter the skin turns back
+    for order in (slice(None), slice(None, None, -1), folded):
+        found = deflection(moved[order], rest[order], places, axis=0)
+        np.testing.assert_allclose(found, [1.0, 0.75, 0.25], atol=1e-12)

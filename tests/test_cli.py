@@ -381,3 +381,20 @@ def test_without_dolfinx_a_scan_says_where_to_get_it(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 1 and not (tmp_path / "none").exists()
     assert 'pip install "tactile-fem[solver]"' in done.stderr
+
+
+@pytest.mark.parametrize("backend", ["nonsense", "module://no_such_module.backend"])
+def test_the_backend_of_a_notebook_is_not_used(backend):
+    code = "from tactile_fem.cli.app import main; main(['--version']); import matplotlib; "
+    code += "print(matplotlib.get_backend().lower())"
+    environment = {**os.environ, "MPLBACKEND": backend}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "agg"
+
+
+def test_the_help_ends_in_a_column_or_two(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "1")
+    assert cli.main(["view", "--help"]) == 0
+    assert "COLUMNS" not in os.environ and "--amplitude-um" in capsys.readouterr().out

@@ -7,13 +7,14 @@ from tactile_fem.runtime import backend  # noqa: F401  # isort: skip
 from mpi4py import MPI
 
 import numpy as np
+import pytest
 import ufl
 from blocks import block_mesh
 from dolfinx import fem, jit, mesh
 from materials import ONE_LAYER
 from sphere_on_block import BALL, PRESS_AND_SLIDE, follow, sphere_on_block
 
-from tactile_fem.mechanics.compile import expression
+from tactile_fem.mechanics.compile import Constant, expression
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Solver
@@ -44,9 +45,18 @@ def test_constants_are_sorted_as_they_count():
     msh = mesh.create_unit_square(MPI.COMM_SELF, 1, 1)
     x, signatures = ufl.SpatialCoordinate(msh), set()
     for _ in range(12):  # over any change from 9 to 10
-        a, b = fem.Constant(msh, 1.0), fem.Constant(msh, 2.0)
+        a, b = Constant(msh, 1.0), Constant(msh, 2.0)
         signatures.add(((a + x[0] * b) * ufl.dx).signature())
     assert len(signatures) == 1
+
+
+def test_constants_of_other_code_count_as_ufl_counts_them():
+    msh = mesh.create_unit_square(MPI.COMM_SELF, 1, 1)
+    sphere_on_block(comm=MPI.COMM_SELF).close()
+    first, own, second = fem.Constant(msh, 1.0), Constant(msh, 3.0), fem.Constant(msh, 2.0)
+    assert first.count() < second.count() == first.count() + 1 < 10**6 < own.count()
+    form = fem.form((second + own * first) * ufl.dx(msh))  # their values stay apart
+    assert fem.assemble_scalar(form) == pytest.approx(5.0)
 
 
 def test_what_a_study_compiles_computes_what_the_tests_compile(monkeypatch):

@@ -363,3 +363,52 @@ def test_cut_off_between_field_and_checkpoint_the_field_is_not_listed_twice(
     assert len(read_series(tmp_path / "r" / "fields")[0]) == 2
     resume(tmp_path / "r")
     assert_equal(Results(tmp_path / "r"), whole, 1e-10)
+
+
+# --- observers and populations of one's own -----------------------------------------------------
+
+
+@pytest.mark.parametrize("end", [SystemExit("enough"), KeyboardInterrupt()])
+def test_an_observer_that_exits_stops_the_scan(quick, tmp_path, end):
+    def leave(seen):
+        raise end
+
+    with pytest.raises(type(end)):
+        scan(quick, tmp_path / "r", observers=[leave])
+    assert Results(tmp_path / "r").run["status"] == "stopped"
+    assert scan(quick, tmp_path / "r").trace.depth_mm.max() == pytest.approx(0.1)
+    assert Results(tmp_path / "r").run["status"] == "complete"
+
+
+def test_a_scan_whose_neurons_fail_is_no_running_one(quick, tmp_path, monkeypatch):
+    def fire_all(*arguments):
+        raise ValueError("no such neuron")
+
+    with monkeypatch.context() as patch, pytest.raises(ValueError, match="no such neuron"):
+        patch.setattr("tactile_fem.simulation.run.fire_all", fire_all)
+        scan(quick, tmp_path / "r")
+    assert Results(tmp_path / "r").run["status"] == "failed: no such neuron"
+    assert scan(quick, tmp_path / "r").response.spikes is not None
+    assert Results(tmp_path / "r").run["status"] == "complete"
+
+
+def test_observers_may_work_in_place(quick):
+    kept = np.zeros(2)
+
+    def spoil(seen):
+        felt, step = seen.receptors, seen.step
+        for array in (felt.sed_kPa, felt.moved_mm, step.force_N, step.stimulator_mm):
+            array *= 0.0
+        seen.simulation.layout.positions_mm[:] = 7.0
+        seen.columns.pop("stretches")
+        kept[:] += 1
+        return {"kept": kept}
+
+    def spoil_others(seen):
+        assert seen.columns["kept"][0] == seen.step.index
+        seen.columns["kept"] *= 0.0
+
+    trace, whole = scan(quick, observers=[spoil, spoil_others]).trace, scan(quick).trace
+    for name in ("sed_kPa", "moved_mm", "stretches", "force_N", "stimulator_mm", "receptors_mm"):
+        np.testing.assert_array_equal(getattr(trace, name), getattr(whole, name), err_msg=name)
+    np.testing.assert_array_equal(trace.kept[1:, 0], np.arange(1, len(trace)))

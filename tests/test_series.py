@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import json
+import re
 
 import numpy as np
 import pytest
@@ -54,6 +56,46 @@ def test_sweep_combines_its_axes():
 
 
 @pytest.mark.parametrize(
+    ("listed", "names"),
+    [
+        ("Ä,Ö,C", ["text-Ä", "text-Ö", "text-C"]),
+        ("Ψ,⠁,..", ["text-Ψ", "text-⠁", "text-.."]),
+        ("!,?", ["text-_-", "text-_-"]),
+        ('"/","a/b","a:b"', ["text-_-", "text-a_b-", "text-a_b-"]),
+        ("c,C,D", ["text-c-", "text-C-", "text-D"]),  # one folder on some file systems
+        ("O\u0308,Ö", ["text-Ö-", "text-Ö"]),
+        (f"{'Ψ' * 40},{'Ψ' * 39}", [f"text-{'Ψ' * 40}", f"text-{'Ψ' * 39}"]),
+    ],
+)
+def test_folders_of_a_sweep_differ_where_its_values_do(listed, names):
+    members = sweep([f"stimulus.text={listed}"])
+    found = [member.name for member in members]
+    for name, expected in zip(found, names, strict=True):  # where it ends in "-", a hash follows
+        assert re.fullmatch(re.escape(expected) + "[0-9a-f]{8}" * expected.endswith("-"), name)
+    assert len({name.casefold() for name in found}) == len(names)
+    if "c,C" not in listed:  # they are found again, whatever else is scanned
+        for member in members:
+            (alone,) = sweep(["stimulus.text=" + json.dumps(member.values["stimulus.text"])])
+            assert alone.name == member.name
+
+
+def test_folders_of_a_sweep_differ_by_the_folders_of_files(tmp_path):
+    files = [tmp_path / ("sub/" * k) / "grain.csv" for k in (0, 60, 61)]
+    for file in files:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("0,0\n0,0.1\n")
+    listed = ",".join(f'"{file}"' for file in files)
+    members = sweep([f"stimulus.file={listed}"], overrides=["stimulus.kind=surface"])
+    assert len({member.name for member in members}) == 3
+    assert max(len(member.name.encode()) for member in members) < 140
+
+
+def test_passes_closer_than_a_micrometre_have_folders_of_their_own():
+    names = [m.name for m in single_fibre(Study(), spacing_mm=4e-4, half_width_mm=8e-4)]
+    assert names[2:] == ["shift+0.000", "shift+0.000400000", "shift+0.000800000"]
+
+
+@pytest.mark.parametrize(
     ("axes", "says"),
     [
         ([], "one or more different axes"),
@@ -62,6 +104,8 @@ def test_sweep_combines_its_axes():
         (["stimulus.friction=0,,1"], "is no axis"),
         (["stimulus.friction=0,1", "stimulus.friction=2"], "different axes"),
         (["stimulus.friction=0.1,0.1"], "name each value once"),
+        (["stimulus.friction=1,1.0"], "name each value once"),
+        (['stimulus.text=1,"1"'], "name each value once"),
         (["stimulus.friction=-1"], "stimulus.friction is -1"),
         (["stimulus.colour=red"], "colour"),
     ],

@@ -4,6 +4,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 from needs import needs_graphics
+from matplotlib.colors import Normalize
 from PIL import Image
 from synthetic import make_fields, make_results, make_trace
 
@@ -67,6 +68,25 @@ def test_receptors_light_up_in_the_frame_after_their_spike(film):
 def test_a_film_of_one_state_shows_its_spikes(tmp_path):
     only = Film.of_scan(scan(tmp_path / "r", (5.0,)))
     assert len(only) == 1 and only.fired.all()
+
+
+@needs_graphics
+@pytest.mark.parametrize(
+    ("look", "name"), [("deformation", "epidermis face"), ("receptors", "interface")]
+)
+def test_one_kept_state_is_drawn_as_the_first_of_several(tmp_path, look, name):
+    drawn = []
+    for states in ((0.0,), (0.0, 2.5)):
+        results = scan(tmp_path / f"of_{len(states)}", states)
+        scene = pictures.frames_of(results, Film.of_scan(results), look, off_screen=True)
+        scene.bar = scene.bar._replace(scale=Normalize(0.0, 9.0))
+        scene.show(0)
+        mesh = scene.plotter.actors[name].mapper.dataset
+        drawn.append((mesh["values"].copy(), mesh.points.copy()))
+        scene.plotter.close()
+    for one, first in zip(*drawn, strict=True):
+        np.testing.assert_array_equal(one, first)
+    assert drawn[0][0].min() > 0.3 and np.ptp(drawn[0][0]) > 0.1
 
 
 def centres(scene):

@@ -135,8 +135,10 @@ def deflection(moved_mm: Array, rest_mm: Array, places_mm: Array, axis: int) -> 
     """Return the deflection of the skin at distances from the indenter, the mean of both sides.
 
     `moved_mm` and `rest_mm` are deformed and undeformed points of a line across the indenter,
-    (points, 3); the distances (k,) are measured along an axis.
+    (points, 3); the distances (k,) are measured along an axis, along which skin that folds over
+    need not follow the line.
     """
-    along, up = moved_mm[:, axis], moved_mm[:, 2] - rest_mm[:, 2]
+    order = np.argsort(moved_mm[:, axis], kind="stable")
+    along, up = moved_mm[order, axis], (moved_mm - rest_mm)[order, 2]
     sides = [np.interp(sign * places_mm, along, up) for sign in (-1, 1)]
     return np.mean(sides, axis=0)

@@ -33,6 +33,8 @@ Without a study file the letters F G H of the paper are scanned, 1.97 mm deep, 1
     tactile-fem scan study.toml --set stimulus.text=EFG --ranks 2
 """
 
+_LEAST_COLUMNS = 20  # the help is laid out for ever if there are only a few
+
 app = App(
     name="tactile-fem",
     help=HELP,
@@ -46,6 +48,10 @@ for command in (*compute.COMMANDS, *reduce.COMMANDS, *outputs.COMMANDS, *view.CO
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code, see `exit_code_of`."""
+    # Only files are drawn; a notebook's backend, inherited, may be missing here.
+    os.environ["MPLBACKEND"] = "agg"
+    if os.environ.get("COLUMNS", "").isdigit() and int(os.environ["COLUMNS"]) < _LEAST_COLUMNS:
+        del os.environ["COLUMNS"]
     return exit_code_of(app, petsc_settings(sys.argv[1:] if arguments is None else arguments))
 
 

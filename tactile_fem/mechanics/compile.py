@@ -30,9 +30,7 @@ from ufl.corealg.multifunction import MultiFunction
 
 from tactile_fem.runtime.doctor import compiler
 
-# UFL sorts the constants of a form by their numbers as text, so one that counts from 9 to 10 gets
-# another signature, and would be compiled again. Numbers of equal length sort as they count.
-ufl.Constant._counter = itertools.count(10**9)
+_numbers = itertools.count(10**9)  # of the package's constants
 
 # How long to wait for another process that compiles the same form.
 _LONGEST_WAIT_S = 300
@@ -88,6 +86,21 @@ def compiled_by() -> dict[str, str]:
         result = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=10)
         lines = result.stdout.splitlines()
     return {"version": (lines or command)[0], "processor": _cpuinfo("model name")}
+
+
+class _Numbered(ufl.Constant):  # type: ignore[misc]
+    """A constant of UFL that has one of the package's own numbers."""
+
+    def __init__(self, domain: object, shape: tuple[int, ...] = ()) -> None:
+        super().__init__(domain, shape, next(_numbers))
+
+
+class Constant(fem.Constant, _Numbered):
+    """A constant of DOLFINx whose number has as many digits as that of any other one of this class.
+
+    UFL sorts the constants of a sum or product by their numbers as text: a form with a 9th and a
+    10th one has another signature than with an 11th and a 12th, and would be compiled again.
+    """
 
 
 def expression(value: Expr, points: np.ndarray) -> fem.Expression:

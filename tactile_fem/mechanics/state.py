@@ -20,6 +20,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 from ufl.core.expr import Expr
 
+from tactile_fem.mechanics.compile import Constant
 from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.rows import Saved, gather_rows
 
@@ -131,14 +132,14 @@ class State:
         self.u = fem.Function(V, name="displacement")
         self.u_old, self.u_before, self.friction_old = (fem.Function(V) for _ in range(3))
         origin = np.zeros(msh.geometry.dim)
-        self.translation = fem.Constant(msh, origin)
-        self.translation_old = fem.Constant(msh, origin)
+        self.translation = Constant(msh, origin)
+        self.translation_old = Constant(msh, origin)
         self.translation_before = origin.copy()
         self.rotation, self.rotation_old, self.rotation_before = (np.eye(len(origin)),) * 3
-        self.turn = fem.Constant(msh, np.zeros((len(origin), len(origin))))
-        self.swing = fem.Constant(msh, np.zeros((len(origin), len(origin) + 1)))
+        self.turn = Constant(msh, np.zeros((len(origin), len(origin))))
+        self.swing = Constant(msh, np.zeros((len(origin), len(origin) + 1)))
         self.swing_before = self.swing.value.copy()
-        self.time_step = fem.Constant(msh, 1.0)
+        self.time_step = Constant(msh, 1.0)
         self.dt_old_s = 0.0
         self.force_old_N = origin.copy()
         self.moment_old_Nmm = np.zeros(3 if len(origin) == 3 else 1)

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from types import MappingProxyType, SimpleNamespace
 
 import ufl
-from dolfinx import fem
 from ufl.core.expr import Expr
 
 from tactile_fem.finger.mesh_data import TISSUES
+from tactile_fem.mechanics.compile import Constant
 from tactile_fem.mechanics.domain import Domain
 from tactile_fem.mechanics.state import State
 from tactile_fem.tissue.constants import Elastic, Polynomial, Tissue
@@ -56,7 +56,7 @@ class Tissues:
     X
         Undeformed position, mm, (3,).
     values
-        By the name of the tissue: the constants in the forms, a `fem.Constant` by each name.
+        By the name of the tissue: the constants in the forms, a `Constant` by each name.
     dx, dx_of_tangent
         Volume measure of all tissues, for residuals and for tangents.
     """
@@ -95,7 +95,7 @@ class Tissues:
     def shear_modulus(self, tissue: str) -> Expr:
         """Return the small-strain shear modulus of a tissue's law, in MPa."""
         if tissue in self.laws:
-            at_rest = fem.Constant(self.u.function_space.mesh, 0.0)
+            at_rest = Constant(self.u.function_space.mesh, 0.0)
             return tangent_shear_modulus(self.laws[tissue], at_rest, self.X)
         return shear_modulus(getattr(self.constants, tissue), self.values[tissue])
 
@@ -119,4 +119,4 @@ class Tissues:
     def _in_forms(self, constants: Polynomial | Elastic) -> SimpleNamespace:
         msh = self.u.function_space.mesh
         given = {name: value for name, value in constants if isinstance(value, float)}
-        return SimpleNamespace(**{name: fem.Constant(msh, value) for name, value in given.items()})
+        return SimpleNamespace(**{name: Constant(msh, value) for name, value in given.items()})

@@ -131,7 +131,8 @@ class Scene:
             weights = self.film.weights[k]
             drawn.points = mesh.points + np.einsum("nfi,f->ni", moved, weights)
             if self.bar is not None:
-                drawn["values"] = np.maximum(mesh["values"] @ weights, self.bar.scale.vmin)
+                values = mesh["values"].reshape(mesh.n_points, -1)  # of one field they are (n,)
+                drawn["values"] = np.maximum(values @ weights, self.bar.scale.vmin)
 
         if "color" not in style and self.bar is not None:
             scale = self.bar.scale

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import math
 import re
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass
+import unicodedata
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,9 @@ import tomlkit
 from tactile_fem.errors import StudyError
 from tactile_fem.study import Receptors, Study
 from tactile_fem.study.file import load_study
+
+# Of a folder, in bytes: longer ones leave no room for what stands before and after them.
+_LONGEST_NAME = 120
 
 
 @dataclass(frozen=True)
@@ -58,7 +64,7 @@ def single_fibre(
         shift = float(np.round(k * spacing_mm, 9))
         stimulus = study.stimulus.model_copy(update={"shift_mm": (across + shift, along)})
         own = {"receptors": receptors, "afferents": afferents, "stimulus": stimulus}
-        name = f"shift{shift:+.3f}"
+        name = f"shift{shift:+.3f}" if shift == round(shift, 3) else f"shift{shift:+.9f}"
         members.append(Member(name, _without_pictures(study, own), {"shift_mm": shift}))
     return members
 
@@ -86,17 +92,32 @@ def sweep(
         raise StudyError("A sweep needs one or more different axes: section.key=value,value,...")
     members = []
     for combination in itertools.product(*values):
-        own = [f"{name}={text}" for name, text in zip(names, combination, strict=True)]
-        study = load_study(path, [*overrides, *own])
-        plain = [text.strip('"') for text in combination]
-        short = [f"{n.split('.')[-1]}-{t}" for n, t in zip(names, plain, strict=True)]
-        name = re.sub(r"[^A-Za-z0-9.+-]+", "_", "_".join(short))
-        values_ = dict(zip(names, plain, strict=True))
-        members.append(Member(name, _without_pictures(study, {}), values_))
-    doubled = len({member.name for member in members}) < len(members)
-    if doubled:
+        own = [f"{name}={text}" for name, (text, _) in zip(names, combination, strict=True)]
+        study = _without_pictures(load_study(path, [*overrides, *own]), {})
+        plain = {name: value for name, (_, value) in zip(names, combination, strict=True)}
+        members.append(Member(_folder_name(plain), study, plain))
+    if len({member.study.model_dump_json() for member in members}) < len(members):
         raise StudyError("Two scans of the sweep have the same values: name each value once.")
-    return members
+    count = Counter(member.name.casefold() for member in members)
+    return [
+        replace(one, name=_folder_name(one.values, apart=count[one.name.casefold()] > 1))
+        for one in members
+    ]
+
+
+def _folder_name(values: Mapping[str, str], *, apart: bool = False) -> str:
+    """Return the values as the name of a folder, with Unicode's letters, digits and Braille cells.
+
+    Where it does not show them whole, or is to be told `apart` from the same one in other cases, a
+    hash of the values follows. It depends on them alone, so that a series finds its folders again.
+    """
+    whole = "_".join(f"{name.split('.')[-1]}-{value}" for name, value in values.items())
+    name = re.sub(r"[^\w.+\u2800-\u28ff-]+", "_", unicodedata.normalize("NFC", whole))
+    name = name.encode()[:_LONGEST_NAME].decode(errors="ignore")
+    numbers = re.sub(r"[\[\], ]+", "_", whole)  # lists of numbers stay as they are
+    if not apart and name in (whole, numbers):
+        return name
+    return f"{name}-{hashlib.sha256(repr(sorted(values.items())).encode()).hexdigest()[:8]}"
 
 
 def _without_pictures(study: Study, changes: dict[str, Any]) -> Study:
@@ -104,14 +125,15 @@ def _without_pictures(study: Study, changes: dict[str, Any]) -> Study:
     return study.model_copy(update={**changes, "output": output})
 
 
-def _axis(text: str) -> tuple[str, list[str]]:
-    """Return name and values, as TOML or plain text, of an axis."""
+def _axis(text: str) -> tuple[str, list[tuple[str, str]]]:
+    """Return name and values of an axis, each as TOML, or as it is if it is none, and plainly."""
     name, equals, listed = text.partition("=")
     try:
         entries = tomllib.loads(f"values = [{listed}]")["values"]
-        values = [tomlkit.item(value).as_string() for value in entries]
+        texts = [tomlkit.item(value).as_string() for value in entries]
+        plain = [v if isinstance(v, str) else t for v, t in zip(entries, texts, strict=True)]
     except tomllib.TOMLDecodeError:
-        values = [part.strip() for part in listed.split(",")]
-    if not equals or not listed.strip() or not all(values):
+        texts = plain = [part.strip() for part in listed.split(",")]
+    if not equals or not listed.strip() or not all(texts):
         raise StudyError(f'"{text}" is no axis of a sweep: write section.key=value,value,...')
-    return name.strip(), values
+    return name.strip(), list(zip(texts, plain, strict=True))

@@ -309,14 +309,14 @@ def _step_to_end(
                 own: list[Observer] = [trace, *([recorder] if recorder else []), stop.check]
                 for _ in simulation.observed([show, *observers, *own]):
                     pass
-        except Exception as error:
+            _log_contact(trace)
+            response = _conclude(simulation, trace, recorder, "complete")
+        except BaseException as error:  # a part or observer of one's own may also exit
             kept = _keep(simulation, trace, recorder, error)
             if isinstance(error, StoppedError):
                 raise StoppedError(error.number, kept) from None
             logger.info("%s", kept)
             raise
-        _log_contact(trace)
-        response = _conclude(simulation, trace, recorder, "complete")
         end.check()
     return response
 
@@ -328,18 +328,25 @@ def _conclude(
     if recorder:
         recorder.save()
     response = Response([np.empty(0)] * len(trace.receptors_mm), 0.0, 0.0)
-    if len(trace) > 1:
-        response = fire_all(simulation.populations, trace.arrays())
+    try:
+        if len(trace) > 1:
+            response = fire_all(simulation.populations, trace.arrays())
+    except Exception:
+        if status == "complete":
+            raise
+        logger.warning("the spikes of these steps are not saved: firing fails")
     if recorder:
         recorder.finish(status, response)
     return response
 
 
-def _keep(simulation: Simulation, trace: Trace, recorder: Recorder | None, error: Exception) -> str:
-    """Save a scan that an error or a signal ends; return in words what is kept."""
+def _keep(
+    simulation: Simulation, trace: Trace, recorder: Recorder | None, error: BaseException
+) -> str:
+    """Save a scan that an error, an exit or a signal ends; return in words what is kept."""
     if not recorder:
         return _NOTHING_SAVED
-    is_stopped = isinstance(error, StoppedError)
+    is_stopped = isinstance(error, StoppedError) or not isinstance(error, Exception)
     status = "stopped" if is_stopped else f"failed: {error}"
     try:
         _conclude(simulation, trace, recorder, status)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -214,10 +215,10 @@ class Simulation:
         for step in self.steps():
             seen = Observation(step, self)
             for observer in (self._feel, *observers):
-                found = observer(seen) or {}
+                found = observer(seen.copied()) or {}
                 for name in sorted(seen.columns.keys() & found.keys()):
                     raise StudyError(f"observers: two of them return {name}: choose another name.")
-                seen.columns.update(found)
+                seen.columns.update(deepcopy(dict(found)))
             yield seen
 
     def _feel(self, seen: Observation) -> Mapping[str, Array]:
@@ -271,12 +272,17 @@ class Observation:
     simulation
         Displacement (`simulation.state.u`), contact, and everything else; read only.
     columns
-        What the receptors feel, and what earlier observers have returned, by name.
+        What the receptors feel, and what earlier observers have returned, by name. These and the
+        step's arrays are the observer's own: it may work on them in place.
     """
 
     step: Step
     simulation: Simulation
     columns: dict[str, Any] = field(default_factory=dict)
+
+    def copied(self) -> Observation:
+        """Return the same with step and columns of its own."""
+        return replace(self, step=deepcopy(self.step), columns=deepcopy(self.columns))
 
     @property
     def receptors(self) -> ReceptorState:

@@ -46,9 +46,9 @@ class Trace:
         count, start = len(receptors_mm), np.asarray(start_mm, dtype=float)
         unknown = np.full_like(receptors_mm, np.nan)
         self._fixed = {
-            "receptors_mm": receptors_mm,
-            "population": population,
-            "directions": unknown if directions is None else directions,
+            "receptors_mm": receptors_mm.copy(),
+            "population": population.copy(),
+            "directions": unknown if directions is None else directions.copy(),
         }
         self._indented_s = 0.0
         of_step = {column.name: column.rest for column in OF_STEP}

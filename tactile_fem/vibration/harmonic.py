@@ -53,6 +53,7 @@ from numpy.typing import ArrayLike
 from ufl.core.expr import Expr
 
 from tactile_fem.finger.joint import Joint
+from tactile_fem.mechanics.compile import Constant
 from tactile_fem.mechanics.contact_law import ContactLaw
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.terms.contact import SkinPart
@@ -104,7 +105,7 @@ class Harmonic:
         self._compile = compile_ = problem.contact.obstacle.compile
         # Unit vectors of the body's motion and of the force on it, for forms compiled once.
         zero = np.zeros(V.mesh.geometry.dim)
-        self._motion, self._axis = fem.Constant(V.mesh, zero), fem.Constant(V.mesh, zero)
+        self._motion, self._axis = Constant(V.mesh, zero), Constant(V.mesh, zero)
         self._stiffness, self._load, self._force, self._direct = self._forms()
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
         density, dx = mass_density(V.mesh, density_kg_m3), problem.tissues.dx

@@ -24,6 +24,7 @@ from dolfinx import fem
 from ufl.classes import FacetJacobianDeterminant
 from ufl.core.expr import Expr
 
+from tactile_fem.mechanics.compile import Constant
 from tactile_fem.mechanics.contact_law import ZERO_BELOW, ContactLaw
 from tactile_fem.mechanics.obstacle import Obstacle, PointValues
 from tactile_fem.mechanics.state import PointHistory
@@ -90,12 +91,12 @@ class Contact(Term):
         self.obstacle = Obstacle(body, tissues.state, np.sort(self.facets.indices), solver)
         self._solver = solver
         law, plane = law_of(friction), tissues.domain.plane
-        self.friction = law.with_constants(partial(fem.Constant, msh))
+        self.friction = law.with_constants(partial(Constant, msh))
         field = law.over_body()
         self._local = field and self.obstacle.over_body(field_in_plane(field, plane))
-        self._gamma = fem.Constant(msh, solver.nitsche_gamma)
-        self._width = fem.Constant(msh, solver.contact_width_MPa)
-        self._softness = fem.Constant(msh, 0.0)
+        self._gamma = Constant(msh, solver.nitsche_gamma)
+        self._width = Constant(msh, solver.contact_width_MPa)
+        self._softness = Constant(msh, 0.0)
         self._untransmitted = self.obstacle.quadrature_function(tissues.u.ufl_shape)
         self.parts = self.skin(bulk.at_skin())
         untransmitted = self.at_points(lambda part: part.law.untransmitted())
@@ -128,7 +129,7 @@ class Contact(Term):
             )
             reach = ZERO_BELOW * self._width / stiffness + _PULL_OUT_SHARE * height
             if solver.nitsche_theta:  # the form has terms where nothing touches as well
-                reach = fem.Constant(msh, _UNLIMITED_MM)
+                reach = Constant(msh, _UNLIMITED_MM)
             parts.append(SkinPart(law, ds(tag), reach))
         return parts
 

@@ -35,7 +35,7 @@ from dolfinx import fem, mesh
 from numpy.typing import ArrayLike
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import expression, jit_options
+from tactile_fem.mechanics.compile import Constant, expression, jit_options
 from tactile_fem.mechanics.state import PointHistory
 from tactile_fem.mechanics.terms.term import Term
 from tactile_fem.mechanics.tissues import Tissues
@@ -54,15 +54,15 @@ def moment_of_inertia(tissues: Tissues, density_kg_m3: float, point_mm: ArrayLik
     It is about the line along X through a point, (3,).
     """
     msh = tissues.domain.mesh
-    r = tissues.X - fem.Constant(msh, np.asarray(point_mm))
+    r = tissues.X - Constant(msh, np.asarray(point_mm))
     density = mass_density(msh, density_kg_m3)
     form = fem.form(density * (r[1] ** 2 + r[2] ** 2) * tissues.dx, jit_options=jit_options(()))
     return float(tissues.domain.comm.allreduce(fem.assemble_scalar(form)))
 
 
-def mass_density(msh: mesh.Mesh, density_kg_m3: float) -> fem.Constant:
+def mass_density(msh: mesh.Mesh, density_kg_m3: float) -> Constant:
     """Return a density in t/mm3."""
-    return fem.Constant(msh, density_kg_m3 * _T_PER_MM3)
+    return Constant(msh, density_kg_m3 * _T_PER_MM3)
 
 
 class GeneralizedAlpha:

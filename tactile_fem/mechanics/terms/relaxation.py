@@ -17,7 +17,7 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import expression
+from tactile_fem.mechanics.compile import Constant, expression
 from tactile_fem.mechanics.state import PointHistory
 from tactile_fem.mechanics.terms.term import Delay, StressTerm, sum_of
 from tactile_fem.mechanics.tissues import Tissues
@@ -60,7 +60,7 @@ class Relaxation(StressTerm, PointHistory):
         # For each network its stiffness ratio and the weights of the present and of the accepted
         # strain at the points themselves, by tissue.
         self._factors = {
-            name: [[fem.Constant(msh, x) for x in (ratio, 0.0, 0.0)] for ratio in prony.ratios]
+            name: [[Constant(msh, x) for x in (ratio, 0.0, 0.0)] for ratio in prony.ratios]
             for name, prony in series.items()
         }
         self._inverse_metric_old = inverse_metric(tissues.F_old)

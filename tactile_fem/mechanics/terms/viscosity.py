@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dolfinx import fem
 from ufl.core.expr import Expr
 
+from tactile_fem.mechanics.compile import Constant
 from tactile_fem.mechanics.terms.term import Delay, StressTerm
 from tactile_fem.mechanics.tissues import Tissues
 from tactile_fem.study import Solver
@@ -30,7 +30,7 @@ class Viscosity(StressTerm):
     def __init__(self, tissues: Tissues, time_s: float) -> None:
         super().__init__(tissues)
         self._time_s = time_s
-        self._tau = fem.Constant(tissues.u.function_space.mesh, time_s)
+        self._tau = Constant(tissues.u.function_space.mesh, time_s)
         self._rate = self._tau / tissues.state.time_step
         self.delays = [Delay(lambda w: 1j * w * time_s)]
 
