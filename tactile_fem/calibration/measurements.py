@@ -17,6 +17,7 @@ raw curve of one press, see `tactile_fem.calibration.curves`.
 
 from __future__ import annotations
 
+import logging
 import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,11 +30,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
-from tactile_fem.calibration.curves import points_of, read_curve
+from tactile_fem.calibration.curves import Curve, curve_of, from_contact, points_of
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import read_rows, read_text
 from tactile_fem.study import Stimulus, Study
 from tactile_fem.study.explain import explain
+
+logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
@@ -90,8 +93,9 @@ class Experiment:
         speed_mm_s
             Of the indenter.
         depth_mm, force_N
-            Depth below first contact and normal force, (rows,), in any order. Rows at a depth of 0
-            or less are left out.
+            Depth and normal force, (rows,), in any order. If the force shows that it does not begin
+            at 0, depth counts from where it does, and an offset of the force before is taken away;
+            the log says so. Rows before contact are left out.
         sd_N
             Standard deviation of the forces: one, or (rows,). Default 5 % of each average and 1 %
             of the largest, with the scatter of the rows.
@@ -99,9 +103,26 @@ class Experiment:
         Raises
         ------
         StudyError
-            There are too few rows, no force at the largest depth, or speed or `sd_N` is not above
-            0.
+            There are too few rows, they are no press from first contact, or speed or `sd_N` is not
+            above 0.
         """
+        depth, force = (np.asarray(values, dtype=float) for values in (depth_mm, force_N))
+        where = indenter if isinstance(indenter, str) else indenter.kind
+        rows, said = from_contact(depth, force, where)
+        if said:
+            logger.info("%s: %s", where, ", ".join(said))
+        return cls._averaged(indenter, speed_mm_s, rows, sd_N, said)
+
+    @classmethod
+    def _averaged(
+        cls,
+        indenter: Stimulus | str,
+        speed_mm_s: float,
+        rows: Array,
+        sd_N: ArrayLike | None,
+        origins: Sequence[str],
+    ) -> Self:
+        """Return a press of which rows of depth since first contact and force were measured."""
         if not (math.isfinite(speed_mm_s) and speed_mm_s > 0):
             raise StudyError(f"speed is {speed_mm_s:g} mm/s but must be above 0.")
         if isinstance(indenter, str):
@@ -109,7 +130,7 @@ class Experiment:
         else:
             name, body = indenter.kind, indenter
         name = f"{name} at {speed_mm_s:g} mm/s"
-        points = points_of(depth_mm, force_N, sd_N, name)
+        points = points_of(*rows.T, sd_N, name)
         return cls(
             name=name,
             indenter=body,
@@ -118,8 +139,8 @@ class Experiment:
             place_mm=np.full(len(points.depth_mm), np.nan),
             mean=points.force_N,
             sd=points.sd_N,
-            rows=np.column_stack([depth_mm, force_N]),
-            origin=points.origin,
+            rows=rows,
+            origin="; ".join([points.origin, *origins]),
         )
 
     @property
@@ -207,7 +228,7 @@ def _of_curves(
     if not files and any(given.values()):
         names = " and ".join(name for name, is_given in given.items() if is_given)
         raise StudyError(f"{names} must not be given: no file is a raw curve, and tables state it.")
-    curves = [read_curve(file) for file in files]
+    curves = [curve_of(file) for file in files]
     if not curves:
         return []
     if not indenters or speed_mm_s is None:
@@ -220,20 +241,21 @@ def _of_curves(
             f"{len(indenters)} indenters are given for {len(files)} raw curves: give one, or one "
             "for each."
         )
-    presses: dict[str, list[Array]] = {}
+    presses: dict[str, list[Curve]] = {}
     for indenter, curve in zip(cycle(indenters), curves, strict=False):
         presses.setdefault(" ".join(indenter.split()), []).append(curve)
     return [_of_rows(indenter, speed_mm_s, rows, sd_N) for indenter, rows in presses.items()]
 
 
 def _of_rows(
-    indenter: str, speed_mm_s: float, curves: Sequence[Array], sd_N: float | None
+    indenter: str, speed_mm_s: float, curves: Sequence[Curve], sd_N: float | None
 ) -> Experiment:
     """Return the experiment of raw curves of equal presses; their own sd if all have it."""
-    width = min(rows.shape[1] for rows in curves)
-    depth, force, *own = np.vstack([rows[:, :width] for rows in curves]).T
-    sd = sd_N if sd_N is not None or not own else own[0]
-    return Experiment.of_curve(indenter, speed_mm_s, depth, force, sd)
+    width = min(curve.rows.shape[1] for curve in curves)
+    rows = np.vstack([curve.rows[:, :width] for curve in curves])
+    sd = sd_N if sd_N is not None or width == 2 else rows[:, 2]
+    origins = [curve.origin for curve in curves]
+    return Experiment._averaged(indenter, speed_mm_s, rows[:, :2], sd, origins)
 
 
 def deviations(experiments: Sequence[Experiment], values: Sequence[Array]) -> Array:
