@@ -163,7 +163,7 @@ def _chosen(header: Sequence[str], count: int, file: Path) -> tuple[list[str], l
         if depths and forces:
             clash = next((found for found in (depths, forces, sds) if len(found) > 1), None)
             if clash is None:
-                return names, [depths[0], forces[0], *(sds or [None])]
+                return names, [depths[0], forces[0], sds[0] if sds else None]
     if clash:
         raise StudyError(
             f"{file}: the columns {' and '.join(f'"{names[k]}"' for k in clash)} fit equally: "

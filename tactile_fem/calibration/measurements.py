@@ -130,7 +130,7 @@ class Experiment:
         else:
             name, body = indenter.kind, indenter
         name = f"{name} at {speed_mm_s:g} mm/s"
-        points = points_of(*rows.T, sd_N, name)
+        points = points_of(rows[:, 0], rows[:, 1], sd_N, name)
         return cls(
             name=name,
             indenter=body,

@@ -68,7 +68,8 @@ def press(
     derivatives, curve = np.full((len(values), len(changes)), np.nan), [(0.0, 0.0)]
     with closing(simulation):
         problem = simulation.problem
-        sensitivities = Sensitivities(problem, changes)
+        on_joint = simulation.equilibrium if study.joint else None
+        sensitivities = Sensitivities(problem, changes, on_joint)
         try:
             with stopping(problem.solver.snes, comm) as stop:
                 for step in simulation.steps():
@@ -114,7 +115,7 @@ def _reading(
     here: NDArray[np.bool_],
     skin: SkinSurface | None,
 ) -> Callable[[], Array]:
-    """Return a function that gives the chosen numbers of the present state."""
+    """Return a function that gives the chosen numbers of the present state, in space."""
     is_force, places = experiment.is_force[here], experiment.place_mm[here]
     axis, problem = _axis(experiment), simulation.problem
 
@@ -124,7 +125,8 @@ def _reading(
             values[is_force] = simulation.load().force_N[2]
         if skin is not None and not is_force.all():
             u = simulation.comm.bcast(problem.order.gather(problem.u))
-            moved = skin.deformed_mm(u)
+            moved, bone = skin.deformed_mm(u), simulation.equilibrium.bone
+            moved = bone.places_in_space(moved) if bone else moved
             values[~is_force] = deflection(moved, skin.rest_mm, places[~is_force], axis)
         return values
 

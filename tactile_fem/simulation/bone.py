@@ -49,8 +49,11 @@ class Bone:
 
     def to_save(self) -> dict[str, float]:
         """Return its motion as plain numbers, by name."""
-        names = "angle_rad", "rate_rad_s", "rate_rad_s2", "before_rad"
-        return {name: getattr(self, name) for name in names}
+        return {**self.motion(), "before_rad": self.before_rad}
+
+    def motion(self) -> dict[str, float]:
+        """Return angle, rad, and its first and second derivative, by name."""
+        return {n: getattr(self, n) for n in ("angle_rad", "rate_rad_s", "rate_rad_s2")}
 
     def seen_from(self, pose: Pose, angle_rad: float) -> Pose:
         """Return a pose in space as seen from the bone at an angle."""
@@ -59,6 +62,11 @@ class Bone:
     def in_space(self, pose: Pose, angle_rad: float) -> Pose:
         """Return where a pose seen from the bone at an angle is in space."""
         return turned_with_bone(pose, self.joint, angle_rad)
+
+    def places_in_space(self, places_mm: Array) -> Array:
+        """Return where places (n, 3) seen from the bone are in space."""
+        R, centre = matrix([self.angle_rad, 0.0, 0.0]), self.joint.centre_mm
+        return centre + (places_mm - centre) @ R.T
 
     def load_in_space(
         self, force_N: Array, moment_Nmm: Array, angle_rad: float

@@ -101,6 +101,11 @@ class Stepper:
                 started = time.perf_counter()
 
     @property
+    def equilibrium(self) -> Equilibrium:
+        """Where the body and the bone are, and the solves of a step."""
+        return self._equilibrium
+
+    @property
     def bone_rad(self) -> float:
         """Angle of the bone about its joint; 0 if it is clamped."""
         return self._equilibrium.angle_rad
