@@ -202,7 +202,7 @@ NO_PRESS = [
     (-DEPTH, FORCE, "Depths must grow into the finger"),
     (DEPTH, 0.5 - FORCE, "the largest; it is 0.5 N at the smallest, 0.02 mm"),
     (DEPTH, -FORCE, "the force at the largest depth is -0.237 N but must be above 0"),
-    (12.3 + DEPTH, FORCE, "depths begin at 12.3 mm, in contact"),
+    (12.3 + DEPTH, FORCE, "depths begin at 12.5 mm, where the force is 0.00"),
     (12.5 + DEPTH[:4], FORCE[:4], "no press from first contact"),
     (DEPTH, 0.5 + 0 * FORCE, "the force is 0.5 N, and it grows to 0.5 N"),
     (DEPTH, 0 * FORCE, "the force at the largest depth is 0 N but must be above 0"),

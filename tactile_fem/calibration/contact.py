@@ -24,54 +24,57 @@ _LOWEST = 0.12
 _SHARE, _SHARE_OF_LARGEST = 0.03, 0.005
 # Averages that are fitted; rows that are needed in all, before contact, and in the fit after it.
 _AVERAGES, _LEAST_ROWS, _BEFORE, _AFTER = 1000, 5, 2, 6
-_LEAST_VARIANCE = 0.1  # of deviations in their standard deviations
 _TRIED = 121  # positions of contact, in each of two rounds
-# Contact is not at 0 if that adds so many variances to the sum of squares, more of them with few
-# degrees of freedom, and is off by this share of the press. If it is off by the second share before
-# the first row, where it is extrapolated, there is no depth.
-_REJECTED, _MORE_OF_FEW, _OFF, _OFF_BEFORE = 12.0, 8.0, 0.05, 0.5
+# Contact is not at 0 if it is off by this share of the press and 0 adds so many variances to the
+# sum of squares, more of them with few degrees of freedom. The least variance is that of
+# deviations in their standard deviations.
+_OFF, _REJECTED, _MORE_OF_FEW, _LEAST_VARIANCE = 0.05, 12.0, 8.0, 0.1
+_NO_OFFSET = 1e-6  # share of the largest force
 
 
-def first_contact(position_mm: Array, force_N: Array, where: str) -> tuple[float, float]:
-    """Return position in mm and force in N at first contact of a curve, (rows,) in any order.
+def from_contact(depth_mm: Array, force_N: Array, where: str) -> tuple[Array, list[str]]:
+    """Return depth and force of a curve since first contact, (rows, 2), and what it was in words.
 
-    The position is 0 unless the force shows another one; the force is 0 without rows before it.
+    The rows may be in any order. Contact is at 0 unless the force shows another position; without
+    rows before it there is no offset of the force.
 
     Raises
     ------
     StudyError
-        Positions do not grow into the finger, or count from elsewhere and begin in contact; the
-        message begins with `where`.
+        The depth does not change, or the force falls with it; the message begins with `where`.
     """
-    order = np.argsort(position_mm, kind="stable")
-    order = order[np.isfinite(position_mm + force_N)[order]]
-    z, force = position_mm[order], force_N[order]
-    if len(z) < 2:
-        return 0.0, 0.0
-    if z[0] == z[-1]:
+    order = np.argsort(depth_mm, kind="stable")
+    order = order[np.isfinite(depth_mm + force_N)[order]]
+    z, force = depth_mm[order], force_N[order]
+    if len(z) and z[0] == z[-1]:
         raise StudyError(f"{where}: the depth does not change, so there is no press.")
-    if np.ptp(force) and np.corrcoef(z, force)[0, 1] < 0:
+    changes = len(z) > 1 and np.ptp(force) > 0
+    if changes and np.corrcoef(z, force)[0, 1] < 0:
         raise StudyError(
             f"{where}: the force at the largest depth is {force[-1]:.3g} N but must be above 0 and "
             f"the largest; it is {force[0]:.3g} N at the smallest, {z[0]:.3g} mm. Depths must grow "
             "into the finger, and forces are positive where it is pressed."
         )
-    contact = _fitted(z, force, where) if len(z) >= _LEAST_ROWS and np.ptp(force) else 0.0
-    before = force[z < contact]
-    return contact, float(np.median(before)) if len(before) >= _BEFORE else 0.0
+    contact_mm = _fitted(z, force) if changes and len(z) >= _LEAST_ROWS else 0.0
+    before = force[z < contact_mm]
+    offset_N = float(np.median(before)) if len(before) >= _BEFORE else 0.0
+    said = [f"contact at {contact_mm:.3f} mm"] if contact_mm else []
+    if abs(offset_N) > _NO_OFFSET * np.ptp(force):
+        said.append(f"force offset {offset_N:.3g} N")
+    return np.column_stack([depth_mm - contact_mm, force_N - offset_N]), said
 
 
-def _fitted(z: Array, force: Array, where: str) -> float:
+def _fitted(z: Array, force: Array) -> float:
     """Return the position of first contact of rows in the order of their position."""
     if len(z) > _AVERAGES:
         part = np.ceil((z - z[0]) / (z[-1] - z[0]) * _AVERAGES)
         _, part, rows = np.unique(part, return_inverse=True, return_counts=True)
         z, force = np.bincount(part, z) / rows, np.bincount(part, force) / rows
     rise = force - np.sort(force)[: max(_BEFORE, len(force) // 20)].mean()
-    largest, deepest = rise.max(), z[-1]
-    after = np.sort(rise[rise > 0.01 * largest])[:_AFTER]
-    end = np.flatnonzero(rise <= max(_LOWEST * largest, after[-1]))[-1] + 1
-    lowest = z[:end], force[:end], np.hypot(_SHARE * rise, _SHARE_OF_LARGEST * largest)[:end]
+    after = np.sort(rise[rise > 0.01 * rise.max()])[:_AFTER]
+    end = np.flatnonzero(rise <= max(_LOWEST * rise.max(), after[-1]))[-1] + 1
+    sd = np.hypot(_SHARE * rise, _SHARE_OF_LARGEST * rise.max())
+    lowest = z[:end], force[:end], sd[:end]
     tried = np.linspace(z[0] - (z[end - 1] - z[0]) / 2, z[end - _BEFORE], _TRIED)
     for _ in range(2):
         squares = [_squares(at, *lowest) for at in tried]
@@ -79,19 +82,11 @@ def _fitted(z: Array, force: Array, where: str) -> float:
         tried = np.linspace(contact - step, contact + step, _TRIED)
     freedom = max(end - 4, 1)
     variance = max(min(squares) / freedom, _LEAST_VARIANCE)
-    rejected = _REJECTED * (1 + _MORE_OF_FEW / freedom) * variance
-    off = abs(contact) / (deepest - contact)
-    if off < _OFF or _squares(0.0, *lowest) - min(squares) < rejected:
-        return 0.0
-    if np.count_nonzero(z < contact) >= _BEFORE:
-        return contact
-    if off > _OFF_BEFORE:
-        raise StudyError(
-            f"{where}: depths begin at {z[0]:.3g} mm, in contact, and by its force the curve met "
-            f"the finger at about {contact:.2g} mm: depths must count from first contact, or the "
-            "curve must begin some rows before it."
-        )
-    return 0.0
+    excess = (_squares(0.0, *lowest) - min(squares)) / variance
+    is_off = abs(contact) > _OFF * (z[-1] - contact)
+    is_rejected = excess > _REJECTED * (1 + _MORE_OF_FEW / freedom)
+    has_before = np.count_nonzero(z < contact) >= _BEFORE
+    return contact if is_off and is_rejected and has_before else 0.0
 
 
 def _squares(contact: float, z: Array, force: Array, sd: Array) -> float:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import logging
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.calibration.contact import first_contact
+from tactile_fem.calibration.columns import chosen
+from tactile_fem.calibration.contact import from_contact
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.number_table import UnusableError, read_table
 
@@ -21,40 +18,6 @@ logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-# Words for a quantity in the name of a column, in the order in which columns are preferred.
-_DEPTHS = ("depth", "indentation", "penetration", "displacement", "position", "z", "d")
-_FORCES = ("fz", "normal", "force", "load", "f")
-_SDS = ("sd", "std", "stdev")
-# Words that make it another quantity: not the one that was measured, not along Z, or of it.
-_OTHER = frozenset(
-    "rate speed velocity vel acceleration target set setpoint setpt sp command commanded cmd "
-    "demand demanded desired nominal goal reference ref requested planned limit max maximum min "
-    "minimum peak error err deviation sem var variance uncertainty noise offset tare zero preload "
-    "trigger threshold time x y lateral tangential shear friction horizontal torque pressure "
-    "stress strain work energy stiffness slope temperature voltage ratio percent index number "
-    "count".split()
-)
-# Words at the end of a name that are no unit.
-_NO_UNITS = {*_DEPTHS, *_FORCES, *_SDS, *_OTHER} | frozenset(
-    "cell sensor channel signal raw filtered corrected measured actual mean average value".split()
-)
-_G_N, _LB_N = 9.80665e-3, 4.4482216152605  # weights of a gram and of a pound
-_MM = {
-    **{"mm": 1.0, "um": 1e-3, "\u00b5m": 1e-3, "nm": 1e-6, "cm": 10.0, "m": 1e3},
-    **dict.fromkeys(("micron", "microns"), 1e-3),
-    **dict.fromkeys(("in", "inch", "inches"), 25.4),
-    **dict.fromkeys(("mil", "mils", "thou"), 0.0254),
-}
-_N = {
-    **{"N": 1.0, "mN": 1e-3, "uN": 1e-6, "\u00b5N": 1e-6, "cN": 0.01, "kN": 1e3, "MN": 1e6},
-    **dict.fromkeys(("newton", "newtons"), 1.0),
-    **dict.fromkeys(("dyn", "dyne", "dynes"), 1e-5),
-    **dict.fromkeys(("g", "gf", "gram", "grams"), _G_N),
-    **dict.fromkeys(("kg", "kgf", "kp"), 1e3 * _G_N),
-    **dict.fromkeys(("lb", "lbs", "lbf"), _LB_N),
-    **dict.fromkeys(("oz", "ozf"), _LB_N / 16),
-}
-_UNITS = {unit.casefold() for unit in (*_MM, *_N, "s", "ms", "min")}
 # Points of a curve with more rows, which are averaged; as many steps of the model end at them.
 _POINTS = 12
 _LEAST_ROWS = 3
@@ -77,171 +40,36 @@ class Points:
     origin: str
 
 
-class Curve(NamedTuple):
-    """A raw curve from its first contact on, as a file has it.
-
-    Attributes
-    ----------
-    rows
-        Depth in mm, force in N and, if the file has it, its sd: (rows, 2) or (rows, 3).
-    origin
-        From which columns they are, and what was taken for first contact.
-    """
-
-    rows: Array
-    origin: str
-
-
-class _Quantity(NamedTuple):
-    """What a column may hold: words for it and for what it is not, and its units."""
-
-    words: tuple[str, ...]
-    not_words: frozenset[str]
-    units: dict[str, float]
-    usual: str
-
-
-_QUANTITIES = (
-    _Quantity(_DEPTHS, _OTHER.union(_SDS, _FORCES) - {"normal"}, _MM, "mm"),
-    _Quantity(_FORCES, _OTHER.union(_SDS, _DEPTHS) - {"z"}, _N, "N"),
-    _Quantity(_SDS, _OTHER.union(_DEPTHS) - {"z"}, _N, "N"),
-)
-
-
 def read_curve(file: Path) -> Array:
     """Return the rows of `curve_of`."""
-    return curve_of(file).rows
+    return curve_of(file)[0]
 
 
-def curve_of(file: Path) -> Curve:
-    """Return a curve of which depths count from first contact, see `first_contact`.
+def curve_of(file: Path) -> tuple[Array, str]:
+    """Return depth since first contact in mm, force in N and, if the file has it, its sd.
 
-    Of rows in the order of time, they are those until the largest depth. Columns are found by their
-    names, which may state units; others are ignored. Two columns without names are depth in mm and
-    force in N.
+    They are (rows, 2) or (rows, 3), with words on columns and contact. Of rows in the order of
+    time, they are those until the largest depth. Columns are found by their names, which may state
+    units; others are ignored. Two columns without names are depth in mm and force in N.
 
     Raises
     ------
     StudyError
-        The file cannot be read, or has no such columns or too few rows; two columns fit equally, or
-        state a unit that is not known; or it is no press from first contact.
+        The file cannot be read, has no such columns, or two that fit equally, or a unit that is not
+        known; or its force does not grow with the depth.
     """
     try:
         values, header = read_table(file, str(file))
     except UnusableError as error:
         raise StudyError(f"{file} {error}.") from None
-    names, chosen = _chosen(header, values.shape[1], file)
-    columns, said = [], []
-    for k, quantity, what in zip(chosen, _QUANTITIES, ("depth", "force", "sd"), strict=True):
-        if k is not None:
-            factor, words = _unit(names[k], quantity, file)
-            columns.append(values[:, k] * factor)
-            said.append(f"{what} from {words}")
-    rows = np.column_stack(columns)
+    rows, columns = chosen(values, header, file)
     rows = _going_in(rows[np.isfinite(rows).all(axis=1)], file)
-    rows[:, :2], contact = from_contact(rows[:, 0], rows[:, 1], f"{file} ({', '.join(said)})")
-    origin = ", ".join([*said, *contact])
+    rows[:, :2], contact = from_contact(rows[:, 0], rows[:, 1], f"{file} ({columns})")
+    if len(rows) >= _LEAST_ROWS:
+        points_of(rows[:, 0], rows[:, 1], None, f"{file} ({columns})")
+    origin = ", ".join([columns, *contact])
     logger.info("%s: %s", file, origin)
-    return Curve(rows, origin)
-
-
-def from_contact(depth_mm: Array, force_N: Array, where: str) -> tuple[Array, list[str]]:
-    """Return depth and force since first contact, (rows, 2), and what it was in words."""
-    contact_mm, offset_N = first_contact(depth_mm, force_N, where)
-    said = [f"contact at {contact_mm:.3f} mm"] if contact_mm else []
-    said += [f"force offset {offset_N:.3g} N"] if offset_N else []
-    return np.column_stack([depth_mm - contact_mm, force_N - offset_N]), said
-
-
-def _chosen(header: Sequence[str], count: int, file: Path) -> tuple[list[str], list[int | None]]:
-    """Return the columns' names and the numbers of those of depth, force and, if any, its sd."""
-    lines = [cells for line in header if (cells := _cells(line, count))]
-    names, clash = [""] * count, None
-    for k in reversed(range(len(lines))):  # with more and more of the lines above the numbers
-        names = [" ".join(filter(None, cells)) for cells in zip(*lines[k:], strict=True)]
-        depths, forces, sds = (_best(names, quantity) for quantity in _QUANTITIES)
-        if depths and forces:
-            clash = next((found for found in (depths, forces, sds) if len(found) > 1), None)
-            if clash is None:
-                return names, [depths[0], forces[0], sds[0] if sds else None]
-    if clash:
-        raise StudyError(
-            f"{file}: the columns {' and '.join(f'"{names[k]}"' for k in clash)} fit equally: "
-            "rename those that are not meant."
-        )
-    named = [part for line in header if len(part := re.split("[;,\t]", line)) > 1]
-    if not lines and count == 2 and not any(_best(part, _QUANTITIES[1]) for part in named):
-        logger.info("%s names no columns: they are taken as depth in mm and force in N", file)
-        return ["depth_mm", "force_N"], [0, 1, None]
-    said = " ".join(header[-1:]).strip()
-    raise StudyError(
-        f"{file}: its columns are {', '.join(filter(None, names)) or said or 'not named'} but must "
-        "be depth_mm and force_N, or those of a table that begins with indenter."
-    )
-
-
-def _cells(line: str, count: int) -> list[str] | None:
-    """Return the cells of a line above the numbers; None if it has not as many."""
-    line = line.strip().lstrip("#").strip()
-    for mark in (";", "\t", ",", None):
-        cells = next(csv.reader([line], delimiter=mark)) if mark else line.split()
-        while len(cells) > count and not cells[-1]:
-            cells.pop()
-        if len(cells) == count > 1:
-            return [cell.strip().strip('"') for cell in cells]
-    return None
-
-
-def _parsed(name: str) -> tuple[list[str], str]:
-    """Return the words of a column's name, in small letters, and its unit, which may be empty."""
-    name = name.replace("\u03bc", "\u00b5")
-    brackets = re.findall(r"[(\[{<]\s*([^)\]}>]*?)\s*[)\]}>]", name)
-    plain = re.sub(r"[(\[{<][^)\]}>]*[)\]}>]", " ", name) + " ".join(["", *brackets[:-1]])
-    words = re.findall(r"[^\W\d_]+|\d+", re.sub(r"(?<=[a-z]{2})(?=[A-Z])", " ", plain))
-    units = brackets[-1:]
-    if not units:
-        while len(words) > 1 and words[-1].casefold() in _UNITS:
-            units.insert(0, words.pop())
-        if len(units) > 1 and units[0] == "in":  # depth in mm
-            del units[0]
-        if not units and len(words) > 1 and words[-1].isalpha():
-            units = [words.pop()] if words[-1].casefold() not in _NO_UNITS else []
-    return [word.casefold() for word in words], " ".join(units)
-
-
-def _best(names: Sequence[str], quantity: _Quantity) -> list[int]:
-    """Return the columns that fit best: by the word for the quantity, then with fewest others."""
-    rank: dict[int, tuple[int, int]] = {}
-    others = {*_MM, *_N} - {*quantity.units}
-    for k, name in enumerate(names):
-        words, unit = _parsed(name)
-        own = [i for i, word in enumerate(quantity.words) if word in words]
-        is_of_it = own and not quantity.not_words.intersection(words)
-        if is_of_it and unit not in others and not re.search(r"[\s/*^\u00b7]", unit):
-            rank[k] = own[0], len(words) - len(own)
-    return [k for k in rank if rank[k] == min(rank.values())]
-
-
-def _unit(name: str, quantity: _Quantity, file: Path) -> tuple[float, str]:
-    """Return the factor of a column's unit, and the column in words.
-
-    Capitals count in prefixes (MN, mN); elsewhere they need not be right.
-    """
-    unit = _parsed(name)[1]
-    if not unit:
-        logger.warning('%s: column "%s" states no unit: %s is taken', file, name, quantity.usual)
-        return 1.0, f'"{name}" (in {quantity.usual})'
-    alike = [known for known in quantity.units if known.casefold() == unit.casefold()]
-    alike = [known for known in alike if known == unit] or alike
-    alike = [known for known in alike if known[0] == unit[0]] or alike
-    if len(alike) != 1:
-        raise StudyError(
-            f'{file}: the unit of column "{name}" is "{unit}" but must be one of '
-            f"{', '.join(quantity.units)}."
-        )
-    factor = quantity.units[alike[0]]
-    of_one = f"1 {unit} = {factor:.4g} {quantity.usual}" if factor != 1.0 else quantity.usual
-    return factor, f'"{name}" ({of_one})'
+    return rows, origin
 
 
 def _going_in(rows: Array, file: Path) -> Array:

@@ -21,7 +21,7 @@ import logging
 import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import cycle, zip_longest
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -30,7 +30,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
-from tactile_fem.calibration.curves import Curve, curve_of, from_contact, points_of
+from tactile_fem.calibration.contact import from_contact
+from tactile_fem.calibration.curves import curve_of, points_of
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import read_rows, read_text
 from tactile_fem.study import Stimulus, Study
@@ -95,7 +96,7 @@ class Experiment:
         depth_mm, force_N
             Depth and normal force, (rows,), in any order. If the force shows that it does not begin
             at 0, depth counts from where it does, and an offset of the force before is taken away;
-            the log says so. Rows before contact are left out.
+            `origin` says so. Rows before contact are left out.
         sd_N
             Standard deviation of the forces: one, or (rows,). Default 5 % of each average and 1 %
             of the largest, with the scatter of the rows.
@@ -106,23 +107,6 @@ class Experiment:
             There are too few rows, they are no press from first contact, or speed or `sd_N` is not
             above 0.
         """
-        depth, force = (np.asarray(values, dtype=float) for values in (depth_mm, force_N))
-        where = indenter if isinstance(indenter, str) else indenter.kind
-        rows, said = from_contact(depth, force, where)
-        if said:
-            logger.info("%s: %s", where, ", ".join(said))
-        return cls._averaged(indenter, speed_mm_s, rows, sd_N, said)
-
-    @classmethod
-    def _averaged(
-        cls,
-        indenter: Stimulus | str,
-        speed_mm_s: float,
-        rows: Array,
-        sd_N: ArrayLike | None,
-        origins: Sequence[str],
-    ) -> Self:
-        """Return a press of which rows of depth since first contact and force were measured."""
         if not (math.isfinite(speed_mm_s) and speed_mm_s > 0):
             raise StudyError(f"speed is {speed_mm_s:g} mm/s but must be above 0.")
         if isinstance(indenter, str):
@@ -130,6 +114,9 @@ class Experiment:
         else:
             name, body = indenter.kind, indenter
         name = f"{name} at {speed_mm_s:g} mm/s"
+        rows, said = from_contact(np.asarray(depth_mm, float), np.asarray(force_N, float), name)
+        if said:
+            logger.info("%s: %s", name, ", ".join(said))
         points = points_of(rows[:, 0], rows[:, 1], sd_N, name)
         return cls(
             name=name,
@@ -140,7 +127,7 @@ class Experiment:
             mean=points.force_N,
             sd=points.sd_N,
             rows=rows,
-            origin="; ".join([points.origin, *origins]),
+            origin="; ".join([points.origin, *said]),
         )
 
     @property
@@ -241,21 +228,21 @@ def _of_curves(
             f"{len(indenters)} indenters are given for {len(files)} raw curves: give one, or one "
             "for each."
         )
-    presses: dict[str, list[Curve]] = {}
+    presses: dict[str, list[tuple[Array, str]]] = {}
     for indenter, curve in zip(cycle(indenters), curves, strict=False):
         presses.setdefault(" ".join(indenter.split()), []).append(curve)
     return [_of_rows(indenter, speed_mm_s, rows, sd_N) for indenter, rows in presses.items()]
 
 
 def _of_rows(
-    indenter: str, speed_mm_s: float, curves: Sequence[Curve], sd_N: float | None
+    indenter: str, speed_mm_s: float, curves: Sequence[tuple[Array, str]], sd_N: float | None
 ) -> Experiment:
     """Return the experiment of raw curves of equal presses; their own sd if all have it."""
-    width = min(curve.rows.shape[1] for curve in curves)
-    rows = np.vstack([curve.rows[:, :width] for curve in curves])
-    sd = sd_N if sd_N is not None or width == 2 else rows[:, 2]
-    origins = [curve.origin for curve in curves]
-    return Experiment._averaged(indenter, speed_mm_s, rows[:, :2], sd, origins)
+    width = min(rows.shape[1] for rows, _ in curves)
+    depth, force, *own = np.vstack([rows[:, :width] for rows, _ in curves]).T
+    sd = sd_N if sd_N is not None or not own else own[0]
+    found = Experiment.of_curve(indenter, speed_mm_s, depth, force, sd)
+    return replace(found, origin="; ".join([found.origin, *(origin for _, origin in curves)]))
 
 
 def deviations(experiments: Sequence[Experiment], values: Sequence[Array]) -> Array:

@@ -11,32 +11,23 @@ for the residual the old displacement and the old histories, for the new histori
 `f`, such as a force, the new displacement besides. It is taken as a central difference of the
 compiled forms, so any law and any history is included. A step costs one Jacobian and, for each
 change, one linear solve, where a scan with changed constants costs all of its Newton iterations.
-A bone on its joint adds its angle `phi` and the balance of moments ``M = 0``: the body moves as
-seen from it, so
-
-    K du + R_phi dphi = -[R]',    M_u du + M_phi dphi = -[M]',
-
-and the motion of the bone is a further history.
 (Direct differentiation; Michaleris, Tortorelli and Vidal 1994, Int. J. Numer. Meth. Eng.)
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_fem.simulation.equilibrium import Equilibrium
 from tactile_fem.solvers.finger_problem import FingerProblem
 
 Array = np.ndarray
 # A change of the constants' logarithms: small against where contact begins (displacements move by
 # nanometres), large against rounding.
 _CHANGE = 1e-5
-# Turn of the bone in place of a change of 1, rad: as small against where contact begins.
-_TURN_RAD = 0.01
 
 # Tissue and name of each constant that changes, and its power: the constant times exp(power x).
 Change = Mapping[tuple[str, str], float]
@@ -44,36 +35,27 @@ Change = Mapping[tuple[str, str], float]
 
 @dataclass
 class _Derivatives:
-    """Along one change: of displacement and histories, now and at the last accepted step.
-
-    `bone` are those of its angle, rad, and of the angle's first and second derivative, (3,).
-    """
+    """Along one change: of displacement and histories, now and at the last accepted step."""
 
     u: Array
     histories: list[Array]
     u_old: Array
     histories_old: list[Array]
-    bone: Array = field(default_factory=lambda: np.zeros(3))
-    bone_old: Array = field(default_factory=lambda: np.zeros(3))
 
 
 class Sensitivities:
     """Derivatives along changes of the constants, carried from step to step.
 
     `follow` is to be called after each accepted step, from the first on. The problem has no own
-    laws in the place of the constants that change. `on_joint` moves its bone; by default the bone
-    is clamped.
+    laws in the place of the constants that change.
     """
 
-    def __init__(
-        self,
-        problem: FingerProblem,
-        changes: Sequence[Change],
-        on_joint: Equilibrium | None = None,
-    ) -> None:
+    def __init__(self, problem: FingerProblem, changes: Sequence[Change]) -> None:
         self._problem, self._state = problem, problem.state
-        self._changes, self._on_joint = changes, on_joint
-        self._along = [self._none() for _ in changes]
+        self._changes = changes
+        self._along = [
+            _Derivatives(self._zero(), self._zeros(), self._zero(), self._zeros()) for _ in changes
+        ]
 
     def derivative(self, of: Callable[[], Array]) -> Array:
         """Return the derivatives (changes, k) of the numbers (k,) that `of` returns.
@@ -87,9 +69,6 @@ class Sensitivities:
             ]
         return np.array(found)
 
-    def _none(self) -> _Derivatives:
-        return _Derivatives(self._zero(), self._zeros(), self._zero(), self._zeros())
-
     def _zero(self) -> Array:
         return np.zeros_like(self._state.u.x.array)
 
@@ -100,36 +79,15 @@ class Sensitivities:
         """Differentiate the last accepted step."""
         if not self._changes:
             return
-        residual = self._problem.solver.residual
         with self._problem.reopened(), self._problem.solver.linearized() as solve:
-            turn, per_turn = self._none(), 0.0
-            if self._on_joint:
-                turn.bone[0] = _TURN_RAD
-                turn.u = solve(-self._difference({}, turn, residual))
-                per_turn = float(self._difference({}, turn, self._moment))
             for change, along in zip(self._changes, self._along, strict=True):
                 along.u_old, along.histories_old = along.u, along.histories
-                along.u, along.bone_old, along.bone = self._zero(), along.bone, np.zeros(3)
-                along.u = solve(-self._difference(change, along, residual))  # at a held bone
-                if self._on_joint:
-                    turns = -float(self._difference(change, along, self._moment)) / per_turn
-                    along.u = along.u + turns * turn.u
-                    along.bone = turns * turn.bone
-                    along.bone = self._difference(change, along, self._motion)
+                along.u = self._zero()  # at a held displacement
+                along.u = solve(-self._difference(change, along, self._problem.solver.residual))
                 along.histories = [
                     self._difference(change, along, history.present)
                     for history in self._state.histories
                 ]
-
-    def _moment(self) -> Array:
-        """Return the moment on the joint, 0 in balance."""
-        assert self._on_joint is not None
-        return np.array(self._on_joint.moment_N(self._problem.load()))
-
-    def _motion(self) -> Array:
-        """Return angle of the bone, rad, and its derivatives, (3,)."""
-        assert self._on_joint is not None and self._on_joint.bone is not None
-        return np.array([*self._on_joint.bone.motion().values()])
 
     def _difference(self, change: Change, along: _Derivatives, of: Callable[[], Array]) -> Array:
         """Return the derivative of what `of` returns along a change."""
@@ -153,13 +111,9 @@ class Sensitivities:
             array += amount * by
         for constant, power in zip(constants, change.values(), strict=True):
             constant.value *= np.exp(amount * power)
+        self._problem.terms.begin_step()
         try:
-            with ExitStack() as context:
-                if self._on_joint:
-                    motion = amount * along.bone[0], amount * along.bone_old
-                    context.enter_context(self._on_joint.bone_moved(*motion))
-                self._problem.terms.begin_step()
-                yield
+            yield
         finally:
             for array, before in zip(arrays, saved, strict=True):
                 array[:] = before

@@ -49,11 +49,8 @@ class Bone:
 
     def to_save(self) -> dict[str, float]:
         """Return its motion as plain numbers, by name."""
-        return {**self.motion(), "before_rad": self.before_rad}
-
-    def motion(self) -> dict[str, float]:
-        """Return angle, rad, and its first and second derivative, by name."""
-        return {n: getattr(self, n) for n in ("angle_rad", "rate_rad_s", "rate_rad_s2")}
+        names = "angle_rad", "rate_rad_s", "rate_rad_s2", "before_rad"
+        return {name: getattr(self, name) for name in names}
 
     def seen_from(self, pose: Pose, angle_rad: float) -> Pose:
         """Return a pose in space as seen from the bone at an angle."""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -55,7 +53,7 @@ class Equilibrium:
         self.stiffness_N_mm = _FIRST_STIFFNESS_N_MM.copy()
         # Loads at the accepted step before the last one; None at the begin of a piece.
         self.loads_before_N: np.ndarray | None = None
-        self.bone = self._bone_before = bone
+        self.bone = bone
         self._angle_rad = 0.0  # of the bone, at the last solve
         self._is_guided = False
 
@@ -88,38 +86,6 @@ class Equilibrium:
     def _in_space(self, force_N: Array, moment_Nmm: Array, angle_rad: float) -> tuple[Array, Array]:
         load = self._plane.vectors(force_N), self._plane.moment(moment_Nmm)
         return self.bone.load_in_space(*load, angle_rad) if self.bone else load
-
-    def moment_N(self, load: Load) -> float:
-        """Return what `Bone.moments_N` has in all, 0 in balance, at the end of the last step."""
-        assert self._bone_before is not None
-        on_bone = self._angle_rad, self._problem.state.dt_s, load.bone_N, load.bone_Nmm
-        return float(self._bone_before.moments_N(*on_bone).sum())
-
-    @contextmanager
-    def bone_moved(self, by_rad: float, before: Array) -> Iterator[None]:
-        """Move the bone at the end of the last step, reopened, within the context.
-
-        The body stays in space. `before` are the changes of angle, rad, and of its first and second
-        derivative with which the step began, (3,).
-        """
-        bone, was, state = self.bone, self._bone_before, self._problem.state
-        assert bone is not None and was is not None
-        place, place_old = state.translation.value.copy(), state.translation_old.value.copy()
-        rotation, rotation_old, swing = state.rotation, state.rotation_old, state.swing.value.copy()
-        angle, motion = bone.angle_rad + by_rad, dict(zip(was.motion(), before, strict=True))
-        old = replace(was, **{name: getattr(was, name) + by for name, by in motion.items()})
-        body = bone.in_space(Pose(place, rotation), bone.angle_rad)
-        body_old = was.in_space(Pose(place_old, rotation_old), was.angle_rad)
-        seen, seen_old = bone.seen_from(body, angle), bone.seen_from(body_old, old.angle_rad)
-        state.translation_old.value[:], state.rotation_old = seen_old.translation, seen_old.rotation
-        state.move(seen.translation, seen.rotation, old.swing(angle))
-        self.bone, self._bone_before, self._angle_rad = old.moved(angle, state.dt_s), old, angle
-        try:
-            yield
-        finally:
-            self.bone, self._bone_before, self._angle_rad = bone, was, bone.angle_rad
-            state.translation_old.value[:], state.rotation_old = place_old, rotation_old
-            state.move(place, rotation, swing)
 
     def predict(
         self, dt_s: float, way_mm: np.ndarray | None = None, *, holds: bool = False
@@ -286,7 +252,6 @@ class Equilibrium:
                 *(load.imbalance_N, self._plane.force_unit),
             )
         self.loads_before_N = self.loads_N() if self._problem.state.dt_old_s else None
-        self._bone_before = self.bone
         if self.bone:  # before the state moves on
             self.bone = self.bone.moved(self._angle_rad, self._problem.state.dt_s)
         self._problem.accept(load)

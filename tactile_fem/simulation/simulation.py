@@ -32,7 +32,6 @@ from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.bone import Bone
 from tactile_fem.simulation.checks import check_motion, deepest_mm, judge_surface
 from tactile_fem.simulation.course import Course
-from tactile_fem.simulation.equilibrium import Equilibrium
 from tactile_fem.simulation.parts import NO_PARTS, Parts, check_parts
 from tactile_fem.simulation.probe import Probe, ReceptorState
 from tactile_fem.simulation.step import Step
@@ -188,13 +187,7 @@ class Simulation:
 
     def load(self) -> Load:
         """Return forces in space, contact area and energies after the last accepted step."""
-        with self.problem.reopened():
-            return self.equilibrium.in_space(self.problem.load())
-
-    @property
-    def equilibrium(self) -> Equilibrium:
-        """Where the body and the bone are at the end of the last accepted step."""
-        return self._stepper.equilibrium
+        return self._stepper.load()
 
     @property
     def bone_rad(self) -> float:

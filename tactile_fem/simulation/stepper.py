@@ -100,10 +100,10 @@ class Stepper:
                 yield step
                 started = time.perf_counter()
 
-    @property
-    def equilibrium(self) -> Equilibrium:
-        """Where the body and the bone are, and the solves of a step."""
-        return self._equilibrium
+    def load(self) -> Load:
+        """Return the load at the end of the last accepted step, in space."""
+        with self._problem.reopened():
+            return self._equilibrium.in_space(self._problem.load())
 
     @property
     def bone_rad(self) -> float:
