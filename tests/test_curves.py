@@ -127,9 +127,9 @@ def test_the_units_of_a_laboratory(d, mm, f, N, tmp_path):
 REFUSED = [
     (("force 1 (N),F,D", "depth_mm", "Force 2 (N)"), '"force 1 (N)" and "Force 2 (N)" fit equally'),
     (("depth_um,D,F", "depth_mm", "force_N"), '"depth_um" and "depth_mm" fit equally'),
-    (("D,F", "depth_mm", "Force (kip)"), 'the unit of column "Force (kip)" is "kip" but must be'),
-    (("D,F", "depth_mm", "force_V"), 'the unit of column "force_V" is "V" but must be one of N,'),
-    (("D,F", "depth_ft", "force_N"), 'the unit of column "depth_ft" is "ft" but must be one of mm'),
+    (("D,F", "depth_mm", "Force (kip)"), 'the unit of column "Force (kip)" must be one of N, mN'),
+    (("D,F", "depth_mm", "force_V"), 'the unit of column "force_V" must be one of N,'),
+    (("D,F", "depth_ft", "force_N"), 'the unit of column "depth_ft" must be one of mm, um'),
     (("D,F", "depth_mm", "force setpoint (N)"), "its columns are depth_mm, force setpoint (N) but"),
     (("D,F", "Time (s)", "Force (N)"), "its columns are Time (s), Force (N) but must be depth_mm"),
     (("D,F", "force_N,depth_mm", "left"), "its columns are force_N,depth_mm,left but must be"),

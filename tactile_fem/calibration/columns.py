@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import logging
 import re
 from collections.abc import Sequence
@@ -31,10 +30,6 @@ _OTHER = frozenset(
     "stress strain work energy stiffness slope temperature voltage ratio percent index number "
     "count".split()
 )
-# Words at the end of a name that are no unit.
-_NO_UNITS = {*_DEPTHS, *_FORCES, *_SDS, *_OTHER} | frozenset(
-    "cell sensor channel signal raw filtered corrected measured actual mean average value".split()
-)
 _G_N, _LB_N = 9.80665e-3, 4.4482216152605  # weights of a gram and of a pound
 _MM = {"mm": 1.0, "um": 1e-3, "\u00b5m": 1e-3, "nm": 1e-6, "cm": 10.0, "m": 1e3}
 _MM |= {"in": 25.4, "inch": 25.4, "inches": 25.4, "mil": 0.0254, "micron": 1e-3, "microns": 1e-3}
@@ -50,14 +45,13 @@ class _Quantity(NamedTuple):
     name: str
     words: tuple[str, ...]
     not_words: frozenset[str]
-    units: dict[str, float]
-    usual: str
+    units: dict[str, float]  # the first is usual
 
 
 _QUANTITIES = (
-    _Quantity("depth", _DEPTHS, _OTHER.union(_SDS, _FORCES) - {"normal"}, _MM, "mm"),
-    _Quantity("force", _FORCES, _OTHER.union(_SDS, _DEPTHS) - {"z"}, _N, "N"),
-    _Quantity("sd", _SDS, _OTHER.union(_DEPTHS) - {"z"}, _N, "N"),
+    _Quantity("depth", _DEPTHS, _OTHER.union(_SDS, _FORCES) - {"normal"}, _MM),
+    _Quantity("force", _FORCES, _OTHER.union(_SDS, _DEPTHS) - {"z"}, _N),
+    _Quantity("sd", _SDS, _OTHER.union(_DEPTHS) - {"z"}, _N),
 )
 
 
@@ -82,50 +76,43 @@ def chosen(values: Array, header: Sequence[str], file: Path) -> tuple[Array, str
     lines = [cells for line in header if (cells := _cells(line, count))]
     for k in reversed(range(len(lines))):  # with more and more of the lines above the numbers
         names = [" ".join(filter(None, cells)) for cells in zip(*lines[k:], strict=True)]
-        found = [_best(names, quantity) for quantity in _QUANTITIES]
-        if found[0] and found[1]:
-            clash = next(([names[i] for i in several] for several in found if len(several) > 1), [])
+        depths, forces, sds = found = [_best(names, quantity) for quantity in _QUANTITIES]
+        if depths and forces:
+            clash = next(([f'"{names[i]}"' for i in those] for those in found if those[1:]), [])
             if not clash:
-                return _in_units(values, names, [each[0] if each else None for each in found], file)
+                return _in_units(values, names, [depths[0], forces[0], *sds], file)
     if clash:
         raise StudyError(
-            f"{file}: the columns {' and '.join(f'"{name}"' for name in clash)} fit equally: "
-            "rename those that are not meant."
+            f"{file}: the columns {' and '.join(clash)} fit equally: rename those not meant."
         )
-    parts: list[list[str]] = [re.split("[;,\t]", line) for line in header]
-    if count == 2 and not lines and not any(len(p) > 1 and _best(p, _QUANTITIES[1]) for p in parts):
+    shown = [*filter(None, names)] or [line.strip() for line in header[-1:]]
+    parts = [re.split("[;,\t]", line) for line in shown]
+    if count == 2 and not lines and not any(_best(part, _QUANTITIES[1]) for part in parts):
         logger.info("%s names no columns: they are taken as depth in mm and force in N", file)
-        return _in_units(values, ["depth_mm", "force_N"], [0, 1, None], file)
-    shown = [*filter(None, names)] or [line.strip() for line in header[-1:]] or ["not named"]
+        return _in_units(values, ["depth_mm", "force_N"], [0, 1], file)
     raise StudyError(
-        f"{file}: its columns are {', '.join(shown)} but must be depth_mm and force_N, or those of "
-        "a table that begins with indenter."
+        f"{file}: its columns are {', '.join(shown) or 'not named'} but must be depth_mm and "
+        "force_N, or those of a table that begins with indenter."
     )
 
 
 def _in_units(
-    values: Array, names: Sequence[str], columns: Sequence[int | None], file: Path
+    values: Array, names: Sequence[str], columns: Sequence[int], file: Path
 ) -> tuple[Array, str]:
     """Return the columns of the quantities in mm and N, and in words which these are."""
-    found, said = [], []
-    for k, quantity in zip(columns, _QUANTITIES, strict=True):
-        if k is not None:
-            factor, unit = _unit(names[k], quantity, file)
-            found.append(values[:, k] * factor)
-            said.append(f'{quantity.name} from "{names[k]}" ({unit})')
-    return np.column_stack(found), ", ".join(said)
+    factors, said = [], []
+    for k, quantity in zip(columns, _QUANTITIES, strict=False):
+        factor, unit = _unit(names[k], quantity, file)
+        factors.append(factor)
+        said.append(f'{quantity.name} from "{names[k]}" ({unit})')
+    return values[:, columns] * factors, ", ".join(said)
 
 
-def _cells(line: str, count: int) -> list[str] | None:
-    """Return the cells of a line above the numbers; None if it has not as many."""
-    line = line.strip().lstrip("#").strip()
-    for mark in (";", "\t", ",", None):
-        cells = next(csv.reader([line], delimiter=mark)) if mark else line.split()
-        while len(cells) > count and not cells[-1]:
-            cells.pop()
-        if len(cells) == count > 1:
-            return [cell.strip().strip('"') for cell in cells]
-    return None
+def _cells(line: str, count: int) -> list[str]:
+    """Return the cells of a line above the numbers; none if it has not as many."""
+    line = line.strip("# ").rstrip(";,\t ")
+    tries = ([cell.strip(' "') for cell in line.split(mark)] for mark in (";", "\t", ",", None))
+    return next((cells for cells in tries if len(cells) == count > 1), [])
 
 
 def _parsed(name: str) -> tuple[list[str], str]:
@@ -137,11 +124,9 @@ def _parsed(name: str) -> tuple[list[str], str]:
     units: list[str] = []
     while not unit and len(words) > 1 and words[-1].casefold() in _UNITS:
         units.insert(0, words.pop())
-    if units:
-        unit = " ".join(units[units[0] == "in" and len(units) > 1 :])  # depth in mm
-    elif not unit and len(words) > 1 and words[-1].isalpha():
-        unit = words.pop() if words[-1].casefold() not in _NO_UNITS else ""
-    return [word.casefold() for word in words], unit
+    if units[1:] and units[0] == "in":  # depth in mm
+        del units[0]
+    return [word.casefold() for word in words], unit or " ".join(units)
 
 
 def _best(names: Sequence[str], quantity: _Quantity) -> list[int]:
@@ -161,17 +146,16 @@ def _unit(name: str, quantity: _Quantity, file: Path) -> tuple[float, str]:
 
     Capitals count in prefixes (MN, mN); elsewhere they need not be right.
     """
-    unit = _parsed(name)[1]
-    if not unit:
-        logger.warning('%s: column "%s" states no unit: %s is taken', file, name, quantity.usual)
-        return 1.0, f"in {quantity.usual}"
+    (words, unit), usual = _parsed(name), next(iter(quantity.units))
+    if not unit and {*words} <= {*quantity.words}:
+        logger.warning('%s: column "%s" states no unit: %s is taken', file, name, usual)
+        return 1.0, f"in {usual}"
     alike = [known for known in quantity.units if known.casefold() == unit.casefold()]
-    for is_exact in (lambda known: known == unit, lambda known: known[0] == unit[0]):
-        alike = [*filter(is_exact, alike)] or alike
+    for same in (lambda known: known == unit, lambda known: known[0] == unit[0]):
+        alike = [*filter(same, alike)] or alike
     if len(alike) != 1:
         raise StudyError(
-            f'{file}: the unit of column "{name}" is "{unit}" but must be one of '
-            f"{', '.join(quantity.units)}."
+            f'{file}: the unit of column "{name}" must be one of {", ".join(quantity.units)}.'
         )
     factor = quantity.units[alike[0]]
-    return factor, quantity.usual if factor == 1 else f"1 {unit} = {factor:.4g} {quantity.usual}"
+    return factor, usual if factor == 1 else f"1 {unit} = {factor:.4g} {usual}"

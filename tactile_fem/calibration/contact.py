@@ -66,10 +66,8 @@ def from_contact(depth_mm: Array, force_N: Array, where: str) -> tuple[Array, li
 
 def _fitted(z: Array, force: Array) -> float:
     """Return the position of first contact of rows in the order of their position."""
-    if len(z) > _AVERAGES:
-        part = np.ceil((z - z[0]) / (z[-1] - z[0]) * _AVERAGES)
-        _, part, rows = np.unique(part, return_inverse=True, return_counts=True)
-        z, force = np.bincount(part, z) / rows, np.bincount(part, force) / rows
+    parts = np.array_split(np.arange(len(z)), min(len(z), _AVERAGES))
+    z, force = (np.array([of[part].mean() for part in parts]) for of in (z, force))
     rise = force - np.sort(force)[: max(_BEFORE, len(force) // 20)].mean()
     after = np.sort(rise[rise > 0.01 * rise.max()])[:_AFTER]
     end = np.flatnonzero(rise <= max(_LOWEST * rise.max(), after[-1]))[-1] + 1
