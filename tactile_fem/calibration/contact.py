@@ -25,9 +25,9 @@ _SHARE, _SHARE_OF_LARGEST = 0.03, 0.005
 # Averages that are fitted; rows that are needed in all, before contact, and in the fit after it.
 _AVERAGES, _LEAST_ROWS, _BEFORE, _AFTER = 1000, 5, 2, 6
 _TRIED = 121  # positions of contact, in each of two rounds
-# Contact is not at 0 if it is off by this share of the press and 0 adds so many variances to the
-# sum of squares, more of them with few degrees of freedom. The least variance is that of
-# deviations in their standard deviations.
+# Contact is not at 0 if it, or the force before, is off by this share of the press and 0 adds so
+# many variances to the sum of squares, more of them with few degrees of freedom. The least variance
+# is that of deviations in their standard deviations.
 _OFF, _REJECTED, _MORE_OF_FEW, _LEAST_VARIANCE = 0.05, 12.0, 8.0, 0.1
 _NO_OFFSET = 1e-6  # share of the largest force
 
@@ -81,10 +81,11 @@ def _fitted(z: Array, force: Array) -> float:
     freedom = max(end - 4, 1)
     variance = max(min(squares) / freedom, _LEAST_VARIANCE)
     excess = (_squares(0.0, *lowest) - min(squares)) / variance
+    before = force[z < contact]
+    if len(before) < _BEFORE or excess < _REJECTED * (1 + _MORE_OF_FEW / freedom):
+        return 0.0
     is_off = abs(contact) > _OFF * (z[-1] - contact)
-    is_rejected = excess > _REJECTED * (1 + _MORE_OF_FEW / freedom)
-    has_before = np.count_nonzero(z < contact) >= _BEFORE
-    return contact if is_off and is_rejected and has_before else 0.0
+    return contact if is_off or abs(np.median(before)) > _OFF * rise.max() else 0.0
 
 
 def _squares(contact: float, z: Array, force: Array, sd: Array) -> float:
