@@ -19,7 +19,7 @@ from tactile_fem.calibration.press import deflection
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StoppedError, StudyError
 from tactile_fem.runtime.ranks import raise_stopped, signal_handler
-from tactile_fem.study import Cylinder, Dots, Finger, Plate, Study
+from tactile_fem.study import Cylinder, Dots, Finger, Joint, Plate, Solver, Study
 
 FORCE = "indenter,speed_mm_s,depth_mm,force_N,sd_N\n"
 PROFILE = "indenter,speed_mm_s,depth_mm,place_mm,deflection_mm,sd_mm\n"
@@ -171,6 +171,21 @@ def test_a_saved_press_is_that_of_its_fingers_file(tmp_path):
         study = Study(finger=Finger(mesh_file=tmp_path / name))
         names.append(Task(study, experiment, ()).name)
     assert names[0] == names[2] != names[1]
+
+
+def test_a_saved_press_is_that_of_its_version(tmp_path, monkeypatch):
+    """And of its code: what an earlier one pressed is pressed again."""
+    import tactile_fem
+    from tactile_fem.calibration import model
+
+    (experiment, *_) = read_measurements([written(tmp_path, FORCE + "plate,0.2,1,0.2,0.1\n")])
+    task = model.Task(Study(), experiment, ())
+    names = [task.name, task.name]
+    monkeypatch.setattr(tactile_fem, "__version__", "0.0.1", raising=False)
+    names.append(task.name)
+    monkeypatch.setattr(model, "_hash_of_code", lambda: "another")
+    names.append(task.name)
+    assert names[0] == names[1] and len({*names}) == 3
 
 
 def test_a_constant_cannot_be_fitted_twice(tmp_path, capsys):
@@ -369,6 +384,29 @@ def test_a_signal_is_not_taken_for_a_press_that_diverges(small_finger, tmp_path,
     (experiment,) = read_measurements([written(tmp_path, FORCE + "plate,0.2,0.1,0.2,0.1\n")])
     with pytest.raises(StoppedError), signal_handler(raise_stopped):
         press.press(study, experiment)
+
+
+def test_a_fit_knows_how_a_finger_on_its_joint_yields(small_finger, tmp_path):
+    """At a fixed bone the force would depend on the fat by 70 % more, and profiles have no sign."""
+    from tactile_fem.calibration.press import press
+
+    study = Study(
+        finger=Finger(mesh_file=small_finger),
+        joint=Joint(stiffness_Nmm_rad=10.0),
+        solver=Solver(first_step_mm=0.2),
+    )
+    files = (
+        written(tmp_path, FORCE + "plate,5,0.2,1,1\n", "a.csv"),
+        written(tmp_path, PROFILE + "plate,5,0.2,2,1,1\nplate,5,0.2,5,1,1\n", "b.csv"),
+    )
+    (experiment,) = read_measurements(files)
+    parameter = parse_parameter("subcutaneous", study)
+    found = press(study, experiment, [parameter.change])
+    assert found.values[0] == found.curve[-1, 1]
+    softer = press(with_values(study, [parameter], [-0.05]), experiment).values
+    wanted = (found.values - softer) / 0.05
+    np.testing.assert_allclose(found.derivatives[:, 0], wanted, rtol=0.1)
+    assert found.values[1] == pytest.approx(0.102, abs=0.005)  # in space; 0.051 mm to the bone
 
 
 @pytest.mark.slow

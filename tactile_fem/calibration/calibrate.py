@@ -8,7 +8,7 @@ With the measured numbers ``m_k`` and their standard deviations ``s_k``, the mod
 where ``x_i`` is the logarithm of the ratio of parameter i to its value in the study. The second sum
 is the knowledge without the measurements; where they say nothing, x is 0. Derivatives along
 constants of the tissues come with each press, see `tactile_fem.calibration.sensitivity`; those
-along lengths of the finger from a press of a finger with another length.
+along lengths of the finger, and all those of a finger on its joint, from a press with other values.
 """
 
 from __future__ import annotations

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import logging
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_fem.calibration.columns import chosen
+from tactile_fem.calibration.contact import from_contact
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.number_table import UnusableError, read_table
 
@@ -18,20 +18,16 @@ logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-# Words for a quantity in the name of a column, in the order in which columns are preferred.
-_DEPTH = ("depth", "indentation", "penetration", "displacement", "position", "z", "d")
-_FORCE = ("fz", "normal", "force", "load", "f")
-_SD = ("sd", "std", "stdev")
-_MM = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "cm": 10.0, "m": 1e3}
-_N = {"n": 1.0, "mn": 1e-3, "un": 1e-6, "µn": 1e-6, "cn": 0.01, "gf": 9.80665e-3}
 # Points of a curve with more rows, which are averaged; as many steps of the model end at them.
 _POINTS = 12
 _LEAST_ROWS = 3
 # Standard deviation of a point unless it is given: shares of its force and of the largest.
 _SHARE, _SHARE_OF_LARGEST = 0.05, 0.01
-# Rows in the order of time: their depth correlates with their number. A hold begins at this share
-# of the depth.
-_IN_TIME, _AT_DEPTH, _FEW = 0.8, 0.995, 0.05
+# Rows in the order of time are behind the deepest one so far by at most this share of the way. A
+# hold is less deep than the largest depth by this share of that in which the force is large.
+_IN_TIME, _HOLD, _FEW = 0.1, 0.02, 0.05
+# Powers of the depth with which the force of a press grows, and more than fingers stand.
+_LEAST_POWER, _LARGEST_POWER, _MOST_MM, _MOST_N = 0.6, 6.0, 50.0, 1e3
 
 
 @dataclass(frozen=True)
@@ -45,80 +41,48 @@ class Points:
 
 
 def read_curve(file: Path) -> Array:
-    """Return depth in mm, force in N and, if the file has it, its sd: (rows, 2) or (rows, 3).
+    """Return the rows of `curve_of`."""
+    return curve_of(file)[0]
 
-    Of rows in the order of time, they are those until the largest depth. Columns are found by their
-    names, which may state units; others are ignored. Two columns without names are depth in mm and
-    force in N.
+
+def curve_of(file: Path) -> tuple[Array, str]:
+    """Return depth since first contact in mm, force in N and, if the file has it, its sd.
+
+    They are (rows, 2) or (rows, 3), with words on columns and contact. Of rows in the order of
+    time, they are those until the largest depth. Columns are found by their names, which may state
+    units; others are ignored. Two columns without names are depth in mm and force in N.
 
     Raises
     ------
     StudyError
-        The file cannot be read, or has no such columns or too few rows.
+        The file cannot be read, has no such columns, or two that fit equally, or a unit that is not
+        known; or its force does not grow with the depth.
     """
     try:
         values, header = read_table(file, str(file))
     except UnusableError as error:
         raise StudyError(f"{file} {error}.") from None
-    names = _names(header, values.shape[1])
-    if not any(names) and len(names) == 2:
-        names = ["depth_mm", "force_N"]
-        logger.info("%s names no columns: they are taken as depth in mm and force in N", file)
-    depth, force, sd = (_column(names, words) for words in (_DEPTH, _FORCE, _SD))
-    if depth is None or force is None:
-        raise StudyError(
-            f"{file}: its columns are {', '.join(names) if any(names) else 'not named'} but must "
-            "be depth_mm and force_N, or those of a table that begins with indenter."
-        )
-    columns = [values[:, depth] * _unit(names[depth], _MM, "mm", file)]
-    columns += [values[:, k] * _unit(names[k], _N, "N", file) for k in (force, sd) if k is not None]
-    rows = np.column_stack(columns)
-    return _going_in(rows[np.isfinite(rows).all(axis=1)], file)
-
-
-def _names(header: Sequence[str], count: int) -> list[str]:
-    """Return the name of each column: what the lines above it say, which have as many cells."""
-    names = [""] * count
-    for line in header:
-        line = line.strip().lstrip("#").strip()
-        cells = next((c for c in (re.split(p, line) for p in ("[;,\t]", r"\s+")) if len(c) > 1), [])
-        if len(cells) == count:
-            cells = [cell.strip().strip('"') for cell in cells]
-            names = [" ".join(filter(None, pair)) for pair in zip(names, cells, strict=True)]
-    return names
-
-
-def _words(name: str) -> list[str]:
-    return re.findall(r"[^\W\d_]+", name.casefold().replace("\u03bc", "\u00b5"))
-
-
-def _column(names: Sequence[str], words: Sequence[str]) -> int | None:
-    """Return the column whose name has the first of some words that any has."""
-    is_sd = [any(word in _SD for word in _words(name)) for name in names]
-    for word in words:
-        for k, name in enumerate(names):
-            if word in _words(name) and (is_sd[k] == (words is _SD)):
-                return k
-    return None
-
-
-def _unit(name: str, units: dict[str, float], usual: str, file: Path) -> float:
-    """Return the factor of the unit in a column's name."""
-    found = [units[word] for word in _words(name)[1:] if word in units]
-    if not found:
-        logger.warning(
-            '%s: column "%s" states no unit that is known: %s is taken', file, name, usual
-        )
-    return found[-1] if found else 1.0
+    rows, columns = chosen(values, header, file)
+    rows = _going_in(rows[np.isfinite(rows).all(axis=1)], file)
+    rows[:, :2], contact = from_contact(rows[:, 0], rows[:, 1], f"{file} ({columns})")
+    if len(rows) >= _LEAST_ROWS:
+        points_of(rows[:, 0], rows[:, 1], None, f"{file} ({columns})")
+    origin = ", ".join([columns, *contact])
+    logger.info("%s: %s", file, origin)
+    return rows, origin
 
 
 def _going_in(rows: Array, file: Path) -> Array:
     """Return the rows until the largest depth, where they follow each other in time."""
-    depth = rows[:, 0]
-    end = int(np.argmax(depth >= _AT_DEPTH * depth.max(initial=0.0))) + 1
+    depth, force = rows[:, 0], rows[:, 1]
+    if not len(rows):
+        return rows
+    upper = depth[force >= (force.min() + force.max()) / 2]
+    end = int(np.argmax(depth >= depth.max() - _HOLD * np.ptp(upper))) + 1
     if end < _LEAST_ROWS or len(rows) - end <= _FEW * len(rows):
         return rows
-    if np.ptp(depth[:end]) == 0 or np.corrcoef(depth[:end], np.arange(end))[0, 1] < _IN_TIME:
+    behind = np.maximum.accumulate(depth[:end]) - depth[:end]
+    if behind.mean() > _IN_TIME * np.ptp(depth):
         return rows
     logger.info("%s: %d rows after its press are left out", file, len(rows) - end)
     return rows[:end]
@@ -135,7 +99,8 @@ def points_of(
     Raises
     ------
     StudyError
-        There are too few rows, or no force at the largest depth; the message begins with `where`.
+        There are too few rows, no force at the largest depth, or one that does not grow as in a
+        press from first contact; the message begins with `where`.
     """
     rows = np.column_stack([np.asarray(depth_mm, dtype=float), np.asarray(force_N, dtype=float)])
     used = rows[:, 0] > 0
@@ -152,6 +117,7 @@ def points_of(
             f"{where}: the force at the largest depth is {mean[-1]:.3g} N but must be above 0, as "
             "the finger pushes the indenter back."
         )
+    _check_press(at, mean, where)
     if sd_N is None:
         error = np.array([_error_of_mean(depth[group], force[group]) for group in groups])
         sd = np.hypot(_SHARE * np.abs(mean) + _SHARE_OF_LARGEST * mean.max(), error)
@@ -166,6 +132,23 @@ def points_of(
         raise StudyError(f"{where}: standard deviations of forces must be above 0.")
     averaged = f"{len(depth)} of {len(rows)} rows are deeper than 0, averaged to {len(at)} points"
     return Points(at, mean, sd, f"{averaged}; {origin}")
+
+
+def _check_press(depth: Array, force: Array, where: str) -> None:
+    """Raise StudyError unless averages may be those of a press from first contact."""
+    if depth[-1] > _MOST_MM or force.max() > _MOST_N:
+        raise StudyError(
+            f"{where}: depths to {depth[-1]:.3g} mm and forces to {force.max():.3g} N are not a "
+            f"finger's, at most {_MOST_MM:g} mm and {_MOST_N:g} N: check their units."
+        )
+    deeper = max(np.log(depth[-1] / depth[0]), 1e-9)
+    power = np.log(force[-1] / max(force[0], 0.01 * force[-1])) / deeper
+    if not _LEAST_POWER <= power <= _LARGEST_POWER:
+        raise StudyError(
+            f"{where}: depths begin at {depth[0]:.3g} mm, where the force is {force[0]:.3g} N, and "
+            f"it grows to {force[-1]:.3g} N at {depth[-1]:.3g} mm: this is no press from first "
+            "contact at 0 mm on."
+        )
 
 
 def _groups(depth: Array) -> list[NDArray[np.intp]]:

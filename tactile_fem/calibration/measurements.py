@@ -17,10 +17,11 @@ raw curve of one press, see `tactile_fem.calibration.curves`.
 
 from __future__ import annotations
 
+import logging
 import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import cycle, zip_longest
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -29,11 +30,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
-from tactile_fem.calibration.curves import points_of, read_curve
+from tactile_fem.calibration.contact import from_contact
+from tactile_fem.calibration.curves import curve_of, points_of
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import read_rows, read_text
 from tactile_fem.study import Stimulus, Study
 from tactile_fem.study.explain import explain
+
+logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
@@ -90,8 +94,9 @@ class Experiment:
         speed_mm_s
             Of the indenter.
         depth_mm, force_N
-            Depth below first contact and normal force, (rows,), in any order. Rows at a depth of 0
-            or less are left out.
+            Depth and normal force, (rows,), in any order. If the force shows that it does not begin
+            at 0, depth counts from where it does, and an offset of the force before is taken away;
+            `origin` says so. Rows before contact are left out.
         sd_N
             Standard deviation of the forces: one, or (rows,). Default 5 % of each average and 1 %
             of the largest, with the scatter of the rows.
@@ -99,8 +104,8 @@ class Experiment:
         Raises
         ------
         StudyError
-            There are too few rows, no force at the largest depth, or speed or `sd_N` is not above
-            0.
+            There are too few rows, they are no press from first contact, or speed or `sd_N` is not
+            above 0.
         """
         if not (math.isfinite(speed_mm_s) and speed_mm_s > 0):
             raise StudyError(f"speed is {speed_mm_s:g} mm/s but must be above 0.")
@@ -109,7 +114,10 @@ class Experiment:
         else:
             name, body = indenter.kind, indenter
         name = f"{name} at {speed_mm_s:g} mm/s"
-        points = points_of(depth_mm, force_N, sd_N, name)
+        rows, said = from_contact(np.asarray(depth_mm, float), np.asarray(force_N, float), name)
+        if said:
+            logger.info("%s: %s", name, ", ".join(said))
+        points = points_of(rows[:, 0], rows[:, 1], sd_N, name)
         return cls(
             name=name,
             indenter=body,
@@ -118,8 +126,8 @@ class Experiment:
             place_mm=np.full(len(points.depth_mm), np.nan),
             mean=points.force_N,
             sd=points.sd_N,
-            rows=np.column_stack([depth_mm, force_N]),
-            origin=points.origin,
+            rows=rows,
+            origin="; ".join([points.origin, *said]),
         )
 
     @property
@@ -207,7 +215,7 @@ def _of_curves(
     if not files and any(given.values()):
         names = " and ".join(name for name, is_given in given.items() if is_given)
         raise StudyError(f"{names} must not be given: no file is a raw curve, and tables state it.")
-    curves = [read_curve(file) for file in files]
+    curves = [curve_of(file) for file in files]
     if not curves:
         return []
     if not indenters or speed_mm_s is None:
@@ -220,20 +228,21 @@ def _of_curves(
             f"{len(indenters)} indenters are given for {len(files)} raw curves: give one, or one "
             "for each."
         )
-    presses: dict[str, list[Array]] = {}
+    presses: dict[str, list[tuple[Array, str]]] = {}
     for indenter, curve in zip(cycle(indenters), curves, strict=False):
         presses.setdefault(" ".join(indenter.split()), []).append(curve)
     return [_of_rows(indenter, speed_mm_s, rows, sd_N) for indenter, rows in presses.items()]
 
 
 def _of_rows(
-    indenter: str, speed_mm_s: float, curves: Sequence[Array], sd_N: float | None
+    indenter: str, speed_mm_s: float, curves: Sequence[tuple[Array, str]], sd_N: float | None
 ) -> Experiment:
     """Return the experiment of raw curves of equal presses; their own sd if all have it."""
-    width = min(rows.shape[1] for rows in curves)
-    depth, force, *own = np.vstack([rows[:, :width] for rows in curves]).T
+    width = min(rows.shape[1] for rows, _ in curves)
+    depth, force, *own = np.vstack([rows[:, :width] for rows, _ in curves]).T
     sd = sd_N if sd_N is not None or not own else own[0]
-    return Experiment.of_curve(indenter, speed_mm_s, depth, force, sd)
+    found = Experiment.of_curve(indenter, speed_mm_s, depth, force, sd)
+    return replace(found, origin="; ".join([found.origin, *(origin for _, origin in curves)]))
 
 
 def deviations(experiments: Sequence[Experiment], values: Sequence[Array]) -> Array:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, fields
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -17,12 +18,13 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
+import tactile_fem
 from tactile_fem.calibration.measurements import Experiment, deviations
 from tactile_fem.calibration.parameters import Parameter, with_values
 from tactile_fem.calibration.press import Prediction, press, study_of
 from tactile_fem.calibration.sensitivity import Change
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.runtime.files import write_arrays, write_text
+from tactile_fem.runtime.files import sha256, write_arrays, write_text
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.study import Study
 from tactile_fem.study.file import dump_study
@@ -52,6 +54,7 @@ class Task:
         changes = [sorted(change.items()) for change in self.changes]
         kept = [one.name for one in fields(Prediction)]
         text = pressed + repr([array.tolist() for array in wanted]) + repr([changes, kept])
+        text += tactile_fem.__version__ + _hash_of_code()
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def run(self, file: Path, comm: MPI.Comm = MPI.COMM_SELF) -> None:
@@ -65,6 +68,14 @@ class Task:
             write_arrays(file, vars(prediction))
 
         on_root(comm, save)
+
+
+@cache
+def _hash_of_code() -> str:
+    """Return a hash of the package, with which forces may change as with the study."""
+    package = Path(tactile_fem.__file__).parent
+    files = sorted(file for kind in ("*.py", "*.c") for file in package.rglob(kind))
+    return hashlib.sha256("".join(map(sha256, files)).encode()).hexdigest()
 
 
 def load(file: Path) -> Prediction:

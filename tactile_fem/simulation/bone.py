@@ -60,6 +60,11 @@ class Bone:
         """Return where a pose seen from the bone at an angle is in space."""
         return turned_with_bone(pose, self.joint, angle_rad)
 
+    def places_in_space(self, places_mm: Array) -> Array:
+        """Return where places (n, 3) seen from the bone are in space."""
+        R, centre = matrix([self.angle_rad, 0.0, 0.0]), self.joint.centre_mm
+        return centre + (places_mm - centre) @ R.T
+
     def load_in_space(
         self, force_N: Array, moment_Nmm: Array, angle_rad: float
     ) -> tuple[Array, Array]:

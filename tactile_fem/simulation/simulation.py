@@ -187,9 +187,8 @@ class Simulation:
         return self.problem.state
 
     def load(self) -> Load:
-        """Return forces, contact area and energies at the end of the last accepted step."""
-        with self.problem.reopened():
-            return self.problem.load()
+        """Return forces in space, contact area and energies after the last accepted step."""
+        return self._stepper.load()
 
     @property
     def bone_rad(self) -> float:

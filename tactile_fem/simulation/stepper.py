@@ -100,6 +100,11 @@ class Stepper:
                 yield step
                 started = time.perf_counter()
 
+    def load(self) -> Load:
+        """Return the load at the end of the last accepted step, in space."""
+        with self._problem.reopened():
+            return self._equilibrium.in_space(self._problem.load())
+
     @property
     def bone_rad(self) -> float:
         """Angle of the bone about its joint; 0 if it is clamped."""
