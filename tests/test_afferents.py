@@ -218,7 +218,7 @@ def test_a_signed_history_needs_the_name_of_its_drive():
         respond(time, signed, LIVELY)
     with pytest.raises(StudyError, match='There is no drive "pull"'):
         respond(time, signed, LIVELY, feels="pull")
-    with pytest.raises(StudyError, match="^Pressure is nan at index"):
+    with pytest.raises(StudyError, match=r"^Pressure is nan at index"):
         respond(time, signed * np.nan, LIVELY, feels="pressure")
     own = Drive("Strain", "%", lambda h: h["strain"])
     expected = Population("x", LIVELY, own).fire({"time_s": time, "strain": signed}).spikes[0]

@@ -73,6 +73,7 @@ def test_bands_are_drawn_under_the_median():
     (legend,) = figure.legends
     texts = [text.get_text() for text in legend.get_texts()]
     assert texts == ["median", "50 % of people", "90 % of people"]
+    assert legend.get_title().get_text() == "20 of 20 people"
     assert_legible(figure)
 
 
@@ -82,6 +83,7 @@ def test_conditions_have_colours_and_the_legend_what_the_fewest_people_allow():
     figure = bands_figure(both, OVER)
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts == ["G", "smooth ridge", "median", "50 % of people", "80 % of people"]
+    assert figure.legends[0].get_title().get_text() == "9 to 20 of 20 people"
     colours = [line.get_color() for line in figure.axes[0].lines if len(line.get_xdata()) > 2]
     assert colours == list(DISTINCT[:2])
     assert_legible(figure)

@@ -59,7 +59,7 @@ def bands_figure(
         colours = zip(names, cycle(DISTINCT), strict=False)
         legend = [Line2D([], [], color=c, label=name) for name, c in colours] + legend
     rows = -(-len(legend) // 3)
-    figure, axes = panels([_HEIGHT] * len(found), over, _WIDTH, top=0.35 + rows * _LINE)
+    figure, axes = panels([_HEIGHT] * len(found), over, _WIDTH, top=0.5 + rows * _LINE)
     for one, (label, conditions) in zip(axes, found.items(), strict=True):
         for own, colour in zip(conditions.values(), cycle(DISTINCT), strict=False):
             _draw_bands(one, over.values, own, colour)
@@ -68,8 +68,16 @@ def bands_figure(
         if one.dataLim.y0 >= 0:
             one.set_ylim(bottom=0)
     style: dict[str, Any] = {"ncols": 3, "fontsize": 7.5, "columnspacing": 1.0, "borderpad": 0.2}
-    figure.legend(handles=legend, loc="upper center", handlelength=1.3, **style)
+    sample = {"title": _sample(each), "title_fontsize": 7.5}
+    figure.legend(handles=legend, loc="upper center", handlelength=1.3, **style, **sample)
     return figure
+
+
+def _sample(each: Sequence[Bands]) -> str:
+    """Return how many people have values, and how many there are."""
+    of_all = max(own.missing + int(own.people.max()) for own in each)
+    ends = sorted({int(f(own.people)) for own in each for f in (np.min, np.max)})
+    return f"{' to '.join(map(str, sorted({ends[0], ends[-1]})))} of {of_all} people"
 
 
 def _draw_bands(axes: Axes, at: Array, own: Bands, colour: str) -> None:
