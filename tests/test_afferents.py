@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,14 +22,13 @@ from tactile_fem.neuron import (
     replaced,
     respond,
 )
-from tactile_fem.neuron.fields import trial_histories
-from tactile_fem.neuron.population import fields_of
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.series import fibre_image
 from tactile_fem.series.members import single_fibre
 from tactile_fem.series.report import write_report
 from tactile_fem.series.run import numbers_of
 from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.parts import Parts, check_parts
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Afferents, Neuron, Receptors, Study
 from tactile_fem.study.explain import explain
@@ -195,7 +194,7 @@ def test_a_drive_sees_the_receptors_of_its_own_population_only():
         np.testing.assert_array_equal(a, b)
     assert own.counts().min() > 0
     assert Population("PC", LIVELY, Drive("Near", "kPa", near)).fire(trace).spikes == []
-    population.fire(trial_histories(fields_of([population])))  # as a scan tries its parts
+    check_parts(Parts(populations=(replace(population, name="SA1"),)), Study())
 
 
 @pytest.mark.parametrize("columns", [3, 40])

@@ -26,8 +26,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from tactile_fem import load_study
-from tactile_fem.output.histories import mean_over
-from tactile_fem.series import Member, run_all
+from tactile_fem.series import Member, mean_over, run_all
 
 # %%
 # Receptors lie at the tips of intermediate ridges, in smooth skin on a line. The force of a section

@@ -26,7 +26,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from tactile_fem import completed, load_study
-from tactile_fem.output.histories import mean_over
+from tactile_fem.series import mean_over
 
 # %%
 # A map has rows along X and columns along Y. The sandpaper is a Gaussian random field, the cloth

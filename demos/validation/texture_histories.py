@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from texture_firing import APART_MM, SURFACES, Condition, Kept
 
 from tactile_fem import Results, Study, completed, run_script
-from tactile_fem.output.histories import mean_over
 from tactile_fem.runtime.files import atomic_write
+from tactile_fem.series import mean_over
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 

@@ -75,17 +75,13 @@ def histories_of(population: str, histories: Histories) -> Histories:
 
     Columns that no field has count as the receptors' if they have the shape (t, receptors, ...).
     """
-    own, steps = histories["population"] == population, len(histories["time_s"])
-
-    def restricted(name: str, column: Array) -> Array:
+    own, found = histories["population"] == population, dict(histories)
+    for name, column in histories.items():
         if name in _OF_RECEPTORS:
-            return column[own]
-        return column[:, own] if column.shape[:2] == (steps, len(own)) else column
-
-    return {
-        name: column if name in _OF_BODY else restricted(name, np.asarray(column))
-        for name, column in histories.items()
-    }
+            found[name] = column[own]
+        elif column.shape[:2] == (len(histories["time_s"]), len(own)) and name not in _OF_BODY:
+            found[name] = column[:, own]
+    return found
 
 
 def checked_sed(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[Array, Array]:

@@ -140,9 +140,6 @@ class Population:
         """
         if "population" in histories:
             histories = histories_of(self.name, histories)
-            if not len(histories["population"]):
-                time = np.asarray(histories["time_s"], dtype=float)
-                return time, np.empty((len(time), 0))
         return self.drive.of(histories)
 
     def held(self, held_s: float) -> Population:

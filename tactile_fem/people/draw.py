@@ -33,9 +33,7 @@ class Person(Member):
     person: str
     condition: str  # empty if there is one only
     scores: dict[str, float] = field(default_factory=dict)  # standard scores of what varies
-    draws: dict[str, float] = field(
-        default_factory=dict
-    )  # independent ones of those that correlate
+    draws: dict[str, float] = field(default_factory=dict)  # behind those of a fit
 
 
 def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
@@ -76,7 +74,9 @@ def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
     names = list(dict.fromkeys(name for varied in each for name in varied.parameters))
     seed = (conditions[0].study.people or People()).seed
     drawn = standard_scores(number, len(names), seed, each[0].correlation)
-    behind = _independent(drawn, names, each[0])
+    free = [j for j in range(len(each[0].correlation)) if names[j] not in each[0].fixed]
+    lower = np.linalg.cholesky(each[0].correlation[np.ix_(free, free)])
+    independent = np.linalg.solve(lower, drawn[:, free].T).T.tolist()
     found = []
     for k, row in enumerate(drawn.tolist(), 1):
         scores = dict(zip(names, row, strict=True))
@@ -91,22 +91,9 @@ def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
             own = {**condition.values, **{key: float(f"{v:.6g}") for key, v in values.items()}}
             output = study.output.model_copy(update={"pictures": False})
             study = study.model_copy(update={"output": output})
-            draws = {key: column[k - 1] for key, column in behind.items()}
+            draws = {names[j]: z for j, z in zip(free, independent[k - 1], strict=True)}
             found.append(Person(name, study, own, person, condition.name, shown, draws))
     return found
-
-
-def _independent(scores: Array, names: Sequence[str], varied: Varied) -> dict[str, list[float]]:
-    """Return by name what correlated scores (people, names) add to those before them, standard.
-
-    Those that are fixed do not count; empty if no others correlate.
-    """
-    own = [k for k in range(len(varied.correlation)) if names[k] not in varied.fixed]
-    correlation = varied.correlation[np.ix_(own, own)]
-    if np.array_equal(correlation, np.diag(np.diag(correlation))):
-        return {}
-    free = np.linalg.solve(np.linalg.cholesky(correlation), scores[:, own].T)
-    return dict(zip([names[k] for k in own], free.tolist(), strict=True))
 
 
 def standard_scores(number: int, count: int, seed: int, correlation: Array | None = None) -> Array:

@@ -135,8 +135,6 @@ class Ensemble:
         fit's parameters are.
     draws
         The independent scores behind them, (n, k): what each adds to those before it.
-    correlated
-        Names of those that correlate.
     """
 
     folder: Path
@@ -145,7 +143,6 @@ class Ensemble:
     names: tuple[str, ...]
     scores: Array
     draws: Array
-    correlated: tuple[str, ...] = ()
 
     @classmethod
     def open(cls, folder: Path | str) -> Ensemble:
@@ -161,16 +158,14 @@ class Ensemble:
             rows = _read_table(folder / _TABLE)
             names = tuple(key.removeprefix(_SCORE) for key in rows[0] if key.startswith(_SCORE))
             of_person = {row["person"]: row for row in rows}
-            correlated = tuple(name for name in names if f"{_DRAW}{name}" in rows[0])
-            each = [[r[f"{_SCORE}{name}"] for name in names] for r in of_person.values()]
-            scores = np.array(each, dtype=float)
-            each = [[r[f"{_DRAW}{name}"] for name in correlated] for r in of_person.values()]
-            draws = scores.copy()
-            draws[:, [name in correlated for name in names]] = each
+            each = of_person.values()
+            scores = [[float(r[f"{_SCORE}{name}"]) for name in names] for r in each]
+            draws = [[float(r.get(f"{_DRAW}{n}", r[f"{_SCORE}{n}"])) for n in names] for r in each]
             conditions = tuple(dict.fromkeys(row["condition"] for row in rows))
         except (OSError, ValueError, KeyError, IndexError):
             raise StudyError(f"{folder} holds no ensemble: there is no {_TABLE} in it.") from None
-        return cls(folder, tuple(of_person), conditions, names, scores, draws, correlated)
+        found = tuple(of_person), conditions, names, np.array(scores), np.array(draws)
+        return cls(folder, *found)
 
     @cached_property
     def _scans(self) -> dict[tuple[str, str], Results]:
@@ -195,12 +190,6 @@ class Ensemble:
         """Why scans failed, in one sentence, by their names."""
         each = {s.folder.name: reason_of(s.folder) for s in self._scans.values() if not s.complete}
         return {name: why for name, why in each.items() if why}
-
-    @property
-    def has_failed(self) -> NDArray[np.bool_]:
-        """Which people have a scan that failed, (n,)."""
-        failed = {p for (p, _), scan in self._scans.items() if scan.folder.name in self.failed}
-        return np.isin(self.people, list(failed))
 
     def of_all(self, values: ArrayLike) -> Array:
         """Return values (m, ...) of the complete people among NaN of the others, (n, ...)."""

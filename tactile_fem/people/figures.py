@@ -75,9 +75,9 @@ def bands_figure(
 
 def _sample(each: Sequence[Bands]) -> str:
     """Return how many people have values, and how many there are."""
-    of_all = max(own.missing + int(own.people.max()) for own in each)
-    ends = sorted({int(f(own.people)) for own in each for f in (np.min, np.max)})
-    return f"{' to '.join(map(str, sorted({ends[0], ends[-1]})))} of {of_all} people"
+    counts = np.concatenate([own.people.ravel() for own in each])
+    ends = " to ".join(map(str, np.unique([counts.min(), counts.max()])))
+    return f"{ends} of {max(own.missing + own.people.max() for own in each)} people"
 
 
 def _draw_bands(axes: Axes, at: Array, own: Bands, colour: str) -> None:

@@ -31,8 +31,6 @@ _DRAWN = {
 }
 # Numbers that differ by less are the same in all people, as a held force is.
 _SAME_SHARE = 5e-3
-_REASONS = 5  # that are listed
-_NO_CHANCE_SD = 3.0  # of the mean score of those who failed
 
 
 def tell(ensemble: Ensemble) -> list[str]:
@@ -55,18 +53,15 @@ def tell(ensemble: Ensemble) -> list[str]:
     write_table(ensemble.folder / "histories.csv", history_rows(ensemble))
     if rows := place_rows(ensemble):
         write_table(ensemble.folder / "places.csv", rows)
-    if not rows:
-        (ensemble.folder / "places.csv").unlink(missing_ok=True)
     lines = [*_sample(ensemble), "", *_spread(ensemble, numbers), *_differences(numbers)]
-    if not rows:
-        lines += ["", "people differ in the number of receptors: there is no places.csv"]
     for name, figure in _figures(ensemble, numbers):
         write_figure(folder / f"{name}.png", figure)
     found = _causes(ensemble, numbers)
     if found:
         lines += ["", *_aligned(causes_table(found))]
-        if ensemble.correlated:
-            lines += [f"{', '.join(ensemble.correlated)}: each is what it adds to those before it"]
+        same = np.isclose(ensemble.draws, ensemble.scores).all(axis=0)
+        added = np.array(ensemble.names)[~same]
+        lines += [f"{name}: what it adds to those before that it correlates with" for name in added]
         if drawn := _drawn(found, ensemble.conditions[0]):
             write_figure(folder / "causes.png", causes_figure(drawn))
     else:
@@ -76,21 +71,14 @@ def tell(ensemble: Ensemble) -> list[str]:
 
 
 def _sample(ensemble: Ensemble) -> Iterator[str]:
-    """Yield how many people there are, who failed and why, and how they differ from the others."""
-    done, failed, number = ensemble.complete, ensemble.has_failed, len(ensemble.people)
-    left = int(np.sum(~done & ~failed))
-    counts = [f"{done.sum()} of {number} people are complete", f"{failed.sum()} failed"]
-    yield ", ".join([*counts, *([f"{left} have not been scanned yet"] if left else [])])
-    if not failed.any():
-        return
-    reasons = [f"  {name}: {why}" for name, why in ensemble.failed.items()]
-    yield from reasons[:_REASONS]
-    if len(reasons) > _REASONS:
-        yield f"  and {len(reasons) - _REASONS} more scans: see *.failed.txt"
-    yield "all that follows is of the complete people: a biased sample if failures are no chance"
-    apart = ensemble.scores[failed].mean(axis=0)
-    for k in np.flatnonzero(np.abs(apart) * np.sqrt(failed.sum()) > _NO_CHANCE_SD):
-        yield f"  who failed has {ensemble.names[k]} {apart[k]:+.1f} standard deviations off"
+    """Yield how many people there are, who failed, and why."""
+    done, number = int(ensemble.complete.sum()), len(ensemble.people)
+    failed = len({name.partition("_")[0] for name in ensemble.failed})
+    left = f", {number - done - failed} not scanned yet" if done + failed < number else ""
+    yield f"{done} of {number} people are complete, {failed} failed{left}"
+    yield from (f"  {name}: {why}" for name, why in ensemble.failed.items())
+    if failed:
+        yield "what follows is of the complete people: a biased sample if failures are no chance"
 
 
 def _numbers(ensemble: Ensemble, condition: str) -> dict[str, Array]:

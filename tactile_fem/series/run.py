@@ -162,21 +162,20 @@ def numbers_of(results: Results) -> dict[str, int | float]:
 
     Forces and area are means over the time of the slide, which begins at the last step without
     displacement. Without a slide they are those of the step with the largest normal force, and SED
-    and spikes are those of the whole path. Forces of a section
-    are per width: their names end in ``N_per_mm``. The central receptor is that of the first
-    population.
+    and spikes are those of the whole path. Forces of a section are per width: their names end in
+    ``N_per_mm``. The central receptor is that of the first population.
     """
     trace, spikes = results.trace, results.spikes
     sed, sliding = trace["sed_kPa"], spikes.time_s >= 0
-    if (trace["displacement_mm"] > 0).any():
-        slide = slice(max(int(np.argmax(trace["displacement_mm"] > 0)) - 1, 0), None)
+    slid = np.flatnonzero(trace["displacement_mm"] > 0)
+    if slid.size:
+        slide = np.arange(max(slid[0] - 1, 0), len(sed))
         sed = sed[slide]
     else:
-        largest = int(np.argmax(trace["force_N"][:, 2]))
-        slide, sliding = slice(largest, largest + 1), np.isfinite(spikes.time_s)
-    force, area_mm2 = trace["force_N"][slide], trace["contact_area_mm2"][slide]
-    loads = np.column_stack([force[:, 2], np.hypot(force[:, 0], force[:, 1]), area_mm2])
-    normal, tangential, area = mean_over(trace["time_s"][slide], loads).tolist()
+        slide, sliding = trace["force_N"][:, [2]].argmax(axis=0), np.isfinite(spikes.time_s)
+    x, y, normal = trace["force_N"][slide].T
+    loads = np.column_stack([normal, np.hypot(x, y), trace["contact_area_mm2"][slide]])
+    means = mean_over(trace["time_s"][slide], loads).tolist()
     central = central_receptor(trace["receptors_mm"], trace["population"])
     by_name = {
         f"spikes_{afferents.name}": int((spikes.population[sliding] == afferents.name).sum())
@@ -188,9 +187,9 @@ def numbers_of(results: Results) -> dict[str, int | float]:
         "newton_iterations": int(trace["newton_iterations"].sum()),
         "wall_s": float(trace["wall_s"].sum()),
         f"pressed_{unit}": float(trace["force_N"][trace["time_s"] <= _ROUNDING_S][-1, 2]),
-        f"normal_{unit}": normal,
-        f"tangential_{unit}": tangential,
-        "contact_area_mm2": area,
+        f"normal_{unit}": means[0],
+        f"tangential_{unit}": means[1],
+        "contact_area_mm2": means[2],
         "largest_sed_kPa": float(sed.max()),
         "central_largest_sed_kPa": float(sed[:, central].max()),
         "spikes": int(sliding.sum()),

@@ -21,8 +21,6 @@ _SAMPLES_PER_PERIOD = 24
 # Between samples lines are felt, whose kinks PC would answer to at low frequencies.
 _LONGEST_SAMPLE_S = 4e-4
 # Afferents have adapted to the state for a minute; membranes settle before spikes are counted.
-# What the receptors' histories have.
-_FELT = ("time_s", "moved_mm", "sed_kPa", "stretches")
 _HELD_S, _SETTLING_S, _COUNTING_S = 60.0, 0.25, 1.0
 
 
@@ -203,8 +201,7 @@ class Modes(Archived):
 def unfelt(population: Population) -> str:
     """Return why a vibration does not have the drive of a population; empty if it does."""
     try:
-        trial = trial_histories((MOVED, SED, STRETCHES))
-        population.drive.of({name: trial[name] for name in _FELT})
+        population.drive.of(trial_histories((MOVED, SED, STRETCHES)))
     except StudyError as error:
         return str(error)
     return ""
