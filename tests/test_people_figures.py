@@ -118,6 +118,7 @@ def test_causes_are_bars_with_intervals():
     (axes,) = figure.axes
     names = [label.get_text() for label in axes.get_yticklabels()]
     assert names == [REST, "dermis.C10_MPa", "friction", "thickness of the skin"]
+    assert axes.get_xlabel() == "Share of the variance (%), 40 people"
     for bars, own in zip(axes.containers[::2], (force, rate), strict=True):
         widths = [bar.get_width() for bar in bars.patches]
         expected = [own.rest, *(own.shares[name] for name in names[1:])]

@@ -161,7 +161,8 @@ def causes_figure(numbers: Mapping[str, Causes]) -> Figure:
         axes.errorbar(value, at, xerr=ends, fmt="none", ecolor=INK, elinewidth=0.8)
     axes.set_yticks(range(len(names)), names, fontsize=_SMALL_PT)
     axes.axhline(0.5, color=_GREY, lw=0.6, ls=":")
-    axes.set(xlabel="Share of the variance (%)", xlim=(0, 100))
+    counts = " or ".join(map(str, sorted({own.people for own in numbers.values()})))
+    axes.set(xlabel=f"Share of the variance (%), {counts} people", xlim=(0, 100))
     axes.xaxis.label.set(fontsize=_SMALL_PT)
     if len(numbers) > 1:
         figure.legend(loc="outside upper center", ncols=3, fontsize=7.5, handlelength=1.0)
