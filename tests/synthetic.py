@@ -50,6 +50,24 @@ def make_trace(across=np.arange(-10, 11) * 0.5):
     }
 
 
+def refined(trace, parts=lambda k: 1 + k % 4):
+    """Return a trace with the same histories in more steps: `parts` of the k-th, uneven ones."""
+    where = np.concatenate(
+        [k - 1 + np.linspace(0, 1, parts(k) + 1)[1:] ** 2 for k in range(1, len(trace["time_s"]))]
+    )
+    where = np.concatenate([[0.0], where])
+    rows = np.arange(len(trace["time_s"]))
+
+    def column(values):
+        if values.dtype.kind == "U":
+            return values[np.ceil(where - 1e-12).astype(int)]
+        flat = values.reshape(len(rows), -1).T
+        found = np.array([np.interp(where, rows, one) for one in flat]).T
+        return found.reshape(len(where), *values.shape[1:])
+
+    return {k: v if k == "receptors_mm" else column(v) for k, v in trace.items()}
+
+
 def make_spikes(trace):
     """Return spike times: one per receptor at each whole displacement of 2 mm, from 1 mm on."""
     return [np.arange(1.0, 10.0, 2.0) / SPEED for _ in trace["receptors_mm"]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -28,6 +28,7 @@ from tactile_fem.series.members import single_fibre
 from tactile_fem.series.report import write_report
 from tactile_fem.series.run import numbers_of
 from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.parts import Parts, check_parts
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Afferents, Neuron, Receptors, Study
 from tactile_fem.study.explain import explain
@@ -169,6 +170,61 @@ def test_a_population_fires_in_company_as_it_does_alone(model):
     of_sed = respond(trace["time_s"], trace["sed_kPa"][:, [0, 2, 5]], NOISY).spikes
     for a, b in zip((0, 2, 5), of_sed, strict=True):
         np.testing.assert_array_equal(together.spikes[a], b)
+
+
+def test_a_drive_sees_the_receptors_of_its_own_population_only():
+    """The mean of SED within 1 mm, where two kinds lie at the same places: by hand, of RA alone."""
+
+    def near(h):
+        apart = np.linalg.norm(h["receptors_mm"][:, None] - h["receptors_mm"], axis=2) < 1.0
+        return h["sed_kPa"] @ (apart / apart.sum(axis=1)).T
+
+    trace = histories(6, ["SA1", "RA"] * 3)
+    trace["receptors_mm"] = np.repeat([[0.0, 0, 0], [0.5, 0, 0], [9.0, 0, 0]], 2, axis=0)
+    trace |= {"force_N": np.zeros((40, 3)), "phase": np.full(40, "slide")}
+    sed = trace["sed_kPa"][:, 1::2]
+    expected = np.column_stack([sed[:, :2].mean(axis=1)] * 2 + [sed[:, 2]])
+    population = Population("RA", LIVELY, Drive("Near", "kPa", near))
+    time, felt = population.felt(trace)
+    np.testing.assert_allclose(felt, expected)
+    assert time.shape == (40,) and (np.abs(near(trace)[:, 1::2] - expected) > 0.1).any()
+    alone = {**trace, "receptors_mm": trace["receptors_mm"][1::2], "sed_kPa": sed}
+    own = population.fire({name: alone[name] for name in ("time_s", "receptors_mm", "sed_kPa")})
+    for a, b in zip(own.spikes, population.fire(trace).spikes, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert own.counts().min() > 0
+    assert Population("PC", LIVELY, Drive("Near", "kPa", near)).fire(trace).spikes == []
+    check_parts(Parts(populations=(replace(population, name="SA1"),)), Study())
+
+
+@pytest.mark.parametrize("columns", [3, 40])
+def test_columns_of_receptors_are_told_from_those_of_steps(columns):
+    """As many receptors as a vector has components, or as there are steps."""
+    trace = histories(columns, ["SA1"] * (columns - 1) + ["RA"])
+    trace |= {name: np.ones((40, 3)) for name in ("force_N", "stimulator_rad")}
+    trace |= {"own": np.ones((40, columns)), "phase": np.full(40, "slide")}
+    seen = {}
+    Population("RA", LIVELY, Drive("Own", "1", lambda h: seen.update(h) or h["own"])).felt(trace)
+    shapes = {name: seen[name].shape for name in ("force_N", "stimulator_rad", "phase", "own")}
+    assert shapes == {"force_N": (40, 3), "stimulator_rad": (40, 3), "phase": (40,), "own": (40, 1)}
+    assert seen["sed_kPa"].shape == (40, 1) and seen["stretches"].shape == (40, 1, 3)
+    assert seen["population"].tolist() == ["RA"] and seen["directions"].shape == (1, 3)
+
+
+def test_a_signed_history_needs_the_name_of_its_drive():
+    time, signed = np.array([0.0, 0.5, 1.0]), np.array([[0.0], [-5.0], [5.0]])
+    with pytest.raises(StudyError, match=r"^sed_kPa is -5 kPa .* other drives may be: name what"):
+        respond(time, signed, LIVELY)
+    with pytest.raises(StudyError, match='There is no drive "pull"'):
+        respond(time, signed, LIVELY, feels="pull")
+    with pytest.raises(StudyError, match=r"^Pressure is nan at index"):
+        respond(time, signed * np.nan, LIVELY, feels="pressure")
+    own = Drive("Strain", "%", lambda h: h["strain"])
+    expected = Population("x", LIVELY, own).fire({"time_s": time, "strain": signed}).spikes[0]
+    for feels in ("pressure", "sed_rate", own):
+        (spikes,) = respond(time, signed, LIVELY, feels=feels).spikes
+        np.testing.assert_array_equal(spikes, expected)
+    assert len(expected) and expected.min() > 0.5  # what is negative inhibits
 
 
 @pytest.mark.parametrize(

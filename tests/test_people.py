@@ -214,6 +214,23 @@ def test_a_fit_takes_the_place_of_the_shipped_spread(fitted, tmp_path):
     assert "people.fit" in study.files() and "people.fit" not in scans[0].study.files()
 
 
+def test_the_draws_behind_correlated_scores_are_kept(fitted, tmp_path):
+    """Independent, and with what a fixed one shares with others among theirs."""
+    fit = tmp_path / "posterior.json"
+    for fixed in ((), ("subcutaneous.C10_MPa",)):
+        scans = people(Study(people=People(fit=fit, fixed=fixed)), 512)
+        names = [p.name for p in fitted.parameters if p.name not in fixed]
+        draws = np.array([[scan.draws[name] for name in names] for scan in scans])
+        scores = np.array([[scan.scores[name] for name in names] for scan in scans])
+        assert list(scans[0].draws) == names
+        assert np.cov(draws.T) == pytest.approx(np.eye(len(names)), abs=0.03)
+        assert draws[:, 0] == pytest.approx(scores[:, 0])
+        r = fitted.correlation[0, 1 + len(fixed)]
+        second = r * draws[:, 0] + np.sqrt(1 - r**2) * draws[:, 1]
+        assert second == pytest.approx(scores[:, 1], abs=0.05)
+    assert people(Study(), 4)[0].draws == {}
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -284,6 +301,9 @@ def test_an_ensemble_is_read_again(written):
     np.testing.assert_array_equal(ensemble.scores, [[*s.scores.values()] for s in scans[::2]])
     assert ensemble.complete.tolist() == [True, False, True, True]
     assert ensemble.failed == {"person-002_text-G": "it has no bone."}
+    assert (ensemble.draws == ensemble.scores).all()
+    known = ensemble.of_all([1.0, 3.0, 4.0])
+    assert np.isnan(known[1]) and known[[0, 2, 3]].tolist() == [1, 3, 4]
     names = [results.folder.name for results in ensemble.results("text-G")]
     assert names == [f"person-00{k}_text-G" for k in (1, 3, 4)]
 

@@ -73,6 +73,7 @@ def test_bands_are_drawn_under_the_median():
     (legend,) = figure.legends
     texts = [text.get_text() for text in legend.get_texts()]
     assert texts == ["median", "50 % of people", "90 % of people"]
+    assert legend.get_title().get_text() == "20 of 20 people"
     assert_legible(figure)
 
 
@@ -82,6 +83,7 @@ def test_conditions_have_colours_and_the_legend_what_the_fewest_people_allow():
     figure = bands_figure(both, OVER)
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts == ["G", "smooth ridge", "median", "50 % of people", "80 % of people"]
+    assert figure.legends[0].get_title().get_text() == "9 to 20 of 20 people"
     colours = [line.get_color() for line in figure.axes[0].lines if len(line.get_xdata()) > 2]
     assert colours == list(DISTINCT[:2])
     assert_legible(figure)
@@ -116,6 +118,7 @@ def test_causes_are_bars_with_intervals():
     (axes,) = figure.axes
     names = [label.get_text() for label in axes.get_yticklabels()]
     assert names == [REST, "dermis.C10_MPa", "friction", "thickness of the skin"]
+    assert axes.get_xlabel() == "Share of the variance (%), 40 people"
     for bars, own in zip(axes.containers[::2], (force, rate), strict=True):
         widths = [bar.get_width() for bar in bars.patches]
         expected = [own.rest, *(own.shares[name] for name in names[1:])]

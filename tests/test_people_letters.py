@@ -80,4 +80,6 @@ def test_letters_of_people_and_of_ages(tmp_path):
     assert (tmp_path / "people_letters.png").stat().st_size > 10_000
     way = ["--people", str(tmp_path), "--letters", "GC"]
     output = run("validation/ages.py", str(tmp_path / "ages"), *QUICK, *way)
-    assert "adults, 90 %" in output and (tmp_path / "ages/ages.png").stat().st_size > 10_000
+    assert (
+        "adults: 33 % of people" in output and (tmp_path / "ages/ages.png").stat().st_size > 10_000
+    )

@@ -94,6 +94,18 @@ def test_the_table_of_bands_is_in_words():
     ]
 
 
+def test_headings_of_bands_have_the_probability_that_so_few_people_give():
+    """The range of ten people contains another with 9/11, that of seven with 3/4."""
+    values = np.arange(10.0)
+    heading, force = bands_table({"force": values})
+    assert heading[3:] == ["50 % of people", "82 % of people"]
+    assert force[1:] == ["10", "4.5", "1.75 to 7.25", "0 to 9"]
+    rows = bands_table({"force": values, "area": np.where(values < 3, np.nan, values)})
+    assert rows[0][-1] == "82 % of people"
+    assert rows[2][1:] == ["7 (3 without)", "6", "4 to 8", "3 to 9 (75 %)"]
+    assert bands_table({"force": [1.0, 2.0]})[0][3:] == ["33 % of people"] * 2
+
+
 # --- causes -------------------------------------------------------------------------------------
 
 
@@ -167,6 +179,49 @@ def test_no_cause_is_found_in_noise():
     assert max(share.low for share in found.shares.values()) < 0.1
 
 
+@pytest.mark.parametrize(("n", "within"), [(24, 0.1), (64, 0.05), (500, 0.03)])
+@pytest.mark.parametrize("r", [0.9, -0.9])
+def test_a_correlated_score_counts_for_what_it_adds_to_those_before(r, n, within):
+    """y = a - b/2 is (1 - r/2) of the first draw less sqrt(1 - r^2)/2 of the second: 86 and 14 %
+
+    for r = 0.9. Others vary independently: they keep theirs, here a third of the variance.
+    """
+    x = people(n, k=3) if n <= 256 else np.random.default_rng(0).standard_normal((n, 3))
+    x[:, 1] = r * x[:, 0] + np.sqrt(1 - r**2) * x[:, 1]
+    own = np.array([(1 - r / 2) ** 2, (1 - r**2) / 4])
+    y = x[:, 0] - x[:, 1] / 2 + np.sqrt(own.sum() / 2) * x[:, 2]
+    found = causes(x, ["a", "b", "c"], y)
+    assert values_of(found.shares) == pytest.approx([*own / own.sum() * 2 / 3, 1 / 3], abs=within)
+    alone = causes(x[:, :2], ["a", "b"], x[:, 0] - x[:, 1] / 2)
+    assert values_of(alone.shares) == pytest.approx(own / own.sum(), abs=within)
+    assert values_of(alone.shares).sum() == pytest.approx(1) and found.rest.value < 1e-9
+    if r > 0:
+        assert own / own.sum() == pytest.approx([0.864, 0.136], abs=1e-3)
+
+
+def test_scores_that_are_equal_or_do_not_vary_add_nothing():
+    x = people(64, k=2)
+    x = np.column_stack([x, x[:, 0], np.full(64, 0.3)])
+    found = causes(x, ["a", "b", "a again", "same"], x[:, :2] @ [1.0, 1.0])
+    assert values_of(found.shares) == pytest.approx([0.5, 0.5, 0, 0], abs=0.03)
+    assert found.shares["same"].high == pytest.approx(0, abs=1e-9) and found.rest.value < 1e-9
+
+
+@pytest.mark.parametrize(("n", "known"), [(8, True), (12, True), (20, False), (64, False)])
+def test_few_independent_scores_are_not_taken_for_correlated_ones(n, known):
+    """The last score alone: what those before it share with it by chance is not theirs."""
+    for seed in range(20):
+        x = people(n, seed)
+        found = causes(x, NAMES, x[:, 5], independent=known)
+        assert found.shares["f"].value == pytest.approx(1, abs=1e-9)
+
+
+def test_counts_with_ties_have_causes():
+    x = people(64)
+    found = causes(x, NAMES, np.round(2 * x @ WEIGHTS))
+    assert values_of(found.shares) == pytest.approx(WEIGHTS**2 / np.sum(WEIGHTS**2), abs=0.1)
+
+
 def test_people_without_values_are_left_out_of_causes():
     x = people(32)
     y = x @ WEIGHTS
@@ -174,6 +229,7 @@ def test_people_without_values_are_left_out_of_causes():
     found = causes(x, NAMES, y)
     assert (found.people, found.missing) == (30, 2)
     assert found.shares == causes(np.delete(x, [3, 5], 0), NAMES, np.delete(y, [3, 5])).shares
+    assert causes_table({"force": found})[1][1] == "30 (2 without)"
 
 
 def test_equal_values_have_no_causes():

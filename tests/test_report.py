@@ -66,6 +66,17 @@ def test_passes_over_one_receptor_are_one_image(tmp_path, monkeypatch):
     assert (images[0].response.counts() > 0).all()
 
 
+def test_passes_that_are_missing_are_counted(tmp_path):
+    passes = single_fibre(Study(), spacing_mm=1.0, half_width_mm=2.0)
+    for member in (*passes[:3], passes[4]):
+        make_results(tmp_path / member.name, member.study, make_trace(np.zeros(1)))
+    (tmp_path / f"{passes[3].name}.failed.txt").write_text("it did not converge\n")
+    write_summary(passes, tmp_path)
+    page = write_report(tmp_path).read_text(encoding="utf-8")
+    assert "4 of 5 scans are complete" in page and "it did not converge" in page
+    assert "SA1: spikes in 4 of 5 passes over one receptor" in page
+
+
 def test_a_population_among_the_passes(tmp_path):
     """As the demo of both protocols leaves them: figures of the passes, one of the population."""
     passes = single_fibre(Study(), spacing_mm=1.0, half_width_mm=1.0)
@@ -83,6 +94,7 @@ def test_sweep_and_nothing(tmp_path):
     path = write_report(tmp_path)
     assert tags(path).count("img") == 1
     assert "not complete" in path.read_text(encoding="utf-8")
+    assert "1 of 2 scans are complete" in path.read_text(encoding="utf-8")
     (tmp_path / "empty").mkdir()
     with pytest.raises(StudyError, match="holds no results"):
         write_report(tmp_path / "empty")

@@ -8,10 +8,11 @@ import re
 
 import numpy as np
 import pytest
-from synthetic import make_results, make_trace
+from synthetic import SPEED, make_results, make_trace, refined
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StoppedError, StudyError, TactileError
+from tactile_fem.output.histories import mean_over
 from tactile_fem.series import (
     Member,
     Outcome,
@@ -151,6 +152,43 @@ def test_the_pressed_force_is_that_at_the_end_of_the_indentation(tmp_path):
     assert numbers["pressed_N"] == trace["force_N"][end, 2] == pytest.approx(0.6)
 
 
+def test_the_numbers_of_a_scan_do_not_depend_on_its_steps(tmp_path):
+    """Means over the slide's time, by hand of a force that rises from 0.6 to 1.6 N along it."""
+    trace = make_trace()
+    slid = trace["displacement_mm"]
+    trace["force_N"][:, 2] += slid / slid[-1]
+    trace["force_N"][:, 1] = -0.2 * slid
+    trace["contact_area_mm2"] = 3 + slid**0
+    trace["sed_kPa"] = trace["sed_kPa"] * np.exp(-slid)[:, None]  # largest as the slide begins
+    found = numbers_of(make_results(tmp_path / "few", Study(), trace))
+    assert found["normal_N"] == pytest.approx(1.1)
+    assert found["tangential_N"] == pytest.approx(1.0)
+    assert found["contact_area_mm2"] == pytest.approx(4.0)
+    assert found["central_largest_sed_kPa"] == pytest.approx(trace["sed_kPa"][7, 10])
+    more = refined(trace)
+    assert len(more["time_s"]) > 2 * len(trace["time_s"])
+    again = numbers_of(make_results(tmp_path / "many", Study(), more))
+    for name in found.keys() - {"steps", "newton_iterations", "wall_s"}:
+        assert again[name] == pytest.approx(found[name], rel=1e-9), name
+
+
+def test_means_are_over_time_or_way():
+    assert mean_over([0, 1, 10], [[0, 4], [2, 4], [2, 4]]) == pytest.approx([1.9, 4])
+    assert mean_over([2], [[5, 6]]).tolist() == [5, 6]
+    assert mean_over([1, 1], [3, 4]) == 4
+
+
+def test_a_hold_after_a_slide_counts_by_its_time(tmp_path):
+    """As long as the slide, in one step, at twice the force."""
+    trace = make_trace()
+    rows = {k: v if k == "receptors_mm" else np.concatenate([v, v[-1:]]) for k, v in trace.items()}
+    for name in ("time_s", "clock_s"):
+        rows[name][-1] += 10.0 / SPEED
+    rows["force_N"][-2:, 2] = 1.2
+    found = numbers_of(make_results(tmp_path / "r", Study(), rows))
+    assert found["normal_N"] == pytest.approx(0.9, abs=0.005)
+
+
 @pytest.mark.parametrize(
     "members", [sweep(["stimulus.friction=0.1"]), single_fibre(Study(), spacing_mm=5.0)]
 )
@@ -184,10 +222,12 @@ def test_a_failed_scan_loses_no_other(small_study, tmp_path):
     assert "is not empty" in outcomes[1].problem
     rows = list(csv.DictReader(write_summary(members, tmp_path).open()))
     assert [row["status"] for row in rows] == ["complete", "not complete", "complete"]
+    assert ["is not empty" in row["failed"] for row in rows] == [False, True, False]
     (blocked / "notes.txt").unlink()
     before = (tmp_path / members[0].name / "trace.npz").stat().st_mtime_ns
     again = run_series(members, tmp_path)
     assert not any(outcome.problem for outcome in again)
+    assert not list(tmp_path.glob("*.failed.txt"))
     assert (tmp_path / members[0].name / "trace.npz").stat().st_mtime_ns == before
     shapes = {Results.open(tmp_path / m.name).trace["sed_kPa"].shape[1] for m in members}
     assert shapes == {1}

@@ -26,7 +26,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from tactile_fem import load_study
-from tactile_fem.series import Member, run_all
+from tactile_fem.series import Member, mean_over, run_all
 
 # %%
 # Receptors lie at the tips of intermediate ridges, in smooth skin on a line. The force of a section
@@ -82,7 +82,7 @@ def wave(at_mm: np.ndarray, sed_kPa: np.ndarray) -> float:
     values -= np.array([np.polyval(np.polyfit(even, own, 4), even) for own in values])
     window = np.hanning(400) / np.hanning(400).sum()
     amplitude = 2 * np.abs((window * values) @ np.exp(-2j * np.pi * even / PITCH_MM))
-    return float(np.sqrt(np.mean(amplitude**2)) / sed_kPa.mean())
+    return float(np.sqrt(np.mean(amplitude**2)) / mean_over(at_mm, sed_kPa).mean())
 
 
 figure, (felt, pulled) = plt.subplots(2, 1, figsize=(8, 5), sharex=True, layout="constrained")
@@ -93,9 +93,9 @@ for name, results in scans.items():
     sed = trace["sed_kPa"][slide]
     late = at > at[-1] / 6
     print(
-        f"{name}: SED {sed[late][:, own].mean():.3f} kPa, its wave "
+        f"{name}: SED {mean_over(at[late], sed[late][:, own]).mean():.3f} kPa, its wave "
         f"{100 * wave(at[late], sed[late][:, own]):.1f} %, tangential force "
-        f"{force[late].mean():.4f} N/mm"
+        f"{mean_over(at[late], force[late]):.4f} N/mm"
     )
     middle = np.argmin(np.abs(trace["receptors_mm"][:, 1]))
     felt.plot(at, sed[:, middle], label=name)

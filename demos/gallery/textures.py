@@ -26,6 +26,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from tactile_fem import completed, load_study
+from tactile_fem.series import mean_over
 
 # %%
 # A map has rows along X and columns along Y. The sandpaper is a Gaussian random field, the cloth
@@ -80,10 +81,13 @@ for name, heights in maps.items():
     scans[name] = results = completed(load_study(overrides=overrides), folder / name)
     trace = results.trace
     slide = trace["phase"] == "slide"
+    time_s, pulled = trace["time_s"][slide], -trace["force_N"][slide, 1]
     sed = trace["sed_kPa"][slide, np.argmin(np.abs(trace["receptors_mm"][:, 0]))]
+    mean = mean_over(time_s, sed)
+    sd = np.sqrt(mean_over(time_s, (sed - mean) ** 2))
     print(
-        f"{name}: tangential force {-trace['force_N'][slide, 1].mean():.3f} N, SED of the middle "
-        f"receptor {sed.mean():.2f} kPa, varies by {100 * sed.std() / sed.mean():.0f} %, "
+        f"{name}: tangential force {mean_over(time_s, pulled):.3f} N, SED of the middle "
+        f"receptor {mean:.2f} kPa, varies by {100 * sd / mean:.0f} %, "
         f"{len(results.spikes.time_s)} spikes"
     )
 

@@ -100,13 +100,13 @@ def main(
 
 
 def adults(people: Path | None) -> dict[str, str]:
-    """Return the band that holds 90 % of adults, by the name of the number."""
+    """Return the widest band of adults by the name of the number, that of "number" its share."""
     if people is None:
         return {}
     scans = Ensemble.open(people / "scans").results("text-G")
     each = [numbers_with_likeness(scan) for scan in scans]
     rows = bands_table({key: [own[key] for own in each] for key in each[0]})
-    return {name: band for name, *_, band in rows[1:]}
+    return {name: band for name, *_, band in rows}
 
 
 def table(
@@ -116,7 +116,7 @@ def table(
     rows = []
     for key in numbers["adult"]:
         row = {"number": key, **{name: f"{own[key]:.3g}" for name, own in numbers.items()}}
-        rows.append({**row, "adults, 90 %": band.get(key, "")} if band else row)
+        rows.append({**row, f"adults: {band['number']}": band.get(key, "")} if band else row)
     return rows
 
 

@@ -86,7 +86,7 @@ def errors(finger: FastFinger, scan: Results) -> dict[str, float | str]:
     """Return how far the fast finger is from a full scan, over its slide."""
     fast, heights_s, scan_s = fast_trace(finger, scan.study)
     full = scan.trace
-    times = full["time_s"][full["time_s"] >= 0]
+    times = np.linspace(0.0, full["time_s"][-1], 401)  # means are over time, not over steps
 
     def at(trace: Mapping[str, np.ndarray], name: str) -> np.ndarray:
         values = trace[name].reshape(len(trace["time_s"]), -1)
@@ -107,6 +107,7 @@ def errors(finger: FastFinger, scan: Results) -> dict[str, float | str]:
     fires = true_spikes > FIRES
     wrong = np.abs(spikes - true_spikes)[fires] / true_spikes[fires]
     image, true_image = (values - values.mean() for values in (sed, true_sed))
+    dt = np.diff(fast["time_s"])
     return {
         "normal force, %": 100 * np.abs(force - true_force)[:, 2].mean() / true_force[:, 2].mean(),
         "tangential, %": 100 * np.abs(force - true_force)[:, 1].mean() / true_force[:, 2].mean(),
@@ -118,7 +119,7 @@ def errors(finger: FastFinger, scan: Results) -> dict[str, float | str]:
         "maxima, mm": float(np.median(away)),
         "spikes of all, %": 100 * (spikes.sum() / max(true_spikes.sum(), 1) - 1),
         "per afferent, %": 100 * float(np.median(wrong)) if len(wrong) else np.nan,
-        "outside, % of steps": 100 * float(fast["is_outside"][1:].mean()),
+        "outside, % of time": 100 * float(np.average(fast["is_outside"][1:], weights=dt)),
         "heights, s": heights_s,
         "scan, s": scan_s,
         "full scan, s": float(full["wall_s"].sum()),

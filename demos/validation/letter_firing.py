@@ -46,7 +46,7 @@ class LetterFiring:
         time_s, felt = drive.of(arrays)
         order = np.argsort(arrays["x_mm"])
         slide = float(time_s[np.argmax(arrays["displacement_mm"] > 0) - 1])
-        fired = respond(time_s, felt[:, order], neuron)
+        fired = respond(time_s, felt[:, order], neuron, feels=drive)
         spikes = [times[times >= slide] - slide for times in fired.spikes]
         length = float(arrays["displacement_mm"][-1])
         end = length / STUDY.protocol.speed_mm_s

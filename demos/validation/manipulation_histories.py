@@ -98,7 +98,7 @@ def felt(results: Results) -> dict[str, Array]:
     drives = np.empty((len(trace["time_s"]), len(names)))
     for one in results.study.populations:
         own = names == one.name
-        drives[:, own] = one.population().drive.of(trace)[1][:, own]
+        drives[:, own] = one.population().felt(trace)[1]
     shown = ("force_N", "stimulator_mm", "receptors_mm", "directions")
     return {
         "time_s": trace["time_s"] - SETTLING_S,

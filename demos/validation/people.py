@@ -158,10 +158,13 @@ def explain(
     """Print and draw what the forces at the largest depths are, and what they come from."""
     labels = {name: f"{name}, {one.depth_mm[-1]:g} mm (N)" for name, one in presses.items()}
     deepest = {labels[name]: force[:, -1] for name, force in forces.items()}
-    scores = ensemble.scores[ensemble.complete]
+    scores = ensemble.draws[ensemble.complete]
     tables = [bands_table(deepest)]
     if len(scores) >= len(ensemble.names) + 2:
-        found = {name: causes(scores, ensemble.names, np.log(f)) for name, f in deepest.items()}
+        found = {
+            name: causes(scores, ensemble.names, np.log(f), independent=True)
+            for name, f in deepest.items()
+        }
         tables.append(causes_table(found))
         write_figure(folder / "causes.png", causes_figure(found))
     for rows in tables:

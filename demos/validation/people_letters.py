@@ -248,10 +248,9 @@ def numbers_with_likeness(scan: Results) -> dict[str, float]:
 
 def tell_friction(folder: Path, rubbed: Mapping[float, Mapping[str, Array]]) -> None:
     """Print and write the table, and what more friction does within people."""
-    table = [["friction", "number", *("median", "50 % of people", "90 % of people")]]
+    table = [["friction", *bands_table(next(iter(rubbed.values())))[0]]]
     for friction, numbers in rubbed.items():
-        for name, _, *rest in bands_table(numbers)[1:]:
-            table.append([f"{friction:g}", name, *rest])
+        table += [[f"{friction:g}", *row] for row in bands_table(numbers)[1:]]
     print_rows(table)
     write_table(
         folder / "friction.csv", [dict(zip(table[0], row, strict=True)) for row in table[1:]]

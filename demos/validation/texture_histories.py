@@ -22,6 +22,7 @@ from texture_firing import APART_MM, SURFACES, Condition, Kept
 
 from tactile_fem import Results, Study, completed, run_script
 from tactile_fem.runtime.files import atomic_write
+from tactile_fem.series import mean_over
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -230,9 +231,9 @@ def main(
 def summary(arrays: dict[str, Array]) -> str:
     """Return mean force and strain energy density in a period, and their ranges."""
     names = ("force", "force_N", "N"), ("SED", "sed_kPa", "kPa")
+    means = {key: mean_over(arrays["slide_mm"], arrays[key]).mean() for _, key, _ in names}
     return ", ".join(
-        f"{name} {arrays[key].mean():.4g} {unit} ({arrays[key].min():.3g} to "
-        f"{arrays[key].max():.3g})"
+        f"{name} {means[key]:.4g} {unit} ({arrays[key].min():.3g} to {arrays[key].max():.3g})"
         for name, key, unit in names
     )
 

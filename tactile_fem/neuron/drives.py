@@ -14,6 +14,9 @@ from tactile_fem.neuron.fields import RIGHT_CAUCHY_GREEN, Field, stretch_along
 
 Array = NDArray[Any]
 Histories = Mapping[str, Array]
+# Columns of a trace with a row for each receptor; with three numbers for each step.
+_OF_RECEPTORS = ("receptors_mm", "population", "directions")
+_OF_BODY = ("stimulator_mm", "stimulator_rad", "force_N", "moment_Nmm")
 _ROUNDING_KPA = 1e-9  # rounding may make zero as negative as this
 
 
@@ -27,8 +30,9 @@ class Drive:
         Its name in figures, and its unit.
     value
         Takes the arrays of a trace, with ``time_s`` (t,), columns of the receptors
-        (t, receptors, ...) and their preferred ``directions`` (receptors, 3), and returns the
-        quantity, (t, receptors).
+        (t, receptors, ...), their places ``receptors_mm`` and preferred ``directions``
+        (receptors, 3), and returns the quantity, (t, receptors). Receptors are those of the
+        population that feels it, and no others.
     fields
         Columns of the receptors that it needs besides those of every trace.
     """
@@ -66,6 +70,20 @@ class Drive:
         return Drive(label, f"{self.unit}/s", value, self.fields)
 
 
+def histories_of(population: str, histories: Histories) -> Histories:
+    """Return histories with the receptors of one population only.
+
+    Columns that no field has count as the receptors' if they have the shape (t, receptors, ...).
+    """
+    own, found = histories["population"] == population, dict(histories)
+    for name, column in histories.items():
+        if name in _OF_RECEPTORS:
+            found[name] = column[own]
+        elif column.shape[:2] == (len(histories["time_s"]), len(own)) and name not in _OF_BODY:
+            found[name] = column[:, own]
+    return found
+
+
 def checked_sed(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[Array, Array]:
     """Return a history of strain energy density as arrays, or raise what `respond` raises."""
     time, sed = checked(time_s, sed_kPa, "sed_kPa")
@@ -73,7 +91,7 @@ def checked_sed(time_s: ArrayLike, sed_kPa: ArrayLike) -> tuple[Array, Array]:
         row, column = np.unravel_index(sed.argmin(), sed.shape)
         raise StudyError(
             f"sed_kPa is {sed[row, column]:g} kPa at row {row}, receptor {column}; "
-            "a strain energy density is never negative."
+            "a strain energy density is never negative, other drives may be: name what is felt."
         )
     return time, np.maximum(sed, 0.0)
 

@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.currents import Transduction
-from tactile_fem.neuron.drives import Drive, Histories, checked_sed, drive_of
+from tactile_fem.neuron.drives import (
+    DRIVES,
+    Drive,
+    Histories,
+    checked,
+    checked_sed,
+    drive_of,
+    histories_of,
+)
 from tactile_fem.neuron.fields import STANDARD, Field
 from tactile_fem.neuron.membrane import Membrane, Variability
 from tactile_fem.neuron.response import Response
@@ -26,11 +34,13 @@ def respond(
     sed_kPa: ArrayLike,
     neuron: Neuron | None = None,
     units: ArrayLike | None = None,
+    *,
+    feels: str | Drive = "sed",
 ) -> Response:
-    """Return the spikes that a history of strain energy density evokes.
+    """Return the spikes that a history of strain energy density, or of another drive, evokes.
 
-    Strain energy density is linear between the samples. Current and potential are then exact,
-    and spikes are found to rounding: samples that add nothing to the history change nothing.
+    The history is linear between the samples. Current and potential are then exact, and spikes are
+    found to rounding: samples that add nothing to the history change nothing.
 
     Parameters
     ----------
@@ -38,21 +48,26 @@ def respond(
         Increasing times of the samples, s, (t,); the indentation may have negative times.
         Receptors are unadapted and membranes at rest at the first.
     sed_kPa
-        Strain energy density, kPa, (t, receptors). Other drives: `Population`.
+        Strain energy density, kPa, or another drive in its unit, (t, receptors).
     neuron
         Constants of transduction and membrane; default ``Neuron()``.
     units
         Numbers of the afferents, (receptors,), which select their random numbers; default 0, 1,
         2 ... Parts of a population so fire as the whole does.
+    feels
+        What the history is: a drive, or the name of one. All but strain energy density may be
+        negative, which inhibits.
 
     Raises
     ------
     StudyError
         Shapes that do not match, values that are not finite, times that do not increase, negative
-        strain energy density.
+        strain energy density, or an unknown drive.
     """
-    time, sed = checked_sed(time_s, sed_kPa)
-    return fire(time, sed, neuron or Neuron(), units=units)
+    felt = drive_of(feels) if isinstance(feels, str) else feels
+    own = felt is not DRIVES["sed"]
+    time, drive = checked(time_s, sed_kPa, felt.label) if own else checked_sed(time_s, sed_kPa)
+    return fire(time, drive, neuron or Neuron(), units=units)
 
 
 def fire(
@@ -117,6 +132,16 @@ class Population:
         except StudyError as error:
             raise StudyError(f"afferents.{self.name}.feels: {error}") from None
 
+    def felt(self, histories: Histories) -> tuple[Array, Array]:
+        """Return times, s, (t,), and what the afferents feel, (t, receptors of the population).
+
+        With ``population`` in the histories, the drive sees only the receptors of this name.
+        Raises what `Drive.of` raises.
+        """
+        if "population" in histories:
+            histories = histories_of(self.name, histories)
+        return self.drive.of(histories)
+
     def held(self, held_s: float) -> Population:
         """Return the afferents as if the first state of a history had been held before, `held_s`.
 
@@ -132,14 +157,12 @@ class Population:
         ----------
         histories
             Arrays of a trace. With ``population`` (receptors,), names, only the receptors of this
-            name fire. Their numbers, which select random numbers, count from 0 within the
-            population, so it fires as it would alone.
+            name are felt and fire. Their numbers, which select random numbers, count from 0 within
+            the population, so it fires as it would alone.
         units
             Other numbers of the afferents, as in `respond`.
         """
-        time, felt = self.drive.of(histories)
-        if "population" in histories:
-            felt = felt[:, histories["population"] == self.name]
+        time, felt = self.felt(histories)
         return fire(time, felt, self.neuron, self.transduction, units)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Response, drive_of
+from tactile_fem.neuron import Response
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import BLUE, colours_of
 from tactile_fem.output.beneath import Beneath
@@ -112,13 +112,13 @@ def _felt(results: Results, over: Abscissa, beneath: Beneath) -> Figure | None:
     for afferents in results.study.populations:
         own = results.receptors_of(afferents.name)
         try:
-            drive = drive_of(afferents.feels)
-            _, values = drive.of(trace)
+            population = afferents.population()
+            drive, (_, values) = population.drive, population.felt(trace)
         except StudyError as error:
             logger.warning("What %s afferents feel is not drawn: %s", afferents.name, error)
             continue
-        central = own[central_receptor(trace["receptors_mm"][own])]
-        place, label = trace["receptors_mm"][central], f"{drive.label} ({drive.unit})"
+        central = central_receptor(trace["receptors_mm"][own])
+        place, label = trace["receptors_mm"][own[central]], f"{drive.label} ({drive.unit})"
         colour = colours[afferents.name] if len(colours) > 1 else BLUE
         found.append(Felt(afferents.name, colour, place, label, values[:, central]))
     return felt(found, over, beneath) if found else None

@@ -48,6 +48,17 @@ def at_time(trace: Mapping[str, Array], name: str, time_s: ArrayLike) -> Array:
     return found.reshape(values.shape[1:] + np.shape(time_s))
 
 
+def mean_over(at: ArrayLike, values: ArrayLike) -> Array:
+    """Return the mean of histories (n, ...) over a time or way `at`, (n,), not over the steps.
+
+    They are linear between the samples, so that samples which add nothing change nothing. That of
+    one sample, or of samples at one place, is the last value.
+    """
+    x, y = np.asarray(at, dtype=float), np.asarray(values, dtype=float)
+    whole = x[-1] - x[0]
+    return np.asarray(np.trapezoid(y, x, axis=0) / whole if whole > 0 else y[-1])
+
+
 def turns_at(trace: Mapping[str, Array], time_s: ArrayLike) -> Array | None:
     """Return rotation vectors (times, 3) of the body; None if it does not turn."""
     turns = trace.get("stimulator_rad")  # which older folders lack

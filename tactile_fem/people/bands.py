@@ -52,8 +52,14 @@ class Bands:
 
         They are those where the fewest people have a value; where nobody has one does not count.
         """
-        few = int(self.people[self.people > 0].min(initial=np.iinfo(np.intp).max))
-        return np.minimum(self.shares, (few - 1) / (few + 1))
+        few = self.people[self.people > 0].min(initial=np.iinfo(np.intp).max)
+        return np.array([covered(share, few) for share in self.shares])
+
+
+def covered(share: float, people: ArrayLike) -> Array:
+    """Return the probability (...) that a band of a share has with so many people, (...)."""
+    n = np.maximum(np.asarray(people, dtype=float), 1)
+    return np.minimum(share, (n - 1) / (n + 1))
 
 
 def people_needed(share: float) -> int:
@@ -117,15 +123,18 @@ def _at_rank(ordered: Array, rank: Array, people: NDArray[np.intp]) -> Array:
 def bands_table(numbers: Mapping[str, ArrayLike], shares: Sequence[float] = SHARES) -> list[Any]:
     """Return rows of text: a heading, and median and bands of each number (people,) by its name.
 
-    A band that has less than its share, as people are too few, is followed by what it has.
+    Headings have the probabilities that the bands have with the most people of a number. A band
+    that has less, as fewer people have this number, is followed by what it has.
     """
-    rows = [["number", "people", "median", *(f"{100 * share:.0f} % of people" for share in shares)]]
-    for name, values in numbers.items():
-        own = bands(values, shares)
+    found = {name: bands(values, shares) for name, values in numbers.items()}
+    most = max((int(own.people) for own in found.values()), default=0)
+    headed = [float(covered(share, most)) for share in shares]
+    rows = [["number", "people", "median", *(f"{100 * share:.0f} % of people" for share in headed)]]
+    for name, own in found.items():
         missing = f" ({own.missing} without)" if own.missing else ""
         rows.append([name, f"{own.people}{missing}", _text(own.median)])
-        for low, high, share, covered in zip(own.low, own.high, shares, own.covered, strict=True):
-            doubt = f" ({100 * covered:.0f} %)" if covered < share - _ROUNDING else ""
+        for low, high, share, has in zip(own.low, own.high, headed, own.covered, strict=True):
+            doubt = f" ({100 * has:.0f} %)" if has < share - _ROUNDING else ""
             rows[-1].append(f"{_text(low)} to {_text(high)}{doubt}" if own.people else _text(low))
     return rows
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial.hermite_e import hermevander
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import factorial
+from scipy.sparse.csgraph import connected_components
+from scipy.special import factorial, ndtri
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.estimates import Estimate
@@ -19,12 +20,13 @@ REST = "jointly or otherwise"
 # Highest polynomial, and people for each of its terms from the second degree on.
 _HIGHEST, _PEOPLE_PER_TERM = 3, 2
 _RESAMPLES = 1000
+_CHANCE = 1e-3  # that independent scores pass for correlated ones
 _ROUNDING = 1e-10  # of eigenvalues and of the spread, relative
 
 
 @dataclass(frozen=True)
 class Causes:
-    """First-order shares of the constants in the variance of a number, see `causes`.
+    """Shares of the constants in the variance of a number, see `causes`.
 
     Attributes
     ----------
@@ -55,8 +57,19 @@ class Causes:
         return sorted(self.shares.items(), key=lambda item: -item[1].value)
 
 
-def causes(scores: ArrayLike, names: Sequence[str], values: ArrayLike, seed: int = 0) -> Causes:
-    """Return the first-order Sobol indices of independent normal scores.
+def causes(
+    scores: ArrayLike,
+    names: Sequence[str],
+    values: ArrayLike,
+    seed: int = 0,
+    *,
+    independent: bool = False,
+) -> Causes:
+    """Return the first-order Sobol indices of normal scores.
+
+    Of scores that correlate, they are those of the independent ones behind them: each counts for
+    what it adds to those before it (Mara and Tarantola 2012, Reliab. Eng. Syst. Saf. 107:115). The
+    first has all that it shares with others, so their order matters.
 
     They come from a sum of polynomials of one score each, in Hermite's polynomials, which are
     orthonormal for such scores (polynomial chaos; Sudret 2008, Reliab. Eng. Syst. Saf. 93:964).
@@ -68,13 +81,16 @@ def causes(scores: ArrayLike, names: Sequence[str], values: ArrayLike, seed: int
     Parameters
     ----------
     scores
-        (people, constants), standard normal, before any correlation.
+        (people, constants), standard normal. One that is the same in all people has no share.
     names
         Of the constants.
     values
         (people,); people whose values or scores are not finite are left out.
     seed
         Of the resampling.
+    independent
+        Whether the scores are known to be independent, as `Ensemble.draws` are. By default, those
+        that correlate by more than chance are taken as correlated.
 
     Raises
     ------
@@ -94,7 +110,7 @@ def causes(scores: ArrayLike, names: Sequence[str], values: ArrayLike, seed: int
             f"There are values of {len(y)} people but the causes of their spread need "
             f"{len(names) + 2} or more, for {len(names)} constants."
         )
-    y = y - y.mean()
+    x, y = x if independent else _independent(x), y - y.mean()
     y = y / y.std() if y.std() > _ROUNDING * np.abs(np.asarray(values)[known]).max() else y * np.nan
     degrees = range(1, _HIGHEST + 1)
     fits = [_Fit(x, y, d) for d in degrees if d == 1 or _enough(len(y), len(names) * d + 1)]
@@ -113,6 +129,27 @@ def causes(scores: ArrayLike, names: Sequence[str], values: ArrayLike, seed: int
         people=len(y),
         missing=int(np.sum(~known)),
     )
+
+
+def _independent(x: Array) -> Array:
+    """Return what scores (n, k) add to those before them that they correlate with, standard.
+
+    Pairs that correlate by chance would make many groups of few people one.
+    """
+    n, k = x.shape
+    with np.errstate(divide="ignore", invalid="ignore"):  # one is the same in all people
+        r = np.nan_to_num(np.corrcoef(x, rowvar=False)).reshape(k, k)
+    pairs = max(k * (k - 1) / 2, 1)
+    chance = np.tanh(-ndtri(_CHANCE / (2 * pairs)) / np.sqrt(max(n - 3, 1)))  # Fisher's z
+    _, group = connected_components(np.abs(r) > chance)
+    found = x.copy()
+    for j in range(k):
+        before = np.flatnonzero(group[:j] == group[j])
+        if before.size:
+            known = np.column_stack([np.ones(n), x[:, before]])
+            added = x[:, j] - known @ np.linalg.lstsq(known, x[:, j])[0]
+            found[:, j] = added / sd if (sd := added.std()) > _ROUNDING else 0.0
+    return found
 
 
 def _enough(people: int, terms: int) -> bool:
@@ -172,7 +209,8 @@ def causes_table(numbers: Mapping[str, Causes], largest: int = 3) -> list[list[s
         top = [f"{cause} {_percent(share)}" for cause, share in own.ordered[:largest] if known]
         top += ["\N{EN DASH}"] * (largest - len(top))
         predicted = f"{100 * own.predicted:.0f} %" if known else "\N{EN DASH}"
-        rows.append([name, str(own.people), *top, _percent(own.rest), predicted])
+        people = f"{own.people} ({own.missing} without)" if own.missing else str(own.people)
+        rows.append([name, people, *top, _percent(own.rest), predicted])
     return rows
 
 

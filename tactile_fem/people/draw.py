@@ -33,6 +33,7 @@ class Person(Member):
     person: str
     condition: str  # empty if there is one only
     scores: dict[str, float] = field(default_factory=dict)  # standard scores of what varies
+    draws: dict[str, float] = field(default_factory=dict)  # behind those of a fit
 
 
 def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
@@ -73,6 +74,9 @@ def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
     names = list(dict.fromkeys(name for varied in each for name in varied.parameters))
     seed = (conditions[0].study.people or People()).seed
     drawn = standard_scores(number, len(names), seed, each[0].correlation)
+    free = [j for j in range(len(each[0].correlation)) if names[j] not in each[0].fixed]
+    lower = np.linalg.cholesky(each[0].correlation[np.ix_(free, free)])
+    independent = np.linalg.solve(lower, drawn[:, free].T).T.tolist()
     found = []
     for k, row in enumerate(drawn.tolist(), 1):
         scores = dict(zip(names, row, strict=True))
@@ -87,7 +91,8 @@ def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
             own = {**condition.values, **{key: float(f"{v:.6g}") for key, v in values.items()}}
             output = study.output.model_copy(update={"pictures": False})
             study = study.model_copy(update={"output": output})
-            found.append(Person(name, study, own, person, condition.name, shown))
+            draws = {names[j]: z for j, z in zip(free, independent[k - 1], strict=True)}
+            found.append(Person(name, study, own, person, condition.name, shown, draws))
     return found
 
 

@@ -14,13 +14,14 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.people.draw import Person
-from tactile_fem.runtime.files import write_table, write_text
+from tactile_fem.runtime.files import write_table
 from tactile_fem.series import Member, Outcome, numbers_of, run_series, share_of
+from tactile_fem.series.run import keep_reason, reason_of
 from tactile_fem.simulation.checks import check_study
 from tactile_fem.simulation.results import Results
 
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 History = Callable[[Results], Array]
 
 _TABLE = "people.csv"
-_SCORE = "score of "
+_SCORE, _DRAW = "score of ", "draw of "
 _OF_SCAN = ("scan", "person", "condition")
 
 
@@ -59,11 +60,8 @@ def run_people(
     done = {o.member.name: o for o in run_series(possible, folder, jobs=jobs, ranks=ranks)}
     outcomes = [done.get(s.name) or Outcome(s, problems[s.name], 0.0) for s in mine]
     for outcome in outcomes:
-        file = _reason_file(folder, outcome.member.name)
-        if outcome.problem:
-            write_text(file, outcome.problem + "\n")
-        else:
-            file.unlink(missing_ok=True)
+        if problems[outcome.member.name]:
+            keep_reason(outcome, folder)
     return outcomes
 
 
@@ -74,10 +72,6 @@ def _problem(scan: Member) -> str:
     except StudyError as error:
         return str(error)
     return ""
-
-
-def _reason_file(folder: Path, name: str) -> Path:
-    return folder / f"{name}.failed.txt"
 
 
 def _write_table(scans: Sequence[Person], folder: Path) -> None:
@@ -93,6 +87,7 @@ def _write_table(scans: Sequence[Person], folder: Path) -> None:
             **dict(zip(_OF_SCAN, (scan.name, scan.person, scan.condition), strict=True)),
             **scan.values,
             **{f"{_SCORE}{name}": score for name, score in scan.scores.items()},
+            **{f"{_DRAW}{name}": score for name, score in scan.draws.items()},
         }
         for scan in scans
     }
@@ -138,6 +133,8 @@ class Ensemble:
     scores
         Standard scores of what varies, (n, k): standard deviations from the middle, correlated as a
         fit's parameters are.
+    draws
+        The independent scores behind them, (n, k): what each adds to those before it.
     """
 
     folder: Path
@@ -145,6 +142,7 @@ class Ensemble:
     conditions: tuple[str, ...]
     names: tuple[str, ...]
     scores: Array
+    draws: Array
 
     @classmethod
     def open(cls, folder: Path | str) -> Ensemble:
@@ -160,11 +158,14 @@ class Ensemble:
             rows = _read_table(folder / _TABLE)
             names = tuple(key.removeprefix(_SCORE) for key in rows[0] if key.startswith(_SCORE))
             of_person = {row["person"]: row for row in rows}
-            scores = [[float(r[f"{_SCORE}{name}"]) for name in names] for r in of_person.values()]
+            each = of_person.values()
+            scores = [[float(r[f"{_SCORE}{name}"]) for name in names] for r in each]
+            draws = [[float(r.get(f"{_DRAW}{n}", r[f"{_SCORE}{n}"])) for n in names] for r in each]
             conditions = tuple(dict.fromkeys(row["condition"] for row in rows))
         except (OSError, ValueError, KeyError, IndexError):
             raise StudyError(f"{folder} holds no ensemble: there is no {_TABLE} in it.") from None
-        return cls(folder, tuple(of_person), conditions, names, np.array(scores))
+        found = tuple(of_person), conditions, names, np.array(scores), np.array(draws)
+        return cls(folder, *found)
 
     @cached_property
     def _scans(self) -> dict[tuple[str, str], Results]:
@@ -187,15 +188,15 @@ class Ensemble:
     @property
     def failed(self) -> dict[str, str]:
         """Why scans failed, in one sentence, by their names."""
-        files = {
-            scan.folder.name: _reason_file(self.folder, scan.folder.name)
-            for scan in self._scans.values()
-        }
-        return {
-            name: file.read_text(encoding="utf-8").strip()
-            for name, file in files.items()
-            if file.is_file()
-        }
+        each = {s.folder.name: reason_of(s.folder) for s in self._scans.values() if not s.complete}
+        return {name: why for name, why in each.items() if why}
+
+    def of_all(self, values: ArrayLike) -> Array:
+        """Return values (m, ...) of the complete people among NaN of the others, (n, ...)."""
+        own = np.asarray(values, dtype=float)
+        found = np.full((len(self.people), *own.shape[1:]), np.nan)
+        found[self.complete] = own
+        return found
 
     def results(self, condition: str | None = None) -> list[Results]:
         """Return the scans of the complete people, (m,), in their order.

@@ -59,7 +59,7 @@ def bands_figure(
         colours = zip(names, cycle(DISTINCT), strict=False)
         legend = [Line2D([], [], color=c, label=name) for name, c in colours] + legend
     rows = -(-len(legend) // 3)
-    figure, axes = panels([_HEIGHT] * len(found), over, _WIDTH, top=0.35 + rows * _LINE)
+    figure, axes = panels([_HEIGHT] * len(found), over, _WIDTH, top=0.5 + rows * _LINE)
     for one, (label, conditions) in zip(axes, found.items(), strict=True):
         for own, colour in zip(conditions.values(), cycle(DISTINCT), strict=False):
             _draw_bands(one, over.values, own, colour)
@@ -68,8 +68,16 @@ def bands_figure(
         if one.dataLim.y0 >= 0:
             one.set_ylim(bottom=0)
     style: dict[str, Any] = {"ncols": 3, "fontsize": 7.5, "columnspacing": 1.0, "borderpad": 0.2}
-    figure.legend(handles=legend, loc="upper center", handlelength=1.3, **style)
+    sample = {"title": _sample(each), "title_fontsize": 7.5}
+    figure.legend(handles=legend, loc="upper center", handlelength=1.3, **style, **sample)
     return figure
+
+
+def _sample(each: Sequence[Bands]) -> str:
+    """Return how many people have values, and how many there are."""
+    counts = np.concatenate([own.people.ravel() for own in each])
+    ends = " to ".join(map(str, np.unique([counts.min(), counts.max()])))
+    return f"{ends} of {max(own.missing + own.people.max() for own in each)} people"
 
 
 def _draw_bands(axes: Axes, at: Array, own: Bands, colour: str) -> None:
@@ -153,7 +161,8 @@ def causes_figure(numbers: Mapping[str, Causes]) -> Figure:
         axes.errorbar(value, at, xerr=ends, fmt="none", ecolor=INK, elinewidth=0.8)
     axes.set_yticks(range(len(names)), names, fontsize=_SMALL_PT)
     axes.axhline(0.5, color=_GREY, lw=0.6, ls=":")
-    axes.set(xlabel="Share of the variance (%)", xlim=(0, 100))
+    counts = " or ".join(map(str, sorted({own.people for own in numbers.values()})))
+    axes.set(xlabel=f"Share of the variance (%), {counts} people", xlim=(0, 100))
     axes.xaxis.label.set(fontsize=_SMALL_PT)
     if len(numbers) > 1:
         figure.legend(loc="outside upper center", ncols=3, fontsize=7.5, handlelength=1.0)

@@ -36,10 +36,11 @@ _SAME_SHARE = 5e-3
 def tell(ensemble: Ensemble) -> list[str]:
     """Return in lines of text what an ensemble tells, and write its figures.
 
-    Tables: median and bands of each number, by condition; where its spread comes from; how each
-    further condition differs from the first one within people. Figures, in ``figures`` of the
-    folder: ``bands.png``, ``raster.png``, ``causes.png`` and, with conditions, ``paired.png``.
-    Bands of histories are in ``histories.csv``, of the spikes at each place in ``places.csv``.
+    First how many people failed, and why. Tables: median and bands of each number, by condition;
+    where its spread comes from; how each further condition differs from the first one within
+    people. Figures, in ``figures`` of the folder: ``bands.png``, ``raster.png``, ``causes.png``
+    and, with conditions, ``paired.png``. Bands of histories are in ``histories.csv``, of the spikes
+    at each place in ``places.csv``.
 
     Raises
     ------
@@ -52,12 +53,15 @@ def tell(ensemble: Ensemble) -> list[str]:
     write_table(ensemble.folder / "histories.csv", history_rows(ensemble))
     if rows := place_rows(ensemble):
         write_table(ensemble.folder / "places.csv", rows)
-    lines = [*_spread(numbers), *_differences(numbers)]
+    lines = [*_sample(ensemble), "", *_spread(ensemble, numbers), *_differences(numbers)]
     for name, figure in _figures(ensemble, numbers):
         write_figure(folder / f"{name}.png", figure)
     found = _causes(ensemble, numbers)
     if found:
         lines += ["", *_aligned(causes_table(found))]
+        same = np.isclose(ensemble.draws, ensemble.scores).all(axis=0)
+        added = np.array(ensemble.names)[~same]
+        lines += [f"{name}: what it adds to those before that it correlates with" for name in added]
         if drawn := _drawn(found, ensemble.conditions[0]):
             write_figure(folder / "causes.png", causes_figure(drawn))
     else:
@@ -66,10 +70,21 @@ def tell(ensemble: Ensemble) -> list[str]:
     return lines
 
 
+def _sample(ensemble: Ensemble) -> Iterator[str]:
+    """Yield how many people there are, who failed, and why."""
+    done, number = int(ensemble.complete.sum()), len(ensemble.people)
+    failed = len({name.partition("_")[0] for name in ensemble.failed})
+    left = f", {number - done - failed} not scanned yet" if done + failed < number else ""
+    yield f"{done} of {number} people are complete, {failed} failed{left}"
+    yield from (f"  {name}: {why}" for name, why in ensemble.failed.items())
+    if failed:
+        yield "what follows is of the complete people: a biased sample if failures are no chance"
+
+
 def _numbers(ensemble: Ensemble, condition: str) -> dict[str, Array]:
-    """Return the numbers of complete people, (m,), without the cost of the scans."""
+    """Return the numbers of all people, (n,), without the cost; NaN of who is not complete."""
     numbers = ensemble.numbers(condition)
-    return {name: values for name, values in numbers.items() if name not in _COST}
+    return {name: ensemble.of_all(own) for name, own in numbers.items() if name not in _COST}
 
 
 def _named(numbers: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
@@ -81,11 +96,10 @@ def _named(numbers: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
     }
 
 
-def _spread(numbers: Mapping[str, Mapping[str, Array]]) -> list[str]:
-    named = _named(numbers)
-    count, needed = len(next(iter(named.values()))), people_needed(max(SHARES))
+def _spread(ensemble: Ensemble, numbers: Mapping[str, Mapping[str, Array]]) -> list[str]:
+    count, needed = int(ensemble.complete.sum()), people_needed(max(SHARES))
     few = f"{count} people: a band of {100 * max(SHARES):.0f} % needs {needed}"
-    return [*_aligned(bands_table(named)), *([few] if count < needed else [])]
+    return [*_aligned(bands_table(_named(numbers))), *([few] if count < needed else [])]
 
 
 def _differences(numbers: Mapping[str, Mapping[str, Array]]) -> Iterator[str]:
@@ -103,14 +117,15 @@ def _causes(ensemble: Ensemble, numbers: Mapping[str, Mapping[str, Array]]) -> d
 
     Of positive numbers it is the logarithm, so that no large one decides.
     """
-    scores = ensemble.scores[ensemble.complete]
-    if len(scores) < len(ensemble.names) + 2:
-        return {}
-    return {
-        name: causes(scores, ensemble.names, np.log(own) if (own > 0).all() else own)
-        for name, own in _named(numbers).items()
-        if np.ptp(own) > _SAME_SHARE * abs(own.mean())
-    }
+    found = {}
+    for name, own in _named(numbers).items():
+        known = own[np.isfinite(own)]
+        if len(known) < len(ensemble.names) + 2:
+            continue
+        if np.ptp(known) > _SAME_SHARE * abs(known.mean()):
+            of = np.log(own) if (known > 0).all() else own
+            found[name] = causes(ensemble.draws, ensemble.names, of, independent=True)
+    return found
 
 
 def _drawn(found: Mapping[str, Causes], condition: str) -> dict[str, Causes]:
@@ -135,7 +150,8 @@ def _figures(
     time_s, histories = _histories(ensemble, {name: own[0] for name, own in scans.items()})
     axis = Abscissa(over.label, over.per_s, over.at(time_s), over.phases)
     yield "bands", bands_figure(histories, axis)
-    spikes = [over.at(central_spikes_s(scan)) for scan in first]
+    places = iter([over.at(central_spikes_s(scan)) for scan in first])
+    spikes = [next(places) if done else None for done in ensemble.complete]
     sed = numbers[conditions[0]]["central_largest_sed_kPa"]
     yield "raster", people_raster(spikes, over, sed, "Largest SED (kPa)")
     for second in conditions[1:2]:
@@ -147,7 +163,7 @@ def _figures(
 def _histories(
     ensemble: Ensemble, scans: Mapping[str, Results]
 ) -> tuple[Array, dict[str, dict[str, Array]]]:
-    """Return times, s, and the histories (m, n) there by label and condition.
+    """Return times, s, and the histories (people, n) there by label and condition.
 
     Parameters
     ----------
@@ -167,7 +183,8 @@ def _histories(
     found: dict[str, dict[str, Array]] = {label: {} for label in labels}
     for label, of in labels.items():
         for condition in scans:
-            found[label][condition] = _onto(time_s, *ensemble.history(condition, of))
+            own = _onto(time_s, *ensemble.history(condition, of))
+            found[label][condition] = ensemble.of_all(own)
     return time_s, found
 
 

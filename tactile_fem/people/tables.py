@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from tactile_fem.neuron import Response
 from tactile_fem.output.histories import central_receptor
-from tactile_fem.people.bands import Bands, bands
-from tactile_fem.people.ensemble import Ensemble, History
+from tactile_fem.people.bands import Bands, bands, covered
+from tactile_fem.people.ensemble import Ensemble
 from tactile_fem.simulation.results import Results
 
 Array = NDArray[np.float64]
@@ -31,20 +31,23 @@ def history_rows(ensemble: Ensemble) -> list[dict[str, Any]]:
         Nobody is complete.
     """
     unit = ensemble.results()[0].study.finger.force_unit.replace("/", "_per_")
-    histories: dict[str, str | History] = {
+    histories = {
         f"normal_{unit}": "normal",
         f"tangential_{unit}": "tangential",
         "contact_area_mm2": "contact_area_mm2",
         "central_sed_kPa": "central_sed_kPa",
-        "central_rate_Hz": _central_rate_Hz,
     }
     rows: list[dict[str, Any]] = []
     for condition in ensemble.conditions:
-        for name, of in histories.items():
-            time_s, values = ensemble.history(condition, of)
+        found = {name: ensemble.history(condition, of) for name, of in histories.items()}
+        time_s, _ = found[f"normal_{unit}"]
+        rates = [_central_rate_Hz(scan, time_s) for scan in ensemble.results(condition)]
+        found["central_rate_Hz"] = time_s, np.array(rates)
+        for name, (_, values) in found.items():
             start = {"condition": condition, "history": name}
             at = [{**start, "time_s": f"{t:.6g}"} for t in time_s]
-            rows += [{**a, **b} for a, b in zip(at, _columns(bands(values)), strict=True)]
+            own = _columns(bands(ensemble.of_all(values)))
+            rows += [{**a, **b} for a, b in zip(at, own, strict=True)]
     return rows
 
 
@@ -67,7 +70,7 @@ def place_rows(ensemble: Ensemble) -> list[dict[str, Any]]:
         if any(not np.array_equal(scan.trace["population"], names) for scan in scans):
             continue
         counts = np.array([_counts(scan) for scan in scans], dtype=float)
-        for k, columns in enumerate(_columns(bands(counts))):
+        for k, columns in enumerate(_columns(bands(ensemble.of_all(counts)))):
             x_mm, y_mm, z_mm = (f"{x:.4g}" for x in places[k])
             place = {"population": str(names[k]), "x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm}
             rows.append({"condition": condition, "receptor": k, **place, **columns})
@@ -75,12 +78,14 @@ def place_rows(ensemble: Ensemble) -> list[dict[str, Any]]:
 
 
 def _columns(own: Bands) -> Iterator[dict[str, Any]]:
-    """Yield people, median and ends of the bands of values in a row."""
+    """Yield people, median, and ends and probabilities of the bands of values in a row."""
     for k, median in enumerate(own.median):
-        row: dict[str, Any] = {"people": int(own.people[k]), "median": f"{median:.5g}"}
+        row: dict[str, Any] = {"people": int(own.people[k]), "missing": own.missing}
+        row["median"] = f"{median:.5g}"
         for share, low, high in zip(own.shares, own.low[:, k], own.high[:, k], strict=True):
             row[f"low_{100 * share:.0f}"] = f"{low:.5g}"
             row[f"high_{100 * share:.0f}"] = f"{high:.5g}"
+            row[f"share_{100 * share:.0f}"] = f"{covered(share, own.people[k]):.3g}"
         yield row
 
 
@@ -91,11 +96,10 @@ def central_spikes_s(scan: Results) -> Array:
     return np.asarray(spikes.time_s[own], dtype=float)
 
 
-def _central_rate_Hz(scan: Results) -> Array:
-    """Return the firing rate of the central receptor at each step."""
-    times = scan.trace["time_s"]
-    response = Response([central_spikes_s(scan)], float(times[0]), float(times[-1]))
-    return response.rate(times, _WINDOW_S)[:, 0]
+def _central_rate_Hz(scan: Results, time_s: Array) -> Array:
+    """Return the firing rate of the central receptor at times."""
+    response = Response([central_spikes_s(scan)], float(time_s[0]), float(time_s[-1]))
+    return response.rate(time_s, _WINDOW_S)[:, 0]
 
 
 def _counts(scan: Results) -> NDArray[np.intp]:

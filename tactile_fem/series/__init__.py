@@ -3,6 +3,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from tactile_fem.output.histories import mean_over
 from tactile_fem.series.members import Member, single_fibre, sweep
 from tactile_fem.series.run import (
     complete_scans,
@@ -33,6 +34,7 @@ __all__ = [
     "complete_scans",
     "correlations",
     "fibre_image",
+    "mean_over",
     "numbers_of",
     "outline_image",
     "population_image",

@@ -186,8 +186,8 @@ def population_image(
     own = results.receptors_of(afferents.name)
     places = trace["receptors_mm"][own]
     middle = np.flatnonzero(np.abs(places[:, 1]) < 1e-9)
-    row = own[middle[np.argsort(places[middle, 0])]]
-    across = trace["receptors_mm"][row, 0]
+    row = middle[np.argsort(places[middle, 0])]
+    across = places[row, 0]
     steps = np.diff(across)
     if len(across) < 3 or not np.allclose(steps, steps[0], atol=1e-6):
         raise StudyError(
@@ -195,7 +195,7 @@ def population_image(
             f"{results.folder} has {len(across)}."
         )
     # The receptor at X passes over the stimulator's X, because both share their axes.
-    times, felt = afferents.drive.of(trace)
+    times, felt = afferents.felt(trace)
     afferents = replace(afferents, neuron=neuron or afferents.neuron)
     return rate_image(across, times, felt[:, row], _speed_mm_s(results), afferents)
 
@@ -244,8 +244,8 @@ def fibre_image(
     felt = np.zeros((len(time), len(across)))
     for row, results in zip(rows, passes, strict=True):
         own = results.receptors_of(afferents.name)
-        central = own[central_receptor(results.trace["receptors_mm"][own])]
-        times, values = afferents.drive.of(results.trace)
+        central = central_receptor(results.trace["receptors_mm"][own])
+        times, values = afferents.felt(results.trace)
         felt[:, row] = np.interp(time, times, values[:, central])
     neuron = (neuron or afferents.neuron).model_copy(
         update={"gain_spread": 0.0, "threshold_spread": 0.0}

@@ -88,7 +88,9 @@ def _series(summary: Path) -> tuple[str, list[str]]:
     scans = [results for results in map(Results.open, folders) if results.complete]
     if not scans:
         raise StudyError(f"{summary.parent} holds no complete scan of a series.")
-    parts = [html.table(head, rows)]
+    complete = [row[head.index("status")] for row in rows].count("complete")
+    parts = [f"<p>{complete} of {len(rows)} scans are complete; figures are those of these.</p>"]
+    parts += [html.table(head, rows)]
     comparison = summary.parent / "comparison.png"
     if comparison.is_file():
         parts.append(html.image(comparison.read_bytes(), "The scans side by side."))
@@ -119,7 +121,8 @@ def _event_plot(passes: Sequence[Results], population: str) -> list[str]:
     places = np.interp(time_s, trace["time_s"], trace["displacement_mm"]), image.across_mm[row]
     raster = raster_figure(*places, image.across_mm, (along[0], along[-1]), shapes)
     firing = firing_figure(along, image.across_mm, image.rate_Hz, shapes)
-    captions = f"{population}: spikes in passes over one receptor.", "Firing rate in these passes."
+    count = f"{len(passes)} of {len(image.across_mm)} passes"
+    captions = f"{population}: spikes in {count} over one receptor.", "Firing rate in these passes."
     return [html.figure(f, text) for f, text in zip((raster, firing), captions, strict=True)]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.output.histories import central_receptor
+from tactile_fem.output.histories import central_receptor, mean_over
 from tactile_fem.runtime.files import write_table, write_text
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.ranks import signal_handler
@@ -56,8 +56,9 @@ def run_series(
     """Run the scans that are not complete; one that fails does not stop the others.
 
     If interrupted and called again, it continues. Several tasks may share a folder, which holds a
-    study file and a results folder for each scan. Scans that differ only in what follows the
-    mechanics share it; those beside each other begin their steps from one another's, see `Course`.
+    study file and a results folder for each scan, and ``….failed.txt`` if it failed. Scans that
+    differ only in what follows the mechanics share it; those beside each other begin their steps
+    from one another's, see `Course`.
 
     Parameters
     ----------
@@ -80,6 +81,8 @@ def run_series(
         _save_study(member, folder)
     left = [member for member in mine if not Results(folder / member.name).complete]
     outcomes = {member.name: Outcome(member, "", 0.0) for member in mine}
+    for outcome in outcomes.values():
+        keep_reason(outcome, folder)
     logger.info("%d scans, %d of them complete", len(mine), len(mine) - len(left))
     signals, begun = list[int](), time.perf_counter()
     groups = [[member.name for member in group] for group in of_same_mechanics(members)]
@@ -88,6 +91,7 @@ def run_series(
     with signal_handler(signals.append), closing(running):
         for done, outcome in enumerate(running, 1):
             outcomes[outcome.member.name] = outcome
+            keep_reason(outcome, folder)
             minutes = (time.perf_counter() - begun) / done * (len(left) - done) / 60
             _log(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
     return list(outcomes.values())
@@ -115,6 +119,21 @@ def complete_scans(members: Sequence[Member], folder: Path) -> list[Results]:
     return [scan for scan in scans if scan.complete]
 
 
+def keep_reason(outcome: Outcome, folder: Path) -> None:
+    """Write why a scan failed beside its folder; remove what an earlier run has written there."""
+    file = folder / f"{outcome.member.name}.failed.txt"
+    if outcome.problem:
+        write_text(file, outcome.problem + "\n")
+    else:
+        file.unlink(missing_ok=True)
+
+
+def reason_of(scan: Path) -> str:
+    """Return why the scan of a folder failed, in one sentence; empty if it did not."""
+    file = scan.with_name(f"{scan.name}.failed.txt")
+    return file.read_text(encoding="utf-8").strip() if file.is_file() else ""
+
+
 def write_summary(members: Sequence[Member], folder: Path | str) -> Path:
     """Write ``summary.csv``: values, status and numbers of each scan; return its path."""
     folder = Path(folder)
@@ -129,9 +148,10 @@ def write_summary(members: Sequence[Member], folder: Path | str) -> Path:
 
 
 def _numbers(results: Results) -> dict[str, Any]:
-    """Return the numbers of a scan; only its status if it is not complete."""
+    """Return the numbers of a scan; only its status, and why, if it is not complete."""
     if not results.complete:
-        return {"status": "not complete"}
+        why = reason_of(results.folder)
+        return {"status": "not complete", **({"failed": why} if why else {})}
     numbers = numbers_of(results)
     short = {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in numbers.items()}
     return {"status": "complete", **short, "wall_s": round(numbers["wall_s"], 1)}
@@ -140,18 +160,22 @@ def _numbers(results: Results) -> dict[str, Any]:
 def numbers_of(results: Results) -> dict[str, int | float]:
     """Return cost and results of a scan: forces and SED of the slide, spikes, also by population.
 
-    Forces are averaged over the steps of the slide. Without a slide they are those of the step with
-    the largest normal force, and SED and spikes are those of the whole path. Forces of a section
-    are per width: their names end in ``N_per_mm``. The central receptor is that of the first
-    population.
+    Forces and area are means over the time of the slide, which begins at the last step without
+    displacement. Without a slide they are those of the step with the largest normal force, and SED
+    and spikes are those of the whole path. Forces of a section are per width: their names end in
+    ``N_per_mm``. The central receptor is that of the first population.
     """
     trace, spikes = results.trace, results.spikes
-    slide = trace["displacement_mm"] > 0
-    sed, sliding = trace["sed_kPa"][slide], spikes.time_s >= 0
-    if not slide.any():
-        slide[np.argmax(trace["force_N"][:, 2])] = True
-        sed, sliding = trace["sed_kPa"], np.isfinite(spikes.time_s)
-    force = trace["force_N"][slide]
+    sed, sliding = trace["sed_kPa"], spikes.time_s >= 0
+    slid = np.flatnonzero(trace["displacement_mm"] > 0)
+    if slid.size:
+        slide = np.arange(max(slid[0] - 1, 0), len(sed))
+        sed = sed[slide]
+    else:
+        slide, sliding = trace["force_N"][:, [2]].argmax(axis=0), np.isfinite(spikes.time_s)
+    x, y, normal = trace["force_N"][slide].T
+    loads = np.column_stack([normal, np.hypot(x, y), trace["contact_area_mm2"][slide]])
+    means = mean_over(trace["time_s"][slide], loads).tolist()
     central = central_receptor(trace["receptors_mm"], trace["population"])
     by_name = {
         f"spikes_{afferents.name}": int((spikes.population[sliding] == afferents.name).sum())
@@ -163,9 +187,9 @@ def numbers_of(results: Results) -> dict[str, int | float]:
         "newton_iterations": int(trace["newton_iterations"].sum()),
         "wall_s": float(trace["wall_s"].sum()),
         f"pressed_{unit}": float(trace["force_N"][trace["time_s"] <= _ROUNDING_S][-1, 2]),
-        f"normal_{unit}": float(force[:, 2].mean()),
-        f"tangential_{unit}": float(np.hypot(force[:, 0], force[:, 1]).mean()),
-        "contact_area_mm2": float(trace["contact_area_mm2"][slide].mean()),
+        f"normal_{unit}": means[0],
+        f"tangential_{unit}": means[1],
+        "contact_area_mm2": means[2],
         "largest_sed_kPa": float(sed.max()),
         "central_largest_sed_kPa": float(sed[:, central].max()),
         "spikes": int(sliding.sum()),

@@ -138,14 +138,14 @@ SUMMARY = tuple(
     Column(name, ("rows",), meaning)
     for name, meaning in (
         ("scan", "folder of the scan"),
-        ("status", "`complete`, or `not complete`, with empty columns after it"),
+        ("status", "`complete`, or `not complete`, with empty columns after it; `failed` says why"),
         ("steps", "number of rows of `trace.npz`"),
         ("newton_iterations", "of all steps"),
         ("wall_s", "computing time of all steps"),
         ("pressed_N", "normal force at the end of the indentation"),
-        ("normal_N", "normal force, mean over the steps of the slide"),
-        ("tangential_N", "magnitude of the tangential force, mean over the steps of the slide"),
-        ("contact_area_mm2", "contact area, mean over the steps of the slide"),
+        ("normal_N", "normal force, mean over the time of the slide"),
+        ("tangential_N", "magnitude of the tangential force, mean over the time of the slide"),
+        ("contact_area_mm2", "contact area, mean over the time of the slide"),
         ("largest_sed_kPa", "largest strain energy density of all receptors in the slide"),
         ("central_largest_sed_kPa", "the same for the receptor nearest to the origin"),
         ("spikes", "of all receptors from the end of the indentation on"),

@@ -134,7 +134,8 @@ def check_parts(parts: Parts, of_study: Tissue) -> None:
             raise StudyError("parts.path: it has no pieces but needs one or more.")
         parts.path.check()
     for population in parts.populations:
-        population.fire(trial_histories(fields_of([population])))
+        trial = trial_histories(fields_of([population]))
+        population.fire({**trial, "receptors_mm": np.zeros((1, 3))})
 
 
 def _energy(law: Law, F: np.ndarray) -> float:
