@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 import re
 import runpy
+import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
+from cyclopts import App
 
 from tactile_fem import Piece, Stimulus
 from tactile_fem.neuron import DRIVES
@@ -65,6 +67,16 @@ def number(pattern: str, text: str) -> float:
 
 
 def imports(path: Path) -> None:
-    """Import a script without running it: what it computes is tested by slow tests."""
+    """Import a script without running it: what it computes is tested by slow tests.
+
+    The commands at its head have arguments that it takes.
+    """
     with beside(path):
-        runpy.run_path(str(path))
+        names = runpy.run_path(str(path))
+    commands = re.findall(rf"^#     python demos/\S+/{path.name} ?(.*)", path.read_text(), re.M)
+    if "run_script" in names:
+        assert commands
+        script = App()
+        script.default(names["main"])
+        for arguments in commands:
+            script.parse_args(shlex.split(arguments, comments=True), exit_on_error=False)

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import json
 import re
 import shlex
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+import tactile_fem
+import tactile_fem.series
+import tactile_fem.study
+from tactile_fem import Piece, Stimulus, Study
 from tactile_fem.cli import app as cli
+from tactile_fem.series import sweep
 from tactile_fem.simulation.checks import check_study
+from tactile_fem.study import Protocol
+from tactile_fem.study.explain import model_in
 from tactile_fem.study.file import load_study
 
 ROOT = Path(__file__).parents[1]
@@ -46,7 +56,7 @@ def blocks(file: Path, language: str) -> list[str]:
 def commands() -> list[str]:
     """Return each call of the command line in a page, continued lines joined."""
     found = []
-    for file in [*MARKDOWN, *NOTEBOOKS]:
+    for file in [*MARKDOWN, *NOTEBOOKS, *SCRIPTS]:
         text = "\n".join(blocks(file, "sh") + blocks(file, "bash")).replace("\\\n", " ")
         text += "\n" + "\n".join(re.findall(r"`(tactile-fem [^`\n]+)`", prose(file)))
         found += re.findall(r"^(?:exec )?(tactile-fem [a-z].*?)(?: &)?$", text, re.MULTILINE)
@@ -68,6 +78,9 @@ def test_a_command_of_the_pages_exists(command):
     changes = bound.arguments.get("changes")
     if changes and function.__name__ == "scan":
         check_study(load_study(None, changes))
+    if over := bound.arguments.get("over"):
+        for member in sweep(over, overrides=changes or []):
+            check_study(member.study)
 
 
 def test_shell_scripts_are_well_formed():
@@ -88,6 +101,72 @@ def test_the_ten_lines_run_at_small_size(tmp_path, monkeypatch, capsys):
     exec(compile(script.replace(usual, "depth_mm=0.2, distance_mm=0.2"), "README", "exec"), {})
     assert Path("results/letters/figures/raster.png").is_file()
     assert "[" in capsys.readouterr().out
+
+
+def test_the_code_of_the_fast_finger_runs():
+    first, second = blocks(PAGES / "how" / "fast.md", "python")
+    file = "meshes/fast_finger.npz"
+    assert file in first
+    names: dict = {}
+    exec(first.replace(file, str(ROOT / file)), names)
+    assert names["trace"].force_N[-1, 2] > 0
+
+    taken = []
+    simulator = SimpleNamespace(
+        runs=lambda: len(taken) < 5,
+        place_mm=lambda: (0.0, 0.0, 0.1 * len(taken)),
+        dt_s=0.01,
+        take=lambda force_N, sed_kPa: taken.append((force_N[0, 2], sed_kPa.max())),
+    )
+    exec(second, {**names, "simulator": simulator, "heights_mm": np.zeros((200, 200))})
+    force_N, sed_kPa = np.transpose(taken)
+    assert all(np.diff(force_N) > 0) and all(np.diff(sed_kPa) > 0)
+
+
+@pytest.mark.parametrize("number", range(2))
+def test_the_studies_of_the_reference_are_studies(number, tmp_path):
+    file = tmp_path / "study.toml"
+    file.write_text(blocks(PAGES / "reference" / "study.md", "toml")[number])
+    check_study(load_study(file))
+
+
+def in_sentences(pattern: str) -> list[str]:
+    """Return what is written as code in the sentences of the pages."""
+    files = [*MARKDOWN, *NOTEBOOKS, *SCRIPTS]
+    texts = "\n".join(prose(file) for file in files if file.name != "CHANGELOG.md")
+    return sorted(set(re.findall(f"`({pattern})`", texts)))
+
+
+PUBLIC = {
+    name: getattr(module, name)
+    for module in (tactile_fem, tactile_fem.study, tactile_fem.series)
+    for name in module.__all__
+} | {"study": Study()}
+
+
+CALLS = in_sentences(r"\w[\w.]*\([^`\n]*\)")
+
+
+@pytest.mark.parametrize("text", [text for text in CALLS if re.split(r"\W", text)[0] in PUBLIC])
+def test_a_call_in_a_sentence_can_be_made(text):
+    """What it calls exists and takes its keywords; a value that is complete is made."""
+    call = ast.parse(text, mode="eval").body
+    while isinstance(called := getattr(call.func, "value", None), ast.Call):
+        call = called  # of its result something is called
+    function = eval(ast.unparse(call.func), dict(PUBLIC))
+    assert {keyword.arg for keyword in call.keywords} <= set(inspect.signature(function).parameters)
+    if function in vars(tactile_fem.study).values() and "..." not in text:
+        eval(text, dict(PUBLIC))
+
+
+@pytest.mark.parametrize("key", in_sentences(rf"(?:{'|'.join(Study.model_fields)})\.\w+[^`\n]*"))
+def test_a_key_in_a_sentence_exists(key):
+    section, name = re.match(r"(\w+)\.(\w+)", key).groups()
+    if name in ("csv", "py"):
+        return
+    own = {"stimulus": Stimulus.kinds, "protocol": {"": Protocol, **Piece.kinds}}.get(section)
+    models = own.values() if own else [model_in(Study.model_fields[section].annotation)]
+    assert any(name in model.model_fields for model in models)
 
 
 @pytest.mark.parametrize("file", MARKDOWN, ids=lambda path: str(path.relative_to(ROOT)))

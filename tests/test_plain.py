@@ -6,9 +6,10 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from blocks import LAYERS
 from materials import PROPOSED, RELAXING
 from needs import needs_gmsh
-from sphere_on_block import PRESS_AND_SLIDE, follow, sphere_on_block
+from sphere_on_block import PRESS_AND_SLIDE, TWO_TISSUES, follow, sphere_on_block
 
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.solvers.fast import FastSolver
@@ -21,12 +22,15 @@ SECTION = Finger(kind="section", pad_size_mm=1.0, far_size_mm=3.0)
 
 
 @pytest.mark.ranks
-@pytest.mark.parametrize("tissue", [PROPOSED, pytest.param(RELAXING, marks=pytest.mark.slow)])
-def test_on_a_block(tissue):
+@pytest.mark.parametrize(
+    ("tissue", "layers"),
+    [(PROPOSED, LAYERS), pytest.param(RELAXING, TWO_TISSUES, marks=pytest.mark.slow)],
+)
+def test_on_a_block(tissue, layers):
     """Also what a linear equation with the Jacobian gives, whatever tangent was lagged."""
     found = []
     for make_solver in (FastSolver, PlainSolver):
-        made = sphere_on_block(tissue, make_solver=make_solver)
+        made = sphere_on_block(tissue, make_solver=make_solver, layers=layers)
         force = follow(made, *PRESS_AND_SLIDE).force_N
         with made.reopened(), made.solver.linearized() as solve:
             right = np.sin(np.arange(len(made.solver.residual()))).reshape(-1, 3)

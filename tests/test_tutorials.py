@@ -21,19 +21,30 @@ MOST_BYTES, MOST_WORDS, MOST_WORDS_OF_ALL = 600_000, 650, 2500
 # What makes a notebook short enough for a test.
 SHORT = {
     "letters": {
+        "import Protocol, Receptors": "import Finger, Protocol, Receptors",
+        "study = Study(": "study = Study(finger=Finger(pad_size_mm=3.0, far_size_mm=6.0),",
         "distance_mm=7.5": "distance_mm=0.4",
         "force_N=0.5": "force_N=0.05",
         "at_mm=4.0": "at_mm=0.4",
         "deformation_*": "raster*",  # the others are drawn in a process of their own
     },
-    "surface": {"distance_mm=6.0": "distance_mm=0.2", "force_N=0.3": "force_N=0.05"},
+    "surface": {
+        "preview(study)\n": "preview(study)\ndrawn = study.stimulus\n",
+        "distance_mm=6.0": "distance_mm=0.1",
+        "force_N=0.3": "force_N=0.02",
+        "spacing_mm = 0.05": "spacing_mm = 0.1",
+    },
     "fit": {
-        "np.linspace(0.02, 1.5, 75)": "np.linspace(0.02, 0.4, 75)",
+        "np.linspace(0.02, 1.5, 75)": "np.linspace(0.1, 0.3, 3)",
+        "1.0, 0.03, 75": "1.0, 0.03, 3",
+        "(0, 1, 75)": "(0, 0, 3)",
         '"results/tutorials/fit")': '"results/tutorials/fit", evaluations=2)',
         "force_N=0.2": "force_N=0.02",
     },
     "vibration": {
-        "np.geomspace(4, 1000, 9)": "np.geomspace(50, 200, 2)",
+        "np.geomspace(4, 1000, 9)": "np.geomspace(25, 100, 2)",
+        "(1e-4, 0.5, 60)": "(1e-4, 0.5, 8)",
+        'relaxation="fingerpad"': 'relaxation="none"',  # of which other tests need the forms
         "depth_mm=1.0": "depth_mm=0.2",
         "Hold(time_s=2.0)": "Hold(time_s=0.1)",
     },
@@ -100,17 +111,50 @@ def test_neurons_fire_on_their_own(tmp_path, monkeypatch, capsys):
     assert names["found"].r2[-1] > 0.9
 
 
-@pytest.mark.slow
-@needs_graphics
-@pytest.mark.parametrize("name", sorted(SHORT))
-def test_the_others_run_at_small_size(name, tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def short(request, tmp_path, monkeypatch, capsys) -> dict[str, Any]:
+    """Return the names of a notebook that ran at small size."""
     pytest.importorskip("tactile_fem.runtime.backend")
-    pytest.importorskip("svgelements")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("tactile_fem.output.figures.draw_pictures", lambda results, **_: [])
-    names = run(FOLDER / f"{name}.ipynb")
-    assert list(Path("results/tutorials").iterdir())
-    if name == "letters":
-        assert names["rates_Hz"].shape == (400, 51)
-    if name == "vibration":
-        assert names["rates_Hz"].shape[0] == 2
+    return run(FOLDER / f"{request.param}.ipynb")
+
+
+def runs(name: str) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("short", [name], indirect=True)
+
+
+@needs_graphics
+@runs("letters")
+def test_letters_are_pressed_to_their_force(short):
+    trace, slide = short["trace"], short["slide"]
+    assert trace.force_N[slide][0, 2] == pytest.approx(0.05, rel=0.01)
+    assert trace.displacement_mm[-1] == pytest.approx(0.4)
+    assert short["rates_Hz"].shape == (400, 51)
+
+
+@needs_graphics
+@runs("surface")
+def test_a_surface_slides_at_its_force(short):
+    pytest.importorskip("svgelements")
+    sliding = short["trace"].force_N[short["slide"], 2]
+    assert len(sliding) > 1 and sliding == pytest.approx(0.02, rel=0.01)
+    # The file has the shapes that were drawn in Python.
+    areas = [sum(shape.area for shape in short[name].outlines()) for name in ("drawn", "from_file")]
+    assert areas[0] == pytest.approx(areas[1], rel=0.01)
+
+
+@runs("fit")
+def test_a_fitted_finger_is_softer(short):
+    default, own = (short[name].trace for name in ("default", "own"))
+    for trace in (default, own):
+        assert trace.force_N[-1, 2] == pytest.approx(0.02, rel=0.01)
+    assert own.depth_mm[-1] > 1.1 * default.depth_mm[-1]
+
+
+@needs_graphics
+@runs("vibration")
+def test_a_vibration_is_felt_by_each_kind(short):
+    assert short["rates_Hz"].shape == (2, short["spectrum"].population.size)
+    low, high = short["threshold_um"]  # of PC
+    assert 100 > low > 10 * high > 0
