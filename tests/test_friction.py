@@ -28,8 +28,9 @@ from tactile_fem.path.rotations import matrix
 from tactile_fem.simulation.checks import check_study
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import Friction, KineticFriction, MappedFriction, PressureFriction
-from tactile_fem.study import Finger, Plate, Solver, Sphere, Study
-from tactile_fem.study.file import dump_study, load_study
+from tactile_fem.study import Drawing, Finger, Plate, Solver, Sphere, Study, Surface, Text
+from tactile_fem.study.file import load_study
+from tactile_fem.study.kept import INPUTS, keep_files
 from tactile_fem.vibration.harmonic import Harmonic
 
 STATIC, KINETIC, SPEED_MM_S = 0.6, 0.2, 8.0
@@ -198,18 +199,45 @@ def test_a_script_may_state_a_law_of_its_own(monkeypatch):
     assert saved.stimulus.law().uniform is None
 
 
-def test_a_map_is_a_file_of_the_study_and_moves_with_its_body(laws, tmp_path):
-    stimulus = Plate(friction=laws["map"], shift_mm=(1.0, 2.0))
-    study = Study(stimulus=stimulus)
-    assert study.files() == {"stimulus.friction.file": laws["map"].file}
-    (tmp_path / "s.toml").write_text(dump_study(study))
-    assert load_study(tmp_path / "s.toml") == study
-    relative = dump_study(study).replace(str(laws["map"].file), "own.csv")
-    (tmp_path / "r.toml").write_text(relative)
-    assert load_study(tmp_path / "r.toml").stimulus.friction.file == tmp_path / "own.csv"
-    values, gradients = stimulus.law().over_body()(np.array([[1.0, 2.0, 0.0], [1.0, 9.0, 0.0]]))
-    np.testing.assert_allclose(values, [(LOW + HIGH) / 2, HIGH])
-    np.testing.assert_allclose(gradients, [[0, (HIGH - LOW) / 4, 0], [0, 0, 0]], atol=1e-12)
+def at(stimulus, x, y) -> tuple[float, list[float]]:
+    """Return the coefficient and its gradient at a place of the body."""
+    values, gradients = stimulus.law().over_body()(np.array([[x, y, 0.0]]))
+    return float(values[0]), gradients[0].tolist()
+
+
+def test_a_map_turns_with_its_body_as_a_study_turns_it(laws, tmp_path):
+    """It grows along Y: after a quarter of a turn along -X."""
+    np.save(tmp_path / "z.npy", np.zeros((9, 9)))
+    slope = (HIGH - LOW) / 4
+    law = laws["map"]
+    keys = {"file": tmp_path / "z.npy", "spacing_mm": 1.0, "unit_mm": 1.0, "friction": law}
+    for shift in ((0.0, 0.0), (1.0, 2.0)):
+        surface = Surface(**keys, turn_deg=90.0, shift_mm=shift)
+        value, gradient = at(surface, shift[0] - 1.0, shift[1])
+        assert value == pytest.approx((LOW + HIGH) / 2 + slope)
+        assert gradient == pytest.approx([-slope, 0, 0], abs=1e-12)
+    square = [(-2, -2), (2, -2), (2, 2), (-2, 2)]
+    drawing = Drawing(polygons=[square], turn_deg=90.0, start_mm=3.0, friction=law)
+    # The map's middle turns about that of the drawing, which lies at Y = -3, to X = Y = -3.
+    assert at(drawing, -4.0, -3.0)[0] == pytest.approx((LOW + HIGH) / 2 + slope)
+    own = law.model_copy(update={"turn_deg": 180.0})
+    assert at(Plate(friction=own), 0.0, -1.0)[0] == pytest.approx((LOW + HIGH) / 2 + slope)
+    turned = Surface(**keys, turn_deg=45.0).law()
+    with pytest.raises(StudyError, match=r"covers X -[0-9.]+ to [0-9.]+, Y .* give a larger map"):
+        turned.check_covers(*(side * turned.coefficients().half_mm for side in (-1, 1)))
+    turned.check_covers(np.array([-1.0, -1.0]), np.array([1.0, 1.0]))
+
+
+@pytest.mark.parametrize("stimulus", [Text(text="G"), Plate()])
+def test_a_folder_keeps_the_map_of_any_stimulus(stimulus, laws, tmp_path):
+    own = tmp_path / "own.csv"
+    own.write_bytes(laws["map"].file.read_bytes())
+    law = laws["map"].model_copy(update={"file": own})
+    study = Study(stimulus=stimulus.model_copy(update={"friction": law}))
+    assert study.files()["stimulus.friction.file"] == own
+    keep_files(study, tmp_path, afresh=True)
+    (kept,) = (tmp_path / INPUTS).glob("own-*.csv")
+    assert kept.read_bytes() == own.read_bytes()
 
 
 @pytest.mark.parametrize(

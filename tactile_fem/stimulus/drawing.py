@@ -122,6 +122,10 @@ class Drawing(Stimulus):
 
         return cls(polygons=outlines_of_pixels(pixels, pixel_mm), **keys)
 
+    def turn(self) -> tuple[float, tuple[float, float]]:
+        """Return the angle, and the middle of the drawing."""
+        return self.turn_deg, (0.0, -self.start_mm)
+
     def shape(self) -> RigidBody:
         """Return the raised shapes."""
         bodies = [Embossed(outlines, h, fillet_mm) for outlines, h, fillet_mm in self._levels()]

@@ -6,6 +6,7 @@ states the coefficient in UFL, from which the tangent follows.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
@@ -68,6 +69,10 @@ class Friction(Kind):
     def over_body(self) -> OverBody | None:
         """Return what gives a value at each place on the body; None if all places are alike."""
         return None
+
+    def turned(self, angle_deg: float, about_mm: tuple[float, float]) -> Self:
+        """Return the law of a body that is turned from X towards Y about a place."""
+        return self
 
     def moved(self, shift_mm: tuple[float, float]) -> Self:
         """Return the law of a body that is shifted in X and Y."""
@@ -170,7 +175,11 @@ class MappedFriction(Friction):
         1.0, description="coefficient of one unit of the values, such as 0.01 for gray values"
     )
     middle_mm: tuple[Finite, Finite] = Field(
-        (0.0, 0.0), description="X and Y of the map's middle on the body, before its shift_mm"
+        (0.0, 0.0),
+        description="X and Y of the map's middle on the body, before its turn_deg and shift_mm",
+    )
+    turn_deg: Finite = Field(
+        0.0, description="further turn of the map about its middle, from X towards Y"
     )
 
     @cached_by_content(maxsize=4)
@@ -194,7 +203,8 @@ class MappedFriction(Friction):
                 f"{key} = {self.file} has {wrong.sum()} missing or negative coefficients, the "
                 f"first in row {row}, column {column}"
             )
-        return CoefficientMap(values * self.unit, np.array(spacing), np.array(self.middle_mm))
+        middle, turn = np.array(self.middle_mm), _rotation(self.turn_deg)
+        return CoefficientMap(values * self.unit, np.array(spacing), middle, turn)
 
     def coefficient_at(self, pressure: Expr, speed: Expr, local: Expr | None) -> Expr:
         """Return the value of the map."""
@@ -205,6 +215,12 @@ class MappedFriction(Friction):
         """Return the map as a function of the place on the body."""
         return self.coefficients().at
 
+    def turned(self, angle_deg: float, about_mm: tuple[float, float]) -> Self:
+        """Return the map, turned with the body."""
+        x, y = about_mm + _rotation(angle_deg) @ np.subtract(self.middle_mm, about_mm)
+        update = {"middle_mm": (float(x), float(y)), "turn_deg": self.turn_deg + angle_deg}
+        return self.model_copy(update=update) if angle_deg else self
+
     def moved(self, shift_mm: tuple[float, float]) -> Self:
         """Return the map, shifted with the body."""
         x, y = np.add(self.middle_mm, shift_mm).tolist()
@@ -213,11 +229,12 @@ class MappedFriction(Friction):
     def check_covers(self, low_mm: Array, high_mm: Array) -> None:
         """Raise StudyError unless the map covers what lies between two corners (X, Y)."""
         own = self.coefficients()
-        if np.all(own.first_mm <= low_mm + 1e-6) and np.all(own.last_mm >= high_mm - 1e-6):
+        corners = [[x, y] for x in (low_mm[0], high_mm[0]) for y in (low_mm[1], high_mm[1])]
+        if np.all(np.abs(own.in_own_frame(np.array(corners))) <= own.half_mm + 1e-6):
             return
         covers, touches = (
             f"X {low[0]:.3g} to {high[0]:.3g}, Y {low[1]:.3g} to {high[1]:.3g} mm"
-            for low, high in ((own.first_mm, own.last_mm), (low_mm, high_mm))
+            for low, high in (own.ends_mm(), (low_mm, high_mm))
         )
         raise StudyError(
             f"stimulus.friction.file = {self.file} covers {covers} of the body, but the finger may "
@@ -232,20 +249,25 @@ class CoefficientMap:
     values: Array
     spacing_mm: Array
     middle_mm: Array
+    turn: Array  # a rotation, (2, 2)
 
     @property
-    def first_mm(self) -> Array:
-        """X and Y of the first value."""
-        return self.middle_mm - self.spacing_mm * (np.array(self.values.shape) - 1) / 2
+    def half_mm(self) -> Array:
+        """Half its size along its own axes."""
+        return self.spacing_mm * (np.array(self.values.shape) - 1) / 2
 
-    @property
-    def last_mm(self) -> Array:
-        """X and Y of the last value."""
-        return 2 * self.middle_mm - self.first_mm
+    def ends_mm(self) -> tuple[Array, Array]:
+        """Return the least and the largest X and Y of its corners."""
+        half: Array = np.abs(self.turn) @ self.half_mm
+        return self.middle_mm - half, self.middle_mm + half
+
+    def in_own_frame(self, xy_mm: Array) -> Array:
+        """Return places (n, 2) of the body from its middle, along its own axes."""
+        return (xy_mm - self.middle_mm) @ self.turn
 
     def at(self, points: Array) -> tuple[Array, Array]:
         """Return the coefficients (n,) and their gradients (n, 3) at points (n, 3) of the body."""
-        place = (points[:, :2] - self.first_mm) / self.spacing_mm
+        place = (self.in_own_frame(points[:, :2]) + self.half_mm) / self.spacing_mm
         last = np.array(self.values.shape) - 1
         inside = np.clip(place, 0, last)
         i, j = cell = np.minimum(inside.astype(int), last - 1).T
@@ -256,7 +278,15 @@ class CoefficientMap:
         gradient = np.zeros_like(points)
         gradient[:, :2] = np.column_stack([next_y - at_y, next_x - at_x]) / self.spacing_mm
         gradient[:, :2][place != inside] = 0.0
+        gradient[:, :2] = gradient[:, :2] @ self.turn.T
         return (1 - x) * at_y + x * next_y, gradient
+
+
+def _rotation(angle_deg: float) -> Array:
+    """Return a turn from X towards Y as a matrix, (2, 2)."""
+    angle = math.radians(angle_deg)
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])
 
 
 def _number_or_law(value: Any, info: ValidationInfo) -> float | Friction:

@@ -60,7 +60,12 @@ class Stimulus(Kind):
 
     def law(self) -> Friction:
         """Return the law of friction, in the frame of `body`."""
-        return law_of(self.friction).moved(self.shift_mm)
+        angle_deg, about_mm = self.turn()
+        return law_of(self.friction).turned(angle_deg, about_mm).moved(self.shift_mm)
+
+    def turn(self) -> tuple[float, tuple[float, float]]:
+        """Return by which angle about Z the body is turned, in degrees, and about which X and Y."""
+        return getattr(self, "turn_deg", 0.0), (0.0, 0.0)
 
     def raised(self) -> Sequence[Geometry]:
         """Return the outlines of what is raised from a plate, before `shift_mm`."""

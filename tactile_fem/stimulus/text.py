@@ -84,9 +84,9 @@ class Text(Stimulus):
         return font_file(name, folder)
 
     def files(self) -> dict[str, Path]:
-        """Return the font's file, if there is one."""
+        """Return the font's file, if there is one, and those of its tables."""
         file = find_font(self.font)
-        return {} if file is None else {"font": Path(file)}
+        return super().files() | ({} if file is None else {"font": Path(file)})
 
     def shape(self) -> Embossed:
         """Return the raised letters."""
