@@ -202,5 +202,5 @@ def _check_rings(polygons: Sequence[Shape]) -> None:
 
 def _name(number: int, shape: Geometry) -> str:
     """Return what a message calls a shape."""
-    x, y = shape.centroid.coords[0]
+    x, y = (round(place, 1) + 0.0 for place in shape.centroid.coords[0])  # no -0.0
     return f"shape {number} (around X {x:.1f}, Y {y:.1f} mm)"

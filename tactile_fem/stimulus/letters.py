@@ -12,7 +12,7 @@ from matplotlib.textpath import text_to_path
 from shapely import affinity
 
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus.winding import filled
+from tactile_fem.stimulus.rings import filled
 
 # At this font size the chords of curves are shorter than the grid, so that curvature is smooth.
 _TYPE_SIZE = 20000
@@ -100,7 +100,7 @@ def _glyph(character: str, font: FT2Font, name: str) -> shapely.Geometry:
         raise StudyError(f'stimulus.text: "{character}" is no character of its own')
     ((vertices, codes),) = glyphs.values()
     path = Outline(vertices * (_TYPE_SIZE / text_to_path.FONT_SCALE), codes)
-    shape = filled(path.to_polygons(closed_only=True), "nonzero")
+    shape = filled(path.to_polygons(closed_only=True))
     if shape.is_empty:
         raise StudyError(f'stimulus.text: "{character}" has no outline in the font "{name}"')
     return shape

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from shapely import affinity
 
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus.svg import read_svg
+from tactile_fem.stimulus.rings import filled
 
 _MAX_PIXELS = 20_000_000
 _PHOTOMETRIC = 262  # tag of a TIFF: 0 if its gray values count from white
@@ -34,17 +34,9 @@ def shape_of(rings: Sequence[ArrayLike]) -> shapely.Geometry:
     StudyError
         It has no area.
     """
-    shape = _odd(rings)
+    shape = filled(rings, even_odd=True)
     if shape.is_empty or not shape.area:
         raise StudyError("stimulus.polygons: a shape has no area")
-    return shape
-
-
-def _odd(rings: Sequence[ArrayLike]) -> shapely.Geometry:
-    """Return what an odd number of rings goes around."""
-    shape: shapely.Geometry = shapely.Polygon()
-    for ring in rings:
-        shape = shape.symmetric_difference(shapely.Polygon(np.asarray(ring)).buffer(0))
     return shape
 
 
@@ -68,6 +60,13 @@ def read_outlines(file: Path, needs_size: bool) -> list[shapely.Geometry]:
         raise StudyError(f"{start}: there is no such file")
     try:
         if file.suffix.lower() == ".svg":
+            try:
+                from tactile_fem.stimulus.svg import read_svg
+            except ImportError:
+                raise StudyError(
+                    "stimulus.file: svgelements, which reads .svg files, is not installed: pip "
+                    "install svgelements"
+                ) from None
             found = read_svg(file)
         elif needs_size:
             raise StudyError(f"{start} is a picture, which has no size in mm: give width_mm")
