@@ -3,8 +3,8 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from needs import needs_graphics
 from matplotlib.colors import Normalize
+from needs import needs_graphics
 from PIL import Image
 from synthetic import make_fields, make_results, make_trace
 
