@@ -88,11 +88,11 @@ def compiled_by() -> dict[str, str]:
     return {"version": (lines or command)[0], "processor": _cpuinfo("model name")}
 
 
-class _Numbered(ufl.Constant):  # type: ignore[misc]
+class _Numbered(ufl.Constant):
     """A constant of UFL that has one of the package's own numbers."""
 
     def __init__(self, domain: object, shape: tuple[int, ...] = ()) -> None:
-        super().__init__(domain, shape, next(_numbers))
+        super().__init__(domain, shape, next(_numbers))  # type: ignore[no-untyped-call]
 
 
 class Constant(fem.Constant, _Numbered):
