@@ -62,6 +62,8 @@ class Fung:
 class Gravity(Term):
     """The weight of all tissues, against Z: the pad hangs from the bone."""
 
+    is_symmetric = True  # its tangent, which vanishes
+
     def residual(self, v):
         """Return the virtual work in v, that of the inner forces less that of the weight."""
         weight_N_mm3 = 9810.0 * 1e-12 * self.tissues.constants.density_kg_m3
