@@ -53,7 +53,7 @@ class Text(Stimulus):
 
     smoother_by = ("corner_radius_mm", "fillet_radius_mm")
     kind: Literal["text"] = Field("text", description="which stimulator; each has keys of its own")
-    text: Annotated[str, AfterValidator(_composed), Field(min_length=1, max_length=40)] = Field(
+    text: Annotated[str, Field(min_length=1, max_length=40), AfterValidator(_composed)] = Field(
         "FGH", description="paper: letters in the order in which they pass the receptor"
     )
     font: Annotated[str, AfterValidator(font_file)] = Field(
