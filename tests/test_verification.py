@@ -178,3 +178,13 @@ def test_brian(tmp_path):
         return
     assert number(r"first spikes differ by at most ([\d.]+) steps", output) < 1
     assert number(r"99% of all by at most ([\d.]+) ms", output) < 10
+
+
+def test_cost(tmp_path):
+    way = ["--sizes", "small", "--depth", "0.2", "--distance", "0.1"]
+    output = run("benchmarks/cost.py", str(tmp_path), *way)
+    with (tmp_path / "costs.csv").open() as table:
+        (row,) = csv.DictReader(table)
+    assert row["size"] == "small" and row["cells"] in output
+    assert 0 < float(row["linear_s"]) < float(row["seconds"])
+    assert float(row["force_N"]) > 0 < int(row["newton"])
