@@ -68,6 +68,9 @@ class Spring:
         force = np.array([0.0, -0.3 * normal, normal])
         return Load(force, *3 * [np.zeros(3)], *8 * [0.0], *3 * [np.zeros((0, 3))])
 
+    def rejection(self, load: Load) -> str:
+        return load.rejection(balance_N=1e-5)
+
     def accept(self, load: Load) -> None:
         self.state.accept(load.force_N, load.moment_Nmm, load.friction_N, 3)
 

@@ -18,8 +18,6 @@ from tactile_fem.mechanics.terms.term import Term
 # Skin that is nearer to the body than this touches it, as ink on the finger would. Less would
 # show the noise of the gap on coarse meshes, one or two micrometres.
 _CONTACT_GAP_MM = 0.01
-# Contact force and the forces of the tissues differ by what the residual's norm allows, much less.
-_BALANCE_N = 1e-5
 
 
 @dataclass(frozen=True)
@@ -71,14 +69,19 @@ class Load:
     friction_N: np.ndarray = field(repr=False)
     bound_N: np.ndarray = field(repr=False)
 
-    @property
-    def rejection(self) -> str:
-        """Why a state with this load must not be accepted; empty if it may."""
+    def rejection(self, balance_N: float) -> str:
+        """Return why a state with this load must not be accepted; empty if it may.
+
+        Parameters
+        ----------
+        balance_N
+            Up to which the imbalance is one of rounding, or of the tolerance of a solver.
+        """
         nodal = "pressure_N", "friction_N", "bound_N"
         integrals = [value for name, value in vars(self).items() if name not in nodal]
         if not np.isfinite(np.hstack(integrals)).all():
             return "the load is not finite"
-        if self.imbalance_N > _BALANCE_N:
+        if self.imbalance_N > balance_N:
             return (
                 f"the step is not in equilibrium: contact force and held reaction differ by "
                 f"{self.imbalance_N:.1e} N"

@@ -118,8 +118,8 @@ class Equilibrium:
             self.predict(dt_s)
             report = self._problem.solve(place, dt_s, rotation, swing)
         load = self._problem.load() if report.converged else None
-        if load is not None and load.rejection:
-            return replace(report, converged=False, reason=load.rejection), None
+        if load is not None and (reason := self._problem.rejection(load)):
+            return replace(report, converged=False, reason=reason), None
         return report, load
 
     def solve(self, held: Held, path: Pose, phase: str) -> Solved:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import math
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -16,6 +17,8 @@ from tactile_fem.mechanics.rows import Saved, gathered
 from tactile_fem.solvers.fast import FastSolver
 from tactile_fem.solvers.report import SolveReport, StepSolver
 
+# Least imbalance of forces that is an error, whatever the solver's tolerance.
+_BALANCE_N = 1e-5
 # Problems on several ranks, until they are closed, in the order in which they were made.
 _OPEN: dict[FingerProblem, None] = {}
 
@@ -92,15 +95,19 @@ class FingerProblem(Problem):
             The load is not finite, or the state is not in equilibrium.
         """
         load = load or self.load()
-        if load.rejection:
-            raise ConvergenceError(
-                f"a state cannot be accepted: {load.rejection}", load.force_N, load.rejection
-            )
+        if reason := self.rejection(load):
+            raise ConvergenceError(f"a state cannot be accepted: {reason}", load.force_N, reason)
         if self._iterations or self.state.iterations:
             self.solver.end_step()
         self.state.accept(load.force_N, load.moment_Nmm, load.friction_N, self._iterations)
         self._iterations = 0
         return load
+
+    def rejection(self, load: Load) -> str:
+        """Return why the present state must not be accepted, with its load; empty if it may."""
+        # The sum of the residual is at most its norm times the square root of its length.
+        allowed_N = self.solver.snes.getTolerances()[1] * math.sqrt(self.unknowns)
+        return load.rejection(max(allowed_N, _BALANCE_N))
 
     def to_save(self) -> Saved:
         """Return the accepted state, as `State.to_save` does, and what the solver carries."""
