@@ -80,11 +80,13 @@ def outline_image(stimulus: Stimulus, across_mm: Array, along_mm: Array) -> Arra
     Raises
     ------
     StudyError
-        The stimulus has no outline.
+        The stimulus has no outline, or the image a single row or column.
     """
     shapes = [shape for shape in stimulus.outlines() if not shape.is_empty]
     if not shapes:
         raise StudyError(f'The stimulus "{stimulus.kind}" has no outline to compare with.')
+    if min(len(across_mm), len(along_mm)) < 2:
+        raise StudyError("An image to compare with an outline needs two rows and columns or more.")
     lines = shapely.unary_union([shape.boundary for shape in shapes])
     pixel = across_mm[1] - across_mm[0], along_mm[1] - along_mm[0]
     offsets = (np.arange(_FINE) + 0.5) / _FINE - 0.5
