@@ -311,7 +311,7 @@ def _step_to_end(
                     pass
             _log_contact(trace)
             response = _conclude(simulation, trace, recorder, "complete")
-        except BaseException as error:  # a part or observer of one's own may also exit
+        except (Exception, SystemExit, KeyboardInterrupt) as error:  # also an observer's
             kept = _keep(simulation, trace, recorder, error)
             if isinstance(error, StoppedError):
                 raise StoppedError(error.number, kept) from None
