@@ -127,8 +127,9 @@ def test_moving_the_held_base_against_the_body_gives_the_same():
     """The body rests where it touches; the base moves by minus the body's displacement."""
     problem = made(*STILL)
     base = problem.bcs[0].g
-    for place in PATH:
-        problem.accept()
+    for number, place in enumerate(PATH):
+        if number:
+            problem.accept()
         # The guess meets the new condition: the residual lifts only homogeneous ones.
         problem.u.x.array.reshape(-1, 3)[:] -= np.asarray(place) + base.value
         base.value[:] = -np.asarray(place)

@@ -151,7 +151,7 @@ def test_the_bone_and_the_block_are_springs_in_series():
 
 
 def test_a_bone_from_which_the_body_is_lifted_swings_back():
-    path = Path((Press(depth_mm=0.2, speed_mm_s=1.0), Lift(depth_mm=-0.2), Hold(time_s=0.2)))
+    path = Path((Press(depth_mm=0.2, speed_mm_s=1.0), Lift(depth_mm=-0.2), Hold(time_s=0.3)))
     joint = Joint(stiffness_Nmm_rad=60.0, damping_Nmms_rad=1.2)
     *_, last = Stepper(plate_below_block(), path, SOLVER, bone=Bone(joint))
     assert last.force_N[2] == 0.0
