@@ -224,6 +224,23 @@ def test_the_marker_of_a_geotiff_is_no_height(kind, tmp_path):
         from_above(tmp_path / "f.tif", **SIZES)
 
 
+def test_a_transparent_gray_value_is_no_height(tmp_path):
+    Image.fromarray(GRAY.astype(np.uint8)).save(tmp_path / "f.png", transparency=int(GRAY[0, 0]))
+    with pytest.raises(StudyError, match="without colours, palette or transparency"):
+        from_above(tmp_path / "f.png", **SIZES)
+
+
+@pytest.mark.parametrize("name", ["_FillValue", "missing_value"])
+def test_the_marker_of_an_hdf5_array_is_no_height(name, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    values = ROWS.astype("f4")
+    values[3, 4] = -7.1
+    with h5py.File(tmp_path / "f.h5", "w") as stream:
+        stream.create_dataset("heights", data=values).attrs[name] = np.float32(-7.1)
+    with pytest.raises(StudyError, match="1 missing or infinite heights, the first in row 3"):
+        from_above(tmp_path / "f.h5", **SIZES)
+
+
 # --- tables ----------------------------------------------------------------------------------
 
 

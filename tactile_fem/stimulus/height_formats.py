@@ -150,7 +150,8 @@ def _tiff_of_other_numbers(file: Path) -> Raw:
 
 
 def _check_gray(image: Image.Image) -> None:
-    if image.mode not in ("L", "F", "I") and not image.mode.startswith("I;16"):
+    is_gray = image.mode in ("L", "F", "I") or image.mode.startswith("I;16")
+    if not is_gray or "transparency" in image.info:
         raise UnusableError(
             f"is an image of mode {image.mode} but must be gray, without colours, palette or "
             "transparency"
@@ -165,7 +166,7 @@ def _check_single(images: int) -> None:
 
 
 def _without_marker(values: NDArray[Any], marker: object) -> NDArray[Any]:
-    """Return values with NaN where they equal the marker that a GeoTIFF states."""
+    """Return values with NaN where they equal the marker that a file states."""
     try:
         missing = values == float(str(marker).strip("\0 "))
     except ValueError:
@@ -192,7 +193,9 @@ def _instrument(file: Path) -> Raw:
         has_sizes = channel.physical_sizes is not None
         found = channel.topography(physical_sizes=None if has_sizes else channel.nb_grid_pts)
         values = np.ma.filled(np.ma.asarray(found.heights(), dtype=np.float64), np.nan)
-        if reader.format() == "nc":
+        if reader.format() == "h5":
+            values = _without_marker(values, _fill_value(file, channel.name))
+        elif reader.format() == "nc":
             values = _by_coordinates(values, file)
         elif reader.format() not in _RIGHT_HANDED | _ARRAYS:
             values = values[:, ::-1]
@@ -216,6 +219,13 @@ def _by_coordinates(values: NDArray[Any], file: Path) -> NDArray[Any]:
             if places[-1] < places[0]:
                 values = np.flip(values, axis)
     return values
+
+
+def _fill_value(file: Path, name: str) -> float:
+    """Return what marks missing values of an array of HDF5, as NetCDF and xarray write it."""
+    with importlib.import_module("h5py").File(file) as stream:
+        found = stream[name].attrs
+        return float(np.ravel(found.get("_FillValue", found.get("missing_value", np.nan)))[0])
 
 
 def _only_map(reader: Any) -> Any:

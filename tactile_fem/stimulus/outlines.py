@@ -175,7 +175,9 @@ def _rounded(shape: shapely.Geometry, radius: float) -> shapely.Geometry | None:
     # Morphological opening rounds convex corners, closing rounds concave ones.
     opened = shape.buffer(-radius, quad_segs=32).buffer(radius, quad_segs=32)
     rounded = opened.buffer(radius, quad_segs=32).buffer(-radius, quad_segs=32)
-    if rounded.is_empty or _topology(rounded) != _topology(shape):
+    # Parts that touch in a point, as pixels over a corner do, may become one or two.
+    joined = shape.buffer(_SAME_RADII * radius)
+    if rounded.is_empty or _topology(rounded) not in (_topology(shape), _topology(joined)):
         return None  # a part or a hole has vanished
     lost = shapely.distance(rounded, shapely.points(shapely.get_coordinates(shape))).max()
     if lost > _LONGEST_CORNER * radius or _largest_turn(shape, rounded, radius) > _CORNER_TURN:
