@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import subprocess
 import sys
@@ -178,3 +179,15 @@ def test_the_first_part_that_changed_is_named():
     assert not changed_part(identity(9.81), identity(9.81))
     assert "a term 1 that was functools.partial" in changed_part(identity(9.81), identity(0.0))
     assert "a law of dermis that was " in changed_part(identity(9.81), identity(9.81, law=2.0))
+
+
+def test_files_and_own_modules_count_by_their_content(tmp_path, monkeypatch):
+    file = tmp_path / "own_module_of_a_script.py"
+    monkeypatch.syspath_prepend(tmp_path)
+    found = []
+    for text in ("g = 1.0\n", "g = 2.0\n"):
+        file.write_text(text)
+        module = importlib.import_module(file.stem)
+        found += [of(Law(1.0, file)), of(partial(gravity, module))]
+    assert len(set(found)) == 4
+    assert of(Law(1.0, tmp_path / "none")) == of(Law(1.0, tmp_path / "none"))

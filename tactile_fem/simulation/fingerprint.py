@@ -72,6 +72,10 @@ class _Fingerprint:
             yield self.of(data)
         elif isinstance(value, types.ModuleType):
             yield value.__name__
+            if (file := getattr(value, "__file__", None)) and not _is_installed(value.__name__):
+                yield self.of(Path(file).read_bytes())
+        elif isinstance(value, Path):
+            yield self.of(value.read_bytes() if value.is_file() else str(value))
         elif isinstance(value, types.CodeType):
             yield from (value.co_code.hex(), repr((value.co_names, value.co_varnames)))
             yield from map(self.of, value.co_consts)
