@@ -443,9 +443,7 @@ def test_rings_are_raised_whole_or_refused(rings, right):
 def test_pieces_that_touch_in_a_point_are_raised(tmp_path):
     """As the modules of a QR code do over their corners."""
     pytest.importorskip("svgelements")
-    size = 'width="10mm" height="10mm" viewBox="0 0 10 10"'
-    path = '<path d="M1 1h2v2h-2z M3 3h2v2h-2z M5 1h2v2h-2z"/>'
-    (tmp_path / "d.svg").write_text(f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{path}</svg>')
-    drawing = Drawing(file=tmp_path / "d.svg", corner_radius_mm=0.1)
+    file = svg(tmp_path, '<path d="M1 1h2v2h-2z M3 3h2v2h-2z M5 1h2v2h-2z"/>')
+    drawing = Drawing(file=file, corner_radius_mm=0.1)
     assert sum(areas(drawing)) == pytest.approx(12, rel=0.02)
     drawing.body()

@@ -73,7 +73,7 @@ class _Fingerprint:
         elif isinstance(value, types.ModuleType):
             yield value.__name__
             if (file := getattr(value, "__file__", None)) and not _is_installed(value.__name__):
-                yield self.of(Path(file).read_bytes())
+                yield self.of(Path(file))
         elif isinstance(value, Path):
             yield self.of(value.read_bytes() if value.is_file() else str(value))
         elif isinstance(value, types.CodeType):
@@ -81,8 +81,7 @@ class _Fingerprint:
             yield from map(self.of, value.co_consts)
         elif isinstance(value, _BUILTIN):
             yield getattr(value, "__qualname__", value.__name__)
-            owner = getattr(value, "__self__", None)
-            yield self.of(owner)
+            yield self.of(getattr(value, "__self__", None))
         elif isinstance(value, types.FunctionType):
             yield from self._of_function(value)
         elif isinstance(value, type):
@@ -121,9 +120,9 @@ class _Fingerprint:
                 yield self.of(cell.cell_contents)
             except ValueError:  # an empty cell
                 yield "empty"
-        known = function.__globals__
-        for name in sorted(_globals_of(function.__code__)):
-            if name in known and not _is_installed(function.__module__):
+        if not _is_installed(function.__module__):
+            known = function.__globals__
+            for name in sorted(_globals_of(function.__code__) & known.keys()):
                 yield name + self.of(known[name])
 
     def _of_class(self, kind: type) -> Iterator[str]:
