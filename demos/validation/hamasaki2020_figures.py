@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 from hamasaki2020_readings import (
+    BUNDLES_MM,
     CURVATURES,
     HELD_HZ,
     PLATE,
     PROFILE,
     RAMP_HZ,
-    WINDOWS_MM,
     Finger,
+    first_high_mm,
 )
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -24,7 +25,8 @@ from tactile_fem import draw
 from tactile_fem.output.histories import DISPLACEMENT, rings
 from tactile_fem.series import RateImage
 
-COLOURS = {"reproduction": "#0072B2", "default": "#D55E00"}
+COLOURS = {"reproduction": "#0072B2", "full size": "#009E73", "default": "#D55E00"}
+FIRST = {(0.0, 5.0): "#D55E00", (5.0, 10.0): "#0072B2"}  # halves of the slide
 INK, SHADE, OUTLINE = "#202020", "#E4E4E4", "#B0B0B0"
 _PLACES_MM = np.linspace(0.0, 7.0, 71)
 _MOST_SECTIONS = 4
@@ -50,8 +52,10 @@ def presses(fingers: Mapping[str, Finger]) -> Figure:
     rates.plot(CURVATURES, HELD_HZ, **measured | {"mfc": "white"})
     for name, finger in fingers.items():
         colour = COLOURS[name]
-        force.plot(*finger.plate(), color=colour)
         force.plot(1.97, finger.pressed_N(), "*", color=colour, ms=12, mfc="none", mew=1.5)
+        if "plate" not in finger.scans:
+            continue
+        force.plot(*finger.plate(), color=colour)
         for scan, line in (("edge", "-"), ("cylinder", "--")):
             skin.plot(_PLACES_MM, finger.profile(scan, _PLACES_MM), line, color=colour)
         ramp, hold = finger.rates_Hz().T
@@ -79,7 +83,7 @@ def _key(fingers: Mapping[str, Finger]) -> list[Line2D]:
         Line2D([], [], **dot, label="measured (3), assumed ramp (5, 6)"),
         Line2D([], [], **dot, mfc="white", label="assumed hold (5, 6)"),
         Line2D([], [], **star, label="letters, paper"),
-        Line2D([], [], **star, mfc="none", label="letters, the two fingers"),
+        Line2D([], [], **star, mfc="none", label="letters, the fingers"),
     ]
 
 
@@ -87,21 +91,20 @@ def _key(fingers: Mapping[str, Finger]) -> list[Line2D]:
 
 
 def middle(fingers: Mapping[str, Finger]) -> Figure:
-    """Draw SED and spikes of the middle afferent over the windows in which the paper's fires."""
-    figure = Figure(figsize=(7.5, 4.4), layout="constrained")
+    """Draw SED and spikes of the middle afferent over the bundles of the paper's."""
+    figure = Figure(figsize=(7.5, 4.8), layout="constrained")
     sed, fired = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
     for row, (name, finger) in enumerate(fingers.items()):
         seen = finger.middle()
         sed.plot(seen.along_mm, seen.sed_kPa, color=COLOURS[name], label=name)
         fired.eventplot(seen.fired.spikes, lineoffsets=-row, linelengths=0.8, color=COLOURS[name])
-    firing = zip(WINDOWS_MM[1::2], WINDOWS_MM[2::2], strict=False)
-    for number, (start, end) in enumerate(firing):
+    for number, (start, end) in enumerate(BUNDLES_MM):
         label = "" if number else "bundles of the paper"
         sed.axvspan(start, end, color=SHADE, lw=0, label=label)
         fired.axvspan(start, end, color=SHADE, lw=0)
     sed.set(ylabel="SED at the middle receptor (kPa)", ylim=(0, None))
     sed.legend(frameon=False)
-    fired.set(xlabel=DISPLACEMENT, yticks=(0, -1), yticklabels=list(fingers))
+    fired.set(xlabel=DISPLACEMENT, yticks=-np.arange(len(fingers)), yticklabels=list(fingers))
     fired.set_xlim(0, sed.get_lines()[0].get_xdata()[-1])
     return figure
 
@@ -124,21 +127,28 @@ def sections(finger: Finger, picture: Path) -> None:
 
 
 def rasters(fingers: Mapping[str, Finger]) -> Figure:
-    """Draw the population's spikes beside those of one fibre in many passes."""
+    """Draw the population's spikes beside those of one fibre in many passes.
+
+    Where each row of the population first has a high rate, in either half of the slide, is marked.
+    """
     figure = Figure(figsize=(8, 3.5 * len(fingers)), layout="constrained")
     grid = figure.subplots(len(fingers), 2, squeeze=False, sharex=True, sharey=True)
     for row, (name, finger) in zip(grid, fingers.items(), strict=True):
         images = {"9a, population": finger.population(), "9b, one fibre": finger.fibre()}
         for axes, (title, image) in zip(row, images.items(), strict=True):
-            _raster(axes, image, finger)
+            raster(axes, image, finger)
             axes.set(title=f"{title}, {name}")
+        for ends, colour in FIRST.items():
+            image = images["9a, population"]
+            place = first_high_mm(image, finger.study.protocol.speed_mm_s, ends)
+            row[0].plot(place, image.across_mm, ls="", marker="o", ms=3.5, mew=0, color=colour)
         row[0].set_ylabel("X on the letter (mm)")
     for axes in grid[-1]:
         axes.set_xlabel(DISPLACEMENT)
     return figure
 
 
-def _raster(axes: Axes, image: RateImage, finger: Finger) -> None:
+def raster(axes: Axes, image: RateImage, finger: Finger) -> None:
     """Draw a dot for each spike over the outline of the letters; X decreases upwards."""
     for ring in rings(finger.study.stimulus):
         axes.plot(ring[:, 1], ring[:, 0], color=OUTLINE, lw=1)

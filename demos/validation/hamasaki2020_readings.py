@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -15,9 +15,11 @@ from tactile_fem import Results, Study
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.press import deflection
 from tactile_fem.finger.deformation import SkinSurface
-from tactile_fem.neuron import RateFit, Recording, Response, Window, fit, mean_rates
-from tactile_fem.output.histories import central_receptor
+from tactile_fem.neuron import RateFit, Recording, Response, Window, fit, mean_rates, respond
+from tactile_fem.neuron.response import Bundle
+from tactile_fem.output.histories import central_receptor, extrema
 from tactile_fem.series import RateImage, rate_image
+from tactile_fem.study import Neuron
 
 Array = NDArray[np.float64]
 
@@ -30,10 +32,18 @@ RAMP_HZ, HELD_HZ = np.linspace(200, 100, 4), np.linspace(50, 10, 4)
 CYLINDER_MM, RAMP_S, HOLD_S = 1.97, 0.0985, 1.0
 WHEN = (0.8 * RAMP_S, RAMP_S), (RAMP_S + 0.9 * HOLD_S, RAMP_S + 0.999 * HOLD_S)
 FREE = ("static_gain_pA_per_kPa", "adaptation")
-# Windows of the slide, mm: the middle afferent of the paper is silent in every second one.
-WINDOWS_MM = (0.0, 1.5, 2.3, 5.2, 6.0, 7.3, 8.5, 10.0)
+# Where the middle afferent of the paper fires in bundles of high rate, mm of the slide; of what it
+# does between them the text says nothing.
+BUNDLES_MM = ((1.5, 2.3), (5.2, 6.0), (7.3, 8.5))
+BETWEEN_MM = ((0.0, 1.5), (2.3, 5.2), (6.0, 7.3), (8.5, 10.0))
 _GAP_MM = 0.6  # between bundles: 33 spikes/s at 20 mm/s
-_ROW_MM, _BLUR_MM, _LATEST_MM = 0.2, 0.3, 1.5
+_BESIDE_MM = 0.8  # before and after a maximum of SED
+# A high rate, /s, and the rows that are called central and outer; the letters reach to X = 3.9 mm.
+HIGH_HZ, CENTRAL_MM, OUTER_MM = 100.0, (0.0, 1.0), (2.0, 4.0)
+_HALF_MM = 5.0
+# The gap of a G: between its strokes, so far from its right side; less a margin; columns about it.
+_STROKE_MM, _MARGIN_MM, _ABOUT_MM = 0.4, 0.3, 1.0
+_ROW_MM = 0.2
 _SKIN_MM, _SKIN_POINTS = 8.0, 321
 
 
@@ -76,26 +86,30 @@ class Finger(NamedTuple):
         each = [mean_rates(*one, windows, self.study.neuron)[:, 0] for one in self.cylinders()]
         return np.array(each)
 
-    def fitted_neuron(self) -> RateFit:
-        """Return the neuron that comes nearest to the assumed rates."""
+    def fitted_neuron(self, decay_s: float | None = None) -> RateFit:
+        """Return the neuron that comes nearest to the assumed rates; by default, its own decay."""
         recordings = [
             Recording(*one, [Window(*when, [rate]) for when, rate in zip(WHEN, rates, strict=True)])
             for one, *rates in zip(self.cylinders(), RAMP_HZ, HELD_HZ, strict=True)
         ]
-        return fit(recordings, self.study.neuron, FREE)
+        own = self.study.neuron
+        start = own.model_copy(update={"adaptation_time_s": decay_s or own.adaptation_time_s})
+        return fit(recordings, start, FREE)
+
+    def with_neuron(self, neuron: Neuron) -> Finger:
+        """Return the finger with another neuron: mechanics does not depend on it."""
+        return self._replace(study=self.study.model_copy(update={"neuron": neuron}))
 
     # --- letters ---------------------------------------------------------------------------------
 
+    def middle_history(self) -> tuple[Array, Array]:
+        """Return times, 0 where the slide begins, and the SED of the middle receptor, kPa."""
+        trace = self.scans["letters"].trace
+        return trace["time_s"], trace["sed_kPa"][:, central_receptor(trace["receptors_mm"])]
+
     def middle(self) -> Middle:
         """Return what the middle afferent feels in the slide, and how it fires."""
-        trace, speed = self.scans["letters"].trace, self.study.protocol.speed_mm_s
-        central, slide = central_receptor(trace["receptors_mm"]), trace["time_s"] >= -1e-9
-        fired = self.study.populations[0].population().fire(trace)
-        return Middle(
-            trace["displacement_mm"][slide],
-            trace["sed_kPa"][slide, central],
-            Response([speed * fired.spikes[central]], 0.0, speed * fired.end_s),
-        )
+        return middle_of(*self.middle_history(), self.study)
 
     def population(self, half_mm: float = np.inf) -> RateImage:
         """Return the image that the receptors up to X make in one pass: Fig. 9a."""
@@ -127,16 +141,51 @@ class Finger(NamedTuple):
         afferents, felt = self.study.populations[0].population(), sed_kPa[:, order]
         return rate_image(across_mm[order], time_s, felt, speed, afferents, column_mm=_ROW_MM)
 
-    def outline_r(self, image: RateImage) -> float:
-        """Return an image's correlation with the letters' outline, the largest over its delay."""
+    def to_edge_mm(self, along_mm: float) -> float:
+        """Return the middle receptor's distance from the letters' nearest edge."""
         edges = shapely.unary_union([part.boundary for part in self.study.stimulus.outlines()])
-        found = []
-        for delay in np.arange(0.0, _LATEST_MM, _ROW_MM):
-            places = np.meshgrid(image.across_mm, image.along_mm - delay, indexing="ij")
-            away = shapely.distance(edges, shapely.points(*places))
-            near = np.exp(-0.5 * (away / _BLUR_MM) ** 2)
-            found.append(np.corrcoef(near.ravel(), image.rate_Hz.ravel())[0, 1])
-        return float(max(found))
+        return float(shapely.distance(edges, shapely.Point(0.0, along_mm)))
+
+    def gap_Hz(self, image: RateImage) -> tuple[float, float]:
+        """Return the rates over the right-hand gap of the middle letter and over its strokes.
+
+        Both where its right side passes the row of receptors.
+        """
+        letter = min(self.study.stimulus.outlines(), key=lambda o: abs(o.centroid.y - _HALF_MM))
+        right = letter.bounds[3]
+        line = shapely.LineString([(-9.0, right - _STROKE_MM), (9.0, right - _STROKE_MM)])
+        pieces = sorted(shapely.get_parts(line & letter).tolist(), key=lambda piece: piece.bounds)
+        open_ = [(a.bounds[2], b.bounds[0]) for a, b in pairwise(pieces)]
+        low, high = max(open_, key=lambda ends: ends[1] - ends[0])
+        x, y = image.across_mm, image.along_mm
+        columns = np.abs(y - right) < _ABOUT_MM
+        over = shapely.contains_xy(line & letter, x, np.full(len(x), right - _STROKE_MM))
+        within = (x > low + _MARGIN_MM) & (x < high - _MARGIN_MM)
+        return tuple(float(image.rate_Hz[np.ix_(rows, columns)].mean()) for rows in (within, over))
+
+
+def middle_of(time_s: Array, sed_kPa: Array, study: Study) -> Middle:
+    """Return how the neuron of a study fires, with places of the slide for times."""
+    speed, slide = study.protocol.speed_mm_s, time_s >= -1e-9
+    fired = respond(time_s, sed_kPa[:, None], study.neuron)
+    spikes = Response([speed * fired.spikes[0]], 0.0, speed * fired.end_s)
+    return Middle(speed * time_s[slide], sed_kPa[slide], spikes)
+
+
+def rows_of(image: RateImage, ends_mm: tuple[float, float]) -> NDArray[np.intp]:
+    """Return the rows whose distance from the middle is between two."""
+    away = np.abs(image.across_mm)
+    return np.flatnonzero((away >= ends_mm[0] - 1e-9) & (away <= ends_mm[1] + 1e-9))
+
+
+def first_high_mm(image: RateImage, speed_mm_s: float, ends_mm: tuple[float, float]) -> Array:
+    """Return where each row first has a high rate between two places, NaN where it has none."""
+    found = []
+    for spikes in image.response.spikes:
+        fast = spikes[:-1][np.diff(spikes) <= 1 / HIGH_HZ] * speed_mm_s
+        fast = fast[(fast >= ends_mm[0]) & (fast < ends_mm[1])]
+        found.append(fast.min(initial=np.inf))
+    return np.where(np.isfinite(found), found, np.nan)
 
 
 class Middle(NamedTuple):
@@ -146,11 +195,20 @@ class Middle(NamedTuple):
     sed_kPa: Array
     fired: Response
 
-    def rates_Hz(self, speed_mm_s: float) -> list[float]:
-        """Return the rates in the paper's windows."""
-        return [speed_mm_s * float(self.fired.mean_rate(*ends)[0]) for ends in pairwise(WINDOWS_MM)]
+    def rates_Hz(self, speed_mm_s: float, windows_mm: Iterable[tuple[float, float]]) -> list[float]:
+        """Return the rates in windows of the slide."""
+        return [speed_mm_s * float(self.fired.mean_rate(*ends)[0]) for ends in windows_mm]
 
-    def bundles(self) -> list[str]:
-        """Return where the bundles of the slide begin and end."""
-        bundles = self.fired.bundles(_GAP_MM)[0]
-        return [f"{one.start_s:.1f} to {one.end_s:.1f}" for one in bundles if one.end_s > 0]
+    def maxima(self) -> NDArray[np.intp]:
+        """Return the steps at which SED has its maxima."""
+        return extrema(self.sed_kPa)[0]
+
+    def beside_maxima_Hz(self, speed_mm_s: float) -> list[list[float]]:
+        """Return the rates before the maxima of SED, and those after them."""
+        places = self.along_mm[self.maxima()]
+        before, after = [(y - _BESIDE_MM, y) for y in places], [(y, y + _BESIDE_MM) for y in places]
+        return [self.rates_Hz(speed_mm_s, windows) for windows in (before, after)]
+
+    def bundles(self) -> list[Bundle]:
+        """Return the bundles of the slide; their times are places in mm."""
+        return [one for one in self.fired.bundles(_GAP_MM)[0] if one.end_s > 0]
