@@ -55,8 +55,8 @@ env: $(ENVIRONMENT)
 	@touch $@
 
 .venv/.docs: .venv/.complete
-	@echo "Installing what builds the site ..." >&2
-	@$(PYTHON) -m pip install --quiet --disable-pip-version-check -e ".[docs]"
+	@echo "Installing what builds the site and runs many scans ..." >&2
+	@$(PYTHON) -m pip install --quiet --disable-pip-version-check -e ".[docs,cluster]"
 	@touch $@
 
 docs: $(DOCS)

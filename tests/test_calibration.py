@@ -162,7 +162,7 @@ def test_the_command_names_its_option(tmp_path, capsys):
 
 def test_a_saved_press_is_that_of_its_fingers_file(tmp_path):
     """Whatever the file's name: one that changed is pressed again."""
-    from tactile_fem.calibration.model import Task  # which needs DOLFINx
+    from tactile_fem.calibration.task import Task  # which needs DOLFINx
 
     (experiment, *_) = read_measurements([written(tmp_path, FORCE + "plate,0.2,1,0.2,0.1\n")])
     names = []
@@ -173,17 +173,31 @@ def test_a_saved_press_is_that_of_its_fingers_file(tmp_path):
     assert names[0] == names[2] != names[1]
 
 
+def test_a_press_is_handed_to_a_process_whole(tmp_path):
+    from tactile_fem.calibration.task import Task
+
+    profile = "cylinder radius_mm=1.5,2,1,0.5,0.8,0.1\n"
+    (experiment, *_) = read_measurements([written(tmp_path, PROFILE + profile)])
+    changes = ({("dermis", "C10_MPa"): 1.0, ("dermis", "D1_per_MPa"): -1.0},)
+    task = Task(Study(), experiment, changes)
+    file = tmp_path / "presses" / f"{task.name}.npz"
+    task.write(file)
+    read = Task.read(file)
+    assert (read.name, read.changes) == (task.name, changes)
+    assert not read.experiment.is_force.any()
+
+
 def test_a_saved_press_is_that_of_its_version(tmp_path, monkeypatch):
     """And of its code: what an earlier one pressed is pressed again."""
     import tactile_fem
-    from tactile_fem.calibration import model
+    from tactile_fem.calibration import task as tasks
 
     (experiment, *_) = read_measurements([written(tmp_path, FORCE + "plate,0.2,1,0.2,0.1\n")])
-    task = model.Task(Study(), experiment, ())
+    task = tasks.Task(Study(), experiment, ())
     names = [task.name, task.name]
     monkeypatch.setattr(tactile_fem, "__version__", "0.0.1", raising=False)
     names.append(task.name)
-    monkeypatch.setattr(model, "_hash_of_code", lambda: "another")
+    monkeypatch.setattr(tasks, "_hash_of_code", lambda: "another")
     names.append(task.name)
     assert names[0] == names[1] and len({*names}) == 3
 
@@ -225,7 +239,7 @@ def of_formula(study, experiment, changes=(), comm=None):
 def formula(tmp_path, monkeypatch, capsys):
     """Fit the formula from the command line; return the folder, what was printed and logged."""
     pytest.importorskip("tactile_fem.runtime.backend")
-    monkeypatch.setattr("tactile_fem.calibration.model.press", of_formula)
+    monkeypatch.setattr("tactile_fem.calibration.task.press", of_formula)
 
     def run(text=FORMULA, *options):
         command = [

@@ -357,7 +357,7 @@ def test_help_and_wrong_input_import_nothing_heavy(tmp_path):
         *("scan bad.toml", "scan none.toml", "scan --results used", "resume none"),
         *("scan --set protocol.depth_mm=9", "scan --set finger.dermis_mm=6"),
         *("scan --set finger.mesh_file=none.msh", "sweep --over stimulus.friction=x"),
-        *("sweep --over stimulus.friction", "fibre --task 3/2", "fibre --spacing-mm 9"),
+        *("sweep --over stimulus.friction", "fibre --spacing-mm 9"),
         *("fit none.csv", "vibrate none", "vibrate none --frequencies 0", "view none"),
         *("plot none", "report none", "fields none", "compare none no", "preview -o x.jpg"),
     ]

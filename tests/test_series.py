@@ -19,12 +19,10 @@ from tactile_fem.series import (
     numbers_of,
     run_all,
     run_series,
-    share_of,
     single_fibre,
     sweep,
     write_summary,
 )
-from tactile_fem.series.units import units_of
 from tactile_fem.simulation.columns import SUMMARY
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Surface, Text
@@ -114,16 +112,6 @@ def test_passes_closer_than_a_micrometre_have_folders_of_their_own():
 def test_bad_axes_are_told(axes, says):
     with pytest.raises(StudyError, match=says):
         sweep(axes)
-
-
-def test_tasks_share_a_series():
-    members = single_fibre(Study(), spacing_mm=1.0)
-    shares = [share_of(members, f"{k}/3") for k in (1, 2, 3)]
-    assert sorted(m.name for share in shares for m in share) == sorted(m.name for m in members)
-    assert {len(share) for share in shares} == {3, 4}
-    for text in ("0/3", "4/3", "a/b", "2", "-1/2"):
-        with pytest.raises(StudyError, match=r"^task is .* K from 1 to N"):
-            share_of(members, text)
 
 
 def test_complete_scans_are_not_repeated_and_foreign_ones_refused(tmp_path):
@@ -247,59 +235,81 @@ def test_a_series_with_a_file_that_changed_is_another_one(tmp_path):
         run_series(members, tmp_path / "series")
 
 
-def test_what_scans_share_keeps_them_together():
-    passes = single_fibre(Study())
-    for jobs, sizes in ((1, [25, 26]), (3, [17]), (20, [2, 3])):
-        units = units_of(passes, jobs)
-        assert [member for unit in units for member in unit] == passes
-        assert sorted({len(unit) for unit in units}) == sizes
-        assert len(units) % jobs == 0
-    names = [m.name for unit in units_of(single_fibre(Study(), spacing_mm=1.0), 1) for m in unit]
-    assert len(names) == 11 == len(units_of(single_fibre(Study(), spacing_mm=1.0), 1))
-    axes = ["neuron.gain_spread=0,1", "stimulus.friction=0.1,0.2", "protocol.depth_mm=1,1.5"]
-    members = sweep(axes)
-    together = [[member.values for member in unit] for unit in units_of(members, 1)]
-    assert [len(unit) for unit in together] == [4, 4]
-    for unit in together:
-        assert len({values["stimulus.friction"] for values in unit}) == 1
-        depths = [values["protocol.depth_mm"] for values in unit]
-        assert depths == ["1", "1", "1.5", "1.5"]
-
-
-def test_a_worker_that_is_killed_loses_the_scan_at_hand_only(tmp_path, monkeypatch):
-    # In the place of Python: a worker that the system kills at its first request.
-    worker, told = tmp_path / "worker", tmp_path / "told"
-    killed = f"[ -e {told} ] || {{ read line; touch {told}; kill -9 $$; }}"
-    answer = """while read line; do echo a monitor; echo 'tactile_fem answers: ""'; done"""
-    worker.write_text(f"#!/bin/sh\n{killed}\n{answer}\n")
-    worker.chmod(0o755)
-    monkeypatch.setattr("sys.executable", str(worker))
-    members = single_fibre(Study(), spacing_mm=0.5, half_width_mm=1.0)
-    outcomes = run_series(members, tmp_path / "series")
-    assert [outcome.problem for outcome in outcomes] == ["exit code -9", "", "", "", ""]
-
-
 def test_command_line_tells_what_is_wrong(capsys, tmp_path):
     folder = ["--results", str(tmp_path)]
     assert cli.main(["sweep", "--over", "stimulus.friction=x", *folder]) == 2
     assert 'stimulus.friction is "x"' in capsys.readouterr().err
-    assert cli.main(["fibre", "--task", "3/2", *folder]) == 2
-    assert 'task is "3/2" but must be K/N with K from 1 to N' in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
 
 
+def python(monkeypatch, tmp_path, script: str) -> None:
+    """Put a script of the shell in the place of Python."""
+    stand_in = tmp_path / "python"
+    stand_in.write_text(f"#!/bin/sh\n{script}\n")
+    stand_in.chmod(0o755)
+    monkeypatch.setattr("sys.executable", str(stand_in))
+
+
+def test_each_scan_is_the_command_of_the_package(tmp_path, monkeypatch):
+    python(monkeypatch, tmp_path, f"echo $* >> {tmp_path}/told")
+    members = sweep(["stimulus.friction=0.1,0.2"])
+    assert not any(outcome.problem for outcome in run_series(members, tmp_path / "series"))
+    told = (tmp_path / "told").read_text().splitlines()
+    assert told == [
+        f"-m tactile_fem scan {tmp_path}/series/{m.name}.toml --results {tmp_path}/series/{m.name}"
+        for m in members
+    ]
+
+
+def test_a_scan_that_is_killed_fails_alone_with_its_last_words(tmp_path, monkeypatch):
+    killed = f"[ -e {tmp_path}/told ] || {{ touch {tmp_path}/told; kill -9 $$; }}"
+    python(monkeypatch, tmp_path, f"echo step 3 >&2; {killed}")
+    members = single_fibre(Study(), spacing_mm=0.5, half_width_mm=1.0)
+    problems = [outcome.problem for outcome in run_series(members, tmp_path / "series")]
+    assert problems == ["exit code -9; its last words: step 3", "", "", "", ""]
+    (kept,) = (tmp_path / "series").glob("*.failed.txt")
+    assert "its last words: step 3" in kept.read_text()
+
+
+def test_scans_of_the_same_mechanics_are_begun_with_it(small_study, tmp_path, monkeypatch):
+    """Of two whose first is there only spikes are left; of two others one waits for the other."""
+    python(monkeypatch, tmp_path, f"echo $4 >> {tmp_path}/told; sleep 0.3")
+    gains = [1.0, 2.0]
+    members = [
+        Member(
+            f"{friction}-{gain:g}",
+            small_study.model_copy(
+                update={
+                    "stimulus": Text(text="G", friction=friction),
+                    "neuron": small_study.neuron.model_copy(update={"gain_spread": gain}),
+                }
+            ),
+            {},
+        )
+        for friction in (0.1, 0.2)
+        for gain in gains
+    ]
+    folder = tmp_path / "series"
+    first = make_results(folder / members[0].name, members[0].study)
+    run_series(members, folder, jobs=3)
+    told = [line.rpartition("/")[2] for line in (tmp_path / "told").read_text().splitlines()]
+    assert told[0] == "0.2-1.toml"  # then, when it has ended, what shares mechanics
+    assert sorted(told[1:]) == ["0.1-2.toml", "0.2-2.toml"]
+    begun = Results(folder / members[1].name)
+    np.testing.assert_array_equal(begun.trace["sed_kPa"], first.trace["sed_kPa"])
+    assert begun.study == members[1].study
+    assert not (begun.folder / "spikes.csv").exists()
+
+
 def test_a_signal_ends_the_scans_that_run_as_well(tmp_path, monkeypatch):
-    # In the place of Python: a scan that asks for the end, twice, and tells that it was asked.
-    scan, told = tmp_path / "scan", tmp_path / "told"
-    answer = f"trap 'echo > {told}; kill $!; exit 143' TERM"
+    # A scan that asks for the end, twice, and tells that it was asked.
+    answer = f"trap 'echo > {tmp_path}/told; kill $!; exit 143' TERM"
     ask = "kill -TERM $PPID"
-    scan.write_text(f"#!/bin/sh\n{answer}\n{ask}\n{ask}\nsleep 60 >/dev/null 2>&1 &\nwait\n")
-    scan.chmod(0o755)
-    monkeypatch.setattr("sys.executable", str(scan))
+    python(monkeypatch, tmp_path, f"{answer}\n{ask}\n{ask}\nsleep 60 >/dev/null 2>&1 &\nwait")
     members = sweep(["stimulus.friction=0.1,0.2,0.3"])
     with pytest.raises(StoppedError):
         run_series(members, tmp_path / "series", jobs=2)
-    assert told.exists()
+    assert (tmp_path / "told").exists()
 
 
 def test_a_series_of_which_all_is_needed_ends_with_what_failed(tmp_path, monkeypatch):

@@ -11,10 +11,7 @@
 #     python demos/benchmarks/cost.py results/cost --sizes coarse paper --ranks 2 4 8 16
 #     python demos/benchmarks/cost.py results/cost --cases long --distance 5    # 5,000 steps
 #
-# The normal force at the end is equal on any number of ranks. Passes of one letter, 0.2 mm apart,
-# are compared with the same scans alone:
-#
-#     python demos/benchmarks/cost.py results/cost --passes 5
+# The normal force at the end is equal on any number of ranks.
 
 # %%
 import resource
@@ -26,7 +23,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tactile_fem import Results, load_study, run_script, write_table
-from tactile_fem.series import Member, run_all, single_fibre
+from tactile_fem.series import Member, run_all
 
 SIZES = {
     "small": ["finger.pad_size_mm=3", "finger.far_size_mm=6"],
@@ -83,11 +80,8 @@ def main(
     ranks: Annotated[tuple[int, ...], Many] = (1,),
     distance: float = 10.0,
     depth: float = 1.97,
-    passes: int = 0,
 ) -> None:
     """Scan each size in each case on each number of MPI ranks; print and save the table.
-
-    With `passes` instead print the processor time of a series of that many, and of each alone.
 
     Parameters
     ----------
@@ -99,14 +93,7 @@ def main(
         Numbers of MPI ranks.
     distance, depth
         Of slide and press, mm; "section", "long" and "force" are pressed to a force.
-    passes
-        Odd number.
     """
-    if passes:
-        way = [f"protocol.depth_mm={depth}", f"protocol.distance_mm={distance}"]
-        study = load_study(None, [*SIZES[sizes[0]], "stimulus.text=F", *way])
-        compare(single_fibre(study, half_width_mm=0.1 * (passes - 1)), folder, ranks[0])
-        return
     costs = []
     print("".join(f"{field.name:>13}" for field in fields(Cost)))
     for case, size, count in ((c, s, n) for c in cases for s in sizes for n in ranks):
@@ -119,15 +106,6 @@ def main(
         costs.append(cost_of(case, size, results, *(spent_by_children() - before)))
         print("".join(f"{shown(value):>13}" for value in vars(costs[-1]).values()), flush=True)
         write_table(folder / "costs.csv", costs)
-
-
-def compare(members: list[Member], folder: Path, ranks: int) -> None:
-    """Print the processor time of scans in a series, and of each alone."""
-    for name, runs in (("series", [members]), ("alone", [[member] for member in members])):
-        before = spent_by_children()
-        for some in runs:
-            run_all(some, folder / name, ranks=ranks)
-        print(f"{name}: {(spent_by_children() - before)[0]:.1f} s")
 
 
 def spent_by_children() -> np.ndarray:

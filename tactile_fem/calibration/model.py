@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import math
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, fields
-from functools import cache
-from multiprocessing import get_context
+from contextlib import closing
 from pathlib import Path
 
 from mpi4py import MPI
@@ -18,17 +14,14 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
-import tactile_fem
 from tactile_fem.calibration.measurements import Experiment, deviations
 from tactile_fem.calibration.parameters import Parameter, with_values
-from tactile_fem.calibration.press import Prediction, press, study_of
-from tactile_fem.calibration.sensitivity import Change
+from tactile_fem.calibration.press import Prediction
+from tactile_fem.calibration.task import Task, load
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.runtime.files import sha256, write_arrays, write_text
-from tactile_fem.runtime.ranks import on_root
+from tactile_fem.runtime.jobs import Job, run_jobs
+from tactile_fem.runtime.ranks import on_root, signal_handler
 from tactile_fem.study import Study
-from tactile_fem.study.file import dump_study
-from tactile_fem.study.kept import content_of, with_files
 
 logger = logging.getLogger(__name__)
 
@@ -36,52 +29,6 @@ Array = NDArray[np.float64]
 
 # Change of a length's logarithm for its derivative: far above the effect of another mesh.
 _LENGTH_STEP = 0.05
-
-
-@dataclass(frozen=True)
-class Task:
-    """A press that is wanted, and its file."""
-
-    study: Study
-    experiment: Experiment
-    changes: tuple[Change, ...]
-
-    @property
-    def name(self) -> str:
-        """Name of its file: a hash of everything that determines the press."""
-        pressed = dump_study(with_files(study_of(self.study, self.experiment), content_of))
-        wanted = [self.experiment.depth_mm, self.experiment.place_mm]
-        changes = [sorted(change.items()) for change in self.changes]
-        kept = [one.name for one in fields(Prediction)]
-        text = pressed + repr([array.tolist() for array in wanted]) + repr([changes, kept])
-        text += tactile_fem.__version__ + _hash_of_code()
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-    def run(self, file: Path, comm: MPI.Comm = MPI.COMM_SELF) -> None:
-        """Press and save what the model predicts, and beside it the study; all ranks call."""
-        prediction = press(self.study, self.experiment, self.changes, comm)
-
-        def save() -> None:
-            pressed = dump_study(study_of(self.study, self.experiment))
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_text(file.with_suffix(".toml"), pressed)
-            write_arrays(file, vars(prediction))
-
-        on_root(comm, save)
-
-
-@cache
-def _hash_of_code() -> str:
-    """Return a hash of the package, with which forces may change as with the study."""
-    package = Path(tactile_fem.__file__).parent
-    files = sorted(file for kind in ("*.py", "*.c") for file in package.rglob(kind))
-    return hashlib.sha256("".join(map(sha256, files)).encode()).hexdigest()
-
-
-def load(file: Path) -> Prediction:
-    """Return a saved prediction."""
-    with np.load(file, allow_pickle=False) as saved:
-        return Prediction(**saved)
 
 
 class Model:
@@ -138,21 +85,32 @@ class Model:
         left = on_root(self._comm, lambda: [k for k, file in enumerate(files) if not file.exists()])
         begun = time.perf_counter()
         if self._jobs > 1:
-            # MPI does not survive a fork.
-            with ProcessPoolExecutor(self._jobs, get_context("spawn")) as pool:
-                waiting = [pool.submit(tasks[k].run, files[k]) for k in left]
-                try:
-                    for done in as_completed(waiting):
-                        done.result()
-                except BaseException:
-                    pool.shutdown(wait=False, cancel_futures=True)
-                    raise
+            self._run_beside([tasks[k] for k in left], [files[k] for k in left])
         else:
             for k in left:
                 tasks[k].run(files[k], self._comm)
         self._pressed += len(left)
         self._spent_s += time.perf_counter() - begun
         return on_root(self._comm, lambda: [load(file) for file in files])
+
+    def _run_beside(self, tasks: Sequence[Task], files: Sequence[Path]) -> None:
+        """Press side by side.
+
+        Raises
+        ------
+        TactileError
+            A press failed.
+        StoppedError
+            SIGTERM or SIGINT was received.
+        """
+        for task, file in zip(tasks, files, strict=True):
+            task.write(file)
+        waiting = (Job(file.stem, "tactile_fem.calibration.task", (str(file),)) for file in files)
+        signals = list[int]()
+        with signal_handler(signals.append), closing(run_jobs(waiting, self._jobs, signals)) as run:
+            for ended in run:
+                if ended.problem:
+                    raise TactileError(ended.problem)
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives of `residuals`, (numbers + parameters, parameters).

@@ -23,6 +23,7 @@ from tactile_fem.cli import compute, outputs, reduce, view
 from tactile_fem.cli.options import command_line
 from tactile_fem.errors import TactileError
 from tactile_fem.runtime import logs, ranks
+from tactile_fem.runtime.jobs import ERROR
 
 HELP = """Press embossed letters on a layered fingertip and slide them:
 how do its afferents respond?
@@ -134,5 +135,5 @@ def _report(message: str, code: int) -> int:
     if ranks.is_first():
         for line in message.strip().splitlines():
             stop = "" if line.endswith((".", "?", "!")) else "."
-            print(f"tactile-fem: {line}{stop}", file=sys.stderr)
+            print(f"{ERROR}{line}{stop}", file=sys.stderr)
     return code

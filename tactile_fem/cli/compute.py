@@ -13,12 +13,15 @@ from cyclopts import Parameter, validators
 from tactile_fem.cli.comparison import show_comparison
 from tactile_fem.cli.options import (
     Changes,
+    Collect,
     Count,
+    ListScans,
     Overwrite,
     PositiveFloat,
     Ranks,
     ScanFolder,
     StudyFile,
+    list_scans,
     with_mechanics,
 )
 from tactile_fem.errors import StudyError, TactileError
@@ -108,13 +111,12 @@ _SeriesFolder = Annotated[Path, Parameter(help="Folder for the scans' folders an
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Shares:
-    """How the scans of a series are divided."""
+    """How the scans of a series are run."""
 
     jobs: Annotated[Count, Parameter(help="Parallel scans.")] = 1
     ranks: Ranks = 1
-    task: Annotated[
-        str, Parameter(help="Run only the K-th of N shares, K/N; for schedulers' job arrays.")
-    ] = "1/1"
+    list_: ListScans = False
+    collect: Collect = False
 
 
 _ALL_SCANS = Shares()
@@ -142,6 +144,8 @@ def sweep(
     from tactile_fem import series
 
     members = series.sweep(over, study, changes)
+    if shares.list_:
+        return list_scans(members, results, shares.ranks)
     outcomes = _run_series(members, results, shares)
     scans = {scan.folder.name: scan for scan in series.complete_scans(members, results)}
     if len(scans) > 1:
@@ -161,8 +165,7 @@ def fibre(
 ) -> None:
     """Scan in passes over one receptor, with the stimulator shifted across the finger each time.
 
-    Started again, it completes the missing passes. Each pass has its own folder, and begins its
-    steps from those of the pass beside it.
+    Started again, it completes the missing passes. Each pass has its own folder.
 
     Parameters
     ----------
@@ -176,6 +179,8 @@ def fibre(
     members = series.single_fibre(
         load_study(study, changes), spacing_mm=spacing_mm, half_width_mm=half_width_mm
     )
+    if shares.list_:
+        return list_scans(members, results, shares.ranks)
     _raise_failures(_run_series(members, results, shares))
 
 
@@ -205,13 +210,18 @@ def people(
         repeated.
     """
     from tactile_fem import load_study, series
-    from tactile_fem.people import Ensemble, run_people
+    from tactile_fem.people import Ensemble, begin_people, collect_people, run_people
     from tactile_fem.people import people as draw
     from tactile_fem.people.report import tell
 
     conditions = series.sweep(over, study, changes) if over else load_study(study, changes)
     scans = draw(conditions, number)
-    outcomes = run_people(scans, results, **vars(shares))
+    if shares.list_:
+        return list_scans(begin_people(scans, results), results, shares.ranks)
+    if shares.collect:
+        outcomes = collect_people(scans, results)
+    else:
+        outcomes = run_people(scans, results, jobs=shares.jobs, ranks=shares.ranks)
     print(f"Written to {series.write_summary(scans, results)}")
     if failed := [outcome for outcome in outcomes if outcome.problem]:
         print(f"{len(failed)} of {len(outcomes)} scans failed: see {results}/*.failed.txt")
@@ -222,10 +232,24 @@ def people(
         print("\n".join(tell(ensemble)))
 
 
+def cluster(results: Annotated[Path, Parameter(help="Folder of a series' list.")], /) -> None:
+    """Put a Snakefile beside the list of a series, with which Snakemake runs its scans.
+
+    The list is written by sweep, fibre, people or reduce with --list; Snakemake is in the extra
+    cluster.
+    """
+    from tactile_fem import series
+
+    print(f"Written to {series.write_snakefile(results)}")
+
+
 def _run_series(members: Sequence[Member], folder: Path, shares: Shares) -> list[Outcome]:
     from tactile_fem import series
 
-    outcomes = series.run_series(members, folder, **vars(shares))
+    if shares.collect:
+        outcomes = series.collected(members, folder)
+    else:
+        outcomes = series.run_series(members, folder, jobs=shares.jobs, ranks=shares.ranks)
     print(f"Written to {series.write_summary(members, folder)}")
     return outcomes
 
@@ -381,4 +405,4 @@ def vibrate(
             print(file)
 
 
-COMMANDS = (scan, resume, sweep, fibre, people, fit, vibrate)
+COMMANDS = (scan, resume, sweep, fibre, people, cluster, fit, vibrate)

@@ -7,12 +7,15 @@ from contextvars import ContextVar
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, validators
 
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime import doctor, ranks
+
+if TYPE_CHECKING:
+    from tactile_fem.series import Member
 
 Count = Annotated[int, Parameter(validator=validators.Number(gte=1))]
 Dots = Annotated[
@@ -34,6 +37,14 @@ Changes = Annotated[
 ScanFolder = Annotated[Path, Parameter(help="Folder of a scan.")]
 Ranks = Annotated[Count, Parameter(name="--ranks", help="MPI processes.")]
 Written = Annotated[Path, Parameter(name=["--output", "-o"])]
+ListScans = Annotated[
+    bool,
+    Parameter(
+        name="--list",
+        help="Run nothing: write the scans that are wanted to scans.csv, for tactile-fem cluster.",
+    ),
+]
+Collect = Annotated[bool, Parameter(help="Run nothing: use what has run elsewhere.")]
 Overwrite = Annotated[bool, Parameter(show_default=False)]
 
 # The words of the command that runs.
@@ -63,6 +74,15 @@ def _without_ranks(words: Sequence[str]) -> list[str]:
         at = kept.index("--ranks")
         del kept[at : at + 2]
     return kept
+
+
+def list_scans(members: Sequence[Member], folder: Path, ranks_: int = 1) -> None:
+    """Write the list of a series' scans, and the command that made it."""
+    from tactile_fem import series
+
+    words = [word for word in command_line.get() if word != "--list"]
+    file = series.write_list(members, folder, ranks=ranks_, words=words)
+    print(f"{len(members)} scans are listed in {file}")
 
 
 def check_file(option: str, file: Path, *endings: str) -> None:

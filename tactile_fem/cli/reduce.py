@@ -6,11 +6,14 @@ from pathlib import Path
 
 from tactile_fem.cli.options import (
     Changes,
+    Collect,
     Count,
+    ListScans,
     Overwrite,
     StudyFile,
     Written,
     check_file,
+    list_scans,
     with_mechanics,
 )
 from tactile_fem.errors import StudyError
@@ -25,6 +28,8 @@ def reduce(
     changes: Changes = (),
     results: Path = Path("results/reduce"),
     jobs: Count = 1,
+    list_: ListScans = False,
+    collect: Collect = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Make a finger that answers in milliseconds, from scans of a study's finger.
@@ -52,7 +57,12 @@ def reduce(
         raise StudyError(f"{output} exists: choose another file, or --overwrite.")
     the_study = load_study(study, changes)
     module = with_mechanics("tactile_fem.surrogate.reduce", 1)
-    finger = module.reduce_finger(the_study, results, scans=scans, jobs=jobs)
+    if list_:
+        return list_scans(module.lessons(the_study, scans), results)
+    if collect:
+        finger = module.collect_finger(the_study, results, scans=scans)
+    else:
+        finger = module.reduce_finger(the_study, results, scans=scans, jobs=jobs)
     finger.write(output)
     for name, value in finger.errors.items():
         print(f"{name}: {value:g}")

@@ -20,7 +20,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.people.draw import Person
 from tactile_fem.runtime.files import write_table
-from tactile_fem.series import Member, Outcome, numbers_of, run_series, share_of
+from tactile_fem.series import Member, Outcome, collected, numbers_of, run_series
 from tactile_fem.series.run import keep_reason, reason_of
 from tactile_fem.simulation.checks import check_study
 from tactile_fem.simulation.results import Results
@@ -34,12 +34,7 @@ _OF_SCAN = ("scan", "person", "condition")
 
 
 def run_people(
-    scans: Sequence[Person],
-    folder: Path | str,
-    *,
-    jobs: int = 1,
-    ranks: int = 1,
-    task: str = "1/1",
+    scans: Sequence[Person], folder: Path | str, *, jobs: int = 1, ranks: int = 1
 ) -> list[Outcome]:
     """Run the scans of an ensemble that are not complete, see `tactile_fem.series.run_series`.
 
@@ -53,16 +48,30 @@ def run_people(
     StoppedError
         SIGTERM or SIGINT was received; the running scans have been asked to stop.
     """
-    folder, mine = Path(folder), share_of(scans, task)
-    problems = {scan.name: _problem(scan) for scan in mine}
-    possible = [scan for scan in mine if not problems[scan.name]]
-    _write_table(scans, folder)
+    possible = begin_people(scans, folder)
     done = {o.member.name: o for o in run_series(possible, folder, jobs=jobs, ranks=ranks)}
-    outcomes = [done.get(s.name) or Outcome(s, problems[s.name], 0.0) for s in mine]
-    for outcome in outcomes:
-        if problems[outcome.member.name]:
-            keep_reason(outcome, folder)
-    return outcomes
+    impossible = {one.member.name: one for one in collected(scans, folder)}
+    return [done.get(scan.name) or impossible[scan.name] for scan in scans]
+
+
+def begin_people(scans: Sequence[Person], folder: Path | str) -> list[Person]:
+    """Write the table of an ensemble; return the scans that can run.
+
+    Of the others the reason is kept in the folder. Raises what `run_people` does.
+    """
+    folder = Path(folder)
+    problems = {scan.name: _problem(scan) for scan in scans}
+    _write_table(scans, folder)
+    for scan in scans:
+        if problems[scan.name]:
+            keep_reason(Outcome(scan, problems[scan.name], 0.0), folder)
+    return [scan for scan in scans if not problems[scan.name]]
+
+
+def collect_people(scans: Sequence[Person], folder: Path | str) -> list[Outcome]:
+    """Return how the scans of an ensemble ended that ran elsewhere."""
+    _write_table(scans, Path(folder))
+    return collected(scans, folder)
 
 
 def _problem(scan: Member) -> str:

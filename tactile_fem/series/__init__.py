@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 from tactile_fem.output.histories import mean_over
 from tactile_fem.series.members import Member, single_fibre, sweep
 from tactile_fem.series.run import (
+    Outcome,
+    collected,
     complete_scans,
     numbers_of,
     run_all,
     run_series,
-    share_of,
     write_summary,
 )
-from tactile_fem.series.workers import Outcome
 
 if TYPE_CHECKING:
     from tactile_fem.series.comparison import compare, write_comparison
@@ -25,11 +25,13 @@ if TYPE_CHECKING:
         population_image,
         rate_image,
     )
+    from tactile_fem.series.listing import write_list, write_snakefile
 
 __all__ = [
     "Member",
     "Outcome",
     "RateImage",
+    "collected",
     "compare",
     "complete_scans",
     "correlations",
@@ -41,17 +43,18 @@ __all__ = [
     "rate_image",
     "run_all",
     "run_series",
-    "share_of",
     "single_fibre",
     "sweep",
     "write_comparison",
+    "write_list",
+    "write_snakefile",
     "write_summary",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    """Import what draws when it is first used: Matplotlib takes a while."""
-    for module in ("comparison", "image") if name in __all__ else ():
+    """Import what draws or needs MPI when it is first used: both take a while."""
+    for module in ("comparison", "image", "listing") if name in __all__ else ():
         found = vars(import_module(f"{__name__}.{module}"))
         if name in found:
             return found[name]

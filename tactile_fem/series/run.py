@@ -1,11 +1,12 @@
-"""Runs the scans of a series that are not complete, in workers side by side; tabulates it."""
+"""Runs the scans of a series that are not complete, side by side; tabulates it."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,11 @@ import numpy as np
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.output.histories import central_receptor, mean_over
 from tactile_fem.runtime.files import write_table, write_text
+from tactile_fem.runtime.jobs import Job, run_jobs
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.ranks import signal_handler
 from tactile_fem.series.members import Member
-from tactile_fem.series.units import of_same_mechanics, units_of
-from tactile_fem.series.workers import Outcome, run_units
+from tactile_fem.series.sharing import begin_with, of_same_mechanics
 from tactile_fem.simulation.checks import check_study
 from tactile_fem.simulation.results import Results
 from tactile_fem.study.file import dump_study, load_study
@@ -27,45 +28,35 @@ from tactile_fem.study.kept import keep_files
 logger = logging.getLogger(__name__)
 
 _ROUNDING_S = 1e-12
+_NOT_RUN = "it has not run"
+
+_Shared = tuple[Member, list[str]]  # a member, and the names of those with its mechanics
 
 
-def share_of(members: Sequence[Member], task: str) -> list[Member]:
-    """Return the share of task ``K/N`` of a job array, K counted from 1: neighbours.
+@dataclass(frozen=True)
+class Outcome:
+    """How a scan of a series ended."""
 
-    Raises
-    ------
-    StudyError
-        The task is not of this form, or K is not from 1 to N.
-    """
-    first, _, last = task.partition("/")
-    if not (first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last)):
-        raise StudyError(f'task is "{task}" but must be K/N with K from 1 to N.')
-    ends = [len(members) * k // int(last) for k in (int(first) - 1, int(first))]
-    return list(members[slice(*ends)])
+    member: Member
+    problem: str  # why it failed, in one sentence; empty if it is complete
+    wall_s: float  # of this run; 0 if it was complete before
 
 
 @shown()
 def run_series(
-    members: Sequence[Member],
-    folder: Path | str,
-    *,
-    jobs: int = 1,
-    ranks: int = 1,
-    task: str = "1/1",
+    members: Sequence[Member], folder: Path | str, *, jobs: int = 1, ranks: int = 1
 ) -> list[Outcome]:
     """Run the scans that are not complete; one that fails does not stop the others.
 
-    If interrupted and called again, it continues. Several tasks may share a folder, which holds a
-    study file and a results folder for each scan, and ``….failed.txt`` if it failed. Scans that
-    differ only in what follows the mechanics share it; those beside each other begin their steps
-    from one another's, see `Course`.
+    Each is a process of its own, ``tactile-fem scan``, and its numbers depend on its study alone.
+    If interrupted and called again, the series continues. The folder holds a study file and a
+    results folder for each scan, and ``….failed.txt`` if it failed. Scans that differ only in what
+    follows the mechanics share it.
 
     Parameters
     ----------
     jobs, ranks
         Number of scans in parallel, and of MPI processes for each.
-    task
-        The share ``K/N`` to run, see `share_of`; default all.
 
     Raises
     ------
@@ -75,26 +66,59 @@ def run_series(
         SIGTERM or SIGINT was received; the running scans have been asked to stop.
     """
     folder = Path(folder)
-    mine = share_of(members, task)
-    for member in mine:
-        check_study(member.study)
-        _save_study(member, folder)
-    left = [member for member in mine if not Results(folder / member.name).complete]
-    outcomes = {member.name: Outcome(member, "", 0.0) for member in mine}
+    begin_series(members, folder)
+    left = [member for member in members if not Results(folder / member.name).complete]
+    outcomes = {member.name: Outcome(member, "", 0.0) for member in members}
     for outcome in outcomes.values():
         keep_reason(outcome, folder)
-    logger.info("%d scans, %d of them complete", len(mine), len(mine) - len(left))
-    signals, begun = list[int](), time.perf_counter()
-    groups = [[member.name for member in group] for group in of_same_mechanics(members)]
-    same = {name: names for names in groups for name in names}
-    running = run_units(units_of(left, jobs), same, folder, jobs, ranks, signals)
-    with signal_handler(signals.append), closing(running):
-        for done, outcome in enumerate(running, 1):
-            outcomes[outcome.member.name] = outcome
-            keep_reason(outcome, folder)
-            minutes = (time.perf_counter() - begun) / done * (len(left) - done) / 60
-            _log(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
+    logger.info("%d scans, %d of them complete", len(members), len(members) - len(left))
+    signals, begun, done = list[int](), time.perf_counter(), 0
+    with signal_handler(signals.append):
+        for wave in _waves(members, left):
+            ready = (_job(member, same, folder, ranks) for member, same in wave)
+            with closing(run_jobs(ready, jobs, signals)) as running:
+                for ended in running:
+                    done += 1
+                    outcome = replace(outcomes[ended.name], problem=ended.problem)
+                    outcome = outcomes[ended.name] = replace(outcome, wall_s=ended.wall_s)
+                    keep_reason(outcome, folder)
+                    minutes = (time.perf_counter() - begun) / done * (len(left) - done) / 60
+                    _log(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
     return list(outcomes.values())
+
+
+def begin_series(members: Sequence[Member], folder: Path) -> None:
+    """Write the study files of a series, or check that those which are there are the same.
+
+    Raises what `run_series` does.
+    """
+    for member in members:
+        check_study(member.study)
+        _save_study(member, folder)
+
+
+def _waves(members: Sequence[Member], left: Sequence[Member]) -> Iterator[list[_Shared]]:
+    """Yield members to scan: one of each mechanics that nobody has, then those that share it."""
+    wanted = {member.name for member in left}
+    first, others = list[_Shared](), list[_Shared]()
+    for group in of_same_mechanics(members):
+        names = [member.name for member in group]
+        missing = [member for member in group if member.name in wanted]
+        has_one = len(missing) < len(group)
+        for member in missing:
+            (others if has_one or member is not missing[0] else first).append((member, names))
+    yield first
+    yield others
+
+
+def _job(member: Member, same: Sequence[str], folder: Path, ranks: int) -> Job:
+    """Return the job of a scan, begun with the mechanics of one named in `same`, if complete."""
+    own = folder / member.name
+    scans = (Results(folder / name) for name in same)
+    if not own.exists() and (source := next((s for s in scans if s.complete), None)):
+        begin_with(source.folder, own, member.study)
+    words = "scan", str(own.with_name(f"{member.name}.toml")), "--results", str(own)
+    return Job(member.name, "tactile_fem", words, ranks)
 
 
 def run_all(
@@ -111,6 +135,16 @@ def run_all(
         if outcome.problem:
             raise TactileError(outcome.problem)
     return complete_scans(members, folder)
+
+
+def collected(members: Sequence[Member], folder: Path | str) -> list[Outcome]:
+    """Return how the scans of a series ended that ran elsewhere."""
+    outcomes = []
+    for member in members:
+        scan = Path(folder) / member.name
+        problem = "" if Results(scan).complete else reason_of(scan) or _NOT_RUN
+        outcomes.append(Outcome(member, problem, 0.0))
+    return outcomes
 
 
 def complete_scans(members: Sequence[Member], folder: Path) -> list[Results]:

@@ -52,7 +52,6 @@ class Equilibrium:
         self.loads_before_N: np.ndarray | None = None
         self.bone = bone
         self._angle_rad = 0.0  # of the bone, at the last solve
-        self._is_guided = False
 
     def pose(self, *, before: bool = False) -> Pose:
         """Return where the body was after the last accepted step, or after that `before` it."""
@@ -84,20 +83,14 @@ class Equilibrium:
         load = self._plane.vectors(force_N), self._plane.moment(moment_Nmm)
         return self.bone.load_in_space(*load, angle_rad) if self.bone else load
 
-    def predict(
-        self, dt_s: float, way_mm: np.ndarray | None = None, *, holds: bool = False
-    ) -> None:
-        """Make the initial guess from the change of the displacement in a similar scan.
+    def predict(self, dt_s: float, *, holds: bool = False) -> None:
+        """Make the initial guess: extrapolate the last step, which halves the Newton iterations.
 
-        Without one the last step is extrapolated, which halves the Newton iterations; if the step
-        `holds` loads, by no more than twice as long.
+        If the step `holds` loads, by no more than twice as long.
         """
         state = self._problem.state
         state.reset()
-        self._is_guided = way_mm is not None
-        if way_mm is not None:
-            state.u.x.array[:] += way_mm
-        elif state.dt_old_s:
+        if state.dt_old_s:
             u, old, before = state.u.x.array, state.u_old.x.array, state.u_before.x.array
             u += self._ratio(dt_s, holds=holds) * (old - before)
 
@@ -113,10 +106,6 @@ class Equilibrium:
         """Solve with the body at `pose`, after a `swing` of the bone."""
         place, rotation = self._plane.within(pose.translation), self._plane.rotation(pose.rotation)
         report = self._problem.solve(place, dt_s, rotation, swing)
-        if not report.converged and self._is_guided:
-            self.discarded.append(report)
-            self.predict(dt_s)
-            report = self._problem.solve(place, dt_s, rotation, swing)
         load = self._problem.load() if report.converged else None
         if load is not None and (reason := self._problem.rejection(load)):
             return replace(report, converged=False, reason=reason), None

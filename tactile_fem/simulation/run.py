@@ -28,7 +28,6 @@ from tactile_fem.runtime.ranks import (
     signal_handler,
 )
 from tactile_fem.simulation.checkpoint import read_checkpoint
-from tactile_fem.simulation.course import Course
 from tactile_fem.simulation.earlier import Earlier, earlier_scan
 from tactile_fem.simulation.estimate import announce
 from tactile_fem.simulation.parts import NO_PARTS, Parts, changed_part, check_parts
@@ -111,7 +110,6 @@ def scan(
     comm: MPI.Comm | None = None,
     observers: Iterable[Observer] = (),
     parts: Parts = NO_PARTS,
-    course: Course | None = None,
 ) -> ScanResult:
     """Run a study: move the body along its path, evaluate the receptors, compute the spikes.
 
@@ -135,8 +133,6 @@ def scan(
         returns, numbers or arrays by name, becomes columns of the trace.
     parts
         Own parts in place of the study's.
-    course
-        See `Simulation`.
 
     Returns
     -------
@@ -159,7 +155,7 @@ def scan(
     comm = comm or MPI.COMM_WORLD
     with abort_if_one_fails(comm), ExitStack() as held:
         if folder is None:
-            simulation = held.enter_context(closing(Simulation(study, parts, comm, course=course)))
+            simulation = held.enter_context(closing(Simulation(study, parts, comm)))
             return _run(simulation, None, observers)
         results, watching = Results(folder), list(observers)
 
@@ -173,7 +169,7 @@ def scan(
                 return ScanResult(trace, response, results.folder, study, parts)
         if found != "nothing":  # read where the files that the study names may be gone
             study = on_root(comm, lambda: results.study)
-        simulation = held.enter_context(closing(Simulation(study, parts, comm, course=course)))
+        simulation = held.enter_context(closing(Simulation(study, parts, comm)))
 
         def begin() -> bool:
             held.enter_context(locked(results.folder))

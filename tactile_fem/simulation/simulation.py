@@ -32,7 +32,6 @@ from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.bone import Bone
 from tactile_fem.simulation.checks import check_motion, deepest_mm, judge_surface
-from tactile_fem.simulation.course import Course
 from tactile_fem.simulation.parts import NO_PARTS, Parts, check_parts
 from tactile_fem.simulation.probe import Probe, ReceptorState
 from tactile_fem.simulation.step import Step
@@ -70,8 +69,6 @@ class Simulation:
         Communicator; all its ranks must call everything. Default: all ranks.
     make_solver
         Makes the solver of the steps; `tactile_fem.solvers.plain.PlainSolver` is the alternative.
-    course
-        Takes the displacements of the steps, and guesses them from those of an earlier scan.
 
     Attributes
     ----------
@@ -98,10 +95,8 @@ class Simulation:
         parts: Parts = NO_PARTS,
         comm: MPI.Comm | None = None,
         make_solver: Callable[[Problem], StepSolver] = FastSolver,
-        course: Course | None = None,
     ) -> None:
         self.study, self.parts, self._make_solver = study, parts, make_solver
-        self._course = course
         self.comm = comm = comm or MPI.COMM_WORLD
         check_parts(parts, study.tissue)
         check_options(study.solver)
@@ -168,10 +163,7 @@ class Simulation:
         )
         smoother_by = () if self.parts.body else study.stimulus.smoother_by
         plane = problem.domain.plane
-        if self._course and self._course.beside:
-            logger.info("steps are guessed from those of an earlier scan beside this one")
-        course, bone = self._course, self._bone()
-        return Stepper(problem, self.path, study.solver, plane, smoother_by, course, bone)
+        return Stepper(problem, self.path, study.solver, plane, smoother_by, self._bone())
 
     def _bone(self) -> Bone | None:
         """Return the bone at rest on its joint; None if it is clamped."""

@@ -19,7 +19,6 @@ from tactile_fem.path.loads import NORMAL, NOTHING
 from tactile_fem.path.rotations import matrix, vector
 from tactile_fem.simulation.bone import Bone
 from tactile_fem.simulation.control import TOLERANCE, StepControl, StepTooSmallError
-from tactile_fem.simulation.course import Course, Moment
 from tactile_fem.simulation.equilibrium import Equilibrium, Solved
 from tactile_fem.simulation.held import SCALES, Held
 from tactile_fem.simulation.pose import Pose
@@ -67,12 +66,10 @@ class Stepper:
         settings: Solver,
         plane: Plane = SPACE,
         smoother_by: Sequence[str] = (),
-        course: Course | None = None,
         bone: Bone | None = None,
     ) -> None:
         self._problem, self._state, self._plane = problem, problem.state, plane
         self._path, self._settings, self._smoother_by = path, settings, smoother_by
-        self._course = course
         self._equilibrium = Equilibrium(problem, plane, settings.max_press_step_mm, bone)
         longest = settings.max_slide_step_mm, settings.max_press_step_mm
         self._weights = [motion.least_steps(*longest) for _, motion in path.plan()]
@@ -208,9 +205,7 @@ class Stepper:
         longest = motion.time_within(control.time_s, s.max_slide_step_mm, s.max_press_step_mm)
         target = control.target_s(longest)
         dt = target - control.time_s
-        begin, end = self._moment(control.time_s), self._moment(target)
-        way_mm = self._course.way(begin, end, self._state) if self._course else None
-        equilibrium.predict(dt, way_mm, holds=motion.held is not None)
+        equilibrium.predict(dt, holds=motion.held is not None)
         report, load = self._solve(motion.held or NOTHING, target)
         if load and until_N is not None and self._normal_N(load) > until_N * (1 + TOLERANCE):
             target, report, load = self._solve_press_end(target, load, report, until_N)
@@ -221,11 +216,7 @@ class Stepper:
         if motion.held is None:
             equilibrium.note_stiffness(load)
         solves = equilibrium.accept(load, report)
-        iterations = report.iterations
-        if self._course:  # a step counts as difficult as that beside, so that steps are the same
-            iterations = max(iterations, self._course.iterations(end))
-            self._course.note(begin, self._moment(target), self._state, iterations)
-        control.accept(target, iterations)
+        control.accept(target, report.iterations)
         self._end_at_force(control)
         return self._step(load, solves, dt, started)
 
@@ -241,12 +232,6 @@ class Stepper:
     def _normal_N(self, load: Load) -> float:
         """Return the normal force of the last solve."""
         return float(self._equilibrium.in_space(load).force_N[NORMAL])
-
-    def _moment(self, time_s: float) -> Moment:
-        """Return when and where the body is by the path at a time in the present piece."""
-        pose = self._pose(time_s)
-        place = np.concatenate([pose.translation, vector(pose.rotation)])
-        return Moment(self._progress.piece, time_s, place)
 
     def _step(
         self, load: Load, solves: tuple[SolveReport, ...], dt_s: float, started: float

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.logs import shown
-from tactile_fem.series import Outcome, run_series
+from tactile_fem.series import Member, Outcome, collected, run_series
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Study
 from tactile_fem.surrogate.compliance import pad_of
@@ -50,6 +50,17 @@ def reduce_finger(
     TactileError
         Fewer than 16 scans succeeded, or scikit-learn is missing.
     """
+    outcomes = run_series(lessons(study, scans), folder, jobs=jobs)
+    return learn(study, _complete(outcomes, Path(folder)))
+
+
+def collect_finger(study: Study, folder: Path | str, *, scans: int = 100) -> FastFinger:
+    """Return the surrogate from scans that have run elsewhere; see `reduce_finger`."""
+    return learn(study, _complete(collected(lessons(study, scans), folder), Path(folder)))
+
+
+def lessons(study: Study, scans: int) -> list[Member]:
+    """Return the scans of random bodies; raise what `reduce_finger` does before anything runs."""
     check_reducible(study, scans)
     if find_spec("sklearn") is None:
         raise TactileError(
@@ -58,9 +69,7 @@ def reduce_finger(
     mesh = study.finger.check()
     assert mesh is not None, "this process reads the mesh"
     check_taught(study.lay_out(mesh).positions_mm)
-    members = [lesson(study, number) for number in range(scans)]
-    outcomes = run_series(members, folder, jobs=jobs)
-    return learn(study, _complete(outcomes, Path(folder)))
+    return [lesson(study, number) for number in range(scans)]
 
 
 def check_reducible(study: Study, scans: int) -> None:
@@ -79,9 +88,9 @@ def learn(study: Study, scans: Sequence[Results]) -> FastFinger:
     tables = study.model_dump(mode="json")
     pad, symmetric = pad_of(study, DEEPEST_MM + _REACH_MM), is_symmetric(tables)
     pad = with_drag(pad.symmetric() if symmetric else pad, scans)
-    lessons = [Lesson.of(pad, scan) for scan in scans]
-    held_out = lessons[::_HELD_OUT]
-    taught = [each for k, each in enumerate(lessons) if k % _HELD_OUT]
+    learnt = [Lesson.of(pad, scan) for scan in scans]
+    held_out = learnt[::_HELD_OUT]
+    taught = [each for k, each in enumerate(learnt) if k % _HELD_OUT]
     felt = learn_felt(taught, is_symmetric=symmetric)
     whole = learn_whole(pad, taught, is_symmetric=symmetric)
     mesh = study.finger.check()
