@@ -110,7 +110,7 @@ _SeriesFolder = Annotated[Path, Parameter(help="Folder for the scans' folders an
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Shares:
+class Scheduling:
     """How the scans of a series are run."""
 
     jobs: Annotated[Count, Parameter(help="Parallel scans.")] = 1
@@ -119,7 +119,7 @@ class Shares:
     collect: Collect = False
 
 
-_ALL_SCANS = Shares()
+_ONE_BY_ONE = Scheduling()
 
 
 def sweep(
@@ -129,7 +129,7 @@ def sweep(
     over: list[str],
     changes: Changes = (),
     results: _SeriesFolder = Path("results/sweep"),
-    shares: Shares = _ALL_SCANS,
+    scheduling: Scheduling = _ONE_BY_ONE,
 ) -> None:
     """Scan with every combination of the given values, and compare the results.
 
@@ -144,9 +144,9 @@ def sweep(
     from tactile_fem import series
 
     members = series.sweep(over, study, changes)
-    if shares.list_:
-        return list_scans(members, results, shares.ranks)
-    outcomes = _run_series(members, results, shares)
+    if scheduling.list_:
+        return list_scans(members, results, scheduling.ranks)
+    outcomes = _run_series(members, results, scheduling)
     scans = {scan.folder.name: scan for scan in series.complete_scans(members, results)}
     if len(scans) > 1:
         show_comparison(scans, results / "comparison.png")
@@ -161,7 +161,7 @@ def fibre(
     half_width_mm: float = 5.0,
     changes: Changes = (),
     results: _SeriesFolder = Path("results/fibre"),
-    shares: Shares = _ALL_SCANS,
+    scheduling: Scheduling = _ONE_BY_ONE,
 ) -> None:
     """Scan in passes over one receptor, with the stimulator shifted across the finger each time.
 
@@ -179,9 +179,9 @@ def fibre(
     members = series.single_fibre(
         load_study(study, changes), spacing_mm=spacing_mm, half_width_mm=half_width_mm
     )
-    if shares.list_:
-        return list_scans(members, results, shares.ranks)
-    _raise_failures(_run_series(members, results, shares))
+    if scheduling.list_:
+        return list_scans(members, results, scheduling.ranks)
+    _raise_failures(_run_series(members, results, scheduling))
 
 
 def people(
@@ -192,7 +192,7 @@ def people(
     over: list[str] | None = None,
     changes: Changes = (),
     results: _SeriesFolder = Path("results/people"),
-    shares: Shares = _ALL_SCANS,
+    scheduling: Scheduling = _ONE_BY_ONE,
 ) -> None:
     """Scan with an ensemble of fingers, which differ as people do: see the table people of a study.
 
@@ -216,12 +216,12 @@ def people(
 
     conditions = series.sweep(over, study, changes) if over else load_study(study, changes)
     scans = draw(conditions, number)
-    if shares.list_:
-        return list_scans(begin_people(scans, results), results, shares.ranks)
-    if shares.collect:
+    if scheduling.list_:
+        return list_scans(begin_people(scans, results), results, scheduling.ranks)
+    if scheduling.collect:
         outcomes = collect_people(scans, results)
     else:
-        outcomes = run_people(scans, results, jobs=shares.jobs, ranks=shares.ranks)
+        outcomes = run_people(scans, results, jobs=scheduling.jobs, ranks=scheduling.ranks)
     print(f"Written to {series.write_summary(scans, results)}")
     if failed := [outcome for outcome in outcomes if outcome.problem]:
         print(f"{len(failed)} of {len(outcomes)} scans failed: see {results}/*.failed.txt")
@@ -243,13 +243,13 @@ def cluster(results: Annotated[Path, Parameter(help="Folder of a series' list.")
     print(f"Written to {series.write_snakefile(results)}")
 
 
-def _run_series(members: Sequence[Member], folder: Path, shares: Shares) -> list[Outcome]:
+def _run_series(members: Sequence[Member], folder: Path, scheduling: Scheduling) -> list[Outcome]:
     from tactile_fem import series
 
-    if shares.collect:
+    if scheduling.collect:
         outcomes = series.collected(members, folder)
     else:
-        outcomes = series.run_series(members, folder, jobs=shares.jobs, ranks=shares.ranks)
+        outcomes = series.run_series(members, folder, jobs=scheduling.jobs, ranks=scheduling.ranks)
     print(f"Written to {series.write_summary(members, folder)}")
     return outcomes
 

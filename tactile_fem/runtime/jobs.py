@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import tempfile
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import IO
 
@@ -75,6 +75,14 @@ def run_jobs(waiting: Iterator[Job], count: int, signals: Sequence[int]) -> Gene
             process.stop()
         for process in running:
             process.end()
+
+
+def run_in_turn(
+    waves: Iterable[Iterable[Job]], count: int, signals: Sequence[int]
+) -> Generator[Ended]:
+    """Yield how the jobs of each wave ended; it begins when those before it have ended."""
+    for wave in waves:
+        yield from run_jobs(iter(wave), count, signals)
 
 
 class _Process:

@@ -15,7 +15,7 @@ import numpy as np
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.output.histories import central_receptor, mean_over
 from tactile_fem.runtime.files import write_table, write_text
-from tactile_fem.runtime.jobs import Job, run_jobs
+from tactile_fem.runtime.jobs import Job, run_in_turn
 from tactile_fem.runtime.logs import shown
 from tactile_fem.runtime.ranks import signal_handler
 from tactile_fem.series.members import Member
@@ -72,18 +72,16 @@ def run_series(
     for outcome in outcomes.values():
         keep_reason(outcome, folder)
     logger.info("%d scans, %d of them complete", len(members), len(members) - len(left))
-    signals, begun, done = list[int](), time.perf_counter(), 0
-    with signal_handler(signals.append):
-        for wave in _waves(members, left):
-            ready = (_job(member, same, folder, ranks) for member, same in wave)
-            with closing(run_jobs(ready, jobs, signals)) as running:
-                for ended in running:
-                    done += 1
-                    outcome = replace(outcomes[ended.name], problem=ended.problem)
-                    outcome = outcomes[ended.name] = replace(outcome, wall_s=ended.wall_s)
-                    keep_reason(outcome, folder)
-                    minutes = (time.perf_counter() - begun) / done * (len(left) - done) / 60
-                    _log(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
+    signals, begun = list[int](), time.perf_counter()
+    waves = ([_job(*each, folder, ranks) for each in wave] for wave in _waves(members, left))
+    with signal_handler(signals.append), closing(run_in_turn(waves, jobs, signals)) as running:
+        for done, ended in enumerate(running, 1):
+            before = outcomes[ended.name]
+            outcome = replace(before, problem=ended.problem, wall_s=ended.wall_s)
+            outcomes[ended.name] = outcome
+            keep_reason(outcome, folder)
+            minutes = (time.perf_counter() - begun) / done * (len(left) - done) / 60
+            _log(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
     return list(outcomes.values())
 
 
