@@ -14,7 +14,7 @@ from synthetic import make_results
 
 from tactile_fem.cli.app import main
 from tactile_fem.people import people
-from tactile_fem.series import collected, sweep, write_list, write_snakefile
+from tactile_fem.series import Member, collected, sweep, write_list, write_snakefile
 from tactile_fem.study import Study
 
 SNAKEMAKE = Path(sys.executable).with_name("snakemake")
@@ -80,6 +80,19 @@ def test_a_list_of_people_leaves_out_who_is_impossible(tmp_path, monkeypatch):
     assert [row["name"] for row in rows] == [scans[0].name, scans[2].name]
     assert Path(f"results/people/{scans[1].name}.failed.txt").read_text() == "no\n"
     assert Path("results/people/people.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "count"),
+    [(["fibre", "--spacing-mm", "2.5"], 5), (["reduce", "--scans", "16"], 16)],
+)
+def test_passes_and_lessons_are_listed_too(words, count, tmp_path, monkeypatch):
+    random_body = "tactile_fem.surrogate.reduce.lesson"  # a second each
+    monkeypatch.setattr(random_body, lambda study, k: Member(f"lesson-{k}", study, {}))
+    assert main([*words, "--results", str(tmp_path / "series"), "--list"]) == 0
+    rows = list(csv.DictReader((tmp_path / "series" / "scans.csv").open()))
+    assert len({row["name"] for row in rows}) == count
+    assert json.loads((tmp_path / "series" / "series.json").read_text())["words"][0] == words[0]
 
 
 def test_a_snakefile_needs_a_list_and_replaces_none(listed, tmp_path, capsys):
