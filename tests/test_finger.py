@@ -186,6 +186,21 @@ def test_midpoints_are_straight(mesh):
 
 
 @needs_gmsh
+def test_every_process_makes_the_same_mesh():
+    """Of a finger for which gmsh's optimizer found one of two meshes, by chance."""
+    code = (
+        "from tactile_fem import Study\n"
+        "from tactile_fem.people import people\n"
+        "from tactile_fem.study import Finger\n"
+        "study = Study(finger=Finger(pad_size_mm=3.0, far_size_mm=6.0))\n"
+        "print(people(study, 2)[1].study.finger.mesh().hash)\n"
+    )
+    command = [sys.executable, "-c", code]
+    runs = [subprocess.run(command, capture_output=True, text=True, check=True) for _ in range(4)]
+    assert len({run.stdout for run in runs}) == 1
+
+
+@needs_gmsh
 def test_same_parameters_same_mesh_and_gmsh_is_left_closed():
     import gmsh
 

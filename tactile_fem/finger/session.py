@@ -22,6 +22,7 @@ _OPTIONS = {
     "Mesh.Renumber": 0,
     "Mesh.Algorithm": 6,  # frontal Delaunay
     "Mesh.Algorithm3D": 10,  # HXT
+    "Mesh.Optimize": 0,  # its optimizer does not make the same mesh in every process
     "Mesh.ElementOrder": 1,
     "Mesh.MeshSizeMin": 0,
     "Mesh.MeshSizeMax": 1e22,
