@@ -224,7 +224,8 @@ def people(
         outcomes = run_people(scans, results, jobs=scheduling.jobs, ranks=scheduling.ranks)
     print(f"Written to {series.write_summary(scans, results)}")
     if failed := [outcome for outcome in outcomes if outcome.problem]:
-        print(f"{len(failed)} of {len(outcomes)} scans failed: see {results}/*.failed.txt")
+        failures = f"{len(failed)} of {len(outcomes)} scans failed or have not run"
+        print(f"{failures}: see {results}/summary.csv")
     if outcomes and len(failed) == len(outcomes):
         raise TactileError(failed[0].problem)
     ensemble = Ensemble.open(results)
@@ -257,7 +258,10 @@ def _run_series(members: Sequence[Member], folder: Path, scheduling: Scheduling)
 def _raise_failures(outcomes: Sequence[Outcome]) -> None:
     failed = [outcome.member.name for outcome in outcomes if outcome.problem]
     if failed:
-        raise TactileError(f"{len(failed)} of {len(outcomes)} scans failed: {', '.join(failed)}")
+        names = ", ".join(failed)
+        raise TactileError(
+            f"{len(failed)} of {len(outcomes)} scans failed or have not run: {names}"
+        )
 
 
 # --- fit -----------------------------------------------------------------------------------------
