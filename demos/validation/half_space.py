@@ -40,10 +40,11 @@ from hamasaki2020 import (
     maxima,
     members_of,
     per_s,
+    print_table,
     sparseness,
 )
 from hamasaki2020_figures import raster
-from hamasaki2020_readings import Array, Finger, Middle
+from hamasaki2020_readings import Array, Finger, Middle, misfit_Hz
 from matplotlib.figure import Figure
 from scipy.interpolate import make_interp_spline
 
@@ -80,13 +81,11 @@ def main(folder: Path, *, jobs: int = 1) -> None:
     for name, model in models.items():
         found = model.fitted_neuron()
         gain, kappa = (one.value for one in found.estimates.values())
-        rms = np.sqrt(np.mean(np.square(found.residuals_Hz)))
+        rms = misfit_Hz(found)
         print(f"{name}: gain {gain:.3g} pA/kPa, kappa {kappa:.3f}, rms {rms:.0f}/s")
         models[name] = model.with_neuron(found.neuron)
     rows = list(table(models))
-    print(f"\n| {' | '.join(rows[0])} |\n|{' --- |' * len(rows[0])}")
-    for row in rows:
-        print(f"| {' | '.join(row.values())} |")
+    print_table(rows)
     write_table(folder / "half_space.csv", rows)
     drawn(models).savefig(folder / "paper_half_space.png", dpi=110)
 
@@ -153,13 +152,13 @@ class Hertz:
         lengthened = np.arange(y[0], y[-1] + REACH_MM, self.space.cell_mm)
         heights = height_map(study.stimulus.body(), x, lengthened)
         self._heights = make_interp_spline(lengthened, heights, k=1, axis=1)
+        self._touch_mm = (self._form - self._heights(y)).min()
         self._pressure: Array | None = None
 
     def pressures_MPa(self, depth_mm: float, displacement_mm: float) -> Array:
         """Return the pressures with the body so deep past the first touch, and so far along."""
         y = self.space.places_mm[1]
-        first = (self._form - self._heights(y)).min()
-        gap_mm = self._form - self._heights(y + displacement_mm) - first
+        gap_mm = self._form - self._heights(y + displacement_mm) - self._touch_mm
         self._pressure = self.space.pressures_MPa(gap_mm, depth_mm, self._pressure)
         return self._pressure
 
@@ -275,7 +274,7 @@ def rubbed(finger: Finger, friction: float) -> str:
     one = letter(finger, name)
     image = one.population()
     spikes = image.response.counts().sum()
-    return f"{maxima(one.middle())}, {spikes:,} spikes, r {likeness(finger, name)}"
+    return f"{maxima(one.middle())}, {spikes:,} spikes, r {to_outline(one, image)}"
 
 
 # %%
@@ -287,8 +286,9 @@ def drawn(models: Mapping[str, Finger]) -> Figure:
         for j, shown in enumerate(TEXTS):
             scan = "letters" if shown == "G" else shown
             axes, one = figure.add_subplot(grid[j, k]), letter(model, scan)
-            raster(axes, one.population(), one)
-            axes.set_title(f"{name}, {shown}: r {likeness(model, scan)}")
+            image = one.population()
+            raster(axes, image, one)
+            axes.set_title(f"{name}, {shown}: r {to_outline(one, image)}")
             axes.set(xlabel="" if j < 2 else DISPLACEMENT, ylabel="" if k else "X (mm)")
     below = grid[3, :].subgridspec(2, 1, height_ratios=(3, 1), hspace=0)
     sed, fired = (figure.add_subplot(one) for one in below)

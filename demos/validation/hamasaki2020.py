@@ -23,7 +23,7 @@
 # half an hour; started again, it continues.
 
 # %%
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -44,6 +44,7 @@ from hamasaki2020_readings import (
     Finger,
     Middle,
     first_high_mm,
+    misfit_Hz,
     rows_of,
 )
 
@@ -67,6 +68,7 @@ FULL = "full size"
 DECAYS_S = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
 PASS_MM = 0.2  # slide positions of shifted passes
 BESIDE_MM = np.arange(1.0, 5.0)
+Row = dict[str, str]  # of a table: a statement, and what the fingers give
 
 
 # %%
@@ -106,11 +108,10 @@ def main(
     fingers = {name: Finger(study, {}) for name, study in studies.items()}
     for member, scan in zip(members, scans, strict=True):
         fingers[str(member.values["finger"])].scans[member.name.partition("-")[2]] = scan
-    decays(fingers["reproduction"], fingers[FULL])
+    print_table(list(decays(fingers["reproduction"], fingers[FULL])))
+    print_fit(fingers["reproduction"])
     rows = list(table(*fingers.values()))
-    print(f"\n| figure | paper | {' | '.join(fingers)} |\n| --- | --- | --- | --- | --- |")
-    for row in rows:
-        print(f"| {' | '.join(row.values())} |")
+    print_table(rows)
     write_table(folder / "hamasaki2020.csv", rows)
     keep(folder / "hamasaki2020.npz", fingers["reproduction"], fingers[FULL])
     for name, figure in figures(fingers).items():
@@ -144,21 +145,24 @@ def members_of(name: str, study: Study, shifts: tuple[float, ...]) -> Iterator[M
         yield Member(f"{stem}-letters{shift:+g}", one, {"finger": name, "shift_mm": shift})
 
 
-def decays(finger: Finger, full: Finger) -> None:
-    """Print, for each decay, the fit to the cylinders and the bundles; then the fit's constants."""
-    print("| decay, ms | gain, kappa | ramp; hold, /s | rms, /s | bundles | full size |")
-    print("| --- | --- | --- | --- | --- | --- |")
+def decays(finger: Finger, full: Finger) -> Iterator[Row]:
+    """Yield, for each decay, the fit to the cylinders and the bundles."""
     for decay in DECAYS_S:
         found = finger.fitted_neuron(decay)
+        fitted, fitted_full = (one.with_neuron(found.neuron) for one in (finger, full))
         gain, kappa = (one.value for one in found.estimates.values())
-        rates = finger.with_neuron(found.neuron).rates_Hz().T
-        rms = np.sqrt(np.mean(np.square(found.residuals_Hz)))
-        fired = (
-            bundles(one.with_neuron(found.neuron).middle(), spikes=True) for one in (finger, full)
-        )
-        columns = [f"{1e3 * decay:g}", f"{gain:.3g}, {kappa:.3f}", "; ".join(map(numbers, rates))]
-        print(f"| {' | '.join([*columns, f'{rms:.1f}', *fired])} |")
-    print()
+        yield {
+            "decay, ms": f"{1e3 * decay:g}",
+            "gain, kappa": f"{gain:.3g}, {kappa:.3f}",
+            "ramp; hold, /s": "; ".join(map(numbers, fitted.rates_Hz().T)),
+            "rms, /s": f"{misfit_Hz(found):.1f}",
+            "bundles": bundles(fitted.middle(), spikes=True),
+            FULL: bundles(fitted_full.middle(), spikes=True),
+        }
+
+
+def print_fit(finger: Finger) -> None:
+    """Print the constants that the assumed rates under the cylinders give, and the study's."""
     for name, estimate in finger.fitted_neuron().estimates.items():
         print(f"{name} {estimate.value:.4g}, in the study {getattr(finger.study.neuron, name):g}")
 
@@ -178,9 +182,6 @@ def keep(path: Path, finger: Finger, full: Finger) -> None:
 
 
 # %%
-Row = dict[str, str]  # a statement of the paper, and what the fingers give
-
-
 def table(*fingers: Finger) -> Iterator[Row]:
     """Yield the rows in the order of the paper's figures."""
 
@@ -212,6 +213,13 @@ def table(*fingers: Finger) -> Iterator[Row]:
     yield row("9b", "one fibre: hardly fires there", lambda f: gap(f, f.fibre()))
     yield row("9a", "population", lambda f: image_numbers(f, f.population(half_width_of(f))))
     yield row("9b", "one fibre, the same places", lambda f: image_numbers(f, f.fibre()))
+
+
+def print_table(rows: Sequence[Row]) -> None:
+    """Print rows, all with the same columns."""
+    print(f"\n| {' | '.join(rows[0])} |\n|{' --- |' * len(rows[0])}")
+    for row in rows:
+        print(f"| {' | '.join(row.values())} |")
 
 
 def numbers(values: Iterable[float], digits: int = 0) -> str:

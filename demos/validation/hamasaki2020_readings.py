@@ -153,15 +153,21 @@ class Finger(NamedTuple):
         """
         letter = min(self.study.stimulus.outlines(), key=lambda o: abs(o.centroid.y - _HALF_MM))
         right = letter.bounds[3]
-        line = shapely.LineString([(-9.0, right - _STROKE_MM), (9.0, right - _STROKE_MM)])
+        side = right - _STROKE_MM
+        line = shapely.LineString([(-9.0, side), (9.0, side)])
         pieces = sorted(shapely.get_parts(line & letter).tolist(), key=lambda piece: piece.bounds)
         open_ = [(a.bounds[2], b.bounds[0]) for a, b in pairwise(pieces)]
         low, high = max(open_, key=lambda ends: ends[1] - ends[0])
         x, y = image.across_mm, image.along_mm
         columns = np.abs(y - right) < _ABOUT_MM
-        over = shapely.contains_xy(line & letter, x, np.full(len(x), right - _STROKE_MM))
+        over = shapely.contains_xy(letter, x, np.full(len(x), side))
         within = (x > low + _MARGIN_MM) & (x < high - _MARGIN_MM)
         return tuple(float(image.rate_Hz[np.ix_(rows, columns)].mean()) for rows in (within, over))
+
+
+def misfit_Hz(found: RateFit) -> float:
+    """Return the root mean square of what a fit misses."""
+    return float(np.sqrt(np.mean(np.square(found.residuals_Hz))))
 
 
 def middle_of(time_s: Array, sed_kPa: Array, study: Study) -> Middle:

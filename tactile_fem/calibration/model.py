@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Sequence
-from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
@@ -19,8 +19,8 @@ from tactile_fem.calibration.parameters import Parameter, with_values
 from tactile_fem.calibration.press import Prediction
 from tactile_fem.calibration.task import Task, load
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.runtime.jobs import Job, run_jobs
-from tactile_fem.runtime.ranks import on_root, signal_handler
+from tactile_fem.runtime.jobs import Job, running
+from tactile_fem.runtime.ranks import on_root
 from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)
@@ -84,8 +84,10 @@ class Model:
         files = [self._folder / f"{task.name}.npz" for task in tasks]
         left = on_root(self._comm, lambda: [k for k, file in enumerate(files) if not file.exists()])
         begun = time.perf_counter()
+        for k in left:
+            on_root(self._comm, partial(tasks[k].write, files[k]))
         if self._jobs > 1:
-            self._run_beside([tasks[k] for k in left], [files[k] for k in left])
+            self._run_beside([files[k] for k in left])
         else:
             for k in left:
                 tasks[k].run(files[k], self._comm)
@@ -93,8 +95,8 @@ class Model:
         self._spent_s += time.perf_counter() - begun
         return on_root(self._comm, lambda: [load(file) for file in files])
 
-    def _run_beside(self, tasks: Sequence[Task], files: Sequence[Path]) -> None:
-        """Press side by side.
+    def _run_beside(self, files: Sequence[Path]) -> None:
+        """Make the presses that were written, side by side.
 
         Raises
         ------
@@ -103,12 +105,9 @@ class Model:
         StoppedError
             SIGTERM or SIGINT was received.
         """
-        for task, file in zip(tasks, files, strict=True):
-            task.write(file)
-        waiting = (Job(file.stem, "tactile_fem.calibration.task", (str(file),)) for file in files)
-        signals = list[int]()
-        with signal_handler(signals.append), closing(run_jobs(waiting, self._jobs, signals)) as run:
-            for ended in run:
+        jobs = [Job(file.stem, "tactile_fem.calibration.task", (str(file),)) for file in files]
+        with running([jobs], self._jobs) as presses:
+            for ended in presses:
                 if ended.problem:
                     raise TactileError(ended.problem)
 

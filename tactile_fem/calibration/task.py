@@ -40,30 +40,33 @@ class Task:
     def name(self) -> str:
         """Name of its file: a hash of everything that determines the press."""
         pressed = dump_study(with_files(study_of(self.study, self.experiment), content_of))
-        wanted = [self.experiment.depth_mm, self.experiment.place_mm]
-        changes = [sorted(change.items()) for change in self.changes]
         kept = [one.name for one in fields(Prediction)]
-        text = pressed + repr([array.tolist() for array in wanted]) + repr([changes, kept])
-        text += tactile_fem.__version__ + _hash_of_code()
+        text = pressed + self._wanted() + repr(kept) + tactile_fem.__version__ + _hash_of_code()
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def run(self, file: Path, comm: MPI.Comm = MPI.COMM_SELF) -> None:
-        """Press and save what the model predicts, and beside it the study; all ranks call."""
-        on_root(comm, lambda: self.write(file))
+        """Press and save what the model predicts; all ranks call."""
         prediction = press(self.study, self.experiment, self.changes, comm)
         on_root(comm, lambda: write_arrays(file, vars(prediction)))
 
     def write(self, file: Path) -> None:
         """Write the study of the press, and what is read of it, beside the file."""
-        one = self.experiment
-        wanted = {
-            "depth_mm": one.depth_mm.tolist(),
-            "place_mm": one.place_mm.tolist(),  # NaN where a force is wanted
-            "changes": [[[*keys, power] for keys, power in c.items()] for c in self.changes],
-        }
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_text(file.with_suffix(".toml"), dump_study(study_of(self.study, one)))
-        write_text(file.with_suffix(".json"), json.dumps(wanted))
+        write_text(file.with_suffix(".toml"), dump_study(study_of(self.study, self.experiment)))
+        write_text(file.with_suffix(".json"), self._wanted())
+
+    def _wanted(self) -> str:
+        """Return where the press is read, and along which changes, as JSON."""
+        return json.dumps(
+            {
+                "depth_mm": self.experiment.depth_mm.tolist(),
+                "place_mm": self.experiment.place_mm.tolist(),  # NaN where a force is wanted
+                "changes": [
+                    [[*keys, power] for keys, power in sorted(change.items())]
+                    for change in self.changes
+                ],
+            }
+        )
 
     @classmethod
     def read(cls, file: Path) -> Task:

@@ -6,11 +6,12 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import IO
 
 from tactile_fem.errors import StoppedError
-from tactile_fem.runtime.ranks import on_ranks
+from tactile_fem.runtime.ranks import on_ranks, signal_handler
 
 ERROR = "tactile-fem: "  # begins a line on stderr that says why a command failed
 
@@ -37,25 +38,33 @@ class Ended:
     wall_s: float
 
 
-def run_jobs(waiting: Iterator[Job], count: int, signals: Sequence[int]) -> Generator[Ended]:
-    """Yield how each job ended; a job is asked for when it can start.
+@contextmanager
+def running(waves: Iterable[Iterable[Job]], count: int) -> Iterator[Iterator[Ended]]:
+    """Provide how each job ended, one after the other; a wave begins when that before has ended.
 
-    One that fails or is killed fails alone. Those that run are stopped, and waited for, when the
-    generator is closed.
+    One that fails or is killed fails alone. Those that run at the end are stopped and waited for.
 
     Parameters
     ----------
-    waiting
+    waves
         The jobs.
     count
         How many run side by side at most.
-    signals
-        Received signals; with the first nothing starts any more.
 
     Raises
     ------
     StoppedError
-        `signals` contains one.
+        SIGTERM or SIGINT was received.
+    """
+    signals = list[int]()
+    with signal_handler(signals.append), closing(_run_in_turn(waves, count, signals)) as ended:
+        yield ended
+
+
+def _run_jobs(waiting: Iterator[Job], count: int, signals: Sequence[int]) -> Generator[Ended]:
+    """Yield how each job of a wave ended; a job is asked for when it can start.
+
+    Raises StoppedError if `signals` contains one; closed, it stops those that run.
     """
     running: list[_Process] = []
     try:
@@ -77,12 +86,12 @@ def run_jobs(waiting: Iterator[Job], count: int, signals: Sequence[int]) -> Gene
             process.end()
 
 
-def run_in_turn(
+def _run_in_turn(
     waves: Iterable[Iterable[Job]], count: int, signals: Sequence[int]
 ) -> Generator[Ended]:
     """Yield how the jobs of each wave ended; it begins when those before it have ended."""
     for wave in waves:
-        yield from run_jobs(iter(wave), count, signals)
+        yield from _run_jobs(iter(wave), count, signals)
 
 
 class _Process:

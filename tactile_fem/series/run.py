@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,8 @@ import numpy as np
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.output.histories import central_receptor, mean_over
 from tactile_fem.runtime.files import write_table, write_text
-from tactile_fem.runtime.jobs import Job, run_in_turn
+from tactile_fem.runtime.jobs import Job, running
 from tactile_fem.runtime.logs import shown
-from tactile_fem.runtime.ranks import signal_handler
 from tactile_fem.series.members import Member
 from tactile_fem.series.sharing import begin_with, of_same_mechanics
 from tactile_fem.simulation.checks import check_study
@@ -72,13 +70,12 @@ def run_series(
     for outcome in outcomes.values():
         keep_reason(outcome, folder)
     logger.info("%d scans, %d of them complete", len(members), len(members) - len(left))
-    signals, begun = list[int](), time.perf_counter()
+    begun = time.perf_counter()
     waves = ([_job(*each, folder, ranks) for each in wave] for wave in _waves(members, left))
-    with signal_handler(signals.append), closing(run_in_turn(waves, jobs, signals)) as running:
-        for done, ended in enumerate(running, 1):
-            before = outcomes[ended.name]
-            outcome = replace(before, problem=ended.problem, wall_s=ended.wall_s)
-            outcomes[ended.name] = outcome
+    with running(waves, jobs) as scans:
+        for done, ended in enumerate(scans, 1):
+            member = outcomes[ended.name].member
+            outcome = outcomes[ended.name] = Outcome(member, ended.problem, ended.wall_s)
             keep_reason(outcome, folder)
             minutes = (time.perf_counter() - begun) / done * (len(left) - done) / 60
             _log(outcome, f"{done} of {len(left)}, about {minutes:.0f} min left")
@@ -101,10 +98,10 @@ def _waves(members: Sequence[Member], left: Sequence[Member]) -> Iterator[list[_
     first, others = list[_Shared](), list[_Shared]()
     for group in of_same_mechanics(members):
         names = [member.name for member in group]
-        missing = [member for member in group if member.name in wanted]
-        has_one = len(missing) < len(group)
-        for member in missing:
-            (others if has_one or member is not missing[0] else first).append((member, names))
+        missing = [(member, names) for member in group if member.name in wanted]
+        leading = 1 if len(missing) == len(group) else 0
+        first += missing[:leading]
+        others += missing[leading:]
     yield first
     yield others
 
