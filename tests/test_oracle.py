@@ -26,7 +26,7 @@ def test_what_a_scan_computes_stays(case):
     assert oracle.differing(oracle.computed(case), BEFORE[case], SHARE) == []
 
 
-# Not those that seek loads: rounding changes how many iterations it takes, and these how far they go.
+# Not those that seek loads: rounding changes their iterations, and these the length of steps.
 @pytest.mark.ranks
 @pytest.mark.parametrize("case", ["slide", "relaxation", "friction"])
 def test_two_ranks_compute_what_one_does(case):
