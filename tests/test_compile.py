@@ -14,7 +14,7 @@ from dolfinx import fem, jit, mesh
 from materials import ONE_LAYER
 from sphere_on_block import BALL, PRESS_AND_SLIDE, follow, sphere_on_block
 
-from tactile_fem.mechanics.compile import Constant, expression
+from tactile_fem.assembly.compile import Constant, expression
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Solver

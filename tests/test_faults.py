@@ -22,9 +22,9 @@ from tactile_fem.runtime import backend, ranks  # noqa: F401
 from mpi4py import MPI  # isort: skip
 from dolfinx import jit  # isort: skip
 
+from tactile_fem.assembly.compile import clean_cache, jit_options
 from tactile_fem.errors import ConvergenceError, StudyError, TactileError
 from tactile_fem.finger import FingerMesh, read_msh, write_msh
-from tactile_fem.mechanics.compile import clean_cache, jit_options
 from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.runtime.files import locked

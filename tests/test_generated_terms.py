@@ -18,11 +18,11 @@ from test_virtual_work import moved, residual, tangent
 from dolfinx import fem  # isort: skip
 from mpi4py import MPI  # isort: skip
 
+from tactile_fem.assembly.virtual_work import VirtualWork
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.measures import check_work
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.solvers.virtual_work import VirtualWork
 from tactile_fem.stimulus.body import Cut
 from tactile_fem.study import Solver
 

@@ -17,11 +17,11 @@ from mpi4py import MPI  # isort: skip
 
 from blocks import block_mesh, curved
 
+from tactile_fem.assembly.compile import expression
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import SURFACES
 from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.simplex import facets_of
-from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.neuron import (
     DRIVES,

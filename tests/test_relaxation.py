@@ -19,7 +19,7 @@ from materials import RELAXING
 from sphere_on_block import PRESS_AND_SLIDE, TWO_TISSUES, follow, sphere_on_block
 from terms import Bulk
 
-from tactile_fem.mechanics.compile import expression
+from tactile_fem.assembly.compile import expression
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.study import Tissue
 from tactile_fem.tissue.relaxation import Prony

@@ -17,7 +17,7 @@ import basix.ufl
 from blocks import LAYERS, block_mesh
 from dolfinx import fem
 
-from tactile_fem.mechanics.compile import expression
+from tactile_fem.assembly.compile import expression
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.mechanics.rows import gathered
 from tactile_fem.mechanics.state import PointHistory, State

@@ -14,8 +14,8 @@ from mpi4py import MPI  # isort: skip
 from dolfinx import fem, mesh
 from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH, young_modulus
 
+from tactile_fem.assembly.compile import expression
 from tactile_fem.errors import StudyError
-from tactile_fem.mechanics.compile import expression
 from tactile_fem.study import TISSUE_SETS, Elastic, Polynomial, Tissue
 from tactile_fem.tissue.energies import (
     compression_modulus,

@@ -17,11 +17,11 @@ from scipy.sparse import bsr_array  # isort: skip
 
 from test_plane_strain import SAGITTAL, section
 
+from tactile_fem.assembly.virtual_work import VirtualWork
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.terms.term import Term
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.near_skin import NearSkin
-from tactile_fem.solvers.virtual_work import VirtualWork
 from tactile_fem.stimulus.body import Cut
 from tactile_fem.study import Solver
 

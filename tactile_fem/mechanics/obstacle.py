@@ -20,7 +20,7 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import expression, jit_options
+from tactile_fem.assembly.compile import expression, jit_options
 from tactile_fem.mechanics.measures import with_shared_tags
 from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.ranks import shared_errors

@@ -20,7 +20,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import Constant
+from tactile_fem.assembly.compile import Constant
 from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.rows import Saved, gather_rows
 

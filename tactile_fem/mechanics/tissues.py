@@ -8,8 +8,8 @@ from types import MappingProxyType, SimpleNamespace
 import ufl
 from ufl.core.expr import Expr
 
+from tactile_fem.assembly.compile import Constant
 from tactile_fem.finger.mesh_data import TISSUES
-from tactile_fem.mechanics.compile import Constant
 from tactile_fem.mechanics.domain import Domain
 from tactile_fem.mechanics.state import State
 from tactile_fem.tissue.constants import Elastic, Polynomial, Tissue

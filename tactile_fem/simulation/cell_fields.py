@@ -6,7 +6,7 @@ import basix
 import numpy as np
 import ufl
 
-from tactile_fem.mechanics.compile import expression
+from tactile_fem.assembly.compile import expression
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.rows import gather_rows
 from tactile_fem.simulation.fields import TENSOR

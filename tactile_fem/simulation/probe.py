@@ -15,8 +15,8 @@ import scipy.sparse
 import ufl
 from dolfinx import common
 
+from tactile_fem.assembly.compile import expression
 from tactile_fem.finger.mesh_data import TISSUES
-from tactile_fem.mechanics.compile import expression
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.neuron.fields import STANDARD, Field, MaterialPoint
 from tactile_fem.receptors import Samples

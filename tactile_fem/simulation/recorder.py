@@ -16,7 +16,7 @@ import numpy as np
 from dolfinx import common
 
 from tactile_fem import __version__
-from tactile_fem.mechanics.compile import compiled_by
+from tactile_fem.assembly.compile import compiled_by
 from tactile_fem.neuron import Response
 from tactile_fem.path.rotations import ARM_MM, angle_rad
 from tactile_fem.runtime import backend

@@ -17,8 +17,8 @@ import numpy as np
 from dolfinx import jit
 from numpy.typing import ArrayLike
 
+from tactile_fem.assembly.compile import clean_cache
 from tactile_fem.errors import StudyError
-from tactile_fem.mechanics.compile import clean_cache
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.mechanics.load import Load

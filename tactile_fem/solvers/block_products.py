@@ -17,7 +17,7 @@ import numpy as np
 from dolfinx import la
 from dolfinx.common import IndexMap
 
-from tactile_fem.mechanics.compile import c_functions
+from tactile_fem.assembly.compile import c_functions
 
 _SOURCE = Path(__file__).with_suffix(".c")
 _PRODUCT = "int, const long long *, const int *, const REAL *, const double *, double *"

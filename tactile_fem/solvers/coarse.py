@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse
 from dolfinx import la
 
-from tactile_fem.mechanics.compile import c_functions
+from tactile_fem.assembly.compile import c_functions
 from tactile_fem.solvers.block_products import columns_in
 
 _SOURCE = Path(__file__).with_suffix(".c")

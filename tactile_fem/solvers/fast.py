@@ -20,7 +20,8 @@ import ufl
 from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 
-from tactile_fem.mechanics.compile import jit_options
+from tactile_fem.assembly.compile import jit_options
+from tactile_fem.assembly.virtual_work import VirtualWork
 from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.rows import Saved
@@ -30,7 +31,6 @@ from tactile_fem.solvers.lagging import Lagging
 from tactile_fem.solvers.near_skin import NearSkin
 from tactile_fem.solvers.options import clear_options, options_of, set_options
 from tactile_fem.solvers.report import LinearSolve, SolveReport, StepSolver, solve_linear
-from tactile_fem.solvers.virtual_work import VirtualWork
 
 # Where Newton's method fails: width of the onset of contact, as a multiple, and softness of
 # friction with which it is tried first.

@@ -12,10 +12,10 @@ import numpy as np
 import ufl
 from dolfinx import common, fem, la
 
+from tactile_fem.assembly.virtual_work import VirtualWork
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.block_products import BlockProduct
 from tactile_fem.solvers.held import Held
-from tactile_fem.solvers.virtual_work import VirtualWork
 
 _BLOCKS = la.BlockMode.compact  # type: ignore[attr-defined]
 

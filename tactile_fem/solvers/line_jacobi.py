@@ -13,7 +13,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import la
 
-from tactile_fem.mechanics.compile import c_functions
+from tactile_fem.assembly.compile import c_functions
 from tactile_fem.solvers.block_products import columns_in, number_type
 
 _SOURCE = Path(__file__).with_suffix(".c")

@@ -14,7 +14,7 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
-from tactile_fem.mechanics.compile import jit_options
+from tactile_fem.assembly.compile import jit_options
 from tactile_fem.mechanics.measures import with_shared_tags
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.options import NEWTON, PLAIN, clear_options, set_options

@@ -52,8 +52,8 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import ArrayLike
 from ufl.core.expr import Expr
 
+from tactile_fem.assembly.compile import Constant
 from tactile_fem.finger.joint import Joint
-from tactile_fem.mechanics.compile import Constant
 from tactile_fem.mechanics.contact_law import ContactLaw
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.terms.contact import SkinPart

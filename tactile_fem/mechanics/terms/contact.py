@@ -24,7 +24,7 @@ from dolfinx import fem
 from ufl.classes import FacetJacobianDeterminant
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import Constant
+from tactile_fem.assembly.compile import Constant
 from tactile_fem.mechanics.contact_law import ZERO_BELOW, ContactLaw
 from tactile_fem.mechanics.obstacle import Obstacle, PointValues
 from tactile_fem.mechanics.state import PointHistory

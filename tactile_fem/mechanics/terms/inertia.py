@@ -35,7 +35,7 @@ from dolfinx import fem, mesh
 from numpy.typing import ArrayLike
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import Constant, expression, jit_options
+from tactile_fem.assembly.compile import Constant, expression, jit_options
 from tactile_fem.mechanics.state import PointHistory
 from tactile_fem.mechanics.terms.term import Term
 from tactile_fem.mechanics.tissues import Tissues

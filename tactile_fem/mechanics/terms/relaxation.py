@@ -17,7 +17,7 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import Constant, expression
+from tactile_fem.assembly.compile import Constant, expression
 from tactile_fem.mechanics.state import PointHistory
 from tactile_fem.mechanics.terms.term import Delay, StressTerm, sum_of
 from tactile_fem.mechanics.tissues import Tissues

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import Constant
+from tactile_fem.assembly.compile import Constant
 from tactile_fem.mechanics.terms.term import Delay, StressTerm
 from tactile_fem.mechanics.tissues import Tissues
 from tactile_fem.study import Solver

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from dolfinx import fem, mesh
 
-from tactile_fem.solvers.at_points import Given, Kind, NotAtPointsError
+from tactile_fem.assembly.at_points import Given, Kind, NotAtPointsError
 
 Array = np.ndarray
 

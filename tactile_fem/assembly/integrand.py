@@ -15,12 +15,12 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import c_functions, jit_options
+from tactile_fem.assembly.at_points import AtPoint, Given, Kind, NotAtPointsError
+from tactile_fem.assembly.bases import CellField
+from tactile_fem.assembly.compile import c_functions, jit_options
+from tactile_fem.assembly.point_functions import PREAMBLE, PointFunction
+from tactile_fem.assembly.quadrature import Rule
 from tactile_fem.mechanics.problem import Problem
-from tactile_fem.solvers.at_points import AtPoint, Given, Kind, NotAtPointsError
-from tactile_fem.solvers.bases import CellField
-from tactile_fem.solvers.point_functions import PREAMBLE, PointFunction
-from tactile_fem.solvers.quadrature import Rule
 
 Array = np.ndarray
 

@@ -18,10 +18,10 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
+from tactile_fem.assembly.at_points import NotAtPointsError, lowered
+from tactile_fem.assembly.integrand import Integrand
+from tactile_fem.assembly.quadrature import quadrature, reference_normal
 from tactile_fem.mechanics.problem import Problem
-from tactile_fem.solvers.at_points import NotAtPointsError, lowered
-from tactile_fem.solvers.integrand import Integrand
-from tactile_fem.solvers.quadrature import quadrature, reference_normal
 
 Array = np.ndarray
 

@@ -16,8 +16,8 @@ from dolfinx import fem
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.core.expr import Expr
 
-from tactile_fem.mechanics.compile import with_own_labels
-from tactile_fem.solvers.at_points import AtPoint
+from tactile_fem.assembly.at_points import AtPoint
+from tactile_fem.assembly.compile import with_own_labels
 
 # The C library can evaluate a function several times at once, which has to be said where not all of
 # -ffast-math is on.
