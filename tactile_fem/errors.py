@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 
@@ -21,6 +21,20 @@ class StudyError(TactileError):
     """Bad input: names the field, the value and what is allowed."""
 
     exit_code = 2
+
+
+def raise_all(*checks: Callable[[], object]) -> None:
+    """Call all checks; raise a StudyError with what each of them finds, a line each."""
+    found: dict[str, StudyError] = {}
+    for check in checks:
+        try:
+            check()
+        except StudyError as error:
+            found.setdefault(str(error), error)
+    if len(found) == 1:
+        raise next(iter(found.values()))
+    if found:
+        raise StudyError("\n".join(found))
 
 
 class MeshError(StudyError):

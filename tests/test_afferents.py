@@ -27,8 +27,8 @@ from tactile_fem.series import fibre_image
 from tactile_fem.series.members import single_fibre
 from tactile_fem.series.report import write_report
 from tactile_fem.series.run import numbers_of
-from tactile_fem.simulation.checks import check_study
-from tactile_fem.simulation.parts import Parts, check_parts
+from tactile_fem.simulation.checks import check, check_parts
+from tactile_fem.simulation.parts import Parts
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Afferents, Neuron, Receptors, Study
 from tactile_fem.study.explain import explain
@@ -319,11 +319,11 @@ def test_without_afferents_there_is_one_population_and_no_word_of_it():
 
 
 def test_drives_and_places_are_checked_before_a_scan(tmp_path):
-    check_study(read(tmp_path, TWO))
+    check(read(tmp_path, TWO))
     with pytest.raises(StudyError, match=r'afferents.RA.feels: There is no drive "strain"'):
-        check_study(read(tmp_path, TWO, "afferents.RA.feels=strain"))
+        check(read(tmp_path, TWO, "afferents.RA.feels=strain"))
     with pytest.raises(StudyError, match=r"afferents.RA.receptors: .* X 30, Y 0 mm lies outside"):
-        check_study(read(tmp_path, TWO, "afferents.RA.receptors.extra_mm=[[30.0, 0.0]]"))
+        check(read(tmp_path, TWO, "afferents.RA.receptors.extra_mm=[[30.0, 0.0]]"))
     with pytest.raises(ValidationError, match='There is no drive "speed"'):
         Study(afferents=[Afferents(name="RA", feels="speed")])
     with pytest.raises(StudyError, match='no afferents "PC", only SA1, RA'):
@@ -334,13 +334,13 @@ def test_a_registered_drive_can_be_named_in_a_study(tmp_path, monkeypatch):
     with monkeypatch.context() as script:
         script.setitem(DRIVES, "squeeze", Drive("Squeeze", "1", lambda h: h["sed_kPa"]))
         study = read(tmp_path, TWO, "afferents.RA.feels=squeeze_rate")
-        check_study(study)
+        check(study)
         assert study.populations[1].population().drive.unit == "1/s"
     # Elsewhere its results can be read, though it cannot be scanned.
     results = make_results(tmp_path / "r", study)
     assert Results.open(results.folder).study == study
     with pytest.raises(StudyError, match=r"afferents.RA.feels: .* no drive"):
-        check_study(study)
+        check(study)
 
 
 @pytest.mark.parametrize(

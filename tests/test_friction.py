@@ -25,7 +25,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.mechanics.domain import create_domain, roller
 from tactile_fem.output.deck import write_deck
 from tactile_fem.path.rotations import matrix
-from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.checks import check
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import Friction, KineticFriction, MappedFriction, PressureFriction
 from tactile_fem.study import Drawing, Finger, Plate, Solver, Sphere, Study, Surface, Text
@@ -257,7 +257,7 @@ def test_a_map_that_does_not_do_is_refused(tmp_path, rows, sentence):
     law = MappedFriction(file=file, spacing_mm=4.0)
     study = Study(stimulus=Plate(friction=law), finger=Finger(mesh_file=SMALL))
     with pytest.raises(StudyError, match=f"stimulus.friction.file = .*{sentence}"):
-        check_study(study)
+        check(study)
 
 
 @needs_gmsh

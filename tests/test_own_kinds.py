@@ -18,7 +18,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger import read_msh
 from tactile_fem.path import Motion, Piece
 from tactile_fem.runtime.settings import File, Positive
-from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.checks import check
 from tactile_fem.stimulus import Distance, Stimulus
 from tactile_fem.study import Plate, Press, Protocol, Study
 from tactile_fem.study.file import dump_study, load_study
@@ -92,7 +92,7 @@ def test_they_are_written_and_read_back(tmp_path):
     assert Study.model_validate_json(study.model_dump_json()) == study
     changed = load_study(tmp_path / "s.toml", ["stimulus.height_mm=0.3"])
     assert changed.stimulus == study.stimulus.model_copy(update={"height_mm": 0.3})
-    check_study(study)
+    check(study)
 
 
 def test_paths_of_their_files_start_from_the_studys_folder(tmp_path, monkeypatch):

@@ -20,7 +20,7 @@ import tactile_fem.study
 from tactile_fem import Piece, Stimulus, Study
 from tactile_fem.cli import app as cli
 from tactile_fem.series import sweep
-from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.checks import check
 from tactile_fem.study import Protocol
 from tactile_fem.study.explain import model_in
 from tactile_fem.study.file import load_study
@@ -77,10 +77,10 @@ def test_a_command_of_the_pages_exists(command):
     function, bound, _ = cli.app.parse_args([name, *arguments], exit_on_error=False)
     changes = bound.arguments.get("changes")
     if changes and function.__name__ == "scan":
-        check_study(load_study(None, changes))
+        check(load_study(None, changes))
     if over := bound.arguments.get("over"):
         for member in sweep(over, overrides=changes or []):
-            check_study(member.study)
+            check(member.study)
 
 
 def test_shell_scripts_are_well_formed():
@@ -127,7 +127,7 @@ def test_the_code_of_the_fast_finger_runs():
 def test_the_studies_of_the_reference_are_studies(number, tmp_path):
     file = tmp_path / "study.toml"
     file.write_text(blocks(PAGES / "reference" / "study.md", "toml")[number])
-    check_study(load_study(file))
+    check(load_study(file))
 
 
 def in_sentences(pattern: str) -> list[str]:

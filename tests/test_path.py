@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from tactile_fem.errors import StudyError
 from tactile_fem.path import HeldLoads, Motion, Path, Vibration
-from tactile_fem.simulation.checks import LARGEST_DEPTH_SHARE, check_study
+from tactile_fem.simulation.checks import LARGEST_DEPTH_SHARE, check
 from tactile_fem.study import Finger, Follow, Hold, Lift, Press, Protocol, Slide, Study
 from tactile_fem.study.file import dump_study, load_study
 
@@ -230,10 +230,10 @@ def test_a_held_force_does_not_vibrate_along_z(piece):
         vibrating = piece.model_copy(update={"vibration": vibration})
         study = Study(protocol=Protocol(path=(Press(force_N=0.5), vibrating)))
         with pytest.raises(StudyError, match=r"holds a force of 0\.5 .* let it vibrate in X and Y"):
-            check_study(study)
+            check(study)
     across = Vibration(**wave, direction=(1.0, 0.0, 0.0))
     sideways = piece.model_copy(update={"vibration": across})
-    check_study(Study(protocol=Protocol(path=(Press(force_N=0.5), sideways))))
+    check(Study(protocol=Protocol(path=(Press(force_N=0.5), sideways))))
 
 
 def test_the_piece_that_is_wrong_is_named():
@@ -271,7 +271,7 @@ def test_a_file_that_cannot_be_followed(tmp_path, text, sentence):
     if text is not None:
         file.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(StudyError, match=sentence) as caught:
-        check_study(Study(protocol=Protocol(path=(Follow(file=file),))))
+        check(Study(protocol=Protocol(path=(Follow(file=file),))))
     assert "\n" not in str(caught.value)
 
 
@@ -288,11 +288,11 @@ THICKNESS = Finger().pad_thickness_mm
 )
 def test_pieces_that_cannot_be(pieces, sentence):
     with pytest.raises(StudyError, match=sentence):
-        check_study(Study(protocol=Protocol(path=pieces)))
+        check(Study(protocol=Protocol(path=pieces)))
 
 
 def test_a_press_to_a_force_may_go_on_until_the_bone_is_near():
-    check_study(Study(protocol=Protocol(path=(Press(force_N=1.0), Slide(force_N=1.0)))))
+    check(Study(protocol=Protocol(path=(Press(force_N=1.0), Slide(force_N=1.0)))))
     (_, motion) = next(Protocol(force_N=1.0).route(LARGEST_DEPTH_SHARE * THICKNESS).plan())
     assert motion.place(motion.duration_s)[2] == pytest.approx(0.8 * THICKNESS)
 

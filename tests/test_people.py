@@ -280,7 +280,7 @@ def written(tmp_path) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         failed = "tactile_fem.people.ensemble.run_series"
         patch.setattr(failed, lambda members, *_, **__: [])
-        patch.setattr("tactile_fem.people.ensemble.check_study", check_but_the_second)
+        patch.setattr("tactile_fem.people.ensemble.check", check_but_the_second)
         run_people(scans, tmp_path)
     assert complete != run.read_text()
     return tmp_path

@@ -15,7 +15,7 @@ from tactile_fem.finger.plane import Plane
 from tactile_fem.finger.simplex import volumes
 from tactile_fem.receptors import place
 from tactile_fem.series import numbers_of
-from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.checks import check
 from tactile_fem.stimulus.body import Ball, Cut, Moved
 from tactile_fem.study import Finger, Grating, Plate, Protocol, Receptors, Solver, Study, Text
 
@@ -54,8 +54,8 @@ def test_a_section_across_from_a_file_is_checked_in_its_own_plane(tmp_path):
     across = Finger(kind="section", mesh_file=tmp_path / "across.msh")
     study = Study(finger=across, stimulus=Plate())
     with pytest.raises(StudyError, match="leaves the section's plane, Y"):
-        check_study(study)
-    check_study(study.model_copy(update={"protocol": protocol}))
+        check(study)
+    check(study.model_copy(update={"protocol": protocol}))
 
 
 @needs_gmsh
@@ -164,7 +164,7 @@ def test_a_cut_body_has_the_body_s_contour_and_slopes():
 )
 def test_what_does_not_fit_a_section_is_told_at_once(study, says):
     with pytest.raises((StudyError, MeshError), match=says):
-        check_study(study)
+        check(study)
 
 
 @needs_gmsh

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from tactile_fem.errors import StudyError
 from tactile_fem.path.loads import COMPONENTS
 from tactile_fem.path.rotations import matrix, to_space, vector
-from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.checks import check
 from tactile_fem.study import Finger, Follow, Press, Protocol, Push, Roll, Study, Twist
 from tactile_fem.study.file import dump_study, load_study
 
@@ -147,7 +147,7 @@ def test_a_push_brings_its_loads_from_those_at_the_start():
 def test_a_recording_that_cannot_be_followed(tmp_path, text, hold, sentence):
     piece = Follow(file=written(tmp_path, text), hold=hold)
     with pytest.raises(StudyError, match=sentence) as caught:
-        check_study(Study(protocol=Protocol(path=(piece,))))
+        check(Study(protocol=Protocol(path=(piece,))))
     assert "\n" not in str(caught.value)
 
 
@@ -181,7 +181,7 @@ def test_a_piece_that_makes_no_sense(piece, sentence):
 def test_a_section_is_not_turned_out_of_its_plane(piece, sentence):
     finger, press = Finger(kind="section"), Press(depth_mm=0.5)
     with pytest.raises(StudyError, match=sentence):
-        check_study(Study(finger=finger, protocol=Protocol(path=(press, piece))))
+        check(Study(finger=finger, protocol=Protocol(path=(press, piece))))
 
 
 # --- kept ----------------------------------------------------------------------------------------

@@ -14,7 +14,6 @@ along lengths of the finger, and all those of a finger on its joint, from a pres
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 
 from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
@@ -37,10 +36,9 @@ from tactile_fem.calibration.press import study_of
 from tactile_fem.calibration.result import Calibration
 from tactile_fem.calibration.tables import write_results
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.runtime.files import locked
-from tactile_fem.runtime.logs import each_once, shown
-from tactile_fem.runtime.ranks import on_root
-from tactile_fem.simulation.checks import check_study
+from tactile_fem.runtime.logs import each_once
+from tactile_fem.runtime.session import session
+from tactile_fem.simulation.checks import check
 from tactile_fem.study import Study
 
 Array = NDArray[np.float64]
@@ -50,7 +48,6 @@ _TOLERANCE = 1e-3
 _FINGER_LOGGERS = ("finger.finger", "finger.build", "mechanics.domain", "simulation.simulation")
 
 
-@shown()
 def fit(
     study: Study,
     experiments: Sequence[Experiment],
@@ -98,14 +95,13 @@ def fit(
     TactileError
         The presses of the start do not reach the measured depths, or a length cannot be varied.
     """
-    comm, place = comm or MPI.COMM_WORLD, Path(folder)
-    chosen = [parse_parameter(text, study) for text in parameters]
-    with each_once(*_FINGER_LOGGERS), ExitStack() as held:
-        _check(study, experiments, chosen, jobs, comm)
-        model = Model(study, experiments, chosen, place, jobs, comm, evaluations)
-        on_root(comm, lambda: held.enter_context(locked(place)), share=False)
+    place, chosen = Path(folder), [parse_parameter(text, study) for text in parameters]
+    with session(comm) as run, each_once(*_FINGER_LOGGERS):
+        _check(study, experiments, chosen, jobs, run.comm)
+        model = Model(study, experiments, chosen, place, jobs, run.comm, evaluations)
+        run.lock(place)
         found = _minimized(model, study, experiments, chosen, evaluations)
-    on_root(comm, lambda: write_results(found, place))
+        run.on_root(lambda: write_results(found, place))
     return found
 
 
@@ -163,4 +159,4 @@ def _check(
     if jobs > 1 and comm.size > 1:
         raise StudyError(f"jobs is {jobs} but must be 1 on {comm.size} ranks.")
     for experiment in experiments:
-        check_study(study_of(study, experiment))
+        check(study_of(study, experiment))

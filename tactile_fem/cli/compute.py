@@ -26,7 +26,6 @@ from tactile_fem.cli.options import (
 )
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime import ranks
-from tactile_fem.runtime.ranks import raise_stopped, signal_handler
 
 if TYPE_CHECKING:
     from tactile_fem.series import Member, Outcome
@@ -65,9 +64,9 @@ def scan(
 
         found = earlier_scan(results, the_study, overwrite=overwrite)
     if found == "nothing":
-        from tactile_fem.simulation.checks import check_study
+        from tactile_fem.simulation.checks import check
 
-        check_study(the_study)
+        check(the_study)
     with_mechanics("tactile_fem.simulation.run", ranks_).scan(
         the_study, results, overwrite=overwrite
     )
@@ -83,9 +82,9 @@ def resume(results: Path, /, *, ranks_: Ranks = 1) -> None:
         Folder of an interrupted scan.
     """
     from tactile_fem import Results
-    from tactile_fem.simulation.checks import check_study
+    from tactile_fem.simulation.checks import check
 
-    check_study(Results.open(results).study)
+    check(Results.open(results).study)
     with_mechanics("tactile_fem.simulation.run", ranks_).resume(results)
     _finish(results)
 
@@ -329,10 +328,9 @@ def fit(
     if jobs > 1 and ranks_ > 1:
         raise StudyError(f"--jobs is {jobs} and --ranks {ranks_}, but one of them must be 1.")
     module = with_mechanics("tactile_fem.calibration.calibrate", ranks_)
-    with signal_handler(raise_stopped):
-        found = module.fit(
-            start, experiments, results, parameters=names, jobs=jobs, evaluations=evaluations
-        )
+    found = module.fit(
+        start, experiments, results, parameters=names, jobs=jobs, evaluations=evaluations
+    )
     if ranks.is_first():
         print(found)
         print(f"Tables, figure and study.toml are in {results}")

@@ -106,11 +106,9 @@ def export(
         raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
     the_study.finger.require_solid("an input deck")
     from tactile_fem.output.deck import write_deck
-    from tactile_fem.simulation.checks import check_study, check_with_mesh
+    from tactile_fem.simulation.checks import check, checked_mesh
 
-    check_study(the_study)
-    finger = the_study.finger.mesh()
-    check_with_mesh(the_study, the_study.stimulus.body(), finger)
+    finger = check(the_study) or checked_mesh(the_study)
     size = write_deck(
         the_study,
         finger,

@@ -21,7 +21,7 @@ from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.path import Path
 from tactile_fem.path.rotations import to_body
 from tactile_fem.runtime.logs import shown
-from tactile_fem.simulation.checks import check_with_mesh, judge_surface, warn_if_missed
+from tactile_fem.simulation.checks import check_with_mesh, judge_surface, path_of, warn_if_missed
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.study import Study
 
@@ -60,7 +60,8 @@ def preview(study: Study) -> Figure:
     """
     prepare_drawing(study.finger.section_plane)
     body, finger = study.stimulus.body(), study.finger.mesh()
-    path = check_with_mesh(study, body, finger)
+    check_with_mesh(study, finger)
+    path = path_of(study, finger.pad_thickness_mm)
     warn_if_missed(body, path, finger)
     judge_surface(study.stimulus, finger)
     logger.info("drawing finger and stimulator")

@@ -19,7 +19,7 @@ from scipy.stats import qmc
 from tactile_fem.errors import StudyError
 from tactile_fem.people.spread import Varied
 from tactile_fem.series import Member
-from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.checks import check
 from tactile_fem.study import People, Study
 from tactile_fem.study.people import MOST_SD
 
@@ -70,7 +70,7 @@ def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
         raise StudyError("people differs between the conditions: vary what is not in its table.")
     each = [Varied.of(one.study) for one in conditions]
     for varied in each:
-        check_study(varied.study)
+        check(varied.study)
     names = list(dict.fromkeys(name for varied in each for name in varied.parameters))
     seed = (conditions[0].study.people or People()).seed
     drawn = standard_scores(number, len(names), seed, each[0].correlation)

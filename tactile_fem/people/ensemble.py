@@ -22,7 +22,7 @@ from tactile_fem.people.draw import Person
 from tactile_fem.runtime.files import write_table
 from tactile_fem.series import Member, Outcome, collected, numbers_of, run_series
 from tactile_fem.series.run import keep_reason, reason_of
-from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.checks import check
 from tactile_fem.simulation.results import Results
 
 Array = NDArray[np.float64]
@@ -77,7 +77,7 @@ def collect_people(scans: Sequence[Person], folder: Path | str) -> list[Outcome]
 def _problem(scan: Member) -> str:
     """Return why a finger is impossible; empty if nothing is known against it."""
     try:
-        check_study(scan.study)
+        check(scan.study)
     except StudyError as error:
         return str(error)
     return ""

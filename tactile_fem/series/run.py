@@ -18,7 +18,7 @@ from tactile_fem.runtime.jobs import Job, running
 from tactile_fem.runtime.logs import shown
 from tactile_fem.series.members import Member
 from tactile_fem.series.sharing import begin_with, of_same_mechanics
-from tactile_fem.simulation.checks import check_study
+from tactile_fem.simulation.checks import check
 from tactile_fem.simulation.results import Results
 from tactile_fem.study.file import dump_study, load_study
 from tactile_fem.study.kept import keep_files
@@ -88,7 +88,7 @@ def begin_series(members: Sequence[Member], folder: Path) -> None:
     Raises what `run_series` does.
     """
     for member in members:
-        check_study(member.study)
+        check(member.study)
         _save_study(member, folder)
 
 

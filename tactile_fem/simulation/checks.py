@@ -1,30 +1,43 @@
-"""Finds within a second the errors of a study that would stop its scan later."""
+"""Everything that can be wrong with a study and own parts, found before any long work."""
 
 from __future__ import annotations
 
 import logging
+import sys
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_fem.errors import StudyError
+from tactile_fem.errors import StudyError, raise_all
+from tactile_fem.finger import TISSUES, FingerMesh
 from tactile_fem.finger.layers import PRESETS
-from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.plane import AXES, Plane
-from tactile_fem.neuron import fields_of
+from tactile_fem.neuron import Population, fields_of
+from tactile_fem.neuron.fields import trial_histories
 from tactile_fem.path import Path
 from tactile_fem.path.loads import COMPONENTS, NORMAL
 from tactile_fem.path.rotations import matrix
 from tactile_fem.simulation.measured import check_measured
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.stimulus import RigidBody
-from tactile_fem.stimulus.check import miss
-from tactile_fem.study import Plate, Stimulus, Study
+from tactile_fem.stimulus.check import check_body, check_lipschitz, miss
+from tactile_fem.study import Plate, Solver, Stimulus, Study, Tissue
+
+if TYPE_CHECKING:
+    from tactile_fem.tissue.energies import Law
 
 logger = logging.getLogger(__name__)
 
 # A press to a force is given up at this share of the thickness of the pad.
 LARGEST_DEPTH_SHARE = 0.8
 _TOUCH_TOLERANCE_MM = _TURN_TOLERANCE_DEG = 1e-3
+# Where laws are tried: small deformations of either sign.
+_DEFORMATIONS = (
+    np.eye(3),
+    np.array([[1.02, 0.05, 0.0], [0.0, 0.97, 0.01], [0.0, 0.0, 1.01]]),
+    np.array([[0.95, 0.0, 0.02], [0.03, 1.04, 0.0], [0.0, -0.04, 1.02]]),
+)
 
 
 def deepest_mm(study: Study, pad_thickness_mm: float) -> float:
@@ -33,55 +46,140 @@ def deepest_mm(study: Study, pad_thickness_mm: float) -> float:
     return LARGEST_DEPTH_SHARE * pad_thickness_mm + gives_way_mm
 
 
-def check_study(study: Study) -> None:
-    """Try stimulus, finger and receptors without meshing and without DOLFINx.
+def check(study: Study, parts: Parts = NO_PARTS) -> FingerMesh | None:
+    """Try everything that needs neither a new mesh nor a solver.
+
+    Returns
+    -------
+    FingerMesh or None
+        The finger, if it is not to be meshed: it has been tried too, see `check_with_mesh`.
 
     Raises
     ------
     StudyError
-        A glyph is missing, a mesh file lacks a tag, the lengths do not make a finger, a receptor
-        lies outside it ...
+        A line for each fault: a glyph is missing, a mesh file lacks a tag, the lengths do not make
+        a finger, a receptor lies outside it, an own part cannot be used ...
     """
-    fields_of(afferents.population() for afferents in study.populations)
-    finger = study.finger
-    if finger.is_parametric:  # before what takes longer
-        path = study.protocol.route(deepest_mm(study, finger.pad_thickness_mm))
-        _check_path(study, path, finger.pad_thickness_mm, finger.section_plane, NO_PARTS)
-    mesh, body = finger.check(), study.stimulus.body()
-    study.stimulus.law().over_body()  # reads its file
-    if mesh is not None:
-        check_with_mesh(study, body, mesh)
+    found: list[FingerMesh | None] = []
+    raise_all(
+        lambda: check_parts(parts, study.tissue),
+        lambda: _check_options(study.solver),
+        lambda: fields_of(afferents.population() for afferents in study.populations),
+        lambda: found.append(_check_finger(study, parts)),
+        lambda: _check_path_alone(study, parts),
+        lambda: parts.body or check_body(study.stimulus.body(), "stimulus"),
+        lambda: study.stimulus.law().over_body(),  # reads its file
+    )
+    if mesh := found[0]:
+        check_with_mesh(study, mesh, parts)
+    return mesh
 
 
-def check_with_mesh(study: Study, body: RigidBody, mesh: FingerMesh) -> Path:
-    """Try path, stimulus and receptors with a finger; return the path.
-
-    Raises
-    ------
-    StudyError
-        See `check_motion`; or a receptor lies outside or far from the tissue that it feels.
-    """
-    path = study.protocol.route(deepest_mm(study, mesh.pad_thickness_mm))
-    check_motion(study, body, path, mesh)
-    study.lay_out(mesh)
-    return path
-
-
-def check_motion(
-    study: Study, body: RigidBody, path: Path, mesh: FingerMesh, parts: Parts = NO_PARTS
-) -> None:
-    """Try the body on its path with the finger.
+def check_with_mesh(study: Study, mesh: FingerMesh, parts: Parts = NO_PARTS) -> None:
+    """Try path, stimulus and receptors with a finger.
 
     Raises
     ------
     StudyError
         The body goes too deep, starts in the finger or leaves the plane of a section, or the plane
-        cuts none of the raised parts of the study's stimulus; or there is nothing to compare with
-        a recording.
+        cuts none of the raised parts of the study's stimulus; there is nothing to compare with a
+        recording; a receptor lies outside or far from the tissue that it feels.
     """
-    _check_path(study, path, mesh.pad_thickness_mm, mesh.plane, parts)
-    check_measured(study, path)
-    _check_friction(study, path, mesh)
+    path = path_of(study, mesh.pad_thickness_mm, parts)
+    raise_all(
+        lambda: _check_path(study, path, mesh.pad_thickness_mm, mesh.plane, parts),
+        lambda: check_measured(study, path),
+        lambda: _check_friction(study, path, mesh),
+        lambda: _check_start(parts.body or study.stimulus.body(), path, mesh),
+        lambda: study.lay_out(mesh),
+    )
+
+
+def checked_mesh(study: Study, parts: Parts = NO_PARTS) -> FingerMesh:
+    """Mesh the finger; raise what `check_with_mesh` does."""
+    mesh = study.finger.mesh()
+    check_with_mesh(study, mesh, parts)
+    return mesh
+
+
+def path_of(study: Study, pad_thickness_mm: float, parts: Parts = NO_PARTS) -> Path:
+    """Return the path of the body."""
+    return parts.path or study.protocol.route(deepest_mm(study, pad_thickness_mm))
+
+
+def check_parts(parts: Parts, of_study: Tissue) -> None:
+    """Try own parts; raise a StudyError for those that cannot be used.
+
+    Laws have to suit the tissues of the study, some of which relax.
+    """
+    raise_all(
+        parts.identity,
+        *(partial(_check_law, tissue, law, of_study) for tissue, law in parts.laws.items()),
+        lambda: parts.body and check_body(parts.body, "parts.body"),
+        lambda: parts.body and check_lipschitz(parts.body, "parts.body"),
+        lambda: parts.path and _check_own_path(parts.path),
+        *(partial(_check_population, population) for population in parts.populations),
+    )
+
+
+def _check_law(tissue: str, law: Law, of_study: Tissue) -> None:
+    if tissue not in TISSUES:
+        raise StudyError(f'parts.laws: "{tissue}" is no tissue; allowed: {", ".join(TISSUES)}.')
+    energies = [_energy(law, F) for F in _DEFORMATIONS]
+    if not np.isfinite(energies).all():
+        raise StudyError(f"parts.laws: the energy of {tissue} is not finite at a small strain.")
+    if getattr(of_study, tissue).g and not hasattr(law, "in_shear"):
+        raise StudyError(
+            f"parts.laws: {tissue} relaxes (tissue.{tissue}.g), so its law needs a method "
+            "in_shear(a, X), its energy in the simple shear gamma^2 = a."
+        )
+
+
+def _energy(law: Law, F: np.ndarray) -> float:
+    """Return the energy density of a law at a deformation gradient, (3, 3)."""
+    import ufl  # takes a while
+
+    origin = ufl.as_vector([0.0, 0.0, 0.0])
+    return float(law.energy(ufl.as_matrix(F.tolist()), origin)(()))
+
+
+def _check_own_path(path: Path) -> None:
+    if not path.pieces:
+        raise StudyError("parts.path: it has no pieces but needs one or more.")
+    path.check()
+
+
+def _check_population(population: Population) -> None:
+    trial = trial_histories(fields_of([population]))
+    population.fire({**trial, "receptors_mm": np.zeros((1, 3))})
+
+
+def _check_options(solver: Solver) -> None:
+    """Let PETSc read its options, if there may be any: its import takes a while."""
+    if solver.petsc or "petsc4py.PETSc" in sys.modules:
+        from tactile_fem.solvers.options import check_options
+
+        check_options(solver)
+
+
+def _check_finger(study: Study, parts: Parts) -> FingerMesh | None:
+    if parts.finger is None:
+        return study.finger.check()
+    study.finger.check_mesh(parts.finger)
+    return parts.finger
+
+
+def _check_path_alone(study: Study, parts: Parts) -> None:
+    """Try the study's path with the thickness that a finger states, before it is meshed."""
+    finger = study.finger
+    if finger.is_parametric and parts.finger is None and parts.path is None:
+        thickness_mm = finger.pad_thickness_mm
+        path = path_of(study, thickness_mm)
+        _check_path(study, path, thickness_mm, finger.section_plane, parts)
+
+
+def _check_start(body: RigidBody, path: Path, mesh: FingerMesh) -> None:
+    """Refuse a body that starts inside the finger."""
     gap = body.distance((mesh.nodes - path.start_mm) @ matrix(path.start_rad)).gap
     worst = int(np.argmin(gap))
     if gap[worst] < -_TOUCH_TOLERANCE_MM:

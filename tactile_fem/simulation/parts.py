@@ -7,28 +7,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from tactile_fem.errors import StudyError
-from tactile_fem.finger import TISSUES, FingerMesh
-from tactile_fem.neuron import Population, fields_of
-from tactile_fem.neuron.fields import trial_histories
+from tactile_fem.finger import FingerMesh
+from tactile_fem.neuron import Population
 from tactile_fem.path import Path
 from tactile_fem.simulation.fingerprint import fingerprint
 from tactile_fem.stimulus import RigidBody
-from tactile_fem.stimulus.check import check_body, check_lipschitz
-from tactile_fem.study import Tissue
 
 if TYPE_CHECKING:
     from tactile_fem.mechanics.terms.term import MakeTerm  # it needs DOLFINx
     from tactile_fem.tissue.energies import Law
-
-# Where laws are tried: small deformations of either sign.
-_DEFORMATIONS = (
-    np.eye(3),
-    np.array([[1.02, 0.05, 0.0], [0.0, 0.97, 0.01], [0.0, 0.0, 1.01]]),
-    np.array([[0.95, 0.0, 0.02], [0.03, 1.04, 0.0], [0.0, -0.04, 1.02]]),
-)
 
 
 @dataclass(frozen=True)
@@ -107,43 +94,6 @@ def changed_part(before: Mapping[str, str], now: Mapping[str, str]) -> str:
 
 
 NO_PARTS = Parts()
-
-
-def check_parts(parts: Parts, of_study: Tissue) -> None:
-    """Try own parts before any long work; raise StudyError for one that cannot be used.
-
-    Laws have to suit the tissues of the study, some of which relax.
-    """
-    parts.identity()
-    for tissue, law in parts.laws.items():
-        if tissue not in TISSUES:
-            raise StudyError(f'parts.laws: "{tissue}" is no tissue; allowed: {", ".join(TISSUES)}.')
-        energies = [_energy(law, F) for F in _DEFORMATIONS]
-        if not np.isfinite(energies).all():
-            raise StudyError(f"parts.laws: the energy of {tissue} is not finite at a small strain.")
-        if getattr(of_study, tissue).g and not hasattr(law, "in_shear"):
-            raise StudyError(
-                f"parts.laws: {tissue} relaxes (tissue.{tissue}.g), so its law needs a method "
-                "in_shear(a, X), its energy in the simple shear gamma^2 = a."
-            )
-    if parts.body is not None:
-        check_body(parts.body, "parts.body")
-        check_lipschitz(parts.body, "parts.body")
-    if parts.path is not None:
-        if not parts.path.pieces:
-            raise StudyError("parts.path: it has no pieces but needs one or more.")
-        parts.path.check()
-    for population in parts.populations:
-        trial = trial_histories(fields_of([population]))
-        population.fire({**trial, "receptors_mm": np.zeros((1, 3))})
-
-
-def _energy(law: Law, F: np.ndarray) -> float:
-    """Return the energy density of a law at a deformation gradient, (3, 3)."""
-    import ufl  # takes a while
-
-    origin = ufl.as_vector([0.0, 0.0, 0.0])
-    return float(law.energy(ufl.as_matrix(F.tolist()), origin)(()))
 
 
 def _name(part: object) -> str:

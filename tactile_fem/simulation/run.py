@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,19 +18,13 @@ import numpy as np
 from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.mechanics.faults import stopping
 from tactile_fem.neuron import Response, fire_all
-from tactile_fem.runtime.files import locked
-from tactile_fem.runtime.logs import log_to, shown
-from tactile_fem.runtime.ranks import (
-    StopRequest,
-    abort_if_one_fails,
-    on_root,
-    raise_stopped,
-    signal_handler,
-)
+from tactile_fem.runtime.ranks import abort_if_one_fails
+from tactile_fem.runtime.session import Session, session
 from tactile_fem.simulation.checkpoint import read_checkpoint
+from tactile_fem.simulation.checks import check_parts
 from tactile_fem.simulation.earlier import Earlier, earlier_scan
 from tactile_fem.simulation.estimate import announce
-from tactile_fem.simulation.parts import NO_PARTS, Parts, changed_part, check_parts
+from tactile_fem.simulation.parts import NO_PARTS, Parts, changed_part
 from tactile_fem.simulation.progress import progress
 from tactile_fem.simulation.recorder import Recorder
 from tactile_fem.simulation.results import Results
@@ -100,8 +94,6 @@ class ScanResult:
         return results
 
 
-@shown()
-@signal_handler(raise_stopped)
 def scan(
     study: Study,
     folder: Path | str | None = None,
@@ -152,38 +144,33 @@ def scan(
     OSError
         A file cannot be written; likewise.
     """
-    comm = comm or MPI.COMM_WORLD
-    with abort_if_one_fails(comm), ExitStack() as held:
+    with session(comm) as run:
         if folder is None:
-            simulation = held.enter_context(closing(Simulation(study, parts, comm)))
-            return _run(simulation, None, observers)
+            return _run(run, Simulation(study, parts, run.comm), None, observers)
         results, watching = Results(folder), list(observers)
 
         def earlier() -> Earlier:
             return earlier_scan(results.folder, study, overwrite=overwrite)
 
-        found = on_root(comm, earlier)
+        found = run.on_root(earlier)
         if found == "finished":
-            if not on_root(comm, lambda: _must_fire_again(results, watching, parts)):
-                trace, response = on_root(comm, lambda: _read(results))
+            if not run.on_root(lambda: _must_fire_again(results, watching, parts)):
+                trace, response = run.on_root(lambda: _read(results))
                 return ScanResult(trace, response, results.folder, study, parts)
         if found != "nothing":  # read where the files that the study names may be gone
-            study = on_root(comm, lambda: results.study)
-        simulation = held.enter_context(closing(Simulation(study, parts, comm)))
+            study = run.on_root(lambda: results.study)
+        simulation = Simulation(study, parts, run.comm)
+        run.lock(results.folder)
 
         def begin() -> bool:
-            held.enter_context(locked(results.folder))
             if earlier() != "nothing":
                 return True
             Results.create(results.folder, overwrite=overwrite).save_study(study)
             return False
 
-        proceed = on_root(comm, begin)
-        return _run(simulation, results, watching, proceed=proceed)
+        return _run(run, simulation, results, watching, proceed=run.on_root(begin))
 
 
-@shown()
-@signal_handler(raise_stopped)
 def resume(
     folder: Path | str,
     *,
@@ -208,13 +195,11 @@ def resume(
     StudyError
         There is no scan, another run is at it, or what it left does not belong together.
     """
-    comm = comm or MPI.COMM_WORLD
-    with abort_if_one_fails(comm), ExitStack() as held:
-        results = on_root(comm, lambda: Results.open(folder))
-        study = on_root(comm, lambda: results.study)
-        simulation = held.enter_context(closing(Simulation(study, parts, comm)))
-        on_root(comm, lambda: held.enter_context(locked(results.folder)), share=False)
-        return _run(simulation, results, observers, proceed=True)
+    with session(comm) as run:
+        results = run.on_root(lambda: Results.open(folder))
+        simulation = Simulation(run.on_root(lambda: results.study), parts, run.comm)
+        run.lock(results.folder)
+        return _run(run, simulation, results, observers, proceed=True)
 
 
 def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None) -> Results:
@@ -260,6 +245,7 @@ def _read(results: Results) -> tuple[Trace, Response]:
 
 
 def _run(
+    run: Session,
     simulation: Simulation,
     results: Results | None,
     observers: Iterable[Observer],
@@ -267,40 +253,41 @@ def _run(
     proceed: bool = False,
 ) -> ScanResult:
     """Run or continue a scan."""
-    comm, saved = simulation.comm, None
-    if results and proceed and on_root(comm, lambda: _has_checkpoint(results)):
+    run.open(closing(simulation))
+    saved = None
+    if results and proceed and run.on_root(lambda: _has_checkpoint(results)):
         saved = read_checkpoint(simulation, results)
-    with log_to(results.log_file, comm.rank) if results else nullcontext():
-        trace = Trace.of(simulation)
-        recorder = Recorder(results, simulation, trace) if results else None
-        if recorder and saved:
-            recorder.restore(saved)
-            logger.info("continuing after %d steps", len(trace) - 1)
-        else:
-            announce(simulation)
-            if recorder:
-                recorder.begin()
-        response = _step_to_end(simulation, trace, recorder, observers)
+    if results:
+        run.log_to(results.log_file)
+    trace = Trace.of(simulation)
+    recorder = Recorder(results, simulation, trace) if results else None
+    if recorder and saved:
+        recorder.restore(saved)
+        logger.info("continuing after %d steps", len(trace) - 1)
+    else:
+        announce(simulation)
+        if recorder:
+            recorder.begin()
+    response = _step_to_end(run, simulation, trace, recorder, observers)
     folder = results.folder if results else None
     return ScanResult(trace, response, folder, simulation.study, simulation.parts)
 
 
 def _step_to_end(
+    run: Session,
     simulation: Simulation,
     trace: Trace,
     recorder: Recorder | None,
     observers: Iterable[Observer],
 ) -> Response:
     """Step to the end of the path; save what was computed if that fails or is stopped."""
-    comm = simulation.comm
     # A signal while the end is saved is heeded afterwards.
-    end = StopRequest(comm, "the scan is complete" if recorder else _NOTHING_SAVED)
-    with signal_handler(end.request):
+    with run.heeding("the scan is complete" if recorder else _NOTHING_SAVED) as end:
         try:
             with (
-                abort_if_one_fails(comm),
-                stopping(simulation.problem.solver.snes, comm) as stop,
-                progress(comm.rank) as show,
+                abort_if_one_fails(run.comm),
+                stopping(simulation.problem.solver.snes, run.comm) as stop,
+                progress(run.comm.rank) as show,
             ):
                 own: list[Observer] = [trace, *([recorder] if recorder else []), stop.check]
                 for _ in simulation.observed([show, *observers, *own]):

@@ -31,17 +31,15 @@ from tactile_fem.receptors import Layout
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.bone import Bone
-from tactile_fem.simulation.checks import check_motion, deepest_mm, judge_surface
-from tactile_fem.simulation.parts import NO_PARTS, Parts, check_parts
+from tactile_fem.simulation.checks import check, checked_mesh, judge_surface, path_of
+from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.probe import Probe, ReceptorState
 from tactile_fem.simulation.step import Step
 from tactile_fem.simulation.stepper import Stepper, stopped
 from tactile_fem.solvers.fast import FastSolver
 from tactile_fem.solvers.finger_problem import FingerProblem
-from tactile_fem.solvers.options import check_options
 from tactile_fem.solvers.report import StepSolver
 from tactile_fem.stimulus.body import in_plane
-from tactile_fem.stimulus.check import check_body
 from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)
@@ -98,26 +96,19 @@ class Simulation:
     ) -> None:
         self.study, self.parts, self._make_solver = study, parts, make_solver
         self.comm = comm = comm or MPI.COMM_WORLD
-        check_parts(parts, study.tissue)
-        check_options(study.solver)
         of_study = [afferents.population() for afferents in study.populations]
         self.populations = replaced(of_study, parts.populations)
         self.finger: Any = None  # a FingerMesh on the first rank, which alone uses it
 
         def on_first_rank() -> tuple[dict[str, str], float, Layout]:
             files = hashes(study.files())
-            if parts.finger is not None:
-                study.finger.check_mesh(parts.finger)
-            self.finger = finger = parts.finger or study.finger.mesh()
-            return files, finger.pad_thickness_mm, study.lay_out(finger)
+            self.finger = check(study, parts) or checked_mesh(study, parts)
+            return files, self.finger.pad_thickness_mm, study.lay_out(self.finger)
 
         self.files, thickness_mm, self.layout = on_root(comm, on_first_rank)
         self.body = parts.body or study.stimulus.body()
-        if parts.body is None:  # an own one has been tried
-            check_body(self.body, "stimulus")
-        self.path = parts.path or study.protocol.route(deepest_mm(study, thickness_mm))
+        self.path = path_of(study, thickness_mm, parts)
         check_unchanged(study.files(), self.files)  # the hashes are those of what each rank read
-        on_root(comm, lambda: check_motion(study, self.body, self.path, self.finger, parts))
 
     # --- the mechanics ---------------------------------------------------------------------------
 

@@ -19,14 +19,7 @@ from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
 from tactile_fem.path.rotations import matrix, vector
-from tactile_fem.runtime.logs import shown
-from tactile_fem.runtime.ranks import (
-    StopRequest,
-    abort_if_one_fails,
-    on_root,
-    raise_stopped,
-    signal_handler,
-)
+from tactile_fem.runtime.session import session
 from tactile_fem.simulation.checkpoint import read_checkpoint
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.results import Results
@@ -111,8 +104,6 @@ class ModeKeeper:
         )
 
 
-@shown()
-@signal_handler(raise_stopped)
 def vibrate(
     folder: Path | str,
     frequencies_Hz: ArrayLike,
@@ -167,29 +158,27 @@ def vibrate(
     StoppedError
         SIGTERM or SIGINT was received.
     """
-    comm = comm or MPI.COMM_WORLD
     frequencies, along = _checked(frequencies_Hz, direction)
     if density_kg_m3 is not None and not 0 <= density_kg_m3 < np.inf:
         raise StudyError(f"density_kg_m3 is {density_kg_m3:g} but must not be negative.")
-    with abort_if_one_fails(comm):
-        results = on_root(comm, lambda: Results.open(folder))
-        on_root(comm, lambda: results.study.finger.require_solid(f"a vibration of {folder}"))
-        on_root(comm, lambda: _require_clamped(results, moves))
-        simulation = Simulation(on_root(comm, lambda: results.study), parts, comm)
+    with session(comm) as run:
+        results = run.on_root(lambda: Results.open(folder))
+        run.on_root(lambda: results.study.finger.require_solid(f"a vibration of {folder}"))
+        run.on_root(lambda: _require_clamped(results, moves))
+        simulation = Simulation(run.on_root(lambda: results.study), parts, run.comm)
         saved = read_checkpoint(simulation, results, at_mm, at_s)
-        with closing(simulation):
-            simulation.restore(saved)
-            study = simulation.study
-            density = study.tissue.density_kg_m3 if density_kg_m3 is None else density_kg_m3
-            harmonic = Harmonic(simulation.problem, density, study.joint)
-            axes = matrix([simulation.bone_rad, 0.0, 0.0])
-            seen = along @ axes
-            body, bone = (seen, 0 * seen) if moves == "body" else (0 * seen, seen)
-            point = OperatingPoint(simulation, body, bone, axes)
-            stop = StopRequest(comm, "nothing of the vibration is saved")
-            with signal_handler(stop.request):
-                observers = (*observers, lambda *_: stop.check())
-                return _spectrum(harmonic, frequencies, point, observers)
+        run.open(closing(simulation))
+        simulation.restore(saved)
+        study = simulation.study
+        density = study.tissue.density_kg_m3 if density_kg_m3 is None else density_kg_m3
+        harmonic = Harmonic(simulation.problem, density, study.joint)
+        axes = matrix([simulation.bone_rad, 0.0, 0.0])
+        seen = along @ axes
+        body, bone = (seen, 0 * seen) if moves == "body" else (0 * seen, seen)
+        point = OperatingPoint(simulation, body, bone, axes)
+        with run.heeding("nothing of the vibration is saved") as stop:
+            observers = (*observers, lambda *_: stop.check())
+            return _spectrum(harmonic, frequencies, point, observers)
 
 
 def _require_clamped(results: Results, moves: Moves) -> None:
