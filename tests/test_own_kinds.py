@@ -19,6 +19,7 @@ from tactile_fem.finger import read_msh
 from tactile_fem.path import Motion, Piece
 from tactile_fem.runtime.settings import File, Positive
 from tactile_fem.simulation.checks import check
+from tactile_fem.simulation.parts import Parts
 from tactile_fem.stimulus import Distance, Stimulus
 from tactile_fem.study import Plate, Press, Protocol, Study
 from tactile_fem.study.file import dump_study, load_study
@@ -205,3 +206,15 @@ def test_rooms_know_nothing_of_those_above_them():
     for file in [*package.glob("stimulus/*.py"), *package.glob("path/*.py")]:
         found = re.findall(rf"^\s*from tactile_fem\.(?:{above})\b.*", file.read_text(), re.M)
         assert not found, file
+
+
+def test_all_that_is_wrong_is_said_at_once():
+    study = load_study(None, ['stimulus.text="\u4e2d"', "protocol.depth_mm=6"])
+    with pytest.raises(StudyError) as found:
+        check(study, Parts(laws={"hair": None}, path=None))
+    lines = str(found.value).splitlines()
+    assert [line.partition(" ")[0] for line in lines] == [
+        "parts.laws:",
+        "protocol.depth_mm",
+        "stimulus.text:",
+    ]

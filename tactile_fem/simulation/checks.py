@@ -67,7 +67,7 @@ def check(study: Study, parts: Parts = NO_PARTS) -> FingerMesh | None:
         lambda: fields_of(afferents.population() for afferents in study.populations),
         lambda: found.append(_check_finger(study, parts)),
         lambda: _check_path_alone(study, parts),
-        lambda: parts.body or check_body(study.stimulus.body(), "stimulus"),
+        lambda: _check_stimulus(study, parts),
         lambda: study.stimulus.law().over_body(),  # reads its file
     )
     if mesh := found[0]:
@@ -115,9 +115,8 @@ def check_parts(parts: Parts, of_study: Tissue) -> None:
     raise_all(
         parts.identity,
         *(partial(_check_law, tissue, law, of_study) for tissue, law in parts.laws.items()),
-        lambda: parts.body and check_body(parts.body, "parts.body"),
-        lambda: parts.body and check_lipschitz(parts.body, "parts.body"),
-        lambda: parts.path and _check_own_path(parts.path),
+        *(partial(_check_own_body, body) for body in [parts.body] if body is not None),
+        *(partial(_check_own_path, path) for path in [parts.path] if path is not None),
         *(partial(_check_population, population) for population in parts.populations),
     )
 
@@ -143,6 +142,11 @@ def _energy(law: Law, F: np.ndarray) -> float:
     return float(law.energy(ufl.as_matrix(F.tolist()), origin)(()))
 
 
+def _check_own_body(body: RigidBody) -> None:
+    check_body(body, "parts.body")
+    check_lipschitz(body, "parts.body")
+
+
 def _check_own_path(path: Path) -> None:
     if not path.pieces:
         raise StudyError("parts.path: it has no pieces but needs one or more.")
@@ -160,6 +164,11 @@ def _check_options(solver: Solver) -> None:
         from tactile_fem.solvers.options import check_options
 
         check_options(solver)
+
+
+def _check_stimulus(study: Study, parts: Parts) -> None:
+    if parts.body is None:
+        check_body(study.stimulus.body(), "stimulus")
 
 
 def _check_finger(study: Study, parts: Parts) -> FingerMesh | None:
