@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from synthetic import make_results
 
 from tactile_fem.cli import app as cli
-from tactile_fem.finger import write_msh
+from tactile_fem.finger import write_mesh
 from tactile_fem.runtime import doctor, logs, ranks
 from tactile_fem.study import Finger
 
@@ -95,26 +96,14 @@ def here(tmp_path_factory) -> Path:
 
 
 def _write_meshes(folder: Path) -> None:
-    write_msh(folder / "finger.msh", Finger().mesh())
-    text = (folder / "finger.msh").read_text()
-    lines = text.split("\n")
-    first, last = lines.index("$Nodes") + 2, lines.index("$EndNodes")
-    numbers, places = np.split(np.array([line.split() for line in lines[first:last]]), [1], axis=1)
-
-    def moved(factors: list[float]) -> str:
-        rows = np.hstack([numbers, (places.astype(float) * factors).astype(str)])
-        return "\n".join([*lines[:first], *map(" ".join, rows), *lines[last:]])
-
-    contents = {
-        "text": "hello",
-        "half": text[: len(text) // 2],
-        "untagged": text.replace('"dermis"', '"derm"'),
-        "nan": moved([1, 1, np.nan]),
-        "metres": moved([1e-3, 1e-3, 1e-3]),
-        "mirrored": moved([-1, 1, 1]),
-    }
-    for name, content in contents.items():
-        (folder / f"{name}.msh").write_text(content)
+    mesh = Finger().mesh()
+    write_mesh(folder / "finger.msh", mesh)
+    factors = {"nan": [1, 1, np.nan], "metres": [1e-3, 1e-3, 1e-3], "mirrored": [-1, 1, 1]}
+    for name, own in factors.items():
+        write_mesh(folder / f"{name}.npz", replace(mesh, nodes=mesh.nodes * own))
+    whole = (folder / "nan.npz").read_bytes()
+    (folder / "half.npz").write_bytes(whole[: len(whole) // 2])
+    (folder / "text.msh").write_text("hello")
     (folder / "binary.msh").write_bytes(bytes(range(256)) * 20)
 
 

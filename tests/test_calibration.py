@@ -298,7 +298,7 @@ def test_a_fit_has_one_sum_of_squares_and_one_finger(formula):
     sentence = f"sum of squares {of_numbers + changed:.4g}"
     assert f"{sentence}, 3 numbers, " in printed and printed.count("squares") == 1
     assert f"{sentence}; " in logged.splitlines()[-1]
-    assert logged.count("finger from coarse.msh") == 1
+    assert logged.count("finger from coarse.npz") == 1
     c10 = float(table(folder / "parameters.csv")[1]["value"])
     assert f"subcutaneous.C10_MPa {c10:.3g} MPa" in logged.splitlines()[-1]
     assert f"{c10:10.4g} MPa" in printed and "95 % interval" in printed

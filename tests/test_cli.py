@@ -8,11 +8,12 @@ from pathlib import Path
 
 import meshio
 import pytest
+from needs import needs_gmsh
 from synthetic import make_fields, make_results
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import ConvergenceError
-from tactile_fem.finger import write_msh
+from tactile_fem.finger import write_mesh
 from tactile_fem.runtime import doctor, ranks
 from tactile_fem.study import Finger, Study
 from tactile_fem.study.file import load_study
@@ -61,8 +62,9 @@ def test_an_unwritable_results_folder(capsys, scans, monkeypatch):
     assert "not writable" in sentence_of(capsys, ["scan"])
 
 
+@needs_gmsh
 def test_a_mesh_without_a_tag(capsys, scans):
-    write_msh("finger.msh", Finger().mesh())
+    write_mesh("finger.msh", Finger().mesh())
     text = Path("finger.msh").read_text()
     Path("finger.msh").write_text(text.replace('"interface"', '"interphase"'))
     sentence = sentence_of(capsys, ["scan", "--set", "finger.mesh_file=finger.msh"])

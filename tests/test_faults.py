@@ -24,7 +24,7 @@ from dolfinx import jit  # isort: skip
 
 from tactile_fem.assembly.compile import clean_cache, jit_options
 from tactile_fem.errors import ConvergenceError, StudyError, TactileError
-from tactile_fem.finger import FingerMesh, read_msh, write_msh
+from tactile_fem.finger import FingerMesh, read_mesh, write_mesh
 from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.runtime.files import locked
@@ -186,17 +186,17 @@ def test_a_checkpoint_that_cannot_be_used_is_told_and_nothing_is_overwritten(cut
 
 
 def test_another_mesh_file_of_the_same_name_is_told(study, cut, small_finger, tmp_path):
-    finger = read_msh(small_finger)
-    moved = tmp_path / "moved.msh"
+    finger = read_mesh(small_finger)
+    moved = tmp_path / "moved.npz"
     path = cut / "study.toml"
     path.write_text(path.read_text().replace(str(small_finger), str(moved)))
     shrunk = FingerMesh(
         0.99 * finger.nodes, finger.cells, finger.tissue, finger.facets, finger.surface
     )
-    write_msh(moved, shrunk)
+    write_mesh(moved, shrunk)
     with pytest.raises(StudyError, match="belongs to another mesh"):
         resume(cut)
-    write_msh(moved, finger)  # the same mesh may lie elsewhere
+    write_mesh(moved, finger)  # the same mesh may lie elsewhere
     assert len(resume(cut).trace.time_s) > 3
 
 
@@ -401,7 +401,7 @@ def slid(study: Study, folder: Path, friction: float) -> tuple[Trace, np.ndarray
         meshio.read(file).point_data["displacement_mm"]
         for file in read_series(Results(folder).fields)[1]
     )
-    finger = read_msh(study.finger.mesh_file)
+    finger = read_mesh(study.finger.mesh_file)
     pressed = finger.nodes[:, 2] + after[:, 2] < 0.2  # the plate's height
     return trace, (after - before)[pressed, 1]
 

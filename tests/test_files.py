@@ -79,12 +79,12 @@ def test_a_part_is_read_again(tmp_path):
 
 
 def test_a_mesh_is_read_again(tmp_path):
-    small = next(folder for folder in MESH_FOLDERS if (folder / "small.msh").is_file())
-    file = tmp_path / "mine.msh"
-    shutil.copyfile(small / "small.msh", file)
+    small = next(folder for folder in MESH_FOLDERS if (folder / "small.npz").is_file())
+    file = tmp_path / "mine.npz"
+    shutil.copyfile(small / "small.npz", file)
     first = Finger(mesh_file=file).check()
     assert Finger(mesh_file=file).check() is first
-    shutil.copyfile(small / "coarse.msh", file)
+    shutil.copyfile(small / "coarse.npz", file)
     assert Finger(mesh_file=file).check().hash != first.hash
 
 

@@ -12,7 +12,7 @@ import pytest
 from needs import needs_gmsh
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger import SURFACES, TISSUES, build_finger, describe, read_msh, write_msh
+from tactile_fem.finger import SURFACES, TISSUES, build_finger, describe, read_mesh, write_mesh
 from tactile_fem.finger.anatomy import depth_below
 from tactile_fem.finger.shape import skin_shape
 from tactile_fem.finger.simplex import facets_of, gammas, volumes
@@ -253,31 +253,34 @@ def test_finer_presets(preset, count):
 # --- files ---------------------------------------------------------------------------------------
 
 
-def test_write_and_read(shipped, tmp_path):
-    write_msh(tmp_path / "a.msh", shipped)
-    write_msh(tmp_path / "b.msh", shipped)
-    assert (tmp_path / "a.msh").read_bytes() == (tmp_path / "b.msh").read_bytes()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.msh", "b.msh"]
-    assert read_msh(tmp_path / "a.msh").hash == shipped.hash
-    assert Finger(mesh_file=tmp_path / "a.msh").mesh().hash == shipped.hash
+@pytest.mark.parametrize("kind", ["npz", pytest.param("msh", marks=needs_gmsh)])
+def test_write_and_read(shipped, kind, tmp_path):
+    one, other = (tmp_path / f"{name}.{kind}" for name in "ab")
+    write_mesh(one, shipped)
+    write_mesh(other, shipped)
+    assert one.read_bytes() == other.read_bytes()
+    assert sorted(tmp_path.iterdir()) == [one, other]
+    assert read_mesh(one).hash == shipped.hash
+    assert Finger(mesh_file=one).mesh().hash == shipped.hash
 
 
+@needs_gmsh
 def test_names_decide_not_numbers(shipped, tmp_path):
     other = dataclasses.replace(shipped, tissue=7 - shipped.tissue)
     path = tmp_path / "a.msh"
-    write_msh(path, other)
+    write_mesh(path, other)
     text = path.read_text()
     for name, tag in TISSUES.items():
         text = text.replace(f'3 {tag} "{name}"', f'3 {7 - tag} "@{name}"')
     path.write_text(text.replace('"@', '"'))
-    assert read_msh(path).hash == shipped.hash
+    assert read_mesh(path).hash == shipped.hash
 
 
 def saved_by_gmsh(path, options, more=lambda gmsh: None):
     """Save the small finger, with a line in no physical group, as gmsh does with some options."""
     import gmsh
 
-    write_msh(path, SHIPPED["small"].mesh())
+    write_mesh(path, SHIPPED["small"].mesh())
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -322,7 +325,7 @@ def test_files_of_gmsh_are_read_whatever_it_was_told_to_save(version, binary, tm
         ways = [({"SaveAll": 1, "SaveParametric": 1}, another_group)]
     expected = content(SHIPPED["small"].mesh())
     for k, (more, change) in enumerate(ways):
-        found = read_msh(saved_by_gmsh(tmp_path / f"{k}.msh", options | more, change))
+        found = read_mesh(saved_by_gmsh(tmp_path / f"{k}.msh", options | more, change))
         for rows, others in zip(content(found), expected, strict=True):
             np.testing.assert_allclose(rows, others, atol=1e-12)
 
@@ -331,7 +334,7 @@ def test_files_of_gmsh_are_read_whatever_it_was_told_to_save(version, binary, tm
 def test_groups_that_a_file_lost_or_that_contradict_are_told(tmp_path):
     lost = saved_by_gmsh(tmp_path / "a.msh", {"MshFileVersion": 2.2, "SaveAll": 1})
     with pytest.raises(MeshError, match=r"no elements in physical groups: .*Mesh.SaveAll"):
-        read_msh(lost)
+        read_mesh(lost)
 
     def both(gmsh):
         gmsh.model.addPhysicalGroup(3, [1], 3)
@@ -339,9 +342,10 @@ def test_groups_that_a_file_lost_or_that_contradict_are_told(tmp_path):
     for version in (2.2, 4.1):
         file = saved_by_gmsh(tmp_path / "b.msh", {"MshFileVersion": version}, both)
         with pytest.raises(MeshError, match="elements in two of the groups stratum_corneum"):
-            read_msh(file)
+            read_mesh(file)
 
 
+@needs_gmsh
 @pytest.mark.parametrize("name", ["interface", "bone", "skin"])
 def test_a_missing_part_is_named(shipped, tmp_path, name):
     tags = TISSUES | SURFACES
@@ -353,23 +357,32 @@ def test_a_missing_part_is_named(shipped, tmp_path, name):
         facets=shipped.facets[triangles],
         surface=shipped.surface[triangles],
     )
-    write_msh(tmp_path / "a.msh", part)
+    write_mesh(tmp_path / "a.msh", part)
     with pytest.raises(MeshError, match=rf"lacks the physical group {name}$"):
-        read_msh(tmp_path / "a.msh")
+        read_mesh(tmp_path / "a.msh")
     with pytest.raises(MeshError, match=name):
         part.check()
 
 
+@needs_gmsh
 def test_linear_elements_and_other_files_are_refused(tmp_path):
     import meshio
 
     linear = meshio.Mesh(np.eye(4, 3), [("tetra", np.array([[0, 1, 2, 3]]))])
     meshio.write(tmp_path / "a.msh", linear, file_format="gmsh22")
     with pytest.raises(MeshError, match="ten-node"):
-        read_msh(tmp_path / "a.msh")
+        read_mesh(tmp_path / "a.msh")
     (tmp_path / "b.msh").write_text("no mesh at all\n")
     with pytest.raises(MeshError, match="cannot read"):
-        read_msh(tmp_path / "b.msh")
+        read_mesh(tmp_path / "b.msh")
+    write_mesh(tmp_path / "d.msh", SHIPPED["small"].mesh())
+    whole = (tmp_path / "d.msh").read_text()
+    (tmp_path / "d.msh").write_text(whole[: len(whole) // 2])
+    with pytest.raises(MeshError, match="cannot read the mesh"):
+        read_mesh(tmp_path / "d.msh")
+    np.savez(tmp_path / "e.npz", x=np.zeros(3))
+    with pytest.raises(MeshError, match="it is no mesh"):
+        read_mesh(tmp_path / "e.npz")
     with pytest.raises(MeshError, match="does not exist"):
         Finger(mesh_file=tmp_path / "c.msh").mesh()
 
@@ -383,7 +396,7 @@ def test_inverted_tetrahedra_are_refused(shipped):
 
 def test_a_shipped_mesh_is_that_of_its_recipe_only():
     for name, finger in SHIPPED.items():
-        assert finger.shipped_file().name == f"{name}.msh"
+        assert finger.shipped_file().name == f"{name}.npz"
         finger.mesh().check()
         assert finger.model_copy(update={"dermis_mm": 0.81}).shipped_file() is None
 
@@ -406,12 +419,15 @@ def test_a_shipped_mesh_is_what_gmsh_makes(name):
 @pytest.mark.parametrize("fault", [ImportError("not here"), OSError("libGLU.so.1: not here")])
 def test_shipped_fingers_need_no_gmsh_and_others_say_so(tmp_path, fault):
     (tmp_path / "gmsh.py").write_text(f"raise {fault!r}\n")
+    write_mesh(tmp_path / "a.msh", SHIPPED["small"].mesh())
     code = (
         "from tactile_fem.study import Finger\n"
         "from tactile_fem.errors import MeshError\n"
         "Finger().mesh()\n"
         "Finger(pad_size_mm=3.0, far_size_mm=6.0).mesh()\n"
         "try:\n    Finger(dermis_mm=0.7).mesh()\n"
+        "except MeshError as error:\n    print(error)\n"
+        f"try:\n    Finger(mesh_file={str(tmp_path / 'a.msh')!r}).mesh()\n"
         "except MeshError as error:\n    print(error)\n"
     )
     path = os.pathsep.join([str(tmp_path), os.getcwd(), *sys.path])
@@ -422,7 +438,9 @@ def test_shipped_fingers_need_no_gmsh_and_others_say_so(tmp_path, fault):
         text=True,
         check=True,
     )
-    assert "not here" in found.stdout and "pip install gmsh" in found.stdout
+    sentences = found.stdout.splitlines()
+    assert len(sentences) == 2
+    assert all("not here" in line and "pip install gmsh" in line for line in sentences)
 
 
 def test_report(shipped, tmp_path):

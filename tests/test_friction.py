@@ -38,7 +38,7 @@ EXPONENT, PRESSURE_MPA = 0.8, 0.002
 LOW, HIGH = 0.2, 0.6  # of the map, at Y of -2 mm and less and of 2 mm and more
 HALF_MM = 0.5
 DT_S = 0.01
-SMALL = Path(__file__).parents[1] / "meshes" / "small.msh"
+SMALL = Path(__file__).parents[1] / "meshes" / "small.npz"
 
 
 @pytest.fixture(scope="module")

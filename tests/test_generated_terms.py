@@ -18,7 +18,6 @@ from test_virtual_work import moved, residual, tangent
 from dolfinx import fem  # isort: skip
 from mpi4py import MPI  # isort: skip
 
-from tactile_fem.assembly.virtual_work import VirtualWork
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.measures import check_work
@@ -105,7 +104,7 @@ def check(dim: int, works: list[str]) -> None:
     if form.empty():
         return
     check_work(form, problem.test, "generated")
-    work, compile_ = VirtualWork(form, problem), problem.contact.obstacle.compile
+    work, compile_ = problem.virtual_work(form), problem.contact.obstacle.compile
     found, wanted = residual(work, problem), fem.assemble_vector(compile_(form)).array
     scale = max(1e-9, MPI.COMM_WORLD.allreduce(np.abs(wanted).max(initial=0), max))
     assert MPI.COMM_WORLD.allreduce(np.abs(found - wanted).max(initial=0), max) < 1e-11 * scale

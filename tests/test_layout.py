@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Callable
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -29,6 +30,15 @@ def imported(path: Path) -> set[str]:
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             found.add(node.value)
     return found & FILES.keys()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "tactile_fem/assembly").glob("*.py")), ids=str)
+def test_assembly_knows_no_fingers(path):
+    """Another FEniCSx user could take it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("tactile_fem"):
+            assert str(node.module).split(".")[1] in ("assembly", "runtime", "errors")
+    assert not re.search(r"\b(?:finger|skin|tissue|contact)s?\b", path.read_text(encoding="utf-8"))
 
 
 def room(module: str) -> str:

@@ -15,7 +15,7 @@ from needs import needs_graphics
 from pydantic import Field
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger import read_msh
+from tactile_fem.finger import read_mesh
 from tactile_fem.path import Motion, Piece
 from tactile_fem.runtime.settings import File, Positive
 from tactile_fem.simulation.checks import check
@@ -185,7 +185,7 @@ def test_they_are_drawn(small_finger):
 
     study = study_of()
     route = study.protocol.route(4.0)
-    figure = preview_figure(read_msh(small_finger), study.stimulus.body(), route)
+    figure = preview_figure(read_mesh(small_finger), study.stimulus.body(), route)
     _, way, _ = figure.axes[1].lines
     np.testing.assert_allclose(way.get_xydata()[-2], [-0.7, 1.0], atol=1e-12)
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
-from tactile_fem.finger import read_msh
+from tactile_fem.finger import read_mesh
 from tactile_fem.stimulus.body import Ball
 from tactile_fem.study import Mesh, Sphere, Study
 from tactile_fem.study.file import load_study
@@ -329,7 +329,7 @@ def forces(stimulus, mesh):
 def test_a_ball_from_a_file_presses_like_the_ball(small_finger, tmp_path):
     file = tmp_path / "ball.stl"
     trimesh.creation.icosphere(5, 4.0).export(file)
-    mesh = read_msh(small_finger)
+    mesh = read_mesh(small_finger)
     exact = forces(Sphere(radius_mm=4.0), mesh)
     assert exact[2] > 0.02
     error = np.linalg.norm(forces(Mesh(file=file, reach_mm=1.5), mesh) - exact)

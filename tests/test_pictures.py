@@ -8,7 +8,7 @@ from needs import needs_graphics
 from PIL import Image
 from synthetic import make_fields, make_results, make_section, make_trace
 
-from tactile_fem.finger import read_msh
+from tactile_fem.finger import read_mesh
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.output import figures, pictures
 from tactile_fem.output.histories import central_receptor
@@ -126,7 +126,7 @@ def test_pictures_are_drawn(tmp_path, study):
 def test_the_layers_of_the_finger_are_named_in_two_cuts(small_finger):
     from tactile_fem.output.anatomy import cut, finger_figure
 
-    mesh = read_msh(small_finger)
+    mesh = read_mesh(small_finger)
     parts = cut(mesh, 1)
     assert {*parts} == {*TISSUES}
     whole = shapely.union_all(list(parts.values()))

@@ -7,7 +7,7 @@ from needs import needs_gmsh, needs_graphics
 from PIL import Image
 
 from tactile_fem.cli import app as cli
-from tactile_fem.finger import read_msh
+from tactile_fem.finger import read_mesh
 from tactile_fem.study import Protocol, Stimulus, Text
 
 SMALL = ["--set", "finger.pad_size_mm=3", "--set", "finger.far_size_mm=6"]
@@ -44,7 +44,7 @@ def test_the_way_of_the_contact_point_leads_over_the_letters(small_finger):
     from tactile_fem.output.preview import preview_figure
 
     path = Protocol(distance_mm=4.0).route(3.0)
-    figure = preview_figure(read_msh(small_finger), Text().body(), path)
+    figure = preview_figure(read_mesh(small_finger), Text().body(), path)
     finger, way, start = figure.axes[1].lines
     np.testing.assert_allclose(way.get_xydata()[[0, -1]], [[0, 0], [0, 4.0]], atol=1e-12)
     np.testing.assert_allclose(start.get_xydata(), [[0, 0]])

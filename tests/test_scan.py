@@ -19,7 +19,7 @@ from tactile_fem.runtime import backend, ranks  # noqa: F401
 from mpi4py import MPI  # isort: skip
 
 from tactile_fem.errors import ConvergenceError, StudyError
-from tactile_fem.finger import read_msh, write_msh
+from tactile_fem.finger import read_mesh, write_mesh
 from tactile_fem.neuron import Drive, Population
 from tactile_fem.neuron.fields import STANDARD
 from tactile_fem.output.histories import at_time
@@ -207,7 +207,7 @@ def test_a_scan_cut_off_and_moved_needs_no_file_of_its_study(study, tmp_path):
     away = tmp_path / "away"
     away.mkdir()
     font = shutil.copy(findfont("DejaVu Sans"), away / "mine.ttf")
-    mesh = shutil.copy(study.finger.mesh_file, away / "mine.msh")
+    mesh = shutil.copy(study.finger.mesh_file, away / "mine.npz")
     brief = {
         "finger": Finger(mesh_file=mesh),
         "stimulus": Text(text="F", font=str(font)),
@@ -221,7 +221,7 @@ def test_a_scan_cut_off_and_moved_needs_no_file_of_its_study(study, tmp_path):
     of_files = study.model_copy(update=brief)
     with pytest.raises(Stopped):
         scan(of_files, tmp_path / "r", observers=[stop])
-    with pytest.raises(StudyError, match=r"finger.mesh_file is .*mine.msh there"):
+    with pytest.raises(StudyError, match=r"finger.mesh_file is .*mine.npz there"):
         scan(study, tmp_path / "r")
     shutil.rmtree(away)
     shutil.move(tmp_path / "r", tmp_path / "moved")
@@ -280,10 +280,10 @@ def test_two_populations_share_a_scan_that_is_cut_off(finished, study, tmp_path)
 
 def test_a_users_finger_is_pressed_as_deep_as_it_is_thick(study, small_finger, tmp_path):
     """Half as thick, up to four fifths of its own thickness, not of the default's."""
-    finger = read_msh(small_finger)
+    finger = read_mesh(small_finger)
     flat = replace(finger, nodes=finger.nodes * [1.0, 1.0, 0.5])
-    write_msh(tmp_path / "flat.msh", flat)
-    pressed = {"finger": Finger(mesh_file=tmp_path / "flat.msh"), "stimulus": Plate()}
+    write_mesh(tmp_path / "flat.npz", flat)
+    pressed = {"finger": Finger(mesh_file=tmp_path / "flat.npz"), "stimulus": Plate()}
     hard = {**pressed, "protocol": Protocol(force_N=1e4, distance_mm=0)}
     deepest = Simulation(study.model_copy(update=hard)).path.places_mm()[:, 2].max()
     assert deepest == pytest.approx(0.8 * 0.5 * 5.3, abs=0.05)

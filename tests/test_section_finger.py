@@ -8,7 +8,7 @@ from needs import needs_gmsh
 from synthetic import make_results
 
 from tactile_fem.errors import MeshError, StudyError
-from tactile_fem.finger import SURFACES, TISSUES, describe, read_msh, write_msh
+from tactile_fem.finger import SURFACES, TISSUES, describe, read_mesh, write_mesh
 from tactile_fem.finger.layers import Ridges
 from tactile_fem.finger.mesh_data import edges_per_ridge
 from tactile_fem.finger.plane import Plane
@@ -49,7 +49,7 @@ def test_a_section_across_has_the_areas_of_its_ellipses():
 @needs_gmsh
 def test_a_section_across_from_a_file_is_checked_in_its_own_plane(tmp_path):
     own = Finger(kind="section", plane="transverse", pad_size_mm=0.6, far_size_mm=3.0)
-    write_msh(tmp_path / "across.msh", own.mesh())
+    write_mesh(tmp_path / "across.msh", own.mesh())
     protocol = Protocol(path=({"kind": "press", "force_N": 0.02},))
     across = Finger(kind="section", mesh_file=tmp_path / "across.msh")
     study = Study(finger=across, stimulus=Plate())
@@ -60,8 +60,8 @@ def test_a_section_across_from_a_file_is_checked_in_its_own_plane(tmp_path):
 
 @needs_gmsh
 def test_a_section_is_written_and_read(sagittal, tmp_path):
-    write_msh(tmp_path / "section.msh", sagittal)
-    assert read_msh(tmp_path / "section.msh").hash == sagittal.hash
+    write_mesh(tmp_path / "section.msh", sagittal)
+    assert read_mesh(tmp_path / "section.msh").hash == sagittal.hash
     found = Finger(kind="section", mesh_file=tmp_path / "section.msh").mesh()
     assert found.hash == sagittal.hash
     with pytest.raises(MeshError, match=r'finger\.kind is "solid" but must be "section"'):

@@ -9,8 +9,8 @@ from needs import needs_gmsh, needs_graphics
 from scipy.spatial import cKDTree
 
 from tactile_fem.errors import StudyError
+from tactile_fem.finger.files import read_mesh
 from tactile_fem.finger.mesh_data import SURFACES
-from tactile_fem.finger.msh import read_msh
 from tactile_fem.output.maps import surface_map
 from tactile_fem.simulation.contact_fields import Contact, SkinContact, vertex_areas
 from tactile_fem.simulation.fields import FieldState, FieldWriter
@@ -24,7 +24,7 @@ STRETCHES = np.sqrt(np.linalg.eigvalsh(F.T @ F))
 @pytest.fixture(scope="module", params=["solid", pytest.param("section", marks=needs_gmsh)])
 def finger(request, small_finger):
     if request.param == "solid":
-        return read_msh(small_finger)
+        return read_mesh(small_finger)
     return Finger(kind="section", pad_size_mm=2.0, far_size_mm=5.0).mesh()
 
 

@@ -10,7 +10,7 @@ from needs import needs_gmsh, needs_graphics
 from synthetic import make_fields, make_results, make_trace
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger import read_msh
+from tactile_fem.finger import read_mesh
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.beneath import Beneath
 from tactile_fem.output.film import Film
@@ -122,7 +122,7 @@ def test_the_drawn_body_and_its_light_turn(tmp_path):
     ids=["edge twists", "cylinder rolls", "plate rolls"],
 )
 def test_a_sampled_copy_has_the_gap_of_a_turned_body_at_the_skin(stimulus, turns_deg, small_finger):
-    skin = read_msh(small_finger).corners_of("skin").reshape(-1, 3)
+    skin = read_mesh(small_finger).corners_of("skin").reshape(-1, 3)
     places, turns = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 1.0]]), np.radians(turns_deg)
     body = stimulus.body()
     grid = DistanceGrid.of(body, places, turns)

@@ -11,7 +11,7 @@ from blocks import block_mesh, curved
 from materials import PROPOSED, RELAXING
 from sphere_on_block import BALL, DEPTHS, TWO_TISSUES, sphere_on_block
 
-from dolfinx import fem, la  # isort: skip
+from dolfinx import fem, la, mesh  # isort: skip
 from mpi4py import MPI  # isort: skip
 from scipy.sparse import bsr_array  # isort: skip
 
@@ -44,14 +44,14 @@ def moved(made: FingerProblem, depth_mm: float = 0.3) -> FingerProblem:
 
 def curved_block() -> FingerProblem:
     line = np.linspace(-3, 3, 3)
-    mesh = curved(block_mesh(line, line, DEPTHS, TWO_TISSUES)) if MPI.COMM_WORLD.rank == 0 else None
-    domain = create_domain(mesh, MPI.COMM_WORLD, ("cut",))
+    msh = curved(block_mesh(line, line, DEPTHS, TWO_TISSUES)) if MPI.COMM_WORLD.rank == 0 else None
+    domain = create_domain(msh, MPI.COMM_WORLD, ("cut",))
     return FingerProblem(domain, PROPOSED, BALL, 0.3, Solver(held=("cut",)))
 
 
 def plane() -> FingerProblem:
-    mesh = section(np.linspace(-3, 3, 9), np.linspace(0, 3, 4))
-    domain = create_domain(mesh if MPI.COMM_WORLD.rank == 0 else None, MPI.COMM_WORLD, ("cut",))
+    msh = section(np.linspace(-3, 3, 9), np.linspace(0, 3, 4))
+    domain = create_domain(msh if MPI.COMM_WORLD.rank == 0 else None, MPI.COMM_WORLD, ("cut",))
     return FingerProblem(domain, PROPOSED, Cut(BALL, SAGITTAL), 0.3, Solver(held=("cut",)))
 
 
@@ -75,8 +75,8 @@ class Fibres:
 
 def with_odd_parts() -> FingerProblem:
     line = np.linspace(-3, 3, 3)
-    mesh = block_mesh(line, line, DEPTHS, TWO_TISSUES) if MPI.COMM_WORLD.rank == 0 else None
-    domain = create_domain(mesh, MPI.COMM_WORLD, ("cut",))
+    msh = block_mesh(line, line, DEPTHS, TWO_TISSUES) if MPI.COMM_WORLD.rank == 0 else None
+    domain = create_domain(msh, MPI.COMM_WORLD, ("cut",))
     solver = Solver(held=("cut",), linear="direct")
     laws = {"subcutaneous": Fibres()}
     return FingerProblem(domain, PROPOSED, BALL, 0.3, solver, laws=laws, terms=[Odd])
@@ -142,11 +142,12 @@ def test_residuals_are_those_of_dolfinx_and_tangents_their_differences(case):
     works = []
     for term in (made.bulk, made.contact):
         form = term.residual(made.test)
-        works.append(VirtualWork(form, made, is_symmetric=term.is_symmetric))
+        works.append(made.virtual_work(form, is_symmetric=term.is_symmetric))
         wanted = fem.assemble_vector(made.contact.obstacle.compile(form))
         assert difference(residual(works[-1], made), wanted.array) < 1e-12
+        assert works[-1].is_at_points or case == "odd"
     form = made.bulk.work_of_tangent(made.test)
-    works.append(VirtualWork(form, made, is_symmetric=made.bulk.is_symmetric))
+    works.append(made.virtual_work(form, is_symmetric=made.bulk.is_symmetric))
     for work in works:
         direction = np.sin(np.arange(len(made.u.x.array)))
         expected = slope(work, made, direction)
@@ -158,7 +159,7 @@ def test_residuals_are_those_of_dolfinx_and_tangents_their_differences(case):
 def test_facets_and_nodes_that_are_not_wanted_are_left_out():
     made = moved(sphere_on_block(layers=TWO_TISSUES))
     form = made.contact.residual(made.test)
-    work, near = VirtualWork(form, made), NearSkin(made.contact)
+    work, near = made.virtual_work(form), NearSkin(made.contact)
     whole = residual(work, made)
     assert near.update()
     work.choose(near.chosen)
@@ -170,3 +171,35 @@ def test_facets_and_nodes_that_are_not_wanted_are_left_out():
     assert not np.any(found[:, ~moves])
     work.choose({})
     assert not residual(work, made).any()
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron", "triangle", "quadrilateral"])
+def test_a_form_without_a_finger_is_assembled_as_by_dolfinx(cell):
+    dim = 2 if cell in ("triangle", "quadrilateral") else 3
+    create = mesh.create_unit_square if dim == 2 else mesh.create_unit_cube
+    msh = create(MPI.COMM_SELF, *[2] * dim, getattr(mesh.CellType, cell))
+    V = fem.functionspace(msh, ("Lagrange", 2, (dim,)))
+    u, v, X, n = (
+        fem.Function(V),
+        ufl.TestFunction(V),
+        ufl.SpatialCoordinate(msh),
+        ufl.FacetNormal(msh),
+    )
+    u.interpolate(lambda x: 0.1 * np.sin(x[:dim] + 2 * x[0]))
+    msh.topology.create_connectivity(dim - 1, dim)
+    ends = mesh.locate_entities_boundary(msh, dim - 1, lambda x: np.isclose(x[0], 1))
+    tags = mesh.meshtags(msh, dim - 1, ends, np.full(len(ends), 7, dtype=np.int32))
+    dx = ufl.Measure("dx", msh, metadata={"quadrature_degree": 4})
+    ds = ufl.Measure("ds", msh, subdomain_data=tags, metadata={"quadrature_degree": 3})
+    F = ufl.Identity(dim) + ufl.grad(u)
+    form = ufl.derivative((ufl.inner(F, F) - ufl.ln(ufl.det(F))) * dx, u, v)
+    form += (1 + X[0]) * ufl.dot(u, n) * ufl.dot(n, v) * ds(7)
+
+    work = VirtualWork(form, u, v)
+    wanted = fem.form(form), fem.form(ufl.derivative(form, u))
+    b, A = np.zeros_like(u.x.array), fem.create_matrix(wanted[1], block_mode=la.BlockMode.compact)
+    work.add_residual(b)
+    work.add_tangent(A, np.ones(len(b) // dim, dtype=bool))
+    assert difference(b, fem.assemble_vector(wanted[0]).array) < 1e-12
+    assert difference(A.to_dense(), fem.assemble_matrix(wanted[1]).to_dense()) < 1e-12
+    assert work.is_at_points

@@ -12,7 +12,7 @@ from synthetic import make_fields, make_results
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
-from tactile_fem.finger import read_msh
+from tactile_fem.finger import read_mesh
 from tactile_fem.output import pictures
 from tactile_fem.output.deck import write_deck
 from tactile_fem.output.film import Film
@@ -110,7 +110,7 @@ def test_no_deck_is_written_of_a_stimulator_beside_the_finger(tmp_path):
 
 
 def test_a_stimulator_beside_the_finger_is_warned_of(small_finger, caplog):
-    finger, path = read_msh(small_finger), PRESS.route(0.0)
+    finger, path = read_mesh(small_finger), PRESS.route(0.0)
     with caplog.at_level(logging.WARNING):
         warn_if_missed(Sphere().body(), path, finger)
         assert not caplog.records

@@ -29,7 +29,7 @@ class NotAtPointsError(Exception):
     """An integrand contains what is not given at points, say, a second derivative."""
 
 
-class Kind(IntEnum):
+class OperandKind(IntEnum):
     """What is given at a point, numbered as in `virtual_work.c`."""
 
     VALUE = 0  # of a field
@@ -40,8 +40,12 @@ class Kind(IntEnum):
     FACET_DETERMINANT = 5
 
 
+# What has dofs in cells.
+IN_CELLS = OperandKind.VALUE, OperandKind.GRADIENT
+
+
 @dataclass(frozen=True)
-class Given:
+class Operand:
     """What is given at a point.
 
     Attributes
@@ -50,14 +54,14 @@ class Given:
         A field, or the position; of the geometry None.
     """
 
-    kind: Kind
+    kind: OperandKind
     of: Expr | None = None
 
     def shape(self, dim: int) -> tuple[int, ...]:
         """Return the shape of its value in a space of that dimension."""
         if self.of is None:
-            return (dim,) if self.kind == Kind.NORMAL else ()
-        gradient = (dim,) if self.kind == Kind.GRADIENT else ()
+            return (dim,) if self.kind == OperandKind.NORMAL else ()
+        gradient = (dim,) if self.kind == OperandKind.GRADIENT else ()
         return (*self.of.ufl_shape, *gradient)
 
 
@@ -67,11 +71,11 @@ class AtPoint:
     Parameters
     ----------
     u, v
-        Displacement and test function.
+        Unknown and test function.
 
     Attributes
     ----------
-    given
+    operands
         All that the integrands need, in the order in which C functions take it.
     """
 
@@ -79,7 +83,7 @@ class AtPoint:
         self._mesh: mesh.Mesh = u.function_space.mesh
         self.dim: int = self._mesh.geometry.dim
         self._u, self._v = u, v
-        self._numbers: dict[Given, Expr] = {}
+        self._numbers: dict[Operand, Expr] = {}
 
     def __call__(self, integrand: Expr) -> Expr:
         """Return an integrand in which all that is given is a coefficient of its own.
@@ -94,13 +98,13 @@ class AtPoint:
         return replaced
 
     @property
-    def given(self) -> list[Given]:
+    def operands(self) -> list[Operand]:
         """All that the integrands need, but for the test function."""
-        return [given for given in self._numbers if given.of is not self._v]
+        return [operand for operand in self._numbers if operand.of is not self._v]
 
     def sizes(self) -> list[int]:
-        """Return how many numbers each of `given` is."""
-        return [int(np.prod(given.shape(self.dim), dtype=int)) for given in self.given]
+        """Return how many numbers each of `operands` is."""
+        return [int(np.prod(operand.shape(self.dim), dtype=int)) for operand in self.operands]
 
     def places(self, coefficient: ufl.Coefficient) -> range:
         """Return the places of a coefficient's numbers among all that are given.
@@ -108,21 +112,21 @@ class AtPoint:
         The test function's are not given: integrands are linear in it.
         """
         start = 0
-        for given, size in zip(self.given, self.sizes(), strict=True):
-            if self._numbers[given].ufl_operands[0] == coefficient:
+        for operand, size in zip(self.operands, self.sizes(), strict=True):
+            if self._numbers[operand].ufl_operands[0] == coefficient:
                 return range(start, start + size)
             start += size
         return range(0)
 
-    def number(self, given: Given) -> Expr:
-        """Return what stands for something given."""
-        if given not in self._numbers:
+    def number(self, operand: Operand) -> Expr:
+        """Return what stands for an operand."""
+        if operand not in self._numbers:
             cell = self._mesh.topology.cell_name()
-            element = basix.ufl.element("DG", cell, 0, shape=given.shape(self.dim))
+            element = basix.ufl.element("DG", cell, 0, shape=operand.shape(self.dim))
             space = ufl.FunctionSpace(self._mesh.ufl_domain(), element)
             value = ufl.Coefficient(space, count=len(self._numbers))
-            self._numbers[given] = ufl.variable(value)
-        return self._numbers[given]
+            self._numbers[operand] = ufl.variable(value)
+        return self._numbers[operand]
 
     # --- derivatives -----------------------------------------------------------------------------
 
@@ -133,7 +137,7 @@ class AtPoint:
 
     @property
     def trial(self) -> range:
-        """What of the displacement's value and gradient the integrands depend on, likewise."""
+        """What of the unknown's value and gradient the integrands depend on, likewise."""
         return self._used(self._u)
 
     def work(self, integrand: Expr) -> Expr:
@@ -141,7 +145,7 @@ class AtPoint:
         return _joined(self._derivatives(integrand, self._v), self.dim)
 
     def moduli(self, integrand: Expr, *, is_symmetric: bool) -> Expr:
-        """Return the derivatives of `work` with respect to the displacement.
+        """Return the derivatives of `work` with respect to the unknown.
 
         Rows of ``dimension times tested`` times ``dimension times trial``, as one vector; if they
         are symmetric those of the upper triangle.
@@ -154,13 +158,13 @@ class AtPoint:
         )
 
     def _used(self, function: Expr) -> range:
-        used = [Given(kind, function) in self._numbers for kind in (Kind.VALUE, Kind.GRADIENT)]
+        used = [Operand(kind, function) in self._numbers for kind in IN_CELLS]
         return range(1 - used[0], 1 + self.dim * used[1])
 
     def _derivatives(self, of: Expr, function: Expr) -> list[Expr]:
         """Return the derivatives with respect to a function's value and gradient, where used."""
-        each = (Given(kind, function) for kind in (Kind.VALUE, Kind.GRADIENT))
-        return [ufl.diff(of, self._numbers[given]) for given in each if given in self._numbers]
+        each = (Operand(kind, function) for kind in IN_CELLS)
+        return [ufl.diff(of, self._numbers[own]) for own in each if own in self._numbers]
 
 
 def _joined(derivatives: Sequence[Expr], dim: int) -> Expr:
@@ -195,23 +199,24 @@ class _Replaced(MultiFunction):
         (of,) = gradient.ufl_operands
         if not isinstance(of, fem.Function | ufl.Argument):
             raise NotAtPointsError
-        return self._number(Given(Kind.GRADIENT, of))
+        return self._number(Operand(OperandKind.GRADIENT, of))
 
     def coefficient(self, function: fem.Function) -> Expr:
-        is_quadrature = function.ufl_element().is_quadrature
-        return self._number(Given(Kind.AT_POINTS if is_quadrature else Kind.VALUE, function))
+        is_known_there = function.ufl_element().is_quadrature
+        kind = OperandKind.AT_POINTS if is_known_there else OperandKind.VALUE
+        return self._number(Operand(kind, function))
 
     def argument(self, test: Expr) -> Expr:
-        return self._number(Given(Kind.VALUE, test))
+        return self._number(Operand(OperandKind.VALUE, test))
 
     def spatial_coordinate(self, position: Expr) -> Expr:
-        return self._number(Given(Kind.VALUE, position))
+        return self._number(Operand(OperandKind.VALUE, position))
 
     def facet_normal(self, normal: Expr) -> Expr:
-        return self._number(Given(Kind.NORMAL))
+        return self._number(Operand(OperandKind.NORMAL))
 
     def jacobian_determinant(self, determinant: Expr) -> Expr:
-        return self._number(Given(Kind.DETERMINANT))
+        return self._number(Operand(OperandKind.DETERMINANT))
 
     def facet_jacobian_determinant(self, determinant: Expr) -> Expr:
-        return self._number(Given(Kind.FACET_DETERMINANT))
+        return self._number(Operand(OperandKind.FACET_DETERMINANT))

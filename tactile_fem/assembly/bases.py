@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from dolfinx import fem, mesh
 
-from tactile_fem.assembly.at_points import Given, Kind, NotAtPointsError
+from tactile_fem.assembly.at_points import IN_CELLS, NotAtPointsError, Operand, OperandKind
 
 Array = np.ndarray
 
@@ -15,7 +15,7 @@ class CellField:
 
     Parameters
     ----------
-    given
+    operand
         What it is; of the geometry there are no dofs.
     msh
         The mesh.
@@ -23,7 +23,7 @@ class CellField:
     Attributes
     ----------
     kind
-        Of what is given.
+        Of the operand.
     nodes, size
         Number of its basis functions in a cell, and of its components.
     values
@@ -35,16 +35,16 @@ class CellField:
         Its components do not share one scalar basis, or it belongs to another mesh.
     """
 
-    def __init__(self, given: Given, msh: mesh.Mesh) -> None:
-        self.kind, self.nodes, self.size = given.kind, 0, 0
+    def __init__(self, operand: Operand, msh: mesh.Mesh) -> None:
+        self.kind, self.nodes, self.size = operand.kind, 0, 0
         self.values, self._dofs = np.empty(0), np.empty((0, 0), dtype=np.int32)
-        of = given.of
+        of = operand.of
         if isinstance(of, fem.Function):
             space = of.function_space
             element, self._dofs, self.size = space.ufl_element(), space.dofmap.list, space.dofmap.bs
             self.values = of.x.array
-            is_elsewhere = (space.mesh != msh) != (self.kind == Kind.AT_POINTS)
-            has_no_gradient = element.is_quadrature and self.kind == Kind.GRADIENT
+            is_elsewhere = (space.mesh != msh) != (self.kind == OperandKind.AT_POINTS)
+            has_no_gradient = element.is_quadrature and self.kind == OperandKind.GRADIENT
             if is_elsewhere or has_no_gradient or element.block_size != self.size:
                 raise NotAtPointsError
         elif of is not None:  # the position
@@ -52,7 +52,7 @@ class CellField:
             self._dofs, self.size = msh.geometry.dofmaps[0], msh.geometry.dim
             self.values = np.ascontiguousarray(msh.geometry.x[:, : self.size])
         self.nodes = self._dofs.shape[1]
-        if self.kind in (Kind.VALUE, Kind.GRADIENT):
+        if self.kind in IN_CELLS:
             self._basis = element.basix_element
             if self._basis.value_size != 1 or not self._basis.dof_transformations_are_identity:
                 raise NotAtPointsError
@@ -68,7 +68,7 @@ class CellField:
 
     def table(self, points: Array) -> Array:
         """Return what of the basis is wanted, (points, nodes) or (points, nodes, dimension)."""
-        if self.kind not in (Kind.VALUE, Kind.GRADIENT):
+        if self.kind not in IN_CELLS:
             return np.empty(0)
-        both = self.values_and_gradients(points)
-        return np.ascontiguousarray(both[..., 0] if self.kind == Kind.VALUE else both[..., 1:])
+        wanted = 0 if self.kind == OperandKind.VALUE else slice(1, None)
+        return np.ascontiguousarray(self.values_and_gradients(points)[..., wanted])

@@ -11,7 +11,6 @@ import platform
 import subprocess
 import tempfile
 import time
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -89,7 +88,7 @@ def compiled_by() -> dict[str, str]:
 
 
 class _Numbered(ufl.Constant):
-    """A constant of UFL that has one of the package's own numbers."""
+    """A constant of UFL with one of the package's own numbers: DOLFINx's class can pass none on."""
 
     def __init__(self, domain: object, shape: tuple[int, ...] = ()) -> None:
         super().__init__(domain, shape, next(_numbers))  # type: ignore[no-untyped-call]
@@ -185,22 +184,22 @@ def c_functions(
 def clean_cache(folder: Path) -> None:
     """Remove forms whose compilation was interrupted from our part of DOLFINx's cache, `folder`.
 
-    At every start, DOLFINx would wait for them until its timeout. Forms that another process may
-    still be compiling are not removed; a lock shows whether there are other processes.
+    FFCx sets aside those that failed. Those of a process that was killed it takes for ones that
+    another compiles, and at every start would wait for them until its timeout and then give up. So
+    a lock shows whether there are other processes; theirs are not removed.
     """
     ours = folder / _SUBFOLDER
     least_age_s = 0.0 if _lock(ours) else _LONGEST_COMPILATION_S
-    libraries: defaultdict[str, list[Path]] = defaultdict(list)
-    for library in ours.glob("libffcx_*.so"):  # once: a listing for each form takes seconds
-        libraries[library.name.partition(".")[0]].append(library)
+    empty = set()
+    for library in ours.glob("libffcx_*.so"):  # after a power cut
+        with suppress(OSError):  # another process was faster
+            if not library.stat().st_size:
+                empty.add(library.name.partition(".")[0])
     for source in ours.glob("libffcx_*.c"):
         ready = source.with_suffix(".c.cached")
-        with suppress(OSError):  # another process was faster
-            if ready.exists():  # after a power cut, a library may be empty
-                interrupted = any(found.stat().st_size == 0 for found in libraries[source.stem])
-            else:
-                interrupted = time.time() - source.stat().st_mtime >= least_age_s
-            if interrupted:
+        with suppress(OSError):
+            age_s = time.time() - source.stat().st_mtime
+            if source.stem in empty or (not ready.exists() and age_s >= least_age_s):
                 ready.unlink(missing_ok=True)
                 source.unlink()
 

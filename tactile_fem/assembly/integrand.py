@@ -6,27 +6,29 @@ quadrature, as some parts are integrated at fewer points than others.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import basix
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from tactile_fem.assembly.at_points import AtPoint, Given, Kind, NotAtPointsError
+from tactile_fem.assembly.at_points import IN_CELLS, AtPoint, NotAtPointsError, Operand, OperandKind
 from tactile_fem.assembly.bases import CellField
-from tactile_fem.assembly.compile import c_functions, jit_options
+from tactile_fem.assembly.compile import c_functions
+from tactile_fem.assembly.facets import FacetPoints
 from tactile_fem.assembly.point_functions import PREAMBLE, PointFunction
-from tactile_fem.assembly.quadrature import Rule
-from tactile_fem.mechanics.problem import Problem
+from tactile_fem.assembly.quadrature import Rule, quadrature
 
 Array = np.ndarray
 
 # Cells at once: as many numbers as the largest registers hold; of smaller ones it takes several.
 _LANES = 8
 _FACETS = "exterior_facet"
+_ON_FACETS = OperandKind.NORMAL, OperandKind.FACET_DETERMINANT, OperandKind.AT_POINTS
 _SCHEMES = "default", "Gauss-Jacobi", "Xiao-Gimbutas"
 _SOURCE = Path(__file__).with_name("virtual_work.c")
 _DECLARATIONS = """
@@ -56,10 +58,14 @@ class Integrand:
     ----------
     integrals
         Over the same cells or facets.
-    problem
-        Displacement, test function, body, and the compiler's flags.
+    u, v
+        Unknown and test function.
     is_symmetric
         Whether the derivative is symmetric.
+    jit_options
+        DOLFINx's.
+    entity_maps
+        Of the submeshes of facets on which fields are known.
 
     Attributes
     ----------
@@ -71,13 +77,13 @@ class Integrand:
         Rules of quadrature.
     work, moduli
         For each rule: factors of the test function and its gradient, and their derivatives with
-        respect to displacement and gradient.
+        respect to the unknown and its gradient.
     has_tangent
-        Whether it depends on the displacement; a dead load does not.
+        Whether it depends on the unknown; a dead load does not.
     tested
         What of the test function's value (0) and gradient (1 and more) it contains.
-    geometry, displacement, fields
-        Position, displacement, and all that is given to the functions.
+    geometry, unknown, fields
+        Position, unknown, and all that is given to the functions.
     c, ffi
         The functions of `virtual_work.c`, and what converts their arguments.
 
@@ -88,36 +94,43 @@ class Integrand:
     """
 
     def __init__(
-        self, integrals: Sequence[ufl.Integral], problem: Problem, *, is_symmetric: bool
+        self,
+        integrals: Sequence[ufl.Integral],
+        u: fem.Function,
+        v: ufl.Argument,
+        *,
+        is_symmetric: bool,
+        jit_options: Mapping[str, Any],
+        entity_maps: Sequence[mesh.EntityMap],
     ) -> None:
-        u, self._obstacle = problem.u, problem.contact.obstacle
         self.mesh = u.function_space.mesh
+        if u.ufl_shape != (self.mesh.geometry.dim,) or u.dtype != np.float64:
+            raise NotAtPointsError  # virtual_work.c adds blocks of such fields
         self._tags, self.tag = _where(integrals[0])
         self.is_on_facets = integrals[0].integral_type() == _FACETS
-        at = AtPoint(u, problem.test)
+        at = AtPoint(u, v)
         self.rules, sums = _by_rule(integrals, at)
+        self._facet_points = self._points_of(at.operands, entity_maps)
         is_symmetric = is_symmetric and at.tested == at.trial
         work = [at.work(value) for value in sums]
         moduli = [at.moduli(value, is_symmetric=is_symmetric) for value in sums if at.trial]
         self.work = [PointFunction(f"work_{i}", value, at) for i, value in enumerate(work)]
         self.moduli = [PointFunction(f"moduli_{i}", value, at) for i, value in enumerate(moduli)]
         self.tested, self.has_tangent = at.tested, bool(at.trial)
-        self.geometry = CellField(Given(Kind.VALUE, ufl.SpatialCoordinate(self.mesh)), self.mesh)
-        self.displacement = CellField(Given(Kind.VALUE, u), self.mesh)
-        self.fields = [CellField(given, self.mesh) for given in at.given]
-        in_cells = [own for own in self.fields if own.kind in (Kind.VALUE, Kind.GRADIENT)]
-        for given in at.given:
-            if given.kind == Kind.AT_POINTS and not self._has_points_of(given.of):
-                raise NotAtPointsError
-            if given.kind in (Kind.NORMAL, Kind.FACET_DETERMINANT) and not self.is_on_facets:
-                raise NotAtPointsError
+        position = ufl.SpatialCoordinate(self.mesh)
+        self.geometry, self.unknown = (
+            CellField(Operand(OperandKind.VALUE, of), self.mesh) for of in (position, u)
+        )
+
+        self.fields = [CellField(operand, self.mesh) for operand in at.operands]
+        in_cells = [own for own in self.fields if own.kind in IN_CELLS]
         self._definitions = _defined(
             DIM=at.dim,
             LANES=_LANES,
             ON_FACETS=int(self.is_on_facets),
             SYMMETRIC=int(is_symmetric),
             CORNERS=self.geometry.nodes,
-            NODES=self.displacement.nodes,
+            NODES=self.unknown.nodes,
             FIELDS=_braced(_braced((own.nodes, own.size, int(own.kind))) for own in self.fields),
             VALUES=max(1, sum(own.nodes * own.size for own in in_cells)),
             WIDTH=sum(at.sizes()),
@@ -133,17 +146,28 @@ class Integrand:
             self.mesh.comm,
             _SOURCE,
             _DECLARATIONS,
-            jit_options(problem.settings.compiler_flags),
+            jit_options,
             key=" ".join([self._definitions, *keys]),
             generated=self._generated,
         )
 
-    def _has_points_of(self, function: Expr | None) -> bool:
-        """Return whether the integral's points are those at which a function is known."""
-        assert isinstance(function, fem.Function)
-        known = self._obstacle.hessian.function_space
-        rule = Rule(known.ufl_element().embedded_superdegree, "default")
-        return self.rules == [rule] and function.function_space.mesh == known.mesh
+    def _points_of(
+        self, operands: Sequence[Operand], entity_maps: Sequence[mesh.EntityMap]
+    ) -> FacetPoints | None:
+        """Return the points at which fields are known, which are those of the integral."""
+        if not self.is_on_facets and {own.kind for own in operands} & set(_ON_FACETS):
+            raise NotAtPointsError
+        known = [own.of.function_space for own in operands if own.kind == OperandKind.AT_POINTS]
+        if not known:
+            return None
+        found = FacetPoints(known[0], self.mesh, entity_maps)
+        facet = getattr(basix.CellType, known[0].mesh.topology.cell_name())
+        points, _, rules = quadrature(self.rules, facet, None)
+        for space in known:
+            own = space.ufl_element().custom_quadrature()[0]
+            if space.mesh != known[0].mesh or rules.any() or not np.array_equal(own, points):
+                raise NotAtPointsError
+        return found
 
     def _generated(self) -> str:
         """Return what stands before `virtual_work.c`."""
@@ -158,33 +182,28 @@ class Integrand:
             cells = np.arange(own, dtype=np.int32) if tags is None else tags.find(self.tag)
             return [(cells[cells < own], None)]
         assert tags is not None
+        facets = basix.topology(getattr(basix.CellType, topology.cell_name()))[-2]
         pairs = fem.compute_integration_domains(
             fem.IntegralType.exterior_facet, topology, tags.find(self.tag)
         ).reshape(-1, 2)
-        return [(np.sort(pairs[pairs[:, 1] == n, 0]), n) for n in range(topology.dim + 1)]
+        return [(np.sort(pairs[pairs[:, 1] == n, 0]), n) for n in range(len(facets))]
 
     def dofs(self, cells: Array, facet: int | None, points: Array) -> list[Array]:
         """Return the dofs of each field in cells, or at points of the reference cell on a facet."""
         return [
             self._dofs_at(own, cells, facet, points)
-            if own.kind == Kind.AT_POINTS
+            if own.kind == OperandKind.AT_POINTS
             else own.dofs(cells)
             for own in self.fields
         ]
 
     def _dofs_at(self, own: CellField, cells: Array, facet: int | None, points: Array) -> Array:
-        """Return the dofs of a field that is known at points of facets, in the order of `points`.
-
-        DOLFINx counts the points as seen from outside.
-        """
-        row_of = {tuple(pair): row for row, pair in enumerate(self._obstacle.entities.tolist())}
-        rows = np.array([row_of[cell, facet] for cell in cells.tolist()], dtype=np.int32)
+        """Return the dofs of a field that is known at facets' points, in the order of `points`."""
+        assert self._facet_points and facet is not None
+        rows = self._facet_points.rows(cells, facet)
         basis = self.geometry.values_and_gradients(points)[..., 0]
-        places = self.geometry.values[self.geometry.dofs(cells)]
-        here = np.einsum("qn,cni->cqi", basis, places)
-        there = self._obstacle.points_mm.reshape(-1, *here.shape[1:])[rows]
-        distance = np.linalg.norm(here[:, :, None] - there[:, None], axis=-1)
-        return np.take_along_axis(own.dofs(rows), distance.argmin(axis=2), axis=1)
+        here = np.einsum("qn,cni->cqi", basis, self.geometry.values[self.geometry.dofs(cells)])
+        return np.take_along_axis(own.dofs(rows), self._facet_points.nearest(rows, here), axis=1)
 
 
 def _where(integral: ufl.Integral) -> tuple[mesh.MeshTags | None, int]:

@@ -6,13 +6,15 @@ result has no loops, so that C compilers can evaluate it in several cells at onc
 
 from __future__ import annotations
 
-import re
-
-import ffcx.compiler
 import ffcx.naming
-import ffcx.options
 import numpy as np
 from dolfinx import fem
+from ffcx.analysis import analyze_ufl_objects
+from ffcx.codegeneration.backend import FFCXBackend
+from ffcx.codegeneration.C.formatter import Formatter
+from ffcx.codegeneration.expression_generator import ExpressionGenerator
+from ffcx.ir.representation import compute_ir
+from ffcx.options import get_options
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.core.expr import Expr
 
@@ -37,9 +39,13 @@ __attribute__((__simd__("notinbranch"))) double cbrt(double);
 #endif
 #endif
 """
-# FFCx's function, and its call in each lane, without loops that would keep the lanes apart.
+# What FFCx generates, and its call in each lane, without loops that would keep the lanes apart.
 _FUNCTION = """
-static inline __attribute__((always_inline)) {body}
+static inline __attribute__((always_inline)) void {name}_of(
+  double *restrict A, const double *restrict w, const double *restrict c)
+{{
+{code}
+}}
 static void {name}(const lanes *given_, const double *c, lanes *found_)
 {{
   const double (*given)[LANES] = (const double (*)[LANES])given_;
@@ -49,7 +55,7 @@ static void {name}(const lanes *given_, const double *c, lanes *found_)
     double w[{given}], A[{found}] = {{0}};
     (void)given;
     {take}
-    {inner}(A, w, c, 0, 0, 0, 0);
+    {name}_of(A, w, c);
     {give}
   }}
 }}
@@ -87,27 +93,18 @@ class PointFunction:
 
     def code(self) -> str:
         """Return the function of ``given``, constants and ``found``."""
-        options = ffcx.options.get_options({"scalar_type": np.float64})
-        generated = ffcx.compiler.compile_ufl_objects(
-            [(self._value, self._point)], options=options, namespace=self.name
-        )
-        files = generated[0] if isinstance(generated[0], list) else generated
-        code = next(text for text in reversed(files) if "tabulate_tensor" in text)
-        body = code[code.index("void tabulate_tensor") : code.index("static double points_")]
-        inner = body.removeprefix("void ").partition("(")[0]
-        given, results = self._given(code), range(len(self._value))
+        # FFCx's stages one by one: its last would wrap the statements in a file.
+        options = get_options({"scalar_type": np.float64})
+        analysis = analyze_ufl_objects([(self._value, self._point)], options["scalar_type"])
+        (ir,) = compute_ir(analysis, {}, self.name, options, False).expressions
+        statements = ExpressionGenerator(ir, FFCXBackend(ir, options)).generate()
+        given = [place for k in ir.original_coefficient_positions for place in self._places[k]]
+        results = range(len(self._value))
         return _FUNCTION.format(
-            body=body,
             name=self.name,
-            inner=inner,
+            code=Formatter(options["scalar_type"])(statements),
             given=len(given) + 1,
             found=len(results),
             take="\n".join(f"w[{k}] = given[{place}][l];" for k, place in enumerate(given)),
             give="\n".join(f"found[{k}][l] = A[{k}];" for k in results),
         )
-
-    def _given(self, code: str) -> list[int]:
-        """Return the places of the numbers that FFCx's function takes."""
-        used = re.search(r"original_coefficient_positions_\w+\[\d+\] = \{([\d, ]*)\}", code)
-        numbers = map(int, used[1].split(",")) if used else ()
-        return [place for number in numbers for place in self._places[number]]

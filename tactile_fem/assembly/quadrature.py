@@ -36,7 +36,7 @@ def quadrature(
     points, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
     if facet is not None:
         corners = basix.geometry(cell)[basix.topology(cell)[-2][facet]]
-        points = corners[0] + points @ (corners[1:] - corners[0])
+        points = corners[0] + points @ (corners[1 : 1 + points.shape[1]] - corners[0])
     numbers = [len(own) for _, own in parts]
     return points, weights, np.repeat(np.arange(len(parts), dtype=np.int32), numbers)
 

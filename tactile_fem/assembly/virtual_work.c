@@ -2,7 +2,7 @@
    at a time.
 
    Before this file stand functions of the integrand and
-     DIM, CORNERS, NODES     dimension; nodes of the geometry and of the displacement in a cell
+     DIM, CORNERS, NODES     dimension; nodes of the geometry and of the unknown in a cell
      FIELDS                  {nodes, components, kind} of all that the integrand is given
      VALUES, WIDTH           numbers of all fields in a cell, and given at a point
      TEST, TESTS             of a node's value and gradient: what is tested, first and number
@@ -33,7 +33,7 @@ struct cells {                 /* as Python passes them, see virtual_work.py */
   const int *rules;            /* of the points */
   const uintptr_t *constants;  /* of the rules */
   const double *shape;         /* gradients of the geometry's basis, (points, CORNERS, DIM) */
-  const double *basis;         /* values and gradients of the displacement's, (points, NODES, JETS) */
+  const double *basis;         /* values and gradients of the unknown's, (points, NODES, JETS) */
   const double *normal;        /* of the facet in the reference cell, as long as it is large */
   const int *corners;
   const double *places;

@@ -1,8 +1,8 @@
 """Virtual work and its derivative in several cells or facets at once.
 
-Integrands, and their derivatives with respect to displacement and gradient, come from UFL; the sums
-over points and nodes stand in `virtual_work.c`. DOLFINx's own assembly, which takes a cell at a
-time and all entries of a symmetric matrix, needs four times as long, see
+Integrands, and their derivatives with respect to the unknown and its gradient, come from UFL; the
+sums over points and nodes stand in `virtual_work.c`. DOLFINx's own assembly, which takes a cell at
+a time and all entries of a symmetric matrix, needs four times as long, see
 demos/pages/how/solver.md.
 """
 
@@ -16,12 +16,13 @@ from typing import Any
 import basix
 import numpy as np
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem, la, mesh
 
 from tactile_fem.assembly.at_points import NotAtPointsError, lowered
+from tactile_fem.assembly.compile import jit_options as options_for
 from tactile_fem.assembly.integrand import Integrand
 from tactile_fem.assembly.quadrature import quadrature, reference_normal
-from tactile_fem.mechanics.problem import Problem
+from tactile_fem.assembly.tags import with_shared_tags
 
 Array = np.ndarray
 
@@ -40,20 +41,44 @@ _NO_VALUE = 1e-12
 class VirtualWork:
     """A virtual work, linear in a test function, and its derivative.
 
-    Integrals that contain what is not given at points are assembled by DOLFINx.
+    Its integrals are over cells or exterior facets; what is not given at points, such as a second
+    derivative, is assembled by DOLFINx.
+
+    ::
+
+        work = VirtualWork(form, u, v)
+        work.add_residual(b.array)  # of a la.Vector
+        work.add_tangent(A, np.ones(nodes, dtype=bool))  # a la.MatrixCSR, BlockMode.compact
 
     Parameters
     ----------
     form
-        The work.
-    problem
-        Displacement, test function, and the body that the form may contain.
+        The work. A measure states its quadrature degree; otherwise DOLFINx assembles the integral.
+    u, v
+        Unknown, a vector field of as many components as the mesh has dimensions, and test function.
     is_symmetric
         Whether the derivative is.
+    jit_options
+        DOLFINx's; by default those of `assembly.compile.jit_options` without flags.
+    entity_maps
+        As `dolfinx.fem.form` takes them.
     """
 
-    def __init__(self, form: ufl.Form, problem: Problem, *, is_symmetric: bool = False) -> None:
-        obstacle, u = problem.contact.obstacle, problem.u
+    def __init__(
+        self,
+        form: ufl.Form,
+        u: fem.Function,
+        v: ufl.Argument,
+        *,
+        is_symmetric: bool = False,
+        jit_options: Mapping[str, Any] | None = None,
+        entity_maps: Sequence[mesh.EntityMap] = (),
+    ) -> None:
+        self._u = u
+        self._options = {
+            "jit_options": options_for(()) if jit_options is None else jit_options,
+            "entity_maps": entity_maps,
+        }
         groups: defaultdict[tuple[str, Any, int], list[ufl.Integral]] = defaultdict(list)
         for integral in lowered(form).integrals():
             where = integral.integral_type(), integral.subdomain_id(), id(integral.subdomain_data())
@@ -62,18 +87,26 @@ class VirtualWork:
         rest = []
         for integrals in groups.values():
             try:
-                integrand = Integrand(integrals, problem, is_symmetric=is_symmetric)
+                integrand = Integrand(integrals, u, v, is_symmetric=is_symmetric, **self._options)
                 self._parts += [_Cells(integrand, *part) for part in integrand.parts()]
             except NotAtPointsError:
                 rest += integrals
-        self._rest = obstacle.compile(ufl.Form(rest)) if rest else None
-        self._form_of_rest, self._obstacle, self._u = ufl.Form(rest), obstacle, u
+        self._form_of_rest = ufl.Form(rest)
+        self._rest = self._compile(self._form_of_rest) if rest else None
         self._positions: list[Array] = []
+
+    def _compile(self, form: ufl.Form) -> fem.Form:
+        return fem.form(with_shared_tags(form), **self._options)
 
     @cached_property
     def _tangent_of_rest(self) -> fem.Form:
         """Compiled if it is needed."""
-        return self._obstacle.compile(ufl.derivative(self._form_of_rest, self._u))
+        return self._compile(ufl.derivative(self._form_of_rest, self._u))
+
+    @property
+    def is_at_points(self) -> bool:
+        """Whether nothing is left to DOLFINx."""
+        return self._rest is None
 
     def choose(self, facets: Mapping[int, Array]) -> None:
         """Leave out facets but those with the given cells and local facets in turn, by tag.
@@ -128,11 +161,11 @@ class _Cells:
         self.has_tangent = integrand.has_tangent
         cell = getattr(basix.CellType, integrand.mesh.topology.cell_name())
         points, weights, rules = quadrature(integrand.rules, cell, facet)
-        basis = integrand.displacement.values_and_gradients(points)
+        basis = integrand.unknown.values_and_gradients(points)
         shape = integrand.geometry.values_and_gradients(points)[..., 1:]
         tests = np.abs(basis[..., list(integrand.tested)]).max(axis=(0, 2))
         self._is_tested = (tests > _NO_VALUE).astype(np.int8)
-        self._nodes = integrand.displacement.dofs(cells)
+        self._nodes = integrand.unknown.dofs(cells)
         self._functions = {"work": integrand.work, "moduli": integrand.moduli}
         # Of each field; C knows the addresses.
         self._fields = {

@@ -54,7 +54,7 @@ def mesh(
         Write the mesh to this .msh file.
     """
     from tactile_fem import load_study
-    from tactile_fem.finger import describe, write_msh
+    from tactile_fem.finger import describe, write_mesh
 
     finger = load_study(study, changes).finger
     if output is not None:
@@ -62,7 +62,7 @@ def mesh(
     the_mesh = finger.mesh()
     print(describe(the_mesh, finger))
     if output is not None:
-        write_msh(output, the_mesh)
+        write_mesh(output, the_mesh)
         print(f"Written to {output}")
 
 

@@ -1,9 +1,9 @@
 """The finger: analytic or scanned, solid or a section; its layered mesh with tags, mesh files."""
 
 from tactile_fem.finger.build import build_finger
+from tactile_fem.finger.files import read_mesh, write_mesh
 from tactile_fem.finger.finger import MESH_FOLDERS, Finger
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, describe
-from tactile_fem.finger.msh import read_msh, write_msh
 
 __all__ = [
     "MESH_FOLDERS",
@@ -13,6 +13,6 @@ __all__ = [
     "FingerMesh",
     "build_finger",
     "describe",
-    "read_msh",
-    "write_msh",
+    "read_mesh",
+    "write_mesh",
 ]

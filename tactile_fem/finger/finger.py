@@ -9,8 +9,8 @@ from pathlib import Path
 from tactile_fem.errors import MeshError
 from tactile_fem.finger.anatomy import Anatomy
 from tactile_fem.finger.build import build_finger
+from tactile_fem.finger.files import read_mesh
 from tactile_fem.finger.mesh_data import FingerMesh
-from tactile_fem.finger.msh import read_msh
 from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.runtime.files import cached_by_content
 
@@ -44,7 +44,7 @@ class Finger(FingerSettings):
             return build_finger(self)
         if not file.is_file():
             raise MeshError(f"finger.mesh_file = {file} does not exist")
-        mesh = read_msh(file)
+        mesh = read_mesh(file)
         if self.mesh_file is None:
             logger.info("finger from %s", file.name)
         else:
@@ -55,7 +55,7 @@ class Finger(FingerSettings):
         """Return the shipped mesh with this finger as its recipe, if there is one."""
         for folder in MESH_FOLDERS:
             for recipe in sorted(folder.glob("*.toml")):
-                mesh = recipe.with_suffix(".msh")
+                mesh = recipe.with_suffix(".npz")
                 values = tomllib.loads(recipe.read_text(encoding="utf-8")).get("finger", {})
                 if mesh.is_file() and Finger.model_validate(values) == self:
                     return mesh

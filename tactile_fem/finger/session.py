@@ -1,4 +1,4 @@
-"""Access to gmsh, which runs only while a finger is meshed, and what it fills with cells."""
+"""Access to gmsh, which runs only while it meshes or reads, and what it fills with cells."""
 
 from __future__ import annotations
 
@@ -34,17 +34,23 @@ _OPTIONS = {
 
 
 @contextmanager
-def gmsh_model() -> Iterator[ModuleType]:
+def gmsh_model(
+    need: str = "a finger of this shape or size has to be meshed",
+) -> Iterator[ModuleType]:
     """Provide gmsh with an empty model and silent, reproducible settings; leave it as it was.
 
     Raises MeshError if gmsh is missing, or fails while meshing.
+
+    Parameters
+    ----------
+    need
+        Begins the sentence if it is missing.
     """
     try:
         import gmsh
     except (ImportError, OSError) as error:
         raise MeshError(
-            f"a finger of this shape or size has to be meshed, and gmsh cannot be loaded ({error}):"
-            " install it with `pip install gmsh`, or give finger.mesh_file"
+            f"{need}, and gmsh cannot be loaded ({error}): install it with `pip install gmsh`"
         ) from error
     started = not gmsh.isInitialized()
     if started:

@@ -50,8 +50,8 @@ class FingerSettings(Either):
     )
     mesh_file: File | None = Field(
         None,
-        description="a .msh file with the package's tags, instead of all other keys of this table "
-        "but kind",
+        description="a .msh file with the package's tags, which gmsh reads, instead of all other "
+        "keys of this table but kind",
     )
     skin_file: File | None = Field(
         None,

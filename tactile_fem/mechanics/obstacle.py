@@ -21,7 +21,8 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from tactile_fem.assembly.compile import expression, jit_options
-from tactile_fem.mechanics.measures import with_shared_tags
+from tactile_fem.assembly.facets import cells_and_local_facets
+from tactile_fem.assembly.tags import with_shared_tags
 from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.ranks import shared_errors
 from tactile_fem.stimulus.body import EXCESS_MM, NEAR_MM, RigidBody
@@ -81,7 +82,7 @@ class Obstacle:
         self.position: Expr = ufl.SpatialCoordinate(parent)
         self._position = expression(self.position, points)
         self._displacement = expression(u, points)
-        self.entities = _cells_and_local_facets(parent, entity_map, submesh)
+        self.entities = cells_and_local_facets(entity_map)
         self._points_per_facet = len(points)
 
         self._submesh, self._degree = submesh, degree
@@ -235,22 +236,3 @@ def _turned(symmetric: np.ndarray, R: np.ndarray) -> np.ndarray:
 def _set(function: fem.Function, facets: np.ndarray, values: np.ndarray) -> None:
     """Set a quadrature function on some facets."""
     function.x.array.reshape(len(facets), -1)[facets] = values.reshape(facets.sum(), -1)
-
-
-def _cells_and_local_facets(
-    parent: mesh.Mesh, entity_map: mesh.EntityMap, submesh: mesh.Mesh
-) -> np.ndarray:
-    """Return (cell, local facet) of each facet of the submesh, (facets, 2)."""
-    dim = parent.topology.dim
-    index_map = submesh.topology.index_map(dim - 1)
-    count = index_map.size_local + index_map.num_ghosts
-    facets = entity_map.sub_topology_to_topology(np.arange(count, dtype=np.int32), False)
-    parent.topology.create_connectivity(dim - 1, dim)
-    parent.topology.create_connectivity(dim, dim - 1)
-    to_cell = parent.topology.connectivity(dim - 1, dim)
-    to_facet = parent.topology.connectivity(dim, dim - 1)
-    pairs = np.empty((count, 2), dtype=np.int32)
-    for row, facet in enumerate(facets):
-        cell = to_cell.links(facet)[0]
-        pairs[row] = cell, np.flatnonzero(to_facet.links(cell) == facet)[0]
-    return pairs

@@ -13,6 +13,8 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from tactile_fem.assembly.compile import jit_options
+from tactile_fem.assembly.virtual_work import VirtualWork
 from tactile_fem.errors import MeshError
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.load import Load, LoadCell
@@ -143,6 +145,17 @@ class Problem:
         with self.state.reopened():
             self.terms.begin_step()
             yield
+
+    def virtual_work(self, form: ufl.Form, *, is_symmetric: bool = False) -> VirtualWork:
+        """Return a work of the step, or part of it, for assembly in several cells at once."""
+        return VirtualWork(
+            form,
+            self.u,
+            self.test,
+            is_symmetric=is_symmetric,
+            jit_options=jit_options(self.settings.compiler_flags),
+            entity_maps=self.contact.obstacle.entity_maps,
+        )
 
     @cached_property
     def load_cell(self) -> LoadCell:

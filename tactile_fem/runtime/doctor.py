@@ -90,8 +90,7 @@ def gmsh_finding() -> Finding | None:
     if not missing:
         return None
     return Finding(
-        "Libraries that gmsh needs are missing: only the shipped fingers and your own .msh files "
-        "can be used.",
+        "Libraries that gmsh needs are missing: only the shipped fingers can be used.",
         tuple(missing),
     )
 

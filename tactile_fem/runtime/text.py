@@ -142,11 +142,3 @@ class Numbers:
                 run = len(rows) if np.all(same) else int(np.argmin(same))
                 return self.take(dtype, max(run, 1))
             ahead *= 8
-
-    def integers(self, kind: str, count: int = 1) -> NDArray[np.int64]:
-        """Return the next integers (count,)."""
-        return self.take(kind, count).astype(np.int64)
-
-    def rows(self, kind: str, count: int, width: int) -> NDArray[np.int64]:
-        """Return the next rows (count, width) of integers."""
-        return self.integers(kind, count * width).reshape(count, width)

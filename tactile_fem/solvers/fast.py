@@ -21,7 +21,6 @@ from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 
 from tactile_fem.assembly.compile import jit_options
-from tactile_fem.assembly.virtual_work import VirtualWork
 from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.rows import Saved
@@ -71,12 +70,12 @@ class FastSolver(StepSolver):
         self.snes: PETSc.SNES = self._equations.solver
         self._near = NearSkin(problem.contact)
         is_symmetric = problem.bulk.is_symmetric
-        self._contact = VirtualWork(problem.contact.residual(v), problem)
-        self._bulk = VirtualWork(problem.bulk.residual(v), problem, is_symmetric=is_symmetric)
+        self._contact = problem.virtual_work(problem.contact.residual(v))
+        self._bulk = problem.virtual_work(problem.bulk.residual(v), is_symmetric=is_symmetric)
         self._bulk_of_tangent = self._bulk
         if self._lagging.is_on:
             work = problem.bulk.work_of_tangent(v)
-            self._bulk_of_tangent = VirtualWork(work, problem, is_symmetric=is_symmetric)
+            self._bulk_of_tangent = problem.virtual_work(work, is_symmetric=is_symmetric)
         self._jacobian = Jacobian(
             problem, self._contact, self._equations.J, self._equations.A, self._jit
         )

@@ -15,7 +15,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 from tactile_fem.assembly.compile import jit_options
-from tactile_fem.mechanics.measures import with_shared_tags
+from tactile_fem.assembly.tags import with_shared_tags
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.options import NEWTON, PLAIN, clear_options, set_options
 from tactile_fem.solvers.report import LinearSolve, SolveReport, StepSolver, solve_linear
