@@ -5,12 +5,8 @@ compute mechanics:
 
 - ``Study``, ``load_study``: the input. Its tables (``Finger``, ``Text``, ``Protocol``, …) are in
   `tactile_fem.study`.
-- ``scan``, ``resume``, ``completed``, ``vibrate``, ``fit``: computations; ``Simulation``: one, step
-  by step.
-- ``Experiment``, ``read_measurements``: what ``fit`` takes.
-- ``ScanResult``, ``Trace``, ``Spectrum``, ``Calibration``: what they return; ``Observation``: what
-  an observer of a scan is given.
-- ``Ensemble``: people in a folder, see `tactile_fem.people`.
+- ``scan``, ``resume``, ``completed``: computations; ``Simulation``: one, step by step.
+- ``ScanResult``, ``Trace``: what they return; ``Observation``: what an observer of a scan is given.
 - ``preview``: finger and stimulator before a scan; ``Results``, ``draw``: the results folder and
   its figures; ``SurfaceFields``: fields on the skin.
 - ``Parts`` and what it takes: ``Finger.mesh`` makes a ``FingerMesh``, a ``Law`` is a tissue, a
@@ -22,16 +18,16 @@ compute mechanics:
   ``TactileError``.
 - ``run_script``: the program around a script's ``main``; ``write_table``: a CSV file.
 
-The lists of `tactile_fem.study`, `tactile_fem.neuron`, `tactile_fem.series`,
-`tactile_fem.people` and `tactile_fem.surrogate` are public too.
-Everything else may change from release to release.
+The lists of `tactile_fem.study`, `tactile_fem.neuron` and `tactile_fem.series` are public too, and
+those of the companions, which add:
+
 """
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from tactile_fem import companions
 from tactile_fem.errors import (
     ConvergenceError,
     MeshError,
@@ -40,11 +36,9 @@ from tactile_fem.errors import (
     TactileError,
 )
 from tactile_fem.runtime import html
+from tactile_fem.runtime.lazy import lazily
 
 if TYPE_CHECKING:
-    from tactile_fem.calibration.calibrate import fit
-    from tactile_fem.calibration.measurements import Experiment, read_measurements
-    from tactile_fem.calibration.result import Calibration
     from tactile_fem.cli.app import run_script
     from tactile_fem.finger import FingerMesh
     from tactile_fem.mechanics.terms.term import Term
@@ -52,7 +46,6 @@ if TYPE_CHECKING:
     from tactile_fem.output.figures import draw
     from tactile_fem.output.preview import preview
     from tactile_fem.path import Motion, Path, Piece
-    from tactile_fem.people import Ensemble
     from tactile_fem.runtime.files import write_table
     from tactile_fem.simulation.parts import Parts
     from tactile_fem.simulation.results import Results
@@ -66,18 +59,13 @@ if TYPE_CHECKING:
     from tactile_fem.study import Study
     from tactile_fem.study.file import load_study
     from tactile_fem.tissue.energies import Law
-    from tactile_fem.vibration.spectrum import Spectrum
-    from tactile_fem.vibration.vibrate import vibrate
 
     __version__: str
 
 __all__ = [
-    "Calibration",
     "ConvergenceError",
     "Distance",
     "Embossed",
-    "Ensemble",
-    "Experiment",
     "FastSolver",
     "FingerMesh",
     "Friction",
@@ -94,7 +82,6 @@ __all__ = [
     "RigidBody",
     "ScanResult",
     "Simulation",
-    "Spectrum",
     "Stimulus",
     "StoppedError",
     "Study",
@@ -105,29 +92,22 @@ __all__ = [
     "Trace",
     "completed",
     "draw",
-    "fit",
     "load_study",
     "preview",
-    "read_measurements",
     "resume",
     "run_script",
     "scan",
-    "vibrate",
     "write_table",
 ]
 
 # Where the names are that are imported on demand.
 _MODULES = {
-    "calibration.calibrate": ("fit",),
-    "calibration.measurements": ("Experiment", "read_measurements"),
-    "calibration.result": ("Calibration",),
     "cli.app": ("run_script",),
     "finger": ("FingerMesh",),
     "mechanics.terms.term": ("Term",),
     "neuron": ("Population",),
     "output.figures": ("draw",),
     "output.preview": ("preview",),
-    "people": ("Ensemble",),
     "path": ("Motion", "Path", "Piece"),
     "runtime.files": ("write_table",),
     "simulation.parts": ("Parts",),
@@ -142,19 +122,15 @@ _MODULES = {
     "study": ("Study",),
     "study.file": ("load_study",),
     "tissue.energies": ("Law",),
-    "vibration.spectrum": ("Spectrum",),
-    "vibration.vibrate": ("vibrate",),
 }
-_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+_find = lazily(__name__, _MODULES | companions.names())
+__all__ += [name for names in companions.names().values() for name in names]
+__doc__ += "\n".join(f"- {summary}" for summary in companions.summaries())
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name, or read the version."""
-    if name == "__version__":
-        return _version()
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+    return _version() if name == "__version__" else _find(name)
 
 
 def _shown_results(results: Results) -> str:

@@ -16,11 +16,11 @@ from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
 from tactile_fem.people import people, run_people
 from tactile_fem.people.draw import standard_scores
+from tactile_fem.people.settings import PRIORS
 from tactile_fem.people.spread import Varied
 from tactile_fem.series import numbers_of, sweep
 from tactile_fem.study import Finger, Output, People, Plate, Protocol, Receptors, Study
 from tactile_fem.study.file import dump_study, load_study
-from tactile_fem.study.people import PRIORS
 
 # --- names ---------------------------------------------------------------------------------------
 

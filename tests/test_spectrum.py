@@ -10,9 +10,9 @@ import pytest
 from synthetic import make_results
 
 from tactile_fem.neuron import DRIVES, Drive, Population, rate_of
-from tactile_fem.output.spectrum import spectrum_figure, write_vibration
 from tactile_fem.study import Neuron, Study
 from tactile_fem.vibration import Spectrum, unfelt
+from tactile_fem.vibration.figures import spectrum_figure, write_vibration
 
 PC = {"name": "PC", "kind": "PC"}
 FELT = {"fast": "sed", "soft": "compression", "deep": "pressure", "own": "squeeze"}

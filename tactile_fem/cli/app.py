@@ -19,7 +19,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the c
 from cyclopts import App, CycloptsError, Parameter
 
 import tactile_fem
-from tactile_fem.cli import compute, outputs, reduce, view
+from tactile_fem import companions
+from tactile_fem.cli import compute, outputs, view
 from tactile_fem.cli.options import command_line
 from tactile_fem.errors import TactileError
 from tactile_fem.runtime import logs, ranks
@@ -43,7 +44,7 @@ app = App(
     help_format="plaintext",
     default_parameter=Parameter(negative="", consume_multiple=False),
 )
-for command in (*compute.COMMANDS, *reduce.COMMANDS, *outputs.COMMANDS, *view.COMMANDS):
+for command in (*compute.COMMANDS, *outputs.COMMANDS, *view.COMMANDS, *companions.commands()):
     app.command(command)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextvars import ContextVar
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -46,6 +47,23 @@ ListScans = Annotated[
 ]
 Collect = Annotated[bool, Parameter(help="Run nothing: use what has run elsewhere.")]
 Overwrite = Annotated[bool, Parameter(show_default=False)]
+
+
+SeriesFolder = Annotated[Path, Parameter(help="Folder for the scans' folders and summary.csv.")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Scheduling:
+    """How the scans of a series are run."""
+
+    jobs: Annotated[Count, Parameter(help="Parallel scans.")] = 1
+    ranks: Ranks = 1
+    list_: ListScans = False
+    collect: Collect = False
+
+
+ONE_BY_ONE = Scheduling()
 
 # The words of the command that runs.
 command_line: ContextVar[Sequence[str]] = ContextVar("command_line", default=())

@@ -107,7 +107,7 @@ def view(
         )
     from tactile_fem.output import view as viewing
     from tactile_fem.output.film import Film
-    from tactile_fem.vibration import Modes
+    from tactile_fem.output.modes import Modes
 
     look: pictures.Look = "receptors"
     if vibration is None:

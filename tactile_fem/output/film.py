@@ -15,12 +15,12 @@ from tactile_fem.finger.simplex import SOLID, simplex_of
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import is_soft
 from tactile_fem.output.histories import TIME, at_time, turns_at
+from tactile_fem.output.modes import Modes
 from tactile_fem.path.rotations import matrix, to_body, to_space, vector
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.fields import FieldState, read_series
 from tactile_fem.simulation.pose import Pose, turned_with_bone
 from tactile_fem.simulation.results import Results
-from tactile_fem.vibration import Modes
 
 Array = NDArray[np.floating]
 

@@ -26,13 +26,13 @@ from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import PICTURE_DPI
 from tactile_fem.output.film import FRAMES_PER_STATE, Film
 from tactile_fem.output.histories import central_receptor, extrema
+from tactile_fem.output.modes import Modes
 from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.output.view import Frames
 from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.simulation.fields import read_series
 from tactile_fem.simulation.results import Results
-from tactile_fem.vibration import Modes
 
 logger = logging.getLogger(__name__)
 

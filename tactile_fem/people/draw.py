@@ -17,11 +17,11 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from tactile_fem.errors import StudyError
+from tactile_fem.people.settings import MOST_SD, People
 from tactile_fem.people.spread import Varied
 from tactile_fem.series import Member
 from tactile_fem.simulation.checks import check
-from tactile_fem.study import People, Study
-from tactile_fem.study.people import MOST_SD
+from tactile_fem.study import Study
 
 Array = NDArray[np.float64]
 

@@ -20,9 +20,9 @@ from tactile_fem.calibration.parameters import (
 )
 from tactile_fem.calibration.posterior import Posterior
 from tactile_fem.errors import StudyError
-from tactile_fem.study import People, Spread, Study
+from tactile_fem.people.settings import PRIORS, PRIORS_OF_NEURON, People, Spread
+from tactile_fem.study import Study
 from tactile_fem.study.explain import suggestion
-from tactile_fem.study.people import PRIORS, PRIORS_OF_NEURON
 
 logger = logging.getLogger(__name__)
 

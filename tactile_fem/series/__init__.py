@@ -1,9 +1,9 @@
 """Series of scans: sweeps over values, passes over one receptor, and their reports."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tactile_fem.output.histories import mean_over
+from tactile_fem.runtime.lazy import lazily
 from tactile_fem.series.members import Member, single_fibre, sweep
 from tactile_fem.series.run import (
     Outcome,
@@ -51,11 +51,15 @@ __all__ = [
     "write_summary",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import what draws or needs MPI when it is first used: both take a while."""
-    for module in ("comparison", "image", "listing") if name in __all__ else ():
-        found = vars(import_module(f"{__name__}.{module}"))
-        if name in found:
-            return found[name]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# What draws or needs MPI, which take a while.
+__getattr__ = lazily(
+    __name__,
+    {
+        "comparison": ["compare", "write_comparison"],
+        "image": [
+            *("RateImage", "correlations", "fibre_image", "outline_image", "population_image"),
+            "rate_image",
+        ],
+        "listing": ["write_list", "write_snakefile"],
+    },
+)

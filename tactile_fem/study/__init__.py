@@ -18,7 +18,9 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 
+from tactile_fem import companions
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import Finger, FingerMesh
 from tactile_fem.finger.joint import Joint
@@ -39,6 +41,7 @@ from tactile_fem.receptors import Layout
 from tactile_fem.receptors.settings import Receptors, misplaced
 from tactile_fem.runtime import html
 from tactile_fem.runtime.differences import brief, differences
+from tactile_fem.runtime.lazy import lazily
 from tactile_fem.runtime.settings import Settings
 from tactile_fem.stimulus import (
     Braille,
@@ -56,7 +59,6 @@ from tactile_fem.stimulus import (
 )
 from tactile_fem.study.afferents import Afferents, filled, given_keys
 from tactile_fem.study.output import Output
-from tactile_fem.study.people import People, Spread
 from tactile_fem.study.solver import Solver
 from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissue
 
@@ -80,7 +82,6 @@ __all__ = [
     "Mesh",
     "Neuron",
     "Output",
-    "People",
     "Piece",
     "Plate",
     "Polynomial",
@@ -93,7 +94,6 @@ __all__ = [
     "Slide",
     "Solver",
     "Sphere",
-    "Spread",
     "Stimulus",
     "Study",
     "Surface",
@@ -105,8 +105,8 @@ __all__ = [
 
 # Keys that the mechanics does not depend on, as pydantic excludes them.
 AFTER_MECHANICS: dict[str, Any] = {
+    **dict.fromkeys(companions.tables(), True),
     "neuron": True,
-    "people": True,
     "afferents": {"__all__": {"neuron", "feels"}},
 }
 
@@ -124,7 +124,6 @@ class Study(Settings):
     afferents: tuple[Afferents, ...] = ()
     solver: Solver = Solver()
     output: Output = Output()
-    people: People | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -216,8 +215,11 @@ class Study(Settings):
         sections = dict[str, Settings](
             finger=self.finger, stimulus=self.stimulus, output=self.output
         )
-        if self.people is not None:
-            sections["people"] = self.people
+        sections |= {
+            name: table
+            for name in companions.tables()
+            if (table := getattr(self, name)) is not None
+        }
         for number, piece in enumerate(self.protocol.pieces, 1):
             sections[f"protocol.path (entry {number})"] = piece
         return {
@@ -225,3 +227,11 @@ class Study(Settings):
             for name, section in sections.items()
             for key, file in section.files().items()
         }
+
+
+for _name, _table in companions.tables().items():
+    Study.model_fields[_name] = FieldInfo(annotation=_table | None, default=None)
+Study.model_rebuild(force=True)
+companions.import_kinds()
+__all__ += [name for names in companions.names("study_names").values() for name in names]
+__getattr__ = lazily("tactile_fem", companions.names("study_names"))

@@ -10,6 +10,7 @@ from typing import Any
 import tomlkit
 from pydantic import ValidationError
 
+from tactile_fem import companions
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import Finger
 from tactile_fem.path import Piece
@@ -20,7 +21,6 @@ from tactile_fem.study import Study
 from tactile_fem.study.explain import explain, located
 from tactile_fem.study.kept import usable
 from tactile_fem.study.output import Output
-from tactile_fem.study.people import People
 
 # One file for each study; its name is that of the study.
 _SHIPPED = Path(__file__).parent / "shipped"
@@ -166,12 +166,12 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
     protocol = data.get("protocol")
     pieces = protocol.get("path") if isinstance(protocol, dict) else None
     tables: list[Any] = [
-        *map(data.get, ("finger", "output", "people")),
+        *map(data.get, ("finger", "output", *companions.tables())),
         stimulus := data.get("stimulus"),
     ]
     tables += [stimulus.get("friction")] if isinstance(stimulus, dict) else []
     tables += pieces if isinstance(pieces, list) else []
-    models: list[type[Settings]] = [Finger, Output, People]
+    models: list[type[Settings]] = [Finger, Output, *companions.tables().values()]
     models += [kind for one in (Stimulus, Friction, Piece) for kind in one.kinds.values()]
     model_of = {key: model for model in models for key in model.file_keys()}
     for table in tables:

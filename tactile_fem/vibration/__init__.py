@@ -3,6 +3,20 @@
 `tactile_fem.vibrate` computes them; a `Spectrum` holds them, `Modes` the shapes of the finger.
 """
 
-from tactile_fem.vibration.spectrum import Modes, Spectrum, few_of, frequencies_of, nearest, unfelt
+from typing import TYPE_CHECKING
+
+from tactile_fem.runtime.lazy import lazily
+
+if TYPE_CHECKING:
+    from tactile_fem.output.modes import Modes, nearest
+    from tactile_fem.vibration.spectrum import Spectrum, few_of, frequencies_of, unfelt
 
 __all__ = ["Modes", "Spectrum", "few_of", "frequencies_of", "nearest", "unfelt"]
+
+__getattr__ = lazily(
+    "tactile_fem",
+    {
+        "output.modes": ["Modes", "nearest"],
+        "vibration.spectrum": ["Spectrum", "few_of", "frequencies_of", "unfelt"],
+    },
+)

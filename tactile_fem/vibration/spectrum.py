@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population
 from tactile_fem.neuron.fields import MOVED, SED, STRETCHES, trial_histories
-from tactile_fem.runtime.files import write_arrays, write_table
+from tactile_fem.output.modes import Archived
+from tactile_fem.runtime.files import write_table
 
 Array = NDArray[Any]
 _SAMPLES_PER_PERIOD = 24
@@ -22,24 +22,6 @@ _SAMPLES_PER_PERIOD = 24
 _LONGEST_SAMPLE_S = 4e-4
 # Afferents have adapted to the state for a minute; membranes settle before spikes are counted.
 _HELD_S, _SETTLING_S, _COUNTING_S = 60.0, 0.25, 1.0
-
-
-class Archived:
-    """A dataclass of arrays with a file of them."""
-
-    def save(self, path: Path) -> None:
-        """Write all fields as a compressed NumPy archive."""
-        write_arrays(path, vars(self), compressed=True)
-
-    @classmethod
-    def load(cls, path: Path) -> Self:
-        """Return what `save` wrote; StudyError if it cannot be read."""
-        try:
-            with np.load(path, allow_pickle=False) as arrays:
-                known = [one.name for one in fields(cast(Any, cls))]
-                return cls(**{name: arrays[name] for name in known if name in arrays})
-        except (OSError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise StudyError(f"{path} cannot be read as a vibration: {error}.") from None
 
 
 @dataclass(frozen=True)
@@ -155,49 +137,6 @@ class Spectrum(Archived):
         write_table(path, records)
 
 
-@dataclass(frozen=True)
-class Modes(Archived):
-    """Motion of the whole finger in a vibration about a state.
-
-    Attributes
-    ----------
-    frequency_Hz
-        (f,).
-    moved
-        Complex displacement amplitudes per mm of the vibration, (f, n, 3), single precision. The
-        real part of the amplitude times ``exp(i w t)`` is the displacement.
-    still_mm
-        Displacement of the state itself, (n, 3).
-    nodes_mm, tets, tissue
-        Of the mesh, in its file's order: (n, 3); (m, 10), gmsh's order; (m,) tags.
-    stimulator_mm
-        Position of the body in the state, (3,).
-    body
-        How the body vibrates, (3,): a unit vector, or 0 if the bone vibrates.
-    stimulator_rad
-        Rotation vector of the body in the state, (3,).
-    """
-
-    frequency_Hz: Array
-    moved: Array
-    still_mm: Array
-    nodes_mm: Array
-    tets: Array
-    tissue: Array
-    stimulator_mm: Array
-    body: Array
-    stimulator_rad: Array = field(default_factory=lambda: np.zeros(3))  # older files lack it
-
-    def nearest(self, frequency_Hz: float) -> int:
-        """Return the number of the frequency nearest to one, by their ratio."""
-        return int(nearest(self.frequency_Hz, [frequency_Hz])[0])
-
-    def largest_phase(self, k: int) -> float:
-        """Return the phase w t, rad, at which the nodes' mean square displacement is largest."""
-        # |Re(a e^(i p))|^2 = (|a|^2 + Re(a.a e^(2 i p)))/2
-        return float(-0.5 * np.angle(np.sum(self.moved[k].astype(complex) ** 2)))
-
-
 def unfelt(population: Population) -> str:
     """Return why a vibration does not have the drive of a population; empty if it does."""
     try:
@@ -234,12 +173,6 @@ def frequencies_of(text: str, name: str = "frequencies") -> Array:
             "in Hz and greater than 0."
         ) from None
     return found
-
-
-def nearest(frequencies_Hz: ArrayLike, wanted_Hz: ArrayLike) -> NDArray[np.intp]:
-    """Return the numbers, rising, of the frequencies nearest to the wanted ones, by their ratio."""
-    logs, wanted = np.log(frequencies_Hz), np.log(wanted_Hz)
-    return np.unique(np.abs(logs[:, None] - wanted).argmin(axis=0))
 
 
 def few_of(frequencies_Hz: ArrayLike) -> Array:

@@ -18,6 +18,7 @@ from dolfinx import fem
 from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
+from tactile_fem.output.modes import Modes
 from tactile_fem.path.rotations import matrix, vector
 from tactile_fem.runtime.session import session
 from tactile_fem.simulation.checkpoint import read_checkpoint
@@ -25,7 +26,7 @@ from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.vibration.harmonic import Harmonic, HarmonicResponse
-from tactile_fem.vibration.spectrum import Modes, Spectrum
+from tactile_fem.vibration.spectrum import Spectrum
 
 logger = logging.getLogger(__name__)
 

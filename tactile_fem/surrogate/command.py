@@ -67,6 +67,3 @@ def reduce(
     for name, value in finger.errors.items():
         print(f"{name}: {value:g}")
     print(f"Written to {output}")
-
-
-COMMANDS = (reduce,)

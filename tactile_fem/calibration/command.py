@@ -1,0 +1,82 @@
+"""The command that fits tissues and finger."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter, validators
+
+from tactile_fem.cli.options import Changes, Count, PositiveFloat, Ranks, with_mechanics
+from tactile_fem.errors import StudyError
+from tactile_fem.runtime import ranks
+
+
+def fit(
+    *measured: Path,
+    indenter: Annotated[
+        list[str] | None,
+        Parameter(
+            help='Of raw curves: a kind of stimulus and its keys, plate or "sphere radius_mm=2"; '
+            "one for all, or one for each in turn."
+        ),
+    ] = None,
+    speed: PositiveFloat | None = None,
+    sd: PositiveFloat | None = None,
+    study: Path | None = None,
+    changes: Changes = (),
+    parameters: Annotated[
+        list[str] | None,
+        Parameter(
+            name="--fit",
+            help="What to fit: a tissue, skin, a constant or a length, with how far it may be "
+            "from the study's: subcutaneous.C20_MPa:3 is within a factor of 3 at one standard "
+            "deviation. May be repeated. Default skin and the constants of subcutaneous tissue.",
+        ),
+    ] = None,
+    results: Path = Path("results/fit"),
+    evaluations: Annotated[int, Parameter(validator=validators.Number(gte=2))] = 12,
+    jobs: Count = 1,
+    ranks_: Ranks = 1,
+) -> None:
+    """Fit tissues, and the finger's shape, to measurements of somebody's finger.
+
+    A CSV file is a raw curve, depth_mm and force_N, or a table with the columns indenter,
+    speed_mm_s, depth_mm, force_N, sd_N, or indenter, speed_mm_s, depth_mm, place_mm, deflection_mm,
+    sd_mm. Started again, it repeats no press.
+
+    Parameters
+    ----------
+    measured
+        CSV files with forces over depth or profiles of the skin.
+    speed
+        Of raw curves: speed of the press in mm/s.
+    sd
+        Of raw curves: standard deviation of a force in N; default 5 % of it and 1 % of the largest.
+    study
+        Study to start from, a file or a shipped one; default values if left out.
+    results
+        Folder for presses, tables and figure.
+    evaluations
+        Most points to try.
+    jobs
+        Parallel presses.
+    """
+    from tactile_fem import load_study
+    from tactile_fem.calibration.measurements import read_measurements
+    from tactile_fem.calibration.parameters import DEFAULT_PARAMETERS, parse_parameter
+
+    start = load_study(study, changes)
+    experiments = read_measurements(measured, indenters=indenter or (), speed_mm_s=speed, sd_N=sd)
+    names = parameters or DEFAULT_PARAMETERS
+    for name in names:
+        parse_parameter(name, start)  # raises here, before ranks are started
+    if jobs > 1 and ranks_ > 1:
+        raise StudyError(f"--jobs is {jobs} and --ranks {ranks_}, but one of them must be 1.")
+    module = with_mechanics("tactile_fem.calibration.calibrate", ranks_)
+    found = module.fit(
+        start, experiments, results, parameters=names, jobs=jobs, evaluations=evaluations
+    )
+    if ranks.is_first():
+        print(found)
+        print(f"Tables, figure and study.toml are in {results}")
