@@ -123,7 +123,7 @@ _MODULES = {
     "study.file": ("load_study",),
     "tissue.energies": ("Law",),
 }
-_find = lazily(__name__, _MODULES | companions.names())
+_find = lazily(__name__, {**_MODULES, **companions.names()})
 __all__ += [name for names in companions.names().values() for name in names]
 __doc__ += "\n".join(f"- {summary}" for summary in companions.summaries())
 

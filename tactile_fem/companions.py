@@ -43,7 +43,7 @@ def names(key: str = "names") -> dict[str, list[str]]:
     }
 
 
-def commands() -> Iterator[Callable[..., object]]:
+def commands() -> Iterator[Callable[..., Any]]:
     """Yield the functions that are commands of the command line."""
     for folder, each in _declared().items():
         for name in each.get("commands", ()):

@@ -31,7 +31,7 @@ from tactile_fem.simulation.checks import check, check_parts
 from tactile_fem.simulation.parts import Parts
 from tactile_fem.simulation.results import Results
 from tactile_fem.study import Afferents, Neuron, Receptors, Study
-from tactile_fem.study.explain import explain
+from tactile_fem.study.explain import in_words
 from tactile_fem.study.file import dump_study, load_study
 
 NOISY = Neuron(
@@ -367,7 +367,7 @@ def test_a_registered_drive_can_be_named_in_a_study(tmp_path, monkeypatch):
 def test_receptors_that_no_such_finger_has_are_refused_when_the_study_is_made(tables, sentence):
     with pytest.raises(ValidationError) as caught:
         Study.model_validate(tables)
-    assert explain(caught.value).startswith(sentence) and "\n" not in explain(caught.value)
+    assert in_words(caught.value).startswith(sentence) and "\n" not in in_words(caught.value)
 
 
 # --- results --------------------------------------------------------------------------------------

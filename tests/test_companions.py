@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import shutil
 import subprocess
 import sys
@@ -56,11 +57,13 @@ def test_the_core_does_without(gone, tmp_path):
     skipped = shutil.ignore_patterns("__pycache__", gone)
     shutil.copytree(PACKAGE, tmp_path / "tactile_fem", ignore=skipped)
     code = (
+        "import sys\n"  # an editable installation would find the folder elsewhere
+        "sys.meta_path = [one for one in sys.meta_path if 'editable' not in repr(one).lower()]\n"
         "import tactile_fem\n"
         f"assert {str(tmp_path)!r} in tactile_fem.__file__\n"
         "from tactile_fem import Study\n"
-        "for name in tactile_fem.__all__:\n"
-        "    getattr(tactile_fem, name)\n"
+        "for names in tactile_fem._MODULES.values():\n"
+        "    [getattr(tactile_fem, name) for name in names]\n"
         "from tactile_fem.study.template import commented_template\n"
         "assert commented_template()\n"
         "from tactile_fem.simulation.checks import check\n"
@@ -73,3 +76,35 @@ def test_the_core_does_without(gone, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "scan" in done.stdout
+
+
+# The rooms of the core, whose lists are what it exports, and what everybody may use.
+ROOMS = {
+    *("assembly", "finger", "mechanics", "neuron", "output", "path", "receptors", "results"),
+    *("series", "simulation", "solvers", "stimulus", "study", "tissue"),
+}
+BELOW = ("tactile_fem.errors", "tactile_fem.runtime", "tactile_fem.cli.options")
+# A function that has the name of its module.
+EXEMPT = {("tactile_fem.output.panels", "panels")}
+
+
+@pytest.mark.parametrize("companion", COMPANIONS)
+def test_a_companion_imports_what_the_core_exports(companion):
+    wrong = []
+    for file, names in imported_by(PACKAGE / companion).items():
+        for module, name in sorted(names - EXEMPT):
+            other = companion_of(module, name)
+            if module.startswith(BELOW) or other == companion:
+                continue
+            words = module.split(".")
+            is_room = len(words) == 2 and (other or words[1] in ROOMS)
+            exported = set(getattr(importlib.import_module(module), "__all__", ()))
+            if not (len(words) == 1 or is_room) or name not in exported | ROOMS | {""}:
+                wrong.append(f"{file}: {module} {name}")
+    assert not wrong
+
+
+def test_the_core_s_assembly_knows_no_finger():
+    allowed = ("tactile_fem.assembly", "tactile_fem.runtime", "tactile_fem.errors")
+    for names in imported_by(PACKAGE / "assembly").values():
+        assert all(module.startswith(allowed) for module, _ in names)

@@ -38,7 +38,7 @@ from tactile_fem.calibration.tables import write_results
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.logs import each_once
 from tactile_fem.runtime.session import session
-from tactile_fem.simulation.checks import check
+from tactile_fem.simulation import check
 from tactile_fem.study import Study
 
 Array = NDArray[np.float64]

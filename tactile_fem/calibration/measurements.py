@@ -34,8 +34,7 @@ from tactile_fem.calibration.contact import from_contact
 from tactile_fem.calibration.curves import curve_of, points_of
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import read_rows, read_text
-from tactile_fem.study import Stimulus, Study
-from tactile_fem.study.explain import explain
+from tactile_fem.study import Stimulus, Study, in_words
 
 logger = logging.getLogger(__name__)
 
@@ -262,7 +261,7 @@ def parse_indenter(text: str, where: str) -> Stimulus:
     try:
         return Study.model_validate({"stimulus": table}).stimulus
     except ValidationError as error:
-        raise StudyError(f"{where}: {explain(error)}") from None
+        raise StudyError(f"{where}: {in_words(error)}") from None
 
 
 def _lines(file: Path) -> Iterable[tuple[int, dict[str, str]]]:

@@ -13,8 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus import Friction
-from tactile_fem.study import Study
-from tactile_fem.study.explain import explain, suggestion
+from tactile_fem.study import Study, in_words, suggestion
 
 _SKIN = ("stratum_corneum", "epidermis", "dermis")
 _TISSUES = (*_SKIN, "subcutaneous", "bone", "nail")
@@ -250,7 +249,7 @@ def with_values(study: Study, parameters: Sequence[Parameter], x: ArrayLike) -> 
     try:
         return Study.model_validate(data)
     except ValidationError as error:
-        raise StudyError(explain(error)) from None
+        raise StudyError(in_words(error)) from None
 
 
 def _positive(section: Any) -> list[str]:

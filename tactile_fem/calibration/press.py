@@ -14,17 +14,16 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_fem import Parts, Simulation
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.parameters import Parameter, Powers, with_values
 from tactile_fem.calibration.sensitivity import Change, Sensitivities
 from tactile_fem.errors import StoppedError, TactileError
-from tactile_fem.finger.deformation import SkinSurface
-from tactile_fem.mechanics.faults import stopping
+from tactile_fem.finger import SkinSurface
+from tactile_fem.mechanics import stopping
 from tactile_fem.path import Motion, Path, straight
 from tactile_fem.runtime.ranks import on_root
-from tactile_fem.simulation.bone import Bone
-from tactile_fem.simulation.parts import Parts
-from tactile_fem.simulation.simulation import Simulation
+from tactile_fem.simulation import Bone
 from tactile_fem.study import Protocol, Study
 
 logger = logging.getLogger(__name__)

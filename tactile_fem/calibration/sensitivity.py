@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_fem.solvers.finger_problem import FingerProblem
+from tactile_fem.solvers import FingerProblem
 
 Array = np.ndarray
 # A change of the constants' logarithms: small against where contact begins (displacements move by

@@ -15,8 +15,7 @@ from tactile_fem.calibration.parameters import unit_of, value_at
 from tactile_fem.calibration.result import Calibration
 from tactile_fem.runtime.estimates import Estimate
 from tactile_fem.runtime.files import write_figure, write_table, write_text
-from tactile_fem.study.file import dump_study
-from tactile_fem.study.kept import keep_files
+from tactile_fem.study import dump_study, keep_files
 
 Array = NDArray[np.float64]
 Row = dict[str, str | float]

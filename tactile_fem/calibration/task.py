@@ -23,9 +23,7 @@ from tactile_fem.errors import TactileError
 from tactile_fem.runtime.files import sha256, write_arrays, write_text
 from tactile_fem.runtime.jobs import ERROR
 from tactile_fem.runtime.ranks import on_root, raise_stopped, signal_handler
-from tactile_fem.study import Study
-from tactile_fem.study.file import dump_study, load_study
-from tactile_fem.study.kept import content_of, with_files
+from tactile_fem.study import Study, content_of, dump_study, load_study, with_files
 
 
 @dataclass(frozen=True)

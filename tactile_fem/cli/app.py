@@ -12,7 +12,7 @@ import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: ranks share the cores
 
@@ -44,8 +44,14 @@ app = App(
     help_format="plaintext",
     default_parameter=Parameter(negative="", consume_multiple=False),
 )
-for command in (*compute.COMMANDS, *outputs.COMMANDS, *view.COMMANDS, *companions.commands()):
-    app.command(command)
+_commands: list[Callable[..., Any]] = [
+    *compute.COMMANDS,
+    *outputs.COMMANDS,
+    *view.COMMANDS,
+    *companions.commands(),
+]
+for _command in _commands:
+    app.command(_command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -123,10 +129,10 @@ def _report_other(error: Exception) -> int:
     """Report a part of a study that a script makes and that is not valid, or a bug."""
     from pydantic import ValidationError
 
-    from tactile_fem.study.explain import explain
+    from tactile_fem.study.explain import in_words
 
     if isinstance(error, ValidationError):
-        return _report(explain(error), 2)
+        return _report(in_words(error), 2)
     if ranks.is_first():
         traceback.print_exception(error)
     return 1

@@ -2,7 +2,15 @@
 
 from tactile_fem.neuron.currents import ExponentialSum, Segment, Transduction
 from tactile_fem.neuron.drives import DRIVES, Drive, Histories, drive_of
-from tactile_fem.neuron.fields import Field, MaterialPoint
+from tactile_fem.neuron.fields import (
+    MOVED,
+    SED,
+    STANDARD,
+    STRETCHES,
+    Field,
+    MaterialPoint,
+    trial_histories,
+)
 from tactile_fem.neuron.fitting import FitWarning, RateFit, fit
 from tactile_fem.neuron.population import Population, fields_of, fire_all, replaced, respond
 from tactile_fem.neuron.rates import (
@@ -17,6 +25,10 @@ from tactile_fem.neuron.response import Response, load, save, to_neo
 
 __all__ = [
     "DRIVES",
+    "MOVED",
+    "SED",
+    "STANDARD",
+    "STRETCHES",
     "Drive",
     "ExponentialSum",
     "Field",
@@ -43,4 +55,5 @@ __all__ = [
     "respond",
     "save",
     "to_neo",
+    "trial_histories",
 ]

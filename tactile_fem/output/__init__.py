@@ -1,1 +1,40 @@
 """Output of a scan: figures, pictures, animations; and input decks."""
+
+from typing import TYPE_CHECKING
+
+from tactile_fem.runtime.lazy import lazily
+
+if TYPE_CHECKING:
+    from tactile_fem.output.abscissa import Abscissa
+    from tactile_fem.output.annotations import BLUE, DISTINCT, GREEN, INK, VERMILION
+    from tactile_fem.output.histories import central_receptor
+    from tactile_fem.output.modes import Archived, Modes, nearest
+    from tactile_fem.output.pictures import draw_pictures
+    from tactile_fem.output.plots import styled
+
+__all__ = [
+    "BLUE",
+    "DISTINCT",
+    "GREEN",
+    "INK",
+    "VERMILION",
+    "Abscissa",
+    "Archived",
+    "Modes",
+    "central_receptor",
+    "draw_pictures",
+    "nearest",
+    "styled",
+]
+
+__getattr__ = lazily(
+    __name__,
+    {
+        "abscissa": ["Abscissa"],
+        "annotations": ["BLUE", "DISTINCT", "GREEN", "INK", "VERMILION"],
+        "histories": ["central_receptor"],
+        "modes": ["Archived", "Modes", "nearest"],
+        "pictures": ["draw_pictures"],
+        "plots": ["styled"],
+    },
+)

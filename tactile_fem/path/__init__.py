@@ -1,7 +1,8 @@
 """The path of the body: pieces of motion in order."""
 
-from tactile_fem.path.loads import HeldLoads
+from tactile_fem.path.loads import NORMAL, HeldLoads
 from tactile_fem.path.motion import Motion, Path, straight
+from tactile_fem.path.rotations import matrix, vector
 
 # isort: off
 # The kinds of piece, in the order in which the template and messages list them.
@@ -14,6 +15,7 @@ from tactile_fem.path.follow import Follow
 from tactile_fem.path.protocol import Protocol
 
 __all__ = [
+    "NORMAL",
     "Follow",
     "HeldLoads",
     "Hold",
@@ -28,5 +30,7 @@ __all__ = [
     "Slide",
     "Twist",
     "Vibration",
+    "matrix",
     "straight",
+    "vector",
 ]

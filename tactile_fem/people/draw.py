@@ -17,10 +17,10 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from tactile_fem.errors import StudyError
-from tactile_fem.people.settings import MOST_SD, People
+from tactile_fem.people.settings import MOST_SD, People, people_of
 from tactile_fem.people.spread import Varied
 from tactile_fem.series import Member
-from tactile_fem.simulation.checks import check
+from tactile_fem.simulation import check
 from tactile_fem.study import Study
 
 Array = NDArray[np.float64]
@@ -66,13 +66,13 @@ def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
         raise StudyError(f"number is {number} but must be 1 or more people.")
     if isinstance(conditions, Study):
         conditions = [Member("", conditions, {})]
-    if any(one.study.people != conditions[0].study.people for one in conditions):
+    if any(people_of(one.study) != people_of(conditions[0].study) for one in conditions):
         raise StudyError("people differs between the conditions: vary what is not in its table.")
     each = [Varied.of(one.study) for one in conditions]
     for varied in each:
         check(varied.study)
     names = list(dict.fromkeys(name for varied in each for name in varied.parameters))
-    seed = (conditions[0].study.people or People()).seed
+    seed = (people_of(conditions[0].study) or People()).seed
     drawn = standard_scores(number, len(names), seed, each[0].correlation)
     free = [j for j in range(len(each[0].correlation)) if names[j] not in each[0].fixed]
     lower = np.linalg.cholesky(each[0].correlation[np.ix_(free, free)])

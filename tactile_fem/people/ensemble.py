@@ -16,14 +16,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_fem import Results
 from tactile_fem.errors import StudyError
-from tactile_fem.output.histories import central_receptor
+from tactile_fem.output import central_receptor
 from tactile_fem.people.draw import Person
 from tactile_fem.runtime.files import write_table
-from tactile_fem.series import Member, Outcome, collected, numbers_of, run_series
-from tactile_fem.series.run import keep_reason, reason_of
-from tactile_fem.simulation.checks import check
-from tactile_fem.simulation.results import Results
+from tactile_fem.series import (
+    Member,
+    Outcome,
+    collected,
+    keep_reason,
+    numbers_of,
+    reason_of,
+    run_series,
+)
+from tactile_fem.simulation import check
 
 Array = NDArray[np.float64]
 History = Callable[[Results], Array]

@@ -13,10 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.annotations import BLUE, DISTINCT, INK, VERMILION
+from tactile_fem.output import BLUE, DISTINCT, INK, VERMILION, Abscissa, styled
 from tactile_fem.output.panels import panels
-from tactile_fem.output.plots import styled
 from tactile_fem.people.bands import SHARES, Bands, bands
 from tactile_fem.people.causes import REST, Causes
 from tactile_fem.people.paired import paired

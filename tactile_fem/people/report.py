@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tactile_fem.output.abscissa import Abscissa
+from tactile_fem import Results
+from tactile_fem.output import Abscissa
 from tactile_fem.people.bands import SHARES, bands_table, people_needed
 from tactile_fem.people.causes import Causes, causes, causes_table
 from tactile_fem.people.ensemble import Ensemble
@@ -16,8 +17,7 @@ from tactile_fem.people.figures import bands_figure, causes_figure, paired_figur
 from tactile_fem.people.paired import paired
 from tactile_fem.people.tables import central_spikes_s, history_rows, place_rows
 from tactile_fem.runtime.files import write_figure, write_table
-from tactile_fem.series.comparison import common
-from tactile_fem.simulation.results import Results
+from tactile_fem.series import common
 
 Array = NDArray[np.float64]
 

@@ -118,3 +118,8 @@ class People(Settings):
             if name in self.spread:
                 raise ValueError(f"{name} has a spread but is fixed: leave one of them out")
         return self
+
+
+def people_of(study: Any) -> People | None:
+    """Return the table of a study; None if it has none."""
+    return study.people

@@ -11,18 +11,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_fem.calibration.parameters import (
+from tactile_fem.calibration import (
     Parameter,
+    Posterior,
     is_of_file,
     powers_of,
     value_at,
     with_values,
 )
-from tactile_fem.calibration.posterior import Posterior
 from tactile_fem.errors import StudyError
-from tactile_fem.people.settings import PRIORS, PRIORS_OF_NEURON, People, Spread
-from tactile_fem.study import Study
-from tactile_fem.study.explain import suggestion
+from tactile_fem.people.settings import PRIORS, PRIORS_OF_NEURON, People, Spread, people_of
+from tactile_fem.study import Study, suggestion
 
 logger = logging.getLogger(__name__)
 
@@ -64,7 +63,7 @@ class Varied:
             A name stands for no positive number, a distribution allows negative values, the file of
             the fit cannot be used, or nothing varies.
         """
-        asked = study.people or People()
+        asked = people_of(study) or People()
         posterior = None if asked.fit is None else _posterior(asked.fit, study)
         middle = study.model_copy(update={"people": None})
         parameters: dict[str, Parameter] = {}

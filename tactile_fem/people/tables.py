@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_fem import Results
 from tactile_fem.neuron import Response
-from tactile_fem.output.histories import central_receptor
+from tactile_fem.output import central_receptor
 from tactile_fem.people.bands import Bands, bands, covered
 from tactile_fem.people.ensemble import Ensemble
-from tactile_fem.simulation.results import Results
 
 Array = NDArray[np.float64]
 

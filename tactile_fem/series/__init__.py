@@ -9,14 +9,16 @@ from tactile_fem.series.run import (
     Outcome,
     collected,
     complete_scans,
+    keep_reason,
     numbers_of,
+    reason_of,
     run_all,
     run_series,
     write_summary,
 )
 
 if TYPE_CHECKING:
-    from tactile_fem.series.comparison import compare, write_comparison
+    from tactile_fem.series.comparison import common, compare, write_comparison
     from tactile_fem.series.image import (
         RateImage,
         correlations,
@@ -32,15 +34,18 @@ __all__ = [
     "Outcome",
     "RateImage",
     "collected",
+    "common",
     "compare",
     "complete_scans",
     "correlations",
     "fibre_image",
+    "keep_reason",
     "mean_over",
     "numbers_of",
     "outline_image",
     "population_image",
     "rate_image",
+    "reason_of",
     "run_all",
     "run_series",
     "single_fibre",
@@ -55,7 +60,7 @@ __all__ = [
 __getattr__ = lazily(
     __name__,
     {
-        "comparison": ["compare", "write_comparison"],
+        "comparison": ["common", "compare", "write_comparison"],
         "image": [
             *("RateImage", "correlations", "fibre_image", "outline_image", "population_image"),
             "rate_image",

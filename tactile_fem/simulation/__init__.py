@@ -2,3 +2,36 @@
 
 Results and checks are imported without DOLFINx.
 """
+
+from typing import TYPE_CHECKING
+
+from tactile_fem.runtime.lazy import lazily
+
+if TYPE_CHECKING:
+    from tactile_fem.simulation.bone import Bone
+    from tactile_fem.simulation.checkpoint import read_checkpoint
+    from tactile_fem.simulation.checks import check
+    from tactile_fem.simulation.columns import OF_STEP
+    from tactile_fem.simulation.control import TOLERANCE
+    from tactile_fem.simulation.parts import NO_PARTS
+
+__all__ = [
+    "NO_PARTS",
+    "OF_STEP",
+    "TOLERANCE",
+    "Bone",
+    "check",
+    "read_checkpoint",
+]
+
+__getattr__ = lazily(
+    __name__,
+    {
+        "bone": ["Bone"],
+        "checkpoint": ["read_checkpoint"],
+        "checks": ["check"],
+        "columns": ["OF_STEP"],
+        "control": ["TOLERANCE"],
+        "parts": ["NO_PARTS"],
+    },
+)

@@ -8,7 +8,7 @@ Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import (
     BaseModel,
@@ -62,6 +62,11 @@ from tactile_fem.study.output import Output
 from tactile_fem.study.solver import Solver
 from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissue
 
+if TYPE_CHECKING:
+    from tactile_fem.study.explain import in_words, suggestion
+    from tactile_fem.study.file import dump_study, load_study
+    from tactile_fem.study.kept import content_of, keep_files, with_files
+
 __all__ = [
     "AFTER_MECHANICS",
     "DEFAULT_NAME",
@@ -100,6 +105,13 @@ __all__ = [
     "Text",
     "Tissue",
     "Twist",
+    "content_of",
+    "dump_study",
+    "in_words",
+    "keep_files",
+    "load_study",
+    "suggestion",
+    "with_files",
 ]
 
 
@@ -234,4 +246,13 @@ for _name, _table in companions.tables().items():
 Study.model_rebuild(force=True)
 companions.import_kinds()
 __all__ += [name for names in companions.names("study_names").values() for name in names]
-__getattr__ = lazily("tactile_fem", companions.names("study_names"))
+# Files are read with `Study`, so what reads them is imported later.
+__getattr__ = lazily(
+    "tactile_fem",
+    {
+        "study.explain": ["in_words", "suggestion"],
+        "study.file": ["dump_study", "load_study"],
+        "study.kept": ["content_of", "keep_files", "with_files"],
+        **companions.names("study_names"),
+    },
+)

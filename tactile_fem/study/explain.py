@@ -38,7 +38,7 @@ _REQUIREMENTS = {
 }
 
 
-def explain(error: ValidationError) -> str:
+def in_words(error: ValidationError) -> str:
     """Return one sentence per problem, each naming the field, its value and what is allowed."""
     problems = error.errors(include_url=False)
     parents = {place["loc"][:n] for place in problems for n in range(len(place["loc"]))}

@@ -18,7 +18,7 @@ from tactile_fem.runtime.settings import Settings
 from tactile_fem.runtime.text import read_text
 from tactile_fem.stimulus import Friction, Stimulus
 from tactile_fem.study import Study
-from tactile_fem.study.explain import explain, located
+from tactile_fem.study.explain import in_words, located
 from tactile_fem.study.kept import usable
 from tactile_fem.study.output import Output
 
@@ -70,7 +70,7 @@ def load_study(
     try:
         return Study.model_validate(data, context=context)
     except ValidationError as error:
-        raise StudyError(explain(error)) from None
+        raise StudyError(in_words(error)) from None
 
 
 def shipped_studies() -> dict[str, Path]:

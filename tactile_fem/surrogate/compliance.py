@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import Delaunay, KDTree
 
-from tactile_fem.finger.mesh_data import SURFACES, FingerMesh
-from tactile_fem.finger.simplex import lowest_height
-from tactile_fem.simulation.simulation import Simulation
+from tactile_fem import FingerMesh, Simulation
+from tactile_fem.finger import SURFACES, lowest_height
 from tactile_fem.stimulus import Plate
 from tactile_fem.study import Study
 from tactile_fem.surrogate.cushion import Cushion

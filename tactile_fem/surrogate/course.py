@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
+from tactile_fem import Motion, Path, Trace
 from tactile_fem.errors import ConvergenceError, StudyError
-from tactile_fem.neuron.settings import DEFAULT_NAME
-from tactile_fem.path.loads import NORMAL
-from tactile_fem.path.motion import Motion, Path
-from tactile_fem.simulation.columns import OF_STEP
-from tactile_fem.simulation.control import TOLERANCE
-from tactile_fem.simulation.trace import Trace
+from tactile_fem.path import NORMAL
+from tactile_fem.simulation import OF_STEP, TOLERANCE
+from tactile_fem.study import DEFAULT_NAME
 
 Array = NDArray[Any]
 

@@ -13,13 +13,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_fem import Path, RigidBody, Trace
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Response, fire_all
-from tactile_fem.neuron.fields import STANDARD
-from tactile_fem.path.motion import Path
+from tactile_fem.neuron import STANDARD, Response, fire_all
 from tactile_fem.runtime.files import write_arrays
-from tactile_fem.simulation.trace import Trace
-from tactile_fem.stimulus.body import RigidBody
 from tactile_fem.study import Study
 from tactile_fem.surrogate.course import Moment, along, trace_of
 from tactile_fem.surrogate.cushion import FINE_MM, TOLERANCE_MM, Cushion

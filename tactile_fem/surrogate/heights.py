@@ -8,8 +8,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_fem import RigidBody
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus.body import RigidBody
 from tactile_fem.surrogate.grid import Grid
 
 Array = NDArray[Any]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from tactile_fem.simulation.results import Results
+from tactile_fem import Results
 from tactile_fem.surrogate.drag import Drag
 from tactile_fem.surrogate.fast_finger import columns_of, measures, outputs_of
 from tactile_fem.surrogate.heights import HeightMap

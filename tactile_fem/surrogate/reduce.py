@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tactile_fem import Results
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.logs import shown
 from tactile_fem.series import Member, Outcome, collected, run_series
-from tactile_fem.simulation.results import Results
 from tactile_fem.study import Study
 from tactile_fem.surrogate.compliance import pad_of
 from tactile_fem.surrogate.fast_finger import FastFinger, check_taught, is_symmetric

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tactile_fem.runtime.lazy import lazily
 
 if TYPE_CHECKING:
-    from tactile_fem.output.modes import Modes, nearest
+    from tactile_fem.output import Modes, nearest
     from tactile_fem.vibration.spectrum import Spectrum, few_of, frequencies_of, unfelt
 
 __all__ = ["Modes", "Spectrum", "few_of", "frequencies_of", "nearest", "unfelt"]

@@ -9,13 +9,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tactile_fem.output.annotations import BLUE, GREEN, INK, VERMILION
-from tactile_fem.output.histories import central_receptor
-from tactile_fem.output.modes import Modes
-from tactile_fem.output.pictures import draw_pictures
-from tactile_fem.output.plots import styled
+from tactile_fem import Results
+from tactile_fem.output import (
+    BLUE,
+    GREEN,
+    INK,
+    VERMILION,
+    Modes,
+    central_receptor,
+    draw_pictures,
+    styled,
+)
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.simulation.results import Results
 from tactile_fem.vibration.spectrum import Spectrum
 
 _COLOURS = (BLUE, VERMILION, GREEN, INK)

@@ -52,13 +52,16 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import ArrayLike
 from ufl.core.expr import Expr
 
-from tactile_fem.assembly.compile import Constant
-from tactile_fem.finger.joint import Joint
-from tactile_fem.mechanics.contact_law import ContactLaw
-from tactile_fem.mechanics.problem import Problem
-from tactile_fem.mechanics.terms.contact import SkinPart
-from tactile_fem.mechanics.terms.inertia import mass_density, moment_of_inertia
-from tactile_fem.mechanics.terms.term import Delay
+from tactile_fem.assembly import Constant
+from tactile_fem.mechanics import (
+    ContactLaw,
+    Delay,
+    Problem,
+    SkinPart,
+    mass_density,
+    moment_of_inertia,
+)
+from tactile_fem.study import Joint
 from tactile_fem.vibration.complex_solver import complex_solver
 
 Array = np.ndarray

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Population
-from tactile_fem.neuron.fields import MOVED, SED, STRETCHES, trial_histories
-from tactile_fem.output.modes import Archived
+from tactile_fem.neuron import MOVED, SED, STRETCHES, Population, trial_histories
+from tactile_fem.output import Archived
 from tactile_fem.runtime.files import write_table
 
 Array = NDArray[Any]

@@ -17,14 +17,12 @@ import numpy as np
 from dolfinx import fem
 from numpy.typing import ArrayLike
 
+from tactile_fem import Parts, Results, Simulation
 from tactile_fem.errors import StudyError
-from tactile_fem.output.modes import Modes
-from tactile_fem.path.rotations import matrix, vector
+from tactile_fem.output import Modes
+from tactile_fem.path import matrix, vector
 from tactile_fem.runtime.session import session
-from tactile_fem.simulation.checkpoint import read_checkpoint
-from tactile_fem.simulation.parts import NO_PARTS, Parts
-from tactile_fem.simulation.results import Results
-from tactile_fem.simulation.simulation import Simulation
+from tactile_fem.simulation import NO_PARTS, read_checkpoint
 from tactile_fem.vibration.harmonic import Harmonic, HarmonicResponse
 from tactile_fem.vibration.spectrum import Spectrum
 
