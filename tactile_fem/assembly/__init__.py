@@ -1,5 +1,14 @@
-"""Assembly of virtual works in several cells at once: `VirtualWork(form, u, v)`."""
+"""Assembly of virtual works in several cells at once, for any form of a vector field in FEniCSx.
 
-from tactile_fem.runtime import backend
+::
 
-__all__ = ["backend"]
+    work = VirtualWork(form, u, v)
+    work.add_residual(b.array)
+    work.add_tangent(A, np.ones(nodes, dtype=bool))
+"""
+
+from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx)
+
+from tactile_fem.assembly.virtual_work import VirtualWork
+
+__all__ = ["VirtualWork"]

@@ -157,7 +157,8 @@ class Integrand:
         """Return the points at which fields are known, which are those of the integral."""
         if not self.is_on_facets and {own.kind for own in operands} & set(_ON_FACETS):
             raise NotAtPointsError
-        known = [own.of.function_space for own in operands if own.kind == OperandKind.AT_POINTS]
+        fields = [own.of for own in operands if own.kind == OperandKind.AT_POINTS]
+        known = [own.function_space for own in fields if isinstance(own, fem.Function)]
         if not known:
             return None
         found = FacetPoints(known[0], self.mesh, entity_maps)
