@@ -110,7 +110,7 @@ def test_the_load_is_of_all_skin():
     lowered(made, 0.1)
     loads = []
     for reach_mm in (1e6, -1e6):  # the second time all skin counts as out of reach
-        made.contact.obstacle.skip_distant(np.full(len(made.contact.obstacle.entities), reach_mm))
+        made.contact.obstacle.skip_distant(np.full(len(made.contact.obstacle.gap_mm), reach_mm))
         loads.append(made.load().force_N)
     assert loads[0][2] > 2 * balanced.force_N[2]
     np.testing.assert_array_equal(*loads)

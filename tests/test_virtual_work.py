@@ -17,7 +17,7 @@ from scipy.sparse import bsr_array  # isort: skip
 
 from test_plane_strain import SAGITTAL, section
 
-from tactile_fem.assembly.virtual_work import VirtualWork
+from tactile_fem.assembly import VirtualWork
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.terms.term import Term
 from tactile_fem.solvers.finger_problem import FingerProblem

@@ -1,21 +1,15 @@
-"""Assembly of virtual works in several cells at once: `VirtualWork(form, u, v)`."""
+"""Assembly of virtual works in several cells at once, for any form of a vector field in FEniCSx.
 
-from typing import TYPE_CHECKING
+::
 
-from tactile_fem.runtime import backend
-from tactile_fem.runtime.lazy import lazily
+    work = VirtualWork(form, u, v)
+    work.add_residual(b.array)
+    work.add_tangent(A, np.ones(nodes, dtype=bool))
+"""
 
-if TYPE_CHECKING:
-    from tactile_fem.assembly.compile import Constant
+from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx)
 
-__all__ = [
-    "Constant",
-    "backend",
-]
+from tactile_fem.assembly.compile import Constant
+from tactile_fem.assembly.virtual_work import VirtualWork
 
-__getattr__ = lazily(
-    __name__,
-    {
-        "compile": ["Constant"],
-    },
-)
+__all__ = ["Constant", "VirtualWork"]

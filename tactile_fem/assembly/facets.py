@@ -50,48 +50,45 @@ class FacetPoints:
         else:
             raise NotAtPointsError
         self.points: Array = space.ufl_element().custom_quadrature()[0]
+        self._position = expression(ufl.SpatialCoordinate(msh), self.points)  # all ranks compile
 
     @cached_property
-    def _entities(self) -> Array:
-        return cells_and_local_facets(self._map)
+    def entities(self) -> Array:
+        """Cell and local facet of each facet of the submesh, ghosts included, (facets, 2)."""
+        topology, dim = self._map.topology, self._map.topology.dim
+        index_map = self._map.sub_topology.index_map(dim - 1)
+        count = index_map.size_local + index_map.num_ghosts
+        facets = self._map.sub_topology_to_topology(np.arange(count, dtype=np.int32), False)
+        topology.create_connectivity(dim - 1, dim)
+        topology.create_connectivity(dim, dim - 1)
+        to_cell = topology.connectivity(dim - 1, dim)
+        to_facet = topology.connectivity(dim, dim - 1)
+        cells = [to_cell.links(facet)[0] for facet in facets]
+        local = [to_facet.links(c).tolist().index(f) for c, f in zip(cells, facets, strict=True)]
+        return np.column_stack([cells, local]).astype(np.int32)
 
     @cached_property
-    def _row_of(self) -> dict[tuple[int, int], int]:
-        return {tuple(pair): row for row, pair in enumerate(self._entities.tolist())}
+    def places(self) -> Array:
+        """Where the points lie, (facets, points, dimension)."""
+        return self.evaluate(self._position)
+
+    def evaluate(self, value: fem.Expression) -> Array:
+        """Return a vector at each point, (facets, points, dimension)."""
+        shape = len(self.entities), len(self.points), self._mesh.geometry.dim
+        return value.eval(self._mesh, self.entities).reshape(shape) if shape[0] else np.empty(shape)
 
     @cached_property
-    def _places(self) -> Array:
-        """The points, (facets, points, dimension)."""
-        dim = self._mesh.geometry.dim
-        position = expression(ufl.SpatialCoordinate(self._mesh), self.points)
-        places = position.eval(self._mesh, self._entities) if len(self._entities) else np.empty(0)
-        return places.reshape(len(self._entities), len(self.points), dim)
+    def _row_of(self) -> dict[tuple[int, ...], int]:
+        return {tuple(pair): row for row, pair in enumerate(self.entities.tolist())}
 
-    def rows(self, cells: Array, facet: int) -> Array:
-        """Return the numbers in the submesh of that facet of each cell, (cells,)."""
-        return np.array([self._row_of[cell, facet] for cell in cells.tolist()], dtype=np.int32)
+    def rows(self, entities: Array) -> Array:
+        """Return the numbers in the submesh of facets, given as `entities` are."""
+        return np.array([self._row_of[tuple(pair)] for pair in entities.tolist()], dtype=np.int32)
 
     def nearest(self, rows: Array, places: Array) -> Array:
         """Return which of a facet's points lies at each place, both (rows, points).
 
         DOLFINx counts the points as seen from outside.
         """
-        distance = np.linalg.norm(places[:, :, None] - self._places[rows][:, None], axis=-1)
+        distance = np.linalg.norm(places[:, :, None] - self.places[rows][:, None], axis=-1)
         return distance.argmin(axis=2)
-
-
-def cells_and_local_facets(entity_map: mesh.EntityMap) -> Array:
-    """Return cell and local facet of each facet of a submesh, ghosts included, (facets, 2)."""
-    topology, dim = entity_map.topology, entity_map.topology.dim
-    index_map = entity_map.sub_topology.index_map(dim - 1)
-    count = index_map.size_local + index_map.num_ghosts
-    facets = entity_map.sub_topology_to_topology(np.arange(count, dtype=np.int32), False)
-    topology.create_connectivity(dim - 1, dim)
-    topology.create_connectivity(dim, dim - 1)
-    to_cell = topology.connectivity(dim - 1, dim)
-    to_facet = topology.connectivity(dim, dim - 1)
-    pairs = np.empty((count, 2), dtype=np.int32)
-    for row, facet in enumerate(facets):
-        cell = to_cell.links(facet)[0]
-        pairs[row] = cell, np.flatnonzero(to_facet.links(cell) == facet)[0]
-    return pairs

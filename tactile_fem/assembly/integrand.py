@@ -157,7 +157,8 @@ class Integrand:
         """Return the points at which fields are known, which are those of the integral."""
         if not self.is_on_facets and {own.kind for own in operands} & set(_ON_FACETS):
             raise NotAtPointsError
-        known = [own.of.function_space for own in operands if own.kind == OperandKind.AT_POINTS]
+        fields = [own.of for own in operands if own.kind == OperandKind.AT_POINTS]
+        known = [own.function_space for own in fields if isinstance(own, fem.Function)]
         if not known:
             return None
         found = FacetPoints(known[0], self.mesh, entity_maps)
@@ -200,7 +201,7 @@ class Integrand:
     def _dofs_at(self, own: CellField, cells: Array, facet: int | None, points: Array) -> Array:
         """Return the dofs of a field that is known at facets' points, in the order of `points`."""
         assert self._facet_points and facet is not None
-        rows = self._facet_points.rows(cells, facet)
+        rows = self._facet_points.rows(np.column_stack([cells, np.full_like(cells, facet)]))
         basis = self.geometry.values_and_gradients(points)[..., 0]
         here = np.einsum("qn,cni->cqi", basis, self.geometry.values[self.geometry.dofs(cells)])
         return np.take_along_axis(own.dofs(rows), self._facet_points.nearest(rows, here), axis=1)

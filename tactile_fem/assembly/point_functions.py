@@ -6,6 +6,8 @@ result has no loops, so that C compilers can evaluate it in several cells at onc
 
 from __future__ import annotations
 
+from typing import Any
+
 import ffcx.naming
 import numpy as np
 from dolfinx import fem
@@ -97,12 +99,12 @@ class PointFunction:
         options = get_options({"scalar_type": np.float64})
         analysis = analyze_ufl_objects([(self._value, self._point)], options["scalar_type"])
         (ir,) = compute_ir(analysis, {}, self.name, options, False).expressions
-        statements = ExpressionGenerator(ir, FFCXBackend(ir, options)).generate()
+        generator: Any = ExpressionGenerator(ir, FFCXBackend(ir, options))
         given = [place for k in ir.original_coefficient_positions for place in self._places[k]]
         results = range(len(self._value))
         return _FUNCTION.format(
             name=self.name,
-            code=Formatter(options["scalar_type"])(statements),
+            code=Formatter(options["scalar_type"])(generator.generate()),
             given=len(given) + 1,
             found=len(results),
             take="\n".join(f"w[{k}] = given[{place}][l];" for k, place in enumerate(given)),

@@ -44,12 +44,6 @@ class VirtualWork:
     Its integrals are over cells or exterior facets; what is not given at points, such as a second
     derivative, is assembled by DOLFINx.
 
-    ::
-
-        work = VirtualWork(form, u, v)
-        work.add_residual(b.array)  # of a la.Vector
-        work.add_tangent(A, np.ones(nodes, dtype=bool))  # a la.MatrixCSR, BlockMode.compact
-
     Parameters
     ----------
     form

@@ -9,7 +9,6 @@ each Jacobian.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 from mpi4py import MPI
 
@@ -21,7 +20,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from tactile_fem.assembly.compile import expression, jit_options
-from tactile_fem.assembly.facets import cells_and_local_facets
+from tactile_fem.assembly.facets import FacetPoints
 from tactile_fem.assembly.tags import with_shared_tags
 from tactile_fem.mechanics.state import State
 from tactile_fem.runtime.ranks import shared_errors
@@ -58,12 +57,11 @@ class Obstacle:
         UFL expression of the undeformed position, mm.
     entity_maps
         To be given to the compiler of any form that uses these expressions.
-    entities
-        Cell and local facet of each facet of this rank, ghosts included, (facets, 2).
+    facet_points
+        The contact quadrature points on the facets of this rank, ghosts included.
     """
 
     def __init__(self, body: RigidBody, state: State, facets: np.ndarray, solver: Solver) -> None:
-        degree = solver.contact_degree
         self._jit = jit_options(solver.compiler_flags)
         self.body = body
         self.u = u = state.u
@@ -75,18 +73,11 @@ class Obstacle:
         submesh, entity_map = mesh.create_submesh(parent, dim - 1, facets)[:2]
         self.entity_maps: Sequence[mesh.EntityMap] = [entity_map]
 
-        scheme = basix.quadrature.string_to_type("default")
-        facet = getattr(basix.CellType, submesh.topology.cell_name())
-        points, _ = basix.make_quadrature(facet, degree, rule=scheme)
-        self._parent = parent
+        self._parent, self._submesh, self._degree = parent, submesh, solver.contact_degree
         self.position: Expr = ufl.SpatialCoordinate(parent)
-        self._position = expression(self.position, points)
-        self._displacement = expression(u, points)
-        self.entities = cells_and_local_facets(entity_map)
-        self._points_per_facet = len(points)
-
-        self._submesh, self._degree = submesh, degree
         self._gap = self.quadrature_function(())
+        self.facet_points = FacetPoints(self._gap.function_space, parent, self.entity_maps)
+        self._displacement = expression(u, self.facet_points.points)
         self._normal = self.quadrature_function((dim,))
         self.hessian = self.quadrature_function((dim, dim))
         self._base = self.quadrature_function((dim,))
@@ -120,22 +111,15 @@ class Obstacle:
         element = basix.ufl.quadrature_element(cell, value_shape=shape, degree=degree)
         return fem.Function(fem.functionspace(self._submesh, element))
 
-    @cached_property
+    @property
     def points_mm(self) -> np.ndarray:
         """Return the undeformed contact quadrature points of this rank, (n, dimension)."""
-        return self._at_points(self._position).reshape(-1, self._parent.geometry.dim)
-
-    def _at_points(self, value: fem.Expression) -> np.ndarray:
-        """Return a vector at each point, (facets, points, dimension)."""
-        shape = len(self.entities), self._points_per_facet, self._parent.geometry.dim
-        if not shape[0]:
-            return np.empty(shape)
-        return value.eval(self._parent, self.entities).reshape(shape)
+        return self.facet_points.places.reshape(-1, self._parent.geometry.dim)
 
     @property
     def gap_mm(self) -> np.ndarray:
         """The signed distance as it was last expanded, (facets, points)."""
-        return self._gap.x.array.reshape(len(self.entities), self._points_per_facet)
+        return self._gap.x.array.reshape(-1, len(self.facet_points.points))
 
     def evaluate_everywhere(self) -> None:
         """Expand the distance of all facets at the next `refresh`."""
@@ -161,7 +145,7 @@ class Obstacle:
             self._refresh()
 
     def _refresh(self) -> None:
-        if not len(self.entities):
+        if not len(self.gap_mm):
             return
         place, R = self.state.translation.value, self.state.rotation
         now = self.u.x.array, place, R
@@ -169,9 +153,9 @@ class Obstacle:
             return  # the Jacobian follows a residual at the same place
         if self._at and not all(map(np.array_equal, now[1:], self._at[1:])):
             self._margin_mm = None
-        u = self._at_points(self._displacement)
+        u = self.facet_points.evaluate(self._displacement)
         near = self._may_be_near(u)
-        y = (self.points_mm.reshape(u.shape)[near] + u[near] - place) @ R
+        y = (self.facet_points.places[near] + u[near] - place) @ R
         if len(y):
             points = y.reshape(-1, y.shape[-1])
             d = self.body.distance(points)

@@ -13,8 +13,8 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from tactile_fem.assembly import VirtualWork
 from tactile_fem.assembly.compile import jit_options
-from tactile_fem.assembly.virtual_work import VirtualWork
 from tactile_fem.errors import MeshError
 from tactile_fem.mechanics.domain import Domain, NodeOrder
 from tactile_fem.mechanics.load import Load, LoadCell

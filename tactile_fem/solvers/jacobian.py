@@ -12,7 +12,7 @@ import numpy as np
 import ufl
 from dolfinx import common, fem, la
 
-from tactile_fem.assembly.virtual_work import VirtualWork
+from tactile_fem.assembly import VirtualWork
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.block_products import BlockProduct
 from tactile_fem.solvers.held import Held

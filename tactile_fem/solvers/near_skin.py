@@ -31,7 +31,6 @@ class NearSkin:
     def __init__(self, contact: Contact) -> None:
         self.obstacle = obstacle = contact.obstacle
         topology = obstacle.u.function_space.mesh.topology
-        row = {tuple(pair): i for i, pair in enumerate(obstacle.entities.tolist())}
         self.all: dict[int, np.ndarray] = {}
         self._rows: dict[int, np.ndarray] = {}  # of the obstacle's facets
         for part in contact.parts:
@@ -40,12 +39,10 @@ class NearSkin:
                 fem.IntegralType.exterior_facet, topology, contact.facets.find(tag)
             ).reshape(-1, 2)
             self.all[tag] = pairs.ravel()
-            self._rows[tag] = np.array(
-                [row[tuple(pair)] for pair in pairs.tolist()], dtype=np.int64
-            )
+            self._rows[tag] = obstacle.facet_points.rows(pairs)
         self._reach = contact.at_points(lambda part: part.reach)
         self._reach_mm: np.ndarray | None = None
-        self._is_chosen = np.zeros(len(obstacle.entities), dtype=bool)
+        self._is_chosen = np.zeros(len(obstacle.gap_mm), dtype=bool)
         self.chosen: dict[int, np.ndarray] = {}
 
     def begin_solve(self) -> None:
