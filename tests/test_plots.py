@@ -1,16 +1,10 @@
 import matplotlib as mpl
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
 from synthetic import make_trace
 
-from tactile_fem.output import histories
 from tactile_fem.output.histories import DISPLACEMENT, extrema
-from tactile_fem.output.plots import PAPER, firing_figure, force_figure, raster_figure
-from tactile_fem.study import Cylinder, Text
-
-SQUARE = np.array([[-3.0, 2.0], [3.0, 2.0], [3.0, 8.0], [-3.0, 8.0]])
+from tactile_fem.output.plots import force_figure
 
 
 def line(axes, label):
@@ -24,28 +18,6 @@ def test_extrema_are_found_and_wiggles_are_not():
     assert x[lows] == pytest.approx([3 * np.pi / 2, 7 * np.pi / 2], abs=0.2)
     for nothing in ([], [1.0], np.ones(10)):
         assert all(len(found) == 0 for found in extrema(nothing))
-
-
-def test_raster_has_one_dot_per_spike_in_range():
-    x = np.array([-1.0, 0.0, 1.0, 1.0])
-    figure = raster_figure([0.5, 3.0, 10.0, 12.0], x, np.arange(-5, 6), (0.0, 10.0), [SQUARE])
-    axes = figure.axes[0]
-    dots = next(one for one in axes.lines if one.get_gid() == "spikes")
-    assert dots.get_xydata().tolist() == [[0.5, -1.0], [3.0, 0.0], [10.0, 1.0]]
-    assert axes.get_xlim() == (0.0, 10.0)
-    assert sorted(axes.get_ylim()) == pytest.approx([-5.3, 5.3])
-    assert len(axes.patches) == 1
-    extents = axes.patches[0].get_path().get_extents()
-    assert (extents.x0, extents.x1) == (2.0, 8.0)  # along the finger = displacement
-
-
-def test_firing_figure_shows_the_rates():
-    rate = np.arange(12.0).reshape(3, 4)
-    figure = firing_figure([0.0, 1.0, 2.0, 3.0], [-1.0, 0.0, 1.0], rate, [SQUARE])
-    image = figure.axes[0].collections[0]
-    assert np.array_equal(image.get_array(), rate)
-    assert image.get_cmap().name == "cividis"
-    assert "spikes/s" in figure.axes[1].get_ylabel()
 
 
 def test_force_figure_has_press_slide_and_ratio():
@@ -100,28 +72,5 @@ def test_force_figure_says_why_the_ratio_exceeds_the_friction(sideways, friction
 
 def test_figures_leave_the_users_style_alone():
     before = dict(mpl.rcParams)
-    raster_figure([0.5], [0.0], [0.0, 1.0], (0.0, 1.0))
+    force_figure(([0.5], "", np.ones((1, 3))), ([0.5], "", np.ones((1, 3))))
     assert dict(mpl.rcParams) == before
-
-
-def test_letters_have_holes():
-    def area(ring):
-        x, y = ring.T
-        return 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
-
-    rings = histories.rings(Text(text="O"))
-    assert len(rings) == 2
-    assert area(rings[0][:-1]) > 0 > area(rings[1][:-1])
-    assert histories.rings(Cylinder()) == []
-    # Drawn, the O has a stroke, and its middle is as white as what is around it.
-    around, middle = rings[0].min(axis=0) - 0.2, rings[1].mean(axis=0)
-    stroke = (rings[0][rings[0][:, 0].argmin()] + rings[1][rings[1][:, 0].argmin()]) / 2
-    ends = rings[0][:, 1].min() - 1, rings[0][:, 1].max() + 1
-    figure = raster_figure([], [], np.arange(-6, 7), ends, rings)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    image = np.asarray(canvas.buffer_rgba())[::-1, :, :3] / 255
-    places = figure.axes[0].transData.transform([p[::-1] for p in (around, middle, stroke)])
-    white, *drawn = [image[y, x] for x, y in places.astype(int)]
-    assert white.tolist() == drawn[0].tolist() == [1, 1, 1]
-    assert drawn[1] == pytest.approx(to_rgb(PAPER), abs=0.01)

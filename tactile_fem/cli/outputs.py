@@ -1,4 +1,4 @@
-"""The commands that write files: studies, meshes, decks, figures, reports; and `doctor`."""
+"""The commands that write files: studies, meshes, decks, figures; and `doctor`."""
 
 from __future__ import annotations
 
@@ -193,24 +193,6 @@ def plot(results: ScanFolder, /, *, dpi: Dots = 200) -> None:
         print(path)
 
 
-def report(
-    results: Annotated[Path, Parameter(help="Folder of a scan or of a series.")],
-    /,
-    *,
-    output: Path | None = None,
-) -> None:
-    """Write one HTML file with the figures, numbers and parameters.
-
-    Parameters
-    ----------
-    output
-        Default report.html in the folder.
-    """
-    from tactile_fem.series.report import write_report
-
-    print(f"Written to {write_report(results, output=output)}")
-
-
 def compare(*scans: ScanFolder, output: Written = Path("comparison.png")) -> None:
     """Print the numbers of complete scans and draw their histories on common axes.
 
@@ -237,4 +219,4 @@ def doctor() -> int:
     return code
 
 
-COMMANDS = (init, mesh, export, fields, plot, report, compare, doctor)
+COMMANDS = (init, mesh, export, fields, plot, compare, doctor)

@@ -1,9 +1,4 @@
-"""Figures of a scan: each function takes arrays and returns a matplotlib Figure.
-
-An outline is an (n, 2) array of X, Y in mm: a closed curve on the stimulator at displacement 0.
-The stimulator slides towards -Y, so at displacement d the receptor at Y = 0 passes the outline's
-point at Y = d. The Y axis of an outline is therefore also the displacement.
-"""
+"""The style of all figures, and the figure of a scan's forces."""
 
 from __future__ import annotations
 
@@ -13,19 +8,11 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path as Curve
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.output.annotations import BLUE, GREEN, INK, VERMILION
-from tactile_fem.output.histories import DISPLACEMENT, Outlines
 
-PAPER = "#E6E3DC"
-_FLAT_RATIO = 2.0  # maps that are longer than wide by this factor get flat figures
-ACROSS = "Receptor position across the finger, X (mm)"
 _STYLE: Any = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -52,52 +39,6 @@ def styled[**P](draw: Callable[P, Figure]) -> Callable[P, Figure]:
             return draw(*args, **kwargs)
 
     return styled
-
-
-@styled
-def raster_figure(
-    spike_displacement_mm: ArrayLike,
-    spike_x_mm: ArrayLike,
-    rows_mm: ArrayLike,
-    range_mm: tuple[float, float],
-    outlines: Outlines = (),
-    label: str = DISPLACEMENT,
-    axis: str = "X",
-) -> Figure:
-    """Draw one dot for each spike (spikes,): X of its receptor over the displacement.
-
-    The rows are X of all receptors, silent ones included; the range is that of the displacement.
-    The label is that of the horizontal axis, which is drawn to scale if it ends in "(mm)" and may
-    as well be "Time (s)"; in a section along the finger, the axis is "Y".
-    """
-    figure, axes = _map_axes(rows_mm, range_mm, label, axis)
-    draw_outlines(axes, outlines)
-    at, x = np.asarray(spike_displacement_mm, dtype=float), np.asarray(spike_x_mm, dtype=float)
-    inside = (at >= range_mm[0] - 1e-9) & (at <= range_mm[1] + 1e-9)
-    axes.plot(at[inside], x[inside], "o", ms=1.9, mew=0, color=INK, zorder=3, gid="spikes")
-    return figure
-
-
-@styled
-def firing_figure(
-    displacement_mm: ArrayLike,
-    rows_mm: ArrayLike,
-    rate_Hz: ArrayLike,
-    outlines: Outlines = (),
-    label: str = DISPLACEMENT,
-    axis: str = "X",
-) -> Figure:
-    """Draw the firing rate (rows, columns) of a line of receptors as an image, outlines on top.
-
-    Displacements (columns,) and X of the receptors (rows,) rise evenly. For `label` and `axis` see
-    `raster_figure`.
-    """
-    d, x = np.asarray(displacement_mm, dtype=float), np.asarray(rows_mm, dtype=float)
-    figure, axes = _map_axes(x, (d[0], d[-1]), label, axis)
-    image = draw_rates(axes, d, x, np.asarray(rate_Hz), outlines)
-    bar = figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02, label="Firing rate (spikes/s)")
-    bar.outline.set_visible(False)
-    return figure
 
 
 @styled
@@ -152,53 +93,6 @@ def force_figure(
     if friction is not None:
         grid[1, 1].legend(loc="upper right", fontsize=8)
     return figure
-
-
-# --- parts of figures --------------------------------------------------------------------------
-
-
-def _map_axes(
-    rows_mm: ArrayLike, range_mm: tuple[float, float], label: str, axis: str
-) -> tuple[Figure, Axes]:
-    rows = np.asarray(rows_mm, dtype=float)
-    margin = 0.3
-    to_scale = label.endswith("(mm)")
-    longer = np.ptp(range_mm) / (np.ptp(rows) + 2 * margin) if to_scale else 1.0
-    size = (5.6, 5.2) if longer < _FLAT_RATIO else (9.5, 1.0 + 8.0 / longer)
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots()
-    axes.set_xlim(*_span(np.asarray(range_mm)))
-    # X decreases upwards, so that letters that read along the scan are upright.
-    ends = rows.max() + margin, rows.min() - margin
-    axes.set_ylim(*(ends if axis == "X" else ends[::-1]))
-    across = ACROSS if longer < _FLAT_RATIO and axis == "X" else f"{axis} (mm)"
-    axes.set(xlabel=label, ylabel=across, aspect="equal" if to_scale else "auto")
-    return figure, axes
-
-
-def draw_outlines(axes: Axes, outlines: Outlines) -> None:
-    """Fill the outlines; an outline inside another one is a hole."""
-    curves = [Curve(np.vstack([o, o[:1]])[:, ::-1], closed=True) for o in outlines if len(o) > 2]
-    if curves:
-        curve = Curve.make_compound_path(*curves)
-        axes.add_patch(PathPatch(curve, facecolor=PAPER, edgecolor="#B8B2A4", lw=0.7, zorder=0))
-
-
-def draw_rates(
-    axes: Axes,
-    displacement_mm: NDArray[np.float64],
-    rows_mm: NDArray[np.float64],
-    rate_Hz: NDArray[np.float64],
-    outlines: Outlines,
-    brightest_Hz: float | None = None,
-) -> QuadMesh:
-    """Draw rates (rows, columns) as an image, colours starting at 0, and the outlines on top."""
-    style = {"cmap": "cividis", "shading": "nearest", "rasterized": True}
-    image = axes.pcolormesh(displacement_mm, rows_mm, rate_Hz, vmin=0, vmax=brightest_Hz, **style)
-    for outline in outlines:
-        closed = np.vstack([outline, outline[:1]])
-        axes.plot(closed[:, 1], closed[:, 0], color="white", lw=0.8, alpha=0.8)
-    return image
 
 
 def _span(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from tactile_fem.neuron import Response
 from tactile_fem.output.abscissa import Abscissa, inches
 from tactile_fem.output.beneath import Beneath, draw_beneath
 from tactile_fem.output.panels import legend_above, panels
-from tactile_fem.output.plots import draw_rates, styled
+from tactile_fem.output.plots import styled
 
 Array = NDArray[np.float64]
 
@@ -133,8 +133,7 @@ def firing(trains: Sequence[Trains], over: Abscissa, beneath: Beneath) -> Figure
     brightest = max(float(rate.max()) for rate in rates) or 1.0
     for one_axes, (line, one), rate in zip(axes, shown, rates, strict=True):
         rows = _rows(line, one)
-        image = draw_rates(one_axes, over.at(times), rows, rate, (), brightest)
-        _colour_bar(one_axes, image)
+        _draw_rates(one_axes, over.at(times), rows, rate, brightest)
         _draw_outline(one_axes, line, rows, over, beneath, colour="white")
         one_axes.set_ylim(*line.limits(rows))
         one_axes.set_ylabel(
@@ -168,8 +167,7 @@ def _draw_spread(axes: Axes, one: Trains, over: Abscissa, *, named: bool) -> Non
     if len(order) > _MOST_ROWS:
         times = over.columns_s(_COLUMNS)
         rate = one.response.rate(times, _WINDOW_S).T[order]
-        image = draw_rates(axes, over.at(times), np.arange(len(order)), rate, ())
-        _colour_bar(axes, image)
+        _draw_rates(axes, over.at(times), np.arange(len(order)), rate)
     else:
         row = np.argsort(order)
         receptor, time_s = one.response.events()
@@ -199,7 +197,12 @@ def _draw_outline(
     draw_beneath(axes, over.at(times), fine, inside, colour=colour)
 
 
-def _colour_bar(axes: Axes, image: object) -> None:
+def _draw_rates(
+    axes: Axes, at: Array, rows: Array, rate_Hz: Array, brightest_Hz: float | None = None
+) -> None:
+    """Draw rates (rows, columns) as an image with its colour bar, whose colours start at 0."""
+    style = {"cmap": "cividis", "shading": "nearest", "rasterized": True}
+    image = axes.pcolormesh(at, rows, rate_Hz, vmin=0, vmax=brightest_Hz, **style)
     figure = axes.get_figure(root=True)
     place = axes.inset_axes((1.02, 0.05, 0.16 / inches(axes)[0], 0.9))
     bar = figure.colorbar(image, cax=place, label="Firing rate (spikes/s)")
