@@ -10,13 +10,13 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from tactile_fem.output.histories import at_time, turns_at
 from tactile_fem.output.section import gap_of
 from tactile_fem.path.rotations import between, swept, to_body
 from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus.sampled import DistanceGrid, height_map
+from tactile_fem.stimulus.spline import linear_between
 
 if TYPE_CHECKING:
     from shapely import Geometry
@@ -83,8 +83,8 @@ class Beneath:
         turns = None if self.turns_rad is None else between(self.turns_rad, self.time_s, time_s)
         points = np.pad(points_mm, ((0, 0), (0, 1)))
         there = to_body(points, at_time(trace, "places_mm", time_s).T, turns)[..., :2]
-        index = (there - self.origin_mm) / self.step_mm
-        return ndimage.map_coordinates(self.inside, index.T, order=1, mode="nearest")
+        found = linear_between(self.inside, self.origin_mm, self.step_mm, there.reshape(-1, 2))
+        return found.reshape(there.shape[:-1]).T
 
 
 def draw_beneath(

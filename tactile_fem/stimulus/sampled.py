@@ -36,12 +36,9 @@ class DistanceGrid:
 
     def gap(self, points: Array) -> Array:
         """Return the distance at points (n, 3), linear between the grid's; 0.5 mm outside of it."""
-        from scipy import ndimage  # takes 0.3 s
+        from tactile_fem.stimulus.spline import linear_between  # SciPy takes 0.3 s
 
-        place = ((points - self.origin_mm) / self.step_mm).T[::-1]
-        return ndimage.map_coordinates(
-            self.gap_mm, place, output=np.float64, order=1, mode="constant", cval=NEAR_MM
-        )
+        return linear_between(self.gap_mm.T, self.origin_mm, self.step_mm, points, beyond=NEAR_MM)
 
     @classmethod
     def of(cls, body: RigidBody, places_mm: Array, turns_rad: Array | None = None) -> DistanceGrid:
