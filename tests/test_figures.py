@@ -10,7 +10,7 @@ from tactile_fem.cli import app as cli
 from tactile_fem.neuron import Response
 from tactile_fem.output import figures
 from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.beneath import Beneath
+from tactile_fem.output.cross_section import CrossSectionMap
 from tactile_fem.output.felt import Felt, felt
 from tactile_fem.output.histories import DISPLACEMENT, TIME
 from tactile_fem.output.rasters import Trains, raster
@@ -41,7 +41,7 @@ def square(at_mm=0.0):
     x, y = np.meshgrid(np.arange(-8, 8.01, 0.1), np.arange(-1, 12.01, 0.1), indexing="ij")
     inside = np.minimum(3 - np.abs(x - at_mm), 3 - np.abs(y - 5))
     origin = np.array([-8.0, -1.0])
-    return Beneath(origin, 0.1, inside, trace["time_s"], trace["stimulator_mm"][:, :2])
+    return CrossSectionMap(origin, 0.1, inside, trace["time_s"], trace["stimulator_mm"][:, :2])
 
 
 def dots(axes):
@@ -122,7 +122,7 @@ def test_the_outline_stays_in_the_press_and_passes_in_the_slide():
     ],
 )
 def test_every_kind_has_its_outline(tmp_path, stimulus, inside, outside):
-    beneath = Beneath.of(scan(tmp_path / "r", Study(stimulus=stimulus)))
+    beneath = CrossSectionMap.of(scan(tmp_path / "r", Study(stimulus=stimulus)))
     assert beneath.inside.min() < 0 < beneath.inside.max()
     if inside is not None:
         felt_there = beneath.under(np.array([inside, outside]), np.zeros(1))
@@ -130,14 +130,14 @@ def test_every_kind_has_its_outline(tmp_path, stimulus, inside, outside):
 
 
 def test_a_plate_has_no_outline(tmp_path):
-    assert Beneath.of(scan(tmp_path / "r")).inside.max() < 0
+    assert CrossSectionMap.of(scan(tmp_path / "r")).inside.max() < 0
 
 
 def test_a_body_of_a_script_has_the_outline_of_its_samples(tmp_path):
     results = scan(tmp_path / "r")
     body = Sphere(radius_mm=3.0, shift_mm=(0.5, 0.0)).body()
     results.save_stimulator(DistanceGrid.of(body, results.trace["stimulator_mm"]))
-    beneath = Beneath.of(results)
+    beneath = CrossSectionMap.of(results)
     edges = np.array([[2.6, 0.0], [2.8, 0.0], [-1.6, 0.0], [-1.8, 0.0]])
     assert (beneath.under(edges, np.zeros(1))[:, 0] > 0).tolist() == [True, False, True, False]
 

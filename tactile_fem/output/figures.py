@@ -13,7 +13,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import BLUE, colours_of
-from tactile_fem.output.beneath import Beneath
+from tactile_fem.output.cross_section import CrossSectionMap
 from tactile_fem.output.felt import Felt, felt
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.output.measured import measured
@@ -59,7 +59,7 @@ def draw_plots(results: Results, *, dpi: int | None = None) -> list[Path]:
     over = Abscissa.of(results.trace)
     figures: dict[str, Figure | None] = {"force": _force(results, over)}
     if len(over.values) > 1:
-        beneath, trains = Beneath.of(results), trains_of(results)
+        beneath, trains = CrossSectionMap.of(results), trains_of(results)
         figures["felt" if results.study.afferents else "sed"] = _felt(results, over, beneath)
         figures |= {"raster": raster(trains, over, beneath)}
         figures |= {"firing": firing(trains, over, beneath)}
@@ -105,7 +105,7 @@ def _force(results: Results, over: Abscissa) -> Figure:
     return figure
 
 
-def _felt(results: Results, over: Abscissa, beneath: Beneath) -> Figure | None:
+def _felt(results: Results, over: Abscissa, beneath: CrossSectionMap) -> Figure | None:
     """Draw what the central receptor of each population feels, if the trace has it."""
     trace, found = results.trace, list[Felt]()
     colours = colours_of(one.name for one in results.study.populations)

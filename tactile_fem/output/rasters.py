@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.neuron import Response
 from tactile_fem.output.abscissa import Abscissa, inches
-from tactile_fem.output.beneath import Beneath, draw_beneath
+from tactile_fem.output.cross_section import CrossSectionMap, draw_outline
 from tactile_fem.output.panels import legend_above, panels
 from tactile_fem.output.plots import styled
 
@@ -78,7 +78,7 @@ class Line:
 
 
 @styled
-def raster(trains: Sequence[Trains], over: Abscissa, beneath: Beneath) -> Figure:
+def raster(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap) -> Figure:
     """Draw the spikes of all populations over the path, one row for each receptor.
 
     Populations on the same line share a panel, in which their rows are their places and the
@@ -113,7 +113,7 @@ def raster(trains: Sequence[Trains], over: Abscissa, beneath: Beneath) -> Figure
 
 
 @styled
-def firing(trains: Sequence[Trains], over: Abscissa, beneath: Beneath) -> Figure | None:
+def firing(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap) -> Figure | None:
     """Draw the firing rates of each population's line of receptors as an image.
 
     Of receptors that are spread over the skin it is the row on Y = 0. None if there is no even line
@@ -146,7 +146,7 @@ def firing(trains: Sequence[Trains], over: Abscissa, beneath: Beneath) -> Figure
 
 
 def _draw_line(
-    axes: Axes, line: Line, trains: Sequence[Trains], over: Abscissa, beneath: Beneath
+    axes: Axes, line: Line, trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap
 ) -> None:
     rows = np.concatenate([_rows(line, one) for one in trains])
     _draw_outline(axes, line, rows, over, beneath)
@@ -188,13 +188,13 @@ def _draw_outline(
     line: Line,
     rows: Array,
     over: Abscissa,
-    beneath: Beneath,
+    beneath: CrossSectionMap,
     colour: str | None = None,
 ) -> None:
     fine = np.linspace(rows.min() - _MARGIN_MM, rows.max() + _MARGIN_MM, _OUTLINE_ROWS)
     times = over.columns_s(_OUTLINE_COLUMNS)
     inside = beneath.under(line.points(fine), times)
-    draw_beneath(axes, over.at(times), fine, inside, colour=colour)
+    draw_outline(axes, over.at(times), fine, inside, colour=colour)
 
 
 def _draw_rates(

@@ -36,7 +36,7 @@ _PAPER, _EDGE = "#E6E3DC", "#B8B2A4"
 
 
 @dataclass(frozen=True)
-class Beneath:
+class CrossSectionMap:
     """What is raised of a body: sampled in its frame, positive inside its outline.
 
     `inside` (x, y) has the samples from `origin_mm` (2,) on, `step_mm` apart. The body goes through
@@ -56,7 +56,7 @@ class Beneath:
         return self.origin_mm[0] + self.step_mm * np.arange(len(self.inside))
 
     @classmethod
-    def of(cls, results: Results) -> Beneath:
+    def of(cls, results: Results) -> CrossSectionMap:
         """Sample the body of a scan.
 
         The outline is that of what its kind raises from a plate. For any other body it is the
@@ -87,7 +87,7 @@ class Beneath:
         return found.reshape(there.shape[:-1]).T
 
 
-def draw_beneath(
+def draw_outline(
     axes: Axes, at: Array, rows_mm: Array, inside: Array, *, colour: str | None = None
 ) -> None:
     """Draw the outline (rows, columns) over an axis: filled in the colour of paper, or a line."""
