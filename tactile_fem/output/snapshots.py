@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter
 
 from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.cross_section import CrossSectionMap
+from tactile_fem.output.annotations import VERMILION
+from tactile_fem.output.cross_section import CrossSectionMap, draw_outline
 from tactile_fem.output.plots import styled
 from tactile_fem.output.rasters import Line, Trains
 
@@ -75,8 +76,7 @@ def _draw_outline(axes: Axes, beneath: CrossSectionMap, time_s: float) -> None:
     x = np.linspace(*sorted(axes.get_ylim()), _FINE)
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
     inside = beneath.under(points, np.array([time_s])).reshape(_FINE, _FINE)
-    if inside.min() < 0 < inside.max():
-        axes.contour(y, x, inside, [0.0], colors="#D55E00", linewidths=0.9)
+    draw_outline(axes, y, x, inside, colour=VERMILION)
 
 
 def _phase(over: Abscissa, time_s: float) -> str:
