@@ -13,6 +13,7 @@ from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.cross_section import CrossSectionMap
 from tactile_fem.output.felt import Felt, felt
 from tactile_fem.output.histories import DISPLACEMENT, TIME
+from tactile_fem.output.plots import force_figure
 from tactile_fem.output.rasters import Trains, raster
 from tactile_fem.output.snapshots import snapshots
 from tactile_fem.stimulus.sampled import DistanceGrid
@@ -51,14 +52,14 @@ def dots(axes):
 # --- forces --------------------------------------------------------------------------------------
 
 
-def test_a_body_that_turns_shows_its_torque_about_its_own_origin(tmp_path):
+def test_a_body_that_turns_shows_its_torque_about_its_own_origin():
     trace = make_trace()
-    plain = figures._force(scan(tmp_path / "plain", trace=trace), Abscissa.of(trace))
+    plain = force_figure(trace, Abscissa.of(trace))
     assert len(plain.axes) == 4 and "mm" in plain.axes[2].get_xlabel()
     trace["stimulator_rad"][:, 2] = 0.1
     trace["moment_Nmm"] = np.cross(trace["stimulator_mm"], trace["force_N"])
     trace["moment_Nmm"][:, 2] += 0.7
-    turned = figures._force(scan(tmp_path / "turned", trace=trace), Abscissa.of(trace))
+    turned = force_figure(trace, Abscissa.of(trace))
     press, slide = turned.axes[4:6]
     assert press.get_ylabel() == "Torque (Nmm)" and press.get_xlabel() == "Indentation (mm)"
     assert press.lines[0].get_ydata() == pytest.approx(0.7)
