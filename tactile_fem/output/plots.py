@@ -49,7 +49,7 @@ def force_figure(
     """
     x, y, normal = trace["force_N"].T
     tangential, ratio = np.hypot(x, y), np.full(len(normal), np.nan)
-    np.divide(np.hypot(x, y), normal, out=ratio, where=normal > 1e-3 * max(normal.max(), 1e-9))
+    np.divide(tangential, normal, out=ratio, where=normal > 1e-3 * max(normal.max(), 1e-9))
     largest, bound = np.nanmax(ratio, initial=0.0), "friction coefficient"
     if friction is not None and largest > friction + 0.01:
         bound += ", exceeded where flanks press sideways"
@@ -65,15 +65,18 @@ def force_figure(
     for (at, rows), all_axes in zip(columns, grid.T, strict=True):
         for axes, histories in zip(all_axes, panels, strict=True):
             for values, colour, label in histories:
-                axes.plot(at[rows], values[rows], color=colour, label=label, lw=1.4)
+                axes.plot(
+                    at[rows], values[rows], color=colour, label=label, lw=1.6 if label else 1.2
+                )
         if friction is not None:
             all_axes[1].axhline(friction, color=GREEN, lw=1, ls=(0, (4, 3)), label=bound)
-    grid[-1, 0].set(xlabel="Indentation (mm)")
+    grid[-1, 0].set_xlabel("Indentation (mm)")
     for axes in grid[:, 1]:
         over.draw(axes, names=axes is grid[0, 1], label=axes is grid[-1, 1])
     labels = f"Force on the finger ({unit})", "Tangential / normal", "Torque (Nmm)"
     for axes, label in zip(grid[:, 0], labels, strict=False):
         axes.set_ylabel(label)
+        axes.margins(x=0)
     grid[0, 0].set_ylim(bottom=0)
     grid[1, 0].set_ylim(0, 1.7 * max(friction or 0.0, largest, 1e-3))
     grid[0, 1].legend(loc="best")
