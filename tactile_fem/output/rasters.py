@@ -153,10 +153,7 @@ def _draw_line(
     apart = np.diff(np.unique(rows.round(9))).min(initial=1.0)
     shift = min(apart / (len(trains) + 1), 0.3)
     for k, one in enumerate(trains):
-        receptor, time_s = one.response.events()
-        place = _rows(line, one)[receptor] + shift * (k - (len(trains) - 1) / 2)
-        style = {"ls": "", "marker": "o", "ms": 2.2, "mew": 0, "zorder": 3, "gid": "spikes"}
-        axes.plot(over.at(time_s), place, color=one.colour, label=one.name, **style)
+        _draw_spikes(axes, one, over, _rows(line, one) + shift * (k - (len(trains) - 1) / 2))
     axes.set_ylim(*line.limits(rows))
     axes.set_ylabel(line.label())
 
@@ -169,10 +166,7 @@ def _draw_spread(axes: Axes, one: Trains, over: Abscissa, *, named: bool) -> Non
         rate = one.response.rate(times, _WINDOW_S).T[order]
         _draw_rates(axes, over.at(times), np.arange(len(order)), rate)
     else:
-        row = np.argsort(order)
-        receptor, time_s = one.response.events()
-        style = {"ls": "", "marker": "o", "ms": 2.2, "mew": 0, "gid": "spikes"}
-        axes.plot(over.at(time_s), row[receptor], color=one.colour, label=one.name, **style)
+        _draw_spikes(axes, one, over, np.argsort(order))
     x = one.places_mm[order, 0]
     ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(x[0], x[-1])
     ticks = ticks[(ticks >= x[0] - 1e-9) & (ticks <= x[-1] + 1e-9)]
@@ -181,6 +175,13 @@ def _draw_spread(axes: Axes, one: Trains, over: Abscissa, *, named: bool) -> Non
     axes.set_ylim(len(order) - 0.5, -0.5)
     who = f"{one.name}, {len(order)} receptors" if named else f"{len(order)} receptors"
     axes.set_ylabel(f"{who} by X (mm), then Y")
+
+
+def _draw_spikes(axes: Axes, one: Trains, over: Abscissa, rows: Array) -> None:
+    """Draw a dot for each spike of receptors at places (receptors,) of the panel."""
+    receptor, time_s = one.response.events()
+    style = {"ls": "", "marker": "o", "ms": 2.2, "mew": 0, "zorder": 3, "gid": "spikes"}
+    axes.plot(over.at(time_s), rows[receptor], color=one.colour, label=one.name, **style)
 
 
 def _draw_outline(

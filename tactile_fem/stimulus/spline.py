@@ -19,7 +19,11 @@ _PIECES = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]])
 
 
 def linear_between(
-    values: Array, origin: ArrayLike, spacing: ArrayLike, points: Array, beyond: float | None = None
+    values: NDArray[np.floating],
+    origin: ArrayLike,
+    spacing: ArrayLike,
+    points: Array,
+    beyond: float | None = None,
 ) -> Array:
     """Return values (n,) at points (n, d) of a grid of d axes; beyond it a value, or the nearest.
 
