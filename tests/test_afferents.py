@@ -25,7 +25,6 @@ from tactile_fem.neuron import (
 from tactile_fem.output.figures import draw_plots
 from tactile_fem.series import fibre_image
 from tactile_fem.series.members import single_fibre
-from tactile_fem.series.report import write_report
 from tactile_fem.series.run import numbers_of
 from tactile_fem.simulation.checks import check, check_parts
 from tactile_fem.simulation.parts import Parts
@@ -434,16 +433,6 @@ def test_figures_show_all_populations_and_are_removed_with_them(tmp_path, caplog
     assert {path.name for path in draw_plots(results)} == wanted
     Results.create(results.folder, overwrite=True)
     assert not list(results.folder.rglob("*.png"))
-
-
-def test_reports_show_each_population(tmp_path):
-    study = read(tmp_path, TWO, "afferents.RA.feels=largest_stretch")
-    results = two_kinds(tmp_path / "r", study)
-    (results.folder.parent / "summary.csv").write_text("scan,status\nr,complete\n")
-    assert write_report(results.folder.parent).read_text().count("<figcaption>r</figcaption>") == 1
-    page = write_report(results.folder).read_text()
-    for words in ("spikes_RA", "What the central receptor of each population feels", "Spikes of"):
-        assert words in page
 
 
 def test_spike_trains_of_neo_know_kind_population_and_place(tmp_path):

@@ -26,7 +26,6 @@ SETTINGS, COMMANDS = (
 _STARTS = {
     "scan": "",
     "preview": " -o new.png",
-    "export": " --deck new.inp",
     "mesh": " -o new.msh",
     "sweep": " --over protocol.depth_mm=1,2",
     "fibre": "",
@@ -49,7 +48,7 @@ COMMANDS += [
             "receptors.average_radius_mm = 0.25: no subcutaneous within reach of the receptor at X "
             "-5, Y 0 mm.",
         )
-        for command in ("scan", "export --deck new.inp", "sweep --over protocol.depth_mm=1,2")
+        for command in ("scan", "sweep --over protocol.depth_mm=1,2")
     ),
     *((f"{command} speed.toml{options}", _SPEED) for command, options in _STARTS.items()),
     *(
@@ -80,7 +79,6 @@ def here(tmp_path_factory) -> Path:
     )
     (folder / "turns.csv").write_text("time_s,rz_deg\n0,0\n1,95\n")
     (folder / "binary.toml").write_bytes(b"\xff\xfe")
-    (folder / "old.inp").write_text("mine")
     (folder / "full").mkdir()
     (folder / "full" / "notes.md").write_text("mine")
     for name in ("done", "emptied", "pickled", "foreign", "cut", "old", "spikes", "run"):

@@ -190,22 +190,6 @@ def test_mesh_prints_its_report_and_writes_the_file(capsys):
     assert len(meshio.read("finger.msh").cells_dict["tetra10"]) > 1000
 
 
-def test_export_writes_a_deck(capsys):
-    settings = ["--set", "stimulus.kind=plate", "--set", "protocol.depth_mm=0.3"]
-    lengths = ["--press-step-mm", "0.1", "--slide-step-mm", "2.5", "--grid-mm", "4"]
-    assert cli.main(["export", "--deck", "finger.inp", *settings, *lengths]) == 0
-    out = capsys.readouterr().out
-    assert "8580 tetrahedra" in out and "finger.inp" in out
-    deck = Path("finger.inp").read_text()
-    starts = [float(share) for share in re.findall(r"\*STATIC\n([\d.]+),", deck)]
-    assert starts == pytest.approx([1 / 3, 1 / 4])
-    assert "TOTALS=ONLY" in deck
-
-    again = ["export", "--deck", "finger.inp", "--overwrite", "--format", "abaqus"]
-    assert cli.main([*again, *settings, "--grid-mm", "4"]) == 0
-    assert "TOTALS=YES" in Path("finger.inp").read_text()
-
-
 def test_fields_lists_the_kept_states_and_writes_them(capsys):
     results = make_results("r")
     make_fields(results)
@@ -360,7 +344,7 @@ def test_help_and_wrong_input_import_nothing_heavy(tmp_path):
         *("sweep --over stimulus.friction=x", "sweep --over stimulus.friction"),
         "fibre --spacing-mm 9",
         *("fit none.csv", "vibrate none", "vibrate none --frequencies 0", "view none"),
-        *("plot none", "report none", "fields none", "compare none no", "preview -o x.jpg"),
+        *("plot none", "fields none", "compare none no", "preview -o x.jpg"),
     ]
     expected = {"--help": "0", "scan --help": "0", **dict.fromkeys(wrong, "2")}
     # All else that may be wrong is looked for too: letters need their libraries.

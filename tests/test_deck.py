@@ -12,11 +12,11 @@ import pytest
 import ufl
 from blocks import LAYERS, block_mesh
 from materials import FULL, NEO_HOOKEAN, SECOND_ORDER, YEOH
+from scripts import DEMOS, beside
 
 from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger.mesh_data import TISSUES
-from tactile_fem.output.deck import Penalty, material_lines, write_deck
-from tactile_fem.stimulus.sampled import height_field
+from tactile_fem.stimulus import KineticFriction
 from tactile_fem.study import (
     Cylinder,
     Hold,
@@ -24,12 +24,18 @@ from tactile_fem.study import (
     Polynomial,
     Press,
     Protocol,
+    Push,
     Solver,
+    Sphere,
     Study,
     Text,
     Tissue,
+    Twist,
 )
 from tactile_fem.tissue.energies import law_of
+
+with beside(DEMOS / "verification" / "deck.py"):
+    from deck import Penalty, height_field, material_lines, write_deck
 
 LINE = np.linspace(-3.0, 3.0, 4)
 DEPTHS = np.array([0.0, 0.17, 0.82, 1.62, 3.0, 4.0])
@@ -190,22 +196,6 @@ def test_energy_of_chosen_tetrahedra_is_printed_in_both_steps(tmp_path):
     assert deck.all("*EL PRINT, ELSET=FELT") == [[["ENER"]], [["ENER"]]]
 
 
-def test_abaqus_differs_in_three_words(tmp_path):
-    way = {"grid_mm": (1.0, 1.0), "energy_of": np.array([0])}
-    lines = {}
-    for code in ("calculix", "abaqus"):
-        write_deck(STUDY, BLOCK, tmp_path / f"{code}.inp", code=code, **way)
-        lines[code] = (tmp_path / f"{code}.inp").read_text().splitlines()
-    pairs = zip(lines["calculix"], lines["abaqus"], strict=True)
-    stick = Deck(tmp_path / "calculix.inp").one("*FRICTION")[0][1]
-    assert {pair for pair in pairs if pair[0] != pair[1]} == {
-        (f"0.3, {stick}", "0.3"),
-        ("*NODE PRINT, NSET=STIMULATOR, TOTALS=ONLY", "*NODE PRINT, NSET=STIMULATOR, TOTALS=YES"),
-        ("*NODE PRINT, NSET=HELD, TOTALS=ONLY", "*NODE PRINT, NSET=HELD, TOTALS=YES"),
-        ("ENER", "SENER"),
-    }
-
-
 def test_no_step_without_a_slide(tmp_path):
     study = Study(stimulus=Plate(friction=0.0), protocol=Protocol(depth_mm=0.3, distance_mm=0.0))
     write_deck(study, BLOCK, tmp_path / "press.inp", grid_mm=(1.0, 1.0))
@@ -218,10 +208,10 @@ def test_no_step_without_a_slide(tmp_path):
 def test_height_field_lies_on_the_body(stimulus):
     body = stimulus.body()
     skin = BLOCK.nodes[BLOCK.nodes[:, 2] == 0]
-    field = height_field(body, PATH.places_mm(), skin, (0.25, 0.25))
-    assert np.abs(body.distance(field.points).gap).max() < 2e-3
-    assert field.points[:, 2].min() > -0.3 - 0.6
-    a, b, c, d = (field.points[field.cells[:, i]] for i in range(4))
+    points, squares = height_field(body, PATH.places_mm(), skin, (0.25, 0.25))
+    assert np.abs(body.distance(points).gap).max() < 2e-3
+    assert points[:, 2].min() > -0.3 - 0.6
+    a, b, c, d = (points[squares[:, i]] for i in range(4))
     assert np.all(np.cross(c - a, d - b)[:, 2] > 0)
 
 
@@ -236,34 +226,43 @@ def test_contact_is_as_stiff_as_the_meshs_own_stratum_corneum_asks_for():
         Penalty.of(STUDY, dataclasses.replace(BLOCK, nodes=BLOCK.nodes + np.array([0, 0, 20.0])))
 
 
-def test_abaqus_gets_the_series_and_the_time_of_tissue_that_relaxes(tmp_path):
-    series = {"g": (0.3, 0.2), "tau_s": (0.07, 1.4)}
-    tissue = Tissue.model_validate({"dermis": series})
-    path = (Press(depth_mm=0.2, speed_mm_s=10.0), Hold(time_s=3.0, output_s=0.5))
-    protocol = Protocol(path=path)
-    study = STUDY.model_copy(update={"tissue": tissue, "protocol": protocol})
-    with pytest.raises(StudyError, match=r"tissue\.dermis\.g is set but CalculiX"):
-        write_deck(study, BLOCK, tmp_path / "ccx.inp")
-    write_deck(study, BLOCK, tmp_path / "abaqus.inp", code="abaqus")
-    deck = (tmp_path / "abaqus.inp").read_text()
-    assert deck.count("MODULI=LONG TERM\n") == 1
-    assert "*VISCOELASTIC, TIME=PRONY\n0.3, 0, 0.07\n0.2, 0, 1.4\n" in deck
-    assert "*STATIC" not in deck
-    periods = [float(row.split(",")[1]) for row in re.findall(r"\*VISCO\n(.*)\n", deck)]
-    assert periods[-1] == pytest.approx(3.0)
-    assert sum(periods[:-1]) == pytest.approx(0.02, rel=0.2)
+PRESSED, KINETIC = Press(depth_mm=0.3), KineticFriction(static=0.6, kinetic=0.2, speed_mm_s=8.0)
 
 
-def test_what_a_deck_cannot_hold_is_refused(tmp_path):
-    to_force = STUDY.model_copy(update={"protocol": Protocol(force_N=0.5)})
-    with pytest.raises(StudyError, match=r"protocol\.force_N is 0\.5 but .* to a depth_mm"):
-        write_deck(to_force, BLOCK, tmp_path / "no.inp")
-    held = STUDY.model_copy(update={"protocol": Protocol(path=(Hold(time_s=1.0, force_N=0.5),))})
-    with pytest.raises(StudyError, match=r"protocol\.path\.force_N is 0\.5"):
-        write_deck(held, BLOCK, tmp_path / "no.inp")
-    free = STUDY.model_copy(update={"solver": Solver(held=("nail",))})
-    with pytest.raises(StudyError, match="nothing of the mesh is held"):
-        write_deck(free, BLOCK, tmp_path / "no.inp")
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"protocol": Protocol(force_N=0.5)}, r"protocol\.force_N is 0\.5 but .* to a depth_mm"),
+        (
+            {"protocol": Protocol(path=(Hold(time_s=1.0, force_N=0.5),))},
+            r"protocol\.path\.force_N is 0\.5",
+        ),
+        (
+            {"protocol": Protocol(path=(PRESSED, Twist(angle_deg=5.0)))},
+            r"a deck knows places only, but piece 2 \(twist\) turns the stimulator: let it press",
+        ),
+        (
+            {"protocol": Protocol(path=(PRESSED, Push(time_s=1.0, tangential_N=(0.1, 0.0))))},
+            r"a deck knows places only, but piece 2 \(push\) holds loads: give it",
+        ),
+        ({"solver": Solver(held=("nail",))}, "nothing of the mesh is held"),
+        (
+            {"stimulus": Sphere(shift_mm=(60, 0))},
+            r"57 mm .*; a deck needs contact: correct stimulus",
+        ),
+        (
+            {"stimulus": Plate(friction=KINETIC)},
+            r'law = "kinetic" is not written into a deck: give a num',
+        ),
+        (
+            {"tissue": Tissue.model_validate({"dermis": {"g": (0.3,), "tau_s": (0.07,)}})},
+            r"tissue\.dermis\.g is set but CalculiX",
+        ),
+    ],
+)
+def test_what_a_deck_cannot_hold_is_refused(tmp_path, changes, words):
+    with pytest.raises(StudyError, match=words):
+        write_deck(STUDY.model_copy(update=changes), BLOCK, tmp_path / "no.inp")
     assert not list(tmp_path.iterdir())
 
 
@@ -340,7 +339,6 @@ def test_calculix_presses_and_slides_a_block_as_we_do(tmp_path):
 
     from tactile_fem.mechanics.domain import create_domain
     from tactile_fem.solvers.finger_problem import FingerProblem
-    from tactile_fem.study import Tissue
 
     elastic = Tissue.model_validate({"viscous_time_s": 0.0})
     # CalculiX integrates volume change at every point.

@@ -10,9 +10,10 @@ from tactile_fem.cli import app as cli
 from tactile_fem.neuron import Response
 from tactile_fem.output import figures
 from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.beneath import Beneath
+from tactile_fem.output.cross_section import CrossSectionMap
 from tactile_fem.output.felt import Felt, felt
 from tactile_fem.output.histories import DISPLACEMENT, TIME
+from tactile_fem.output.plots import force_figure
 from tactile_fem.output.rasters import Trains, raster
 from tactile_fem.output.snapshots import snapshots
 from tactile_fem.stimulus.sampled import DistanceGrid
@@ -41,7 +42,7 @@ def square(at_mm=0.0):
     x, y = np.meshgrid(np.arange(-8, 8.01, 0.1), np.arange(-1, 12.01, 0.1), indexing="ij")
     inside = np.minimum(3 - np.abs(x - at_mm), 3 - np.abs(y - 5))
     origin = np.array([-8.0, -1.0])
-    return Beneath(origin, 0.1, inside, trace["time_s"], trace["stimulator_mm"][:, :2])
+    return CrossSectionMap(origin, 0.1, inside, trace["time_s"], trace["stimulator_mm"][:, :2])
 
 
 def dots(axes):
@@ -51,14 +52,14 @@ def dots(axes):
 # --- forces --------------------------------------------------------------------------------------
 
 
-def test_a_body_that_turns_shows_its_torque_about_its_own_origin(tmp_path):
+def test_a_body_that_turns_shows_its_torque_about_its_own_origin():
     trace = make_trace()
-    plain = figures._force(scan(tmp_path / "plain", trace=trace), Abscissa.of(trace))
+    plain = force_figure(trace, Abscissa.of(trace))
     assert len(plain.axes) == 4 and "mm" in plain.axes[2].get_xlabel()
     trace["stimulator_rad"][:, 2] = 0.1
     trace["moment_Nmm"] = np.cross(trace["stimulator_mm"], trace["force_N"])
     trace["moment_Nmm"][:, 2] += 0.7
-    turned = figures._force(scan(tmp_path / "turned", trace=trace), Abscissa.of(trace))
+    turned = force_figure(trace, Abscissa.of(trace))
     press, slide = turned.axes[4:6]
     assert press.get_ylabel() == "Torque (Nmm)" and press.get_xlabel() == "Indentation (mm)"
     assert press.lines[0].get_ydata() == pytest.approx(0.7)
@@ -122,7 +123,7 @@ def test_the_outline_stays_in_the_press_and_passes_in_the_slide():
     ],
 )
 def test_every_kind_has_its_outline(tmp_path, stimulus, inside, outside):
-    beneath = Beneath.of(scan(tmp_path / "r", Study(stimulus=stimulus)))
+    beneath = CrossSectionMap.of(scan(tmp_path / "r", Study(stimulus=stimulus)))
     assert beneath.inside.min() < 0 < beneath.inside.max()
     if inside is not None:
         felt_there = beneath.under(np.array([inside, outside]), np.zeros(1))
@@ -130,14 +131,14 @@ def test_every_kind_has_its_outline(tmp_path, stimulus, inside, outside):
 
 
 def test_a_plate_has_no_outline(tmp_path):
-    assert Beneath.of(scan(tmp_path / "r")).inside.max() < 0
+    assert CrossSectionMap.of(scan(tmp_path / "r")).inside.max() < 0
 
 
 def test_a_body_of_a_script_has_the_outline_of_its_samples(tmp_path):
     results = scan(tmp_path / "r")
     body = Sphere(radius_mm=3.0, shift_mm=(0.5, 0.0)).body()
     results.save_stimulator(DistanceGrid.of(body, results.trace["stimulator_mm"]))
-    beneath = Beneath.of(results)
+    beneath = CrossSectionMap.of(results)
     edges = np.array([[2.6, 0.0], [2.8, 0.0], [-1.6, 0.0], [-1.8, 0.0]])
     assert (beneath.under(edges, np.zeros(1))[:, 0] > 0).tolist() == [True, False, True, False]
 

@@ -23,7 +23,6 @@ from sphere_on_block import DEPTHS, TWO_TISSUES, follow
 from tactile_fem import Simulation
 from tactile_fem.errors import StudyError
 from tactile_fem.mechanics.domain import create_domain, roller
-from tactile_fem.output.deck import write_deck
 from tactile_fem.path.rotations import matrix
 from tactile_fem.simulation.checks import check
 from tactile_fem.solvers.finger_problem import FingerProblem
@@ -277,9 +276,3 @@ def test_viscosity_steadies_friction_that_falls_with_speed():
     slides = 0.3 + 0.2 * np.exp(-1 / 2)
     assert max(ratio) > 1.1 * slides
     assert ratio[-1] == pytest.approx(slides, rel=1e-3)
-
-
-def test_a_deck_takes_one_coefficient(laws, tmp_path):
-    study = Study(stimulus=Plate(friction=laws["kinetic"]), finger=Finger(mesh_file=SMALL))
-    with pytest.raises(StudyError, match=r'law = "kinetic" is not written into a deck: give a num'):
-        write_deck(study, study.finger.mesh(), tmp_path / "deck.inp")

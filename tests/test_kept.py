@@ -100,9 +100,8 @@ def test_moved_results_are_drawn_and_have_their_body(kind, away, monkeypatch, ca
     before = study.stimulus.body().distance(POINTS).gap
     there = moved(make_results(away.parent / "r", study), away, monkeypatch)
     np.testing.assert_array_equal(there.study.stimulus.body().distance(POINTS).gap, before)
-    assert main(["plot", "here"]) == main(["report", "here"]) == 0
+    assert main(["plot", "here"]) == 0
     assert "sed.png" in capsys.readouterr().out
-    assert Path("here/report.html").stat().st_size > 10_000
 
 
 @needs_graphics

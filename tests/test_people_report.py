@@ -12,7 +12,7 @@ from tactile_fem import Ensemble, Study
 from tactile_fem.calibration.parameters import Parameter, powers_of
 from tactile_fem.calibration.posterior import Posterior
 from tactile_fem.people import people, run_people
-from tactile_fem.people.report import tell
+from tactile_fem.people.report import write_report
 from tactile_fem.series import Outcome, sweep
 from tactile_fem.series.run import keep_reason
 from tactile_fem.study import People
@@ -47,7 +47,7 @@ def test_few_people_in_two_conditions(tmp_path):
     twice = ensemble(
         tmp_path, 3, sweep(["stimulus.text=C,G"]), lambda s: 1.0 + (s.condition == "text-G")
     )
-    lines = tell(twice)
+    lines = write_report(twice)
     (spread,) = [line.split() for line in lines if line.startswith("text-G: pressed_N")]
     assert spread[:6] == ["text-G:", "pressed_N", "3", "1.2", "1.2", "to"]
     assert "text-G after text-C, within people" in lines
@@ -71,7 +71,7 @@ def test_few_people_in_two_conditions(tmp_path):
 
 def test_many_people_tell_the_cause(tmp_path):
     one = ensemble(tmp_path, 24, Study(), lambda s: np.exp(0.5 * s.scores["skin"]))
-    lines = tell(one)
+    lines = write_report(one)
     (cause,) = [line for line in lines if line.startswith("pressed_N") and "skin" in line]
     share = float(cause.split("skin ")[1].split(" %")[0])
     assert share > 90
@@ -85,7 +85,7 @@ def test_people_who_failed_are_counted_with_their_reasons(tmp_path):
     skin = [scan.scores["skin"] for scan in people(conditions, 20)[::2]]
     failed = [f"person-{k + 1:03d}" for k in np.argsort(skin)[-2:]]
     found = ensemble(tmp_path, 20, conditions, lambda s: 1.0, failed)
-    lines = tell(found)
+    lines = write_report(found)
     assert lines[0] == "18 of 20 people are complete, 2 failed"
     assert f"  {failed[0]}_text-C: it did not converge." in lines
     assert any("a biased sample" in line for line in lines)
@@ -105,7 +105,7 @@ def test_people_who_failed_are_counted_with_their_reasons(tmp_path):
 def test_who_has_not_been_scanned_yet_has_not_failed(tmp_path):
     found = ensemble(tmp_path, 3, Study(), lambda s: 1.0)
     (tmp_path / "person-002" / "run.json").write_text('{"status": "stopped"}')
-    lines = tell(Ensemble.open(found.folder))
+    lines = write_report(Ensemble.open(found.folder))
     assert lines[:2] == ["2 of 3 people are complete, 0 failed, 1 not scanned yet", ""]
 
 
@@ -125,7 +125,7 @@ def test_causes_of_a_fit_are_those_of_its_draws(tmp_path):
     )
     assert found.draws[:, 0] == pytest.approx(found.scores[:, 0])
     assert abs(np.corrcoef(found.draws[:, :2], rowvar=False)[0, 1]) < 0.1
-    lines = tell(found)
+    lines = write_report(found)
     (cause,) = [line for line in lines if line.startswith("pressed_N") and "skin" in line]
     first, second = (float(cause.split(f"{name} ")[1].split(" %")[0]) for name in names)
     assert first == pytest.approx(86, abs=4) and second == pytest.approx(14, abs=4)

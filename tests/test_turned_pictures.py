@@ -12,7 +12,7 @@ from synthetic import make_fields, make_results, make_trace
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import read_mesh
 from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.beneath import Beneath
+from tactile_fem.output.cross_section import CrossSectionMap
 from tactile_fem.output.film import Film
 from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.path.rotations import angle_rad, between, matrix, swept, to_body, to_space
@@ -137,7 +137,7 @@ def test_a_sampled_copy_has_the_gap_of_a_turned_body_at_the_skin(stimulus, turns
 
 def test_dots_pass_beneath_a_receptor_as_the_body_twists(tmp_path):
     trace = twisted(90.0)
-    beneath = Beneath.of(make_results(tmp_path / "r", Study(stimulus=Dots()), trace=trace))
+    beneath = CrossSectionMap.of(make_results(tmp_path / "r", Study(stimulus=Dots()), trace=trace))
     times, points = np.array([0.0, 0.25, 0.5]), np.array([[3.0, 1.0], [-2.0, 0.5]])
     still = replace(beneath, turns_rad=None)
     turned = beneath.under(points, times)

@@ -1,4 +1,4 @@
-"""Bodies that the finger misses are told before anything is computed, drawn or written."""
+"""Bodies that the finger misses are told before anything is computed or drawn."""
 
 import logging
 import re
@@ -11,10 +11,8 @@ from PIL import Image
 from synthetic import make_fields, make_results
 
 from tactile_fem.cli import app as cli
-from tactile_fem.errors import StudyError
 from tactile_fem.finger import read_mesh
 from tactile_fem.output import pictures
-from tactile_fem.output.deck import write_deck
 from tactile_fem.output.film import Film
 from tactile_fem.output.preview import preview_figure
 from tactile_fem.simulation.checks import warn_if_missed
@@ -24,13 +22,10 @@ from tactile_fem.study import (
     Edge,
     Finger,
     Plate,
-    Press,
     Protocol,
-    Push,
     Sphere,
     Study,
     Text,
-    Twist,
 )
 
 LINE = np.linspace(-3.0, 3.0, 4)
@@ -88,25 +83,6 @@ def test_a_body_may_touch_only_because_it_turns():
     below = np.array([[0.0, 0.0, -0.5]])
     assert miss(Plate().body(), below, SKIN) is not None
     assert miss(Plate().body(), below, SKIN, np.radians([[20.0, 0.0, 0.0]])) is None
-
-
-def test_no_deck_is_written_of_a_path_that_turns_or_holds_loads(tmp_path):
-    press = Press(depth_mm=0.3)
-    for piece, words in (
-        (Twist(angle_deg=5.0), r"piece 2 \(twist\) turns the stimulator: let it press, hold"),
-        (Push(time_s=1.0, tangential_N=(0.1, 0.0)), r"piece 2 \(push\) holds loads: give it"),
-    ):
-        study = Study(stimulus=Plate(), protocol=Protocol(path=(press, piece)))
-        with pytest.raises(StudyError, match=r"path: a deck knows places only, but " + words):
-            write_deck(study, BLOCK, tmp_path / "a.inp")
-    assert not list(tmp_path.iterdir())
-
-
-def test_no_deck_is_written_of_a_stimulator_beside_the_finger(tmp_path):
-    study = Study(stimulus=Sphere(shift_mm=(60, 0)), protocol=PRESS)
-    with pytest.raises(StudyError, match=r"57 mm .*; a deck needs contact: correct stimulus"):
-        write_deck(study, BLOCK, tmp_path / "a.inp")
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_stimulator_beside_the_finger_is_warned_of(small_finger, caplog):

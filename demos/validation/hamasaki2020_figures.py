@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import shapely
 from hamasaki2020_readings import (
     BUNDLES_MM,
     CURVATURES,
@@ -22,7 +23,7 @@ from matplotlib.image import imread
 from matplotlib.lines import Line2D
 
 from tactile_fem import draw
-from tactile_fem.output.histories import DISPLACEMENT, rings
+from tactile_fem.output.histories import DISPLACEMENT
 from tactile_fem.series import RateImage
 
 COLOURS = {"reproduction": "#0072B2", "full size": "#009E73", "default": "#D55E00"}
@@ -150,8 +151,9 @@ def rasters(fingers: Mapping[str, Finger]) -> Figure:
 
 def raster(axes: Axes, image: RateImage, finger: Finger) -> None:
     """Draw a dot for each spike over the outline of the letters; X decreases upwards."""
-    for ring in rings(finger.study.stimulus):
-        axes.plot(ring[:, 1], ring[:, 0], color=OUTLINE, lw=1)
+    for ring in shapely.get_rings(shapely.get_parts(finger.study.stimulus.outlines())):
+        y_on_x = shapely.get_coordinates(ring)[:, ::-1]
+        axes.plot(*y_on_x.T, color=OUTLINE, lw=1)
     row, time_s = image.response.events()
     places = finger.study.protocol.speed_mm_s * time_s
     axes.plot(places, image.across_mm[row], ls="", marker="o", ms=1.8, mew=0, color=INK)

@@ -25,12 +25,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from deck import DeckSize, Penalty, write_deck
 from pad import half_ellipsoid
 from run_deck import is_installed, run_deck
 
 from tactile_fem import FingerMesh, Stimulus, Study, run_script, write_table
 from tactile_fem.mechanics.domain import create_domain
-from tactile_fem.output.deck import DeckSize, Penalty, write_deck
 from tactile_fem.receptors import Samples, place, sample
 from tactile_fem.runtime import backend  # noqa: F401  (brings DOLFINx, before MPI)
 from tactile_fem.simulation.cell_fields import CellFields

@@ -1,13 +1,12 @@
 # %% [markdown]
-# # Running an exported deck with CalculiX
+# # A study with CalculiX
 #
-# `tactile-fem export` writes a study as an input deck. CalculiX (`ccx`; Debian:
-# `apt-get install calculix-ccx`) writes increments to `.sta`, iterations to `.cvg`, sums of forces
-# and energies to `.dat`. Its time grows with nearly the square of the unknowns. After `timeout`
-# seconds it is stopped, and the results so far are printed.
+# The study is written as an input deck (`deck.py`), which is run if CalculiX (`ccx`; Debian:
+# `apt-get install calculix-ccx`) is there. It writes increments to `.sta`, iterations to `.cvg`,
+# sums of forces and energies to `.dat`. Its time grows with nearly the square of the unknowns.
+# After `timeout` seconds it is stopped, and the results so far are printed.
 #
-#     tactile-fem export --deck plate.inp --set stimulus.kind=plate --grid-mm 4
-#     python demos/verification/run_deck.py plate.inp --timeout 600
+#     python demos/verification/run_deck.py plate.inp --set stimulus.kind=plate --grid-mm 4
 
 # %%
 import os
@@ -18,10 +17,14 @@ import subprocess
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
+from deck import write_deck
 
-from tactile_fem import StudyError, run_script
+from tactile_fem import load_study, run_script
+from tactile_fem.simulation.checks import check, checked_mesh
 
 KPA_PER_MPA = 1000.0
 
@@ -126,10 +129,22 @@ def is_installed() -> bool:
 
 
 # %%
-def main(deck: Path, *, cores: int = 1, timeout: float = 3600.0) -> None:
-    """Run a deck and print the force on the finger at each increment."""
-    if not deck.is_file():
-        raise StudyError(f"{deck} is no file: give one that tactile-fem export wrote.")
+def main(
+    deck: Path,
+    study: Path | None = None,
+    /,
+    *,
+    changes: Annotated[tuple[str, ...], Parameter(name="--set")] = (),
+    grid_mm: float = 0.1,
+    cores: int = 1,
+    timeout: float = 3600.0,
+) -> None:
+    """Write a study's deck, run it, and print the force on the finger at each increment."""
+    the_study = load_study(study, changes)
+    the_study.finger.require_solid("an input deck")
+    finger = check(the_study) or checked_mesh(the_study)
+    size = write_deck(the_study, finger, deck, grid_mm=(grid_mm, grid_mm))
+    print(f"{size.cells} tetrahedra, {size.unknowns} unknowns, {size.skin_facets} faces of skin")
     if not is_installed():
         return
     done = run_deck(deck, cores=cores, timeout=timeout)

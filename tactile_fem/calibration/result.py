@@ -12,6 +12,7 @@ from tactile_fem.calibration.measurements import Experiment, deviations
 from tactile_fem.calibration.parameters import Parameter, unit_of, value_at
 from tactile_fem.calibration.posterior import Posterior
 from tactile_fem.runtime.estimates import Estimate, r_squared
+from tactile_fem.runtime.text import aligned
 from tactile_fem.study import Study
 
 Array = NDArray[np.float64]
@@ -131,9 +132,10 @@ class Calibration:
 
     def __str__(self) -> str:
         """Return the result in lines of text."""
-        lines = [f"{'constant':32} {'value':>10} {'unit':6} {'95 % interval':20} start"]
+        rows = [["constant", "value", "unit", "95 % interval", "start"]]
         for k, parameter in enumerate(self.parameters):
-            lines += self._lines_of(k, parameter)
+            rows += self._rows_of(k, parameter)
+        lines = aligned(rows)
         names = [p.name for p in self.parameters]
         for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
             if abs(r := self.correlation[i, j]) > _STRONG_CORRELATION:
@@ -153,25 +155,20 @@ class Calibration:
             )
         return "\n".join(lines)
 
-    def _lines_of(self, k: int, parameter: Parameter) -> list[str]:
+    def _rows_of(self, k: int, parameter: Parameter) -> list[list[str]]:
         """Return the constants of a parameter; before several of them, their factor."""
-        lines, indent = [], ""
+        rows, indent = [], ""
         if len(parameter.powers) > 1:
             factor, indent = self.estimate(k, 1.0), "  "
-            lines.append(
-                f"{parameter.name}: {parameter.multiplied} times {factor.value:.3g} "
-                f"({factor.low:.3g} to {factor.high:.3g})"
-            )
+            words = f"{parameter.name}: {parameter.multiplied} times {factor.value:.3g}"
+            rows.append([f"{words} ({factor.low:.3g} to {factor.high:.3g})"])
         for keys, power in parameter.powers.items():
             start = value_at(self.start, keys)
             e = self.estimate(k, start, power)
             name = indent + ".".join(keys).removeprefix("tissue.")
-            doubt = f"  {e.doubt}" if e.doubt else ""
-            lines.append(
-                f"{name:32} {e.value:10.4g} {unit_of(keys):6} "
-                f"{f'{e.low:.3g} to {e.high:.3g}':20} {start:.4g}{doubt}"
-            )
-        return lines
+            interval = f"{e.low:.3g} to {e.high:.3g}"
+            rows.append([name, f"{e.value:.4g}", unit_of(keys), interval, f"{start:.4g}", e.doubt])
+        return rows
 
 
 def _agreement(experiment: Experiment, values: Array) -> list[str]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactile_fem.errors import StudyError
+from tactile_fem.runtime.text import aligned
 
 if TYPE_CHECKING:
     from tactile_fem.simulation.results import Results
@@ -17,19 +17,10 @@ if TYPE_CHECKING:
 
 def show_comparison(scans: Mapping[str, Results], picture: Path) -> None:
     """Draw scans on common axes and print their table."""
-    from rich.console import Console
-    from rich.table import Table
-
     from tactile_fem import series
 
     series.write_comparison(picture, scans)
-    (first, *headings), *rows = series.compare(scans)
-    table = Table(first, box=None)
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    for row in rows:
-        table.add_row(*row)
-    Console(width=None if sys.stdout.isatty() else 160).print(table)
+    print("\n".join(aligned(series.compare(scans))))
     print(f"Written to {picture}")
 
 

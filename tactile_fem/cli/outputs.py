@@ -1,18 +1,14 @@
-"""The commands that write files: studies, meshes, decks, figures, reports; and `doctor`."""
+"""The commands that write files: studies, meshes, figures; and `doctor`."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from tactile_fem.cli.comparison import named_scans, show_comparison
 from tactile_fem.cli.options import (
     Changes,
     Dots,
-    Overwrite,
-    PositiveFloat,
     ScanFolder,
     StudyFile,
     Written,
@@ -64,64 +60,6 @@ def mesh(
     if output is not None:
         write_mesh(output, the_mesh)
         print(f"Written to {output}")
-
-
-def export(
-    study: StudyFile = None,
-    /,
-    *,
-    deck: Path,
-    changes: Changes = (),
-    format_: Annotated[Literal["calculix", "abaqus"], Parameter(name="--format")] = "calculix",
-    press_step_mm: PositiveFloat | None = None,
-    slide_step_mm: PositiveFloat | None = None,
-    grid_mm: PositiveFloat = 0.1,
-    overwrite: Overwrite = False,
-) -> None:
-    """Write mesh, materials, contact and steps as an input deck for CalculiX or Abaqus.
-
-    Lengths in mm. Increments default to the study's longest steps. Contact is a linear penalty, and
-    tissues have no viscosity. Decks run with CalculiX 2.20; Abaqus has not been tried.
-
-    Parameters
-    ----------
-    deck
-        Write the deck to this .inp file.
-    format_
-        Dialect of the deck; they differ in three lines.
-    press_step_mm
-        Increments of the indentation.
-    slide_step_mm
-        Increments of the slide.
-    grid_mm
-        Spacing of the stimulator's height field.
-    overwrite
-        Replace the file.
-    """
-    from tactile_fem import load_study
-
-    the_study = load_study(study, changes)
-    check_file("--deck", deck, ".inp")
-    if deck.exists() and not overwrite:
-        raise StudyError(f"{deck} exists already: choose another name, or --overwrite.")
-    the_study.finger.require_solid("an input deck")
-    from tactile_fem.output.deck import write_deck
-    from tactile_fem.simulation.checks import check, checked_mesh
-
-    finger = check(the_study) or checked_mesh(the_study)
-    size = write_deck(
-        the_study,
-        finger,
-        deck,
-        press_step_mm=press_step_mm,
-        slide_step_mm=slide_step_mm,
-        grid_mm=(grid_mm, grid_mm),
-        code=format_,
-    )
-    print(
-        f"{size.cells} tetrahedra, {size.unknowns} unknowns, {size.skin_facets} faces of the skin"
-    )
-    print(f"Written to {deck}")
 
 
 def fields(
@@ -193,24 +131,6 @@ def plot(results: ScanFolder, /, *, dpi: Dots = 200) -> None:
         print(path)
 
 
-def report(
-    results: Annotated[Path, Parameter(help="Folder of a scan or of a series.")],
-    /,
-    *,
-    output: Path | None = None,
-) -> None:
-    """Write one HTML file with the figures, numbers and parameters.
-
-    Parameters
-    ----------
-    output
-        Default report.html in the folder.
-    """
-    from tactile_fem.series.report import write_report
-
-    print(f"Written to {write_report(results, output=output)}")
-
-
 def compare(*scans: ScanFolder, output: Written = Path("comparison.png")) -> None:
     """Print the numbers of complete scans and draw their histories on common axes.
 
@@ -237,4 +157,4 @@ def doctor() -> int:
     return code
 
 
-COMMANDS = (init, mesh, export, fields, plot, report, compare, doctor)
+COMMANDS = (init, mesh, fields, plot, compare, doctor)

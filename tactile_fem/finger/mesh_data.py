@@ -25,6 +25,7 @@ from tactile_fem.finger.simplex import (
     simplex_of,
     volumes,
 )
+from tactile_fem.runtime.text import aligned
 
 TISSUES = {
     "stratum_corneum": 1,
@@ -204,26 +205,27 @@ def describe(mesh: FingerMesh, finger: FingerSettings) -> str:
     shape, nodes = mesh.simplex, mesh.plane.within(mesh.nodes)
     volume, gamma = volumes(nodes, mesh.cells), gammas(nodes, mesh.cells)
     count, unit = len(nodes), f"mm^{shape.dim}"
-    lines = [
-        f"{len(mesh.cells)} {shape.plural}, {count} nodes, {shape.dim * count} displacements, "
-        f"{shape.measure} {volume.sum():.1f} {unit}",
-        f"{'tissue':<16}{'cells':>8}{unit:>10}{'min gamma':>11}{'mean':>7}",
+    lines: list[list[str]] = [
+        [
+            f"{len(mesh.cells)} {shape.plural}, {count} nodes, {shape.dim * count} displacements, "
+            f"{shape.measure} {volume.sum():.1f} {unit}"
+        ],
+        ["tissue", "cells", unit, "min gamma", "mean"],
     ]
     for name, tag in TISSUES.items():
         part = mesh.tissue == tag
         if part.any():
-            quality = f"{gamma[part].min():>11.3f}{gamma[part].mean():>7.3f}"
-            lines.append(f"{name:<16}{part.sum():>8}{volume[part].sum():>10.1f}{quality}")
-    lines.append(f"{'surface':<16}{'facets':>8}")
-    lines += [f"{name:<16}{np.sum(mesh.surface == tag):>8}" for name, tag in SURFACES.items()]
+            quality = f"{gamma[part].min():.3f}", f"{gamma[part].mean():.3f}"
+            lines.append([name, str(part.sum()), f"{volume[part].sum():.1f}", *quality])
+    lines.append(["surface", "facets"])
+    lines += [[name, str(np.sum(mesh.surface == tag))] for name, tag in SURFACES.items()]
     from_study = finger.mesh_file is None
-    heading = [*(["study"] if from_study else []), "min", "mean", "max"]
-    lines.append(f"{'layer of the pad':<16}{''.join(f'{word:>8}' for word in heading)} mm")
+    lines.append(["layer of the pad, mm", *(["study"] if from_study else []), "min", "mean", "max"])
     for name, found in mesh.layer_thickness_mm.items():
         row = [getattr(finger, f"{name}_mm")] if from_study else []
         row += [found.min(), found.mean(), found.max()]
-        lines.append(f"{name:<16}{''.join(f'{value:>8.3f}' for value in row)}")
-    lines.append(f"skin to bone over the contact point {mesh.pad_thickness_mm:.3f} mm")
+        lines.append([name, *(f"{value:.3f}" for value in row)])
+    lines.append([f"skin to bone over the contact point {mesh.pad_thickness_mm:.3f} mm"])
     if edges := edges_per_ridge(mesh, finger):
-        lines.append(f"{edges:.1f} edges to a ridge of {finger.ridge_pitch_mm:g} mm")
-    return "\n".join([*lines, f"sha256 {mesh.hash}"])
+        lines.append([f"{edges:.1f} edges to a ridge of {finger.ridge_pitch_mm:g} mm"])
+    return "\n".join([*aligned(lines), f"sha256 {mesh.hash}"])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import VERMILION
-from tactile_fem.output.beneath import Beneath, draw_beneath
+from tactile_fem.output.cross_section import CrossSectionMap, draw_outline
 from tactile_fem.output.histories import extrema
 from tactile_fem.output.panels import legend_above, panels
 from tactile_fem.output.plots import styled
@@ -39,7 +39,7 @@ class Felt(NamedTuple):
 
 
 @styled
-def felt(histories: Sequence[Felt], over: Abscissa, beneath: Beneath) -> Figure:
+def felt(histories: Sequence[Felt], over: Abscissa, beneath: CrossSectionMap) -> Figure:
     """Draw what receptors feel, one panel for each drive; local extrema of a single one are marked.
 
     Below is the outline of the stimulator beneath the first of them, with the ways of all.
@@ -78,7 +78,7 @@ def _mark_extrema(axes: Axes, at: Array, values: Array) -> None:
 
 
 def _passing(
-    histories: Sequence[Felt], over: Abscissa, beneath: Beneath
+    histories: Sequence[Felt], over: Abscissa, beneath: CrossSectionMap
 ) -> tuple[Array, Array | None]:
     """Return what passes beneath the first receptor's Y, (x, columns), and X; None if nothing."""
     x_mm, times = beneath.x_mm, over.columns_s(_COLUMNS)
@@ -110,7 +110,7 @@ def _draw_passing(
     height: float,
 ) -> None:
     """Draw the outline and the ways of the receptors; to scale only as much of it as fits."""
-    draw_beneath(axes, over.at(over.columns_s(_COLUMNS)), x_mm, inside)
+    draw_outline(axes, over.at(over.columns_s(_COLUMNS)), x_mm, inside)
     for one in histories:
         axes.axhline(one.place_mm[0], color=one.colour, lw=1, ls=(0, (4, 3)), zorder=1)
     low, high = float(x_mm[0]), float(x_mm[-1])

@@ -13,16 +13,15 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import BLUE, colours_of
-from tactile_fem.output.beneath import Beneath
+from tactile_fem.output.cross_section import CrossSectionMap
 from tactile_fem.output.felt import Felt, felt
 from tactile_fem.output.histories import central_receptor
 from tactile_fem.output.measured import measured
 from tactile_fem.output.pictures import draw_pictures
-from tactile_fem.output.plots import force_figure, styled
+from tactile_fem.output.plots import force_figure
 from tactile_fem.output.rasters import Trains, firing, raster
 from tactile_fem.output.snapshots import snapshots
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.simulation.pose import moment_about
 from tactile_fem.simulation.results import Results
 
 logger = logging.getLogger(__name__)
@@ -57,9 +56,11 @@ def draw_plots(results: Results, *, dpi: int | None = None) -> list[Path]:
     """
     logger.info("drawing the figures of %s", results.folder)
     over = Abscissa.of(results.trace)
-    figures: dict[str, Figure | None] = {"force": _force(results, over)}
+    friction, unit = results.study.stimulus.law().uniform, results.study.finger.force_unit
+    forces = force_figure(results.trace, over, friction, unit)
+    figures: dict[str, Figure | None] = {"force": forces}
     if len(over.values) > 1:
-        beneath, trains = Beneath.of(results), trains_of(results)
+        beneath, trains = CrossSectionMap.of(results), trains_of(results)
         figures["felt" if results.study.afferents else "sed"] = _felt(results, over, beneath)
         figures |= {"raster": raster(trains, over, beneath)}
         figures |= {"firing": firing(trains, over, beneath)}
@@ -84,28 +85,7 @@ def trains_of(results: Results) -> list[Trains]:
     return found
 
 
-@styled
-def _force(results: Results, over: Abscissa) -> Figure:
-    trace = results.trace
-    indenting = trace["time_s"] <= 1e-12
-    about = trace["stimulator_mm"], trace["force_N"], trace["moment_Nmm"]
-    torque_Nmm = moment_about(*about)[:, 2]
-    turns = bool(trace["stimulator_rad"][:, 2].any())
-    figure = force_figure(
-        (trace["depth_mm"][indenting], "Indentation (mm)", trace["force_N"][indenting]),
-        (over.values, over.label, trace["force_N"]),
-        results.study.stimulus.law().uniform,
-        results.study.finger.force_unit,
-        (torque_Nmm[indenting], torque_Nmm) if turns else None,
-    )
-    force, *others = figure.axes[1::2]
-    over.draw(force, label=False)
-    for axes in others:
-        over.draw(axes, names=False, label=axes is others[-1])
-    return figure
-
-
-def _felt(results: Results, over: Abscissa, beneath: Beneath) -> Figure | None:
+def _felt(results: Results, over: Abscissa, beneath: CrossSectionMap) -> Figure | None:
     """Draw what the central receptor of each population feels, if the trace has it."""
     trace, found = results.trace, list[Felt]()
     colours = colours_of(one.name for one in results.study.populations)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.path.rotations import between
-from tactile_fem.study import Stimulus
 
 Array = NDArray[np.float64]
-Outlines = Sequence[Array]
 
 DISPLACEMENT, TIME = "Stimulator displacement (mm)", "Time (s)"
 
@@ -63,16 +61,3 @@ def turns_at(trace: Mapping[str, Array], time_s: ArrayLike) -> Array | None:
     """Return rotation vectors (times, 3) of the body; None if it does not turn."""
     turns = trace.get("stimulator_rad")  # which older folders lack
     return None if turns is None or not turns.any() else between(turns, trace["time_s"], time_s)
-
-
-def rings(stimulus: Stimulus) -> Outlines:
-    """Return the outlines of all raised parts as closed curves; holes turn the other way."""
-    import shapely  # takes a while
-
-    parts = shapely.get_parts([part for part in stimulus.outlines() if not part.is_empty])
-    polygons = [shapely.geometry.polygon.orient(part) for part in parts]
-    return [
-        np.asarray(ring.coords)
-        for polygon in polygons
-        for ring in (polygon.exterior, *polygon.interiors)
-    ]

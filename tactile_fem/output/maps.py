@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.tri import Triangulation, UniformTriRefiner
+from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
@@ -20,8 +22,7 @@ Array = NDArray[np.float64]
 # What exceeds this share of the largest value is shown, with a margin.
 _SHOWN_SHARE, _MARGIN_MM = 0.02, 1.0
 _AXES_INCHES = 4.4
-# Halvings of the edges of a mesh as it is drawn.
-_HALVINGS = 3
+_COLOURS = 256
 
 
 @styled
@@ -38,7 +39,7 @@ def surface_map(surface: SurfaceFields, column: str = "sed_kPa") -> Figure:
     table = surface.table()
     if column not in table:
         raise StudyError(f"{column} is no column of the surface: choose {', '.join(table)}.")
-    values, facets = table[column], surface.facets[_faces_down(surface)]
+    values, facets = table[column], surface.facets[faces_down(surface)]
     draw = _draw_line if facets.shape[1] == 2 else _draw_map
     return draw(surface, values, facets, _label(column))
 
@@ -64,27 +65,16 @@ def _draw_map(surface: SurfaceFields, values: Array, facets: Indices, label: str
     height = _AXES_INCHES * (bottom - top) / (right - left)
     figure = Figure(figsize=(_AXES_INCHES + 1.6, height + 1.0), layout="constrained")
     axes = figure.subplots()
-    drawn = axes.tripcolor(*_refined(x, y, facets, values), shading="gouraud", cmap=SCALE)
-    bar = figure.colorbar(drawn, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=label)
+    low, high = values[used].min(), values[used].max()
+    levels = np.linspace(low, high if high > low else low + 1.0, _COLOURS)
+    axes.tricontourf(Triangulation(y, x, facets), values, levels, cmap=SCALE)
+    scale = ScalarMappable(Normalize(*levels[[0, -1]]), SCALE)
+    bar = figure.colorbar(scale, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=label)
     bar.outline.set_visible(False)
     axes.set(xlabel="Y (mm)", ylabel="X (mm)", aspect="equal")
     axes.set(xlim=(left, right), ylim=(bottom, top))  # letters are upright
     axes.set_title(_state(surface), size=9)
     return figure
-
-
-def _refined(x: Array, y: Array, facets: Indices, values: Array) -> tuple[Triangulation, Array]:
-    """Return smaller triangles, Y to the right, and their values.
-
-    Within a triangle colours are mixed, which are then not those of the scale if it is large.
-    """
-    corner = Triangulation([0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [[0, 1, 2]])
-    fine = UniformTriRefiner(corner).refine_triangulation(subdiv=_HALVINGS)
-    weights = np.column_stack([1 - fine.x - fine.y, fine.x, fine.y])
-    y, x, values = ((of_points[facets] @ weights.T).ravel() for of_points in (y, x, values))
-    first = len(weights) * np.arange(len(facets))
-    triangles = (first[:, None, None] + fine.triangles).reshape(-1, 3)
-    return Triangulation(y, x, triangles), values
 
 
 def _state(surface: SurfaceFields) -> str:
@@ -100,7 +90,7 @@ def _label(column: str) -> str:
     return f"{words.capitalize()} ({unit.replace('2', '²')})"
 
 
-def _faces_down(surface: SurfaceFields) -> NDArray[np.bool_]:
+def faces_down(surface: SurfaceFields) -> NDArray[np.bool_]:
     """Return which facets face the stimulator, (k,): their normals point down."""
     corners = surface.points_mm[surface.facets]
     centre, edges = corners.mean(axis=1), corners[:, 1:] - corners[:, :1]

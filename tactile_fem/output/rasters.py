@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from tactile_fem.neuron import Response
 from tactile_fem.output.abscissa import Abscissa, inches
-from tactile_fem.output.beneath import Beneath, draw_beneath
+from tactile_fem.output.cross_section import CrossSectionMap, draw_outline
 from tactile_fem.output.panels import legend_above, panels
-from tactile_fem.output.plots import draw_rates, styled
+from tactile_fem.output.plots import styled
 
 Array = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ class Line:
 
 
 @styled
-def raster(trains: Sequence[Trains], over: Abscissa, beneath: Beneath) -> Figure:
+def raster(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap) -> Figure:
     """Draw the spikes of all populations over the path, one row for each receptor.
 
     Populations on the same line share a panel, in which their rows are their places and the
@@ -113,7 +113,7 @@ def raster(trains: Sequence[Trains], over: Abscissa, beneath: Beneath) -> Figure
 
 
 @styled
-def firing(trains: Sequence[Trains], over: Abscissa, beneath: Beneath) -> Figure | None:
+def firing(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap) -> Figure | None:
     """Draw the firing rates of each population's line of receptors as an image.
 
     Of receptors that are spread over the skin it is the row on Y = 0. None if there is no even line
@@ -133,8 +133,7 @@ def firing(trains: Sequence[Trains], over: Abscissa, beneath: Beneath) -> Figure
     brightest = max(float(rate.max()) for rate in rates) or 1.0
     for one_axes, (line, one), rate in zip(axes, shown, rates, strict=True):
         rows = _rows(line, one)
-        image = draw_rates(one_axes, over.at(times), rows, rate, (), brightest)
-        _colour_bar(one_axes, image)
+        _draw_rates(one_axes, over.at(times), rows, rate, brightest)
         _draw_outline(one_axes, line, rows, over, beneath, colour="white")
         one_axes.set_ylim(*line.limits(rows))
         one_axes.set_ylabel(
@@ -147,17 +146,14 @@ def firing(trains: Sequence[Trains], over: Abscissa, beneath: Beneath) -> Figure
 
 
 def _draw_line(
-    axes: Axes, line: Line, trains: Sequence[Trains], over: Abscissa, beneath: Beneath
+    axes: Axes, line: Line, trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap
 ) -> None:
     rows = np.concatenate([_rows(line, one) for one in trains])
     _draw_outline(axes, line, rows, over, beneath)
     apart = np.diff(np.unique(rows.round(9))).min(initial=1.0)
     shift = min(apart / (len(trains) + 1), 0.3)
     for k, one in enumerate(trains):
-        receptor, time_s = one.response.events()
-        place = _rows(line, one)[receptor] + shift * (k - (len(trains) - 1) / 2)
-        style = {"ls": "", "marker": "o", "ms": 2.2, "mew": 0, "zorder": 3, "gid": "spikes"}
-        axes.plot(over.at(time_s), place, color=one.colour, label=one.name, **style)
+        _draw_spikes(axes, one, over, _rows(line, one) + shift * (k - (len(trains) - 1) / 2))
     axes.set_ylim(*line.limits(rows))
     axes.set_ylabel(line.label())
 
@@ -168,13 +164,9 @@ def _draw_spread(axes: Axes, one: Trains, over: Abscissa, *, named: bool) -> Non
     if len(order) > _MOST_ROWS:
         times = over.columns_s(_COLUMNS)
         rate = one.response.rate(times, _WINDOW_S).T[order]
-        image = draw_rates(axes, over.at(times), np.arange(len(order)), rate, ())
-        _colour_bar(axes, image)
+        _draw_rates(axes, over.at(times), np.arange(len(order)), rate)
     else:
-        row = np.argsort(order)
-        receptor, time_s = one.response.events()
-        style = {"ls": "", "marker": "o", "ms": 2.2, "mew": 0, "gid": "spikes"}
-        axes.plot(over.at(time_s), row[receptor], color=one.colour, label=one.name, **style)
+        _draw_spikes(axes, one, over, np.argsort(order))
     x = one.places_mm[order, 0]
     ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(x[0], x[-1])
     ticks = ticks[(ticks >= x[0] - 1e-9) & (ticks <= x[-1] + 1e-9)]
@@ -185,21 +177,33 @@ def _draw_spread(axes: Axes, one: Trains, over: Abscissa, *, named: bool) -> Non
     axes.set_ylabel(f"{who} by X (mm), then Y")
 
 
+def _draw_spikes(axes: Axes, one: Trains, over: Abscissa, rows: Array) -> None:
+    """Draw a dot for each spike of receptors at places (receptors,) of the panel."""
+    receptor, time_s = one.response.events()
+    style = {"ls": "", "marker": "o", "ms": 2.2, "mew": 0, "zorder": 3, "gid": "spikes"}
+    axes.plot(over.at(time_s), rows[receptor], color=one.colour, label=one.name, **style)
+
+
 def _draw_outline(
     axes: Axes,
     line: Line,
     rows: Array,
     over: Abscissa,
-    beneath: Beneath,
+    beneath: CrossSectionMap,
     colour: str | None = None,
 ) -> None:
     fine = np.linspace(rows.min() - _MARGIN_MM, rows.max() + _MARGIN_MM, _OUTLINE_ROWS)
     times = over.columns_s(_OUTLINE_COLUMNS)
     inside = beneath.under(line.points(fine), times)
-    draw_beneath(axes, over.at(times), fine, inside, colour=colour)
+    draw_outline(axes, over.at(times), fine, inside, colour=colour)
 
 
-def _colour_bar(axes: Axes, image: object) -> None:
+def _draw_rates(
+    axes: Axes, at: Array, rows: Array, rate_Hz: Array, brightest_Hz: float | None = None
+) -> None:
+    """Draw rates (rows, columns) as an image with its colour bar, whose colours start at 0."""
+    style = {"cmap": "cividis", "shading": "nearest", "rasterized": True}
+    image = axes.pcolormesh(at, rows, rate_Hz, vmin=0, vmax=brightest_Hz, **style)
     figure = axes.get_figure(root=True)
     place = axes.inset_axes((1.02, 0.05, 0.16 / inches(axes)[0], 0.9))
     bar = figure.colorbar(image, cax=place, label="Firing rate (spikes/s)")

@@ -190,7 +190,9 @@ class Scene:
         for name in self._rims:
             self.plotter.actors[name].prop.line_width = _RIM_WIDTH * dots_per_inch / PICTURE_DPI
         self.show(k)
-        figure = _framed(self.plotter, dots_per_inch)
+        figure = Figure(figsize=SIZE_INCHES, dpi=dots_per_inch)
+        # Exactly as large, as resampling takes half as long as drawing.
+        figure.figimage(shot(self.plotter, *pixels(dots_per_inch)), zorder=-1)
         annotate(figure, self.film.titles[k], self.legend, self.bar)
         draw_scale(figure, self.look.share_of_width)
         return figure
@@ -285,18 +287,11 @@ def _grid(film: Film) -> pv.UnstructuredGrid:
     return grid
 
 
-def _parts(grid: pv.UnstructuredGrid) -> Iterator[tuple[str, pv.UnstructuredGrid]]:
-    """Yield the name and the cells of each tissue."""
-    for name, tag in TISSUES.items():
-        inside = np.flatnonzero(grid["tissue"] == tag)
-        if len(inside):
-            yield name, grid.extract_cells(inside)
-
-
 def _cut(film: Film, look: Look) -> Iterator[tuple[str, str, pv.PolyData]]:
     """Yield for each tissue its "face" on the cut and its "shell" behind, undeformed."""
-    for name, part in _parts(_grid(film)):
-        part = part.cell_data_to_point_data()
+    grid = _grid(film)
+    for name, tag in TISSUES.items():
+        part = grid.extract_values(tag, scalars="tissue").cell_data_to_point_data()
         face = part.slice(look.axis, origin=look.origin)
         shell = part.extract_surface(algorithm=None).clip(look.axis, origin=look.origin)
         for kind, mesh in (("face", face), ("shell", shell)):
@@ -345,10 +340,3 @@ def shot(plotter: pv.Plotter, width: int, height: int) -> NDArray[np.uint8]:
     plotter.window_size = (width, height)
     plotter.reset_camera_clipping_range()
     return np.asarray(plotter.screenshot(return_img=True))
-
-
-def _framed(plotter: pv.Plotter, dots_per_inch: int) -> Figure:
-    """Return a figure filled by an image, exactly, as resampling takes half as long as drawing."""
-    figure = Figure(figsize=SIZE_INCHES, dpi=dots_per_inch)
-    figure.figimage(shot(plotter, *pixels(dots_per_inch)), zorder=-1)
-    return figure

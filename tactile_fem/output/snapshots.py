@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter
 
 from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.beneath import Beneath
+from tactile_fem.output.annotations import VERMILION
+from tactile_fem.output.cross_section import CrossSectionMap, draw_outline
 from tactile_fem.output.plots import styled
 from tactile_fem.output.rasters import Line, Trains
 
@@ -22,7 +23,7 @@ _SCALE = "cividis"
 
 
 @styled
-def snapshots(trains: Sequence[Trains], over: Abscissa, beneath: Beneath) -> Figure | None:
+def snapshots(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap) -> Figure | None:
     """Draw the rates of receptors that do not lie in a line, in equal parts of the path's time.
 
     Each population has a row of maps, with Y to the right as letters read, and the outline of the
@@ -70,13 +71,12 @@ def _draw_map(axes: Axes, one: Trains, rate: np.ndarray, scale: Normalize) -> No
     axes.tick_params(labelsize=7)
 
 
-def _draw_outline(axes: Axes, beneath: Beneath, time_s: float) -> None:
+def _draw_outline(axes: Axes, beneath: CrossSectionMap, time_s: float) -> None:
     y = np.linspace(*axes.get_xlim(), _FINE)
     x = np.linspace(*sorted(axes.get_ylim()), _FINE)
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
     inside = beneath.under(points, np.array([time_s])).reshape(_FINE, _FINE)
-    if inside.min() < 0 < inside.max():
-        axes.contour(y, x, inside, [0.0], colors="#D55E00", linewidths=0.9)
+    draw_outline(axes, y, x, inside, colour=VERMILION)
 
 
 def _phase(over: Abscissa, time_s: float) -> str:

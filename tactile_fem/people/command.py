@@ -44,7 +44,7 @@ def people(
     from tactile_fem import load_study, series
     from tactile_fem.people import Ensemble, begin_people, collect_people, run_people
     from tactile_fem.people import people as draw
-    from tactile_fem.people.report import tell
+    from tactile_fem.people.report import write_report
 
     conditions = series.sweep(over, study, changes) if over else load_study(study, changes)
     scans = draw(conditions, number)
@@ -62,4 +62,4 @@ def people(
         raise TactileError(failed[0].problem)
     ensemble = Ensemble.open(results)
     if ensemble.complete.any():
-        print("\n".join(tell(ensemble)))
+        print("\n".join(write_report(ensemble)))

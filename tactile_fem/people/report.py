@@ -1,4 +1,4 @@
-"""What an ensemble tells: tables in words, and figures in its folder."""
+"""Text tables and figures that summarize an ensemble."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tactile_fem.people.figures import bands_figure, causes_figure, paired_figur
 from tactile_fem.people.paired import paired
 from tactile_fem.people.tables import central_spikes_s, history_rows, place_rows
 from tactile_fem.runtime.files import write_figure, write_table
+from tactile_fem.runtime.text import aligned
 from tactile_fem.series import common
 
 Array = NDArray[np.float64]
@@ -33,8 +34,8 @@ _DRAWN = {
 _SAME_SHARE = 5e-3
 
 
-def tell(ensemble: Ensemble) -> list[str]:
-    """Return in lines of text what an ensemble tells, and write its figures.
+def write_report(ensemble: Ensemble) -> list[str]:
+    """Return a summary of an ensemble in lines of text, and write its figures.
 
     First how many people failed, and why. Tables: median and bands of each number, by condition;
     where its spread comes from; how each further condition differs from the first one within
@@ -58,7 +59,7 @@ def tell(ensemble: Ensemble) -> list[str]:
         write_figure(folder / f"{name}.png", figure)
     found = _causes(ensemble, numbers)
     if found:
-        lines += ["", *_aligned(causes_table(found))]
+        lines += ["", *aligned(causes_table(found))]
         same = np.isclose(ensemble.draws, ensemble.scores).all(axis=0)
         added = np.array(ensemble.names)[~same]
         lines += [f"{name}: what it adds to those before that it correlates with" for name in added]
@@ -99,7 +100,7 @@ def _named(numbers: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
 def _spread(ensemble: Ensemble, numbers: Mapping[str, Mapping[str, Array]]) -> list[str]:
     count, needed = int(ensemble.complete.sum()), people_needed(max(SHARES))
     few = f"{count} people: a band of {100 * max(SHARES):.0f} % needs {needed}"
-    return [*_aligned(bands_table(_named(numbers))), *([few] if count < needed else [])]
+    return [*aligned(bands_table(_named(numbers))), *([few] if count < needed else [])]
 
 
 def _differences(numbers: Mapping[str, Mapping[str, Array]]) -> Iterator[str]:
@@ -191,12 +192,3 @@ def _histories(
 def _onto(time_s: Array, own_s: Array, values: Array) -> Array:
     """Return histories (m, n) at other times, NaN beyond their own."""
     return np.array([np.interp(time_s, own_s, one, np.nan, np.nan) for one in values])
-
-
-def _aligned(rows: list[list[str]]) -> list[str]:
-    """Return the rows of a table as lines."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]

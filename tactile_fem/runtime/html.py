@@ -1,4 +1,4 @@
-"""Pieces of HTML for reports and notebooks."""
+"""Pieces of HTML for notebooks."""
 
 from __future__ import annotations
 
@@ -32,19 +32,13 @@ def _row(tag: str, cells: Iterable[Any]) -> str:
     return "<tr>" + "".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells) + "</tr>"
 
 
-def image(png: bytes, caption: str) -> str:
-    """Return an image that stands in the page itself, with its caption."""
-    data = base64.b64encode(png).decode("ascii")
-    text = escape(caption)
-    source = f'<img alt="{text}" src="data:image/png;base64,{data}">'
-    return f"<figure>{source}<figcaption>{text}</figcaption></figure>"
-
-
 def figure(drawn: Figure, caption: str) -> str:
-    """Return a figure of matplotlib as an image."""
+    """Return a figure of matplotlib as an image in the page itself, with its caption."""
     buffer = io.BytesIO()
     drawn.savefig(buffer, format="png")
-    return image(buffer.getvalue(), caption)
+    data, text = base64.b64encode(buffer.getvalue()).decode("ascii"), escape(caption)
+    source = f'<img alt="{text}" src="data:image/png;base64,{data}">'
+    return f"<figure>{source}<figcaption>{text}</figcaption></figure>"
 
 
 def section(title: str, parts: Iterable[str], note: str = "") -> str:

@@ -1,4 +1,4 @@
-"""Reads text files as editors and spreadsheets write them, and numbers in a row, text or binary."""
+"""Reads text as editors and spreadsheets write it, numbers in a row; writes tables as lines."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import csv
 import io
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +93,23 @@ def read_rows(file: Path, start: str) -> list[tuple[int, list[str]]]:
 
 def _with_point(cell: str) -> str:
     return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
+
+
+def aligned(rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return a table as lines: names at the left, numbers at the right of their columns.
+
+    A row of one cell is a line of its own.
+    """
+    rows = list(rows)
+    columns = zip_longest(*(row for row in rows if len(row) > 1), fillvalue="")
+    widths = [max(map(len, column)) for column in columns]
+    return [
+        "  ".join(
+            cell.rjust(width) if k else cell.ljust(width if len(row) > 1 else 0)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=False))
+        ).rstrip()
+        for row in rows
+    ]
 
 
 class Numbers:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tactile_fem.errors import StudyError
 from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.beneath import Beneath
+from tactile_fem.output.cross_section import CrossSectionMap
 from tactile_fem.output.figures import trains_of
 from tactile_fem.output.rasters import raster
 from tactile_fem.runtime import html
@@ -51,5 +51,5 @@ def _raster(results: Results) -> list[str]:
     over = Abscissa.of(results.trace)
     if len(over.values) < 2:
         return []
-    figure = raster(trains_of(results), over, Beneath.of(results))
+    figure = raster(trains_of(results), over, CrossSectionMap.of(results))
     return [html.figure(figure, "Spikes of each receptor over the path.")]

@@ -8,6 +8,7 @@ from tactile_fem.stimulus.friction import (
     MappedFriction,
     PressureFriction,
 )
+from tactile_fem.stimulus.spline import linear_between
 from tactile_fem.stimulus.stimulus import Stimulus
 
 # isort: off
@@ -43,5 +44,6 @@ __all__ = [
     "Stimulus",
     "Surface",
     "Text",
+    "linear_between",
     "norm_of",
 ]

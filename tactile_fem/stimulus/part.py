@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from tactile_fem.errors import StudyError, TactileError
@@ -17,7 +16,7 @@ from tactile_fem.runtime.surface_files import read_triangles
 from tactile_fem.runtime.triangles import Triangles
 from tactile_fem.stimulus.body import NEAR_MM, Array, Distance
 from tactile_fem.stimulus.contour import Lattice
-from tactile_fem.stimulus.spline import GridSpline
+from tactile_fem.stimulus.spline import GridSpline, linear_between
 
 try:
     from tactile_fem.stimulus import rounding
@@ -62,7 +61,7 @@ class Gridded:
         origin, step = self.spline.origin, self.spline.spacing
         first, last = np.full(3, _RIM), np.array(self.values.shape) - 1 - _RIM
         inside = np.clip(points, origin + step * first, origin + step * last)
-        gap = ndimage.map_coordinates(self.values, ((inside - origin) / step).T, order=1)
+        gap = linear_between(self.values, origin, step, inside)
         normal, hessian = np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros((len(points), 3, 3))
         near = np.flatnonzero(gap < NEAR_MM)
         value, slope, bend = self.spline.derivatives(inside[near], 2)

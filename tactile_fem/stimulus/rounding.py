@@ -18,6 +18,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.runtime.triangles import Triangles, in_chunks
 from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.contour import Lattice, Near, level_set
+from tactile_fem.stimulus.spline import linear_between
 
 # In steps of the lattice: how far a cell's corners may be from a surface that crosses it, and the
 # error of `Lattice.spread`.
@@ -123,8 +124,7 @@ def _near_edges(near: Near) -> NDArray[np.bool_]:
     value, gradient = near.value.ravel()[flat], near.gradient[near.row[flat]]
     places = lattice.points(flat) - value[:, None] * gradient
     known = np.where(near.known, near.value, np.copysign(_UNKNOWN_MM, near.value))
-    index = (places - lattice.origin) / lattice.step
-    reached = ndimage.map_coordinates(known, index.T, order=1, mode="nearest")
+    reached = linear_between(known, lattice.origin, lattice.step, places)
     off_level = np.zeros(near.value.shape, dtype=bool)
     off_level.ravel()[flat] = np.abs(reached) > _EDGE_STEPS * lattice.step
     return ndimage.binary_dilation(off_level) & near.known

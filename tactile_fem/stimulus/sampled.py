@@ -1,4 +1,4 @@
-"""Rigid bodies sampled: their distance on a grid for pictures, their upper side as squares."""
+"""Rigid bodies sampled: their distance on a grid, and the heights of their upper side."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from tactile_fem.stimulus.body import NEAR_MM, Array, RigidBody
 # Of the grid: its step, the box of the finger's pad and its surroundings, from its lowest corner to
 # its highest, and the height down to which a body that does not turn is shown.
 _STEP_MM, _BOX_MM, _LOWEST_MM = 0.1, ((-9.0, -15.0, 0.0), (9.0, 15.0, 5.0)), -3.0
-# Skin and body that stay this far apart, by undeformed shapes, do not touch.
-_MARGIN_MM = 0.5
 # Where the search for the surface along a vertical line begins, and how exact it is.
 _TOP_MM, _TOLERANCE_MM = 0.1, 1e-4
 _MAX_ITERATIONS = 100
@@ -38,12 +36,9 @@ class DistanceGrid:
 
     def gap(self, points: Array) -> Array:
         """Return the distance at points (n, 3), linear between the grid's; 0.5 mm outside of it."""
-        from scipy import ndimage  # takes 0.3 s
+        from tactile_fem.stimulus.spline import linear_between  # SciPy takes 0.3 s
 
-        place = ((points - self.origin_mm) / self.step_mm).T[::-1]
-        return ndimage.map_coordinates(
-            self.gap_mm, place, output=np.float64, order=1, mode="constant", cval=NEAR_MM
-        )
+        return linear_between(self.gap_mm.T, self.origin_mm, self.step_mm, points, beyond=NEAR_MM)
 
     @classmethod
     def of(cls, body: RigidBody, places_mm: Array, turns_rad: Array | None = None) -> DistanceGrid:
@@ -64,51 +59,6 @@ class DistanceGrid:
                 break
         gap = np.array(layers[::-1], dtype=np.float32).reshape(-1, len(y), len(x))
         return cls(np.array([x[0], y[0], z]), _STEP_MM, gap)
-
-
-@dataclass(frozen=True)
-class HeightField:
-    """A body's upper side as squares, the body being where it touches the undeformed pad.
-
-    `points` are (n, 3) in mm; `cells` (m, 4) points, counter-clockwise seen from above.
-    """
-
-    points: Array
-    cells: NDArray[np.int64]
-
-
-def height_field(
-    body: RigidBody, places_mm: Array, skin: Array, grid_mm: tuple[float, float]
-) -> HeightField:
-    """Sample the part of the upper surface that can touch the finger along the path.
-
-    Parameters
-    ----------
-    body
-        The body.
-    places_mm
-        Its places along the path, (n, 3).
-    skin
-        (..., 3) undeformed points of the skin in mm.
-    grid_mm
-        Largest spacing in X and Y.
-    """
-    points = skin.reshape(-1, 3)
-    deepest = places_mm[:, 2].max()
-    near = points[points[:, 2] < deepest + _MARGIN_MM, :2]
-    low = near.min(axis=0) - places_mm[:, :2].max(axis=0) - _MARGIN_MM
-    high = near.max(axis=0) - places_mm[:, :2].min(axis=0) + _MARGIN_MM
-    counts = np.ceil((high - low) / grid_mm).astype(int) + 1
-    x, y = (np.linspace(*ends) for ends in zip(low, high, counts, strict=True))
-    lowest = -deepest - _MARGIN_MM
-    z = height_map(body, x, y, lowest)
-    xyz = np.stack([*np.meshgrid(x, y, indexing="ij"), z], -1).reshape(-1, 3)
-    index = np.arange(len(xyz)).reshape(z.shape)
-    corners = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    cells = np.stack(corners, -1).reshape(-1, 4)
-    cells = cells[np.all(xyz[cells, 2] > lowest, axis=1)]
-    used, cells = np.unique(cells, return_inverse=True)
-    return HeightField(xyz[used], cells.reshape(-1, 4))
 
 
 def height_map(body: RigidBody, x: Array, y: Array, lowest_mm: float = _LOWEST_MM) -> Array:

@@ -1,4 +1,4 @@
-"""Cubic splines of values on a regular grid, with all their derivatives."""
+"""Values on a regular grid between its points: linear, or cubic splines with all derivatives."""
 
 from __future__ import annotations
 
@@ -16,6 +16,22 @@ from tactile_fem.stimulus.body import Array
 _AT_POINTS = np.array([[1, 4, 1], [-3, 0, 3], [6, -12, 6]]) / 6
 # Powers of a coordinate within its interval (rows) in the four B-splines that act there (columns).
 _PIECES = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
+
+
+def linear_between(
+    values: NDArray[np.floating],
+    origin: ArrayLike,
+    spacing: ArrayLike,
+    points: Array,
+    beyond: float | None = None,
+) -> Array:
+    """Return values (n,) at points (n, d) of a grid of d axes; beyond it a value, or the nearest.
+
+    The grid begins at `origin` (d,) and has the `spacing` (d,) or one for all axes.
+    """
+    place = ((points - np.asarray(origin)) / spacing).T
+    mode, value = ("nearest", 0.0) if beyond is None else ("constant", beyond)
+    return ndimage.map_coordinates(values, place, np.float64, order=1, mode=mode, cval=value)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem import RigidBody
 from tactile_fem.errors import StudyError
+from tactile_fem.stimulus import linear_between
 from tactile_fem.surrogate.grid import Grid
 
 Array = NDArray[Any]
@@ -92,20 +93,6 @@ class HeightMap:
 
     def over(self, grid: Grid, place_mm: Array) -> Array:
         """Return the heights (nx, ny) over a grid of space of the body at a place (2,)."""
-        rows, columns = (
-            _between(at - place, low, self.grid.spacing_mm, size)
-            for at, place, low, size in zip(
-                (grid.x_mm, grid.y_mm), place_mm, self.grid.low_mm, self.grid.shape, strict=True
-            )
-        )
-        (i, a), (j, b) = rows, columns
-        z = self.heights_mm
-        along_x = (1 - a[:, None]) * z[i] + a[:, None] * z[i + 1]
-        return (1 - b) * along_x[:, j] + b * along_x[:, j + 1]
-
-
-def _between(at: Array, low: float, spacing: float, size: int) -> tuple[Array, Array]:
-    """Return the index before each coordinate, and its way to the next from 0 to 1."""
-    steps = np.clip((at - low) / spacing, 0, size - 1)
-    index = np.minimum(steps.astype(int), size - 2)
-    return index, steps - index
+        places = grid.points_mm - place_mm
+        heights = linear_between(self.heights_mm, self.grid.low_mm, self.grid.spacing_mm, places)
+        return heights.reshape(grid.shape)

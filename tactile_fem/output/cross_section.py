@@ -10,13 +10,13 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from tactile_fem.output.histories import at_time, turns_at
 from tactile_fem.output.section import gap_of
 from tactile_fem.path.rotations import between, swept, to_body
 from tactile_fem.simulation.results import Results
 from tactile_fem.stimulus.sampled import DistanceGrid, height_map
+from tactile_fem.stimulus.spline import linear_between
 
 if TYPE_CHECKING:
     from shapely import Geometry
@@ -36,7 +36,7 @@ _PAPER, _EDGE = "#E6E3DC", "#B8B2A4"
 
 
 @dataclass(frozen=True)
-class Beneath:
+class CrossSectionMap:
     """What is raised of a body: sampled in its frame, positive inside its outline.
 
     `inside` (x, y) has the samples from `origin_mm` (2,) on, `step_mm` apart. The body goes through
@@ -56,7 +56,7 @@ class Beneath:
         return self.origin_mm[0] + self.step_mm * np.arange(len(self.inside))
 
     @classmethod
-    def of(cls, results: Results) -> Beneath:
+    def of(cls, results: Results) -> CrossSectionMap:
         """Sample the body of a scan.
 
         The outline is that of what its kind raises from a plate. For any other body it is the
@@ -83,11 +83,11 @@ class Beneath:
         turns = None if self.turns_rad is None else between(self.turns_rad, self.time_s, time_s)
         points = np.pad(points_mm, ((0, 0), (0, 1)))
         there = to_body(points, at_time(trace, "places_mm", time_s).T, turns)[..., :2]
-        index = (there - self.origin_mm) / self.step_mm
-        return ndimage.map_coordinates(self.inside, index.T, order=1, mode="nearest")
+        found = linear_between(self.inside, self.origin_mm, self.step_mm, there.reshape(-1, 2))
+        return found.reshape(there.shape[:-1]).T
 
 
-def draw_beneath(
+def draw_outline(
     axes: Axes, at: Array, rows_mm: Array, inside: Array, *, colour: str | None = None
 ) -> None:
     """Draw the outline (rows, columns) over an axis: filled in the colour of paper, or a line."""

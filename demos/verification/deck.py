@@ -1,4 +1,4 @@
-"""Writes a study as an input deck for CalculiX or Abaqus: the same contact with another code.
+"""Writes a study as an input deck for CalculiX: the same contact with another code.
 
 Units are mm, N, MPa; step time is the share of a straight part of the path that is done. The deck
 differs from this package's own model in four ways: contact is a linear penalty instead of
@@ -6,24 +6,14 @@ Nitsche's method, the stimulator is a facetted height field instead of a smooth 
 tissues have neither viscosity nor mass (``tissue.viscous_time_s``, ``solver.inertia``), and
 volume change is integrated at every point: coarse fat locks there (as with a
 ``solver.locking_ratio`` of 1e9 here).
-
-Tissue that relaxes has its Prony series in a deck for Abaqus, whose step time is then in s.
-Abaqus relaxes stress by a convolution: equal at small strain, at once, in the long run and in a
-held shape of a neo-Hookean tissue, not in between. CalculiX has no such law.
-
-The two codes differ in three keywords, selected by `Code`. ``*FRICTION``: CalculiX needs the stick
-slope (MPa/mm) after the coefficient; for Abaqus the default elastic slip is used. ``*NODE PRINT``:
-``TOTALS=ONLY`` in CalculiX, ``TOTALS=YES`` in Abaqus. Strain energy density: ``ENER`` and
-``SENER``. Abaqus has not been tested.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import batched, pairwise
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +24,11 @@ from tactile_fem.finger.simplex import SOLID
 from tactile_fem.path import Motion
 from tactile_fem.path import Path as Route
 from tactile_fem.runtime.files import write_text
+from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.check import miss
-from tactile_fem.stimulus.sampled import HeightField, height_field
+from tactile_fem.stimulus.sampled import height_map
 from tactile_fem.study import Elastic, Polynomial, Protocol, Study
 from tactile_fem.tissue.energies import compression_modulus
-
-Code = Literal["calculix", "abaqus"]
 
 # The faces S1 to S4 of C3D10 are opposite to the corners 4, 3, 1 and 2.
 C3D10_FACES = SOLID.facets[[3, 2, 0, 1]]
@@ -47,6 +36,8 @@ C3D10_FACES = SOLID.facets[[3, 2, 0, 1]]
 NO_D_PER_MPa = 1e12
 _THICKNESS_MM = 0.5
 _SMALLEST_INCREMENT = 1e-5
+# Skin and body that stay this far apart, by undeformed shapes, do not touch.
+_MARGIN_MM = 0.5
 
 
 @dataclass(frozen=True)
@@ -92,9 +83,8 @@ def write_deck(
     grid_mm: tuple[float, float] = (0.1, 0.1),
     penalty: Penalty | None = None,
     energy_of: NDArray[np.int64] | None = None,
-    code: Code = "calculix",
 ) -> DeckSize:
-    """Write a study as an input deck.
+    """Write a study of a solid finger as an input deck.
 
     Nodes and tetrahedra keep the order of the mesh and are counted from 1. Parts in ``solver.held``
     are fixed as in this package: their tissues are left out, and the nodes that they share with
@@ -116,7 +106,7 @@ def write_deck(
     ------
     StudyError
         The path wants a force or turns the stimulator, the stimulator does not touch the finger,
-        nothing of the mesh is held, or tissue relaxes, which CalculiX cannot do.
+        nothing of the mesh is held, or tissue relaxes.
     """
     _check_goes_to_places(study.protocol)
     route = study.protocol.route(0.0)
@@ -136,17 +126,16 @@ def write_deck(
         raise StudyError(
             f"{missed}; a deck needs contact: correct stimulus.shift_mm or the protocol"
         )
-    field = height_field(body, route.places_mm(), finger.nodes[skin], grid_mm)
-    if not len(field.cells):
+    points, squares = height_field(body, route.places_mm(), finger.nodes[skin], grid_mm)
+    if not len(squares):
         raise StudyError(f"nothing of the stimulator is wider than grid_mm = {list(grid_mm)}")
-    field = replace(field, points=field.points + route.start_mm)
 
     present = [name for name, tag in TISSUES.items() if np.any(finger.tissue[deformable] == tag)]
     relaxing = [name for name in present if getattr(study.tissue, name).g]
-    if relaxing and code == "calculix":
+    if relaxing:
         raise StudyError(
-            f"tissue.{relaxing[0]}.g is set but CalculiX has no tissue that relaxes: write the "
-            'deck for Abaqus, or set tissue.relaxation to "none".'
+            f"tissue.{relaxing[0]}.g is set but CalculiX has no tissue that relaxes: set "
+            'tissue.relaxation to "none".'
         )
     friction = study.stimulus.law()
     if friction.uniform is None:
@@ -157,17 +146,55 @@ def write_deck(
     lines += _finger_lines(finger, deformable, used, held, present)
     if energy_of is not None:
         lines += ["*ELSET, ELSET=FELT", *_listed(energy_of + 1)]
-    lines += _stimulator_lines(field, len(finger.nodes), len(finger.cells))
+    counts = len(finger.nodes), len(finger.cells)
+    lines += _stimulator_lines(points + route.start_mm, squares, *counts)
     for name in present:
         lines += material_lines(name, getattr(study.tissue, name))
-    lines += _contact_lines(faces, friction.uniform, contact, code)
-    printed = _print_lines(code, energy_of is not None)
+    lines += _contact_lines(faces, friction.uniform, contact)
+    printed = _print_lines(energy_of is not None)
     slide = slide_step_mm or study.solver.max_slide_step_mm
     press = press_step_mm or study.solver.max_press_step_mm
     for _, motion in route.plan():
-        lines += _step_lines(motion, route.start_mm, (slide, press), printed, bool(relaxing))
+        lines += _step_lines(motion, route.start_mm, (slide, press), printed)
     write_text(Path(path), "\n".join([*lines, ""]))
     return DeckSize(len(deformable), 3 * (len(used) - len(held)), len(faces))
+
+
+def height_field(
+    body: RigidBody, places_mm: NDArray, skin: NDArray, grid_mm: tuple[float, float]
+) -> tuple[NDArray, NDArray[np.int64]]:
+    """Sample that part of the upper surface that can touch the finger along the path, as squares.
+
+    Parameters
+    ----------
+    places_mm
+        Places of the body, (n, 3); it is sampled where it touches the undeformed pad.
+    skin
+        Undeformed points of the skin in mm, (..., 3).
+    grid_mm
+        Largest spacing in X and Y.
+
+    Returns
+    -------
+    points, squares
+        (n, 3) in mm, and (m, 4) points, counter-clockwise seen from above.
+    """
+    points = skin.reshape(-1, 3)
+    deepest = places_mm[:, 2].max()
+    near = points[points[:, 2] < deepest + _MARGIN_MM, :2]
+    low = near.min(axis=0) - places_mm[:, :2].max(axis=0) - _MARGIN_MM
+    high = near.max(axis=0) - places_mm[:, :2].min(axis=0) + _MARGIN_MM
+    counts = np.ceil((high - low) / grid_mm).astype(int) + 1
+    x, y = (np.linspace(*ends) for ends in zip(low, high, counts, strict=True))
+    lowest = -deepest - _MARGIN_MM
+    z = height_map(body, x, y, lowest)
+    xyz = np.stack([*np.meshgrid(x, y, indexing="ij"), z], -1).reshape(-1, 3)
+    index = np.arange(len(xyz)).reshape(z.shape)
+    corners = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    cells = np.stack(corners, -1).reshape(-1, 4)
+    cells = cells[np.all(xyz[cells, 2] > lowest, axis=1)]
+    used, cells = np.unique(cells, return_inverse=True)
+    return xyz[used], cells.reshape(-1, 4)
 
 
 def _check_goes_to_places(protocol: Protocol) -> None:
@@ -218,16 +245,18 @@ def _finger_lines(
     return [*lines, "*NSET, NSET=HELD", *_listed(held + 1), "*BOUNDARY", "HELD, 1, 3"]
 
 
-def _stimulator_lines(field: HeightField, first_node: int, first_cell: int) -> list[str]:
+def _stimulator_lines(
+    points: NDArray, squares: NDArray[np.int64], first_node: int, first_cell: int
+) -> list[str]:
     """Return one layer of hexahedra; all nodes are prescribed, so its material has no effect."""
-    count = len(field.points)
-    below = field.points - [0.0, 0.0, _THICKNESS_MM]
+    count = len(points)
+    below = points - [0.0, 0.0, _THICKNESS_MM]
     numbers = np.arange(first_node, first_node + 2 * count)
-    above = field.cells + first_node + 1
-    cells = np.arange(first_cell, first_cell + len(field.cells))
+    above = squares + first_node + 1
+    cells = np.arange(first_cell, first_cell + len(squares))
     return [
         "*NODE, NSET=STIMULATOR",
-        *_rows(numbers, np.vstack([field.points, below])),
+        *_rows(numbers, np.vstack([points, below])),
         "*ELEMENT, TYPE=C3D8, ELSET=BODY",
         *_rows(cells, np.hstack([above + count, above])),
         "*SOLID SECTION, ELSET=BODY, MATERIAL=BODY",
@@ -240,13 +269,8 @@ def _stimulator_lines(field: HeightField, first_node: int, first_cell: int) -> l
 
 
 def material_lines(name: str, constants: Polynomial | Elastic) -> list[str]:
-    """Return the material of a tissue: `PolynomialEnergy`, and its series if it relaxes."""
-    lines = [f"*MATERIAL, NAME={name.upper()}", *_elastic_lines(constants)]
-    if not constants.g:
-        return lines
-    lines[1] += ", MODULI=LONG TERM"
-    series = zip(constants.g, constants.tau_s, strict=True)
-    return [*lines, "*VISCOELASTIC, TIME=PRONY", *(_row(g, 0.0, tau_s) for g, tau_s in series)]
+    """Return the material of a tissue: `PolynomialEnergy`."""
+    return [f"*MATERIAL, NAME={name.upper()}", *_elastic_lines(constants)]
 
 
 def _elastic_lines(c: Polynomial | Elastic) -> list[str]:
@@ -263,54 +287,39 @@ def _elastic_lines(c: Polynomial | Elastic) -> list[str]:
     return ["*HYPERELASTIC, POLYNOMIAL, N=3", *rows]
 
 
-def _contact_lines(
-    faces: NDArray[np.int64], friction: float, penalty: Penalty, code: Code
-) -> list[str]:
-    stick = [penalty.stick_MPa_per_mm] if code == "calculix" else []
+def _contact_lines(faces: NDArray[np.int64], friction: float, penalty: Penalty) -> list[str]:
     return [
         "*SURFACE, NAME=SKIN, TYPE=ELEMENT",
         *(f"{tet + 1}, S{face + 1}" for tet, face in faces.tolist()),
         "*SURFACE INTERACTION, NAME=TOUCH",
         "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR",
         _row(penalty.stiffness_MPa_per_mm),
-        *(["*FRICTION", _row(friction, *stick)] if friction else []),
+        *(["*FRICTION", _row(friction, penalty.stick_MPa_per_mm)] if friction else []),
         "*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE",
         "SKIN, MASTER",
     ]
 
 
-def _print_lines(code: Code, energy: bool) -> list[str]:
-    totals, density = ("ONLY", "ENER") if code == "calculix" else ("YES", "SENER")
+def _print_lines(energy: bool) -> list[str]:
     sets = ("STIMULATOR", "HELD")
-    lines = [part for one in sets for part in (f"*NODE PRINT, NSET={one}, TOTALS={totals}", "RF")]
-    return [*lines, "*EL PRINT, ELSET=FELT", density] if energy else lines
+    lines = [part for one in sets for part in (f"*NODE PRINT, NSET={one}, TOTALS=ONLY", "RF")]
+    return [*lines, "*EL PRINT, ELSET=FELT", "ENER"] if energy else lines
 
 
 def _step_lines(
-    motion: Motion,
-    start_mm: NDArray,
-    longest_mm: tuple[float, float],
-    printed: list[str],
-    relaxes: bool,
+    motion: Motion, start_mm: NDArray, longest_mm: tuple[float, float], printed: list[str]
 ) -> list[str]:
-    """Write a step of equal increments for each straight part of a motion.
-
-    Where tissue relaxes, the step takes its time, and holding still is a step as well.
-    """
+    """Write a step of equal increments for each straight part of a motion."""
     lines = []
-    knots = zip(motion.times_s.tolist(), motion.places_mm, strict=True)
-    for (begun_s, before), (ended_s, after) in pairwise(knots):
+    for before, after in pairwise(motion.places_mm):
         x, y, z = np.abs(after - before)
         count = math.ceil(max(np.hypot(x, y) / longest_mm[0], z / longest_mm[1]) - 1e-9)
-        if relaxes:
-            count = count or len(motion.outputs_s)
         if count:
-            time = ended_s - begun_s if relaxes else 1.0
             lines += [
                 f"** {motion.phase}: {np.linalg.norm(after - before):g} mm",
                 "*STEP, NLGEOM, INC=10000",
-                "*VISCO" if relaxes else "*STATIC",
-                _row(time / count, time, _SMALLEST_INCREMENT * time, time / count),
+                "*STATIC",
+                _row(1.0 / count, 1.0, _SMALLEST_INCREMENT, 1.0 / count),
                 "*BOUNDARY",
                 *(
                     _row("STIMULATOR", k, k, u)
