@@ -364,7 +364,7 @@ def held(study) -> Study:
 def middle_pressed(seen):
     """Return columns of one's own: a number for each step, one for each receptor, a vector."""
     felt = seen.receptors.sed_kPa
-    number = {"mean_kPa": felt.mean(), "twice_kPa": 2 * felt, "pull_N": seen.step.force_N[:2]}
+    number = {"mean_kPa": felt.mean(), "twice_kPa": 2 * felt, "pull_N": seen.step.load.force_N[:2]}
     return number if seen.step.index > 1 else {}
 
 

@@ -15,7 +15,7 @@ from tactile_fem.neuron.settings import DEFAULT_NAME
 from tactile_fem.path.loads import NORMAL
 from tactile_fem.path.motion import Motion, Path
 from tactile_fem.simulation.columns import OF_STEP
-from tactile_fem.simulation.control import TOLERANCE
+from tactile_fem.simulation.load_search import TOLERANCE
 from tactile_fem.simulation.trace import Trace
 
 Array = NDArray[Any]
