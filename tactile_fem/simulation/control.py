@@ -14,10 +14,6 @@ from dataclasses import dataclass
 _ROUNDING = 1e-9
 
 
-class StepTooSmallError(Exception):
-    """The step would fall below its floor."""
-
-
 @dataclass
 class StepControl:
     """Adaptive times from 0 to the end of a piece, meeting every output exactly.
@@ -28,7 +24,7 @@ class StepControl:
 
     end_s: float  # of the piece
     step_s: float  # first step; then the next one, unless an output or `max_step_s` shortens it
-    min_step_s: float  # a shorter step is refused
+    min_step_s: float  # a failed step is not cut back further
     max_step_s: Callable[[float], float] = lambda time_s: math.inf  # longest one from a time on
     outputs_s: tuple[float, ...] = ()  # increasing; the end is always one
     target_iterations: int = 8
@@ -80,12 +76,11 @@ class StepControl:
             # A step cut short by an output does not make the next one shorter.
             self.step_s = max(self.step_s, self.growth_factor * taken)
 
-    def reject(self, target_s: float) -> None:
-        """Cut back the step that failed to reach `target_s`; StepTooSmallError at the floor."""
+    def reject(self, target_s: float) -> bool:
+        """Cut back the step that failed to reach `target_s`; return whether it is long enough."""
         self.step_s = self.cutback_factor * (target_s - self.time_s)
         self.wait = self.patience
-        if self.step_s < self.min_step_s:
-            raise StepTooSmallError
+        return self.step_s >= self.min_step_s
 
     def finish(self) -> None:
         """End the piece at the present time."""

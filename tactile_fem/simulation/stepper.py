@@ -19,7 +19,7 @@ from tactile_fem.path.loads import NORMAL, NOTHING
 from tactile_fem.path.rotations import matrix, vector
 from tactile_fem.simulation.balance import SCALES, LoadBalance
 from tactile_fem.simulation.bone import Bone
-from tactile_fem.simulation.control import StepControl, StepTooSmallError
+from tactile_fem.simulation.control import StepControl
 from tactile_fem.simulation.equilibrium import Equilibrium
 from tactile_fem.simulation.load_search import allowed_N
 from tactile_fem.simulation.pose import Pose
@@ -265,27 +265,17 @@ class Stepper:
         return (done + share * self._weights[progress.piece]) / sum(self._weights)
 
     def _reject(self, target_s: float) -> None:
-        """Go back to the last accepted step and cut the next one back.
-
-        Raises
-        ------
-        ConvergenceError
-            It is too short already.
-        """
+        """Go back to the last accepted step and cut back; ConvergenceError if that is too short."""
         failed = self._equilibrium.solves[-1]
         self._state.reset()
         logger.info(
             "%s to %.5f s failed after %d iterations (%s): step halved",
             *(self._motion.phase, target_s, failed.iterations, failed.reason),
         )
-        try:
-            self._control.reject(target_s)
-        except StepTooSmallError:
+        if not self._control.reject(target_s):
             smoother = [f"a larger stimulus.{key}" for key in self._smoother_by]
             advice = ", ".join(["a finer mesh", *smoother, "less friction"])
-            raise self._stopped(
-                failed.reason, f"{advice} or a longer tissue.viscous_time_s"
-            ) from None
+            raise self._stopped(failed.reason, f"{advice} or a longer tissue.viscous_time_s")
 
     def _stopped(self, reason: str, advice: str) -> ConvergenceError:
         """Return the error of a path that goes no further."""
