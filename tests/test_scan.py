@@ -308,7 +308,7 @@ def test_a_step_has_the_traces_names(study):
     trace = scan(brief, observers=[lambda seen: steps.append(seen.step)]).trace.arrays()
     of_receptors = {column.name for column in (*OF_RECEPTOR, *FELT)}
     for name in trace.keys() - of_receptors - {"time_s"}:
-        values = [getattr(step, name) for step in steps]
+        values = [getattr(step if hasattr(step, name) else step.load, name) for step in steps]
         np.testing.assert_array_equal(values, trace[name][1:], err_msg=name)
 
 
