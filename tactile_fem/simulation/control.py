@@ -31,8 +31,8 @@ class StepControl:
     growth_factor: float = 2.0
     cutback_factor: float = 0.5
     patience: int = 4
-    time_s: float = 0.0  # how far the piece is gone
-    wait: int = 0  # how many easy steps have to be taken until the step may grow again
+    time_s: float = 0.0  # time reached
+    wait: int = 0  # easy steps still to be taken before a step may grow again
 
     @property
     def finished(self) -> bool:

@@ -58,7 +58,7 @@ class Equilibrium:
         self._problem, self._plane, self._max_increment_mm = problem, plane, max_increment_mm
         self.solves: list[SolveReport] = []
         self.stiffness_N_mm = _FIRST_STIFFNESS_N_MM.copy()
-        # Loads at the accepted step before the last one; None at the begin of a piece.
+        # Loads at the accepted step before the last one; None at the beginning of a piece.
         self._loads_before_N: Array | None = None
         self.bone = bone
         self._angle_rad = self.angle_rad  # of the bone, at the last solve

@@ -1,4 +1,4 @@
-"""The place of the body at which its loads are those wanted.
+"""Search for the place of the body at which its loads are those wanted.
 
 Plain numbers: it knows nothing of finite elements.
 """
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 # Share of the largest load by which loads may be missed; as much may be where there is hardly any.
 TOLERANCE, _NEGLIGIBLE_N = 1e-3, 1e-6
-# Solves in which loads have to be met, in which a single one has to be, and how many are usual.
+# Solves after which a search for several loads has failed, one for a single load; slow from here.
 _MAX_SOLVES, _MAX_SOLVES_OF_ONE, _USUAL_SOLVES = 9, 12, 4
 
 
@@ -68,7 +68,7 @@ class LoadSearch:
         return False
 
     def _learn(self, increment_mm: Array, gained_N: Array) -> None:
-        # Where a load falls as the body is moved towards it, the stiffness would point away.
+        # Where loads fall as the body moves on, this stiffness would send it the wrong way.
         if gained_N @ increment_mm > 0:
             missed, square = gained_N - self.stiffness @ increment_mm, increment_mm @ increment_mm
             self.stiffness = self.stiffness + np.outer(missed, increment_mm) / square
@@ -99,7 +99,7 @@ class LoadSearch:
 
 
 def allowed_N(scale_N: float) -> float:
-    """Return by how much loads may be missed whose largest is `scale_N`."""
+    """Return the allowed error of loads, the largest of which is `scale_N`."""
     return max(TOLERANCE * scale_N, _NEGLIGIBLE_N)
 
 

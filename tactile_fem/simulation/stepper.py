@@ -218,15 +218,15 @@ class Stepper:
         return self._equilibrium.solve(balance, self._pose(begin_s), self._motion.phase)
 
     def _normal_N(self, load: Load) -> float:
-        """Return the normal force of the last solve."""
+        """Return the normal force in space of the last solve, whose load this is."""
         return float(self._equilibrium.in_space(load).force_N[NORMAL])
 
     def _end_of_press_s(self, target_s: float, load: Load, force_N: float) -> float:
-        """Return when a press ends of which a step to `target_s`, with that load, passes the force.
+        """Return when a press ends whose step to `target_s`, with that load, exceeds the force.
 
-        At this time the force, if linear over the step, is reached; the depth is then sought at
-        this duration. Over shorter and shorter steps the force need not approach that of the last
-        step, because relaxing tissues are stiffer in them, and the contact with them.
+        If the force were linear over the step, it would be reached then; the depth is sought for
+        a step of this duration. Shorter and shorter steps need not bring the force closer to that
+        of the last step, because relaxing tissues, and so the contact, are stiffer in them.
         """
         before, begin_s = self._normal_old_N(), self._control.time_s
         share = max((force_N - before) / (self._normal_N(load) - before), _MIN_SHARE)
