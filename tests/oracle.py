@@ -16,7 +16,7 @@ import numpy as np
 
 from tactile_fem import load_study, resume, scan
 
-SMALL = Path(__file__).parent.parent / "meshes" / "small.msh"
+SMALL = Path(__file__).parent.parent / "meshes" / "small.npz"
 COLUMNS = (
     *("time_s", "stimulator_mm", "stimulator_rad", "bone_rad", "force_N", "moment_Nmm"),
     *("contact_area_mm2", "stored_mJ", "sed_kPa", "moved_mm", "newton_iterations"),

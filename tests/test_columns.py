@@ -25,10 +25,11 @@ def test_a_step_has_what_the_table_says():
     pytest.importorskip("tactile_fem.runtime.backend")
     from dataclasses import fields
 
+    from tactile_fem.mechanics.load import Load
     from tactile_fem.simulation.columns import OF_STEP
     from tactile_fem.simulation.step import Step
 
-    of_step = {field.name for field in fields(Step)} | {"depth_mm"}
+    of_step = {field.name for kind in (Step, Load) for field in fields(kind)} | {"depth_mm"}
     assert {column.name for column in OF_STEP} <= of_step
 
 

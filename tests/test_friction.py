@@ -271,7 +271,7 @@ def test_viscosity_steadies_friction_that_falls_with_speed():
         ],
     )
     with closing(Simulation(study)) as simulation:
-        forces = [step.force_N for step in simulation.steps() if not step.indenting]
+        forces = [step.load.force_N for step in simulation.steps() if not step.indenting]
     ratio = [-force[1] / force[2] for force in forces]
     slides = 0.3 + 0.2 * np.exp(-1 / 2)
     assert max(ratio) > 1.1 * slides

@@ -397,7 +397,7 @@ def test_observers_may_work_in_place(quick):
 
     def spoil(seen):
         felt, step = seen.receptors, seen.step
-        for array in (felt.sed_kPa, felt.moved_mm, step.force_N, step.stimulator_mm):
+        for array in (felt.sed_kPa, felt.moved_mm, step.load.force_N, step.stimulator_mm):
             array *= 0.0
         seen.simulation.layout.positions_mm[:] = 7.0
         seen.columns.pop("stretches")

@@ -20,13 +20,14 @@ class Step:
     displacement_mm: float
     depth_mm: float
     fraction: float
-    force_N: np.ndarray = field(default_factory=lambda: np.array([0.03, -0.04, 0.5]))
     stimulator_rad: np.ndarray = field(default_factory=lambda: np.zeros(3))
     newton_iterations: int = 5
     force_unit: str = "N"
     stimulator_mm: np.ndarray = field(default_factory=lambda: np.array([1.0, 2.0, 0.5]))
-    moment_Nmm: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 0.7]))
 
+    load = SimpleNamespace(
+        force_N=np.array([0.03, -0.04, 0.5]), moment_Nmm=np.array([0.0, 0.0, 0.7])
+    )
     torque_Nmm = step.Step.torque_Nmm
     __str__ = step.Step.__str__
 

@@ -67,7 +67,7 @@ def test_on_a_finger(finger, stimulus, depth_mm):
             steps = list(simulation.steps())
             felt = simulation.receptors.read()
             there = np.array([step.stimulator_mm for step in steps])
-            found.append((there, np.array([step.force_N for step in steps]), felt.sed_kPa))
+            found.append((there, np.array([step.load.force_N for step in steps]), felt.sed_kPa))
     (there, force, sed), (plain_there, plain_force, plain_sed) = found
     np.testing.assert_allclose(there, plain_there, rtol=0, atol=1e-12)  # no step was cut
     assert force[-1, 2] > 1e-3

@@ -308,7 +308,7 @@ def test_a_step_has_the_traces_names(study):
     trace = scan(brief, observers=[lambda seen: steps.append(seen.step)]).trace.arrays()
     of_receptors = {column.name for column in (*OF_RECEPTOR, *FELT)}
     for name in trace.keys() - of_receptors - {"time_s"}:
-        values = [getattr(step, name) for step in steps]
+        values = [getattr(step if hasattr(step, name) else step.load, name) for step in steps]
         np.testing.assert_array_equal(values, trace[name][1:], err_msg=name)
 
 
@@ -364,7 +364,7 @@ def held(study) -> Study:
 def middle_pressed(seen):
     """Return columns of one's own: a number for each step, one for each receptor, a vector."""
     felt = seen.receptors.sed_kPa
-    number = {"mean_kPa": felt.mean(), "twice_kPa": 2 * felt, "pull_N": seen.step.force_N[:2]}
+    number = {"mean_kPa": felt.mean(), "twice_kPa": 2 * felt, "pull_N": seen.step.load.force_N[:2]}
     return number if seen.step.index > 1 else {}
 
 

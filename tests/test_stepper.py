@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from itertools import islice
 
 import numpy as np
@@ -50,11 +51,10 @@ class Spring:
     """A problem whose normal force is ``z^1.5``, and softer the further it slides."""
 
     def __init__(self) -> None:
-        domain = create_domain(
-            block_mesh(CORNERS, CORNERS, CORNERS, ["dermis"]), MPI.COMM_SELF, ("cut",)
-        )
-        V = fem.functionspace(domain.mesh, ("Lagrange", 2, (3,)))
-        self.state, self.order, self.solves = State(V), NodeOrder(domain, V), []
+        brick = block_mesh(CORNERS, CORNERS, CORNERS, ["dermis"])
+        self.domain = create_domain(brick, MPI.COMM_SELF, ("cut",))
+        V = fem.functionspace(self.domain.mesh, ("Lagrange", 2, (3,)))
+        self.state, self.order, self.solves = State(V), NodeOrder(self.domain, V), []
 
     def solve(self, place: np.ndarray, dt_s: float, rotation: np.ndarray, swing) -> SolveReport:
         self.state.move(place, rotation, swing)
@@ -112,7 +112,7 @@ def test_presses_go_on_from_force_to_force():
     pieces = tuple(Press(force_N=force) for force in forces)
     steps = steps_of(Protocol(path=pieces).route(3.0))
     ends = [step for step in steps if step.ends_piece]
-    assert [step.force_N[2] for step in ends] == pytest.approx(forces, rel=1e-3)
+    assert [step.load.force_N[2] for step in ends] == pytest.approx(forces, rel=1e-3)
     assert [step.depth_mm for step in ends] == pytest.approx(np.power(forces, 2 / 3), rel=1e-3)
     assert all(step.indenting for step in steps)
 
@@ -122,21 +122,21 @@ def test_a_held_force_is_held():
     steps = list(Stepper(problem, TO_FORCE, SOLVER))
     assert list(dict.fromkeys(step.phase for step in steps)) == ["press", "hold", "slide", "lift"]
     reached = of(steps, "press")[-1]
-    assert reached.force_N[2] == pytest.approx(0.4, rel=1e-3)
+    assert reached.load.force_N[2] == pytest.approx(0.4, rel=1e-3)
     assert reached.depth_mm == pytest.approx(0.4 ** (2 / 3), rel=1e-3)
     for step in of(steps, "hold") + of(steps, "slide"):
-        assert step.force_N[2] == pytest.approx(0.4, rel=1e-3)
+        assert step.load.force_N[2] == pytest.approx(0.4, rel=1e-3)
     slid = of(steps, "slide")
     assert slid[-1].depth_mm == pytest.approx(0.48 ** (2 / 3), rel=1e-3)
     assert slid[-1].displacement_mm == pytest.approx(1.0)
     np.testing.assert_allclose(steps[-1].stimulator_mm, [0.0, -1.0, -0.1], atol=1e-12)
-    assert not steps[-1].force_N.any()
+    assert not steps[-1].load.force_N.any()
     # What overshoots the force is work as well.
-    assert sum(len(step.discarded) for step in steps) == len(problem.solves) - len(steps) > 0
+    assert sum(step.solves for step in steps) == len(problem.solves) > len(steps)
     assert sum(step.newton_iterations for step in steps) == 3 * len(problem.solves)
     assert sum(step.linear_iterations for step in steps) == 9 * len(problem.solves)
     # Where the secant has the spring's stiffness, most steps take one solve, few more than two.
-    assert np.mean([len(step.discarded) for step in slid]) < 1
+    assert np.mean([step.solves for step in slid]) < 2
 
 
 def test_what_is_interrupted_goes_on_the_same():
@@ -248,7 +248,7 @@ def test_a_press_ends_at_a_force_that_short_steps_pass_at_once():
     """As with tissue that relaxes: the shorter the step, the stiffer is the contact."""
     problem = Countable(lambda z, dt: max(z, 0.0) ** 1.5 * (1 + 0.05 / (1 + dt / 1e-3)))
     steps = list(Stepper(problem, Path((press(3.0, until_N=0.4),)), SOLVER))
-    assert steps[-1].force_N[2] == pytest.approx(0.4, rel=1e-3)
+    assert steps[-1].load.force_N[2] == pytest.approx(0.4, rel=1e-3)
     assert len(problem.solves) < len(steps) + 12
 
 
@@ -259,10 +259,11 @@ def test_a_force_that_jumps_ends_in_a_sentence(held, caplog, monkeypatch):
     piece = Hold(time_s=0.1, output_s=0.05, force_N=0.7) if held else press(3.0, until_N=0.7)
     with caplog.at_level(logging.INFO, "tactile_fem"), pytest.raises(ConvergenceError) as error:
         list(Stepper(problem, Path((press(0.4), piece)), SOLVER))
-    assert "the force is not met: it jumps within" in str(error.value)
-    assert "at a depth of 0.5000 mm" in str(error.value)
+    where = r"the force is not met: it jumps within (\S+) mm at a depth of (\S+) mm"
+    ((width, at),) = re.findall(where, str(error.value))
+    assert float(at) == pytest.approx(0.5, abs=float(width) + 1e-4) and float(width) < 0.001
     assert len(problem.solves) < 150
-    assert "0.7 are sought" in caplog.text
+    assert "of 0.7 N" in caplog.text
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

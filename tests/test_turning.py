@@ -18,7 +18,7 @@ from sphere_on_block import follow, sphere_on_block
 
 from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.path.rotations import matrix
-from tactile_fem.simulation.held import Pose
+from tactile_fem.simulation.pose import Pose
 from tactile_fem.simulation.recorder import Recorder
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus.body import HalfSpace

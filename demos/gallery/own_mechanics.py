@@ -77,7 +77,8 @@ class Gravity(Term):
 
 def centre_of_pressure(seen):
     """Return X and Y, mm, where the normal force acts at the depth of the top of the body."""
-    force, moment, z = seen.step.force_N, seen.step.moment_Nmm, seen.step.depth_mm
+    load, z = seen.step.load, seen.step.depth_mm
+    force, moment = load.force_N, load.moment_Nmm
     normal = max(force[2], 1e-9)
     x, y = (z * force[0] - moment[1]) / normal, (z * force[1] + moment[0]) / normal
     return {"centre_of_pressure_mm": [x, y]}

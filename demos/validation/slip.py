@@ -85,7 +85,7 @@ def _observed(mesh: FingerMesh, now, before, rest, moved, step) -> Drag:
     return Drag(
         step.displacement_mm,
         float(abs((now - rest)[apex, 1])),
-        float(np.hypot(step.force_N[0], step.force_N[1])),
+        float(np.hypot(*step.load.force_N[:2])),
         float(stuck.sum() / touching.sum()),
         float(spread / (touching @ distance / touching.sum())),
     )

@@ -81,7 +81,7 @@ def pushed(finger: Finger, force: float, distance: float, speed: float) -> None:
     energy_mJ = volumes(mesh) / 1000
     outside = ~over_contact(mesh, u, step.stimulator_mm[2])
     skin = np.isin(mesh.tissue, [TISSUES[name] for name in SKIN])
-    tangential = float(np.hypot(*step.force_N[:2]))
+    tangential = float(np.hypot(*step.load.force_N[:2]))
     print(f"{force:g} N, pushed by {distance:g} mm: {tangential:.2f} N along the finger")
     for what, sed in (("more than before the push", after - before), ("in all", after)):
         told = []

@@ -83,7 +83,7 @@ def twisted(finger: Finger, friction: float, twist: Twist) -> Iterator[Turned]:
     with closing(Simulation(study)) as simulation:
         order, before, turned = simulation.problem.order, None, np.zeros(3)
         for step in simulation.steps():
-            now, bound = order.gather(simulation.state.u), order.gather_owned(step.bound_N)
+            now, bound = order.gather(simulation.state.u), order.gather_owned(step.load.bound_N)
             if step.phase == "twist":
                 felt = simulation.finger, before, now, bound, step.stimulator_rad - turned
                 slip = on_root(simulation.comm, lambda felt=felt: slip_of(*felt))

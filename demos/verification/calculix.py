@@ -209,7 +209,7 @@ def ours(study: Study, finger: FingerMesh, samples: Samples, size: DeckSize) -> 
     iterations = sum(step.newton_iterations for step in steps)
     work = True, len(steps), iterations, sum(step.wall_s for step in steps), cpu
     way = [step.depth_mm + step.displacement_mm for step in steps]
-    force = np.array([step.force_N for step in steps])
+    force = np.array([step.load.force_N for step in steps])
     cost = Cost("tactile_fem", size.cells, size.unknowns, *work)
     return cost, Way(np.array(way), force, np.array(sed))
 

@@ -75,7 +75,7 @@ def press(
             with stopping(problem.solver.snes, comm) as stop:
                 for step in simulation.steps():
                     sensitivities.follow()
-                    curve.append((step.depth_mm, float(step.force_N[2])))
+                    curve.append((step.depth_mm, float(step.load.force_N[2])))
                     here = np.isclose(experiment.depth_mm, step.depth_mm)
                     if here.any():
                         read = _reading(simulation, experiment, here, skin)

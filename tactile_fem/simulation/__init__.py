@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from tactile_fem.simulation.checkpoint import read_checkpoint
     from tactile_fem.simulation.checks import check
     from tactile_fem.simulation.columns import OF_STEP
-    from tactile_fem.simulation.control import TOLERANCE
+    from tactile_fem.simulation.load_search import TOLERANCE
     from tactile_fem.simulation.parts import NO_PARTS
 
 __all__ = [
@@ -31,7 +31,7 @@ __getattr__ = lazily(
         "checkpoint": ["read_checkpoint"],
         "checks": ["check"],
         "columns": ["OF_STEP"],
-        "control": ["TOLERANCE"],
+        "load_search": ["TOLERANCE"],
         "parts": ["NO_PARTS"],
     },
 )

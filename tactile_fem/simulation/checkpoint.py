@@ -22,7 +22,7 @@ from tactile_fem.study import AFTER_MECHANICS
 from tactile_fem.study.kept import with_files
 
 # Counts up when the names or the meaning of a checkpoint's arrays change.
-_FORMAT = 12
+_FORMAT = 13
 # Parts of a study that may change between two runs: they act after the mechanics, or the mesh's
 # hash shows the change.
 _FREE: dict[str, Any] = {**AFTER_MECHANICS, "output": True, "finger": {"mesh_file"}}

@@ -1,19 +1,19 @@
-"""The equilibrium with the body at a place, or at loads that it is moved to meet."""
+"""The equilibrium at the end of a step: the body is where the path or the held loads need it."""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from tactile_fem.finger.plane import Plane
 from tactile_fem.mechanics.load import Load
 from tactile_fem.path.loads import NORMAL
+from tactile_fem.simulation.balance import JOINT, SCALES, LoadBalance
 from tactile_fem.simulation.bone import Bone
-from tactile_fem.simulation.control import ForceSearch
-from tactile_fem.simulation.held import JOINT, SCALES, Held
-from tactile_fem.simulation.load_search import LoadSearch, way_to
+from tactile_fem.simulation.load_search import LoadSearch, increment_for
 from tactile_fem.simulation.pose import Pose
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.report import SolveReport
@@ -21,37 +21,49 @@ from tactile_fem.solvers.report import SolveReport
 Array = np.ndarray
 logger = logging.getLogger(__name__)
 
-# Loads over the body's motion along X, Y and Z, and its turn, before any is known.
+# Derivative of the loads with respect to the unknowns of `LoadBalance`, before any is known.
 _FIRST_STIFFNESS_N_MM = np.diag([0.3, 0.3, 0.5, 0.1, 0.7])
 _FIRST_STIFFNESS_N_MM[[NORMAL, JOINT], [JOINT, NORMAL]] = 0.5
 # A step that holds loads extrapolates the last one by at most this ratio of their durations.
-_MOST_AT_LOADS = 2.0
+_MAX_RATIO_AT_LOADS = 2.0
 # Share of the largest friction above which the skin is said to slip.
 _SLIPS = 0.95
-# How a solve ended and, if it succeeded, the load at its end.
-Solved = tuple[SolveReport, Load | None]
-# Unknowns of a search, and the displacement there.
-Place = tuple[np.ndarray, np.ndarray]
 
 
 class Equilibrium:
-    """Solves for the end of a step; messages state forces in `force_unit`.
+    """Solves for the end of a step.
 
-    In the search for loads two places of the body are at most `longest_mm` apart.
+    Parameters
+    ----------
+    problem, plane
+        The finger, and how its plane lies in space if it is a section.
+    max_increment_mm
+        Longest distance between two places of the body in the search for loads.
+    bone
+        At the start; None if it is clamped.
+
+    Attributes
+    ----------
+    solves
+        Of the present step so far; the last one ended at the present state.
+    stiffness_N_mm
+        Derivative of the loads, as `LoadSearch` has it, as last observed, (5, 5).
+    bone
+        After the last accepted step.
     """
 
     def __init__(
-        self, problem: FingerProblem, plane: Plane, longest_mm: float, bone: Bone | None
+        self, problem: FingerProblem, plane: Plane, max_increment_mm: float, bone: Bone | None
     ) -> None:
-        self._problem, self._plane, self._longest_mm = problem, plane, longest_mm
-        # Solves of the present step that failed or did not meet the wanted loads.
-        self.discarded: list[SolveReport] = []
-        # Loads over the body's motion, as last observed.
+        self._problem, self._plane, self._max_increment_mm = problem, plane, max_increment_mm
+        self.solves: list[SolveReport] = []
         self.stiffness_N_mm = _FIRST_STIFFNESS_N_MM.copy()
-        # Loads at the accepted step before the last one; None at the begin of a piece.
-        self.loads_before_N: np.ndarray | None = None
+        # Loads at the accepted step before the last one; None at the beginning of a piece.
+        self._loads_before_N: Array | None = None
         self.bone = bone
-        self._angle_rad = 0.0  # of the bone, at the last solve
+        self._angle_rad = self.angle_rad  # of the bone, at the last solve
+
+    # --- after the last accepted step ----------------------------------------------------------
 
     def pose(self, *, before: bool = False) -> Pose:
         """Return where the body was after the last accepted step, or after that `before` it."""
@@ -62,8 +74,8 @@ class Equilibrium:
         pose = Pose(plane.vectors(place), plane.rotation_in_space(rotation))
         return bone.in_space(pose, bone.before_rad if before else bone.angle_rad) if bone else pose
 
-    def loads_N(self) -> np.ndarray:
-        """Return the loads after the last accepted step, scaled as `Held` does, (4,)."""
+    def loads_N(self) -> Array:
+        """Return the loads after the last accepted step, scaled as `LoadBalance` does, (4,)."""
         state = self._problem.state
         load = self._in_space(state.force_old_N, state.moment_old_Nmm, self.angle_rad)
         return SCALES * self.pose().load(*load)
@@ -72,6 +84,128 @@ class Equilibrium:
     def angle_rad(self) -> float:
         """Angle of the bone after the last accepted step; 0 if it is clamped."""
         return self.bone.angle_rad if self.bone else 0.0
+
+    # --- a step --------------------------------------------------------------------------------
+
+    def solve(self, balance: LoadBalance, path: Pose, phase: str) -> Load | None:
+        """Solve for the end of a step; return its load, or None if the last of `solves` failed.
+
+        Parameters
+        ----------
+        balance
+            Loads, and where the body is at the end by the path.
+        path
+            Where it would have been by the path after the last step.
+        phase
+            Name of the piece of the path, for messages.
+        """
+        own = np.ix_(balance.indices, balance.indices)
+        x = self._first_guess(balance, path)
+        search = LoadSearch(x, self.stiffness_N_mm[own], self._max_increment_mm)
+        last = self._last_place(balance)
+        while True:
+            x, load = search.x, self._solve_at(balance, search.x)
+            if load is None:
+                return None
+            found = loads, _ = self._found(balance, x, load)
+            if search.is_met(-balance.missing_N(*found), balance.scale_N(*found)):
+                self.stiffness_N_mm[own] = search.stiffness
+                return load
+            shown = balance.shown(loads, self._plane.force_unit)
+            logger.log(logging.INFO if search.is_slow else logging.DEBUG, "%s: %s", phase, shown)
+            if search.has_failed:
+                reason = self._not_met(balance, search, load, shown)
+                self.solves[-1] = replace(self.solves[-1], converged=False, reason=reason)
+                return None
+            last = self._extrapolate(last, x, search.x)
+
+    def _first_guess(self, balance: LoadBalance, path: Pose) -> Array:
+        """Extrapolate the last step; return the unknowns, (k,), and change the displacement.
+
+        This halves the Newton iterations. With the stiffness, the unknowns make up for a change of
+        the loads' rates. By the `path` the body would have been there after the last step.
+        """
+        state, loads = self._problem.state, self.loads_N()
+        state.reset()
+        x = balance.unknowns(self.pose(), path, self.angle_rad)
+        wanted = balance.missing_N(loads, np.zeros(0))
+        if state.dt_old_s:
+            u, old, before = state.u.x.array, state.u_old.x.array, state.u_before.x.array
+            ratio = balance.dt_s / state.dt_old_s
+            most = min(ratio, _MAX_RATIO_AT_LOADS)  # places found are as inexact as the loads
+            u += (most if balance.components else ratio) * (old - before)
+            angle = self.bone.before_rad if self.bone else 0.0
+            x = x + most * (x - balance.unknowns(self.pose(before=True), path, angle))
+            if self._loads_before_N is not None:
+                gained = np.append(loads - self._loads_before_N, 0.0)
+                wanted -= most * gained[balance.indices]
+        stiffness = self.stiffness_N_mm[np.ix_(balance.indices, balance.indices)]
+        return x + increment_for(wanted, stiffness, self._max_increment_mm)
+
+    def _solve_at(self, balance: LoadBalance, x: Array) -> Load | None:
+        """Solve for the unknowns (k,); return the load, or None if the last of `solves` failed."""
+        pose, angle, bone, swing = balance.pose_at(x), balance.angle_rad(x), balance.bone, None
+        if bone:
+            pose, swing = bone.seen_from(pose, angle), bone.swing(angle)
+        place, rotation = self._plane.within(pose.translation), self._plane.rotation(pose.rotation)
+        report = self._problem.solve(place, balance.dt_s, rotation, swing)
+        load = self._problem.load() if report.converged else None
+        if load is not None and (reason := self._problem.rejection(load)):
+            report, load = replace(report, converged=False, reason=reason), None
+        self.solves.append(report)
+        self._angle_rad = angle
+        return load
+
+    def _found(self, balance: LoadBalance, x: Array, load: Load) -> tuple[Array, Array]:
+        """Return the scaled loads, (4,), and the moments on the joint as `Bone` does, N."""
+        in_space = self.in_space(load)
+        loads = SCALES * balance.pose_at(x).load(in_space.force_N, in_space.moment_Nmm)
+        if balance.bone is None:
+            return loads, np.zeros(0)
+        on_bone = load.bone_N, load.bone_Nmm
+        return loads, balance.bone.moments_N(self._angle_rad, balance.dt_s, *on_bone)
+
+    def _not_met(self, balance: LoadBalance, search: LoadSearch, load: Load, shown: str) -> str:
+        """Return in words why a search has failed."""
+        normal_alone = balance.indices == [NORMAL]
+        if search.jump_mm and normal_alone:
+            low, high = search.jump_mm
+            return (
+                f"the force is not met: it jumps within {abs(high - low):.1g} mm at a depth of "
+                f"{low:.4f} mm"
+            )
+        why = "the search does not converge"
+        if self._used_friction(load) > _SLIPS:
+            why = "the skin slips"
+        return f"the {'force is' if normal_alone else 'loads are'} not met: {shown}; {why}"
+
+    def _used_friction(self, load: Load) -> float:
+        """Return the friction of all skin as a share of the largest."""
+        own = [np.linalg.norm(load.friction_N, axis=1).sum(), load.bound_N.sum()]
+        used, bound = self._problem.domain.comm.allreduce(np.array(own))
+        return float(used / bound) if bound else 0.0
+
+    def _last_place(self, balance: LoadBalance) -> tuple[Array, Array] | None:
+        """Return unknowns and displacement after the last step if only the unknowns move the body.
+
+        Otherwise the displacement changes for another reason as well.
+        """
+        pose = self.pose()
+        x = balance.unknowns(pose, balance.pose, self.angle_rad)
+        if balance.bone or not balance.pose_at(x).is_near(pose):
+            return None
+        return x, self._problem.state.u_old.x.array.copy()
+
+    def _extrapolate(
+        self, last: tuple[Array, Array] | None, x: Array, following: Array
+    ) -> tuple[Array, Array]:
+        """Move the displacement on as it changed from the `last` unknowns to `x`; return both."""
+        u = self._problem.state.u.x.array
+        here = x, u.copy()
+        if last is not None and (increment := x - last[0]).any():
+            share = (following - x) @ increment / (increment @ increment)
+            u += np.clip(share, -1.0, 1.0) * (u - last[1])
+        return here
 
     def in_space(self, load: Load) -> Load:
         """Return a load at the end of the last solve in space, with vectors (3,)."""
@@ -83,145 +217,6 @@ class Equilibrium:
         load = self._plane.vectors(force_N), self._plane.moment(moment_Nmm)
         return self.bone.load_in_space(*load, angle_rad) if self.bone else load
 
-    def predict(self, dt_s: float, *, holds: bool = False) -> None:
-        """Make the initial guess: extrapolate the last step, which halves the Newton iterations.
-
-        If the step `holds` loads, by no more than twice as long.
-        """
-        state = self._problem.state
-        state.reset()
-        if state.dt_old_s:
-            u, old, before = state.u.x.array, state.u_old.x.array, state.u_before.x.array
-            u += self._ratio(dt_s, holds=holds) * (old - before)
-
-    def _ratio(self, dt_s: float, *, holds: bool) -> float:
-        """Return how much longer the step is than the last one, as far as it is extrapolated.
-
-        Places that a search has found are as inaccurate as the loads.
-        """
-        ratio = dt_s / self._problem.state.dt_old_s
-        return min(ratio, _MOST_AT_LOADS) if holds else ratio
-
-    def at_pose(self, pose: Pose, dt_s: float, swing: Array | None = None) -> Solved:
-        """Solve with the body at `pose`, after a `swing` of the bone."""
-        place, rotation = self._plane.within(pose.translation), self._plane.rotation(pose.rotation)
-        report = self._problem.solve(place, dt_s, rotation, swing)
-        load = self._problem.load() if report.converged else None
-        if load is not None and (reason := self._problem.rejection(load)):
-            return replace(report, converged=False, reason=reason), None
-        return report, load
-
-    def solve(self, held: Held, path: Pose, phase: str) -> Solved:
-        """Solve for the end of a step, with the loads that it holds.
-
-        Parameters
-        ----------
-        held
-            Loads, and where the body is at the end by the path.
-        path
-            Where it would have been by the path after the last step.
-        phase
-            Name of the piece of the path, for messages.
-        """
-        if not held.indices:
-            return self.at_pose(held.pose, held.dt_s)
-        if held.indices == [NORMAL]:
-            return self._at_normal_force(held, path, phase)
-        own = np.ix_(held.indices, held.indices)
-        start = self._predicted(held, path)
-        search = LoadSearch(start, self.stiffness_N_mm[own], self._longest_mm)
-        last = self._unknowns(held, held.pose), self._problem.state.u_old.x.array.copy()
-        while True:
-            x, angle, pose = search.x, held.angle_rad(search.x), held.pose_at(search.x)
-            seen = held.bone.seen_from(pose, angle) if held.bone else pose
-            swing = held.bone.swing(angle) if held.bone else None
-            report, load = self.at_pose(seen, held.dt_s, swing)
-            if load is None:
-                return report, None
-            self._angle_rad = angle
-            found = loads, _ = self._loads(held, pose, load)
-            if search.is_met(-held.gains_N(*found), held.scale_N(*found)):
-                self.stiffness_N_mm[own] = search.stiffness
-                return report, load
-            shown = held.shown(loads, self._plane.force_unit)
-            logger.log(logging.INFO if search.is_slow else logging.DEBUG, "%s: %s", phase, shown)
-            if search.has_failed:
-                share = self._used_friction(load)
-                why = "the skin slips" if share > _SLIPS else "the search does not converge"
-                reason = f"the loads cannot be held: {shown}; {why}"
-                return replace(report, converged=False, reason=reason), None
-            self.discarded.append(report)
-            last = self._extrapolate(last, x, search.x)
-
-    def _loads(self, held: Held, pose: Pose, load: Load) -> tuple[Array, Array]:
-        """Return the scaled loads, (4,), and the moments on the joint as `Bone` does, N."""
-        in_space = self.in_space(load)
-        loads = SCALES * pose.load(in_space.force_N, in_space.moment_Nmm)
-        if held.bone is None:
-            return loads, np.zeros(0)
-        on_bone = load.bone_N, load.bone_Nmm
-        return loads, held.bone.moments_N(self._angle_rad, held.dt_s, *on_bone)
-
-    def _used_friction(self, load: Load) -> float:
-        """Return the friction of all skin as a share of the largest."""
-        own = [np.linalg.norm(load.friction_N, axis=1).sum(), load.bound_N.sum()]
-        used, bound = self._problem.domain.comm.allreduce(np.array(own))
-        return float(used / bound) if bound else 0.0
-
-    def _extrapolate(self, last: Place, x_mm: np.ndarray, next_mm: np.ndarray) -> Place:
-        """Move the displacement on as it changed on the way from the `last` place to this one."""
-        u, way = self._problem.state.u.x.array, x_mm - last[0]
-        here = x_mm, u.copy()
-        if way.any():  # where it hardly moved, the displacement changed for another reason
-            share = (next_mm - x_mm) @ way / (way @ way)
-            u += np.clip(share, -1.0, 1.0) * (u - last[1])
-        return here
-
-    def _at_normal_force(self, held: Held, path: Pose, phase: str) -> Solved:
-        """Solve for a normal force, which may jump with the depth."""
-        z_mm = float(self._predicted(held, path)[0])
-        wanted_N = float(held.loads[NORMAL])
-        stiffness = float(self.stiffness_N_mm[NORMAL, NORMAL])
-        search = ForceSearch(wanted_N, z_mm, stiffness, self._longest_mm)
-        while True:
-            z = search.z_mm
-            report, load = self.at_pose(held.pose_at(np.array([z])), held.dt_s)
-            if load is None:
-                return report, None
-            force = float(load.force_N[-1])
-            if search.is_met(force):
-                self.stiffness_N_mm[NORMAL, NORMAL] = search.stiffness_N_mm
-                return report, load
-            logger.log(
-                logging.INFO if search.is_slow else logging.DEBUG,
-                "%s: %.5g %s at %.5f mm, %.5g are sought",
-                *(phase, force, self._plane.force_unit, z, wanted_N),
-            )
-            if search.has_failed:
-                return replace(report, converged=False, reason=search.reason), None
-            self.discarded.append(report)
-
-    def _predicted(self, held: Held, path: Pose) -> np.ndarray:
-        """Return the unknowns of a step if the body goes on as in the last one, (k,).
-
-        A change of the loads' rates is made up for by the stiffness. By the `path` the body would
-        have been there after the last step.
-        """
-        state, loads = self._problem.state, self.loads_N()
-        x, wanted = self._unknowns(held, path), held.gains_N(loads)
-        if state.dt_old_s:
-            ratio = self._ratio(held.dt_s, holds=True)
-            x = x + ratio * (x - self._unknowns(held, path, before=True))
-            if self.loads_before_N is not None:
-                wanted -= ratio * np.append(loads - self.loads_before_N, 0.0)[held.indices]
-        stiffness = self.stiffness_N_mm[np.ix_(held.indices, held.indices)]
-        return x + way_to(wanted, stiffness, self._longest_mm)
-
-    def _unknowns(self, held: Held, path: Pose, *, before: bool = False) -> np.ndarray:
-        """Return the unknowns after the last accepted step, or after that `before` it, (k,)."""
-        angle = self.bone.before_rad if self.bone and before else self.angle_rad
-        return held.unknowns(self.pose(before=before), path, angle)
-
     def note_stiffness(self, load: Load) -> None:
         """Note how the normal force grew with the depth, in a step towards the finger."""
         state = self._problem.state
@@ -230,11 +225,31 @@ class Equilibrium:
         if gained * deeper > 0:
             self.stiffness_N_mm[NORMAL, NORMAL] = gained / deeper
 
-    def accept(self, load: Load, report: SolveReport) -> tuple[SolveReport, ...]:
-        """Accept the step; return all of its solves, the last one being `report`."""
-        self.loads_before_N = self.loads_N() if self._problem.state.dt_old_s else None
+    def accept(self, load: Load) -> list[SolveReport]:
+        """Accept the step; return its solves, the last of which ended there."""
+        self._loads_before_N = self.loads_N() if self._problem.state.dt_old_s else None
         if self.bone:  # before the state moves on
             self.bone = self.bone.moved(self._angle_rad, self._problem.state.dt_s)
         self._problem.accept(load)
-        solves, self.discarded = (*self.discarded, report), []
+        solves, self.solves = self.solves, []
         return solves
+
+    # --- restart -------------------------------------------------------------------------------
+
+    def to_save(self) -> dict[str, Any]:
+        """Return what the next step needs beside the state, for JSON."""
+        before = self._loads_before_N
+        return {
+            "stiffness_N_mm": self.stiffness_N_mm.tolist(),
+            "loads_before_N": None if before is None else before.tolist(),
+            "bone": self.bone.to_save() if self.bone else {},
+        }
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go on from where `to_save` was called."""
+        before = saved["loads_before_N"]
+        self.stiffness_N_mm = np.array(saved["stiffness_N_mm"])
+        self._loads_before_N = None if before is None else np.array(before)
+        if self.bone:
+            self.bone = replace(self.bone, **saved["bone"])
+        self._angle_rad = self.angle_rad

@@ -19,6 +19,11 @@ class Pose:
     translation: Array
     rotation: Array
 
+    def is_near(self, other: Pose) -> bool:
+        """Return whether it is another one but for rounding."""
+        pairs = (self.translation, other.translation), (self.rotation, other.rotation)
+        return all(np.allclose(a, b, rtol=0.0, atol=1e-9) for a, b in pairs)
+
     def load(self, force_N: Array, moment_Nmm: Array) -> Array:
         """Return forces, N, and the torque about Z through the body's origin, Nmm, (4,).
 

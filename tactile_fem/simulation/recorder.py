@@ -85,7 +85,8 @@ class Recorder:
         due, order = self._is_due(seen.step), problem.order
         fields = [*self._field_rows, len(trace) - 1] if due else self._field_rows
         if due:
-            forces = seen.step.pressure_N, seen.step.friction_N, seen.step.bound_N
+            load = seen.step.load
+            forces = load.pressure_N, load.friction_N, load.bound_N
             vectors = [order.gather(problem.u), *map(order.gather_owned, forces)]
             cells = self._cells.gather()
 

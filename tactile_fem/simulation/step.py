@@ -8,18 +8,19 @@ import numpy as np
 
 from tactile_fem.mechanics.load import Load
 from tactile_fem.simulation.pose import moment_about
-from tactile_fem.solvers.report import SolveReport
 
 
 @dataclass(frozen=True)
-class Step(Load):
+class Step:
     """One accepted step: position of the body, load, and cost.
 
-    A quantity of a step in `trace.npz` has the same name here, but for its `time_s`, which counts
-    from the end of the indentation and is known only then.
+    A quantity of a step in `trace.npz` has the same name here or in `load`, but for its `time_s`,
+    which counts from the end of the indentation and is known only then.
 
     Attributes
     ----------
+    load
+        Forces in space, contact area and energies at its end.
     index
         From 1 on.
     phase
@@ -36,20 +37,20 @@ class Step(Load):
         Rotation vector of the body about its origin: axis times angle, (3,).
     bone_rad
         Angle of the bone about its joint.
-    newton_iterations, linear_iterations
-        Of the step, discarded solves included.
-    discarded
-        Solves on the way to this step that failed or did not meet the wanted force.
+    solves, newton_iterations, linear_iterations
+        Solves on the way to this step, and the iterations of them all; some failed or did not meet
+        the wanted loads.
     output, ends_piece
         Whether the path asked for output here, or its piece for none; whether the piece ends here.
     fraction
         Share of the whole path's steps that is done.
     wall_s
-        Time that the step took, discarded solves included.
+        Time that all of them took.
     force_unit
         "N", in a section "N/mm" of its width; likewise "mm2" is mm and "mJ" mJ/mm there.
     """
 
+    load: Load
     index: int
     phase: str
     indenting: bool
@@ -59,9 +60,9 @@ class Step(Load):
     stimulator_mm: np.ndarray
     stimulator_rad: np.ndarray
     bone_rad: float
+    solves: int
     newton_iterations: int
     linear_iterations: int
-    discarded: tuple[SolveReport, ...]
     output: bool
     ends_piece: bool
     fraction: float
@@ -76,12 +77,12 @@ class Step(Load):
     @property
     def torque_Nmm(self) -> float:
         """Torque on the finger about Z through the body's origin."""
-        return float(moment_about(self.stimulator_mm, self.force_N, self.moment_Nmm)[2])
+        return float(moment_about(self.stimulator_mm, self.load.force_N, self.load.moment_Nmm)[2])
 
     def __str__(self) -> str:
         """Return one line that describes the step."""
-        normal = round(float(self.force_N[2]), 4) + 0.0  # no -0.0000
-        tangential = (self.force_N[0] ** 2 + self.force_N[1] ** 2) ** 0.5
+        x, y, normal = self.load.force_N
+        normal, tangential = round(float(normal), 4) + 0.0, (x**2 + y**2) ** 0.5  # no -0.0000
         turn = ""
         if self.stimulator_rad.any():
             turn = f"turned {np.degrees(np.linalg.norm(self.stimulator_rad)):.1f} deg  "

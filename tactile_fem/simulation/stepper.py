@@ -6,7 +6,7 @@ import json
 import logging
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,10 +17,11 @@ from tactile_fem.mechanics.rows import Saved
 from tactile_fem.path import HeldLoads, Motion, Path
 from tactile_fem.path.loads import NORMAL, NOTHING
 from tactile_fem.path.rotations import matrix, vector
+from tactile_fem.simulation.balance import SCALES, LoadBalance
 from tactile_fem.simulation.bone import Bone
-from tactile_fem.simulation.control import TOLERANCE, StepControl, StepTooSmallError
-from tactile_fem.simulation.equilibrium import Equilibrium, Solved
-from tactile_fem.simulation.held import SCALES, Held
+from tactile_fem.simulation.control import StepControl
+from tactile_fem.simulation.equilibrium import Equilibrium
+from tactile_fem.simulation.load_search import allowed_N
 from tactile_fem.simulation.pose import Pose
 from tactile_fem.simulation.step import Step
 from tactile_fem.solvers.finger_problem import FingerProblem
@@ -32,7 +33,7 @@ logger = logging.getLogger(__name__)
 # Least share of a step that passes a force at which the force is sought.
 _MIN_SHARE = 0.05
 # A step that holds loads takes more iterations, be it short or long.
-_EASY_AT_LOADS = 16
+_TARGET_ITERATIONS_AT_LOADS = 16
 # At this speed or faster a step may not be shorter than `min_step_mm`.
 _FULL_SPEED_MM_S = 20.0
 
@@ -41,19 +42,18 @@ _FULL_SPEED_MM_S = 20.0
 class _Progress:
     """Position along the path, in plain numbers."""
 
-    piece: int  # index of the piece of the path
-    start_mm: tuple[float, float, float]  # position of the body when it began
-    start_rad: tuple[float, float, float]  # its rotation vector then
-    start_load: tuple[float, ...]  # on the finger then; see `HeldLoads`
-    start_s: float  # time when it began
-    slid_mm: float  # length of the path across the finger when it began
-    indenting: bool  # whether the steps so far belong to the indentation
-    index: int  # number of accepted steps
-    control: StepControl  # of the steps along the piece
+    piece: int = 0  # index of the piece of the path
+    start_mm: Sequence[float] = ()  # position of the body when it began, (3,)
+    start_rad: Sequence[float] = ()  # its rotation vector then, (3,)
+    start_load: Sequence[float] = ()  # on the finger then, (4,); see `HeldLoads`
+    start_s: float = 0.0  # time when it began
+    slid_mm: float = 0.0  # length of the path across the finger when it began
+    indenting: bool = True  # whether the steps so far belong to the indentation
+    index: int = 0  # number of accepted steps
 
 
 class Stepper:
-    """The path as a sequence of accepted steps; a step that fails is halved.
+    """The path as a sequence of accepted steps; a step that fails is cut back.
 
     The problem of a section knows the two axes of its plane only; the path and the steps have
     three.
@@ -75,7 +75,8 @@ class Stepper:
         self._weights = [motion.least_steps(*longest) for _, motion in path.plan()]
         rotation = plane.rotation(matrix(path.start_rad))
         self._state.place(plane.within(path.start_mm), rotation)
-        self._progress = self._begin(0, start_s=0.0, slid_mm=0.0, indenting=True, index=0)
+        self._progress = _Progress()
+        self._begin(0)
 
     def __iter__(self) -> Iterator[Step]:
         """Yield each accepted step until the path ends.
@@ -87,7 +88,7 @@ class Stepper:
         """
         started = time.perf_counter()
         while True:
-            while self._progress.control.finished:
+            while self._control.finished:
                 self._check_force_reached()
                 if self._progress.piece == len(self._path.pieces) - 1:
                     return
@@ -109,85 +110,71 @@ class Stepper:
 
     def to_save(self) -> Saved:
         """Return all that the next step needs, as `State.to_save` does."""
-        p = self._progress
-        known = replace(p, control=replace(p.control, outputs_s=()))  # which are the path's
-        loads, equilibrium = self._equilibrium.loads_before_N, self._equilibrium
-        values = asdict(known) | {
-            "stiffness_N_mm": equilibrium.stiffness_N_mm.tolist(),
-            "loads_before_N": None if loads is None else loads.tolist(),
-            "bone": equilibrium.bone.to_save() if equilibrium.bone else {},
-        }
+        values = vars(self._progress), self._control.to_save(), self._equilibrium.to_save()
         return {**self._problem.to_save(), "progress": np.array(json.dumps(values))}
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
         """Go on from where `to_save` was called, with what was gathered; all ranks call."""
-        values = json.loads(str(saved["progress"]))
-        control, loads = StepControl(**values.pop("control")), values.pop("loads_before_N")
-        self._equilibrium.stiffness_N_mm = np.array(values.pop("stiffness_N_mm"))
-        self._equilibrium.loads_before_N = None if loads is None else np.array(loads)
-        if own := values.pop("bone"):
-            assert self._equilibrium.bone is not None
-            self._equilibrium.bone = replace(self._equilibrium.bone, **own)
-        self._motion = self._path.pieces[values["piece"]](np.array(values["start_mm"]))
-        control.outputs_s = tuple(self._motion.outputs_s)
-        self._progress = _Progress(**values, control=control)
+        progress, control, equilibrium = json.loads(str(saved["progress"]))
+        self._progress = _Progress(**progress)
+        self._motion = self._motion_from(progress["start_mm"])
+        self._control = replace(self._step_control(), **control)
+        self._equilibrium.restore(equilibrium)
         self._problem.restore(saved)
 
     # --- pieces of the path --------------------------------------------------------------------
 
     def _begin_next(self) -> None:
-        p = self._progress
-        self._warn_without_contact()
-        self._progress = self._begin(
-            p.piece + 1,
-            start_s=p.start_s + p.control.time_s,
-            slid_mm=p.slid_mm + self._slid_mm(),
-            indenting=p.indenting,
-            index=p.index,
-        )
+        """Begin the next piece of the path; warn if the indentation has ended without contact."""
+        progress = self._progress
+        if progress.indenting and not self._normal_old_N():
+            logger.warning(
+                "the press ends at %.4g mm without contact: no raised part of the stimulator lies "
+                "under the pad, or the depth is too small",
+                self._equilibrium.pose().translation[NORMAL],
+            )
+        progress.start_s += self._control.time_s
+        progress.slid_mm += self._motion.slid_mm(self._control.time_s)
+        self._begin(progress.piece + 1)
+
+    def _begin(self, piece: int) -> None:
+        """Begin a piece of the path where the body is."""
+        progress, start = self._progress, self._equilibrium.pose()
+        progress.piece, progress.start_mm = piece, start.translation.tolist()
+        progress.start_rad = vector(start.rotation).tolist()
+        progress.start_load = (self._equilibrium.loads_N() / SCALES).tolist()
+        self._motion = self._motion_from(progress.start_mm)
+        progress.indenting = progress.indenting and self._motion.indents
+        self._control = self._step_control()
+        self._end_at_force()
         self._state.dt_old_s = 0.0  # nothing to extrapolate
 
-    def _begin(
-        self, piece: int, *, start_s: float, slid_mm: float, indenting: bool, index: int
-    ) -> _Progress:
-        start = self._equilibrium.pose()
-        self._motion = self._path.pieces[piece](start.translation)
-        control = self._control(self._motion)
-        self._end_at_force(control)
-        return _Progress(
-            piece,
-            tuple(start.translation.tolist()),
-            tuple(vector(start.rotation).tolist()),
-            tuple((self._equilibrium.loads_N() / SCALES).tolist()),
-            start_s,
-            slid_mm,
-            indenting and self._motion.indents,
-            index,
-            control,
-        )
+    def _motion_from(self, start_mm: Sequence[float]) -> Motion:
+        return self._path.pieces[self._progress.piece](np.array(start_mm))
 
-    def _control(self, motion: Motion) -> StepControl:
-        """Return the control of the steps of a motion.
+    def _step_control(self) -> StepControl:
+        """Return the control of the steps along the present piece.
 
         Where skin snaps, only viscosity over a short time step holds it. The smallest step of a
         slow motion is therefore as short in time as that of a fast one.
         """
-        s = self._settings
+        s, motion = self._settings, self._motion
         first = motion.time_within(0.0, s.first_slide_step_mm, s.first_step_mm)
         if motion.fastest_mm_s == 0.0 and self._state.dt_old_s:
             first = min(first, self._state.dt_old_s)
-        smallest = s.min_step_mm / max(motion.fastest_mm_s, _FULL_SPEED_MM_S)
-        easy = _EASY_AT_LOADS if motion.held else StepControl.easy_iterations
-        outputs = tuple(motion.outputs_s)
-        return StepControl(motion.duration_s, first, smallest, outputs, easy_iterations=easy)
+        target = _TARGET_ITERATIONS_AT_LOADS if motion.held else StepControl.target_iterations
+        return StepControl(
+            end_s=motion.duration_s,
+            step_s=first,
+            min_step_s=s.min_step_mm / max(motion.fastest_mm_s, _FULL_SPEED_MM_S),
+            max_step_s=lambda t: motion.time_within(t, s.max_slide_step_mm, s.max_press_step_mm),
+            outputs_s=tuple(motion.outputs_s),
+            target_iterations=target,
+        )
 
     def _slid_mm(self) -> float:
-        """Return the length of the piece across the finger so far."""
-        return self._motion.slid_mm(self._progress.control.time_s)
-
-    def _position_mm(self) -> np.ndarray:
-        """Return where the body is after the last accepted step, (3,)."""
-        return self._equilibrium.pose().translation
+        """Return the length of the path across the finger so far."""
+        return self._progress.slid_mm + self._motion.slid_mm(self._control.time_s)
 
     def _pose(self, time_s: float) -> Pose:
         """Return the pose of the body by the path at a time in the present piece."""
@@ -200,61 +187,72 @@ class Stepper:
 
     def _try_step(self, started: float) -> Step | None:
         """Solve for the next position; return the accepted step, or None if it was rejected."""
-        s, control, motion = self._settings, self._progress.control, self._motion
-        equilibrium, until_N = self._equilibrium, motion.until_N
-        longest = motion.time_within(control.time_s, s.max_slide_step_mm, s.max_press_step_mm)
-        target = control.target_s(longest)
-        dt = target - control.time_s
-        equilibrium.predict(dt, holds=motion.held is not None)
-        report, load = self._solve(motion.held or NOTHING, target)
-        if load and until_N is not None and self._normal_N(load) > until_N * (1 + TOLERANCE):
-            target, report, load = self._solve_press_end(target, load, report, until_N)
-            dt = target - control.time_s
+        control, motion, equilibrium = self._control, self._motion, self._equilibrium
+        begin_s, target = control.time_s, control.target_s
+        load = self._solve(motion.held or NOTHING, target)
+        if load and motion.until_N is not None:
+            excess_N = self._normal_N(load) - motion.until_N
+            if excess_N > allowed_N(motion.until_N):
+                target = self._end_of_press_s(target, load, motion.until_N)
+                load = self._solve(HeldLoads.normal(motion.until_N), target)
         if load is None:
-            self._halve(target, report)
+            self._reject(target)
             return None
         if motion.held is None:
             equilibrium.note_stiffness(load)
-        solves = equilibrium.accept(load, report)
-        control.accept(target, report.iterations)
-        self._end_at_force(control)
-        return self._step(load, solves, dt, started)
+        solves = equilibrium.accept(load)
+        control.accept(target, solves[-1].iterations)
+        self._end_at_force()
+        return self._step(load, solves, target - begin_s, started)
 
-    def _solve(self, loads: HeldLoads, target_s: float) -> Solved:
+    def _solve(self, loads: HeldLoads, target_s: float) -> Load | None:
         """Solve for a time in the present piece, with the loads that are held."""
-        progress, equilibrium = self._progress, self._equilibrium
-        begin_s = progress.control.time_s
-        wanted = loads.at(target_s, np.array(progress.start_load))
-        pose, dt_s = self._pose(target_s), target_s - begin_s
-        held = Held(loads.components, wanted, pose, equilibrium.bone, dt_s)
-        return equilibrium.solve(held, self._pose(begin_s), self._motion.phase)
+        begin_s = self._control.time_s
+        balance = LoadBalance(
+            loads.components,
+            loads.at(target_s, np.array(self._progress.start_load)),
+            self._pose(target_s),
+            self._equilibrium.bone,
+            target_s - begin_s,
+        )
+        return self._equilibrium.solve(balance, self._pose(begin_s), self._motion.phase)
 
     def _normal_N(self, load: Load) -> float:
-        """Return the normal force of the last solve."""
+        """Return the normal force in space of the last solve, whose load this is."""
         return float(self._equilibrium.in_space(load).force_N[NORMAL])
 
-    def _step(
-        self, load: Load, solves: tuple[SolveReport, ...], dt_s: float, started: float
-    ) -> Step:
+    def _end_of_press_s(self, target_s: float, load: Load, force_N: float) -> float:
+        """Return when a press ends whose step to `target_s`, with that load, exceeds the force.
+
+        If the force were linear over the step, it would be reached then; the depth is sought for
+        a step of this duration. Shorter and shorter steps need not bring the force closer to that
+        of the last step, because relaxing tissues, and so the contact, are stiffer in them.
+        """
+        before, begin_s = self._normal_old_N(), self._control.time_s
+        share = max((force_N - before) / (self._normal_N(load) - before), _MIN_SHARE)
+        self._equilibrium.note_stiffness(load)
+        return begin_s + share * (target_s - begin_s)
+
+    def _step(self, load: Load, solves: Sequence[SolveReport], dt_s: float, started: float) -> Step:
         """Return the step that was accepted."""
         progress, pose = self._progress, self._equilibrium.pose()
         progress.index += 1
         return Step(
-            **vars(self._equilibrium.in_space(load)),
+            load=self._equilibrium.in_space(load),
             index=progress.index,
             phase=self._motion.phase,
             indenting=progress.indenting,
-            displacement_mm=progress.slid_mm + self._slid_mm(),
+            displacement_mm=self._slid_mm(),
             dt_s=dt_s,
-            clock_s=progress.start_s + progress.control.time_s,
+            clock_s=progress.start_s + self._control.time_s,
             stimulator_mm=pose.translation,
             stimulator_rad=vector(pose.rotation),
             bone_rad=self._equilibrium.angle_rad,
+            solves=len(solves),
             newton_iterations=sum(solve.iterations for solve in solves),
             linear_iterations=sum(solve.linear_iterations for solve in solves),
-            discarded=solves[:-1],
-            output=progress.control.at_output,
-            ends_piece=progress.control.finished,
+            output=self._control.at_output,
+            ends_piece=self._control.finished,
             fraction=self._fraction(),
             wall_s=time.perf_counter() - started,
             force_unit=self._plane.force_unit,
@@ -263,96 +261,56 @@ class Stepper:
     def _fraction(self) -> float:
         progress = self._progress
         done = sum(self._weights[: progress.piece])
-        share = progress.control.time_s / progress.control.end_s
+        share = self._control.time_s / self._control.end_s
         return (done + share * self._weights[progress.piece]) / sum(self._weights)
 
-    def _halve(self, target_s: float, report: SolveReport) -> None:
-        self._equilibrium.discarded.append(report)
+    def _reject(self, target_s: float) -> None:
+        """Go back to the last accepted step and cut back; ConvergenceError if that is too short."""
+        failed = self._equilibrium.solves[-1]
         self._state.reset()
         logger.info(
             "%s to %.5f s failed after %d iterations (%s): step halved",
-            *(self._motion.phase, target_s, report.iterations, report.reason),
+            *(self._motion.phase, target_s, failed.iterations, failed.reason),
         )
-        try:
-            self._progress.control.reject(target_s)
-        except StepTooSmallError:
-            raise self._failure(report.reason) from None
+        if not self._control.reject(target_s):
+            smoother = [f"a larger stimulus.{key}" for key in self._smoother_by]
+            advice = ", ".join(["a finer mesh", *smoother, "less friction"])
+            raise self._stopped(failed.reason, f"{advice} or a longer tissue.viscous_time_s")
 
-    def _failure(self, reason: str) -> ConvergenceError:
-        smoother = [f"a larger stimulus.{key}" for key in self._smoother_by]
-        return stopped(
-            self._motion.phase,
-            self._position_mm(),
-            self._progress.slid_mm + self._slid_mm(),
-            reason,
-            ", ".join(["a finer mesh", *smoother, "less friction"]) + " or a longer "
-            "tissue.viscous_time_s",
-        )
+    def _stopped(self, reason: str, advice: str) -> ConvergenceError:
+        """Return the error of a path that goes no further."""
+        place = self._equilibrium.pose().translation
+        return stopped(self._motion.phase, place, self._slid_mm(), reason, advice)
 
-    # --- a press to a force ----------------------------------------------------------------------
+    # --- a press to a force ------------------------------------------------------------------
 
-    def _solve_press_end(
-        self, target_s: float, load: Load, report: SolveReport, force_N: float
-    ) -> tuple[float, SolveReport, Load | None]:
-        """Find the end of a press that a step to `target_s` with that load has passed.
-
-        The time is that at which the force, if linear over the step, is reached. The height is
-        then sought at this duration: over shorter and shorter steps the force need not approach
-        that of the last step, because relaxing tissues are stiffer in them, and the contact with
-        them.
-        """
-        equilibrium, begin_s = self._equilibrium, self._progress.control.time_s
-        equilibrium.discarded.append(report)
-        before, passed = self._last_normal_N(), self._normal_N(load)
-        share = max((force_N - before) / (passed - before), _MIN_SHARE)
-        end_s = begin_s + share * (target_s - begin_s)
-        equilibrium.note_stiffness(load)
-        equilibrium.predict(end_s - begin_s)
-        return end_s, *self._solve(HeldLoads.normal(force_N), end_s)
-
-    def _end_at_force(self, control: StepControl) -> None:
+    def _end_at_force(self) -> None:
         """End a press where its force is reached, which it may be from the start."""
-        until_N = self._motion.until_N
-        if until_N is not None and not self._is_short_of(until_N):
-            control.end_s = control.time_s
+        if self._motion.until_N is not None and not self._is_short_of_force():
+            self._control.finish()
 
-    def _is_short_of(self, force_N: float) -> bool:
-        """Return whether the normal force of the last accepted step is less."""
-        return self._last_normal_N() < force_N * (1 - TOLERANCE)
+    def _is_short_of_force(self) -> bool:
+        """Return whether the last accepted step lacks some of the force that ends the press."""
+        wanted_N = self._motion.until_N or 0.0
+        return self._normal_old_N() < wanted_N - allowed_N(wanted_N)
 
-    def _last_normal_N(self) -> float:
+    def _normal_old_N(self) -> float:
         """Return the normal force after the last accepted step."""
         return float(self._equilibrium.loads_N()[NORMAL])
 
     def _check_force_reached(self) -> None:
         """Log the force that a press has reached; raise ConvergenceError if it is too small."""
-        if self._motion.until_N is None:
+        reached, wanted, unit = self._normal_old_N(), self._motion.until_N, self._plane.force_unit
+        if wanted is None:
             return
-        if self._is_short_of(self._motion.until_N):
-            reached, wanted = self._last_normal_N(), self._motion.until_N
-            raise stopped(
-                self._motion.phase,
-                self._position_mm(),
-                self._progress.slid_mm + self._slid_mm(),
-                f"the force is not reached: {reached:.3g} of {wanted:.3g} {self._plane.force_unit} "
+        if self._is_short_of_force():
+            raise self._stopped(
+                f"the force is not reached: {reached:.3g} of {wanted:.3g} {unit} "
                 "at the deepest position that is allowed",
                 "a smaller force",
             )
-        logger.info(
-            "%.4f %s are reached at a depth of %.4f mm",
-            self._last_normal_N(),
-            self._plane.force_unit,
-            self._position_mm()[NORMAL],
-        )
-
-    def _warn_without_contact(self) -> None:
-        """Warn if the indentation ends without contact."""
-        if self._progress.indenting and not self._last_normal_N():
-            logger.warning(
-                "the press ends at %.4g mm without contact: no raised part of the stimulator lies "
-                "under the pad, or the depth is too small",
-                self._position_mm()[NORMAL],
-            )
+        depth_mm = self._equilibrium.pose().translation[NORMAL]
+        logger.info("%.4f %s are reached at a depth of %.4f mm", reached, unit, depth_mm)
 
 
 def stopped(

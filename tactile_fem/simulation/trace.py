@@ -105,8 +105,11 @@ class Trace:
 
     def __call__(self, seen: Observation) -> None:
         """Append a row: the step, what the receptors feel, and the observers' own columns."""
-        rows, own = len(self), self._checked(seen.columns)
-        of_step = {name: getattr(seen.step, name) for name in self._of_step}
+        rows, own, step = len(self), self._checked(seen.columns), seen.step
+        of_step = {
+            name: getattr(step if hasattr(step, name) else step.load, name)
+            for name in self._of_step
+        }
         row = {**of_step, **{name: seen.columns[name] for name in self._felt}, **own}
         for name, value in own.items():
             self._columns.setdefault(name, [np.full_like(value, np.nan)] * rows)

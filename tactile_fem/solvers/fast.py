@@ -16,7 +16,6 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import ufl
 from dolfinx import common, fem
 from dolfinx.fem import petsc as fem_petsc
 
@@ -66,8 +65,8 @@ class FastSolver(StepSolver):
         # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.
         has_inner = "npc_snes_type" in self.options
         uses_multigrid = self.options["pc_type"] == "mg" and not has_inner
-        self._equations = self._nonlinear_problem("baij" if uses_multigrid else None)
-        self.snes: PETSc.SNES = self._equations.solver
+        self.snes = self._newton()
+        self._x, self._b = (fem_petsc.create_vector(u.function_space) for _ in range(2))
         self._near = NearSkin(problem.contact)
         is_symmetric = problem.bulk.is_symmetric
         self._contact = problem.virtual_work(problem.contact.residual(v))
@@ -76,12 +75,12 @@ class FastSolver(StepSolver):
         if self._lagging.is_on:
             work = problem.bulk.work_of_tangent(v)
             self._bulk_of_tangent = problem.virtual_work(work, is_symmetric=is_symmetric)
-        self._jacobian = Jacobian(
-            problem, self._contact, self._equations.J, self._equations.A, self._jit
-        )
+        skin = np.unique(np.concatenate([pairs[::2] for pairs in self._near.all.values()]))
+        kind = "baij" if uses_multigrid else None
+        self._jacobian = Jacobian(problem, self._contact, skin, kind, self._jit)
         self._tangent_at = problem.u.x.array.copy()
         self._two_level: multigrid.TwoLevel | None = None
-        self._operator = self._single = self._equations.A
+        self._operator = self._single = self._jacobian.matrix
         if uses_multigrid:
             self._operator, self._single = self._jacobian.operators()
             self._two_level = multigrid.TwoLevel(
@@ -96,34 +95,27 @@ class FastSolver(StepSolver):
         # PETSc held would never be freed, and MPI allows only some 2,000 communicators.
         residual, jacobian = _weakly(self._assemble_residual), _weakly(self._assemble_jacobian)
         for snes in [self.snes, *([self.snes.getNPC()] if has_inner else [])]:
-            snes.setFunction(residual, self._equations.b)
-            snes.setJacobian(jacobian, self._operator, self._equations.A)
+            snes.setFunction(residual, self._b)
+            snes.setJacobian(jacobian, self._operator, self._jacobian.matrix)
 
-    def _nonlinear_problem(self, matrix: str | None) -> fem_petsc.NonlinearProblem:
-        """Return what SNES solves, with its vectors and matrix; this object assembles them."""
-        problem = self._problem
-        prefix = set_options(self.options, problem.domain.comm)
+    def _newton(self) -> PETSc.SNES:
+        """Return PETSc's nonlinear solver; this object assembles what it solves."""
+        comm = self._problem.domain.comm
+        prefix = set_options(self.options, comm)
         self._clear_options = weakref.finalize(self, clear_options, prefix)
         self._clear_options.atexit = False  # PETSc may be gone by then
-        equations = fem_petsc.NonlinearProblem(
-            ufl.inner(problem.u, problem.test) * ufl.dx,  # for the layout only
-            problem.u,
-            bcs=problem.bcs,
-            petsc_options_prefix=prefix,
-            kind=matrix,
-            jit_options=self._jit,
-        )
-        snes = equations.solver
+        snes = PETSc.SNES().create(comm)
+        snes.setOptionsPrefix(prefix)
         snes.setFromOptions()
         snes.setConvergenceHistory(reset=True)
         if "ksp_atol" not in self.options:
             snes.getKSP().setTolerances(atol=_LINEAR_ATOL_SHARE * snes.getTolerances()[1])
-        return equations
+        return snes
 
     def close(self) -> None:
         """Free solver and matrices; all ranks must call it."""
-        own = self._equations
-        for part in (own.solver, self._operator, self._single, own.A, own.b, own.x):
+        matrices = self._operator, self._single, self._jacobian.matrix
+        for part in (self.snes, *matrices, self._b, self._x):
             part.destroy()
         self._two_level = None
         self._clear_options()
@@ -165,7 +157,10 @@ class FastSolver(StepSolver):
         self._lagging.begin_solve()
         self._near.begin_solve()
         with common.Timer("tactile: solve"):
-            self._equations.solve()
+            fem_petsc.assign(self._state.u, self._x)
+            self.snes.solve(None, self._x)
+            self._x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+            fem_petsc.assign(self._x, self._state.u)
         reason: Any = self.snes.getConvergedReason()
         if self._two_level and reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
             self._two_level.is_set_up = False  # made where a cell was turned inside out
@@ -173,10 +168,9 @@ class FastSolver(StepSolver):
 
     def residual(self) -> np.ndarray:
         """Return this rank's residual at the present displacement, in N; zero where held."""
-        own = self._equations
-        fem_petsc.assign(self._state.u, own.x)
-        self._assemble_residual(self.snes, own.x, own.b)
-        return own.b.array.copy()
+        fem_petsc.assign(self._state.u, self._x)
+        self._assemble_residual(self.snes, self._x, self._b)
+        return self._b.array.copy()
 
     @contextmanager
     def linearized(self) -> Iterator[LinearSolve]:
@@ -187,9 +181,8 @@ class FastSolver(StepSolver):
         TactileError
             By the solver: it does not converge.
         """
-        own = self._equations
         self._take_displacement()
-        solution, field = own.x.duplicate(), fem.Function(self._state.u.function_space)
+        solution, field = self._x.duplicate(), fem.Function(self._state.u.function_space)
         with self._jacobian.restored(), self._linear_solver() as ksp:
             self._jacobian.assemble_bulk(self._bulk)
             self._jacobian.assemble_contact()
@@ -197,9 +190,9 @@ class FastSolver(StepSolver):
                 self._set_up()
 
             def solve(right: np.ndarray) -> np.ndarray:
-                own.b.array[:] = right
+                self._b.array[:] = right
                 with common.Timer("tactile: solve"):
-                    return solve_linear(ksp, own.b, solution, field)
+                    return solve_linear(ksp, self._b, solution, field)
 
             try:
                 yield solve
@@ -248,7 +241,7 @@ class FastSolver(StepSolver):
 
         The problem is at the end of that step, reopened.
         """
-        u, x = self._state.u, self._equations.x
+        u, x = self._state.u, self._x
         accepted = u.x.array.copy()
         order.scatter(saved["tangent_at"], u)
         self._lagging.discard()
@@ -257,14 +250,14 @@ class FastSolver(StepSolver):
         u.x.array[:] = accepted
         # Through SNES, which lets its preconditioner be set up with its first Jacobian alone.
         fem_petsc.assign(u, x)
-        self.snes.computeJacobian(x, self._operator, self._equations.A)
+        self.snes.computeJacobian(x, self._operator, self._jacobian.matrix)
 
     # --- what SNES calls -------------------------------------------------------------------------
 
     def _take_displacement(self) -> None:
         """Make the present displacement the solver's iterate."""
-        fem_petsc.assign(self._state.u, self._equations.x)
-        self._update(self._equations.x)
+        fem_petsc.assign(self._state.u, self._x)
+        self._update(self._x)
 
     def _update(self, x: PETSc.Vec) -> None:
         """Make an iterate the present displacement, and evaluate the body's distance there."""
@@ -311,7 +304,7 @@ class FastSolver(StepSolver):
             with common.Timer("tactile: jacobian"):
                 self._jacobian.fill()
         if self._two_level:
-            self._two_level.set_up(self._operator, self._single, self._equations.A)
+            self._two_level.set_up(self._operator, self._single, self._jacobian.matrix)
 
 
 def _weakly(method: Callable[..., None]) -> Callable[..., None]:

@@ -9,8 +9,7 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import ufl
-from dolfinx import common, fem, la
+from dolfinx import common, cpp, fem, la
 
 from tactile_fem.assembly import VirtualWork
 from tactile_fem.mechanics.problem import Problem
@@ -33,17 +32,17 @@ class Jacobian:
         Conditions, and the skin.
     contact
         The contact's work.
-    layout
-        A form with the rows and columns of the bulk's part.
-    matrix
-        PETSc's matrix with this layout.
+    skin
+        This rank's cells at the skin that may touch.
+    kind
+        PETSc's type of `matrix`; None is its default.
     jit_options
         Options of the compiler.
 
     Attributes
     ----------
     matrix
-        As given; `fill` gives it the present entries.
+        `fill` gives it the present entries.
     parts
         Bulk and contact.
     """
@@ -52,13 +51,17 @@ class Jacobian:
         self,
         problem: Problem,
         contact: VirtualWork,
-        layout: fem.Form,
-        matrix: PETSc.Mat,
+        skin: np.ndarray,
+        kind: str | None,
         jit_options: Mapping[str, Any],
     ) -> None:
-        self._contact, self.matrix = contact, matrix
-        self._bulk = fem.create_matrix(layout, block_mode=_BLOCKS)
-        self._skin = fem.create_matrix(fem.form(_on_skin(problem)), block_mode=_BLOCKS)
+        V = problem.u.function_space
+        topology = V.mesh.topology
+        whole = _pattern(V, np.arange(topology.index_map(topology.dim).size_local))
+        self._contact = contact
+        self.matrix: PETSc.Mat = cpp.la.petsc.create_matrix(V.mesh.comm, whole, kind)
+        self._bulk = la.matrix_csr(whole, block_mode=_BLOCKS)
+        self._skin = la.matrix_csr(_pattern(V, skin), block_mode=_BLOCKS)
         self._held, self._held_skin = (Held(own, problem.bcs) for own in (self._bulk, self._skin))
         self.parts = self._bulk, self._skin
         self._is_symmetric, self._jit_options = problem.bulk.is_symmetric, jit_options
@@ -144,7 +147,12 @@ class Jacobian:
         self.matrix.multTranspose(x, y)
 
 
-def _on_skin(problem: Problem) -> ufl.Form:
-    """Return a form with the rows and columns of the contact's part."""
-    u, v = ufl.TrialFunction(problem.u.function_space), problem.test
-    return sum(ufl.inner(u, v) * part.ds for part in problem.contact.parts)
+def _pattern(V: fem.FunctionSpace, cells: np.ndarray) -> cpp.la.SparsityPattern:
+    """Return rows and columns of the dofs that share one of this rank's cells."""
+    dofmap = V.dofmap
+    nodes, size = dofmap.index_map, dofmap.index_map_bs
+    pattern = cpp.la.SparsityPattern(V.mesh.comm, [nodes, nodes], [size, size])
+    for dofs in dofmap.list[cells]:
+        pattern.insert(dofs, dofs)
+    pattern.finalize()
+    return pattern

@@ -66,7 +66,7 @@ def pad_of(study: Study, deepest_mm: float) -> Pad:
         cells_grid = Grid.over(-np.array(_CELLS_HALF_MM), _CELLS_HALF_MM, _CELL_MM)
         near = _skin(simulation.finger, cells_grid.points_mm) <= deepest_mm
         for step in simulation.steps():
-            logger.info("plate at %.2f mm: %.3f N", step.depth_mm, step.force_N[2])
+            logger.info("plate at %.2f mm: %.3f N", step.depth_mm, step.load.force_N[2])
         cells, compliance = _compliance(simulation, cells_grid, np.flatnonzero(near))
     cushion = Cushion(cells_grid, cells, compliance)
     return Pad(grid, skin.astype(np.float32), cushion, Drag(0.0, 1.0, 1.0))

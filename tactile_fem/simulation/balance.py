@@ -1,4 +1,4 @@
-"""Where a step moves the body to: along the path, and as the loads that it holds need."""
+"""What a step balances: the loads that it holds, and the moments on the joint."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ Array = np.ndarray
 _TORQUE, JOINT = 3, 4
 # From torque, Nmm, to N, and from mm to an angle, rad.
 SCALES = np.array([1.0, 1.0, 1.0, 1 / ARM_MM])
-_NONE = np.zeros(0)
 
 
 @dataclass(frozen=True)
-class Held:
-    """The loads that a step holds, and the joint that is in balance.
+class LoadBalance:
+    """The loads that a step holds, and the bone whose moments are in balance if it has a joint.
 
-    Unknown are the places of the body along the held components, in mm: those of the path's `pose`
-    do not count, but for a turn about Z, which is added to the path's. The last one, if the bone is
-    on its joint, is how far the contact point moves against Z with the bone.
+    The unknowns are the body's positions along the held forces and its turn about Z, times an arm,
+    for a held torque: there the path's `pose` has no effect, but for a turn, to which the unknown
+    one is added. With a joint, the last unknown is the displacement of the bone at the contact
+    point along -Z. All are in mm. Without any, the body follows the path.
 
     Parameters
     ----------
@@ -71,18 +71,18 @@ class Held:
         down = -angle_rad * self.bone.joint.length_mm if self.bone else 0.0
         return np.array([*pose.translation, turn, down])[self.indices]
 
-    def gains_N(self, loads_N: Array, on_joint_N: Array = _NONE) -> Array:
-        """Return what is wanted beyond loads, (4,), and beyond what acts on the joint, (k,)."""
+    def missing_N(self, loads_N: Array, on_joint_N: Array) -> Array:
+        """Return by how much the loads are too small, (k,).
+
+        `loads_N` are those on the finger, (4,), and `on_joint_N` what is to sum up to zero.
+        """
         return np.append(SCALES * self.loads - loads_N, -on_joint_N.sum())[self.indices]
 
-    def scale_N(self, loads_N: Array, on_joint_N: Array = _NONE) -> float:
-        """Return the size of the load (4,): what is wanted, or there where nothing is held.
-
-        What acts on the joint counts where it is more.
-        """
+    def scale_N(self, loads_N: Array, on_joint_N: Array) -> float:
+        """Return the largest load: those wanted, and those found where nothing is held."""
         whole, own = loads_N.copy(), list(self.components)
         whole[own] = (SCALES * self.loads)[own]
-        return float(max(np.linalg.norm(whole), np.abs(on_joint_N).max(initial=0.0)))
+        return float(max(np.abs(whole).max(), np.abs(on_joint_N).max(initial=0.0)))
 
     def shown(self, loads_N: Array, force_unit: str) -> str:
         """Return in words the loads (4,) and those wanted."""
