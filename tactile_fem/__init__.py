@@ -46,13 +46,13 @@ if TYPE_CHECKING:
     from tactile_fem.output.figures import draw
     from tactile_fem.output.preview import preview
     from tactile_fem.path import Motion, Path, Piece
+    from tactile_fem.results.results import Results
+    from tactile_fem.results.surfaces import SurfaceFields
+    from tactile_fem.results.trace import Trace
     from tactile_fem.runtime.files import write_table
     from tactile_fem.simulation.parts import Parts
-    from tactile_fem.simulation.results import Results
     from tactile_fem.simulation.run import ScanResult, completed, resume, scan
     from tactile_fem.simulation.simulation import Observation, Simulation
-    from tactile_fem.simulation.surfaces import SurfaceFields
-    from tactile_fem.simulation.trace import Trace
     from tactile_fem.solvers.fast import FastSolver
     from tactile_fem.solvers.plain import PlainSolver
     from tactile_fem.stimulus import Distance, Embossed, Friction, RigidBody, Stimulus
@@ -111,11 +111,11 @@ _MODULES = {
     "path": ("Motion", "Path", "Piece"),
     "runtime.files": ("write_table",),
     "simulation.parts": ("Parts",),
-    "simulation.results": ("Results",),
+    "results.results": ("Results",),
     "simulation.run": ("ScanResult", "completed", "resume", "scan"),
     "simulation.simulation": ("Observation", "Simulation"),
-    "simulation.surfaces": ("SurfaceFields",),
-    "simulation.trace": ("Trace",),
+    "results.surfaces": ("SurfaceFields",),
+    "results.trace": ("Trace",),
     "solvers.fast": ("FastSolver",),
     "solvers.plain": ("PlainSolver",),
     "stimulus": ("Distance", "Embossed", "Friction", "RigidBody", "Stimulus"),

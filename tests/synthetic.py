@@ -6,8 +6,8 @@ import numpy as np
 
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.finger.simplex import quadratic
-from tactile_fem.simulation.fields import FieldWriter
-from tactile_fem.simulation.results import Results
+from tactile_fem.results.fields import FieldWriter
+from tactile_fem.results.results import Results
 from tactile_fem.study import Finger, Study
 
 SPEED = 20.0

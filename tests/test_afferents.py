@@ -23,12 +23,12 @@ from tactile_fem.neuron import (
     respond,
 )
 from tactile_fem.output.figures import draw_plots
+from tactile_fem.results.results import Results
 from tactile_fem.series import fibre_image
 from tactile_fem.series.members import single_fibre
 from tactile_fem.series.run import numbers_of
 from tactile_fem.simulation.checks import check, check_parts
 from tactile_fem.simulation.parts import Parts
-from tactile_fem.simulation.results import Results
 from tactile_fem.study import Afferents, Neuron, Receptors, Study
 from tactile_fem.study.explain import in_words
 from tactile_fem.study.file import dump_study, load_study

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tactile_fem.neuron.fields import STANDARD
-from tactile_fem.simulation.columns import FELT, SPIKES, TRACE, table
-from tactile_fem.simulation.results import Spikes
-from tactile_fem.simulation.trace import Trace
+from tactile_fem.results.columns import FELT, SPIKES, TRACE, table
+from tactile_fem.results.results import Spikes
+from tactile_fem.results.trace import Trace
 
 RECEPTORS = 4
 
@@ -26,7 +26,7 @@ def test_a_step_has_what_the_table_says():
     from dataclasses import fields
 
     from tactile_fem.mechanics.load import Load
-    from tactile_fem.simulation.columns import OF_STEP
+    from tactile_fem.results.columns import OF_STEP
     from tactile_fem.simulation.step import Step
 
     of_step = {field.name for kind in (Step, Load) for field in fields(kind)} | {"depth_mm"}

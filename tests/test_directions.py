@@ -20,8 +20,8 @@ from tactile_fem.neuron import Population, drive_of, fields_of, fire_all, respon
 from tactile_fem.neuron.fields import RIGHT_CAUCHY_GREEN
 from tactile_fem.receptors import Layout, place, sample
 from tactile_fem.receptors.skin import preferred_directions
+from tactile_fem.results.trace import Trace
 from tactile_fem.simulation.probe import Probe
-from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import Finger, Receptors, Study
 
 STRETCH = drive_of("directed_stretch")

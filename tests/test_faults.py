@@ -27,12 +27,12 @@ from tactile_fem.errors import ConvergenceError, StudyError, TactileError
 from tactile_fem.finger import FingerMesh, read_mesh, write_mesh
 from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.output.figures import draw_plots
+from tactile_fem.results.columns import OF_RECEPTOR
+from tactile_fem.results.fields import read_series
+from tactile_fem.results.results import Results
+from tactile_fem.results.trace import Trace
 from tactile_fem.runtime.files import locked
-from tactile_fem.simulation.columns import OF_RECEPTOR
-from tactile_fem.simulation.fields import read_series
-from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.run import resume, scan
-from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import (
     Finger,
     Neuron,

@@ -29,7 +29,7 @@ from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.stimulus import Friction, KineticFriction, MappedFriction, PressureFriction
 from tactile_fem.study import Drawing, Finger, Plate, Solver, Sphere, Study, Surface, Text
 from tactile_fem.study.file import load_study
-from tactile_fem.study.kept import INPUTS, keep_files
+from tactile_fem.study.input_copies import INPUTS, keep_files
 from tactile_fem.vibration.harmonic import Harmonic
 
 STATIC, KINETIC, SPEED_MM_S = 0.6, 0.2, 8.0

@@ -19,7 +19,7 @@ from sphere_on_block import follow
 
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.mechanics.domain import create_domain, roller
-from tactile_fem.simulation.contact_fields import SkinContact
+from tactile_fem.results.contact_fields import SkinContact
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Cylinder, Solver, Sphere
 

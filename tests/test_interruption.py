@@ -19,10 +19,10 @@ from mpi4py import MPI  # isort: skip
 
 from tactile_fem import neuron
 from tactile_fem.errors import StoppedError
+from tactile_fem.results.fields import read_series
+from tactile_fem.results.results import Results
 from tactile_fem.runtime.ranks import raise_stopped, signal_handler
 from tactile_fem.simulation.checkpoint import Checkpoints
-from tactile_fem.simulation.fields import read_series
-from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.run import resume, scan
 from tactile_fem.study import Output, Protocol, Study
 from tactile_fem.study.file import dump_study

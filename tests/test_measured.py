@@ -13,8 +13,8 @@ from tactile_fem.output.figures import draw_plots
 from tactile_fem.output.histories import DISPLACEMENT
 from tactile_fem.output.measured import measured
 from tactile_fem.path import Follow, Press, Protocol
+from tactile_fem.results.measured import check_measured, compare
 from tactile_fem.simulation.checkpoint import _check_origin, origin_of
-from tactile_fem.simulation.measured import check_measured, compare
 from tactile_fem.simulation.parts import NO_PARTS
 from tactile_fem.study import Output, Plate, Study
 from tactile_fem.study.file import load_study

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from synthetic import make_results, make_spikes, make_trace
 
+from tactile_fem.results.results import Results
 from tactile_fem.runtime.differences import brief, differences
-from tactile_fem.simulation.results import Results
 from tactile_fem.study import Hold, Lift, Press, Protocol, Sphere, Study, Text
 
 HOLD = Protocol(path=(Press(depth_mm=1), Hold(time_s=1), Lift()))
@@ -90,8 +90,8 @@ def test_results_show_numbers_and_rasters(tmp_path):
 def test_results_in_memory_show_the_same(tmp_path):
     pytest.importorskip("tactile_fem.runtime.backend")
     from tactile_fem.neuron import Response
+    from tactile_fem.results.trace import Trace
     from tactile_fem.simulation.run import ScanResult
-    from tactile_fem.simulation.trace import Trace
 
     results = make_results(tmp_path / "r")
     trace = Trace.read(results.trace)

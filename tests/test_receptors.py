@@ -32,10 +32,10 @@ from tactile_fem.neuron import (
     fire_all,
 )
 from tactile_fem.receptors import place, sample
+from tactile_fem.results.trace import Trace
 from tactile_fem.simulation.cell_fields import CellFields
 from tactile_fem.simulation.probe import Probe
 from tactile_fem.simulation.simulation import Simulation
-from tactile_fem.simulation.trace import Trace
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Finger, Plate, Receptors, Solver, Study, Tissue
 

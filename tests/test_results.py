@@ -11,9 +11,9 @@ from synthetic import make_fields, make_results
 import tactile_fem
 from tactile_fem.errors import StudyError
 from tactile_fem.output.figures import draw_plots
+from tactile_fem.results.fields import FieldWriter, read_series
+from tactile_fem.results.results import Results
 from tactile_fem.runtime.files import atomic_write
-from tactile_fem.simulation.fields import FieldWriter, read_series
-from tactile_fem.simulation.results import Results
 from tactile_fem.study import Plate, Protocol, Study
 
 STEPS, RECEPTORS = 5, 3

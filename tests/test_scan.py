@@ -24,13 +24,13 @@ from tactile_fem.neuron import Drive, Population
 from tactile_fem.neuron.fields import STANDARD
 from tactile_fem.output.histories import at_time
 from tactile_fem.path import Path
-from tactile_fem.simulation.columns import FELT, OF_RECEPTOR
-from tactile_fem.simulation.fields import read_series
+from tactile_fem.results.columns import FELT, OF_RECEPTOR
+from tactile_fem.results.fields import read_series
+from tactile_fem.results.results import Results
+from tactile_fem.results.trace import Trace
 from tactile_fem.simulation.parts import Parts
-from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.run import ScanResult, completed, resume, scan
 from tactile_fem.simulation.simulation import Simulation
-from tactile_fem.simulation.trace import Trace
 from tactile_fem.stimulus import Distance
 from tactile_fem.study import (
     Afferents,

@@ -13,6 +13,8 @@ from synthetic import SPEED, make_results, make_trace, refined
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.output.histories import mean_over
+from tactile_fem.results.columns import SUMMARY
+from tactile_fem.results.results import Results
 from tactile_fem.series import (
     Member,
     Outcome,
@@ -23,8 +25,6 @@ from tactile_fem.series import (
     sweep,
     write_summary,
 )
-from tactile_fem.simulation.columns import SUMMARY
-from tactile_fem.simulation.results import Results
 from tactile_fem.study import Finger, Output, Protocol, Receptors, Study, Surface, Text
 
 

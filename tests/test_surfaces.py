@@ -12,9 +12,9 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger.files import read_mesh
 from tactile_fem.finger.mesh_data import SURFACES
 from tactile_fem.output.maps import faces_down, surface_map
-from tactile_fem.simulation.contact_fields import Contact, SkinContact, vertex_areas
-from tactile_fem.simulation.fields import FieldState, FieldWriter
-from tactile_fem.simulation.surfaces import interface_of, skin_of
+from tactile_fem.results.contact_fields import Contact, SkinContact, vertex_areas
+from tactile_fem.results.fields import FieldState, FieldWriter
+from tactile_fem.results.surfaces import interface_of, skin_of
 from tactile_fem.study import Finger
 
 F = np.array([[1.1, 0.2, 0.0], [0.0, 0.9, 0.1], [0.05, 0.0, 1.2]])

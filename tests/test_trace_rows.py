@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from tactile_fem.errors import StudyError
-from tactile_fem.simulation.columns import FELT, OF_STEP
-from tactile_fem.simulation.results import Results
-from tactile_fem.simulation.trace import Trace
-from tactile_fem.simulation.trace_rows import NAME, TraceRows
+from tactile_fem.results.columns import FELT, OF_STEP
+from tactile_fem.results.results import Results
+from tactile_fem.results.trace import Trace
+from tactile_fem.results.trace_rows import NAME, TraceRows
 
 RECEPTORS = 3
 

@@ -22,7 +22,7 @@ from tactile_fem.errors import StoppedError, StudyError
 from tactile_fem.finger import TISSUES
 from tactile_fem.output.film import Film
 from tactile_fem.output.pictures import frames_of
-from tactile_fem.simulation.results import Results
+from tactile_fem.results.results import Results
 from tactile_fem.simulation.run import scan
 from tactile_fem.study import Joint, Study
 from tactile_fem.vibration import Modes, Spectrum, few_of, frequencies_of, nearest

@@ -15,8 +15,8 @@ from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 import tactile_fem
 from tactile_fem.path import Piece
+from tactile_fem.results.columns import table
 from tactile_fem.runtime.settings import Kind
-from tactile_fem.simulation.columns import table
 from tactile_fem.stimulus import Friction, Stimulus
 from tactile_fem.study import Study
 from tactile_fem.study.afferents import Afferents

@@ -33,8 +33,8 @@ import numpy as np
 from recordings import PUNCHES_MM
 
 from tactile_fem import Distance, Embossed, Parts, Stimulus, Study, run_script, scan
+from tactile_fem.results.trace import Trace
 from tactile_fem.runtime.files import atomic_write
-from tactile_fem.simulation.trace import Trace
 from tactile_fem.study import (
     Cylinder,
     Dots,

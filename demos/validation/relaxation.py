@@ -27,7 +27,7 @@ from predictions import LETTERS_MM, Row, letters, row, tabulate
 from scipy.optimize import least_squares
 
 from tactile_fem import Piece, Study, run_script, scan, write_table
-from tactile_fem.simulation.trace import Trace
+from tactile_fem.results.trace import Trace
 from tactile_fem.study import Finger, Hold, Lift, Plate, Press, Protocol, Receptors, Tissue
 
 # Normal force in N, beginning and end in s after the press, and the share that is lost.

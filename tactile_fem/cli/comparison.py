@@ -12,7 +12,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import aligned
 
 if TYPE_CHECKING:
-    from tactile_fem.simulation.results import Results
+    from tactile_fem.results.results import Results
 
 
 def show_comparison(scans: Mapping[str, Results], picture: Path) -> None:

@@ -57,7 +57,7 @@ def scan(
     the_study = load_study(study, changes)
     found = "nothing"
     if ranks.is_first():
-        from tactile_fem.simulation.earlier import earlier_scan
+        from tactile_fem.results.previous import earlier_scan
 
         found = earlier_scan(results, the_study, overwrite=overwrite)
     if found == "nothing":

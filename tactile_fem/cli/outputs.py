@@ -93,7 +93,7 @@ def fields(
         Column of the table that the map shows.
     """
     from tactile_fem import Results
-    from tactile_fem.simulation.surfaces import ENDINGS
+    from tactile_fem.results.surfaces import ENDINGS
 
     found = Results.open(results)
     if output is None:

@@ -21,8 +21,8 @@ from tactile_fem.output.pictures import draw_pictures
 from tactile_fem.output.plots import force_figure
 from tactile_fem.output.rasters import Trains, firing, raster
 from tactile_fem.output.snapshots import snapshots
+from tactile_fem.results.results import Results
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.simulation.results import Results
 
 logger = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from tactile_fem.finger.plane import AXES
 from tactile_fem.finger.simplex import Indices
 from tactile_fem.output.annotations import BLUE, SCALE
 from tactile_fem.output.plots import styled
-from tactile_fem.simulation.surfaces import SurfaceFields
+from tactile_fem.results.surfaces import SurfaceFields
 
 Array = NDArray[np.float64]
 

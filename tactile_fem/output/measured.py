@@ -10,9 +10,9 @@ from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import BLUE, INK
 from tactile_fem.output.panels import legend_above, panels
 from tactile_fem.output.plots import styled
+from tactile_fem.results.measured import compare
+from tactile_fem.results.results import Results
 from tactile_fem.runtime.files import write_table
-from tactile_fem.simulation.measured import compare
-from tactile_fem.simulation.results import Results
 
 logger = logging.getLogger(__name__)
 

@@ -29,10 +29,10 @@ from tactile_fem.output.histories import central_receptor, extrema
 from tactile_fem.output.modes import Modes
 from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.output.view import Frames
+from tactile_fem.results.fields import read_series
+from tactile_fem.results.results import Results
 from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.simulation.fields import read_series
-from tactile_fem.simulation.results import Results
 
 logger = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import BLUE, GREEN, INK, VERMILION
-from tactile_fem.simulation.pose import moment_about
+from tactile_fem.path.rotations import moment_about
 
 _STYLE: Any = {
     "font.size": 9,

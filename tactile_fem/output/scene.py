@@ -33,7 +33,7 @@ from tactile_fem.output.annotations import (
 )
 from tactile_fem.output.film import Film
 from tactile_fem.path.rotations import matrix
-from tactile_fem.simulation.results import Results
+from tactile_fem.results.results import Results
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.sampled import DistanceGrid
 

@@ -119,3 +119,8 @@ def _rotation() -> Any:
     from scipy.spatial.transform import Rotation  # takes a while
 
     return Rotation
+
+
+def moment_about(point_mm: Array, force_N: Array, moment_Nmm: Array) -> Array:
+    """Return moments about points (..., 3) from those about the origin and their forces."""
+    return moment_Nmm - np.cross(point_mm, force_N)

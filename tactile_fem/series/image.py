@@ -16,7 +16,7 @@ from tactile_fem.neuron import Population, Response
 from tactile_fem.neuron.population import fire
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.histories import central_receptor
-from tactile_fem.simulation.results import Results
+from tactile_fem.results.results import Results
 from tactile_fem.stimulus import Stimulus
 from tactile_fem.study import Neuron
 

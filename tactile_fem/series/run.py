@@ -13,15 +13,15 @@ import numpy as np
 
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.output.histories import central_receptor, mean_over
+from tactile_fem.results.results import Results
 from tactile_fem.runtime.files import write_table, write_text
 from tactile_fem.runtime.jobs import Job, running
 from tactile_fem.runtime.logs import shown
 from tactile_fem.series.members import Member
 from tactile_fem.series.sharing import begin_with, of_same_mechanics
 from tactile_fem.simulation.checks import check
-from tactile_fem.simulation.results import Results
 from tactile_fem.study.file import dump_study, load_study
-from tactile_fem.study.kept import keep_files
+from tactile_fem.study.input_copies import keep_files
 
 logger = logging.getLogger(__name__)
 

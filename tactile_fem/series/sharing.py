@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tactile_fem.neuron import fields_of
+from tactile_fem.results.results import Results
 from tactile_fem.series.members import Member
-from tactile_fem.simulation.results import Results
 from tactile_fem.study import AFTER_MECHANICS, Study
 
 _NOT_OF_MECHANICS = ("run.json", "spikes.csv", "log.txt", "figures", "vibration", ".*")

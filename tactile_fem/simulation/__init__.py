@@ -1,7 +1,4 @@
-"""The simulation of a study, and the scan: its histories and spikes in a results folder.
-
-Results and checks are imported without DOLFINx.
-"""
+"""The simulation of a study, and the scan; checks are imported without DOLFINx."""
 
 from typing import TYPE_CHECKING
 
@@ -11,13 +8,11 @@ if TYPE_CHECKING:
     from tactile_fem.simulation.bone import Bone
     from tactile_fem.simulation.checkpoint import read_checkpoint
     from tactile_fem.simulation.checks import check
-    from tactile_fem.simulation.columns import OF_STEP
     from tactile_fem.simulation.load_search import TOLERANCE
     from tactile_fem.simulation.parts import NO_PARTS
 
 __all__ = [
     "NO_PARTS",
-    "OF_STEP",
     "TOLERANCE",
     "Bone",
     "check",
@@ -30,7 +25,6 @@ __getattr__ = lazily(
         "bone": ["Bone"],
         "checkpoint": ["read_checkpoint"],
         "checks": ["check"],
-        "columns": ["OF_STEP"],
         "load_search": ["TOLERANCE"],
         "parts": ["NO_PARTS"],
     },

@@ -17,8 +17,8 @@ import numpy as np
 
 from tactile_fem.finger.joint import Joint
 from tactile_fem.mechanics.terms.inertia import GeneralizedAlpha
-from tactile_fem.path.rotations import matrix
-from tactile_fem.simulation.pose import Pose, moment_about, turned_with_bone
+from tactile_fem.path.rotations import matrix, moment_about
+from tactile_fem.simulation.pose import Pose, turned_with_bone
 
 Array = np.ndarray
 _METHOD = GeneralizedAlpha()

@@ -9,7 +9,7 @@ import ufl
 from tactile_fem.assembly.compile import expression
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.mechanics.rows import gather_rows
-from tactile_fem.simulation.fields import TENSOR
+from tactile_fem.results.fields import TENSOR
 from tactile_fem.simulation.probe import material_point
 
 _KPA_PER_MPA = 1000.0
@@ -43,7 +43,7 @@ class CellFields:
     def gather(self) -> dict[str, np.ndarray]:
         """Return ``sed_kPa`` (cells,) and ``stress_kPa`` (cells, 6) on the first rank.
 
-        The stress is Cauchy's; see `tactile_fem.simulation.fields.TENSOR` for its components. All
+        The stress is Cauchy's; see `tactile_fem.results.fields.TENSOR` for its components. All
         ranks call; the others get none, (0,) and (0, 6).
         """
         columns = 1 + len(TENSOR)

@@ -13,13 +13,13 @@ from mpi4py import MPI
 from tactile_fem import __version__
 from tactile_fem.errors import StudyError
 from tactile_fem.mechanics.rows import Saved, gathered
+from tactile_fem.results.results import Results
+from tactile_fem.results.trace import Array
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.parts import changed_part
-from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Simulation
-from tactile_fem.simulation.trace import Array
 from tactile_fem.study import AFTER_MECHANICS
-from tactile_fem.study.kept import with_files
+from tactile_fem.study.input_copies import with_files
 
 # Counts up when the names or the meaning of a checkpoint's arrays change.
 _FORMAT = 13

@@ -18,7 +18,7 @@ from tactile_fem.neuron.fields import trial_histories
 from tactile_fem.path import Path
 from tactile_fem.path.loads import COMPONENTS, NORMAL
 from tactile_fem.path.rotations import matrix
-from tactile_fem.simulation.measured import check_measured
+from tactile_fem.results.measured import check_measured
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.check import check_body, check_lipschitz, miss

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_fem.finger.joint import Joint
-from tactile_fem.path.rotations import matrix
+from tactile_fem.path.rotations import matrix, moment_about
 
 Array = np.ndarray
 
@@ -36,8 +36,3 @@ def turned_with_bone(pose: Pose, joint: Joint, angle_rad: float) -> Pose:
     """Return a pose that turns about a joint by an angle as the bone does."""
     R, centre = matrix([angle_rad, 0.0, 0.0]), joint.centre_mm
     return Pose(centre + R @ (pose.translation - centre), R @ pose.rotation)
-
-
-def moment_about(point_mm: Array, force_N: Array, moment_Nmm: Array) -> Array:
-    """Return moments about points (..., 3) from those about the origin and their forces."""
-    return moment_Nmm - np.cross(point_mm, force_N)

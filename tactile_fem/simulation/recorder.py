@@ -19,19 +19,19 @@ from tactile_fem import __version__
 from tactile_fem.assembly.compile import compiled_by
 from tactile_fem.neuron import Response
 from tactile_fem.path.rotations import ARM_MM, angle_rad
+from tactile_fem.results.contact_fields import SkinContact
+from tactile_fem.results.fields import FieldWriter
+from tactile_fem.results.results import Results
+from tactile_fem.results.trace import Array, Trace
+from tactile_fem.results.trace_rows import TraceRows
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.cell_fields import CellFields
 from tactile_fem.simulation.checkpoint import Checkpoints, origin_of
-from tactile_fem.simulation.contact_fields import SkinContact
-from tactile_fem.simulation.fields import FieldWriter
-from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Observation, Simulation
 from tactile_fem.simulation.step import Step
-from tactile_fem.simulation.trace import Array, Trace
-from tactile_fem.simulation.trace_rows import TraceRows
 from tactile_fem.stimulus.sampled import DistanceGrid
-from tactile_fem.study.kept import keep_files
+from tactile_fem.study.input_copies import keep_files
 
 _TIMERS = (
     *("solve", "jacobian", "residual", "obstacle", "preconditioner"),

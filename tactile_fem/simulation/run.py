@@ -18,18 +18,18 @@ import numpy as np
 from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.mechanics.faults import stopping
 from tactile_fem.neuron import Response, fire_all
+from tactile_fem.results.previous import Earlier, earlier_scan
+from tactile_fem.results.results import Results
+from tactile_fem.results.trace import Trace
 from tactile_fem.runtime.ranks import abort_if_one_fails
 from tactile_fem.runtime.session import Session, session
 from tactile_fem.simulation.checkpoint import read_checkpoint
 from tactile_fem.simulation.checks import check_parts
-from tactile_fem.simulation.earlier import Earlier, earlier_scan
 from tactile_fem.simulation.estimate import announce
 from tactile_fem.simulation.parts import NO_PARTS, Parts, changed_part
 from tactile_fem.simulation.progress import progress
 from tactile_fem.simulation.recorder import Recorder
-from tactile_fem.simulation.results import Results
 from tactile_fem.simulation.simulation import Observer, Simulation
-from tactile_fem.simulation.trace import Trace
 from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import Study
 

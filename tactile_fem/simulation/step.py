@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_fem.mechanics.load import Load
-from tactile_fem.simulation.pose import moment_about
+from tactile_fem.path.rotations import moment_about
 
 
 @dataclass(frozen=True)

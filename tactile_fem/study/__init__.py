@@ -65,7 +65,7 @@ from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissu
 if TYPE_CHECKING:
     from tactile_fem.study.explain import in_words, suggestion
     from tactile_fem.study.file import dump_study, load_study
-    from tactile_fem.study.kept import content_of, keep_files, with_files
+    from tactile_fem.study.input_copies import content_of, keep_files, with_files
 
 __all__ = [
     "AFTER_MECHANICS",
@@ -252,7 +252,7 @@ __getattr__ = lazily(
     {
         "study.explain": ["in_words", "suggestion"],
         "study.file": ["dump_study", "load_study"],
-        "study.kept": ["content_of", "keep_files", "with_files"],
+        "study.input_copies": ["content_of", "keep_files", "with_files"],
         **companions.names("study_names"),
     },
 )

@@ -19,7 +19,7 @@ from tactile_fem.runtime.text import read_text
 from tactile_fem.stimulus import Friction, Stimulus
 from tactile_fem.study import Study
 from tactile_fem.study.explain import in_words, located
-from tactile_fem.study.kept import usable
+from tactile_fem.study.input_copies import usable
 from tactile_fem.study.output import Output
 
 # One file for each study; its name is that of the study.

@@ -13,7 +13,8 @@ from scipy.optimize import brentq
 from tactile_fem import Motion, Path, Trace
 from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.path import NORMAL
-from tactile_fem.simulation import OF_STEP, TOLERANCE
+from tactile_fem.results import OF_STEP
+from tactile_fem.simulation import TOLERANCE
 from tactile_fem.study import DEFAULT_NAME
 
 Array = NDArray[Any]

@@ -15,8 +15,8 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import TISSUES, FingerMesh
 from tactile_fem.finger.simplex import Indices, facets_of, simplex_of, volumes
 from tactile_fem.runtime.files import atomic_write, write_arrays
-from tactile_fem.simulation.contact_fields import ON_SKIN, vertex_areas
-from tactile_fem.simulation.fields import TENSOR, FieldState
+from tactile_fem.results.contact_fields import ON_SKIN, vertex_areas
+from tactile_fem.results.fields import TENSOR, FieldState
 
 if TYPE_CHECKING:
     import pyvista as pv

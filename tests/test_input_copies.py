@@ -11,11 +11,11 @@ from synthetic import make_fields, make_results
 
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StudyError
-from tactile_fem.simulation.earlier import earlier_scan
-from tactile_fem.simulation.results import Results
+from tactile_fem.results.previous import earlier_scan
+from tactile_fem.results.results import Results
 from tactile_fem.study import Finger, Follow, Mesh, Plate, Press, Protocol, Study, Surface, Text
 from tactile_fem.study.file import load_study
-from tactile_fem.study.kept import named_files
+from tactile_fem.study.input_copies import named_files
 
 DEJAVU = Path(font_manager.findfont("DejaVu Sans"))
 POINTS = np.array([[x, y, 0.1] for x in (-3.0, 0.4, 2.0) for y in (-2.0, 0.3, 5.1)])

@@ -5,7 +5,7 @@
 ``inputs/``          copies of the files that it names, and of its font
 ``run.json``         versions, mesh, options, ranks, timings, status
 ``trace.npz``        histories; while a scan runs, ``trace.rows`` has further rows
-``spikes.csv``       see `tactile_fem.simulation.columns`, as for ``trace.npz``
+``spikes.csv``       see `tactile_fem.results.columns`, as for ``trace.npz``
 ``measured.csv``     what was recorded and what the model gave
 ``checkpoint.npz``   the state to go on from
 ``states/``          states that were kept, as ``checkpoint.npz``
@@ -32,16 +32,16 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, to_neo
 from tactile_fem.runtime import html
 from tactile_fem.runtime.files import atomic_write, write_arrays, write_text
-from tactile_fem.simulation import trace_rows
-from tactile_fem.simulation.columns import SPIKES, check_trace
-from tactile_fem.simulation.fields import FieldState, read_series
-from tactile_fem.simulation.folder import check_folder, choose_state, make_folder, nearest_mm
-from tactile_fem.simulation.surfaces import SurfaceFields, interface_of, skin_of
-from tactile_fem.simulation.trace import Trace
+from tactile_fem.results import trace_rows
+from tactile_fem.results.columns import SPIKES, check_trace
+from tactile_fem.results.fields import FieldState, read_series
+from tactile_fem.results.folder import check_folder, choose_state, make_folder, nearest_mm
+from tactile_fem.results.surfaces import SurfaceFields, interface_of, skin_of
+from tactile_fem.results.trace import Trace
 from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
-from tactile_fem.study.kept import keep_files, usable, with_files
+from tactile_fem.study.input_copies import keep_files, usable, with_files
 
 if TYPE_CHECKING:
     import neo
@@ -152,7 +152,7 @@ class Results:
         self.__dict__.pop("run", None)
 
     def save_trace(self, **arrays: ArrayLike) -> None:
-        """Write ``trace.npz``: `tactile_fem.simulation.columns.TRACE`, and columns of observers.
+        """Write ``trace.npz``: `tactile_fem.results.columns.TRACE`, and columns of observers.
 
         It replaces the rows that a running scan has added.
         """
@@ -213,7 +213,7 @@ class Results:
 
     @cached_property
     def trace(self) -> dict[str, NDArray[Any]]:
-        """Histories: `tactile_fem.simulation.columns.TRACE`; older folders have one population.
+        """Histories: `tactile_fem.results.columns.TRACE`; older folders have one population.
 
         Those of a scan that runs or was killed as well.
         """

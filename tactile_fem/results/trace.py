@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.fields import STANDARD, Field
-from tactile_fem.simulation.columns import OF_STEP
+from tactile_fem.results.columns import OF_STEP
 
 if TYPE_CHECKING:
     from tactile_fem.simulation.simulation import Observation, Simulation
@@ -22,7 +22,7 @@ Array = NDArray[Any]
 class Trace:
     """Motion, load and receptors of all steps; the first row is the finger at rest.
 
-    Columns are attributes: those of `tactile_fem.simulation.columns.OF_STEP`, one for each of the
+    Columns are attributes: those of `tactile_fem.results.columns.OF_STEP`, one for each of the
     `fields` of the receptors, and the observers' own, where a row without a value has NaN.
 
     Attributes
@@ -145,7 +145,7 @@ class Trace:
     def last(self) -> tuple[int, float, dict[str, Array]]:
         """Return the number of the last row, the end of the indentation on the clock, its values.
 
-        It costs the same however many rows there are; see `tactile_fem.simulation.trace_rows`.
+        It costs the same however many rows there are; see `tactile_fem.results.trace_rows`.
         """
         row = {name: np.asarray(column[-1]) for name, column in self._columns.items()}
         return len(self) - 1, self._indented_s, row
