@@ -8,9 +8,9 @@ import pytest
 import trimesh
 
 from tactile_fem.errors import MeshError, PlaceError
-from tactile_fem.finger.scanned import ScannedSkin
-from tactile_fem.finger.scans import Scans
-from tactile_fem.runtime.triangles import in_chunks
+from tactile_fem.shapes.scanned import ScannedSkin
+from tactile_fem.shapes.scans import Scans
+from tactile_fem.shapes.triangles import in_chunks
 from tactile_fem.study import Finger
 
 pytest.importorskip("igl")

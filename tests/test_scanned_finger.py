@@ -15,9 +15,9 @@ from tactile_fem.errors import MeshError, PlaceError
 from tactile_fem.finger import SURFACES, TISSUES, build_finger
 from tactile_fem.finger.anatomy import Anatomy
 from tactile_fem.finger.build import triangulate
-from tactile_fem.finger.scans import Scans
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.simplex import facets_of, volumes
+from tactile_fem.shapes.scans import Scans
 from tactile_fem.study import Finger
 from tactile_fem.study.file import load_study
 

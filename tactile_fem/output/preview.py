@@ -1,9 +1,8 @@
-"""A picture of finger and stimulator before a scan, and of the scanned surfaces of a finger."""
+"""A picture of finger and stimulator before a scan."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tactile_fem.finger.mesh_data import FingerMesh
-from tactile_fem.finger.scans import Scans
 from tactile_fem.output.annotations import COLOURS, ShownFigure, dots, legend_of
 from tactile_fem.output.film import Film
 from tactile_fem.output.pictures import prepare_drawing
@@ -33,13 +31,10 @@ logger = logging.getLogger(__name__)
 Extent = tuple[float, float, float, float]
 
 # Dots per inch on a screen; a file may have more.
-_SIZE_INCHES, _DPI, _PIXELS = (11.5, 5.2), 80, (1050, 1050)
+_SIZE_INCHES, _DPI, PIXELS = (11.5, 5.2), 80, (1050, 1050)
 # Shown around the path of the contact point, from above.
 _MARGIN_MM = 11.0
 _PATH_COLOUR = "#C8553D"
-# Scans from two sides, and the radius of the ball that marks a place of them.
-_EYES = {"From the side": (40.0, -10.0, 12.0), "From the pad": (10.0, -6.0, -40.0)}
-_BALL_RADIUS_MM = 0.6
 
 
 @shown()
@@ -80,9 +75,9 @@ def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:
 
     places, turns = path.places_mm(), path.turns_rad()
     surface = scene.body_surface(body, places, turns if turns.any() else None)
-    figure = ShownFigure(figsize=_SIZE_INCHES, dpi=_DPI)
-    side = scene.shot(scene.Scene(film, surface, scene.WHOLE).plotter, *_PIXELS)
-    _show(figure, (0.0, 0.1, 0.5, 0.82), side, "Where it starts, cut at X = 0")
+    figure = new_figure()
+    side = scene.shot(scene.Scene(film, surface, scene.WHOLE).plotter, *PIXELS)
+    show_image(figure, (0.0, 0.1, 0.5, 0.82), side, "Where it starts, cut at X = 0")
     contact = to_body(np.zeros((1, 3)), places, turns)[:, 0, :2]
     rim = finger.nodes[ConvexHull(finger.nodes[:, :2]).vertices] * [1.0, 1.0, 0.0]
     _draw_from_above(figure, film.in_body(rim, 0)[:, :2], surface, contact)
@@ -109,9 +104,9 @@ def _draw_from_above(
     if surface.n_points:
         plotter.add_mesh(surface, show_scalar_bar=False, **scene.RELIEF)
     scene.look_at(plotter, (0.0, 0.0, 100.0), (x, y, 0.0), half, up=(0.0, 1.0, 0.0))
-    above, extent = scene.shot(plotter, *_PIXELS), (x - half, x + half, y - half, y + half)
+    above, extent = scene.shot(plotter, *PIXELS), (x - half, x + half, y - half, y + half)
     title = "From above: path of the contact point"
-    axes = _show(figure, (0.56, 0.16, 0.42, 0.74), above, title, extent)
+    axes = show_image(figure, (0.56, 0.16, 0.42, 0.74), above, title, extent)
     outline = np.vstack([rim, rim[:1]])
     axes.plot(*outline.T, "k--", lw=0.8, label="finger")
     axes.plot(*path.T, color=_PATH_COLOUR, lw=1.5, label="contact point")
@@ -121,29 +116,12 @@ def _draw_from_above(
     axes.legend(loc="upper right", fontsize=8)
 
 
-def scans_figure(scans: Scans, place_mm: Sequence[float]) -> Figure:
-    """Draw the scanned surfaces of a finger in its axes, and mark a place (3,) by a red ball."""
-    import pyvista as pv
-
-    from tactile_fem.output import scene
-
-    figure = ShownFigure(figsize=_SIZE_INCHES, dpi=_DPI)
-    for k, (name, eye) in enumerate(_EYES.items()):
-        plotter = scene.new_plotter()
-        colours = COLOURS["stratum_corneum"], COLOURS["bone"], COLOURS["nail"]
-        surfaces = (scans.skin, 0.35), (scans.bone, 1.0), (scans.nail, 0.7)
-        for (surface, opacity), colour in zip(surfaces, colours, strict=True):
-            if surface is not None:
-                shape = pv.PolyData.from_regular_faces(surface.points, surface.triangles)
-                plotter.add_mesh(shape, color=colour, opacity=opacity)
-        ball = pv.Sphere(radius=_BALL_RADIUS_MM, center=place_mm)
-        plotter.add_mesh(ball, color="red", lighting=False)
-        scene.look_at(plotter, eye, (0.0, -2.0, 6.0), half_height_mm=16.0)
-        _show(figure, (0.5 * k, 0.02, 0.5, 0.9), scene.shot(plotter, *_PIXELS), name)
-    return figure
+def new_figure() -> Figure:
+    """Return an empty figure, as large as a preview."""
+    return ShownFigure(figsize=_SIZE_INCHES, dpi=_DPI)
 
 
-def _show(
+def show_image(
     figure: Figure,
     box: Extent,
     image: NDArray[np.uint8],

@@ -18,7 +18,6 @@ from tactile_fem.stimulus.smooth import Plate, Cylinder, Sphere, Edge
 from tactile_fem.stimulus.patterns import Grating, Dots, Braille
 from tactile_fem.stimulus.drawing import Drawing
 from tactile_fem.stimulus.surface import Surface
-from tactile_fem.stimulus.mesh import Mesh
 
 # isort: on
 
@@ -35,7 +34,6 @@ __all__ = [
     "Grating",
     "KineticFriction",
     "MappedFriction",
-    "Mesh",
     "Outline",
     "Plate",
     "PressureFriction",

@@ -7,6 +7,8 @@ Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
 
 from __future__ import annotations
 
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -50,7 +52,6 @@ from tactile_fem.stimulus import (
     Drawing,
     Edge,
     Grating,
-    Mesh,
     Plate,
     Sphere,
     Stimulus,
@@ -84,7 +85,6 @@ __all__ = [
     "Hold",
     "Joint",
     "Lift",
-    "Mesh",
     "Neuron",
     "Output",
     "Piece",
@@ -113,6 +113,17 @@ __all__ = [
     "suggestion",
     "with_files",
 ]
+
+with suppress(ModuleNotFoundError):
+    import_module("..shapes.companion", __name__)
+
+
+def __getattr__(name: str) -> Any:
+    """Return a kind of stimulus that a companion adds, by the name of its class."""
+    for kind in Stimulus.kinds.values():
+        if kind.__name__ == name and kind.__module__.startswith("tactile_fem."):
+            return kind
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 # Keys that the mechanics does not depend on, as pydantic excludes them.

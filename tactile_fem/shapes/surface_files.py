@@ -16,7 +16,7 @@ import numpy as np
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import Numbers
-from tactile_fem.runtime.triangles import Array, Indices, Points, Triangles
+from tactile_fem.shapes.triangles import Array, Indices, Points, Triangles
 
 MOST_TRIANGLES = 500_000  # half a GB of memory while they are read
 MOST_BYTES = 40_000_000

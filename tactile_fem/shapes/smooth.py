@@ -10,7 +10,7 @@ import numpy as np
 
 from tactile_fem.errors import MeshError, PlaceError, TactileError
 from tactile_fem.finger.plane import Array
-from tactile_fem.runtime.triangles import Triangles, in_chunks
+from tactile_fem.shapes.triangles import Triangles, in_chunks
 
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline

@@ -1,4 +1,4 @@
-"""Formats of measured heights, and how a map of each lies under the finger.
+"""Instruments' formats of measured heights, and how a map of each lies under the finger.
 
 Seen from above, with X to the right and Y upwards, no map may become its mirror image:
 
@@ -9,90 +9,36 @@ Seen from above, with X to the right and Y upwards, no map may become its mirror
                                           standard (ISO 25178-71, -72): their x and y are X and Y
 all other instruments' files              a picture, first row on top: its right is X, its top is Y
 ========================================  ==========================================================
-
-Nothing here runs code from a file, and what does not fit into memory is refused by its header.
 """
 
 from __future__ import annotations
 
 import importlib
-import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
-import scipy.io
 from numpy.typing import NDArray
-from PIL import Image, ImageOps, UnidentifiedImageError
 
-from tactile_fem.errors import StudyError
 from tactile_fem.runtime.number_table import UnusableError, check_count, is_table, read_table
-from tactile_fem.stimulus.height_table import sizes_of
+from tactile_fem.shapes.height_table import header_library, sizes_of
+from tactile_fem.stimulus.heights import READERS, Raw, check_gray, check_single
+from tactile_fem.stimulus.topography import MIN_VALUES
 
-MIN_VALUES = 4  # along an axis
-_MAX_BYTES = 400_000_000
 # SurfaceTopography's names of formats whose y points upwards, and of those without coordinates.
 _RIGHT_HANDED = {"x3p", "sdf", "nc", "xyz", "nmm"}
 _ARRAYS = {"npy", "npz", "mat", "h5"}
 # TIFF: (SampleFormat, BitsPerSample) that Pillow reads as they are.
 _PILLOW = {(1, 8), (1, 16), (2, 16), (2, 32), (3, 32)}
 _BITS, _PHOTOMETRIC, _SAMPLES, _SAMPLE_FORMAT, _NODATA = 258, 262, 277, 339, 42113
+_HINT = " (a header is read by SurfaceTopography: pip install SurfaceTopography)"
 _FROM_WHITE = "counts its gray values from white (WhiteIsZero): save it with black as 0"
-
-
-@dataclass(frozen=True)
-class Raw:
-    """Values (along X, along Y) as a file has them, and in mm, where it states them, sizes.
-
-    They are the spacing along X and along Y, and the height of one unit of the values.
-    """
-
-    values: NDArray[Any]
-    spacing_mm: tuple[float, float] | None = None
-    unit_mm: float | None = None
-
-
-def read_raw(file: Path, key: str = "stimulus.file") -> Raw:
-    """Return the heights of a file, which a study names with `key`.
-
-    Raises
-    ------
-    StudyError
-        There is none, it is too large, or cannot be read.
-    """
-    start = f"{key} = {file}"
-    if not file.is_file():
-        raise StudyError(f"{start}: there is no such file")
-    try:
-        if (size := file.stat().st_size) > _MAX_BYTES:
-            raise UnusableError(f"has {size:,} bytes but may have at most {_MAX_BYTES:,}")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a library's remarks on a format's details
-            raw = _READERS.get(file.suffix.lower(), _instrument)(file)
-        if raw.values.ndim != 2 or raw.values.dtype.kind not in "iuf":
-            what = f"{raw.values.ndim} dimensions of {raw.values.dtype}"
-            raise UnusableError(f"holds {what} but must hold real numbers in rows and columns")
-        check_count(raw.values.shape)
-    except StudyError:
-        raise
-    except UnusableError as error:
-        raise StudyError(f"{start} {error}") from None
-    except Exception as error:  # each library has its own for what it cannot parse
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise StudyError(f"{start} cannot be read: {reason}") from None
-    return raw
-
-
-def _array(file: Path) -> Raw:
-    return Raw(np.lib.format.open_memmap(file, mode="r"))
 
 
 def _table(file: Path) -> Raw:
     values, header = read_table(file, f"stimulus.file = {file}")
-    return Raw(values, *sizes_of(header, values.shape, file))
+    return Raw(values, *sizes_of(header, values.shape, file), "" if header_library() else _HINT)
 
 
 def _dat(file: Path) -> Raw:
@@ -102,24 +48,17 @@ def _dat(file: Path) -> Raw:
 # --- images ----------------------------------------------------------------------------------
 
 
-def _image(file: Path) -> Raw:
-    with Image.open(file) as image:
-        _check_gray(image)
-        raw_mode = str(image.tile[0][3]) if image.tile else ""
-        if raw_mode in ("L;2", "L;4"):
-            raise UnusableError(f"has {raw_mode[-1]} bits a value but must have 8 or 16")
-        return Raw(np.asarray(ImageOps.exif_transpose(image)))
-
-
 def _tiff(file: Path) -> Raw:
     """Read by Pillow, with any compression, what it reads as it is; else by tifffile."""
+    from PIL import Image, ImageOps, UnidentifiedImageError  # takes a while
+
     try:
         with Image.open(file) as image:
             tags = image.tag_v2  # type: ignore[attr-defined]
             kind = tags.get(_SAMPLE_FORMAT, (1,))[0], tags.get(_BITS, (1,))[0]
             several = tags.get(_SAMPLES, 1) > 1 or tags.get(_PHOTOMETRIC) != 1
             if several or kind in _PILLOW:
-                _check_gray(image)
+                check_gray(image)
                 if tags.get(_PHOTOMETRIC) != 1:
                     raise UnusableError(_FROM_WHITE)
                 image.load()  # some versions of Pillow turn it as its Orientation says, then
@@ -132,7 +71,7 @@ def _tiff(file: Path) -> Raw:
 
 def _tiff_of_other_numbers(file: Path) -> Raw:
     with _optional("tifffile", "TIFF files of such numbers").TiffFile(file) as tiff:
-        _check_single(len(tiff.pages))
+        check_single(len(tiff.pages))
         page = tiff.pages[0]
         if page.samplesperpixel > 1 or page.photometric not in (0, 1):
             raise UnusableError("is a coloured image but must be gray")
@@ -147,22 +86,6 @@ def _tiff_of_other_numbers(file: Path) -> Raw:
         if page.compression != 1 and sum(page.databytecounts) > 1.1 * page.nbytes + 1000:
             raise UnusableError("cannot be read: it is damaged")
         return Raw(_without_marker(page.asarray(), page.tags.valueof(_NODATA)))
-
-
-def _check_gray(image: Image.Image) -> None:
-    is_gray = image.mode in ("L", "F", "I") or image.mode.startswith("I;16")
-    if not is_gray or "transparency" in image.info:
-        raise UnusableError(
-            f"is an image of mode {image.mode} but must be gray, without colours, palette or "
-            "transparency"
-        )
-    _check_single(getattr(image, "n_frames", 1))
-    check_count(image.size)
-
-
-def _check_single(images: int) -> None:
-    if images > 1:
-        raise UnusableError(f"holds {images} images but must be one")
 
 
 def _without_marker(values: NDArray[Any], marker: object) -> NDArray[Any]:
@@ -211,7 +134,9 @@ def _instrument(file: Path) -> Raw:
 
 def _by_coordinates(values: NDArray[Any], file: Path) -> NDArray[Any]:
     """Return heights of a NetCDF file along increasing x and y; the library takes them as such."""
-    with scipy.io.netcdf_file(file, mmap=False) as stream:
+    from scipy.io import netcdf_file  # takes a while
+
+    with netcdf_file(file, mmap=False) as stream:
         if stream.variables["heights"].dimensions == ("y", "x"):
             values = values.T
         for axis, name in enumerate("xy"):
@@ -248,10 +173,9 @@ def _optional(name: str, what: str) -> ModuleType:
         raise UnusableError(f"needs {package}, which reads {what}: pip install {package}") from None
 
 
-_READERS: dict[str, Callable[[Path], Raw]] = {
-    ".npy": _array,
+READERS |= {
     **dict.fromkeys((".csv", ".txt", ".asc"), _table),
     ".dat": _dat,
-    ".png": _image,
     **dict.fromkeys((".tif", ".tiff"), _tiff),
+    "": _instrument,
 }

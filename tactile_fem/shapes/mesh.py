@@ -10,7 +10,7 @@ from tactile_fem.runtime.settings import File, Finite, Positive
 from tactile_fem.stimulus.stimulus import Stimulus
 
 if TYPE_CHECKING:
-    from tactile_fem.stimulus.part import Gridded
+    from tactile_fem.shapes.part import Gridded
 
 
 class Mesh(Stimulus):
@@ -58,7 +58,7 @@ class Mesh(Stimulus):
 
     def shape(self) -> Gridded:
         """Return the rounded part."""
-        from tactile_fem.stimulus import part  # libigl is not always installed
+        from tactile_fem.shapes import part  # libigl is not always installed
 
         solid = part.read_solid(self.file, self.unit_mm)
         piece = part.piece_of(
