@@ -19,7 +19,7 @@ from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.path import Path
 from tactile_fem.path.rotations import to_body
 from tactile_fem.runtime.logs import shown
-from tactile_fem.simulation.checks import check_with_mesh, judge_surface, path_of, warn_if_missed
+from tactile_fem.simulation.checks import check_with_mesh, path_of, warn_if_missed, warn_if_sharp
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.study import Study
 
@@ -58,7 +58,7 @@ def preview(study: Study) -> Figure:
     check_with_mesh(study, finger)
     path = path_of(study, finger.pad_thickness_mm)
     warn_if_missed(body, path, finger)
-    judge_surface(study.stimulus, finger)
+    warn_if_sharp(body, path, finger)
     logger.info("drawing finger and stimulator")
     return preview_figure(finger, body, path)
 

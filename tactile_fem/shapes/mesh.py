@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 class Mesh(Stimulus):
     """A rigid part from a file of triangles, such as a key or a button, its edges rounded."""
 
-    smoother_by = ("edge_radius_mm",)
     kind: Literal["mesh"] = "mesh"
     file: File = Field(description="the part: a closed surface in a .stl, .obj or .ply file")
     unit_mm: Positive = Field(1.0, description="length of the file's unit in mm")
