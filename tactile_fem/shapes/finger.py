@@ -15,7 +15,7 @@ from tactile_fem.finger.simplex import lowest_height
 from tactile_fem.finger.surfaces import ClosedBone, NailOutline, Skin, SurfaceFiles
 from tactile_fem.shapes.scanned import ScannedBone, ScannedSkin
 from tactile_fem.shapes.scans import Scans
-from tactile_fem.shapes.triangles import Triangles
+from tactile_fem.shapes.surface_files import Triangles
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

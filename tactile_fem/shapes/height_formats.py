@@ -14,6 +14,9 @@ all other instruments' files              a picture, first row on top: its right
 from __future__ import annotations
 
 import importlib
+import io
+import logging
+import re
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,9 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.runtime.number_table import UnusableError, check_count, is_table, read_table
-from tactile_fem.shapes.height_table import header_library, sizes_of
 from tactile_fem.stimulus.heights import READERS, Raw, check_gray, check_single
 from tactile_fem.stimulus.topography import MIN_VALUES
+
+logger = logging.getLogger(__name__)
 
 # SurfaceTopography's names of formats whose y points upwards, and of those without coordinates.
 _RIGHT_HANDED = {"x3p", "sdf", "nc", "xyz", "nmm"}
@@ -38,7 +42,49 @@ _FROM_WHITE = "counts its gray values from white (WhiteIsZero): save it with bla
 
 def _table(file: Path) -> Raw:
     values, header = read_table(file, f"stimulus.file = {file}")
-    return Raw(values, *sizes_of(header, values.shape, file), "" if header_library() else _HINT)
+    try:
+        return Raw(values, *_stated(header, values.shape, file))
+    except ImportError:
+        return Raw(values, hint=_HINT)
+
+
+def _stated(
+    header: list[str], shape: tuple[int, int], file: Path
+) -> tuple[tuple[float, float] | None, float | None]:
+    """Return the spacing along rows' X and columns' Y and the unit, mm, that a header states.
+
+    SurfaceTopography knows the headers of Gwyddion, SPIP, Wyko, Nova and Attocube.
+    """
+    library = importlib.import_module("SurfaceTopography.IO")
+    header = [re.sub(r"(\d),(\d)", r"\1.\2", line) for line in header]
+    if not any(re.search(r"\d", line) for line in header):
+        return None, None
+    rows = [" ".join(["1"] * shape[1])] * shape[0]  # their numbers do not matter
+
+    def parsed(*further: str) -> Any:
+        text = io.StringIO("\n".join([*header, *further, *rows]))
+        with library.open_topography(text, format="asc") as reader:
+            return reader.default_channel
+
+    try:
+        channel, unit_mm = parsed(), None
+        if channel.unit is not None:
+            unit_mm = (channel.height_scale_factor or 1.0) * _in_mm(channel.unit)
+        elif "xunit" in channel.info["raw_metadata"]:  # it states the unit of lengths only
+            channel = parsed("# Value units: mm")
+    except importlib.import_module("SurfaceTopography.Exceptions").ReadFileError as error:
+        reason = re.sub(r" from the file '.*?'", "", " ".join(str(error).split()))
+        logger.warning("The header of %s is not used: %s", file, reason)
+        return None, None
+    if channel.unit is None or len(channel.physical_sizes or ()) < 2:
+        return None, unit_mm
+    along_columns, along_rows = np.array(channel.physical_sizes, float) * _in_mm(channel.unit)
+    return (float(along_rows / shape[0]), float(along_columns / shape[1])), unit_mm
+
+
+def _in_mm(unit: str) -> float:
+    convert = importlib.import_module("SurfaceTopography.Support.UnitConversion")
+    return float(convert.get_unit_conversion_factor(unit, "mm"))
 
 
 def _dat(file: Path) -> Raw:
@@ -103,7 +149,6 @@ def _without_marker(values: NDArray[Any], marker: object) -> NDArray[Any]:
 def _instrument(file: Path) -> Raw:
     """Read a format of SurfaceTopography, which knows sizes before it reads heights."""
     library = _optional("SurfaceTopography.IO", f'files that end in "{file.suffix}"')
-    convert = importlib.import_module("SurfaceTopography.Support.UnitConversion")
     with library.open_topography(str(file)) as reader:
         if reader.format() == "asc":
             if not is_table(file):
@@ -124,7 +169,7 @@ def _instrument(file: Path) -> Raw:
             values = values[:, ::-1]
         if found.unit is None:
             return Raw(values)
-        unit_mm = float(convert.get_unit_conversion_factor(found.unit, "mm"))
+        unit_mm = _in_mm(found.unit)
         if not has_sizes:
             return Raw(values, None, unit_mm)
         x, y = np.array(channel.physical_sizes, dtype=float) * unit_mm / values.shape

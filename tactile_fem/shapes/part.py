@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.shapes.contour import Lattice
-from tactile_fem.shapes.surface_files import read_triangles
-from tactile_fem.shapes.triangles import Triangles
+from tactile_fem.shapes.surface_files import Triangles, read_triangles
 from tactile_fem.stimulus.body import NEAR_MM, Array, Distance
 from tactile_fem.stimulus.spline import GridSpline, linear_between
 

@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from tactile_fem.errors import StudyError
 from tactile_fem.shapes.contour import Lattice, Near, level_set
-from tactile_fem.shapes.triangles import Triangles, in_chunks
+from tactile_fem.shapes.surface_files import Triangles, in_chunks
 from tactile_fem.stimulus.body import Array
 from tactile_fem.stimulus.spline import linear_between
 

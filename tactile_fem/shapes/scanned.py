@@ -18,7 +18,7 @@ from tactile_fem.finger.shape import ARC_END, Capsule
 from tactile_fem.finger.simplex import lowest_height
 from tactile_fem.shapes.scans import Frame, beyond, connected
 from tactile_fem.shapes.smooth import SmoothSurface
-from tactile_fem.shapes.triangles import Triangles
+from tactile_fem.shapes.surface_files import Triangles
 
 # Of the skin.
 _SCAN_BEYOND_CUT_MM = 1.0  # length of the scan beyond the cut, where it may be open

@@ -17,8 +17,7 @@ from tactile_fem.errors import MeshError
 from tactile_fem.finger.plane import Array
 from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.simplex import Indices
-from tactile_fem.shapes.surface_files import read_triangles
-from tactile_fem.shapes.triangles import Triangles
+from tactile_fem.shapes.surface_files import Triangles, read_triangles
 
 logger = logging.getLogger(__name__)
 

@@ -9,20 +9,62 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.finger.simplex import Indices
+from tactile_fem.finger.simplex import Triangles as Surface
 from tactile_fem.runtime.text import Numbers
-from tactile_fem.shapes.triangles import Array, Indices, Points, Triangles
+
+Array = NDArray[Any]
+Points = NDArray[np.float64]
 
 MOST_TRIANGLES = 500_000  # half a GB of memory while they are read
 MOST_BYTES = 40_000_000
+# A second or two; libigl builds its trees anew for each part, at most a second of that.
+_CHUNK_POINTS = 50_000
 _MAX_COORDINATE_MM = 1e6  # a kilometre: certainly a wrong unit
 _VERTEX_DECIMALS = 5  # of mm: corners that agree so far are one vertex
 _STL_HEADER, _STL_TRIANGLE = 84, 50  # bytes: a comment and the number of triangles; each of them
+
+
+@dataclass(frozen=True)
+class Triangles(Surface):
+    """A surface of which each vertex is used, no two are equal, and no triangle is degenerate."""
+
+    @property
+    def areas(self) -> Points:
+        """Areas of the triangles, (m,) mm^2."""
+        return np.linalg.norm(self.area_vectors, axis=1)
+
+    def moved(self, by: Points) -> Self:
+        """Return the surface moved by (3,) mm."""
+        return replace(self, points=self.points + by)
+
+    def part(self, kept: NDArray[np.bool_]) -> Self:
+        """Return some triangles (m,) and their vertices; itself if it is all of them."""
+        if kept.all():
+            return self
+        used, flat = np.unique(self.triangles[kept], return_inverse=True)
+        return replace(self, points=self.points[used], triangles=flat.reshape(-1, 3))
+
+    def edges(self) -> Indices:
+        """Return the directed edges (3 m, 2) of all triangles."""
+        following = np.roll(self.triangles, -1, axis=1)
+        return np.stack([self.triangles, following], axis=-1).reshape(-1, 2)
+
+    def outwards(self) -> Self:
+        """Return the surface facing outwards on the whole; itself if it does."""
+        a, b, c = np.moveaxis(self.points[self.triangles] - self.points.mean(axis=0), 1, 0)
+        if np.einsum("ni,ni->", a, np.cross(b, c)) > 0:
+            return self
+        return replace(self, triangles=self.triangles[:, ::-1].copy())
 
 
 def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
@@ -108,6 +150,16 @@ def _merged(points: Points, triangles: Indices, start: str) -> Triangles:
         raise StudyError(f"{start} contains no triangles with an area: is its unit right?")
     used, flat = np.unique(faces, return_inverse=True)
     return Triangles(corners[first][used], flat.reshape(-1, 3).astype(np.int64))
+
+
+def in_chunks(evaluate: Callable[[Points], Sequence[Array]], points: Points) -> tuple[Array, ...]:
+    """Return what a function returns for points (n, d), arrays (n, ...), evaluated in parts.
+
+    Signals are answered between the parts.
+    """
+    starts = range(0, max(len(points), 1), _CHUNK_POINTS)
+    parts = [evaluate(points[start : start + _CHUNK_POINTS]) for start in starts]
+    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
 # --- polygons ------------------------------------------------------------------------------------
