@@ -30,14 +30,19 @@ class ScanFiles(SurfaceFiles):
 
     def read(self) -> tuple[Skin | None, ClosedBone | None, NailOutline | None]:
         """Return skin, bone and nail in the finger's axes; None where no file is given."""
-        scans, skin, by = Scans.of(self.finger), None, np.zeros(3)
+        scans, by = Scans.of(self.finger), np.zeros(3)
+        skin: Skin | None = None
         if scans.skin:
             skin, by = ScannedSkin.of(scans.skin, self.finger, scans.frame).on_the_plane()
         elif scans.bone:
             by = _shift_of_bone(scans.bone, self.finger)
         cut_y = (skin or skin_shape(self.finger)).capsule.cut_y
-        bone = scans.bone and ScannedBone.of(scans.bone.moved(by), self.finger, cut_y)
-        return skin, bone, scans.nail and _outline(scans.nail.moved(by))
+        bone, nail = (one and one.moved(by) for one in (scans.bone, scans.nail))
+        return (
+            skin,
+            ScannedBone.of(bone, self.finger, cut_y) if bone else None,
+            _outline(nail) if nail else None,
+        )
 
     def figure(self, place_mm: Sequence[float]) -> Figure:
         """Draw the scans in the finger's axes, and mark a place (3,) by a red ball."""
@@ -54,7 +59,7 @@ class ScanFiles(SurfaceFiles):
             surfaces = (scans.skin, 0.35), (scans.bone, 1.0), (scans.nail, 0.7)
             for (surface, opacity), colour in zip(surfaces, colours, strict=True):
                 if surface is not None:
-                    shape = pv.PolyData.from_regular_faces(surface.points, surface.triangles)
+                    shape = pv.PolyData.from_regular_faces(surface.points, surface.triangles)  # type: ignore[arg-type]
                     plotter.add_mesh(shape, color=colour, opacity=opacity)
             ball = pv.Sphere(radius=_BALL_RADIUS_MM, center=place_mm)
             plotter.add_mesh(ball, color="red", lighting=False)

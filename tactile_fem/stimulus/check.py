@@ -9,7 +9,7 @@ import numpy as np
 from tactile_fem.errors import StudyError
 from tactile_fem.path.rotations import ARM_MM, angle_rad, between, to_body
 from tactile_fem.stimulus.body import EXCESS_MM, NEAR_MM, Array, RigidBody
-from tactile_fem.stimulus.sampled import height_map, heights
+from tactile_fem.stimulus.sampled import height_map, heights_at
 
 # Points above and beside a body, in its own frame, (n, 3) mm.
 POINTS = np.stack(
@@ -38,7 +38,8 @@ _STEEP = 0.5
 # of 3 mm: none at 0.34 mm, 12 at 0.12 mm.
 _LEAST_RADIUS_MM, _RADIUS_AT_1_MM = 0.06, 0.1
 _LEAST_RISE_MM, _WINDOW_MM = 0.12, 1.0
-_SAMPLES = 20_000  # of a surface, over which edges are sought: a tenth of a second
+# Of a surface, over which edges are sought (a tenth of a second), and its width in a section.
+_SAMPLES, _STRIP_MM = 20_000, 0.01
 
 
 def check_body(body: RigidBody, name: str) -> None:
@@ -181,22 +182,21 @@ def too_sharp(body: RigidBody, low: Array, high: Array, facet_mm: float) -> str 
     """
     from scipy import ndimage  # takes a while
 
-    extent = np.maximum(high - low, 0.0)
-    spread = extent > 0
-    step = (np.prod(extent[spread]) / _SAMPLES) ** (1 / max(np.count_nonzero(spread), 1))
-    counts = np.where(spread, np.ceil(extent / step), 1).astype(int)
+    extent = np.maximum(high - low, _STRIP_MM)
+    counts = np.ceil(extent / np.sqrt(np.prod(extent) / _SAMPLES))
+    nx, ny = counts.astype(int).tolist()
     # Not in rows, between which edges along them could lie.
-    cells = np.stack(np.indices(counts), -1) + np.random.default_rng(0).random((*counts, 2))
+    cells = np.random.default_rng(0).random((nx, ny, 2)) + np.moveaxis(np.indices((nx, ny)), 0, -1)
     xy = (low + extent * cells / counts).reshape(-1, 2)
-    z = heights(body, xy)
+    z = heights_at(body, xy)
+    window = np.ceil(_WINDOW_MM * counts / extent).astype(int)
+    filters = ndimage.maximum_filter, ndimage.minimum_filter
+    high_z, low_z = (each(z.reshape(nx, ny), window, mode="nearest").ravel() for each in filters)
     found = body.distance(np.column_stack([xy, z]))
     size = np.linalg.norm(found.normal, axis=1)
-    mode, window = "nearest", np.ceil(_WINDOW_MM / step).astype(int)
-    rise = ndimage.maximum_filter(z.reshape(counts), window, mode=mode)
-    rise -= ndimage.minimum_filter(z.reshape(counts), window, mode=mode)
-    upright = found.normal[:, 2] / size
-    is_wall = rise.ravel() > _LEAST_RISE_MM * min(facet_mm, 1.0) ** 2
-    steep = np.flatnonzero((upright < np.cos(np.arctan(_STEEP))) & is_wall)
+    is_steep = found.normal[:, 2] < size * np.cos(np.arctan(_STEEP))
+    is_steep &= np.abs(found.gap) < _TOUCH_MM  # not beside the body
+    steep = np.flatnonzero(is_steep & (high_z - low_z > _LEAST_RISE_MM * min(facet_mm, 1.0) ** 2))
     if not len(steep):
         return None
     normal = found.normal[steep] / size[steep, None]
