@@ -13,7 +13,6 @@ from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.shape import skin_shape
 from tactile_fem.finger.simplex import lowest_height
 from tactile_fem.finger.surfaces import ClosedBone, NailOutline, Skin, SurfaceFiles
-from tactile_fem.shapes.scanned import ScannedBone, ScannedSkin
 from tactile_fem.shapes.scans import Scans
 from tactile_fem.shapes.surface_files import Triangles
 
@@ -30,6 +29,8 @@ class ScanFiles(SurfaceFiles):
 
     def read(self) -> tuple[Skin | None, ClosedBone | None, NailOutline | None]:
         """Return skin, bone and nail in the finger's axes; None where no file is given."""
+        from tactile_fem.shapes.scanned import ScannedBone, ScannedSkin  # SciPy takes a while
+
         scans, by = Scans.of(self.finger), np.zeros(3)
         skin: Skin | None = None
         if scans.skin:

@@ -311,14 +311,14 @@ def _read_ply(data: bytes) -> _Polygons:
     kind = re.search(rb"\nformat[ \t]+(ascii|binary_little_endian|binary_big_endian)\s", data)
     if not head or not kind:
         raise ValueError("it has no header")
-    order, numbers, at = ">" if kind[1] == b"binary_big_endian" else "<", data[head.end() :], 0
-    is_text = kind[1] == b"ascii"
+    numbers, at = data[head.end() :], 0
+    is_text, is_big = (kind[1] == name for name in (b"ascii", b"binary_big_endian"))
     if is_text:  # then all numbers are doubles
         numbers = np.array(numbers.split(), dtype="<f8").tobytes()
 
     def type_of(name: str) -> np.dtype:
         own = np.dtype(_PLY_TYPES.get(name, name))
-        return np.dtype("<f8") if is_text else own.newbyteorder(order)
+        return np.dtype("<f8") if is_text else own.newbyteorder(">" if is_big else "<")
 
     elements: dict[str, tuple[int, list[tuple[str, np.dtype]]]] = {}
     for line in head[0].decode("latin-1").splitlines():
@@ -330,8 +330,8 @@ def _read_ply(data: bytes) -> _Polygons:
             case ["property", kind_of_values, name]:
                 properties.append((name, type_of(kind_of_values)))
     found: dict[str, list[Array]] = {}
-    for element, (count, properties) in elements.items():
-        found[element], at = _ply_records(numbers, at, count, properties)
+    for element, (number, properties) in elements.items():
+        found[element], at = _ply_records(numbers, at, number, properties)
     vertices, faces = found.get("vertex", []), found.get("face", [])
     if not vertices or not {"x", "y", "z"} <= set(vertices[0].dtype.names or ()):
         raise ValueError("it has no vertices")
