@@ -1,8 +1,9 @@
-"""A picture of finger and stimulator before a scan."""
+"""A picture of finger and stimulator before a scan, and of surfaces that do not make a finger."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tactile_fem.finger.mesh_data import FingerMesh
+from tactile_fem.finger.simplex import Triangles
 from tactile_fem.output.annotations import COLOURS, ShownFigure, dots, legend_of
 from tactile_fem.output.film import Film
 from tactile_fem.output.pictures import prepare_drawing
@@ -31,10 +33,14 @@ logger = logging.getLogger(__name__)
 Extent = tuple[float, float, float, float]
 
 # Dots per inch on a screen; a file may have more.
-_SIZE_INCHES, _DPI, PIXELS = (11.5, 5.2), 80, (1050, 1050)
+_SIZE_INCHES, _DPI, _PIXELS = (11.5, 5.2), 80, (1050, 1050)
 # Shown around the path of the contact point, from above.
 _MARGIN_MM = 11.0
 _PATH_COLOUR = "#C8553D"
+# Surfaces are seen from two sides, skin and nail through; the radius of the ball on a place.
+_EYES = {"From the side": (40.0, -10.0, 12.0), "From the pad": (10.0, -6.0, -40.0)}
+_OPACITIES = {"stratum_corneum": 0.35, "nail": 0.7}
+_BALL_RADIUS_MM = 0.6
 
 
 @shown()
@@ -75,9 +81,9 @@ def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:
 
     places, turns = path.places_mm(), path.turns_rad()
     surface = scene.body_surface(body, places, turns if turns.any() else None)
-    figure = new_figure()
-    side = scene.shot(scene.Scene(film, surface, scene.WHOLE).plotter, *PIXELS)
-    show_image(figure, (0.0, 0.1, 0.5, 0.82), side, "Where it starts, cut at X = 0")
+    figure = ShownFigure(figsize=_SIZE_INCHES, dpi=_DPI)
+    side = scene.shot(scene.Scene(film, surface, scene.WHOLE).plotter, *_PIXELS)
+    _show(figure, (0.0, 0.1, 0.5, 0.82), side, "Where it starts, cut at X = 0")
     contact = to_body(np.zeros((1, 3)), places, turns)[:, 0, :2]
     rim = finger.nodes[ConvexHull(finger.nodes[:, :2]).vertices] * [1.0, 1.0, 0.0]
     _draw_from_above(figure, film.in_body(rim, 0)[:, :2], surface, contact)
@@ -104,9 +110,9 @@ def _draw_from_above(
     if surface.n_points:
         plotter.add_mesh(surface, show_scalar_bar=False, **scene.RELIEF)
     scene.look_at(plotter, (0.0, 0.0, 100.0), (x, y, 0.0), half, up=(0.0, 1.0, 0.0))
-    above, extent = scene.shot(plotter, *PIXELS), (x - half, x + half, y - half, y + half)
+    above, extent = scene.shot(plotter, *_PIXELS), (x - half, x + half, y - half, y + half)
     title = "From above: path of the contact point"
-    axes = show_image(figure, (0.56, 0.16, 0.42, 0.74), above, title, extent)
+    axes = _show(figure, (0.56, 0.16, 0.42, 0.74), above, title, extent)
     outline = np.vstack([rim, rim[:1]])
     axes.plot(*outline.T, "k--", lw=0.8, label="finger")
     axes.plot(*path.T, color=_PATH_COLOUR, lw=1.5, label="contact point")
@@ -116,12 +122,26 @@ def _draw_from_above(
     axes.legend(loc="upper right", fontsize=8)
 
 
-def new_figure() -> Figure:
-    """Return an empty figure, as large as a preview."""
-    return ShownFigure(figsize=_SIZE_INCHES, dpi=_DPI)
+def surfaces_figure(surfaces: Mapping[str, Triangles], place_mm: Sequence[float]) -> Figure:
+    """Draw surfaces by the tissue whose colour they get, and mark a place (3,) by a red ball."""
+    import pyvista as pv
+
+    from tactile_fem.output import scene
+
+    figure = ShownFigure(figsize=_SIZE_INCHES, dpi=_DPI)
+    for k, (name, eye) in enumerate(_EYES.items()):
+        plotter = scene.new_plotter()
+        for tissue, surface in surfaces.items():
+            shape = pv.PolyData.from_regular_faces(surface.points, surface.triangles)
+            plotter.add_mesh(shape, color=COLOURS[tissue], opacity=_OPACITIES.get(tissue, 1.0))
+        ball = pv.Sphere(radius=_BALL_RADIUS_MM, center=place_mm)
+        plotter.add_mesh(ball, color="red", lighting=False)
+        scene.look_at(plotter, eye, (0.0, -2.0, 6.0), half_height_mm=16.0)
+        _show(figure, (0.5 * k, 0.02, 0.5, 0.9), scene.shot(plotter, *_PIXELS), name)
+    return figure
 
 
-def show_image(
+def _show(
     figure: Figure,
     box: Extent,
     image: NDArray[np.uint8],

@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.plane import Array
-from tactile_fem.finger.settings import FingerSettings
-from tactile_fem.finger.shape import skin_shape
-from tactile_fem.finger.simplex import lowest_height
-from tactile_fem.finger.surfaces import ClosedBone, NailOutline, Skin, SurfaceFiles
+from tactile_fem.finger import (
+    ClosedBone,
+    FingerSettings,
+    NailOutline,
+    Skin,
+    SurfaceFiles,
+    lowest_height,
+    skin_shape,
+)
 from tactile_fem.shapes.scans import Scans
-from tactile_fem.shapes.surface_files import Triangles
+from tactile_fem.shapes.surface_files import Array, Triangles
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-# The scans are seen from two sides, and a ball marks a place of them.
-_EYES = {"From the side": (40.0, -10.0, 12.0), "From the pad": (10.0, -6.0, -40.0)}
-_BALL_RADIUS_MM = 0.6
 
 
 class ScanFiles(SurfaceFiles):
@@ -47,26 +47,11 @@ class ScanFiles(SurfaceFiles):
 
     def figure(self, place_mm: Sequence[float]) -> Figure:
         """Draw the scans in the finger's axes, and mark a place (3,) by a red ball."""
-        import pyvista as pv  # it and matplotlib take a second
+        from tactile_fem.output import surfaces_figure  # matplotlib takes a while
 
-        from tactile_fem.output import scene
-        from tactile_fem.output.annotations import COLOURS
-        from tactile_fem.output.preview import PIXELS, new_figure, show_image
-
-        scans, figure = Scans.of(self.finger), new_figure()
-        for k, (name, eye) in enumerate(_EYES.items()):
-            plotter = scene.new_plotter()
-            colours = COLOURS["stratum_corneum"], COLOURS["bone"], COLOURS["nail"]
-            surfaces = (scans.skin, 0.35), (scans.bone, 1.0), (scans.nail, 0.7)
-            for (surface, opacity), colour in zip(surfaces, colours, strict=True):
-                if surface is not None:
-                    shape = pv.PolyData.from_regular_faces(surface.points, surface.triangles)  # type: ignore[arg-type]
-                    plotter.add_mesh(shape, color=colour, opacity=opacity)
-            ball = pv.Sphere(radius=_BALL_RADIUS_MM, center=place_mm)
-            plotter.add_mesh(ball, color="red", lighting=False)
-            scene.look_at(plotter, eye, (0.0, -2.0, 6.0), half_height_mm=16.0)
-            show_image(figure, (0.5 * k, 0.02, 0.5, 0.9), scene.shot(plotter, *PIXELS), name)
-        return figure
+        scans = Scans.of(self.finger)
+        found = {"stratum_corneum": scans.skin, "bone": scans.bone, "nail": scans.nail}
+        return surfaces_figure({name: one for name, one in found.items() if one}, place_mm)
 
 
 def _shift_of_bone(bone: Triangles, finger: FingerSettings) -> Array:

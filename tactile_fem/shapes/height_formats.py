@@ -25,8 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.runtime.number_table import UnusableError, check_count, is_table, read_table
-from tactile_fem.stimulus.heights import READERS, Raw, check_gray, check_single
-from tactile_fem.stimulus.topography import MIN_VALUES
+from tactile_fem.stimulus import (
+    HEIGHT_READERS,
+    LEAST_HEIGHTS,
+    RawHeights,
+    check_gray,
+    check_single,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -40,12 +45,12 @@ _HINT = " (a header is read by SurfaceTopography: pip install SurfaceTopography)
 _FROM_WHITE = "counts its gray values from white (WhiteIsZero): save it with black as 0"
 
 
-def _table(file: Path) -> Raw:
+def _table(file: Path) -> RawHeights:
     values, header = read_table(file, f"stimulus.file = {file}")
     try:
-        return Raw(values, *_stated(header, values.shape, file))
+        return RawHeights(values, *_stated(header, values.shape, file))
     except ImportError:
-        return Raw(values, hint=_HINT)
+        return RawHeights(values, hint=_HINT)
 
 
 def _stated(
@@ -87,14 +92,14 @@ def _in_mm(unit: str) -> float:
     return float(convert.get_unit_conversion_factor(unit, "mm"))
 
 
-def _dat(file: Path) -> Raw:
+def _dat(file: Path) -> RawHeights:
     return _table(file) if is_table(file) else _instrument(file)
 
 
 # --- images ----------------------------------------------------------------------------------
 
 
-def _tiff(file: Path) -> Raw:
+def _tiff(file: Path) -> RawHeights:
     """Read by Pillow, with any compression, what it reads as it is; else by tifffile."""
     from PIL import Image, ImageOps, UnidentifiedImageError  # takes a while
 
@@ -109,13 +114,13 @@ def _tiff(file: Path) -> Raw:
                     raise UnusableError(_FROM_WHITE)
                 image.load()  # some versions of Pillow turn it as its Orientation says, then
                 upright = np.asarray(ImageOps.exif_transpose(image))
-                return Raw(_without_marker(upright, tags.get(_NODATA)))
+                return RawHeights(_without_marker(upright, tags.get(_NODATA)))
     except UnidentifiedImageError:
         pass
     return _tiff_of_other_numbers(file)
 
 
-def _tiff_of_other_numbers(file: Path) -> Raw:
+def _tiff_of_other_numbers(file: Path) -> RawHeights:
     with _optional("tifffile", "TIFF files of such numbers").TiffFile(file) as tiff:
         check_single(len(tiff.pages))
         page = tiff.pages[0]
@@ -131,7 +136,7 @@ def _tiff_of_other_numbers(file: Path) -> Raw:
         check_count(page.shape)
         if page.compression != 1 and sum(page.databytecounts) > 1.1 * page.nbytes + 1000:
             raise UnusableError("cannot be read: it is damaged")
-        return Raw(_without_marker(page.asarray(), page.tags.valueof(_NODATA)))
+        return RawHeights(_without_marker(page.asarray(), page.tags.valueof(_NODATA)))
 
 
 def _without_marker(values: NDArray[Any], marker: object) -> NDArray[Any]:
@@ -146,13 +151,13 @@ def _without_marker(values: NDArray[Any], marker: object) -> NDArray[Any]:
 # --- instruments -----------------------------------------------------------------------------
 
 
-def _instrument(file: Path) -> Raw:
+def _instrument(file: Path) -> RawHeights:
     """Read a format of SurfaceTopography, which knows sizes before it reads heights."""
     library = _optional("SurfaceTopography.IO", f'files that end in "{file.suffix}"')
     with library.open_topography(str(file)) as reader:
         if reader.format() == "asc":
             if not is_table(file):
-                raise UnusableError(f"cannot be read: it has less than {MIN_VALUES} columns")
+                raise UnusableError(f"cannot be read: it has less than {LEAST_HEIGHTS} columns")
             return _table(file)
         channel = _only_map(reader) if reader.format() in _ARRAYS else reader.default_channel
         if channel.dim != 2:
@@ -168,13 +173,13 @@ def _instrument(file: Path) -> Raw:
         elif reader.format() not in _RIGHT_HANDED | _ARRAYS:
             values = values[:, ::-1]
         if found.unit is None:
-            return Raw(values)
+            return RawHeights(values)
         unit_mm = _in_mm(found.unit)
         if not has_sizes:
-            return Raw(values, None, unit_mm)
+            return RawHeights(values, None, unit_mm)
         x, y = np.array(channel.physical_sizes, dtype=float) * unit_mm / values.shape
         values = values[:: -1 if x < 0 else 1, :: -1 if y < 0 else 1]
-        return Raw(values, (abs(x), abs(y)), unit_mm)
+        return RawHeights(values, (abs(x), abs(y)), unit_mm)
 
 
 def _by_coordinates(values: NDArray[Any], file: Path) -> NDArray[Any]:
@@ -200,11 +205,11 @@ def _fill_value(file: Path, name: str) -> float:
 
 def _only_map(reader: Any) -> Any:
     """Return the one channel of a file of arrays that can be a map."""
-    maps = [channel for channel in reader.channels if min(channel.nb_grid_pts) >= MIN_VALUES]
+    maps = [channel for channel in reader.channels if min(channel.nb_grid_pts) >= LEAST_HEIGHTS]
     if len(maps) != 1:
         names = ", ".join(channel.name for channel in maps) or "none"
         raise UnusableError(
-            f"must hold one array of {MIN_VALUES} x {MIN_VALUES} numbers or more but holds "
+            f"must hold one array of {LEAST_HEIGHTS} x {LEAST_HEIGHTS} numbers or more but holds "
             f"{len(maps)} ({names}): save that of the heights by itself"
         )
     return maps[0]
@@ -218,7 +223,7 @@ def _optional(name: str, what: str) -> ModuleType:
         raise UnusableError(f"needs {package}, which reads {what}: pip install {package}") from None
 
 
-READERS |= {
+HEIGHT_READERS |= {
     **dict.fromkeys((".csv", ".txt", ".asc"), _table),
     ".dat": _dat,
     **dict.fromkeys((".tif", ".tiff"), _tiff),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field
 
 from tactile_fem.runtime.settings import File, Finite, Positive
-from tactile_fem.stimulus.stimulus import Stimulus
+from tactile_fem.stimulus import Stimulus
 
 if TYPE_CHECKING:
     from tactile_fem.shapes.part import Gridded

@@ -11,14 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactile_fem.errors import MeshError, PlaceError
-from tactile_fem.finger.plane import Array
-from tactile_fem.finger.session import gmsh_model, simplices
-from tactile_fem.finger.settings import FingerSettings
-from tactile_fem.finger.shape import ARC_END, Capsule
-from tactile_fem.finger.simplex import lowest_height
+from tactile_fem.finger import (
+    ARC_END,
+    Capsule,
+    FingerSettings,
+    gmsh_model,
+    lowest_height,
+    simplices,
+)
 from tactile_fem.shapes.scans import Frame, beyond, connected
 from tactile_fem.shapes.smooth import SmoothSurface
-from tactile_fem.shapes.surface_files import Triangles
+from tactile_fem.shapes.surface_files import Array, Triangles
 
 # Of the skin.
 _SCAN_BEYOND_CUT_MM = 1.0  # length of the scan beyond the cut, where it may be open

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactile_fem.errors import MeshError, PlaceError, TactileError
-from tactile_fem.finger.plane import Array
-from tactile_fem.shapes.surface_files import Triangles, in_chunks
-from tactile_fem.stimulus.spline import GridSpline
+from tactile_fem.shapes.surface_files import Array, Triangles, in_chunks
+from tactile_fem.stimulus import GridSpline
 
 _STEP_MM, _MARGIN_MM = 0.3, 3.0
 _MOST_POINTS = 6_000_000  # some 200 bytes each while they are sampled

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.simplex import Indices
-from tactile_fem.finger.simplex import Triangles as Surface
+from tactile_fem.finger import Triangles as Surface
 
 Array = NDArray[Any]
 Points = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 MOST_TRIANGLES = 500_000  # half a GB of memory while they are read
 MOST_BYTES = 40_000_000

@@ -1,6 +1,6 @@
 """Rigid stimuli: letters, bars, gratings and other bodies by their signed distance."""
 
-from tactile_fem.stimulus.body import Distance, Embossed, Outline, RigidBody, norm_of
+from tactile_fem.stimulus.body import NEAR_MM, Distance, Embossed, Outline, RigidBody, norm_of
 from tactile_fem.stimulus.friction import (
     ConstantFriction,
     Friction,
@@ -8,7 +8,14 @@ from tactile_fem.stimulus.friction import (
     MappedFriction,
     PressureFriction,
 )
-from tactile_fem.stimulus.spline import linear_between
+from tactile_fem.stimulus.heights import (
+    HEIGHT_READERS,
+    LEAST_HEIGHTS,
+    RawHeights,
+    check_gray,
+    check_single,
+)
+from tactile_fem.stimulus.spline import GridSpline, linear_between
 from tactile_fem.stimulus.stimulus import Stimulus
 
 # isort: off
@@ -22,6 +29,9 @@ from tactile_fem.stimulus.surface import Surface
 # isort: on
 
 __all__ = [
+    "HEIGHT_READERS",
+    "LEAST_HEIGHTS",
+    "NEAR_MM",
     "Braille",
     "ConstantFriction",
     "Cylinder",
@@ -32,16 +42,20 @@ __all__ = [
     "Embossed",
     "Friction",
     "Grating",
+    "GridSpline",
     "KineticFriction",
     "MappedFriction",
     "Outline",
     "Plate",
     "PressureFriction",
+    "RawHeights",
     "RigidBody",
     "Sphere",
     "Stimulus",
     "Surface",
     "Text",
+    "check_gray",
+    "check_single",
     "linear_between",
     "norm_of",
 ]

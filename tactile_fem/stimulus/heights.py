@@ -22,11 +22,12 @@ from tactile_fem.runtime.number_table import UnusableError, check_count, read_ta
 if TYPE_CHECKING:
     from PIL import Image
 
+LEAST_HEIGHTS = 4  # along an axis
 _MAX_BYTES = 400_000_000
 
 
 @dataclass(frozen=True)
-class Raw:
+class RawHeights:
     """Values (along X, along Y) as a file has them, and in mm, where it states them, sizes.
 
     They are the spacing along X and along Y, and the height of one unit of the values. A hint says
@@ -39,7 +40,7 @@ class Raw:
     hint: str = ""
 
 
-def read_raw(file: Path, key: str = "stimulus.file") -> Raw:
+def read_raw(file: Path, key: str = "stimulus.file") -> RawHeights:
     """Return the heights of a file, which a study names with `key`.
 
     Raises
@@ -50,7 +51,7 @@ def read_raw(file: Path, key: str = "stimulus.file") -> Raw:
     start = f"{key} = {file}"
     if not file.is_file():
         raise StudyError(f"{start}: there is no such file")
-    reader = READERS.get(file.suffix.lower(), READERS[""])
+    reader = HEIGHT_READERS.get(file.suffix.lower(), HEIGHT_READERS[""])
     try:
         if (size := file.stat().st_size) > _MAX_BYTES:
             raise UnusableError(f"has {size:,} bytes but may have at most {_MAX_BYTES:,}")
@@ -71,15 +72,15 @@ def read_raw(file: Path, key: str = "stimulus.file") -> Raw:
     return raw
 
 
-def _array(file: Path) -> Raw:
-    return Raw(np.lib.format.open_memmap(file, mode="r"))
+def _array(file: Path) -> RawHeights:
+    return RawHeights(np.lib.format.open_memmap(file, mode="r"))
 
 
-def _table(file: Path) -> Raw:
-    return Raw(read_table(file, f"stimulus.file = {file}")[0])
+def _table(file: Path) -> RawHeights:
+    return RawHeights(read_table(file, f"stimulus.file = {file}")[0])
 
 
-def _image(file: Path) -> Raw:
+def _image(file: Path) -> RawHeights:
     from PIL import Image, ImageOps  # takes a while
 
     with Image.open(file) as image:
@@ -87,7 +88,7 @@ def _image(file: Path) -> Raw:
         raw_mode = str(image.tile[0][3]) if image.tile else ""
         if raw_mode in ("L;2", "L;4"):
             raise UnusableError(f"has {raw_mode[-1]} bits a value but must have 8 or 16")
-        return Raw(np.asarray(ImageOps.exif_transpose(image)))
+        return RawHeights(np.asarray(ImageOps.exif_transpose(image)))
 
 
 def check_gray(image: Image.Image) -> None:
@@ -108,12 +109,12 @@ def check_single(images: int) -> None:
         raise UnusableError(f"holds {images} images but must be one")
 
 
-def _unknown(file: Path) -> Raw:
+def _unknown(file: Path) -> RawHeights:
     raise UnusableError(f'cannot be read: nothing reads files that end in "{file.suffix}"')
 
 
 # By the ending of a file, in lower case; "" is any other. A companion adds or replaces some.
-READERS: dict[str, Callable[[Path], Raw]] = {
+HEIGHT_READERS: dict[str, Callable[[Path], RawHeights]] = {
     ".npy": _array,
     **dict.fromkeys((".csv", ".txt", ".asc", ".dat"), _table),
     ".png": _image,

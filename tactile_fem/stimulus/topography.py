@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array
-from tactile_fem.stimulus.heights import read_raw
+from tactile_fem.stimulus.heights import LEAST_HEIGHTS, read_raw
 
 logger = logging.getLogger(__name__)
 
-MIN_VALUES = 4  # along an axis
 # A size that the study gives beside the file's is reported if it differs by more than this share.
 _SAME_SIZE = 0.01
 # Lengths in mm beyond which there is a warning, and beyond which they are refused.
@@ -110,10 +109,10 @@ def _cropped(
             )
         first, last = (np.rint(end / spacing).astype(int) for end in (low, high))
         values = values[first[0] : last[0] + 1, first[1] : last[1] + 1]
-    if min(values.shape) < MIN_VALUES:
+    if min(values.shape) < LEAST_HEIGHTS:
         rows, columns = values.shape
         raise StudyError(
-            f"stimulus: {rows} x {columns} heights make no surface; {MIN_VALUES} each way are "
+            f"stimulus: {rows} x {columns} heights make no surface; {LEAST_HEIGHTS} each way are "
             "needed"
         )
     return values

@@ -7,8 +7,6 @@ Lengths are mm, forces N, stresses MPa, times s, currents pA, potentials mV.
 
 from __future__ import annotations
 
-from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -113,17 +111,6 @@ __all__ = [
     "suggestion",
     "with_files",
 ]
-
-with suppress(ModuleNotFoundError):
-    import_module("..shapes.companion", __name__)
-
-
-def __getattr__(name: str) -> Any:
-    """Return a kind of stimulus that a companion adds, by the name of its class."""
-    for kind in Stimulus.kinds.values():
-        if kind.__name__ == name and kind.__module__.startswith("tactile_fem."):
-            return kind
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 # Keys that the mechanics does not depend on, as pydantic excludes them.
