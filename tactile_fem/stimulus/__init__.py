@@ -1,5 +1,8 @@
 """Rigid stimuli: letters, bars, gratings and other bodies by their signed distance."""
 
+from typing import TYPE_CHECKING
+
+from tactile_fem.runtime.lazy import lazily
 from tactile_fem.stimulus.body import NEAR_MM, Distance, Embossed, Outline, RigidBody, norm_of
 from tactile_fem.stimulus.friction import (
     ConstantFriction,
@@ -15,7 +18,6 @@ from tactile_fem.stimulus.heights import (
     check_gray,
     check_single,
 )
-from tactile_fem.stimulus.spline import GridSpline, linear_between
 from tactile_fem.stimulus.stimulus import Stimulus
 
 # isort: off
@@ -27,6 +29,9 @@ from tactile_fem.stimulus.drawing import Drawing
 from tactile_fem.stimulus.surface import Surface
 
 # isort: on
+
+if TYPE_CHECKING:
+    from tactile_fem.stimulus.spline import GridSpline, linear_between
 
 __all__ = [
     "HEIGHT_READERS",
@@ -59,3 +64,5 @@ __all__ = [
     "linear_between",
     "norm_of",
 ]
+
+__getattr__ = lazily(__name__, {"spline": ["GridSpline", "linear_between"]})  # SciPy takes a while
