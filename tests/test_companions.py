@@ -40,7 +40,7 @@ def companion_of(module: str, name: str) -> str | None:
 
 
 def test_there_are_companions():
-    assert {"calibration", "people", "surrogate", "vibration"} <= set(COMPANIONS)
+    assert {"calibration", "people", "shapes", "surrogate", "vibration"} <= set(COMPANIONS)
 
 
 def test_the_core_imports_no_companion():

@@ -16,6 +16,7 @@ import pytest
 
 import tactile_fem
 import tactile_fem.series
+import tactile_fem.shapes
 import tactile_fem.study
 from tactile_fem import Piece, Stimulus, Study
 from tactile_fem.cli import app as cli
@@ -139,7 +140,7 @@ def in_sentences(pattern: str) -> list[str]:
 
 PUBLIC = {
     name: getattr(module, name)
-    for module in (tactile_fem, tactile_fem.study, tactile_fem.series)
+    for module in (tactile_fem, tactile_fem.study, tactile_fem.series, tactile_fem.shapes)
     for name in module.__all__
 } | {"study": Study()}
 

@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import read_mesh
+from tactile_fem.shapes import Mesh
 from tactile_fem.stimulus.body import Ball
-from tactile_fem.study import Mesh, Sphere, Study
+from tactile_fem.study import Sphere, Study
 from tactile_fem.study.file import load_study
 
 pytest.importorskip("igl", reason='pip install "tactile-fem[cad]"')

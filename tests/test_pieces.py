@@ -8,9 +8,9 @@ import pytest
 import trimesh
 
 from tactile_fem.errors import MeshError, PlaceError
-from tactile_fem.finger.scanned import ScannedSkin
-from tactile_fem.finger.scans import Scans
-from tactile_fem.runtime.triangles import in_chunks
+from tactile_fem.shapes.scanned import ScannedSkin
+from tactile_fem.shapes.scans import Scans
+from tactile_fem.shapes.surface_files import in_chunks
 from tactile_fem.study import Finger
 
 pytest.importorskip("igl")
@@ -109,7 +109,7 @@ def test_the_finger_at_the_contact_point_is_taken_from_a_hand(tmp_path):
         assert getattr(found.capsule, name) == pytest.approx(getattr(alone.capsule, name), abs=0.02)
     assert found.capsule.half_width == pytest.approx(RADIUS, abs=0.1)
     # Nothing of the rest is sampled: 20 x 34 x 20 mm in steps of 0.3 mm.
-    assert found.surface.spline.c.size < 600_000
+    assert found.surface.spline.coefficients.size < 600_000
     points = np.array([[RADIUS, -5.0, RADIUS], [13.0, -5.0, RADIUS]])  # the next finger: X 13
     assert found.level(points) == pytest.approx([0.0, 3.0], abs=0.1)
 

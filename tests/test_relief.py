@@ -1,16 +1,12 @@
 """Measured surfaces: levelling, filter, distance, and what they repeat."""
 
-import logging
-
 import numpy as np
 import pytest
 
-from tactile_fem.simulation.checks import judge_surface
 from tactile_fem.stimulus.body import EXCESS_MM
-from tactile_fem.stimulus.relief import Relief, Roughness, levelled
+from tactile_fem.stimulus.relief import Relief, levelled
 from tactile_fem.stimulus.sampled import height_map
-from tactile_fem.stimulus.spline import GridSpline
-from tactile_fem.study import Finger, Surface
+from tactile_fem.study import Surface
 
 
 def sampled(function, shape=(81, 121), spacing=(0.05, 0.05)):
@@ -151,40 +147,3 @@ def test_the_highest_point_is_zero(tmp_path):
     heights = height_map(body, np.linspace(-3, 3, 241), np.linspace(-4, 4, 321))
     assert heights.max() == pytest.approx(0, abs=2e-4)
     assert heights.max() <= 1e-5
-
-
-# --- waves ---------------------------------------------------------------------------------------
-
-
-def two_waves():
-    x = 0.05 * (np.arange(200) + 0.5)[:, None]
-    y = 0.04 * (np.arange(300) + 0.5)[None, :]
-    return 0.03 * np.cos(2 * np.pi * x / 2.5) + 0.04 * np.cos(2 * np.pi * y / 0.5) + 7
-
-
-def test_each_wave_has_its_variance():
-    found = Roughness.of(GridSpline.through(two_waves(), [0, 0], [0.05, 0.04]))
-    assert found.rms_mm == pytest.approx(np.sqrt((0.03**2 + 0.04**2) / 2), rel=0.01)
-    for wavelength, share in [(20.0, 0.0), (1.0, 0.36), (0.6, 0.36), (0.4, 1.0), (0.1, 1.0)]:
-        assert found.share(wavelength) == pytest.approx(share, abs=0.01)
-    assert found.wavelength_of(0.3) == pytest.approx(2.5, rel=0.03)
-    assert found.wavelength_of(0.9) == pytest.approx(0.5, rel=0.03)
-
-
-def test_a_plane_is_followed_whole():
-    found = Roughness.of(GridSpline.through(np.zeros((20, 20)), [0, 0], [0.1, 0.1]))
-    assert found.rms_mm == 0 and found.share(5.0) == 1.0
-
-
-def test_a_scan_says_what_the_mesh_can_follow(tmp_path, caplog):
-    file = tmp_path / "waves.npy"
-    np.save(file, two_waves())
-    finger = Finger().mesh()
-    edge = finger.facet_size_mm
-    assert 0.85 < edge < 1.1  # the preset asks for 1 mm
-    surface = Surface(file=file, spacing_mm=0.05, unit_mm=1.0, low_pass_mm=0.0)
-    with caplog.at_level(logging.INFO):
-        judge_surface(surface, finger)
-    assert "0.0354 mm rms" in caplog.text
-    assert "coarse 36 %, medium 36 %, paper 36 %" in caplog.text
-    assert "pad_size_mm = 0.3" in caplog.text

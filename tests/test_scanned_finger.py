@@ -11,13 +11,14 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from tactile_fem.cli import app as cli
-from tactile_fem.errors import MeshError, PlaceError
+from tactile_fem.errors import MeshError, PlaceError, StudyError
 from tactile_fem.finger import SURFACES, TISSUES, build_finger
 from tactile_fem.finger.anatomy import Anatomy
 from tactile_fem.finger.build import triangulate
-from tactile_fem.finger.scans import Scans
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.simplex import facets_of, volumes
+from tactile_fem.finger.surfaces import SurfaceFiles
+from tactile_fem.shapes.scans import Scans
 from tactile_fem.study import Finger
 from tactile_fem.study.file import load_study
 
@@ -239,6 +240,13 @@ def test_what_does_not_make_a_finger_is_told(changes, message, skin_only):
 def test_keys_that_do_not_go_together_are_refused(keys, message):
     with pytest.raises(ValidationError, match=message):
         Finger(**keys)
+
+
+def test_without_what_reads_them_scans_are_refused(scans, monkeypatch):
+    monkeypatch.setattr(SurfaceFiles, "reader", SurfaceFiles)
+    Anatomy.of(Finger(half_width_mm=8.1))
+    with pytest.raises(StudyError, match="cannot be read: nothing reads them"):
+        Anatomy.of(Finger(**scans, pad_size_mm=2.9))
 
 
 def test_a_scanned_finger_survives_its_study_file(scans, tmp_path):

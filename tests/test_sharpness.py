@@ -1,26 +1,20 @@
-"""What is steep and sharp in heights is found, with the filter and the unit that help."""
+"""What is too steep and sharp for the skin's facets is told, whatever body it is."""
 
 import logging
-import math
 
 import numpy as np
 import pytest
 from needs import needs_gmsh
 
 from tactile_fem.cli.app import main
-from tactile_fem.simulation.checks import judge_surface
+from tactile_fem.simulation.checks import warn_if_sharp
+from tactile_fem.stimulus.check import too_sharp
 from tactile_fem.stimulus.relief import Relief
-from tactile_fem.stimulus.sharpness import (
-    Limits,
-    factor_that_helps,
-    low_pass_that_helps,
-    sharpest_edge,
-    two_digits,
-)
-from tactile_fem.study import Finger, Surface
+from tactile_fem.study import Braille, Dots, Edge, Finger, Grating, Protocol, Sphere, Surface, Text
 
 STEP_MM = 0.02
 AT = STEP_MM * (np.arange(300) - 149.5)
+BOX = np.array([-6.0, -20.0]), np.array([6.0, 10.0])
 
 
 @pytest.fixture(scope="module")
@@ -34,72 +28,78 @@ def plus(tmp_path_factory):
 
 
 def surface(file, **keys):
-    return Surface(file=file, spacing_mm=STEP_MM, unit_mm=0.5, **keys)
+    return Surface(file=file, spacing_mm=STEP_MM, **{"unit_mm": 0.5, **keys})
 
 
-def surface_of_waves(height):
-    """Waves of 3 mm along X."""
-    x = STEP_MM * np.arange(301)
-    return Relief.of(height * np.cos(2 * np.pi / 3 * x)[:, None] + 0 * x, [STEP_MM] * 2)
+def radius_in(sentence):
+    return float(sentence.split("radius of ")[1].split()[0])
 
 
 def test_the_radius_of_curvature_is_that_of_the_surface_in_space():
-    height, k = 0.3, 2 * np.pi / 3
-    edge = sharpest_edge(surface_of_waves(height), Limits(9.0, 0.0))
+    height, k, x = 0.31, 2 * np.pi / 3, STEP_MM * np.arange(301)
+
+    def waves(height):  # of 3 mm along X
+        return Relief.of(height * np.cos(k * x)[:, None] + 0 * x, [STEP_MM] * 2)
+
     slope = 0.5  # from which on a place is steep; the wave is more sharply curved where it is less
     bend = height * k**2 * np.sqrt(1 - (slope / (height * k)) ** 2)
-    assert edge.radius_mm == pytest.approx((1 + slope**2) ** 1.5 / bend, rel=0.02)
-    assert edge.slope == pytest.approx(height * k, rel=1e-3)
-    assert not edge.is_flat
-    assert sharpest_edge(surface_of_waves(0.2), Limits(9.0, 0.0)) is None  # nowhere steep
+    found = radius_in(too_sharp(waves(height), *BOX, facet_mm=900.0))
+    assert found == pytest.approx((1 + slope**2) ** 1.5 / bend, rel=0.02)
+    assert too_sharp(waves(0.2), *BOX, facet_mm=900.0) is None  # nowhere steep
 
 
-@pytest.mark.parametrize("facet_mm", [0.25, 1.0, 3.0])
-def test_what_is_proposed_leaves_no_sharp_place_and_less_does(plus, facet_mm):
-    relief, limits = surface(plus).relief(), Limits.of_facets(facet_mm)
-    wave_mm = low_pass_that_helps(relief, 0.1, limits)
-    assert sharpest_edge(surface(plus, low_pass_mm=wave_mm).relief(), limits) is None
-    assert sharpest_edge(surface(plus, low_pass_mm=0.8 * wave_mm).relief(), limits)
-    factor = factor_that_helps(relief, limits)
-    assert sharpest_edge(relief.scaled(factor), limits) is None
-    assert sharpest_edge(relief.scaled(1.2 * factor), limits)
+@pytest.mark.parametrize(
+    ("facet_mm", "sharp", "smooth"), [(0.25, 0.25, 0.4), (1.0, 0.35, 0.5), (3.0, 0.6, 0.8)]
+)
+def test_an_edge_needs_a_radius_by_the_size_of_the_facets(plus, facet_mm, sharp, smooth):
+    assert too_sharp(surface(plus, low_pass_mm=sharp).body(), *BOX, facet_mm)
+    assert too_sharp(surface(plus, low_pass_mm=smooth).body(), *BOX, facet_mm) is None
 
 
 def test_low_walls_are_harmless(plus):
     for unit_mm, is_warned in ((0.5, True), (0.1, False)):
-        low = Surface(file=plus, spacing_mm=STEP_MM, unit_mm=unit_mm)
-        assert bool(low.hindrance(1.0)) == is_warned
-    assert low.hindrance(0.5)
+        low = surface(plus, unit_mm=unit_mm).body()
+        assert bool(too_sharp(low, *BOX, 1.0)) == is_warned
+    assert too_sharp(low, *BOX, 0.5)
 
 
-def test_rounding_to_two_digits():
-    assert two_digits(0.4567) == pytest.approx(0.45)
-    assert two_digits(0.4567, math.ceil) == pytest.approx(0.46)
-    assert two_digits(12.3) == pytest.approx(12)
+@pytest.mark.parametrize(
+    ("smooth", "sharp"),
+    [
+        (Text(), Text(fillet_radius_mm=0.02)),
+        (Grating(), Grating(fillet_radius_mm=0.01, along="y")),
+        (Dots(), Edge()),
+        (Braille(), Edge(along="y")),
+        (Sphere(), Text(text="E", fillet_radius_mm=0.02)),
+    ],
+)
+@pytest.mark.parametrize("across", [1.0, 0.0])  # of a section: along a line
+def test_every_body_is_judged(smooth, sharp, across):
+    low, high = BOX[0] * [across, 1], BOX[1] * [across, 1]
+    assert too_sharp(smooth.body(), low, high, facet_mm=1.0) is None
+    if across or getattr(sharp, "along", "x") == "x":
+        assert radius_in(too_sharp(sharp.body(), low, high, facet_mm=1.0)) < 0.03
 
 
-def test_the_warning_says_where_how_steep_and_what_helps(plus, caplog):
-    finger = Finger().mesh()
+def test_the_warning_says_where_and_what_helps(plus, caplog):
+    finger, path = Finger().mesh(), Protocol().route(2.0)
+
+    def judged(**keys):
+        body = surface(plus, turn_deg=90.0, repeat="periodic", **keys).body()
+        warn_if_sharp(body, path, finger)
+
     with caplog.at_level(logging.WARNING):
-        judge_surface(surface(plus, turn_deg=90.0, shift_mm=(0.0, 3.0)), finger)
+        judged(shift_mm=(0.0, 3.0))
     (said,) = caplog.messages
     x, y = (float(said.split(f"{axis} ")[1].split()[0].rstrip(",")) for axis in "XY")
-    # The middle of the plus, at X 1, is turned to Y 1 and shifted to Y 4.
-    assert min(abs(abs(x) - 0.5), abs(abs(x) - 1.5)) < 0.06 or abs(abs(y - 4) - 1.5) < 0.06
-    assert abs(x) < 1.6 and abs(y - 4) < 1.6
-    assert "84 degrees" in said and "facets of 0.97 mm need 0.097 mm" in said
-    assert "choose stimulus.low_pass_mm = 0.4" in said and "(now 0.1)" in said
-    assert 'for flat shapes stimulus.kind = "drawing", or, which helps less, unit_mm = 0.1' in said
+    # The middle of the plus, at X 1, is turned to Y 1 and shifted to Y 4; it repeats every 6 mm.
+    aside = np.abs([(x + 3) % 6 - 3, (y - 1) % 6 - 3])
+    assert aside.max() < 1.6 and np.abs(aside[:, None] - [0.5, 1.5]).min() < 0.06
+    assert "facets of 0.97 mm need 0.098 mm" in said
+    assert "choose a finer mesh or a smoother surface" in said
     caplog.clear()
-    judge_surface(surface(plus, low_pass_mm=0.7), finger)
+    judged(low_pass_mm=0.7)
     assert not caplog.messages
-
-
-def test_a_negative_unit_stays_one_and_rough_maps_are_no_drawing(tmp_path):
-    file = tmp_path / "rough.npy"
-    np.save(file, np.random.default_rng(0).normal(size=(200, 200)))
-    said = Surface(file=file, spacing_mm=0.02, unit_mm=-0.1).hindrance(1.0)
-    assert "unit_mm = -0.0" in said and "(now -0.1)" in said and "drawing" not in said
 
 
 @needs_gmsh

@@ -67,11 +67,3 @@ def test_values_are_met_mirrored_and_repeated():
     mirrored = GridSpline.through(values, [0, 0], [1, 1]).derivatives(points, 0)[0]
     padded = np.pad(values, ((7, 7), (8, 8)), mode="reflect")
     assert mirrored == pytest.approx(padded.ravel())
-    for beyond in ("mirror", "grid-wrap"):
-        spline = GridSpline.through(values, [0, 0], [1, 1], beyond)
-        assert spline.on_grid(0, 0) == pytest.approx(values)
-        inside = np.stack(np.meshgrid(np.arange(5.0), np.arange(6.0), indexing="ij"), -1)
-        slope, bend = spline.derivatives(inside.reshape(-1, 2), 2)[1:]
-        assert spline.on_grid(1, 0).ravel() == pytest.approx(slope[:, 0])
-        assert spline.on_grid(1, 1).ravel() == pytest.approx(bend[:, 0, 1])
-        assert spline.on_grid(0, 2).ravel() == pytest.approx(bend[:, 1, 1])

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.surface_files import MOST_TRIANGLES, read_triangles
+from tactile_fem.shapes.surface_files import MOST_TRIANGLES, read_triangles
 
 BALL = trimesh.creation.icosphere(2)
 FIELD = "finger.skin_file"

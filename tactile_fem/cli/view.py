@@ -40,15 +40,14 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
     the_study = load_study(study, changes)
     check_file("--output", output, ".png")
     from tactile_fem import preview as preview_of
-    from tactile_fem.finger.scans import Scans
-    from tactile_fem.output.preview import scans_figure
+    from tactile_fem.finger.surfaces import SurfaceFiles
     from tactile_fem.runtime.files import write_figure
 
     try:
         figure = preview_of(the_study)
     except PlaceError as error:
         if the_study.finger.is_scanned:
-            drawn = scans_figure(Scans.of(the_study.finger), error.place_mm)
+            drawn = SurfaceFiles.reader(the_study.finger).figure(error.place_mm)
             write_figure(output, drawn, _PREVIEW_DPI)
             print(f"The scans and the place are drawn in {output}")
         raise

@@ -15,17 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError, PlaceError
-from tactile_fem.finger.anatomy import Anatomy, NailOutline
+from tactile_fem.finger.anatomy import Anatomy
 from tactile_fem.finger.layers import CUT_BLEND_MM, Size, extrude, extrusion_directions
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, edges_per_ridge
 from tactile_fem.finger.plane import Array
-from tactile_fem.finger.scanned import ScannedBone, ScannedSkin, triangulate_bone
 from tactile_fem.finger.section import section_cells
 from tactile_fem.finger.session import fill_plane, fill_volume, gmsh_model, simplices
 from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.shape import Capsule
-from tactile_fem.finger.simplex import Indices, facets_of, quadratic
-from tactile_fem.runtime.triangles import Triangles
+from tactile_fem.finger.simplex import Indices, Triangles, facets_of, quadratic
+from tactile_fem.finger.surfaces import NailOutline, Skin
 
 logger = logging.getLogger(__name__)
 
@@ -88,7 +87,7 @@ def _solid_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Indi
     directions = extrusion_directions(outer.points, normals, cut_y)
     nodes, cells, tissue = extrude(outer, directions, under_nail, anatomy.rows)
     first = len(nodes) - len(outer.points)
-    if isinstance(skin, ScannedSkin):  # the lengths of an analytic one have been checked
+    if not isinstance(skin, Capsule):  # its lengths have been checked
         _check_room(skin, nodes[first:], anatomy.rows.depths[-1])
     nodes, fat, marrow = _fill(nodes, outer.triangles + first, anatomy)
     return nodes, (cells, tissue), fat, marrow
@@ -101,8 +100,8 @@ def _warn_of_low_cut(skin_points: Array, cut_y: float) -> None:
         logger.warning("the skin rises only %.1f mm from the contact point to the cut", lift)
 
 
-def _check_room(skin: ScannedSkin, inner: Array, depth: float) -> None:
-    """Raise PlaceError if the layers, extruded from several sides, meet inside a scanned finger."""
+def _check_room(skin: Skin, inner: Array, depth: float) -> None:
+    """Raise PlaceError if the layers, extruded from several sides, meet inside a finger."""
     clear = inner[:, 1] > skin.capsule.cut_y + CUT_BLEND_MM
     room = np.where(clear, -skin.level(inner), depth)
     worst = int(np.argmin(room))
@@ -117,8 +116,8 @@ def _check_room(skin: ScannedSkin, inner: Array, depth: float) -> None:
 def _fill(nodes: Array, inner: Indices, anatomy: Anatomy) -> tuple[Array, Indices, Indices]:
     """Fill the inside of the skin; return the nodes and the tetrahedra of fat and bone."""
     sizes = anatomy.sizes
-    if isinstance(anatomy.bone, ScannedBone):  # ends before the cut
-        bone = triangulate_bone(anatomy.bone, sizes.bone)
+    if not isinstance(anatomy.bone, Capsule):  # ends before the cut
+        bone = anatomy.bone.triangulated(sizes.bone)
         surface = bone.triangles + len(nodes)
         nodes, lid = fill_plane(np.vstack([nodes, bone.points]), [_rim(inner)], sizes.far)
         nodes, fat = fill_volume(nodes, [inner, lid], [surface], improve=True)
@@ -150,9 +149,9 @@ def _rim(triangles: Indices) -> Indices:
 
 
 def triangulate(
-    skin: Capsule | ScannedSkin, size: Size, outline: NailOutline | None = None
+    skin: Skin, size: Size, outline: NailOutline | None = None
 ) -> tuple[Triangles, Array, NDArray[np.bool_]]:
-    """Triangulate a capsule, or one that was moved onto a scan.
+    """Triangulate a capsule, or a skin that one is moved onto.
 
     `size` is the edge length in mm at x, y and the height above the axis, without the rise; edges
     follow the nail's outline. Return m triangles that face outwards, unit normals of the body at

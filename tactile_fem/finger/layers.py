@@ -22,8 +22,7 @@ from tactile_fem.finger.mesh_data import LAYERS, TISSUES
 from tactile_fem.finger.plane import Array
 from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.shape import Capsule
-from tactile_fem.finger.simplex import Indices
-from tactile_fem.runtime.triangles import Triangles
+from tactile_fem.finger.simplex import Indices, Triangles
 
 PATCH_MM = (4.5, 6.0)  # half width (X) and half length (Y) of the finely meshed patch
 # Edges of a section relative to those of the solid finger, and their growth per mm from the patch:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,31 @@ Indices = NDArray[np.int64]
 # Barycentric tolerance of a point in a facet, and how far off the plane of a section it may lie.
 _TOLERANCE, _IN_PLANE_MM = 1e-9, 1e-6
 _CANDIDATES = 12  # facets with the nearest centres, of which one is the nearest
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """A triangulated surface, open or closed: vertices (n, 3) in mm, and corners (m, 3)."""
+
+    points: Array
+    triangles: Indices
+
+    @property
+    def corners(self) -> Array:
+        """Coordinates of the triangles' corners, (m, 3, 3)."""
+        return self.points[self.triangles]
+
+    @property
+    def area_vectors(self) -> Array:
+        """Normals of the triangles, as long as their areas in mm^2, (m, 3)."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        return np.cross(b - a, c - a) / 2
+
+    def facing(self, directions: Array) -> Self:
+        """Return the surface with triangles turned that face against directions (m, 3)."""
+        against = np.einsum("ij,ij->i", self.area_vectors, directions) < 0
+        turned = np.where(against[:, None], self.triangles[:, [0, 2, 1]], self.triangles)
+        return replace(self, triangles=turned)
 
 
 @dataclass(frozen=True)

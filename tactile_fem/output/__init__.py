@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from tactile_fem.output.modes import Archived, Modes, nearest
     from tactile_fem.output.pictures import draw_pictures
     from tactile_fem.output.plots import styled
+    from tactile_fem.output.preview import surfaces_figure
 
 __all__ = [
     "BLUE",
@@ -25,6 +26,7 @@ __all__ = [
     "draw_pictures",
     "nearest",
     "styled",
+    "surfaces_figure",
 ]
 
 __getattr__ = lazily(
@@ -36,5 +38,6 @@ __getattr__ = lazily(
         "modes": ["Archived", "Modes", "nearest"],
         "pictures": ["draw_pictures"],
         "plots": ["styled"],
+        "preview": ["surfaces_figure"],
     },
 )

@@ -1,9 +1,9 @@
-"""A picture of finger and stimulator before a scan, and of the scanned surfaces of a finger."""
+"""A picture of finger and stimulator before a scan, and of surfaces that do not make a finger."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tactile_fem.finger.mesh_data import FingerMesh
-from tactile_fem.finger.scans import Scans
+from tactile_fem.finger.simplex import Triangles
 from tactile_fem.output.annotations import COLOURS, ShownFigure, dots, legend_of
 from tactile_fem.output.film import Film
 from tactile_fem.output.pictures import prepare_drawing
@@ -21,7 +21,7 @@ from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.path import Path
 from tactile_fem.path.rotations import to_body
 from tactile_fem.runtime.logs import shown
-from tactile_fem.simulation.checks import check_with_mesh, judge_surface, path_of, warn_if_missed
+from tactile_fem.simulation.checks import check_with_mesh, path_of, warn_if_missed, warn_if_sharp
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.study import Study
 
@@ -37,8 +37,9 @@ _SIZE_INCHES, _DPI, _PIXELS = (11.5, 5.2), 80, (1050, 1050)
 # Shown around the path of the contact point, from above.
 _MARGIN_MM = 11.0
 _PATH_COLOUR = "#C8553D"
-# Scans from two sides, and the radius of the ball that marks a place of them.
+# Surfaces are seen from two sides, skin and nail through; the radius of the ball on a place.
 _EYES = {"From the side": (40.0, -10.0, 12.0), "From the pad": (10.0, -6.0, -40.0)}
+_OPACITIES = {"stratum_corneum": 0.35, "nail": 0.7}
 _BALL_RADIUS_MM = 0.6
 
 
@@ -63,7 +64,7 @@ def preview(study: Study) -> Figure:
     check_with_mesh(study, finger)
     path = path_of(study, finger.pad_thickness_mm)
     warn_if_missed(body, path, finger)
-    judge_surface(study.stimulus, finger)
+    warn_if_sharp(body, path, finger)
     logger.info("drawing finger and stimulator")
     return preview_figure(finger, body, path)
 
@@ -121,8 +122,8 @@ def _draw_from_above(
     axes.legend(loc="upper right", fontsize=8)
 
 
-def scans_figure(scans: Scans, place_mm: Sequence[float]) -> Figure:
-    """Draw the scanned surfaces of a finger in its axes, and mark a place (3,) by a red ball."""
+def surfaces_figure(surfaces: Mapping[str, Triangles], place_mm: Sequence[float]) -> Figure:
+    """Draw surfaces by the tissue whose colour they get, and mark a place (3,) by a red ball."""
     import pyvista as pv
 
     from tactile_fem.output import scene
@@ -130,12 +131,9 @@ def scans_figure(scans: Scans, place_mm: Sequence[float]) -> Figure:
     figure = ShownFigure(figsize=_SIZE_INCHES, dpi=_DPI)
     for k, (name, eye) in enumerate(_EYES.items()):
         plotter = scene.new_plotter()
-        colours = COLOURS["stratum_corneum"], COLOURS["bone"], COLOURS["nail"]
-        surfaces = (scans.skin, 0.35), (scans.bone, 1.0), (scans.nail, 0.7)
-        for (surface, opacity), colour in zip(surfaces, colours, strict=True):
-            if surface is not None:
-                shape = pv.PolyData.from_regular_faces(surface.points, surface.triangles)
-                plotter.add_mesh(shape, color=colour, opacity=opacity)
+        for tissue, surface in surfaces.items():
+            shape = pv.PolyData.from_regular_faces(surface.points, surface.triangles)
+            plotter.add_mesh(shape, color=COLOURS[tissue], opacity=_OPACITIES.get(tissue, 1.0))
         ball = pv.Sphere(radius=_BALL_RADIUS_MM, center=place_mm)
         plotter.add_mesh(ball, color="red", lighting=False)
         scene.look_at(plotter, eye, (0.0, -2.0, 6.0), half_height_mm=16.0)

@@ -1,4 +1,4 @@
-"""Reads text as editors and spreadsheets write it, numbers in a row; writes tables as lines."""
+"""Reads text as editors and spreadsheets write it; writes tables as lines."""
 
 from __future__ import annotations
 
@@ -6,14 +6,9 @@ import codecs
 import csv
 import io
 import re
-import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 
@@ -110,53 +105,3 @@ def aligned(rows: Iterable[Sequence[str]]) -> list[str]:
         ).rstrip()
         for row in rows
     ]
-
-
-class Numbers:
-    """Reads a sequence of numbers whose types the file's format states.
-
-    `data` are their bytes, in the order "<" or ">", or a text with white space between them. A word
-    that is no number, and a method that finds too few numbers, raise ValueError.
-    """
-
-    def __init__(self, data: bytes, text: bool, order: str = "<") -> None:
-        if text:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")  # NumPy warns of the first word that is no number
-                try:
-                    data = np.fromstring(data.decode("latin-1"), dtype="<f8", sep=" ").tobytes()
-                except DeprecationWarning:
-                    raise ValueError("a word in place of a number") from None
-        self._data, self._text, self._order, self._at = data, text, order, 0
-
-    def type_of(self, kind: str) -> str:
-        """Return NumPy's name of the type in which numbers of a kind, such as "i4", are kept."""
-        return "<f8" if self._text else self._order + kind
-
-    def take(self, kind: str | np.dtype, count: int = 1) -> NDArray[Any]:
-        """Return the next numbers (count,) of a kind, or the next records of a structured type."""
-        dtype = np.dtype(self.type_of(kind) if isinstance(kind, str) else kind)
-        if count == 0:
-            return np.empty(0, dtype)
-        found = np.frombuffer(self._data, dtype, count, self._at)
-        self._at += found.nbytes
-        return found
-
-    def peek(self, kind: str | np.dtype, most: int) -> NDArray[Any]:
-        """Return the next numbers or records, at most so many, without taking them."""
-        dtype = np.dtype(self.type_of(kind) if isinstance(kind, str) else kind)
-        at, left = self._at, (len(self._data) - self._at) // dtype.itemsize
-        found = self.take(dtype, min(left, most))
-        self._at = at
-        return found
-
-    def alike(self, dtype: np.dtype, most: int, values: Mapping[str, int]) -> NDArray[Any]:
-        """Return the next records that share the first one's `values`, at most so many."""
-        ahead = 1
-        while True:
-            rows = self.peek(dtype, min(ahead, most))
-            same = np.all([rows[name] == value for name, value in values.items()], axis=0)
-            if not np.all(same) or len(rows) < ahead:
-                run = len(rows) if np.all(same) else int(np.argmin(same))
-                return self.take(dtype, max(run, 1))
-            ahead *= 8

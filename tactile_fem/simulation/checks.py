@@ -11,7 +11,6 @@ import numpy as np
 
 from tactile_fem.errors import StudyError, raise_all
 from tactile_fem.finger import TISSUES, FingerMesh
-from tactile_fem.finger.layers import PRESETS
 from tactile_fem.finger.plane import AXES, Plane
 from tactile_fem.neuron import Population, fields_of
 from tactile_fem.neuron.fields import trial_histories
@@ -21,8 +20,9 @@ from tactile_fem.path.rotations import matrix
 from tactile_fem.results.measured import check_measured
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.stimulus import RigidBody
-from tactile_fem.stimulus.check import check_body, check_lipschitz, miss
-from tactile_fem.study import Plate, Solver, Stimulus, Study, Tissue
+from tactile_fem.stimulus.body import Array
+from tactile_fem.stimulus.check import check_body, check_lipschitz, miss, too_sharp
+from tactile_fem.study import Plate, Solver, Study, Tissue
 
 if TYPE_CHECKING:
     from tactile_fem.tissue.energies import Law
@@ -31,6 +31,7 @@ logger = logging.getLogger(__name__)
 
 # A press to a force is given up at this share of the thickness of the pad.
 LARGEST_DEPTH_SHARE = 0.8
+_MAX_POSES = 1000  # of a recorded path, along which sharp edges are sought
 _TOUCH_TOLERANCE_MM = _TURN_TOLERANCE_DEG = 1e-3
 # Where laws are tried: small deformations of either sign.
 _DEFORMATIONS = (
@@ -227,23 +228,30 @@ def _check_path(
 def _check_friction(study: Study, path: Path, mesh: FingerMesh) -> None:
     """Refuse a law of friction that is unknown where the body may touch the undeformed finger.
 
-    That is where skin lies below the highest plane of the body. How deep a force presses is not
-    known: then it is where contact begins.
+    How deep a force presses is not known: then it is where contact begins.
     """
     law = study.stimulus.law()
     if law.over_body() is None:
         return
-    skin = np.unique(mesh.corners_of("skin").reshape(-1, 3), axis=0)
     places_mm = path.places_mm()
     if any(motion.until_N is not None or motion.held is not None for _, motion in path.plan()):
         places_mm[:, 2] = np.minimum(places_mm[:, 2], 0.0)
+    if box := _touched(mesh, np.hstack([places_mm, path.turns_rad()])):
+        law.check_covers(*box)
+
+
+def _touched(mesh: FingerMesh, poses: Array) -> tuple[Array, Array] | None:
+    """Return the corners (2,), in X and Y of a body, of where it may touch the undeformed finger.
+
+    That is where skin lies below its highest plane, in any of its places and turns (n, 6).
+    """
+    skin = np.unique(mesh.corners_of("skin").reshape(-1, 3), axis=0)
     corners = []
-    for pose in np.unique(np.hstack([places_mm, path.turns_rad()]), axis=0):
+    for pose in np.unique(poses, axis=0):
         own = (skin - pose[:3]) @ matrix(pose[3:])
         touched = own[own[:, 2] <= _TOUCH_TOLERANCE_MM, :2]
         corners += [touched.min(axis=0), touched.max(axis=0)] if len(touched) else []
-    if corners:
-        law.check_covers(np.min(corners, axis=0), np.max(corners, axis=0))
+    return (np.min(corners, axis=0), np.max(corners, axis=0)) if corners else None
 
 
 def _check_force_along(plate: Plate, path: Path) -> None:
@@ -304,10 +312,9 @@ def warn_if_missed(body: RigidBody, path: Path, finger: FingerMesh) -> None:
         logger.warning("%s: correct stimulus.shift_mm or the protocol.", missed)
 
 
-def judge_surface(stimulus: Stimulus, finger: FingerMesh) -> None:
-    """Log which roughness the skin's facets can follow; warn of places too sharp for them."""
-    facet_mm = finger.facet_size_mm
-    if sentence := stimulus.resolution(facet_mm, {name: one.pad for name, one in PRESETS.items()}):
-        logger.info("%s", sentence)
-    if sentence := stimulus.hindrance(facet_mm):
-        logger.warning("stimulus: %s", sentence)
+def warn_if_sharp(body: RigidBody, path: Path, finger: FingerMesh) -> None:
+    """Warn of edges of the body on its way that are too sharp for the skin's facets."""
+    poses = np.hstack([path.places_mm(), path.turns_rad()])
+    box = _touched(finger, poses[:: 1 + len(poses) // _MAX_POSES])
+    if box and (sharp := too_sharp(body, *box, finger.facet_size_mm)):
+        logger.warning("stimulus: %s.", sharp)

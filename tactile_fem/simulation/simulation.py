@@ -31,7 +31,7 @@ from tactile_fem.receptors import Layout
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.bone import Bone
-from tactile_fem.simulation.checks import check, checked_mesh, judge_surface, path_of
+from tactile_fem.simulation.checks import check, checked_mesh, path_of, warn_if_sharp
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.probe import Probe, ReceptorState
 from tactile_fem.simulation.step import Step
@@ -140,8 +140,7 @@ class Simulation:
     @cached_property
     def _stepper(self) -> Stepper:
         study = self.study
-        if not self.parts.body:
-            on_root(self.comm, lambda: judge_surface(study.stimulus, self.finger))
+        on_root(self.comm, lambda: warn_if_sharp(self.body, self.path, self.finger))
         problem = self.problem
         with compilation_errors():
             _ = problem.load_cell, self.receptors  # compiled here, not in the first step
@@ -152,9 +151,8 @@ class Simulation:
             len(self.layout.positions_mm),
             self.comm.size,
         )
-        smoother_by = () if self.parts.body else study.stimulus.smoother_by
         plane = problem.domain.plane
-        return Stepper(problem, self.path, study.solver, plane, smoother_by, self._bone())
+        return Stepper(problem, self.path, study.solver, plane, self._bone())
 
     def _bone(self) -> Bone | None:
         """Return the bone at rest on its joint; None if it is clamped."""

@@ -65,11 +65,10 @@ class Stepper:
         path: Path,
         settings: Solver,
         plane: Plane = SPACE,
-        smoother_by: Sequence[str] = (),
         bone: Bone | None = None,
     ) -> None:
         self._problem, self._state, self._plane = problem, problem.state, plane
-        self._path, self._settings, self._smoother_by = path, settings, smoother_by
+        self._path, self._settings = path, settings
         self._equilibrium = Equilibrium(problem, plane, settings.max_press_step_mm, bone)
         longest = settings.max_slide_step_mm, settings.max_press_step_mm
         self._weights = [motion.least_steps(*longest) for _, motion in path.plan()]
@@ -273,8 +272,7 @@ class Stepper:
             *(self._motion.phase, target_s, failed.iterations, failed.reason),
         )
         if not self._control.reject(target_s):
-            smoother = [f"a larger stimulus.{key}" for key in self._smoother_by]
-            advice = ", ".join(["a finer mesh", *smoother, "less friction"])
+            advice = "a finer mesh, a smoother stimulus, less friction"
             raise self._stopped(failed.reason, f"{advice} or a longer tissue.viscous_time_s")
 
     def _stopped(self, reason: str, advice: str) -> ConvergenceError:

@@ -1,6 +1,9 @@
 """Rigid stimuli: letters, bars, gratings and other bodies by their signed distance."""
 
-from tactile_fem.stimulus.body import Distance, Embossed, Outline, RigidBody, norm_of
+from typing import TYPE_CHECKING
+
+from tactile_fem.runtime.lazy import lazily
+from tactile_fem.stimulus.body import NEAR_MM, Distance, Embossed, Outline, RigidBody, norm_of
 from tactile_fem.stimulus.friction import (
     ConstantFriction,
     Friction,
@@ -8,7 +11,13 @@ from tactile_fem.stimulus.friction import (
     MappedFriction,
     PressureFriction,
 )
-from tactile_fem.stimulus.spline import linear_between
+from tactile_fem.stimulus.heights import (
+    HEIGHT_READERS,
+    LEAST_HEIGHTS,
+    RawHeights,
+    check_gray,
+    check_single,
+)
 from tactile_fem.stimulus.stimulus import Stimulus
 
 # isort: off
@@ -18,11 +27,16 @@ from tactile_fem.stimulus.smooth import Plate, Cylinder, Sphere, Edge
 from tactile_fem.stimulus.patterns import Grating, Dots, Braille
 from tactile_fem.stimulus.drawing import Drawing
 from tactile_fem.stimulus.surface import Surface
-from tactile_fem.stimulus.mesh import Mesh
 
 # isort: on
 
+if TYPE_CHECKING:
+    from tactile_fem.stimulus.spline import GridSpline, linear_between
+
 __all__ = [
+    "HEIGHT_READERS",
+    "LEAST_HEIGHTS",
+    "NEAR_MM",
     "Braille",
     "ConstantFriction",
     "Cylinder",
@@ -33,17 +47,22 @@ __all__ = [
     "Embossed",
     "Friction",
     "Grating",
+    "GridSpline",
     "KineticFriction",
     "MappedFriction",
-    "Mesh",
     "Outline",
     "Plate",
     "PressureFriction",
+    "RawHeights",
     "RigidBody",
     "Sphere",
     "Stimulus",
     "Surface",
     "Text",
+    "check_gray",
+    "check_single",
     "linear_between",
     "norm_of",
 ]
+
+__getattr__ = lazily(__name__, {"spline": ["GridSpline", "linear_between"]})  # SciPy takes a while

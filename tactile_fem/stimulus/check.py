@@ -9,7 +9,7 @@ import numpy as np
 from tactile_fem.errors import StudyError
 from tactile_fem.path.rotations import ARM_MM, angle_rad, between, to_body
 from tactile_fem.stimulus.body import EXCESS_MM, NEAR_MM, Array, RigidBody
-from tactile_fem.stimulus.sampled import height_map
+from tactile_fem.stimulus.sampled import height_map, heights_at
 
 # Points above and beside a body, in its own frame, (n, 3) mm.
 POINTS = np.stack(
@@ -27,6 +27,19 @@ _SEARCHES_MM, _LOWEST_MM = ((100.0, 0.5), (1000.0, 5.0)), -3.0
 # so often at most.
 _PATH_STEP_MM, _KNOT_STEP_MM, _SKIN_STEP_MM, _MAX_PARTS = 0.5, 0.1, 0.25, 20
 _TOUCH_MM = 1e-3
+# Where a surface is steeper than this slope, its edges can make the skin's contact change abruptly.
+_STEEP = 0.5
+# Edges with at least this radius of curvature, and the one for facets of 1 mm times the root of the
+# skin's, are harmless, and so are walls that rise by less within a window (less by the square of
+# facets below 1 mm).
+# Measured as failed steps of scans of a plus, 0.5 mm high if not stated, low_pass_mm 0.05 to 1.
+# Facets of 0.25 mm (a section): none at a radius of 0.061 mm, 10 at 0.058 mm. Facets of 1 mm: none
+# at 0.12 mm, 4 at 0.085 mm, 6 at 0.017 mm and 0.2 mm high, none at 0.023 mm and 0.1 mm high. Facets
+# of 3 mm: none at 0.34 mm, 12 at 0.12 mm.
+_LEAST_RADIUS_MM, _RADIUS_AT_1_MM = 0.06, 0.1
+_LEAST_RISE_MM, _WINDOW_MM = 0.12, 1.0
+# Of a surface, over which edges are sought (a tenth of a second), and its width in a section.
+_SAMPLES, _STRIP_MM = 20_000, 0.01
 
 
 def check_body(body: RigidBody, name: str) -> None:
@@ -152,4 +165,51 @@ def _where(body: RigidBody, path: Array) -> str:
     return (
         f"its nearest place lies {np.hypot(dx, dy):.3g} mm from the contact point, "
         f"{dx:+.3g} mm across and {dy:+.3g} mm along the finger"
+    )
+
+
+def too_sharp(body: RigidBody, low: Array, high: Array, facet_mm: float) -> str | None:
+    """Return in a sentence that a body is too sharp for the skin's facets; None if it is not.
+
+    Parameters
+    ----------
+    body
+        The body.
+    low, high
+        Corners (2,) of the part of it, in X and Y, that the skin may touch.
+    facet_mm
+        Length of the facets.
+    """
+    from scipy import ndimage  # takes a while
+
+    extent = np.maximum(high - low, _STRIP_MM)
+    counts = np.ceil(extent / np.sqrt(np.prod(extent) / _SAMPLES))
+    nx, ny = counts.astype(int).tolist()
+    # Not in rows, between which edges along them could lie.
+    cells = np.random.default_rng(0).random((nx, ny, 2)) + np.moveaxis(np.indices((nx, ny)), 0, -1)
+    xy = (low + extent * cells / counts).reshape(-1, 2)
+    z = heights_at(body, xy)
+    window = np.ceil(_WINDOW_MM * counts / extent).astype(int)
+    filters = ndimage.maximum_filter, ndimage.minimum_filter
+    high_z, low_z = (each(z.reshape(nx, ny), window, mode="nearest").ravel() for each in filters)
+    found = body.distance(np.column_stack([xy, z]))
+    size = np.linalg.norm(found.normal, axis=1)
+    is_steep = found.normal[:, 2] < size * np.cos(np.arctan(_STEEP))
+    is_steep &= np.abs(found.gap) < _TOUCH_MM  # not beside the body
+    steep = np.flatnonzero(is_steep & (high_z - low_z > _LEAST_RISE_MM * min(facet_mm, 1.0) ** 2))
+    if not len(steep):
+        return None
+    normal = found.normal[steep] / size[steep, None]
+    along = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+    curvature = np.linalg.eigvalsh(along @ found.hessian[steep] @ along)[:, -1] / size[steep]
+    worst = int(np.argmax(curvature))
+    least_mm = max(_LEAST_RADIUS_MM, _RADIUS_AT_1_MM * np.sqrt(facet_mm))
+    if curvature[worst] * least_mm <= 1:
+        return None
+    (x, y), radius_mm = xy[steep[worst]], 1 / curvature[worst]
+    return (
+        f"the surface is steep at X {x:.2f}, Y {y:.2f} mm (at displacement 0), beside an edge with "
+        f"a radius of {radius_mm:.2g} mm, while the skin's facets of {facet_mm:.2g} mm need "
+        f"{least_mm:.2g} mm; the scan may take long or diverge: choose a finer mesh or a smoother "
+        "surface"
     )

@@ -64,7 +64,6 @@ class Drawing(Stimulus):
     a boolean array.
     """
 
-    smoother_by = ("corner_radius_mm", "fillet_radius_mm")
     kind: Literal["drawing"] = "drawing"
     polygons: Annotated[tuple[Shape, ...], BeforeValidator(_shapes)] = Field(
         (),

@@ -18,6 +18,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.runtime.settings import File, Finite, Kind, NonNegative, Positive
 from tactile_fem.stimulus.body import Array
+from tactile_fem.stimulus.heights import read_raw
 
 if TYPE_CHECKING:
     from ufl.core.expr import Expr
@@ -185,8 +186,6 @@ class MappedFriction(Friction):
     @cached_by_content(maxsize=4)
     def coefficients(self) -> CoefficientMap:
         """Return the map; raises StudyError if the file cannot be used."""
-        from tactile_fem.stimulus.height_formats import read_raw  # SciPy takes a while
-
         key = "stimulus.friction.file"
         raw = read_raw(self.file, key)
         spacing = raw.spacing_mm if self.spacing_mm is None else (self.spacing_mm,) * 2

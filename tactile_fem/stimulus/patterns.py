@@ -40,7 +40,6 @@ _NUMBER_SIGN, _LETTER_SIGN = "⠼", "⠰"
 class Grating(Stimulus):
     """Parallel rectangular ridges with rounded edges on a plate."""
 
-    smoother_by = ("fillet_radius_mm",)
     kind: Literal["grating"] = "grating"
     ridge_mm: Positive = Field(1.0, description="width of a ridge")
     groove_mm: Positive = Field(1.0, description="width of a groove")
@@ -76,7 +75,6 @@ class Grating(Stimulus):
 class Dots(Stimulus):
     """A rectangular array of round, flat-topped, filleted dots on a plate."""
 
-    smoother_by = ("fillet_radius_mm",)
     kind: Literal["dots"] = "dots"
     radius_mm: Positive = Field(0.7, description="radius of a dot")
     spacing_mm: Positive = Field(3.0, description="centre to centre, both ways")

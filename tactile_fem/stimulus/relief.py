@@ -1,22 +1,20 @@
-"""Heights over a plane: levelled, as a rigid body, and the waves of which they consist."""
+"""Heights over a plane: levelled, and as a rigid body."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
-from scipy.fft import dctn
 
 from tactile_fem.stimulus.body import EXCESS_MM, Array, Distance
 from tactile_fem.stimulus.spline import GridSpline
 
 # Standard deviation of a Gaussian that halves a wave, to its length (ISO 16610-61).
 _GAUSSIAN = np.sqrt(np.log(2) / 2) / np.pi
-_BINS = 400  # of wavelengths
 
 
 @dataclass(frozen=True)
@@ -88,59 +86,6 @@ class Relief:
         padded = np.pad(spline.coefficients, 1, mode=ends)
         slopes = [np.abs(np.diff(padded, axis=k)).max() / spline.spacing[k] for k in (0, 1)]
         return float(1 / np.sqrt(1 + np.dot(slopes, slopes)))
-
-    def smoothed(self, low_pass_mm: float) -> Relief:
-        """Return the body after a further filter."""
-        heights = self.heights
-        return Relief.of(heights.on_grid(0, 0), heights.spacing, low_pass_mm, heights.beyond)
-
-    def scaled(self, factor: float) -> Relief:
-        """Return the body with its heights times a factor."""
-        coefficients = factor * self.heights.coefficients
-        return replace(self, heights=replace(self.heights, coefficients=coefficients))
-
-
-@dataclass(frozen=True)
-class Roughness:
-    """The variance of heights (n,), in mm2, of waves between decreasing wavelengths (n + 1,)."""
-
-    wavelength_mm: Array
-    variance_mm2: Array
-
-    @classmethod
-    def of(cls, heights: GridSpline) -> Roughness:
-        """Analyse heights over a plane, without their mean."""
-        values = heights.on_grid(0, 0)
-        power = dctn(values, type=2, norm="ortho") ** 2 / values.size
-        # The wave of number k goes up and down k / 2 times over the grid.
-        across, along = (
-            np.arange(n) / (2 * n * step)
-            for n, step in zip(values.shape, heights.spacing, strict=True)
-        )
-        frequency = np.hypot(across[:, None], along[None, :])
-        power[0, 0] = 0.0
-        lowest, highest = min(across[1], along[1]), frequency[-1, -1]
-        edges = np.geomspace(0.999 * lowest, 1.001 * highest, _BINS + 1)
-        variance, _ = np.histogram(frequency, edges, weights=power)
-        return cls(1 / edges, variance)
-
-    @property
-    def rms_mm(self) -> float:
-        """The root mean square of the heights."""
-        return float(np.sqrt(self.variance_mm2.sum()))
-
-    def share(self, wavelength_mm: float) -> float:
-        """Return the share of the variance in waves of this length and longer ones."""
-        total = self.variance_mm2.sum()
-        if not total:
-            return 1.0
-        carried = np.append(0.0, np.cumsum(self.variance_mm2)) / total
-        return float(np.interp(-wavelength_mm, -self.wavelength_mm, carried))
-
-    def wavelength_of(self, share: float) -> float:
-        """Return the wavelength in mm of which longer waves carry this share of the variance."""
-        carried = np.cumsum(self.variance_mm2) / max(self.variance_mm2.sum(), 1e-300)
-        return float(self.wavelength_mm[1:][np.searchsorted(carried, share)])
 
 
 def levelled(heights: Array, degree: int) -> Array:

@@ -67,6 +67,11 @@ def height_map(body: RigidBody, x: Array, y: Array, lowest_mm: float = _LOWEST_M
     Each point moves down from z = 0.1 mm by its distance from the body, at most to `lowest_mm`.
     """
     xy = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
+    return heights_at(body, xy, lowest_mm).reshape(len(x), len(y))
+
+
+def heights_at(body: RigidBody, xy: Array, lowest_mm: float = _LOWEST_MM) -> Array:
+    """Return the height z (n,) of the body's surface seen from above at xy (n, 2)."""
     z = np.full(len(xy), _TOP_MM)
     falling = np.arange(len(xy))
     for _ in range(_MAX_ITERATIONS):
@@ -75,4 +80,4 @@ def height_map(body: RigidBody, x: Array, y: Array, lowest_mm: float = _LOWEST_M
         falling = falling[(np.abs(gap) > _TOLERANCE_MM) & (z[falling] > lowest_mm)]
         if not len(falling):
             break
-    return z.reshape(len(x), len(y))
+    return z

@@ -50,7 +50,6 @@ class Sphere(Stimulus):
 class Edge(Stimulus):
     """A wedge with a rounded ridge, for the sharp-edge test."""
 
-    smoother_by = ("radius_mm",)
     kind: Literal["edge"] = "edge"
     radius_mm: Positive = Field(0.025, description="paper: radius of the ridge")
     angle_deg: Annotated[Finite, Field(gt=0, lt=180)] = Field(60.0, description="opening angle")

@@ -12,8 +12,6 @@ from scipy import ndimage
 
 from tactile_fem.stimulus.body import Array
 
-# Value and derivatives of the three B-splines that act at a point of the grid.
-_AT_POINTS = np.array([[1, 4, 1], [-3, 0, 3], [6, -12, 6]]) / 6
 # Powers of a coordinate within its interval (rows) in the four B-splines that act there (columns).
 _PIECES = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
 
@@ -59,14 +57,6 @@ class GridSpline:
         """Return the spline through values on a grid."""
         coefficients = ndimage.spline_filter(values, order=3, mode=beyond)
         return cls(coefficients, np.asarray(origin, float), np.asarray(spacing, float), beyond)
-
-    def on_grid(self, *orders: int) -> Array:
-        """Return a derivative at the grid's points, d axes, of an order <= 2 along each axis."""
-        found = self.coefficients
-        for axis, order in enumerate(orders):
-            weights = _AT_POINTS[order] / self.spacing[axis] ** order
-            found = ndimage.correlate1d(found, weights, axis=axis, mode=self.beyond)
-        return found
 
     def values(self, points: Array) -> Array:
         """Return the values (n,) at points (n, d), faster than with derivatives."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
@@ -44,9 +44,6 @@ class Stimulus(Kind):
     must be hashable, and its `shape`.
     """
 
-    smoother_by: ClassVar[tuple[str, ...]] = ()
-    """Keys whose larger values make the body smoother: they help where mechanics diverges."""
-
     friction: NumberOrLaw = Field(
         0.3, description="paper: Coulomb friction (nylon); or a table with its law"
     )
@@ -70,20 +67,6 @@ class Stimulus(Kind):
     def raised(self) -> Sequence[Geometry]:
         """Return the outlines of what is raised from a plate, before `shift_mm`."""
         return ()
-
-    def resolution(self, facet_mm: float, preset_facets_mm: Mapping[str, float]) -> str:
-        """Return a sentence on which part of its roughness skin with such facets can follow.
-
-        It is empty for a smooth body.
-        """
-        return ""
-
-    def hindrance(self, facet_mm: float) -> str:
-        """Return a sentence on what makes contact with such facets fail, and what helps.
-
-        It is empty for a body that is smooth enough.
-        """
-        return ""
 
     @property
     def is_kept_sampled(self) -> bool:

@@ -51,7 +51,6 @@ def find_font(font: str) -> str | None:
 class Text(Stimulus):
     """Embossed letters on a plate."""
 
-    smoother_by = ("corner_radius_mm", "fillet_radius_mm")
     kind: Literal["text"] = Field("text", description="which stimulator; each has keys of its own")
     text: Annotated[str, Field(min_length=1, max_length=40), AfterValidator(_composed)] = Field(
         "FGH", description="paper: letters in the order in which they pass the receptor"

@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.stimulus.body import Array
-from tactile_fem.stimulus.height_formats import MIN_VALUES, read_raw
-from tactile_fem.stimulus.height_table import header_library
+from tactile_fem.stimulus.heights import LEAST_HEIGHTS, read_raw
 
 logger = logging.getLogger(__name__)
 
-_TEXT = {".csv", ".txt", ".asc", ".dat"}
 # A size that the study gives beside the file's is reported if it differs by more than this share.
 _SAME_SIZE = 0.01
 # Lengths in mm beyond which there is a warning, and beyond which they are refused.
@@ -68,11 +66,9 @@ def read_topography(
     spacing = raw.spacing_mm if spacing_mm is None else (spacing_mm, spacing_mm)
     unit = raw.unit_mm if unit_mm is None else unit_mm
     if spacing is None or unit is None:
-        is_header_unread = file.suffix.lower() in _TEXT and not header_library()
-        hint = " (a header is read by SurfaceTopography: pip install SurfaceTopography)"
         raise StudyError(
             f"stimulus.{'spacing_mm' if spacing is None else 'unit_mm'} must be given: {file} "
-            f"states none that is known{hint if is_header_unread else ''}"
+            f"states none that is known{raw.hint}"
         )
     _warn_of_another("spacing_mm", spacing_mm, raw.spacing_mm, file)
     _warn_of_another("unit_mm", unit_mm, raw.unit_mm, file)
@@ -113,10 +109,10 @@ def _cropped(
             )
         first, last = (np.rint(end / spacing).astype(int) for end in (low, high))
         values = values[first[0] : last[0] + 1, first[1] : last[1] + 1]
-    if min(values.shape) < MIN_VALUES:
+    if min(values.shape) < LEAST_HEIGHTS:
         rows, columns = values.shape
         raise StudyError(
-            f"stimulus: {rows} x {columns} heights make no surface; {MIN_VALUES} each way are "
+            f"stimulus: {rows} x {columns} heights make no surface; {LEAST_HEIGHTS} each way are "
             "needed"
         )
     return values

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tactile_fem.errors import MeshError, PlaceError, TactileError
-from tactile_fem.finger.plane import Array
-from tactile_fem.runtime.triangles import Triangles, in_chunks
-
-if TYPE_CHECKING:
-    from scipy.interpolate import NdBSpline
+from tactile_fem.shapes.surface_files import Array, Triangles, in_chunks
+from tactile_fem.stimulus import GridSpline
 
 _STEP_MM, _MARGIN_MM = 0.3, 3.0
 _MOST_POINTS = 6_000_000  # some 200 bytes each while they are sampled
@@ -31,7 +27,7 @@ class SmoothSurface:
     It is a cubic spline of X, Y, Z; beyond its grid the distance is that of the rim of the grid.
     """
 
-    spline: NdBSpline
+    spline: GridSpline
 
     @classmethod
     def of(
@@ -45,7 +41,6 @@ class SmoothSurface:
         itself or is too large, TactileError if libigl is missing.
         """
         from scipy import ndimage  # takes a while
-        from scipy.interpolate import NdBSpline
 
         try:
             import igl
@@ -85,32 +80,19 @@ class SmoothSurface:
             distance = np.maximum(distance, least_y - points[:, 1])
         distance = distance.reshape(shape)
         smooth = ndimage.gaussian_filter(distance, smooth_mm / _STEP_MM, mode="nearest")
-        # At the rim the spline is mirrored; its coefficients are those of B-splines around points.
-        of_points = ndimage.spline_filter(smooth, order=3, mode="mirror")
-        coefficients = np.pad(of_points, 1, mode="reflect")
-        knots = [
-            start + _STEP_MM * (np.arange(count + 4) - 3)
-            for start, count in zip(low, coefficients.shape, strict=True)
-        ]
-        return cls(NdBSpline(tuple(knots), coefficients, 3))
+        return cls(GridSpline.through(smooth, low, [_STEP_MM] * 3))
 
     def moved(self, by: Array) -> SmoothSurface:
         """Return the surface moved by (3,) mm."""
-        knots = tuple(axis + shift for axis, shift in zip(self.spline.t, by, strict=True))
-        return SmoothSurface(type(self.spline)(knots, self.spline.c, 3))
+        return SmoothSurface(replace(self.spline, origin=self.spline.origin + by))
 
     def level(self, points: Array) -> Array:
         """Return the distance (n,) at points (n, 3), mm."""
-        return self.spline(self._within(points))
-
-    def gradient(self, points: Array) -> Array:
-        """Return the gradient (n, 3) of the distance at points (n, 3)."""
-        within = self._within(points)
-        return np.stack([self.spline(within, nu=order) for order in np.eye(3, dtype=int)], axis=1)
+        return self.spline.values(self._within(points))
 
     def normals(self, points: Array) -> Array:
         """Return outward unit normals (n, 3) of the level at points (n, 3)."""
-        gradient = self.gradient(points)
+        gradient = self.spline.derivatives(self._within(points), 1)[1]
         return gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
 
     def along(self, points: Array, directions: Array, reach_mm: float) -> Array:
@@ -125,11 +107,11 @@ class SmoothSurface:
     def project(self, points: Array) -> Array:
         """Return the points of the surface next to points (n, 3) near it."""
         for _ in range(_PROJECTION_ITERATIONS):
-            gradient = self.gradient(points)
-            step = self.level(points) / np.maximum(np.sum(gradient**2, axis=1), 0.1)
+            level, gradient = self.spline.derivatives(self._within(points), 1)
+            step = level / np.maximum(np.sum(gradient**2, axis=1), 0.1)
             points = points - step[:, None] * gradient
         return points
 
     def _within(self, points: Array) -> Array:
-        first, last = np.array([[knots[3], knots[-4]] for knots in self.spline.t]).T
-        return np.clip(points, first, last)
+        first, count = self.spline.origin, np.array(self.spline.coefficients.shape)
+        return np.clip(points, first, first + _STEP_MM * (count - 1))

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from tactile_fem.runtime.triangles import Triangles
-from tactile_fem.stimulus.body import Array
+from tactile_fem.shapes.surface_files import Array, Triangles
 
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
 # Pairs of corners one step apart.

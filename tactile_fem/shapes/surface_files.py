@@ -9,20 +9,61 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.text import Numbers
-from tactile_fem.runtime.triangles import Array, Indices, Points, Triangles
+from tactile_fem.finger import Triangles as Surface
+
+Array = NDArray[Any]
+Points = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 MOST_TRIANGLES = 500_000  # half a GB of memory while they are read
 MOST_BYTES = 40_000_000
+# A second or two; libigl builds its trees anew for each part, at most a second of that.
+_CHUNK_POINTS = 50_000
 _MAX_COORDINATE_MM = 1e6  # a kilometre: certainly a wrong unit
 _VERTEX_DECIMALS = 5  # of mm: corners that agree so far are one vertex
 _STL_HEADER, _STL_TRIANGLE = 84, 50  # bytes: a comment and the number of triangles; each of them
+
+
+@dataclass(frozen=True)
+class Triangles(Surface):
+    """A surface of which each vertex is used, no two are equal, and no triangle is degenerate."""
+
+    @property
+    def areas(self) -> Points:
+        """Areas of the triangles, (m,) mm^2."""
+        return np.linalg.norm(self.area_vectors, axis=1)
+
+    def moved(self, by: Points) -> Self:
+        """Return the surface moved by (3,) mm."""
+        return replace(self, points=self.points + by)
+
+    def part(self, kept: NDArray[np.bool_]) -> Self:
+        """Return some triangles (m,) and their vertices; itself if it is all of them."""
+        if kept.all():
+            return self
+        used, flat = np.unique(self.triangles[kept], return_inverse=True)
+        return replace(self, points=self.points[used], triangles=flat.reshape(-1, 3))
+
+    def edges(self) -> Indices:
+        """Return the directed edges (3 m, 2) of all triangles."""
+        following = np.roll(self.triangles, -1, axis=1)
+        return np.stack([self.triangles, following], axis=-1).reshape(-1, 2)
+
+    def outwards(self) -> Self:
+        """Return the surface facing outwards on the whole; itself if it does."""
+        a, b, c = np.moveaxis(self.points[self.triangles] - self.points.mean(axis=0), 1, 0)
+        if np.einsum("ni,ni->", a, np.cross(b, c)) > 0:
+            return self
+        return replace(self, triangles=self.triangles[:, ::-1].copy())
 
 
 def read_triangles(file: Path, field: str, unit_mm: float) -> Triangles:
@@ -108,6 +149,16 @@ def _merged(points: Points, triangles: Indices, start: str) -> Triangles:
         raise StudyError(f"{start} contains no triangles with an area: is its unit right?")
     used, flat = np.unique(faces, return_inverse=True)
     return Triangles(corners[first][used], flat.reshape(-1, 3).astype(np.int64))
+
+
+def in_chunks(evaluate: Callable[[Points], Sequence[Array]], points: Points) -> tuple[Array, ...]:
+    """Return what a function returns for points (n, d), arrays (n, ...), evaluated in parts.
+
+    Signals are answered between the parts.
+    """
+    starts = range(0, max(len(points), 1), _CHUNK_POINTS)
+    parts = [evaluate(points[start : start + _CHUNK_POINTS]) for start in starts]
+    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
 # --- polygons ------------------------------------------------------------------------------------
@@ -207,16 +258,12 @@ def _divided(points: Points, faces: Indices) -> Indices:
 
 # --- files ---------------------------------------------------------------------------------------
 
+# PLY's names of types that are not NumPy's.
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
-    **{"int64": "i8", "uint64": "u8"},
-    **{"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"},
+    **{"float": "f4", "double": "f8"},
 }
-# Values of a property, those of lists after each other, and how many belong to each element.
-_Column = tuple[Array, Indices]
-# Its name, the type of its values and, of lists, that of the counts.
-_Property = tuple[str, str, str | None]
+_COUNT = "number of "  # and the name of a list: how many values it has
 
 
 def _read_stl(data: bytes) -> _Polygons:
@@ -264,53 +311,61 @@ def _read_ply(data: bytes) -> _Polygons:
     kind = re.search(rb"\nformat[ \t]+(ascii|binary_little_endian|binary_big_endian)\s", data)
     if not head or not kind:
         raise ValueError("it has no header")
-    order = ">" if kind[1] == b"binary_big_endian" else "<"
-    numbers = Numbers(data[head.end() :], kind[1] == b"ascii", order)
-    columns: dict[str, dict[str, _Column]] = {}
-    for name, count, properties in _ply_elements(head[0].decode("latin-1")):
-        columns[name] = _ply_columns(numbers, count, properties)
-    vertex, face = columns.get("vertex", {}), columns.get("face", {})
-    if not {"x", "y", "z"} <= vertex.keys():
-        raise ValueError("it has no vertices")
-    empty = np.zeros(0, np.int64), np.zeros(0, np.int64)
-    corners, counts = face.get("vertex_indices", face.get("vertex_index", empty))
-    points = np.column_stack([vertex[axis][0] for axis in "xyz"]).astype(float)
-    return _Polygons(points, corners.astype(np.int64), counts)
+    numbers, at = data[head.end() :], 0
+    is_text, is_big = (kind[1] == name for name in (b"ascii", b"binary_big_endian"))
+    if is_text:  # then all numbers are doubles
+        numbers = np.array(numbers.split(), dtype="<f8").tobytes()
 
+    def type_of(name: str) -> np.dtype:
+        own = np.dtype(_PLY_TYPES.get(name, name))
+        return np.dtype("<f8") if is_text else own.newbyteorder(">" if is_big else "<")
 
-def _ply_elements(header: str) -> list[tuple[str, int, list[_Property]]]:
-    """Return name, number and properties of the elements that a PLY file announces."""
-    found: list[tuple[str, int, list[_Property]]] = []
-    for line in header.splitlines():
+    elements: dict[str, tuple[int, list[tuple[str, np.dtype]]]] = {}
+    for line in head[0].decode("latin-1").splitlines():
         match line.split():
             case ["element", name, count]:
-                found.append((name, int(count), []))
-            case ["property", "list", count, kind, name]:
-                found[-1][2].append((name, _PLY_TYPES[kind], _PLY_TYPES[count]))
-            case ["property", kind, name]:
-                found[-1][2].append((name, _PLY_TYPES[kind], None))
-    return found
+                elements[name] = int(count), (properties := [])
+            case ["property", "list", count, kind_of_values, name]:
+                properties += [(_COUNT + name, type_of(count)), (name, type_of(kind_of_values))]
+            case ["property", kind_of_values, name]:
+                properties.append((name, type_of(kind_of_values)))
+    found: dict[str, list[Array]] = {}
+    for element, (number, properties) in elements.items():
+        found[element], at = _ply_records(numbers, at, number, properties)
+    vertices, faces = found.get("vertex", []), found.get("face", [])
+    if not vertices or not {"x", "y", "z"} <= set(vertices[0].dtype.names or ()):
+        raise ValueError("it has no vertices")
+    points = [np.column_stack([some[axis] for axis in "xyz"]).astype(float) for some in vertices]
+    corners, counts = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for some in faces:
+        name = next(n for n in ("vertex_indices", "vertex_index") if n in (some.dtype.names or ()))
+        corners.append(some[name].ravel().astype(np.int64))
+        counts.append(np.full(len(some), some[name].shape[1]))
+    return _Polygons(np.concatenate(points), np.concatenate(corners), np.concatenate(counts))
 
 
-def _ply_columns(numbers: Numbers, count: int, properties: list[_Property]) -> dict[str, _Column]:
-    """Take elements, in runs whose lists are as long as those of the first of the run."""
-    parts: dict[str, list[_Column]] = {name: [] for name, _, _ in properties}
+def _ply_records(
+    data: bytes, at: int, count: int, properties: list[tuple[str, np.dtype]]
+) -> tuple[list[Array], int]:
+    """Return elements from a place on, in runs whose lists are alike long, and where they end."""
+    runs, ahead = [], 1
     while count > 0:
-        fields: list[tuple[Any, ...]] = []
+        fields: list[Any] = []
         lengths: dict[str, int] = {}
-        for name, kind, counted in properties:
-            length = 1
-            if counted:
-                key = f"#{name}"
-                fields.append((key, numbers.type_of(counted)))
-                length = lengths[key] = int(numbers.peek(np.dtype(fields), 1)[key][0])
-            fields.append((name, numbers.type_of(kind), (length,)))
-        rows = numbers.alike(np.dtype(fields), count, lengths)
-        for name, _, _ in properties:
-            parts[name].append((rows[name].ravel(), np.full(len(rows), rows[name].shape[1])))
-        count -= len(rows)
-    return {
-        name: (np.concatenate([v for v, _ in part]), np.concatenate([n for _, n in part]))
-        for name, part in parts.items()
-        if part
-    }
+        for name, kind in properties:
+            length = lengths.get(_COUNT + name, 1)
+            if name.startswith(_COUNT):
+                lengths[name] = int(np.frombuffer(data, kind, 1, at + np.dtype(fields).itemsize)[0])
+            fields.append((name, kind, (length,)))
+        record = np.dtype(fields)
+        most = min(ahead, count, (len(data) - at) // record.itemsize)
+        rows = np.frombuffer(data, record, most, at)
+        alike = np.ones(len(rows), dtype=bool)
+        for name, length in lengths.items():
+            alike &= rows[name][:, 0] == length
+        run = len(rows) if alike.all() else int(np.argmin(alike))
+        if not run:
+            raise ValueError("it is cut off")
+        runs.append(rows[:run])
+        at, count, ahead = at + run * record.itemsize, count - run, 8 * run + 1
+    return runs, at

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.triangles import Triangles, in_chunks
-from tactile_fem.stimulus.body import Array
-from tactile_fem.stimulus.contour import Lattice, Near, level_set
-from tactile_fem.stimulus.spline import linear_between
+from tactile_fem.shapes.contour import Lattice, Near, level_set
+from tactile_fem.shapes.surface_files import Array, Triangles, in_chunks
+from tactile_fem.stimulus import linear_between
 
 # In steps of the lattice: how far a cell's corners may be from a surface that crosses it, and the
 # error of `Lattice.spread`.

@@ -12,14 +12,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactile_fem.errors import StudyError, TactileError
-from tactile_fem.runtime.surface_files import read_triangles
-from tactile_fem.runtime.triangles import Triangles
-from tactile_fem.stimulus.body import NEAR_MM, Array, Distance
-from tactile_fem.stimulus.contour import Lattice
-from tactile_fem.stimulus.spline import GridSpline, linear_between
+from tactile_fem.shapes.contour import Lattice
+from tactile_fem.shapes.surface_files import Array, Triangles, read_triangles
+from tactile_fem.stimulus import NEAR_MM, Distance, GridSpline, linear_between
 
 try:
-    from tactile_fem.stimulus import rounding
+    from tactile_fem.shapes import rounding
 except ModuleNotFoundError as error:
     if error.name != "igl":
         raise

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field
 
 from tactile_fem.runtime.settings import File, Finite, Positive
-from tactile_fem.stimulus.stimulus import Stimulus
+from tactile_fem.stimulus import Stimulus
 
 if TYPE_CHECKING:
-    from tactile_fem.stimulus.part import Gridded
+    from tactile_fem.shapes.part import Gridded
 
 
 class Mesh(Stimulus):
     """A rigid part from a file of triangles, such as a key or a button, its edges rounded."""
 
-    smoother_by = ("edge_radius_mm",)
     kind: Literal["mesh"] = "mesh"
     file: File = Field(description="the part: a closed surface in a .stl, .obj or .ply file")
     unit_mm: Positive = Field(1.0, description="length of the file's unit in mm")
@@ -58,7 +57,7 @@ class Mesh(Stimulus):
 
     def shape(self) -> Gridded:
         """Return the rounded part."""
-        from tactile_fem.stimulus import part  # libigl is not always installed
+        from tactile_fem.shapes import part  # libigl is not always installed
 
         solid = part.read_solid(self.file, self.unit_mm)
         piece = part.piece_of(

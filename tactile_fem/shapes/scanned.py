@@ -11,14 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactile_fem.errors import MeshError, PlaceError
-from tactile_fem.finger.plane import Array
-from tactile_fem.finger.scans import Frame, beyond, connected
-from tactile_fem.finger.session import gmsh_model, simplices
-from tactile_fem.finger.settings import FingerSettings
-from tactile_fem.finger.shape import ARC_END, Capsule
-from tactile_fem.finger.simplex import lowest_height
-from tactile_fem.finger.smooth import SmoothSurface
-from tactile_fem.runtime.triangles import Triangles
+from tactile_fem.finger import (
+    ARC_END,
+    Capsule,
+    FingerSettings,
+    gmsh_model,
+    lowest_height,
+    simplices,
+)
+from tactile_fem.shapes.scans import Frame, beyond, connected
+from tactile_fem.shapes.smooth import SmoothSurface
+from tactile_fem.shapes.surface_files import Array, Triangles
 
 # Of the skin.
 _SCAN_BEYOND_CUT_MM = 1.0  # length of the scan beyond the cut, where it may be open
@@ -235,26 +238,25 @@ class ScannedBone:
         points = self.surface.project((self.low + self.high) / 2 + half * unit)
         return points, self.surface.normals(points)
 
+    def triangulated(self, size_mm: float) -> Triangles:
+        """Triangulate it: an ellipsoid as large as it, moved onto its surface.
 
-def triangulate_bone(bone: ScannedBone, size_mm: float) -> Triangles:
-    """Triangulate a closed bone: an ellipsoid as large as it, moved onto its surface.
-
-    `size_mm` is the largest edge; a slender or ragged bone gets smaller ones. Raises MeshError if
-    triangles fold nevertheless.
-    """
-    size_mm = min(size_mm, _SIZE_SHARE * float((bone.high - bone.low).min()))
-    for _ in range(_ATTEMPTS):
-        found = _moved_ellipsoid(bone, size_mm)
-        vectors, corners = found.area_vectors, found.corners
-        outwards = np.einsum("ij,ij->i", vectors, bone.surface.normals(corners.mean(axis=1)))
-        folded = outwards < _LEAST_COSINE * np.linalg.norm(vectors, axis=1)
-        if not folded.any():
-            return found
-        size_mm /= _REFINEMENT
-    raise PlaceError(
-        "finger.bone_file: the bone is too ragged {place}: raise finger.smooth_mm",
-        corners[np.argmax(folded), 0],
-    )
+        `size_mm` is the largest edge; a slender or ragged bone gets smaller ones. Raises MeshError
+        if triangles fold nevertheless.
+        """
+        size_mm = min(size_mm, _SIZE_SHARE * float((self.high - self.low).min()))
+        for _ in range(_ATTEMPTS):
+            found = _moved_ellipsoid(self, size_mm)
+            vectors, corners = found.area_vectors, found.corners
+            outwards = np.einsum("ij,ij->i", vectors, self.surface.normals(corners.mean(axis=1)))
+            folded = outwards < _LEAST_COSINE * np.linalg.norm(vectors, axis=1)
+            if not folded.any():
+                return found
+            size_mm /= _REFINEMENT
+        raise PlaceError(
+            "finger.bone_file: the bone is too ragged {place}: raise finger.smooth_mm",
+            corners[np.argmax(folded), 0],
+        )
 
 
 def _moved_ellipsoid(bone: ScannedBone, size_mm: float) -> Triangles:

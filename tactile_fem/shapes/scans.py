@@ -14,11 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError
-from tactile_fem.finger.plane import Array
-from tactile_fem.finger.settings import FingerSettings
-from tactile_fem.finger.simplex import Indices
-from tactile_fem.runtime.surface_files import read_triangles
-from tactile_fem.runtime.triangles import Triangles
+from tactile_fem.finger import FingerSettings
+from tactile_fem.shapes.surface_files import Array, Indices, Triangles, read_triangles
 
 logger = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""Formats of measured heights, and how a map of each lies under the finger.
+"""Instruments' formats of measured heights, and how a map of each lies under the finger.
 
 Seen from above, with X to the right and Y upwards, no map may become its mirror image:
 
@@ -9,130 +9,120 @@ Seen from above, with X to the right and Y upwards, no map may become its mirror
                                           standard (ISO 25178-71, -72): their x and y are X and Y
 all other instruments' files              a picture, first row on top: its right is X, its top is Y
 ========================================  ==========================================================
-
-Nothing here runs code from a file, and what does not fit into memory is refused by its header.
 """
 
 from __future__ import annotations
 
 import importlib
-import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
+import io
+import logging
+import re
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
-import scipy.io
 from numpy.typing import NDArray
-from PIL import Image, ImageOps, UnidentifiedImageError
 
-from tactile_fem.errors import StudyError
 from tactile_fem.runtime.number_table import UnusableError, check_count, is_table, read_table
-from tactile_fem.stimulus.height_table import sizes_of
+from tactile_fem.stimulus import (
+    HEIGHT_READERS,
+    LEAST_HEIGHTS,
+    RawHeights,
+    check_gray,
+    check_single,
+)
 
-MIN_VALUES = 4  # along an axis
-_MAX_BYTES = 400_000_000
+logger = logging.getLogger(__name__)
+
 # SurfaceTopography's names of formats whose y points upwards, and of those without coordinates.
 _RIGHT_HANDED = {"x3p", "sdf", "nc", "xyz", "nmm"}
 _ARRAYS = {"npy", "npz", "mat", "h5"}
 # TIFF: (SampleFormat, BitsPerSample) that Pillow reads as they are.
 _PILLOW = {(1, 8), (1, 16), (2, 16), (2, 32), (3, 32)}
 _BITS, _PHOTOMETRIC, _SAMPLES, _SAMPLE_FORMAT, _NODATA = 258, 262, 277, 339, 42113
+_HINT = " (a header is read by SurfaceTopography: pip install SurfaceTopography)"
 _FROM_WHITE = "counts its gray values from white (WhiteIsZero): save it with black as 0"
 
 
-@dataclass(frozen=True)
-class Raw:
-    """Values (along X, along Y) as a file has them, and in mm, where it states them, sizes.
-
-    They are the spacing along X and along Y, and the height of one unit of the values.
-    """
-
-    values: NDArray[Any]
-    spacing_mm: tuple[float, float] | None = None
-    unit_mm: float | None = None
-
-
-def read_raw(file: Path, key: str = "stimulus.file") -> Raw:
-    """Return the heights of a file, which a study names with `key`.
-
-    Raises
-    ------
-    StudyError
-        There is none, it is too large, or cannot be read.
-    """
-    start = f"{key} = {file}"
-    if not file.is_file():
-        raise StudyError(f"{start}: there is no such file")
-    try:
-        if (size := file.stat().st_size) > _MAX_BYTES:
-            raise UnusableError(f"has {size:,} bytes but may have at most {_MAX_BYTES:,}")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a library's remarks on a format's details
-            raw = _READERS.get(file.suffix.lower(), _instrument)(file)
-        if raw.values.ndim != 2 or raw.values.dtype.kind not in "iuf":
-            what = f"{raw.values.ndim} dimensions of {raw.values.dtype}"
-            raise UnusableError(f"holds {what} but must hold real numbers in rows and columns")
-        check_count(raw.values.shape)
-    except StudyError:
-        raise
-    except UnusableError as error:
-        raise StudyError(f"{start} {error}") from None
-    except Exception as error:  # each library has its own for what it cannot parse
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise StudyError(f"{start} cannot be read: {reason}") from None
-    return raw
-
-
-def _array(file: Path) -> Raw:
-    return Raw(np.lib.format.open_memmap(file, mode="r"))
-
-
-def _table(file: Path) -> Raw:
+def _table(file: Path) -> RawHeights:
     values, header = read_table(file, f"stimulus.file = {file}")
-    return Raw(values, *sizes_of(header, values.shape, file))
+    try:
+        return RawHeights(values, *_stated(header, values.shape, file))
+    except ImportError:
+        return RawHeights(values, hint=_HINT)
 
 
-def _dat(file: Path) -> Raw:
+def _stated(
+    header: list[str], shape: tuple[int, int], file: Path
+) -> tuple[tuple[float, float] | None, float | None]:
+    """Return the spacing along rows' X and columns' Y and the unit, mm, that a header states.
+
+    SurfaceTopography knows the headers of Gwyddion, SPIP, Wyko, Nova and Attocube.
+    """
+    library = importlib.import_module("SurfaceTopography.IO")
+    header = [re.sub(r"(\d),(\d)", r"\1.\2", line) for line in header]
+    if not any(re.search(r"\d", line) for line in header):
+        return None, None
+    rows = [" ".join(["1"] * shape[1])] * shape[0]  # their numbers do not matter
+
+    def parsed(*further: str) -> Any:
+        text = io.StringIO("\n".join([*header, *further, *rows]))
+        with library.open_topography(text, format="asc") as reader:
+            return reader.default_channel
+
+    try:
+        channel, unit_mm = parsed(), None
+        if channel.unit is not None:
+            unit_mm = (channel.height_scale_factor or 1.0) * _in_mm(channel.unit)
+        elif "xunit" in channel.info["raw_metadata"]:  # it states the unit of lengths only
+            channel = parsed("# Value units: mm")
+    except importlib.import_module("SurfaceTopography.Exceptions").ReadFileError as error:
+        reason = re.sub(r" from the file '.*?'", "", " ".join(str(error).split()))
+        logger.warning("The header of %s is not used: %s", file, reason)
+        return None, None
+    if channel.unit is None or len(channel.physical_sizes or ()) < 2:
+        return None, unit_mm
+    along_columns, along_rows = np.array(channel.physical_sizes, float) * _in_mm(channel.unit)
+    return (float(along_rows / shape[0]), float(along_columns / shape[1])), unit_mm
+
+
+def _in_mm(unit: str) -> float:
+    convert = importlib.import_module("SurfaceTopography.Support.UnitConversion")
+    return float(convert.get_unit_conversion_factor(unit, "mm"))
+
+
+def _dat(file: Path) -> RawHeights:
     return _table(file) if is_table(file) else _instrument(file)
 
 
 # --- images ----------------------------------------------------------------------------------
 
 
-def _image(file: Path) -> Raw:
-    with Image.open(file) as image:
-        _check_gray(image)
-        raw_mode = str(image.tile[0][3]) if image.tile else ""
-        if raw_mode in ("L;2", "L;4"):
-            raise UnusableError(f"has {raw_mode[-1]} bits a value but must have 8 or 16")
-        return Raw(np.asarray(ImageOps.exif_transpose(image)))
-
-
-def _tiff(file: Path) -> Raw:
+def _tiff(file: Path) -> RawHeights:
     """Read by Pillow, with any compression, what it reads as it is; else by tifffile."""
+    from PIL import Image, ImageOps, UnidentifiedImageError  # takes a while
+
     try:
         with Image.open(file) as image:
             tags = image.tag_v2  # type: ignore[attr-defined]
             kind = tags.get(_SAMPLE_FORMAT, (1,))[0], tags.get(_BITS, (1,))[0]
             several = tags.get(_SAMPLES, 1) > 1 or tags.get(_PHOTOMETRIC) != 1
             if several or kind in _PILLOW:
-                _check_gray(image)
+                check_gray(image)
                 if tags.get(_PHOTOMETRIC) != 1:
                     raise UnusableError(_FROM_WHITE)
                 image.load()  # some versions of Pillow turn it as its Orientation says, then
                 upright = np.asarray(ImageOps.exif_transpose(image))
-                return Raw(_without_marker(upright, tags.get(_NODATA)))
+                return RawHeights(_without_marker(upright, tags.get(_NODATA)))
     except UnidentifiedImageError:
         pass
     return _tiff_of_other_numbers(file)
 
 
-def _tiff_of_other_numbers(file: Path) -> Raw:
+def _tiff_of_other_numbers(file: Path) -> RawHeights:
     with _optional("tifffile", "TIFF files of such numbers").TiffFile(file) as tiff:
-        _check_single(len(tiff.pages))
+        check_single(len(tiff.pages))
         page = tiff.pages[0]
         if page.samplesperpixel > 1 or page.photometric not in (0, 1):
             raise UnusableError("is a coloured image but must be gray")
@@ -146,23 +136,7 @@ def _tiff_of_other_numbers(file: Path) -> Raw:
         check_count(page.shape)
         if page.compression != 1 and sum(page.databytecounts) > 1.1 * page.nbytes + 1000:
             raise UnusableError("cannot be read: it is damaged")
-        return Raw(_without_marker(page.asarray(), page.tags.valueof(_NODATA)))
-
-
-def _check_gray(image: Image.Image) -> None:
-    is_gray = image.mode in ("L", "F", "I") or image.mode.startswith("I;16")
-    if not is_gray or "transparency" in image.info:
-        raise UnusableError(
-            f"is an image of mode {image.mode} but must be gray, without colours, palette or "
-            "transparency"
-        )
-    _check_single(getattr(image, "n_frames", 1))
-    check_count(image.size)
-
-
-def _check_single(images: int) -> None:
-    if images > 1:
-        raise UnusableError(f"holds {images} images but must be one")
+        return RawHeights(_without_marker(page.asarray(), page.tags.valueof(_NODATA)))
 
 
 def _without_marker(values: NDArray[Any], marker: object) -> NDArray[Any]:
@@ -177,14 +151,13 @@ def _without_marker(values: NDArray[Any], marker: object) -> NDArray[Any]:
 # --- instruments -----------------------------------------------------------------------------
 
 
-def _instrument(file: Path) -> Raw:
+def _instrument(file: Path) -> RawHeights:
     """Read a format of SurfaceTopography, which knows sizes before it reads heights."""
     library = _optional("SurfaceTopography.IO", f'files that end in "{file.suffix}"')
-    convert = importlib.import_module("SurfaceTopography.Support.UnitConversion")
     with library.open_topography(str(file)) as reader:
         if reader.format() == "asc":
             if not is_table(file):
-                raise UnusableError(f"cannot be read: it has less than {MIN_VALUES} columns")
+                raise UnusableError(f"cannot be read: it has less than {LEAST_HEIGHTS} columns")
             return _table(file)
         channel = _only_map(reader) if reader.format() in _ARRAYS else reader.default_channel
         if channel.dim != 2:
@@ -200,18 +173,20 @@ def _instrument(file: Path) -> Raw:
         elif reader.format() not in _RIGHT_HANDED | _ARRAYS:
             values = values[:, ::-1]
         if found.unit is None:
-            return Raw(values)
-        unit_mm = float(convert.get_unit_conversion_factor(found.unit, "mm"))
+            return RawHeights(values)
+        unit_mm = _in_mm(found.unit)
         if not has_sizes:
-            return Raw(values, None, unit_mm)
+            return RawHeights(values, None, unit_mm)
         x, y = np.array(channel.physical_sizes, dtype=float) * unit_mm / values.shape
         values = values[:: -1 if x < 0 else 1, :: -1 if y < 0 else 1]
-        return Raw(values, (abs(x), abs(y)), unit_mm)
+        return RawHeights(values, (abs(x), abs(y)), unit_mm)
 
 
 def _by_coordinates(values: NDArray[Any], file: Path) -> NDArray[Any]:
     """Return heights of a NetCDF file along increasing x and y; the library takes them as such."""
-    with scipy.io.netcdf_file(file, mmap=False) as stream:
+    from scipy.io import netcdf_file  # takes a while
+
+    with netcdf_file(file, mmap=False) as stream:
         if stream.variables["heights"].dimensions == ("y", "x"):
             values = values.T
         for axis, name in enumerate("xy"):
@@ -230,11 +205,11 @@ def _fill_value(file: Path, name: str) -> float:
 
 def _only_map(reader: Any) -> Any:
     """Return the one channel of a file of arrays that can be a map."""
-    maps = [channel for channel in reader.channels if min(channel.nb_grid_pts) >= MIN_VALUES]
+    maps = [channel for channel in reader.channels if min(channel.nb_grid_pts) >= LEAST_HEIGHTS]
     if len(maps) != 1:
         names = ", ".join(channel.name for channel in maps) or "none"
         raise UnusableError(
-            f"must hold one array of {MIN_VALUES} x {MIN_VALUES} numbers or more but holds "
+            f"must hold one array of {LEAST_HEIGHTS} x {LEAST_HEIGHTS} numbers or more but holds "
             f"{len(maps)} ({names}): save that of the heights by itself"
         )
     return maps[0]
@@ -248,10 +223,9 @@ def _optional(name: str, what: str) -> ModuleType:
         raise UnusableError(f"needs {package}, which reads {what}: pip install {package}") from None
 
 
-_READERS: dict[str, Callable[[Path], Raw]] = {
-    ".npy": _array,
+HEIGHT_READERS |= {
     **dict.fromkeys((".csv", ".txt", ".asc"), _table),
     ".dat": _dat,
-    ".png": _image,
     **dict.fromkeys((".tif", ".tiff"), _tiff),
+    "": _instrument,
 }
