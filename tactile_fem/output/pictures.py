@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -28,11 +28,13 @@ from tactile_fem.output.film import FRAMES_PER_STATE, Film
 from tactile_fem.output.histories import central_receptor, extrema
 from tactile_fem.output.modes import Modes
 from tactile_fem.output.section import SectionScene, gap_of
-from tactile_fem.output.view import Frames
 from tactile_fem.results.fields import read_series
 from tactile_fem.results.results import Results
 from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure
+
+if TYPE_CHECKING:
+    from tactile_fem.output.view import Frames
 
 logger = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ import io
 import logging
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
@@ -27,7 +27,6 @@ from tactile_fem.output.annotations import (
     annotate,
     pixels,
 )
-from tactile_fem.output.film import Film
 from tactile_fem.runtime.files import atomic_write, write_figure, write_text
 from tactile_fem.runtime.logs import counted
 
@@ -35,21 +34,14 @@ if TYPE_CHECKING:
     import pyvista as pv
 
     from tactile_fem.output.scene import Scene
+    from tactile_fem.output.section import SectionScene
+
+    # A film and how its frames are drawn.
+    Frames = Scene | SectionScene
 
 logger = logging.getLogger(__name__)
 
 _FRAMES_PER_SECOND = 20
-
-
-class Frames(Protocol):
-    """A film and how its frames are drawn; the legend has colours by their names."""
-
-    film: Film
-    legend: dict[str, str]
-
-    def figure(self, k: int, dots_per_inch: int = ...) -> Figure:
-        """Return frame `k`."""
-        ...
 
 
 # --- files -------------------------------------------------------------------------------------
