@@ -1,4 +1,4 @@
-"""Output of a scan: figures, pictures, animations; and input decks."""
+"""Output of a scan: figures, pictures and animations."""
 
 from typing import TYPE_CHECKING
 
