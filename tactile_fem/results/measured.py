@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.path import Follow, Path
 from tactile_fem.path.recording import LOADS, PLACES, TURNS, Recording, read_recording
-from tactile_fem.path.rotations import between, since_first
-from tactile_fem.path.rotations import moment_about
+from tactile_fem.path.rotations import between, moment_about, since_first
 from tactile_fem.study import Study
 
 Array = NDArray[np.float64]

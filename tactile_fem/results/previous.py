@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.differences import brief, differences
 from tactile_fem.results.results import Results
+from tactile_fem.runtime.differences import brief, differences
 from tactile_fem.study import Study
 
 Earlier = Literal["nothing", "unfinished", "finished"]

@@ -30,14 +30,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, to_neo
-from tactile_fem.runtime import html
-from tactile_fem.runtime.files import atomic_write, write_arrays, write_text
 from tactile_fem.results import trace_rows
 from tactile_fem.results.columns import SPIKES, check_trace
 from tactile_fem.results.fields import FieldState, read_series
 from tactile_fem.results.folder import check_folder, choose_state, make_folder, nearest_mm
 from tactile_fem.results.surfaces import SurfaceFields, interface_of, skin_of
 from tactile_fem.results.trace import Trace
+from tactile_fem.runtime import html
+from tactile_fem.runtime.files import atomic_write, write_arrays, write_text
 from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.finger.mesh_data import TISSUES, FingerMesh
 from tactile_fem.finger.simplex import Indices, facets_of, simplex_of, volumes
-from tactile_fem.runtime.files import atomic_write, write_arrays
 from tactile_fem.results.contact_fields import ON_SKIN, vertex_areas
 from tactile_fem.results.fields import TENSOR, FieldState
+from tactile_fem.runtime.files import atomic_write, write_arrays
 
 if TYPE_CHECKING:
     import pyvista as pv

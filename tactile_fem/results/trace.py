@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,9 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.fields import STANDARD, Field
 from tactile_fem.results.columns import OF_STEP
-
-if TYPE_CHECKING:
-    from tactile_fem.simulation.simulation import Observation, Simulation
 
 Array = NDArray[Any]
 
@@ -62,7 +59,7 @@ class Trace:
         self._columns = {name: [value] for name, value in {**of_step, **felt}.items()}
 
     @classmethod
-    def of(cls, simulation: Simulation) -> Trace:
+    def of(cls, simulation: Any) -> Trace:
         """Return the trace of a simulation at rest; an observer of its steps."""
         layout, path = simulation.layout, simulation.path
         fields = simulation.receptors.fields
@@ -103,7 +100,7 @@ class Trace:
         """Return the number of rows."""
         return len(self._columns["clock_s"])
 
-    def __call__(self, seen: Observation) -> None:
+    def __call__(self, seen: Any) -> None:
         """Append a row: the step, what the receptors feel, and the observers' own columns."""
         rows, own, step = len(self), self._checked(seen.columns), seen.step
         of_step = {

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.files import atomic_write
 from tactile_fem.results.columns import OF_RECEPTOR
+from tactile_fem.runtime.files import atomic_write
 
 NAME = "trace.rows"
 

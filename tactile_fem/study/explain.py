@@ -10,7 +10,7 @@ import tomlkit
 from pydantic import BaseModel, ValidationError
 
 from tactile_fem.runtime.settings import Kind
-from tactile_fem.study import Study
+from tactile_fem.study.study import Study
 
 # What a value must be, by pydantic's kind of error.
 _REQUIREMENTS = {

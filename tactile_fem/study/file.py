@@ -17,10 +17,10 @@ from tactile_fem.path import Piece
 from tactile_fem.runtime.settings import Settings
 from tactile_fem.runtime.text import read_text
 from tactile_fem.stimulus import Friction, Stimulus
-from tactile_fem.study import Study
 from tactile_fem.study.explain import in_words, located
 from tactile_fem.study.input_copies import usable
 from tactile_fem.study.output import Output
+from tactile_fem.study.study import Study
 
 # One file for each study; its name is that of the study.
 _SHIPPED = Path(__file__).parent / "shipped"

@@ -11,9 +11,9 @@ from pydantic.fields import FieldInfo
 
 from tactile_fem.path import Piece
 from tactile_fem.stimulus import Friction, Stimulus
-from tactile_fem.study import Study
 from tactile_fem.study.afferents import Afferents
 from tactile_fem.study.explain import model_in, toml_value
+from tactile_fem.study.study import Study
 
 _HEADING = """\
 # A study: all input of a scan. Each value below is the default, which is the paper's if it states
