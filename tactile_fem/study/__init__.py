@@ -59,7 +59,7 @@ from tactile_fem.stimulus import (
 from tactile_fem.study.afferents import Afferents, filled, given_keys
 from tactile_fem.study.output import Output
 from tactile_fem.study.solver import Solver
-from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissue
+from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Material, Polynomial, Tissue
 
 if TYPE_CHECKING:
     from tactile_fem.study.explain import in_words, suggestion
@@ -83,6 +83,7 @@ __all__ = [
     "Hold",
     "Joint",
     "Lift",
+    "Material",
     "Neuron",
     "Output",
     "Piece",
@@ -223,7 +224,7 @@ class Study(Settings):
     def files(self) -> dict[str, Path]:
         """Return the files that its tables name, by their keys."""
         sections = dict[str, Settings](
-            finger=self.finger, stimulus=self.stimulus, output=self.output
+            finger=self.finger, tissue=self.tissue, stimulus=self.stimulus, output=self.output
         )
         sections |= {
             name: table
