@@ -30,8 +30,8 @@ import ufl
 from tactile_fem import FastSolver, Parts, PlainSolver, Results, Simulation, Term, load_study, scan
 
 # %%
-# **Tissue.** The energy is a function of deformation gradient and place: ``at.X`` and ``at.fields``
-# of the mesh, such as fibres. A tissue that relaxes also needs ``in_shear``, its energy in the
+# **Tissue.** The energy is a function of deformation gradient and place: ``at.X`` and
+# ``at.fields``, such as fibres. A tissue that relaxes also needs ``in_shear``, its energy in the
 # simple shear :math:`\gamma^2 = a`.
 
 

@@ -27,7 +27,7 @@ from tactile_fem.runtime.files import write_text
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.check import miss
 from tactile_fem.stimulus.sampled import height_map
-from tactile_fem.study import Elastic, Polynomial, Protocol, Study
+from tactile_fem.study import Elastic, Protocol, Study
 from tactile_fem.tissue.constants import Material
 from tactile_fem.tissue.energies import bulk_modulus, shear_modulus
 
