@@ -115,7 +115,7 @@ axes.legend()
 figure.savefig(folder / "own_mechanics.png", dpi=120)
 
 # %%
-# **Solver.** `FastSolver` is the default, `PlainSolver` is DOLFINx's Newton solver with MUMPS. This
+# **Solver.** `FastSolver` is the default, `PlainSolver` DOLFINx's Newton solver with MUMPS. This
 # one runs both from the same guess. `Simulation` steps by hand: between two steps a script may read
 # ``simulation.state``, ``simulation.load()`` and everything else.
 

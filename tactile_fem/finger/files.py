@@ -69,7 +69,7 @@ def _read_npz(path: str | os.PathLike[str]) -> FingerMesh:
             for name in arrays.files
             if name.startswith(_FIELD)
         }
-        mesh = FingerMesh(*(arrays[name] for name in _ARRAYS), fields=fields)
+        mesh = FingerMesh(**{name: arrays[name] for name in _ARRAYS}, fields=fields)
     indices = np.concatenate([mesh.cells.ravel(), mesh.facets.ravel()])
     if indices.min() < 0 or indices.max() >= len(mesh.nodes):
         raise ValueError
