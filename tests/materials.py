@@ -7,7 +7,7 @@ of them viscous, those of `NO_VISCOSITY_S` to no effect.
 
 from blocks import LAYERS
 
-from tactile_fem.study import Elastic, Polynomial, Tissue
+from tactile_fem.study import Material, Polynomial, Tissue
 from tactile_fem.tissue.energies import bulk_modulus, shear_modulus
 
 NEO_HOOKEAN = Polynomial(C10_MPa=0.02297, D1_per_MPa=1.765)
@@ -58,7 +58,7 @@ def relaxing(
 RELAXING = relaxing()
 
 
-def young_modulus(constants: Polynomial | Elastic) -> float:
+def young_modulus(constants: Material) -> float:
     """Return the small-strain Young's modulus, in MPa."""
-    G, K = shear_modulus(constants), bulk_modulus(constants)
+    G, K = float(shear_modulus(constants)), float(bulk_modulus(constants))
     return 9 * K * G / (3 * K + G)

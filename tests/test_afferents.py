@@ -193,7 +193,7 @@ def test_a_drive_sees_the_receptors_of_its_own_population_only():
         np.testing.assert_array_equal(a, b)
     assert own.counts().min() > 0
     assert Population("PC", LIVELY, Drive("Near", "kPa", near)).fire(trace).spikes == []
-    check_parts(Parts(populations=(replace(population, name="SA1"),)), Study())
+    check_parts(Parts(populations=(replace(population, name="SA1"),)))
 
 
 @pytest.mark.parametrize("columns", [3, 40])

@@ -66,14 +66,14 @@ class Law:
     slope: float
     table: object = None
 
-    def energy(self, F, X):
-        return self.slope * X[0] * F[0, 0]
+    def energy(self, F, at):
+        return self.slope * at.X[0] * F[0, 0]
 
 
 @dataclass(frozen=True)
 class Other(Law):
-    def energy(self, F, X):
-        return self.slope * X[1] * F[0, 0]
+    def energy(self, F, at):
+        return self.slope * at.X[1] * F[0, 0]
 
 
 @lru_cache

@@ -107,20 +107,19 @@ def definitions(name: str) -> dict:
 
 def test_the_own_law_has_the_stiffness_and_energy_it_states():
     ufl = pytest.importorskip("ufl")
-    from tactile_fem.tissue.energies import stiffness
+    from tactile_fem.tissue.energies import ORIGIN, stiffness
 
     law = definitions("own_mechanics")["Fung"](shear=0.02, b=2.0, bulk=1.0)
 
     def at(expression, F):
-        X = ufl.as_vector([0.0, 0.0, 0.0])
-        return ufl.as_ufl(expression(ufl.as_matrix(F.tolist()), X))(())
+        return ufl.as_ufl(expression(ufl.as_matrix(F.tolist()), ORIGIN))(())
 
     rest, stretched = np.eye(3), np.diag([1.2, 1.0, 1 / 1.2])
-    assert at(lambda F, X: stiffness(law, F, X), rest) == pytest.approx(1.0 + 4 / 3 * 0.02)
+    assert at(lambda F, at: stiffness(law, F, at), rest) == pytest.approx(1.0 + 4 / 3 * 0.02)
     a = 1.2**2 + 1 + 1.2**-2 - 3
     assert at(law.energy, stretched) == pytest.approx(0.02 / 4 * np.expm1(2 * a))
     sheared = np.eye(3) + 0.7 * np.eye(3, k=2)
-    in_shear = at(lambda F, X: law.in_shear(F[0, 2] ** 2, X), sheared)
+    in_shear = at(lambda F, at: law.in_shear(F[0, 2] ** 2, at), sheared)
     assert in_shear == pytest.approx(at(law.energy, sheared))
 
 

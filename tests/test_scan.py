@@ -50,7 +50,6 @@ from tactile_fem.study import (
     Tissue,
 )
 from tactile_fem.study.file import dump_study
-from tactile_fem.tissue.energies import law_of
 
 
 class Stopped(Exception):
@@ -526,7 +525,7 @@ class Floor:
 def test_parts_that_do_what_the_studys_do_give_the_same(study, tmp_path):
     flat = {"stimulus": Plate(), "protocol": Protocol(depth_mm=0.2, distance_mm=0.1)}
     of_study = scan(study.model_copy(update=flat)).trace
-    law = law_of(study.tissue.dermis)
+    law = study.tissue.dermis
     path = Path((Press(depth_mm=0.2), Slide(by_mm=(0.0, -0.1))))
     parts = Parts(laws={"dermis": law}, body=Floor(), path=path)
 
@@ -624,7 +623,7 @@ def test_bad_parts_are_found_before_any_long_work(study, parts, sentence, tmp_pa
 class Soft:
     """A law of one's own that does not tell its energy in shear."""
 
-    def energy(self, F, X):
+    def energy(self, F, at):
         return 1e-3 * ufl.tr(F.T * F)
 
 

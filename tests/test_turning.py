@@ -116,7 +116,7 @@ def test_the_torque_of_a_disc_that_sticks_and_of_one_that_slips(friction):
     if friction > 1:
         x, y = about[:2]
         J = SIDE**4 / 6 + SIDE**2 * (x**2 + y**2)
-        expected = shear_modulus(ONE_LAYER.dermis) * J * angle / HEIGHT
+        expected = float(shear_modulus(ONE_LAYER.dermis)) * J * angle / HEIGHT
         assert load.work_mJ == pytest.approx(torque * angle / 2, rel=1e-6)
         assert abs(load.friction_mJ) < 1e-3 * load.work_mJ
     else:

@@ -30,9 +30,9 @@ import ufl
 from tactile_fem import FastSolver, Parts, PlainSolver, Results, Simulation, Term, load_study, scan
 
 # %%
-# **Tissue.** The energy is a function of deformation gradient and undeformed place, so constants
-# and fibres may vary. A tissue that relaxes also needs ``in_shear``, its energy in the simple shear
-# :math:`\gamma^2 = a`.
+# **Tissue.** The energy is a function of deformation gradient and place: ``at.X`` and
+# ``at.fields``, such as fibres. A tissue that relaxes also needs ``in_shear``, its energy in the
+# simple shear :math:`\gamma^2 = a`.
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class Fung:
     bulk: float
     b: float
 
-    def energy(self, F, X):
-        """Return the energy of the deformation gradient F at the undeformed position X."""
+    def energy(self, F, at):
+        """Return the energy of the deformation gradient F at a place."""
         J = ufl.det(F)
         distortion = J ** (-2 / 3) * ufl.tr(F.T * F) - 3
-        return self.in_shear(distortion, X) + self.bulk / 2 * (J - 1) ** 2
+        return self.in_shear(distortion, at) + self.bulk / 2 * (J - 1) ** 2
 
-    def in_shear(self, a, X):
+    def in_shear(self, a, at):
         """Return the energy of a simple shear."""
         return self.shear / (2 * self.b) * (ufl.exp(self.b * a) - 1)
 
@@ -115,7 +115,7 @@ axes.legend()
 figure.savefig(folder / "own_mechanics.png", dpi=120)
 
 # %%
-# **Solver.** `FastSolver` is the default, `PlainSolver` is DOLFINx's Newton solver with MUMPS. This
+# **Solver.** `FastSolver` is the default, `PlainSolver` DOLFINx's Newton solver with MUMPS. This
 # one runs both from the same guess. `Simulation` steps by hand: between two steps a script may read
 # ``simulation.state``, ``simulation.load()`` and everything else.
 

@@ -27,8 +27,9 @@ from tactile_fem.runtime.files import write_text
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.check import miss
 from tactile_fem.stimulus.sampled import height_map
-from tactile_fem.study import Elastic, Polynomial, Protocol, Study
-from tactile_fem.tissue.energies import compression_modulus
+from tactile_fem.study import Elastic, Protocol, Study
+from tactile_fem.tissue.constants import Material
+from tactile_fem.tissue.energies import bulk_modulus, shear_modulus
 
 # The faces S1 to S4 of C3D10 are opposite to the corners 4, 3, 1 and 2.
 C3D10_FACES = SOLID.facets[[3, 2, 0, 1]]
@@ -59,7 +60,8 @@ class Penalty:
             raise MeshError(
                 "the pad has no stratum corneum, whose thickness a deck's contact needs"
             )
-        modulus_MPa = compression_modulus(study.tissue.stratum_corneum)
+        skin = study.tissue.stratum_corneum
+        modulus_MPa = float(bulk_modulus(skin) + 4 * shear_modulus(skin) / 3)
         stiffness = study.solver.nitsche_gamma * modulus_MPa / layers["stratum_corneum"]
         return cls(stiffness, stiffness / 10)
 
@@ -268,12 +270,12 @@ def _stimulator_lines(
     ]
 
 
-def material_lines(name: str, constants: Polynomial | Elastic) -> list[str]:
-    """Return the material of a tissue: `PolynomialEnergy`."""
+def material_lines(name: str, constants: Material) -> list[str]:
+    """Return the material of a tissue: its law."""
     return [f"*MATERIAL, NAME={name.upper()}", *_elastic_lines(constants)]
 
 
-def _elastic_lines(c: Polynomial | Elastic) -> list[str]:
+def _elastic_lines(c: Material) -> list[str]:
     if isinstance(c, Elastic):
         return ["*ELASTIC", _row(c.E_MPa, c.nu)]
     if c.is_neo_hookean:

@@ -18,7 +18,7 @@ from tactile_fem import Experiment, Study, run_script, write_table
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.calibration.press import press
 from tactile_fem.study import Finger, Plate, Solver
-from tactile_fem.tissue.energies import bulk_over_shear
+from tactile_fem.tissue.energies import bulk_modulus, shear_modulus
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
@@ -69,11 +69,12 @@ def main(
 def pressed(name: str, study: Study, depth: float) -> Row:
     """Press the plate."""
     nothing = np.array([np.nan])
+    fat = study.tissue.subcutaneous
     plate = Experiment("plate", Plate(), 0.2, np.array([depth]), nothing, nothing, nothing)
     return Row(
         name,
         len(study.finger.mesh().cells),
-        round(bulk_over_shear(study.tissue.subcutaneous), 1),
+        round(float(bulk_modulus(fat) / shear_modulus(fat)), 1),
         study.solver.locking_ratio,
         float(press(study, plate).values[0]),
     )

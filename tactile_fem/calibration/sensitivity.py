@@ -104,7 +104,7 @@ class Sensitivities:
         arrays = [state.u.x.array, state.u_old.x.array]
         arrays += [history.old.x.array for history in state.histories]
         saved = [array.copy() for array in arrays]
-        values = self._problem.tissues.values
+        values = self._problem.tissues.materials
         constants = [getattr(values[tissue], name) for tissue, name in change]
         numbers = [float(constant.value) for constant in constants]
         for array, by in zip(arrays, (along.u, along.u_old, *along.histories_old), strict=True):

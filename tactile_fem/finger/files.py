@@ -22,6 +22,7 @@ from tactile_fem.runtime.files import write_arrays, write_text
 _LINEAR, _QUADRATIC = {1: 1, 2: 2, 3: 4}, {1: 8, 2: 9, 3: 11}
 _VERSION = re.compile(rb"\$MeshFormat\s+([\d.]+)")
 _ARRAYS = "nodes", "cells", "tissue", "facets", "surface"
+_FIELD = "field_"  # before the name of a field in a .npz file
 
 
 class _Block(NamedTuple):
@@ -63,7 +64,12 @@ def read_mesh(path: str | os.PathLike[str]) -> FingerMesh:
 
 def _read_npz(path: str | os.PathLike[str]) -> FingerMesh:
     with np.load(path, allow_pickle=False) as arrays:
-        mesh = FingerMesh(*(arrays[name] for name in _ARRAYS))
+        fields = {
+            name.removeprefix(_FIELD): arrays[name]
+            for name in arrays.files
+            if name.startswith(_FIELD)
+        }
+        mesh = FingerMesh(**{name: arrays[name] for name in _ARRAYS}, fields=fields)
     indices = np.concatenate([mesh.cells.ravel(), mesh.facets.ravel()])
     if indices.min() < 0 or indices.max() >= len(mesh.nodes):
         raise ValueError
@@ -178,11 +184,15 @@ def _tagged(
 def write_mesh(path: str | os.PathLike[str], mesh: FingerMesh) -> None:
     """Write a mesh as .npz, or else as .msh 2.2 in ASCII; the same mesh gives the same bytes.
 
-    Raises an OSError that names `path` if it cannot be written.
+    Raises an OSError that names `path` if it cannot be written, and a MeshError for fields, such as
+    directions of fibres, which only .npz holds.
     """
     if Path(path).suffix == ".npz":
         arrays = {name: getattr(mesh, name) for name in _ARRAYS}
+        arrays |= {f"{_FIELD}{name}": values for name, values in mesh.fields.items()}
         return write_arrays(Path(path), arrays, compressed=True)
+    if mesh.fields:
+        raise MeshError(f"{path}: a .msh file holds no fields ({', '.join(mesh.fields)}); use .npz")
     shape = mesh.simplex
     names = [(shape.dim - 1, tag, n) for n, tag in SURFACES.items() if np.any(mesh.surface == tag)]
     names += [(shape.dim, tag, n) for n, tag in TISSUES.items() if np.any(mesh.tissue == tag)]

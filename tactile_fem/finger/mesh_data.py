@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -62,6 +62,9 @@ class FingerMesh:
     surface
         (k,) tags from `SURFACES`. "skin" is the outer skin without nail and cut, "interface"
         lies between epidermis and dermis, "bone_surface" is that of the bone without the cut.
+    fields
+        By name: (m, ...) values in each cell that laws of the tissues may need, such as
+        directions of fibres, (m, 3) in the finger's axes.
     """
 
     nodes: Array
@@ -69,6 +72,16 @@ class FingerMesh:
     tissue: Indices
     facets: Indices
     surface: Indices
+    fields: Mapping[str, Array] = field(default_factory=dict)
+
+    def with_field(self, name: str, values: Array | Callable[[Array], Array]) -> FingerMesh:
+        """Return the mesh with a further field: its values, or a function of the cells' centres.
+
+        The function takes the mean of the corners of each cell, (m, 3) in mm.
+        """
+        if callable(values):
+            values = values(self.nodes[self.cells[:, : self.simplex.corners]].mean(axis=1))
+        return replace(self, fields={**self.fields, name: np.asarray(values, dtype=float)})
 
     @property
     def simplex(self) -> Simplex:
@@ -100,6 +113,9 @@ class FingerMesh:
         digest = hashlib.sha256(np.ascontiguousarray(self.nodes, dtype="<f8").tobytes())
         for array in (self.cells, self.tissue, self.facets, self.surface):
             digest.update(np.ascontiguousarray(array, dtype="<i8").tobytes())
+        for name, values in sorted(self.fields.items()):
+            digest.update(f"{name} {values.shape}".encode())
+            digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
         return digest.hexdigest()
 
     @cached_property
@@ -155,10 +171,14 @@ class FingerMesh:
         Raises
         ------
         MeshError
-            Cells are inverted, a facet belongs to more than two of them, a tissue or a surface is
-            missing, coordinates are not finite or not in mm, a section lies in no plane across or
-            along the finger, or there is no skin or bone above the contact point.
+            Cells are inverted or lack a field's value, a facet belongs to more than two of them, a
+            tissue or a surface is missing, coordinates are not finite or not in mm, a section lies
+            in no plane across or along the finger, or there is no skin or bone above the contact
+            point.
         """
+        for name, values in self.fields.items():
+            if len(values) != len(self.cells) or not np.all(np.isfinite(values)):
+                raise MeshError(f"the field {name} of the mesh needs a finite value for each cell")
         if self.missing:
             raise MeshError(f"the mesh lacks the part {', '.join(self.missing)}")
         if not np.all(np.isfinite(self.nodes)):

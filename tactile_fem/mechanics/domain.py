@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 
 from mpi4py import MPI
@@ -53,6 +53,8 @@ class Domain:
         Number of the file's cells.
     plane
         That of a section.
+    fields
+        `FingerMesh.fields`, constant in each cell.
     """
 
     mesh: Mesh
@@ -64,6 +66,7 @@ class Domain:
     file_cells: np.ndarray
     cell_count: int
     plane: Plane = SPACE
+    fields: Mapping[str, fem.Function] = field(default_factory=dict)
 
     @property
     def comm(self) -> MPI.Comm:
@@ -113,7 +116,7 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
         Tissues and surfaces that are fixed. Cells of fixed tissues are left out: bone is
         a million times stiffer than the tissue around it, so a rigid bone changes only the cost.
     """
-    straight, plane, nodes, held_nodes, line, file_cells = on_root(
+    straight, plane, nodes, held_nodes, line, file_cells, values = on_root(
         comm, lambda: _plan(finger, held)
     )
     dim, degree = nodes.shape[1], 1 if straight else 2
@@ -147,17 +150,33 @@ def create_domain(finger: FingerMesh | None, comm: MPI.Comm, held: Sequence[str]
         file_cells,
         comm.bcast(len(finger.cells) if finger else 0),
         plane,
+        {name: _field(msh, name, of_cells) for name, of_cells in values.items()},
     )
+
+
+def _field(msh: Mesh, name: str, values: np.ndarray) -> fem.Function:
+    """Return a field from its values in all cells (m, ...) as they were given to DOLFINx."""
+    found = fem.Function(fem.functionspace(msh, ("DG", 0, values.shape[1:])), name=name)
+    cells = msh.topology.original_cell_index
+    found.x.array.reshape(len(cells), -1)[found.function_space.dofmap.list[:, 0]] = values[
+        cells
+    ].reshape(len(cells), -1)
+    return found
 
 
 def _plan(
     finger: FingerMesh, held: Sequence[str]
-) -> tuple[bool, Plane, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return straightness, plane, nodes in it, held ones, lines, deformable cells; on rank 0."""
+) -> tuple[bool, Plane, np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Return straightness, plane, nodes in it, held ones, lines, deformable cells with fields.
+
+    For rank 0.
+    """
     rigid, held_nodes = held_parts(finger, held)
     plane, lines = finger.plane, _lines(finger)
     nodes = plane.within(finger.nodes)
-    return _is_straight(finger), plane, nodes, held_nodes, lines, np.flatnonzero(~rigid)
+    cells = np.flatnonzero(~rigid)
+    fields = {name: values[cells] for name, values in finger.fields.items()}
+    return _is_straight(finger), plane, nodes, held_nodes, lines, cells, fields
 
 
 def _lines(finger: FingerMesh) -> np.ndarray:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType, SimpleNamespace
+from functools import partial
+from types import MappingProxyType
 
 import ufl
 from ufl.core.expr import Expr
 
 from tactile_fem.assembly.compile import Constant
-from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.mechanics.domain import Domain
 from tactile_fem.mechanics.state import State
-from tactile_fem.tissue.constants import Elastic, Polynomial, Tissue
-from tactile_fem.tissue.energies import Law, law_of, shear_modulus, tangent_shear_modulus
+from tactile_fem.tissue.constants import Tissue
+from tactile_fem.tissue.energies import At, Fields, Law, bulk_modulus, shear_modulus
 
 NO_LAWS: Mapping[str, Law] = MappingProxyType({})
 # Xiao and Gimbutas' rules need 11 points in a tetrahedron for the default degree where Basix's own
@@ -53,10 +53,14 @@ class Tissues:
     ----------
     F, F_old
         Deformation gradient now and at the last accepted step, (3, 3).
-    X
-        Undeformed position, mm, (3,).
-    values
-        By the name of the tissue: the constants in the forms, a `Constant` by each name.
+    at
+        Undeformed position (mm) and the finger's fields, for laws.
+    materials
+        Those of the study by the name of the tissue; each number is a `Constant` of the forms.
+    laws
+        Elastic laws by the name of the tissue: own ones or `materials`.
+    shear_moduli, bulk_moduli
+        At small strain, MPa, by the name of the tissue.
     dx, dx_of_tangent
         Volume measure of all tissues, for residuals and for tangents.
     """
@@ -70,13 +74,21 @@ class Tissues:
         laws: Mapping[str, Law] = NO_LAWS,
     ) -> None:
         self.domain, self.state, self.u = domain, state, state.u
-        self.constants, self.laws = constants, laws
+        self.constants = constants
         msh = self.u.function_space.mesh
         self.tags = domain.tissues_of(domain.tissue)
-        self.values = {name: self._in_forms(getattr(constants, name)) for name in TISSUES}
+        self.materials = {
+            name: material.with_constants(partial(Constant, msh))
+            for name, material in constants.materials().items()
+        }
+        self.laws: Mapping[str, Law] = {**self.materials, **laws}
         self.F = deformation_gradient(state.u)
         self.F_old = deformation_gradient(state.u_old)
-        self.X = self._in_space(ufl.SpatialCoordinate(msh))
+        self.at = At(self._in_space(ufl.SpatialCoordinate(msh)), Fields(domain.fields))
+        self.shear_moduli, self.bulk_moduli = (
+            {name: modulus(self.laws[name], self.at) for name in self.tags}
+            for modulus in (shear_modulus, bulk_modulus)
+        )
         self._normal = self._in_space(ufl.FacetNormal(msh))
         self.dx = ufl.Measure(
             "dx", msh, subdomain_data=domain.tissue, metadata={"quadrature_degree": degree}
@@ -86,18 +98,6 @@ class Tissues:
     def parts(self, dx: ufl.Measure) -> dict[str, ufl.Measure]:
         """Return the part in each tissue of a volume measure."""
         return {name: dx(tag) for name, tag in self.tags.items()}
-
-    def law(self, tissue: str) -> Law:
-        """Return the elastic law of a tissue."""
-        own = self.laws.get(tissue)
-        return own or law_of(getattr(self.constants, tissue), self.values[tissue])
-
-    def shear_modulus(self, tissue: str) -> Expr:
-        """Return the small-strain shear modulus of a tissue's law, in MPa."""
-        if tissue in self.laws:
-            at_rest = Constant(self.u.function_space.mesh, 0.0)
-            return tangent_shear_modulus(self.laws[tissue], at_rest, self.X)
-        return shear_modulus(getattr(self.constants, tissue), self.values[tissue])
 
     def gradient(self, v: Expr) -> Expr:
         """Return the gradient of a vector field, (3, 3)."""
@@ -115,8 +115,3 @@ class Tissues:
 
     def _in_space(self, vector: Expr) -> Expr:
         return vector if len(vector) == 3 else ufl.as_vector([vector[0], vector[1], 0])
-
-    def _in_forms(self, constants: Polynomial | Elastic) -> SimpleNamespace:
-        msh = self.u.function_space.mesh
-        given = {name: value for name, value in constants if isinstance(value, float)}
-        return SimpleNamespace(**{name: Constant(msh, value) for name, value in given.items()})

@@ -63,10 +63,11 @@ def check(study: Study, parts: Parts = NO_PARTS) -> FingerMesh | None:
     """
     found: list[FingerMesh | None] = []
     raise_all(
-        lambda: check_parts(parts, study.tissue),
+        lambda: check_parts(parts),
         lambda: _check_options(study.solver),
         lambda: fields_of(afferents.population() for afferents in study.populations),
         lambda: found.append(_check_finger(study, parts)),
+        lambda: _check_laws(study.tissue, parts, found[0] if found else None),
         lambda: _check_path_alone(study, parts),
         lambda: _check_stimulus(study, parts),
         lambda: study.stimulus.law().over_body(),  # reads its file
@@ -108,39 +109,48 @@ def path_of(study: Study, pad_thickness_mm: float, parts: Parts = NO_PARTS) -> P
     return parts.path or study.protocol.route(deepest_mm(study, pad_thickness_mm))
 
 
-def check_parts(parts: Parts, of_study: Tissue) -> None:
-    """Try own parts; raise a StudyError for those that cannot be used.
-
-    Laws have to suit the tissues of the study, some of which relax.
-    """
+def check_parts(parts: Parts) -> None:
+    """Try own parts but laws, which need the finger; raise a StudyError for what cannot be used."""
     raise_all(
         parts.identity,
-        *(partial(_check_law, tissue, law, of_study) for tissue, law in parts.laws.items()),
         *(partial(_check_own_body, body) for body in [parts.body] if body is not None),
         *(partial(_check_own_path, path) for path in [parts.path] if path is not None),
         *(partial(_check_population, population) for population in parts.populations),
     )
 
 
-def _check_law(tissue: str, law: Law, of_study: Tissue) -> None:
+def _check_laws(tissues: Tissue, parts: Parts, mesh: FingerMesh | None) -> None:
+    """Try the laws that are not those of the package, with the fields of the finger."""
+    of_study = {name: law for name, law in tissues.own_laws().items() if name not in parts.laws}
+    raise_all(
+        *(partial(_check_law, "parts.laws", *own, tissues, mesh) for own in parts.laws.items()),
+        *(partial(_check_law, "tissue", *own, tissues, mesh) for own in of_study.items()),
+    )
+
+
+def _check_law(start: str, tissue: str, law: Law, tissues: Tissue, mesh: FingerMesh | None) -> None:
     if tissue not in TISSUES:
-        raise StudyError(f'parts.laws: "{tissue}" is no tissue; allowed: {", ".join(TISSUES)}.')
-    energies = [_energy(law, F) for F in _DEFORMATIONS]
+        raise StudyError(f'{start}: "{tissue}" is no tissue; allowed: {", ".join(TISSUES)}.')
+    energies = [_energy(law, F, mesh) for F in _DEFORMATIONS]
     if not np.isfinite(energies).all():
-        raise StudyError(f"parts.laws: the energy of {tissue} is not finite at a small strain.")
-    if getattr(of_study, tissue).g and not hasattr(law, "in_shear"):
+        raise StudyError(f"{start}: the energy of {tissue} is not finite at a small strain.")
+    if getattr(tissues, tissue).g and not hasattr(law, "in_shear"):
         raise StudyError(
-            f"parts.laws: {tissue} relaxes (tissue.{tissue}.g), so its law needs a method "
-            "in_shear(a, X), its energy in the simple shear gamma^2 = a."
+            f"{start}: {tissue} relaxes (tissue.{tissue}.g), so its law needs a method "
+            "in_shear(a, at), its energy in the simple shear gamma^2 = a."
         )
 
 
-def _energy(law: Law, F: np.ndarray) -> float:
-    """Return the energy density of a law at a deformation gradient, (3, 3)."""
+def _energy(law: Law, F: np.ndarray, mesh: FingerMesh | None) -> float:
+    """Return the energy density of a law at a deformation gradient, (3, 3), in the first cell."""
     import ufl  # takes a while
 
-    origin = ufl.as_vector([0.0, 0.0, 0.0])
-    return float(law.energy(ufl.as_matrix(F.tolist()), origin)(()))
+    from tactile_fem.tissue.energies import ORIGIN, At, Fields
+
+    first = {name: own[0].tolist() for name, own in (mesh.fields if mesh else {}).items()}
+    fields = {name: ufl.as_tensor(x) if isinstance(x, list) else x for name, x in first.items()}
+    at = At(ORIGIN.X, Fields(fields))
+    return float(law.energy(ufl.as_matrix(F.tolist()), at)(()))
 
 
 def _check_own_body(body: RigidBody) -> None:

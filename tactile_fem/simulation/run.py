@@ -223,7 +223,7 @@ def _must_fire_again(results: Results, observers: list[Observer], parts: Parts) 
         A part is not valid or not the one that it had; or there are observers, who would see none
         of its steps.
     """
-    check_parts(parts, results.study.tissue)
+    check_parts(parts)
     before, now = dict(results.run.get("own_parts", {})), parts.listed()
     fire = [own.pop("populations", None) for own in (before, now)]
     if changed := changed_part(before, now):

@@ -44,7 +44,7 @@ from tactile_fem.study.input_copies import content_of, keep_files, with_files
 from tactile_fem.study.output import Output
 from tactile_fem.study.solver import Solver
 from tactile_fem.study.study import AFTER_MECHANICS, Study
-from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Polynomial, Tissue
+from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Material, Polynomial, Tissue
 
 __all__ = [
     "AFTER_MECHANICS",
@@ -63,6 +63,7 @@ __all__ = [
     "Hold",
     "Joint",
     "Lift",
+    "Material",
     "Neuron",
     "Output",
     "Piece",

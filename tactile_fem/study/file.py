@@ -21,6 +21,7 @@ from tactile_fem.study.explain import in_words, located
 from tactile_fem.study.input_copies import usable
 from tactile_fem.study.output import Output
 from tactile_fem.study.study import Study
+from tactile_fem.tissue.constants import Material
 
 # One file for each study; its name is that of the study.
 _SHIPPED = Path(__file__).parent / "shipped"
@@ -171,8 +172,10 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
     ]
     tables += [stimulus.get("friction")] if isinstance(stimulus, dict) else []
     tables += pieces if isinstance(pieces, list) else []
+    tables += data["tissue"].values() if isinstance(data.get("tissue"), dict) else []
     models: list[type[Settings]] = [Finger, Output, *companions.tables().values()]
-    models += [kind for one in (Stimulus, Friction, Piece) for kind in one.kinds.values()]
+    families = Stimulus, Friction, Piece, Material
+    models += [kind for family in families for kind in family.kinds.values()]
     model_of = {key: model for model in models for key in model.file_keys()}
     for table in tables:
         for key in model_of.keys() & table.keys() if isinstance(table, dict) else ():

@@ -147,7 +147,7 @@ class Study(Settings):
     def files(self) -> dict[str, Path]:
         """Return the files that its tables name, by their keys."""
         sections = dict[str, Settings](
-            finger=self.finger, stimulus=self.stimulus, output=self.output
+            finger=self.finger, tissue=self.tissue, stimulus=self.stimulus, output=self.output
         )
         sections |= {
             name: table

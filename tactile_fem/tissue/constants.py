@@ -1,26 +1,51 @@
-"""Constants of the tissues, and named sets of them."""
+"""Laws of the tissues with their constants, and named sets of them."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.settings import Finite, NonNegative, Positive, Settings
+from tactile_fem.runtime.settings import Finite, Kind, NonNegative, Positive, Settings
+
+if TYPE_CHECKING:
+    from ufl.core.expr import Expr
+
+    from tactile_fem.tissue.energies import At
 
 
-class Relaxing(Settings):
-    """How a tissue's resistance to a change of shape relaxes: a Prony series.
+class Material(Kind):
+    """Keys of a tissue; each law is a class of its own below this one.
 
-    The other constants are those of the long run.
+    It states its name `law`, its constants, which are those of the long run, and its `energy`. In
+    forms numbers other than 0 are constants of DOLFINx: other values take the same compiled code.
+    A law that may relax also states ``in_shear(a, at)``, its energy in the simple shear
+    ``gamma^2 = a``: from `energy` it would not follow at rest, where ``dW/da`` is 0/0.
     """
 
+    tag = "law"
     g: tuple[Annotated[Finite, Field(gt=0, lt=1)], ...] = Field(
         (), description="shares of the instantaneous shear stiffness that relax; none: elastic"
     )
     tau_s: tuple[Positive, ...] = Field((), description="times over which they relax, as many")
+
+    def energy(self, F: Expr, at: At) -> Expr:
+        """Return the strain energy density, as `tactile_fem.tissue.energies.Law`."""
+        raise StudyError(f'tissue: law = "{self.law}" is known where its module is imported')
+
+    def with_constants(self, constant: Callable[[float], Any]) -> Self:
+        """Return the law for forms: each number but 0 is what `constant` makes of it."""
+        numbers = {key: value for key, value in self if isinstance(value, float) and value}
+        return self.model_copy(update={key: constant(x) for key, x in numbers.items()})
+
+    if TYPE_CHECKING:
+
+        @property
+        def law(self) -> str:
+            """Name of the law, as a study states it."""
 
     def moduli(self) -> dict[str, int]:
         """Return the names of the moduli, with 1, and of the inverse ones, with -1."""
@@ -60,9 +85,14 @@ class Relaxing(Settings):
         return self
 
 
-class Polynomial(Relaxing):
-    """Polynomial energy of order two, with the cubic term of Yeoh; neo-Hookean with C10 alone."""
+class Polynomial(Material):
+    """Polynomial energy of order two, with the cubic term of Yeoh; neo-Hookean with C10 alone.
 
+    ``W = sum_{1<=i+j<=2} C_ij (I1bar-3)^i (I2bar-3)^j + C_30 (I1bar-3)^3 + sum_i (J-1)^(2i)/D_i``
+    with the invariants of ``Cbar = J^(-2/3) C`` (paper; in the form of Abaqus).
+    """
+
+    law: Literal["polynomial"] = "polynomial"
     C10_MPa: Positive = Field(description="of (I1bar - 3)")
     C01_MPa: Finite = Field(0.0, description="of (I2bar - 3)")
     C20_MPa: Finite = Field(0.0, description="of (I1bar - 3)^2")
@@ -78,6 +108,32 @@ class Polynomial(Relaxing):
         higher = (self.C01_MPa, self.C20_MPa, self.C11_MPa, self.C02_MPa, self.C30_MPa)
         return not any(higher) and self.D2_per_MPa is None
 
+    def energy(self, F: Expr, at: At) -> Expr:
+        """Return the strain energy density, in MPa; the same everywhere."""
+        from tactile_fem.tissue.energies import invariants  # takes a while
+
+        J, a, b = invariants(F)
+        W = self._of_shape(a, b)
+        W += (J - 1) ** 2 / self.D1_per_MPa
+        if self.D2_per_MPa is not None:
+            W += (J - 1) ** 4 / self.D2_per_MPa
+        return W
+
+    def in_shear(self, a: Expr, at: At) -> Expr:
+        """Return the energy in the simple shear ``gamma^2 = a``, where both invariants are `a`."""
+        return self._of_shape(a, a)
+
+    def _of_shape(self, a: Expr, b: Expr) -> Expr:
+        """Return the energy without that of a change of volume."""
+        W = self.C10_MPa * a
+        if self.C20_MPa:
+            W += self.C20_MPa * a**2
+        if self.C30_MPa:
+            W += self.C30_MPa * a**3
+        if self.C01_MPa or self.C11_MPa or self.C02_MPa:
+            W += self.C01_MPa * b + self.C11_MPa * a * b + self.C02_MPa * b**2
+        return W
+
     @model_validator(mode="after")
     def _resists_shear(self) -> Self:
         if self.C10_MPa + self.C01_MPa <= 0:
@@ -88,11 +144,32 @@ class Polynomial(Relaxing):
         return self
 
 
-class Elastic(Relaxing):
-    """Linear elastic constants of bone and nail (the law of Saint-Venant and Kirchhoff)."""
+class Elastic(Material):
+    """Linear elasticity in the Green-Lagrange strain (Saint-Venant and Kirchhoff), for bone, nail.
 
+    Unlike small-strain elasticity (paper) it is indifferent to rotation; the two agree at the
+    strains that bone and nail reach.
+    """
+
+    law: Literal["elastic"] = "elastic"
     E_MPa: Positive = Field(description="Young's modulus")
     nu: Annotated[Finite, Field(gt=-1.0, lt=0.5)] = Field(description="Poisson's ratio")
+
+    def energy(self, F: Expr, at: At) -> Expr:
+        """Return the strain energy density, in MPa; the same everywhere."""
+        from ufl import Identity, inner, tr  # takes a while
+
+        lame = self.E_MPa * self.nu / ((1 + self.nu) * (1 - 2 * self.nu))
+        E = (F.T * F - Identity(3)) / 2
+        return lame / 2 * tr(E) ** 2 + self._shear_modulus * inner(E, E)
+
+    def in_shear(self, a: Expr, at: At) -> Expr:
+        """Return the energy in the simple shear ``gamma^2 = a`` as far as it is linear in `a`."""
+        return self._shear_modulus / 2 * a
+
+    @property
+    def _shear_modulus(self) -> Any:
+        return self.E_MPa / (2 * (1 + self.nu))
 
 
 def _neo_hookean(E_MPa: float, nu: float = 0.48) -> dict[str, float]:
@@ -193,12 +270,20 @@ class Tissue(Settings):
     density_kg_m3: Positive = Field(
         1000.0, description="of all tissues, that of water; for `vibrate` and solver.inertia"
     )
-    stratum_corneum: Polynomial
-    epidermis: Polynomial
-    dermis: Polynomial
-    subcutaneous: Polynomial
-    bone: Elastic
-    nail: Elastic
+    stratum_corneum: Material
+    epidermis: Material
+    dermis: Material
+    subcutaneous: Material
+    bone: Material
+    nail: Material
+
+    def materials(self) -> dict[str, Material]:
+        """Return laws and constants by the name of the tissue."""
+        return {name: value for name, value in self if isinstance(value, Material)}
+
+    def own_laws(self) -> dict[str, Material]:
+        """Return those materials whose law is not that of the named sets."""
+        return {name: one for name, one in self.materials().items() if one.law != _law_of(name)}
 
     @model_validator(mode="before")
     @classmethod
@@ -212,11 +297,17 @@ class Tissue(Settings):
         series = RELAXATIONS.get(relaxation, {}) if isinstance(relaxation, str) else {}
         filled = {"viscous_time_s": 0.0, **data} if series else dict(data)
         for tissue, values in constants.items():
-            given = data.get(tissue, {})
-            if isinstance(given, Relaxing):  # complete but for its series
-                given, values = given.model_dump(exclude_unset=True), {}
+            given, law = data.get(tissue, {}), _law_of(tissue)
+            if isinstance(given, Material):  # complete but for its series
+                given, values = {"law": given.law, **given.model_dump(exclude_unset=True)}, {}
             if isinstance(given, dict):
+                own = values if given.get("law", law) == law else {}
                 relaxes = tissue not in _HARD and not {"g", "tau_s"} & given.keys()
-                given = {**values, **(series if relaxes else {}), **given}
+                given = {"law": law, **own, **(series if relaxes else {}), **given}
             filled[tissue] = given
         return filled
+
+
+def _law_of(tissue: str) -> str:
+    """Return the law of a tissue in the named sets."""
+    return "elastic" if tissue in _HARD else "polynomial"

@@ -26,6 +26,8 @@ from typing import Protocol
 import ufl
 from ufl.core.expr import Expr
 
+from tactile_fem.tissue.energies import At
+
 
 @dataclass(frozen=True)
 class Prony:
@@ -66,8 +68,8 @@ class Prony:
 class ShearLaw(Protocol):
     """A law whose energy in simple shear is known, as networks need it."""
 
-    def in_shear(self, a: Expr, X: Expr) -> Expr:
-        """Return the energy in the simple shear ``gamma^2 = a`` at the position `X`, in MPa."""
+    def in_shear(self, a: Expr, at: At) -> Expr:
+        """Return the energy in the simple shear ``gamma^2 = a`` at a place, in MPa."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +82,8 @@ class Network:
         The elastic law.
     ratio
         Stiffness over that of the law, `beta`.
-    X
-        Undeformed position, mm, (3,).
+    at
+        The place.
     carried, new
         `A` is their sum: ``carried``, (3, 3), which the step began with, and ``new`` times the
         present ``Cbar^-1``.
@@ -89,13 +91,13 @@ class Network:
 
     law: ShearLaw
     ratio: Expr | float
-    X: Expr
+    at: At
     carried: Expr
     new: Expr | float
 
     def energy(self, F: Expr) -> Expr:
         """Return what it stores at `F`, in MPa."""
-        return self.ratio * self.law.in_shear(self._distortion(F), self.X)
+        return self.ratio * self.law.in_shear(self._distortion(F), self.at)
 
     def stress(self, F: Expr) -> Expr:
         """Return its first Piola stress ``dW/dF`` while no chain breaks, in MPa.
@@ -105,7 +107,7 @@ class Network:
         a = ufl.variable(self._distortion(F))
         variable = ufl.variable(F)
         pull = ufl.diff(self._carried_invariant(variable), variable)
-        return self.ratio * ufl.diff(self.law.in_shear(a, self.X), a) * pull
+        return self.ratio * ufl.diff(self.law.in_shear(a, self.at), a) * pull
 
     def _carried_invariant(self, F: Expr) -> Expr:
         """Return the trace of ``Cbar`` times what is carried."""

@@ -2,8 +2,8 @@
 
 Quadratic tetrahedra that resist a change of volume at every quadrature point lock. The share of
 this resistance beyond a ratio K/G, the locking ratio, is therefore integrated at the elements'
-centres, so that each element resists a change of its own volume. Own laws are integrated at all
-points.
+centres, so that each element resists a change of its own volume. Laws whose moduli vary in space
+are integrated at all points.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import ufl
+from ufl.checks import is_scalar_constant_expression
 from ufl.core.expr import Expr
 
 from tactile_fem.mechanics.terms.term import StressTerm
 from tactile_fem.mechanics.tissues import Tissues
 from tactile_fem.study import Solver
-from tactile_fem.tissue.energies import Law, VolumeChange, bulk_over_shear, stiffness, stress
+from tactile_fem.tissue.energies import Law, VolumeChange, stiffness, stress
 
 # Least share of the volumetric stiffness at all points: elements without shear need a little.
 _LEAST_SHARE = 0.02
@@ -38,26 +39,28 @@ class Hyperelasticity(StressTerm):
 
     def stress(self, tissue: str) -> Expr:
         """Return ``dW/dF``, MPa."""
-        return stress(self.tissues.law(tissue), self.tissues.F, self.tissues.X)
+        return stress(self.tissues.laws[tissue], self.tissues.F, self.tissues.at)
 
     def energy(self, tissue: str) -> Expr:
         """Return ``W``, MPa."""
-        return self.tissues.law(tissue).energy(self.tissues.F, self.tissues.X)
+        return self.tissues.laws[tissue].energy(self.tissues.F, self.tissues.at)
 
     def stored(self, w: Expr) -> ufl.Form:
         """Return the strain energy, weighted with `w`."""
-        F, X, parts = self.tissues.F, self.tissues.X, self.tissues.parts(self.tissues.dx)
-        return super().stored(w) + self._moved_to_centres(lambda law: law.energy(F, X) * w, parts)
+        own, parts = self.tissues, self.tissues.parts(self.tissues.dx)
+        return super().stored(w) + self._moved_to_centres(
+            lambda law: law.energy(own.F, own.at) * w, parts
+        )
 
     def skin_stiffness(self, tissue: str, gamma: Expr, height: Expr) -> Expr:
         """Return ``gamma (K + 4 G/3)/h`` at the last accepted state, MPa/mm."""
         own = self.tissues
-        return gamma * stiffness(own.law(tissue), own.F_old, own.X) / height
+        return gamma * stiffness(own.laws[tissue], own.F_old, own.at) / height
 
     def _work(self, v: Expr, dx: ufl.Measure) -> ufl.Form:
         own, gradient = self.tissues, self.tissues.gradient(v)
         moved = self._moved_to_centres(
-            lambda law: ufl.inner(stress(law, own.F, own.X), gradient), own.parts(dx)
+            lambda law: ufl.inner(stress(law, own.F, own.at), gradient), own.parts(dx)
         )
         return super()._work(v, dx) + moved
 
@@ -67,13 +70,13 @@ class Hyperelasticity(StressTerm):
         """Return what changes in an integral if volume change beyond the ratio is at centres."""
         form = ufl.Form([])
         for name, dx in parts.items():
-            if name in self.tissues.laws:
+            K, G = self.tissues.bulk_moduli[name], self.tissues.shear_moduli[name]
+            if not all(map(is_scalar_constant_expression, (K, G))):
                 continue
-            constants, values = getattr(self.tissues.constants, name), self.tissues.values[name]
-            if bulk_over_shear(constants) > self._locking_ratio:
-                share: Expr | float = self._locking_ratio / bulk_over_shear(constants, values)
-                if self._locking_ratio < _LEAST_SHARE * bulk_over_shear(constants):
+            if float(K) > self._locking_ratio * float(G):
+                share: Expr | float = self._locking_ratio / (K / G)
+                if self._locking_ratio < _LEAST_SHARE * float(K / G):
                     share = _LEAST_SHARE
-                moved = (1 - share) * integrand(VolumeChange(self.tissues.law(name)))
+                moved = (1 - share) * integrand(VolumeChange(self.tissues.laws[name]))
                 form += moved * dx(degree=1) - moved * dx
         return form

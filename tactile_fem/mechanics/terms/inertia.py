@@ -54,7 +54,7 @@ def moment_of_inertia(tissues: Tissues, density_kg_m3: float, point_mm: ArrayLik
     It is about the line along X through a point, (3,).
     """
     msh = tissues.domain.mesh
-    r = tissues.X - Constant(msh, np.asarray(point_mm))
+    r = tissues.at.X - Constant(msh, np.asarray(point_mm))
     density = mass_density(msh, density_kg_m3)
     form = fem.form(density * (r[1] ** 2 + r[2] ** 2) * tissues.dx, jit_options=jit_options(()))
     return float(tissues.domain.comm.allreduce(fem.assemble_scalar(form)))

@@ -89,14 +89,14 @@ class Relaxation(StressTerm, PointHistory):
         if factors is None:
             return None
         unbroken = sum(ratio * (1 - new) for ratio, new, _ in factors)
-        G = shear_stiffness(own.law(tissue), own.F_old, own.X)
+        G = shear_stiffness(own.laws[tissue], own.F_old, own.at)
         return gamma * 4 * unbroken * G / 3 / height
 
     def _networks(self, tissue: str) -> list[Network]:
         """Return the networks of a tissue; none if it does not relax."""
-        law, X = self.tissues.law(tissue), self.tissues.X
+        law, at = self.tissues.laws[tissue], self.tissues.at
         return [
-            Network(law, ratio, X, self._carried_in(k, new, frozen), new)
+            Network(law, ratio, at, self._carried_in(k, new, frozen), new)
             for k, (ratio, new, frozen) in enumerate(self._factors.get(tissue, []))
         ]
 

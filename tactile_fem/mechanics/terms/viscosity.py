@@ -42,12 +42,12 @@ class Viscosity(StressTerm):
 
     def stress(self, tissue: str) -> Expr:
         """Return ``F S``, MPa."""
-        own, G = self.tissues, self.tissues.shear_modulus(tissue)
+        own, G = self.tissues, self.tissues.shear_moduli[tissue]
         return own.F * (G * self._rate * (own.F.T * own.F - own.F_old.T * own.F_old))
 
     def skin_stiffness(self, tissue: str, gamma: Expr, height: Expr) -> Expr:
         """Return ``gamma 2 G tau/dt/h``, MPa/mm."""
-        return gamma * 2 * self.tissues.shear_modulus(tissue) * self._rate / height
+        return gamma * 2 * self.tissues.shear_moduli[tissue] * self._rate / height
 
     def begin_step(self) -> None:
         """Take the state's time step over."""
