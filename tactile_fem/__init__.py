@@ -51,7 +51,8 @@ if TYPE_CHECKING:
     from tactile_fem.results.trace import Trace
     from tactile_fem.runtime.files import write_table
     from tactile_fem.simulation.parts import Parts
-    from tactile_fem.simulation.run import ScanResult, completed, resume, scan
+    from tactile_fem.simulation.run import completed, resume, scan
+    from tactile_fem.simulation.scan_result import ScanResult
     from tactile_fem.simulation.simulation import Observation, Simulation
     from tactile_fem.solvers.fast import FastSolver
     from tactile_fem.solvers.plain import PlainSolver
@@ -112,7 +113,8 @@ _MODULES = {
     "runtime.files": ("write_table",),
     "simulation.parts": ("Parts",),
     "results.results": ("Results",),
-    "simulation.run": ("ScanResult", "completed", "resume", "scan"),
+    "simulation.run": ("completed", "resume", "scan"),
+    "simulation.scan_result": ("ScanResult",),
     "simulation.simulation": ("Observation", "Simulation"),
     "results.surfaces": ("SurfaceFields",),
     "results.trace": ("Trace",),

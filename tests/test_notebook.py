@@ -91,7 +91,7 @@ def test_results_in_memory_show_the_same(tmp_path):
     pytest.importorskip("tactile_fem.runtime.backend")
     from tactile_fem.neuron import Response
     from tactile_fem.results.trace import Trace
-    from tactile_fem.simulation.run import ScanResult
+    from tactile_fem.simulation.scan_result import ScanResult
 
     results = make_results(tmp_path / "r")
     trace = Trace.read(results.trace)

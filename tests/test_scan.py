@@ -29,7 +29,8 @@ from tactile_fem.results.fields import read_series
 from tactile_fem.results.results import Results
 from tactile_fem.results.trace import Trace
 from tactile_fem.simulation.parts import Parts
-from tactile_fem.simulation.run import ScanResult, completed, resume, scan
+from tactile_fem.simulation.run import completed, resume, scan
+from tactile_fem.simulation.scan_result import ScanResult
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.stimulus import Distance
 from tactile_fem.study import (

@@ -114,6 +114,14 @@ def test_bad_axes_are_told(axes, says):
         sweep(axes)
 
 
+def test_all_scans_that_cannot_be_are_told_before_any_runs(tmp_path):
+    with pytest.raises(StudyError) as found:
+        run_series(sweep(["protocol.depth_mm=1,6,7"]), tmp_path / "r")
+    lines = [line.partition(" but")[0] for line in str(found.value).splitlines()]
+    assert lines == ["protocol.depth_mm is 6", "protocol.depth_mm is 7"]
+    assert not (tmp_path / "r").exists()
+
+
 def test_complete_scans_are_not_repeated_and_foreign_ones_refused(tmp_path):
     members = sweep(["stimulus.friction=0.1,0.2"], overrides=["finger.preset=coarse"])
     for member in members:

@@ -14,6 +14,7 @@ along lengths of the finger, and all those of a finger on its joint, from a pres
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
@@ -35,7 +36,7 @@ from tactile_fem.calibration.parameters import (
 from tactile_fem.calibration.press import study_of
 from tactile_fem.calibration.result import Calibration
 from tactile_fem.calibration.tables import write_results
-from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.errors import StudyError, TactileError, raise_all
 from tactile_fem.runtime.logs import each_once
 from tactile_fem.runtime.session import session
 from tactile_fem.simulation import check
@@ -158,5 +159,4 @@ def _check(
         raise StudyError("Two parameters of the fit change the same constant: name it once.")
     if jobs > 1 and comm.size > 1:
         raise StudyError(f"jobs is {jobs} but must be 1 on {comm.size} ranks.")
-    for experiment in experiments:
-        check(study_of(study, experiment))
+    raise_all(*(partial(check, study_of(study, experiment)) for experiment in experiments))

@@ -21,7 +21,7 @@ from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.path import Path
 from tactile_fem.path.rotations import to_body
 from tactile_fem.runtime.logs import shown
-from tactile_fem.simulation.checks import check_with_mesh, path_of, warn_if_missed, warn_if_sharp
+from tactile_fem.simulation.checks import checked_mesh, path_of, warn_if_missed, warn_if_sharp
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.study import Study
 
@@ -60,8 +60,7 @@ def preview(study: Study) -> Figure:
         A graphics library is missing.
     """
     prepare_drawing(study.finger.section_plane)
-    body, finger = study.stimulus.body(), study.finger.mesh()
-    check_with_mesh(study, finger)
+    finger, body = checked_mesh(study), study.stimulus.body()
     path = path_of(study, finger.pad_thickness_mm)
     warn_if_missed(body, path, finger)
     warn_if_sharp(body, path, finger)

@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from tactile_fem.errors import StudyError
+from tactile_fem.errors import StudyError, raise_all
 from tactile_fem.people.settings import MOST_SD, People, people_of
 from tactile_fem.people.spread import Varied
 from tactile_fem.series import Member
@@ -69,8 +70,7 @@ def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
     if any(people_of(one.study) != people_of(conditions[0].study) for one in conditions):
         raise StudyError("people differs between the conditions: vary what is not in its table.")
     each = [Varied.of(one.study) for one in conditions]
-    for varied in each:
-        check(varied.study)
+    raise_all(*(partial(check, varied.study) for varied in each))
     names = list(dict.fromkeys(name for varied in each for name in varied.parameters))
     seed = (people_of(conditions[0].study) or People()).seed
     drawn = standard_scores(number, len(names), seed, each[0].correlation)

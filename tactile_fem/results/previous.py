@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 from itertools import islice
 from pathlib import Path
 from typing import Literal
 
 from tactile_fem.errors import StudyError
+from tactile_fem.neuron import Response
 from tactile_fem.results.results import Results
+from tactile_fem.results.trace import Trace
 from tactile_fem.runtime.differences import brief, differences
 from tactile_fem.study import Study
+
+logger = logging.getLogger(__name__)
 
 Earlier = Literal["nothing", "unfinished", "finished"]
 
 _MOST_KEYS = 3
+ELSEWHERE = "choose another folder, or overwrite the scan in it"
 
 
 def earlier_scan(folder: Path | str, study: Study, *, overwrite: bool = False) -> Earlier:
@@ -34,8 +40,7 @@ def earlier_scan(folder: Path | str, study: Study, *, overwrite: bool = False) -
         return "nothing"
     if not results.is_of(study, though_changed=True):
         raise StudyError(
-            f"{folder} holds the scan of another study{_what_differs(study, there)}; "
-            "choose another folder, or overwrite the scan in it."
+            f"{folder} holds the scan of another study{_what_differs(study, there)}; {ELSEWHERE}."
         )
     if not results.is_of(study):
         raise StudyError(
@@ -62,3 +67,21 @@ def _what_differs(here: Study, there: Study) -> str:
     ]
     more = [f"{len(found) - _MOST_KEYS} more differ"] if len(found) > _MOST_KEYS else []
     return f": {', '.join([*words, *more])}" if words else ""
+
+
+def read_finished(results: Results) -> tuple[Trace, Response]:
+    """Return histories and spikes of a finished scan."""
+    logger.info("%s holds this scan, finished: its results are read", results.folder)
+    trace, spikes = Trace.read(results.trace), results.spikes
+    each = [spikes.time_s[spikes.receptor == r] for r in range(len(trace.receptors_mm))]
+    return trace, Response(each, *trace.time_s[[0, -1]].tolist())
+
+
+def has_checkpoint(results: Results) -> bool:
+    """Return whether there is a state to continue from; StudyError if there are steps without."""
+    if results.checkpoint_file.is_file():
+        return True
+    # The first step's row is written before its checkpoint.
+    if (results.folder / "trace.npz").is_file() and len(results.trace["time_s"]) > 2:
+        raise StudyError(f"{results.folder} has no checkpoint to continue from.")
+    return False

@@ -6,12 +6,13 @@ import logging
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactile_fem.errors import StudyError, TactileError
+from tactile_fem.errors import StudyError, TactileError, raise_all
 from tactile_fem.output.histories import central_receptor, mean_over
 from tactile_fem.results.results import Results
 from tactile_fem.runtime.files import write_table, write_text
@@ -87,8 +88,8 @@ def begin_series(members: Sequence[Member], folder: Path) -> None:
 
     Raises what `run_series` does.
     """
+    raise_all(*(partial(check, member.study) for member in members))
     for member in members:
-        check(member.study)
         _save_study(member, folder)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from functools import partial
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,7 +54,7 @@ def check(study: Study, parts: Parts = NO_PARTS) -> FingerMesh | None:
     Returns
     -------
     FingerMesh or None
-        The finger, if it is not to be meshed: it has been tried too, see `check_with_mesh`.
+        The finger, if it is not to be meshed: it has been tried too, see `checked_mesh`.
 
     Raises
     ------
@@ -73,20 +74,29 @@ def check(study: Study, parts: Parts = NO_PARTS) -> FingerMesh | None:
         lambda: study.stimulus.law().over_body(),  # reads its file
     )
     if mesh := found[0]:
-        check_with_mesh(study, mesh, parts)
+        _check_with_mesh(study, mesh, parts)
     return mesh
 
 
-def check_with_mesh(study: Study, mesh: FingerMesh, parts: Parts = NO_PARTS) -> None:
-    """Try path, stimulus and receptors with a finger.
+def checked_mesh(study: Study, parts: Parts = NO_PARTS) -> FingerMesh:
+    """Try everything that needs no solver; return the finger, meshed if it has to be.
 
     Raises
     ------
     StudyError
-        The body goes too deep, starts in the finger or leaves the plane of a section, or the plane
-        cuts none of the raised parts of the study's stimulus; there is nothing to compare with a
-        recording; a receptor lies outside or far from the tissue that it feels.
+        As `check`; the body goes too deep, starts in the finger or leaves the plane of a section,
+        or the plane cuts none of the raised parts of the study's stimulus; there is nothing to
+        compare with a recording; a receptor lies outside or far from the tissue that it feels.
     """
+    mesh = check(study, parts)
+    if mesh is None:
+        mesh = study.finger.mesh()
+        _check_with_mesh(study, mesh, parts)
+    return mesh
+
+
+def _check_with_mesh(study: Study, mesh: FingerMesh, parts: Parts) -> None:
+    """Try path, stimulus and receptors with a finger."""
     path = path_of(study, mesh.pad_thickness_mm, parts)
     raise_all(
         lambda: _check_path(study, path, mesh.pad_thickness_mm, mesh.plane, parts),
@@ -95,13 +105,6 @@ def check_with_mesh(study: Study, mesh: FingerMesh, parts: Parts = NO_PARTS) -> 
         lambda: _check_start(parts.body or study.stimulus.body(), path, mesh),
         lambda: study.lay_out(mesh),
     )
-
-
-def checked_mesh(study: Study, parts: Parts = NO_PARTS) -> FingerMesh:
-    """Mesh the finger; raise what `check_with_mesh` does."""
-    mesh = study.finger.mesh()
-    check_with_mesh(study, mesh, parts)
-    return mesh
 
 
 def path_of(study: Study, pad_thickness_mm: float, parts: Parts = NO_PARTS) -> Path:
@@ -170,8 +173,8 @@ def _check_population(population: Population) -> None:
 
 
 def _check_options(solver: Solver) -> None:
-    """Let PETSc read its options, if there may be any: its import takes a while."""
-    if solver.petsc or "petsc4py.PETSc" in sys.modules:
+    """Let PETSc read its options, if there may be any and it is here: its import takes a while."""
+    if "petsc4py.PETSc" in sys.modules or (solver.petsc and find_spec("petsc4py")):
         from tactile_fem.solvers.options import check_options
 
         check_options(solver)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from tactile_fem.runtime import backend  # noqa: F401  # isort: skip  (first: it finds DOLFINx or says how)
 
@@ -18,7 +16,13 @@ import numpy as np
 from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.mechanics.faults import stopping
 from tactile_fem.neuron import Response, fire_all
-from tactile_fem.results.previous import Earlier, earlier_scan
+from tactile_fem.results.previous import (
+    ELSEWHERE,
+    Earlier,
+    earlier_scan,
+    has_checkpoint,
+    read_finished,
+)
 from tactile_fem.results.results import Results
 from tactile_fem.results.trace import Trace
 from tactile_fem.runtime.ranks import abort_if_one_fails
@@ -29,69 +33,15 @@ from tactile_fem.simulation.estimate import announce
 from tactile_fem.simulation.parts import NO_PARTS, Parts, changed_part
 from tactile_fem.simulation.progress import progress
 from tactile_fem.simulation.recorder import Recorder
+from tactile_fem.simulation.scan_result import ScanResult
 from tactile_fem.simulation.simulation import Observer, Simulation
-from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import Study
 
 logger = logging.getLogger(__name__)
 
 # Mean distance of pressed skin from the body, as a share of the depth, that is worth a warning.
 _GAP_ERROR = 0.01
-_ELSEWHERE = "choose another folder, or overwrite the scan in it"
 _NOTHING_SAVED = "nothing is saved, because there is no results folder"
-
-
-@dataclass(frozen=True)
-class ScanResult:
-    """Result of a scan: histories, spikes of the receptors' afferents, and its folder, if any.
-
-    Attributes
-    ----------
-    trace
-        Histories, a row for each accepted step.
-    response
-        Spikes, an array per receptor; read from a folder, their times have seven digits.
-    folder
-        The results folder; None if the results are in memory only.
-    study, parts
-        What was scanned.
-    """
-
-    trace: Trace
-    response: Response
-    folder: Path | None
-    study: Study
-    parts: Parts = NO_PARTS
-
-    def __repr__(self) -> str:
-        """Return the main numbers, one a line."""
-        trace, spikes = self.trace, sum(map(len, self.response.spikes))
-        unit = self.study.finger.force_unit
-        lines = {
-            "folder": self.folder or "none, in memory",
-            "path": f"{np.ptp(trace.time_s):.3g} s, {len(trace) - 1} steps",
-            "largest normal force": f"{trace.force_N[:, 2].max():.3g} {unit}",
-            "largest SED": f"{trace.sed_kPa.max():.3g} kPa",
-            "spikes": f"{spikes} from {len(trace.receptors_mm)} receptors",
-        }
-        return "\n".join(["ScanResult", *(f"  {name}: {line}" for name, line in lines.items())])
-
-    def _repr_html_(self) -> str:
-        """Show numbers and rasters in a notebook, as `Results` do."""
-        with TemporaryDirectory() as beside:
-            return (Results(self.folder) if self.folder else self._saved(beside))._repr_html_()
-
-    def _saved(self, folder: str) -> Results:
-        """Save what is in memory."""
-        results = Results.create(Path(folder) / "In memory")
-        results.save_study(self.study)
-        results.save_run({"status": "complete"})
-        results.save_trace(**self.trace.arrays())
-        results.save_spikes(self.response.spikes, self.trace)
-        if self.parts.body is not None:
-            poses = self.trace.stimulator_mm, self.trace.stimulator_rad
-            results.save_stimulator(DistanceGrid.of(self.parts.body, *poses))
-        return results
 
 
 def scan(
@@ -153,22 +103,20 @@ def scan(
             return earlier_scan(results.folder, study, overwrite=overwrite)
 
         found = run.on_root(earlier)
-        if found == "finished":
-            if not run.on_root(lambda: _must_fire_again(results, watching, parts)):
-                trace, response = run.on_root(lambda: _read(results))
-                return ScanResult(trace, response, results.folder, study, parts)
+        if found == "finished" and run.on_root(lambda: _is_as_asked(results, watching, parts)):
+            trace, response = run.on_root(lambda: read_finished(results))
+            return ScanResult(trace, response, results.folder, study, parts)
         if found != "nothing":  # read where the files that the study names may be gone
             study = run.on_root(lambda: results.study)
         simulation = Simulation(study, parts, run.comm)
         run.lock(results.folder)
 
-        def begin() -> bool:
-            if earlier() != "nothing":
-                return True
-            Results.create(results.folder, overwrite=overwrite).save_study(study)
-            return False
+        def begin() -> None:
+            if earlier() == "nothing":
+                Results.create(results.folder, overwrite=overwrite).save_study(study)
 
-        return _run(run, simulation, results, watching, proceed=run.on_root(begin))
+        run.on_root(begin)
+        return _run(run, simulation, results, watching)
 
 
 def resume(
@@ -199,7 +147,7 @@ def resume(
         results = run.on_root(lambda: Results.open(folder))
         simulation = Simulation(run.on_root(lambda: results.study), parts, run.comm)
         run.lock(results.folder)
-        return _run(run, simulation, results, observers, proceed=True)
+        return _run(run, simulation, results, observers)
 
 
 def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None) -> Results:
@@ -214,8 +162,10 @@ def completed(study: Study, folder: Path | str, *, comm: MPI.Comm | None = None)
     return Results(folder)
 
 
-def _must_fire_again(results: Results, observers: list[Observer], parts: Parts) -> bool:
-    """Return whether there are, or were, own populations, so that a finished scan's spikes change.
+def _is_as_asked(results: Results, observers: list[Observer], parts: Parts) -> bool:
+    """Return whether a finished scan has the spikes asked for.
+
+    It need not if there are, or were, own populations.
 
     Raises
     ------
@@ -227,21 +177,13 @@ def _must_fire_again(results: Results, observers: list[Observer], parts: Parts) 
     before, now = dict(results.run.get("own_parts", {})), parts.listed()
     fire = [own.pop("populations", None) for own in (before, now)]
     if changed := changed_part(before, now):
-        raise StudyError(f"{results.folder} holds this scan with {changed}: {_ELSEWHERE}.")
+        raise StudyError(f"{results.folder} holds this scan with {changed}: {ELSEWHERE}.")
     if observers:
         raise StudyError(
             f"{results.folder} holds this scan, finished, so that observers would see none of its "
-            f"steps: leave them out to read it, {_ELSEWHERE}."
+            f"steps: leave them out to read it, {ELSEWHERE}."
         )
-    return any(fire)
-
-
-def _read(results: Results) -> tuple[Trace, Response]:
-    """Return histories and spikes of a finished scan."""
-    logger.info("%s holds this scan, finished: its results are read", results.folder)
-    trace, spikes = Trace.read(results.trace), results.spikes
-    each = [spikes.time_s[spikes.receptor == r] for r in range(len(trace.receptors_mm))]
-    return trace, Response(each, *trace.time_s[[0, -1]].tolist())
+    return not any(fire)
 
 
 def _run(
@@ -249,15 +191,13 @@ def _run(
     simulation: Simulation,
     results: Results | None,
     observers: Iterable[Observer],
-    *,
-    proceed: bool = False,
 ) -> ScanResult:
-    """Run or continue a scan."""
+    """Run or continue a scan; save what was computed if that fails or is stopped."""
     run.open(closing(simulation))
     saved = None
-    if results and proceed and run.on_root(lambda: _has_checkpoint(results)):
-        saved = read_checkpoint(simulation, results)
     if results:
+        if run.on_root(lambda: has_checkpoint(results)):
+            saved = read_checkpoint(simulation, results)
         run.log_to(results.log_file)
     trace = Trace.of(simulation)
     recorder = Recorder(results, simulation, trace) if results else None
@@ -268,19 +208,6 @@ def _run(
         announce(simulation)
         if recorder:
             recorder.begin()
-    response = _step_to_end(run, simulation, trace, recorder, observers)
-    folder = results.folder if results else None
-    return ScanResult(trace, response, folder, simulation.study, simulation.parts)
-
-
-def _step_to_end(
-    run: Session,
-    simulation: Simulation,
-    trace: Trace,
-    recorder: Recorder | None,
-    observers: Iterable[Observer],
-) -> Response:
-    """Step to the end of the path; save what was computed if that fails or is stopped."""
     # A signal while the end is saved is heeded afterwards.
     with run.heeding("the scan is complete" if recorder else _NOTHING_SAVED) as end:
         try:
@@ -301,7 +228,8 @@ def _step_to_end(
             logger.info("%s", kept)
             raise
         end.check()
-    return response
+    folder = results.folder if results else None
+    return ScanResult(trace, response, folder, simulation.study, simulation.parts)
 
 
 def _conclude(
@@ -337,16 +265,6 @@ def _keep(
         return f"how the scan ended could not be saved ({failure})"
     saved = "everything up to the last step is saved"
     return f"{saved}; start it again to continue" if is_stopped else saved
-
-
-def _has_checkpoint(results: Results) -> bool:
-    """Return whether there is a state to continue from; StudyError if there are steps without."""
-    if results.checkpoint_file.is_file():
-        return True
-    # The first step's row is written before its checkpoint.
-    if (results.folder / "trace.npz").is_file() and len(results.trace["time_s"]) > 2:
-        raise StudyError(f"{results.folder} has no checkpoint to continue from.")
-    return False
 
 
 def _log_contact(trace: Trace) -> None:

@@ -31,7 +31,7 @@ from tactile_fem.receptors import Layout
 from tactile_fem.runtime.files import check_unchanged, hashes
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.bone import Bone
-from tactile_fem.simulation.checks import check, checked_mesh, path_of, warn_if_sharp
+from tactile_fem.simulation.checks import checked_mesh, path_of, warn_if_sharp
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.simulation.probe import Probe, ReceptorState
 from tactile_fem.simulation.step import Step
@@ -102,7 +102,7 @@ class Simulation:
 
         def on_first_rank() -> tuple[dict[str, str], float, Layout]:
             files = hashes(study.files())
-            self.finger = check(study, parts) or checked_mesh(study, parts)
+            self.finger = checked_mesh(study, parts)
             return files, self.finger.pad_thickness_mm, study.lay_out(self.finger)
 
         self.files, thickness_mm, self.layout = on_root(comm, on_first_rank)
