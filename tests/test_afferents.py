@@ -23,10 +23,10 @@ from tactile_fem.neuron import (
     respond,
 )
 from tactile_fem.output.figures import draw_plots
+from tactile_fem.results.numbers import numbers_of
 from tactile_fem.results.results import Results
 from tactile_fem.series import fibre_image
 from tactile_fem.series.members import single_fibre
-from tactile_fem.series.run import numbers_of
 from tactile_fem.simulation.checks import check, check_parts
 from tactile_fem.simulation.parts import Parts
 from tactile_fem.study import Afferents, Neuron, Receptors, Study

@@ -11,7 +11,7 @@ from synthetic import make_results, make_section, make_trace
 from tactile_fem.cli import app as cli
 from tactile_fem.cli import compute
 from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.histories import DISPLACEMENT, TIME
+from tactile_fem.results.histories import DISPLACEMENT, TIME
 from tactile_fem.series import compare, comparison, numbers_of, sweep
 from tactile_fem.study import Study
 

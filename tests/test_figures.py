@@ -12,10 +12,10 @@ from tactile_fem.output import figures
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.cross_section import CrossSectionMap
 from tactile_fem.output.felt import Felt, felt
-from tactile_fem.output.histories import DISPLACEMENT, TIME
 from tactile_fem.output.plots import force_figure
 from tactile_fem.output.rasters import Trains, raster
 from tactile_fem.output.snapshots import snapshots
+from tactile_fem.results.histories import DISPLACEMENT, TIME
 from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import Cylinder, Dots, Plate, Sphere, Study, Text
 

@@ -10,9 +10,9 @@ from synthetic import PRESS, SPEED, make_results, make_trace
 from tactile_fem.errors import StudyError
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.figures import draw_plots
-from tactile_fem.output.histories import DISPLACEMENT
 from tactile_fem.output.measured import measured
 from tactile_fem.path import Follow, Press, Protocol
+from tactile_fem.results.histories import DISPLACEMENT
 from tactile_fem.results.measured import check_measured, compare
 from tactile_fem.simulation.checkpoint import _check_origin, origin_of
 from tactile_fem.simulation.parts import NO_PARTS

@@ -10,10 +10,10 @@ from matplotlib.text import Text
 
 from tactile_fem.output.abscissa import Abscissa, Phase
 from tactile_fem.output.annotations import BLUE, DISTINCT, VERMILION
-from tactile_fem.output.histories import DISPLACEMENT
 from tactile_fem.people.bands import bands
 from tactile_fem.people.causes import REST, causes
 from tactile_fem.people.figures import bands_figure, causes_figure, paired_figure, people_raster
+from tactile_fem.results.histories import DISPLACEMENT
 
 AT = np.linspace(-2, 10, 61)
 OVER = Abscissa(DISPLACEMENT, 20.0, AT, (Phase("press", -2, 0), Phase("slide", 0, 10)))

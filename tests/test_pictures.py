@@ -11,7 +11,7 @@ from synthetic import make_fields, make_results, make_section, make_trace
 from tactile_fem.finger import read_mesh
 from tactile_fem.finger.mesh_data import TISSUES
 from tactile_fem.output import figures, pictures
-from tactile_fem.output.histories import central_receptor
+from tactile_fem.results.histories import central_receptor
 from tactile_fem.runtime import doctor
 from tactile_fem.study import Dots, Grating, Plate, Sphere, Study, Text
 

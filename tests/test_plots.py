@@ -4,8 +4,8 @@ import pytest
 from synthetic import make_trace
 
 from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.histories import DISPLACEMENT, extrema
 from tactile_fem.output.plots import force_figure
+from tactile_fem.results.histories import DISPLACEMENT, extrema
 
 
 def line(axes, label):

@@ -22,10 +22,10 @@ from tactile_fem.errors import ConvergenceError, StudyError
 from tactile_fem.finger import read_mesh, write_mesh
 from tactile_fem.neuron import Drive, Population
 from tactile_fem.neuron.fields import STANDARD
-from tactile_fem.output.histories import at_time
 from tactile_fem.path import Path
 from tactile_fem.results.columns import FELT, OF_RECEPTOR
 from tactile_fem.results.fields import read_series
+from tactile_fem.results.histories import at_time
 from tactile_fem.results.results import Results
 from tactile_fem.results.trace import Trace
 from tactile_fem.simulation.parts import Parts

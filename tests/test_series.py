@@ -12,8 +12,8 @@ from synthetic import SPEED, make_results, make_trace, refined
 
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import StoppedError, StudyError, TactileError
-from tactile_fem.output.histories import mean_over
 from tactile_fem.results.columns import SUMMARY
+from tactile_fem.results.histories import mean_over
 from tactile_fem.results.results import Results
 from tactile_fem.series import (
     Member,

@@ -49,7 +49,7 @@ from matplotlib.figure import Figure
 from scipy.interpolate import make_interp_spline
 
 from tactile_fem import Study, load_study, run_script, write_table
-from tactile_fem.output.histories import DISPLACEMENT
+from tactile_fem.results.histories import DISPLACEMENT
 from tactile_fem.series import Member, RateImage, run_all
 from tactile_fem.stimulus.sampled import height_map
 from tactile_fem.study import Neuron, Output

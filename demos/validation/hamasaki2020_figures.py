@@ -23,7 +23,7 @@ from matplotlib.image import imread
 from matplotlib.lines import Line2D
 
 from tactile_fem import draw
-from tactile_fem.output.histories import DISPLACEMENT
+from tactile_fem.results.histories import DISPLACEMENT
 from tactile_fem.series import RateImage
 
 COLOURS = {"reproduction": "#0072B2", "full size": "#009E73", "default": "#D55E00"}

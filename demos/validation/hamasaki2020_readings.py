@@ -17,7 +17,7 @@ from tactile_fem.calibration.press import deflection
 from tactile_fem.finger.deformation import SkinSurface
 from tactile_fem.neuron import RateFit, Recording, Response, Window, fit, mean_rates, respond
 from tactile_fem.neuron.response import Bundle
-from tactile_fem.output.histories import central_receptor, extrema
+from tactile_fem.results.histories import central_receptor, extrema
 from tactile_fem.series import RateImage, rate_image
 from tactile_fem.study import Neuron
 

@@ -7,7 +7,6 @@ from tactile_fem.runtime.lazy import lazily
 if TYPE_CHECKING:
     from tactile_fem.output.abscissa import Abscissa
     from tactile_fem.output.annotations import BLUE, DISTINCT, GREEN, INK, VERMILION
-    from tactile_fem.output.histories import central_receptor
     from tactile_fem.output.modes import Archived, Modes, nearest
     from tactile_fem.output.pictures import draw_pictures
     from tactile_fem.output.plots import styled
@@ -22,7 +21,6 @@ __all__ = [
     "Abscissa",
     "Archived",
     "Modes",
-    "central_receptor",
     "draw_pictures",
     "nearest",
     "styled",
@@ -34,7 +32,6 @@ __getattr__ = lazily(
     {
         "abscissa": ["Abscissa"],
         "annotations": ["BLUE", "DISTINCT", "GREEN", "INK", "VERMILION"],
-        "histories": ["central_receptor"],
         "modes": ["Archived", "Modes", "nearest"],
         "pictures": ["draw_pictures"],
         "plots": ["styled"],

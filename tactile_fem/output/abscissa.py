@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.output.histories import DISPLACEMENT, TIME
+from tactile_fem.results.histories import DISPLACEMENT, TIME
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ import shapely
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from tactile_fem.output.histories import at_time, turns_at
 from tactile_fem.output.section import gap_of
 from tactile_fem.path.rotations import between, swept, to_body
+from tactile_fem.results.histories import at_time, turns_at
 from tactile_fem.results.results import Results
 from tactile_fem.stimulus.sampled import DistanceGrid, height_map
 from tactile_fem.stimulus.spline import linear_between

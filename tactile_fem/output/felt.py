@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import VERMILION
 from tactile_fem.output.cross_section import CrossSectionMap, draw_outline
-from tactile_fem.output.histories import extrema
 from tactile_fem.output.panels import legend_above, panels
 from tactile_fem.output.plots import styled
+from tactile_fem.results.histories import extrema
 
 Array = NDArray[np.float64]
 

@@ -15,12 +15,12 @@ from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import BLUE, colours_of
 from tactile_fem.output.cross_section import CrossSectionMap
 from tactile_fem.output.felt import Felt, felt
-from tactile_fem.output.histories import central_receptor
 from tactile_fem.output.measured import measured
 from tactile_fem.output.pictures import draw_pictures
 from tactile_fem.output.plots import force_figure
 from tactile_fem.output.rasters import Trains, firing, raster
 from tactile_fem.output.snapshots import snapshots
+from tactile_fem.results.histories import central_receptor
 from tactile_fem.results.results import Results
 from tactile_fem.runtime.files import write_figure
 

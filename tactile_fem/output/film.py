@@ -14,10 +14,10 @@ from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.simplex import SOLID, simplex_of
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import is_soft
-from tactile_fem.output.histories import TIME, at_time, turns_at
 from tactile_fem.output.modes import Modes
 from tactile_fem.path.rotations import matrix, to_body, to_space, vector
 from tactile_fem.results.fields import FieldState, read_series
+from tactile_fem.results.histories import TIME, at_time, turns_at
 from tactile_fem.results.results import Results
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.pose import Pose, turned_with_bone

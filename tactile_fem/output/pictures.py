@@ -25,10 +25,10 @@ from tactile_fem.finger.plane import SPACE, Plane
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import PICTURE_DPI
 from tactile_fem.output.film import FRAMES_PER_STATE, Film
-from tactile_fem.output.histories import central_receptor, extrema
 from tactile_fem.output.modes import Modes
 from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.results.fields import read_series
+from tactile_fem.results.histories import central_receptor, extrema
 from tactile_fem.results.results import Results
 from tactile_fem.runtime import doctor
 from tactile_fem.runtime.files import write_figure

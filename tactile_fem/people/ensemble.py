@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem import Results
 from tactile_fem.errors import StudyError
-from tactile_fem.output import central_receptor
 from tactile_fem.people.draw import Person
+from tactile_fem.results import central_receptor
 from tactile_fem.runtime.files import write_table
 from tactile_fem.series import (
     Member,

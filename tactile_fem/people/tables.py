@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from tactile_fem import Results
 from tactile_fem.neuron import Response
-from tactile_fem.output import central_receptor
 from tactile_fem.people.bands import Bands, bands, covered
 from tactile_fem.people.ensemble import Ensemble
+from tactile_fem.results import central_receptor
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from tactile_fem.output.histories import mean_over
+from tactile_fem.results.histories import mean_over
+from tactile_fem.results.numbers import numbers_of
 from tactile_fem.runtime.lazy import lazily
 from tactile_fem.series.members import Member, single_fibre, sweep
 from tactile_fem.series.run import (
@@ -10,7 +11,6 @@ from tactile_fem.series.run import (
     collected,
     complete_scans,
     keep_reason,
-    numbers_of,
     reason_of,
     run_all,
     run_series,

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import DISTINCT
-from tactile_fem.output.histories import TIME, central_receptor
 from tactile_fem.output.panels import panels
 from tactile_fem.output.plots import styled
+from tactile_fem.results.histories import TIME, central_receptor
+from tactile_fem.results.numbers import numbers_of
 from tactile_fem.results.results import Results
 from tactile_fem.runtime.files import write_figure
-from tactile_fem.series.run import numbers_of
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population, Response
 from tactile_fem.neuron.population import fire
 from tactile_fem.output.abscissa import Abscissa
-from tactile_fem.output.histories import central_receptor
+from tactile_fem.results.histories import central_receptor
 from tactile_fem.results.results import Results
 from tactile_fem.stimulus import Stimulus
 from tactile_fem.study import Neuron

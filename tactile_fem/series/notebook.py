@@ -7,9 +7,9 @@ from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.cross_section import CrossSectionMap
 from tactile_fem.output.figures import trains_of
 from tactile_fem.output.rasters import raster
+from tactile_fem.results.numbers import numbers_of
 from tactile_fem.results.results import Results
 from tactile_fem.runtime import html
-from tactile_fem.series.run import numbers_of
 
 
 def html_of(results: Results) -> str:

@@ -16,10 +16,10 @@ from tactile_fem.output import (
     INK,
     VERMILION,
     Modes,
-    central_receptor,
     draw_pictures,
     styled,
 )
+from tactile_fem.results import central_receptor
 from tactile_fem.runtime.files import write_figure
 from tactile_fem.vibration.spectrum import Spectrum
 
