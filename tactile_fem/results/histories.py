@@ -42,7 +42,8 @@ def at_time(trace: Mapping[str, Array], name: str, time_s: ArrayLike) -> Array:
     """Return a history at one time or many, by linear interpolation; times are the last axis."""
     values = trace[name]
     columns = values.reshape(len(values), -1).T
-    found = np.array([np.interp(time_s, trace["time_s"], column) for column in columns])
+    times = np.asarray(time_s, dtype=float)
+    found = np.array([np.interp(times, trace["time_s"], column) for column in columns])
     return found.reshape(values.shape[1:] + np.shape(time_s))
 
 
