@@ -23,10 +23,8 @@ from tactile_fem import FingerMesh, Simulation
 from tactile_fem.finger import SURFACES, lowest_height
 from tactile_fem.stimulus import Plate
 from tactile_fem.study import Study
-from tactile_fem.surrogate.cushion import Cushion
-from tactile_fem.surrogate.drag import Drag
-from tactile_fem.surrogate.grid import Grid
-from tactile_fem.surrogate.touch import Pad
+from tactile_fem.surrogate.contact import NormalResponse, Pad, TangentialResponse
+from tactile_fem.surrogate.heights import Grid
 
 Array = NDArray[Any]
 logger = logging.getLogger(__name__)
@@ -68,8 +66,8 @@ def pad_of(study: Study, deepest_mm: float) -> Pad:
         for step in simulation.steps():
             logger.info("plate at %.2f mm: %.3f N", step.depth_mm, step.load.force_N[2])
         cells, compliance = _compliance(simulation, cells_grid, np.flatnonzero(near))
-    cushion = Cushion(cells_grid, cells, compliance)
-    return Pad(grid, skin.astype(np.float32), cushion, Drag(0.0, 1.0, 1.0))
+    response = NormalResponse(cells_grid, cells, compliance)
+    return Pad(grid, skin.astype(np.float32), response, TangentialResponse(0.0, 1.0, 1.0))
 
 
 def _skin(finger: FingerMesh, places: Array) -> Array:

@@ -23,7 +23,7 @@ _LONGEST_MM, _LONGEST_S = 0.1, 0.05
 
 
 @dataclass(frozen=True)
-class Moment:
+class BodyState:
     """What a finger feels at one time, of each body.
 
     Attributes
@@ -59,11 +59,11 @@ class Row(NamedTuple):
 class Stepped(Protocol):
     """A finger that is stepped; `ahead` returns what a step would, and stays."""
 
-    def step(self, place_mm: ArrayLike, dt_s: float) -> Moment: ...  # noqa: D102
-    def ahead(self, place_mm: ArrayLike, dt_s: float) -> Moment: ...  # noqa: D102
+    def step(self, place_mm: ArrayLike, dt_s: float) -> BodyState: ...  # noqa: D102
+    def ahead(self, place_mm: ArrayLike, dt_s: float) -> BodyState: ...  # noqa: D102
 
 
-def along(path: Path, finger: Stepped) -> Iterator[tuple[Row, Moment]]:
+def along(path: Path, finger: Stepped) -> Iterator[tuple[Row, BodyState]]:
     """Step a finger along a path, no step longer than 0.1 mm or 0.05 s; yield what is felt.
 
     A press to a force is that of the first body.
@@ -94,9 +94,9 @@ def along(path: Path, finger: Stepped) -> Iterator[tuple[Row, Moment]]:
                 t = _end_of_press(motion, before, t, normal_N, wanted, finger)
             place = np.asarray(motion.place(t), dtype=float)
             way = 0.0 if indenting else slid + motion.slid_mm(t)
-            moment = finger.step(place, t - before)
-            normal_N = float(moment.force_N[0, NORMAL])
-            yield Row(clock + t, t - before, motion.phase, way, place, indenting), moment
+            state = finger.step(place, t - before)
+            normal_N = float(state.force_N[0, NORMAL])
+            yield Row(clock + t, t - before, motion.phase, way, place, indenting), state
             before = t
         if wanted is not None and before and abs(normal_N - wanted) > TOLERANCE * wanted:
             raise _not_met(motion.phase, place, normal_N, wanted)
@@ -149,9 +149,9 @@ def _times(motion: Motion) -> list[float]:
 
 
 def trace_of(
-    rows: Sequence[Row], moments: Sequence[Moment], body: int, receptors_mm: Array, path: Path
+    rows: Sequence[Row], states: Sequence[BodyState], body: int, receptors_mm: Array, path: Path
 ) -> Trace:
-    """Return the trace of one body of the moments; the first row is the finger at rest."""
+    """Return the trace of one body of the states; the first row is the finger at rest."""
     count = len(rows)
     columns: dict[str, Array] = {
         column.name: np.full((count, *np.shape(column.rest)), np.nan)
@@ -166,11 +166,11 @@ def trace_of(
         "stimulator_mm": place,
         "stimulator_rad": np.tile(path.start_rad, (count, 1)),
     }
-    columns["force_N"] = np.array([moment.force_N[body] for moment in moments])
-    columns["contact_area_mm2"] = np.array([moment.contact_area_mm2[body] for moment in moments])
-    columns["is_outside"] = np.array([float(moment.is_outside[body]) for moment in moments])
-    for name in moments[0].felt:
-        columns[name] = np.array([moment.felt[name][body] for moment in moments])
+    columns["force_N"] = np.array([state.force_N[body] for state in states])
+    columns["contact_area_mm2"] = np.array([state.contact_area_mm2[body] for state in states])
+    columns["is_outside"] = np.array([float(state.is_outside[body]) for state in states])
+    for name in states[0].felt:
+        columns[name] = np.array([state.felt[name][body] for state in states])
     indented = max((row.clock_s for row in rows if row.is_indenting), default=0.0)
     rest = Trace(receptors_mm, np.full(len(receptors_mm), DEFAULT_NAME), path.start_mm).arrays()
     saved = {

@@ -10,7 +10,7 @@ import shapely
 from tactile_fem.errors import StudyError
 from tactile_fem.series import Member
 from tactile_fem.study import Study
-from tactile_fem.surrogate.view import TAUGHT_MM
+from tactile_fem.surrogate.networks import TAUGHT_MM
 
 # Ranges of what is drawn; lengths in mm, speeds in mm/s.
 DEEPEST_MM = 2.1
@@ -33,7 +33,7 @@ _DRAWS, _NEXT_DRAW = 20, 1000
 Random = np.random.Generator
 
 
-def lesson(study: Study, number: int) -> Member:
+def random_scan(study: Study, number: int) -> Member:
     """Return a scan of a study's finger, with a body, path, friction and receptors of its number.
 
     Raises
@@ -48,7 +48,7 @@ def lesson(study: Study, number: int) -> Member:
         except StudyError:
             continue
         return Member(f"lesson-{number:04d}", drawn, {"number": number})
-    raise StudyError(f"lesson {number}: none of {_DRAWS} bodies could be made.")
+    raise StudyError(f"random scan {number}: none of {_DRAWS} bodies could be made.")
 
 
 def _drawn(study: Study, seed: int) -> Study:
