@@ -30,8 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
-from tactile_fem.calibration.contact import from_contact
-from tactile_fem.calibration.curves import curve_of, points_of
+from tactile_fem.calibration.curves import curve_of, from_contact, points_of
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import read_rows, read_text
 from tactile_fem.study import Stimulus, Study, in_words

@@ -261,13 +261,9 @@ class Loop:
         tolerance_mm: float = TOLERANCE_MM,
     ) -> None:
         maps = [bodies] if isinstance(bodies, HeightMap) else list(bodies)
-        try:
-            mu = np.broadcast_to(np.asarray(friction, dtype=float), (len(maps),))
-            start = np.broadcast_to(np.asarray(start_mm, dtype=float), (len(maps), 3))
-        except (ValueError, TypeError):
-            raise StudyError(
-                f"friction and start_mm must be those of one or of all {len(maps)} bodies."
-            ) from None
+        problem = f"friction and start_mm must be those of one or of all {len(maps)} bodies."
+        mu = _of_bodies(friction, (len(maps),), problem)
+        start = _of_bodies(start_mm, (len(maps), 3), problem)
         if not (np.isfinite(mu).all() and (mu >= 0).all()):
             raise StudyError(f"friction is {friction!r}; it must be 0 or more.")
         if not maps or not np.isfinite(start).all():
@@ -291,10 +287,8 @@ class Loop:
         """
         if not (np.isfinite(dt_s) and dt_s > 0):
             raise StudyError(f"dt_s is {dt_s}; it must be positive.")
-        try:
-            places = np.broadcast_to(np.asarray(place_mm, dtype=float), (self._count, 3))
-        except (ValueError, TypeError):
-            raise StudyError(f"place_mm must be (3,) or ({self._count}, 3).") from None
+        problem = f"place_mm must be (3,) or ({self._count}, 3)."
+        places = _of_bodies(place_mm, (self._count, 3), problem)
         if not np.isfinite(places).all():
             raise StudyError("place_mm: all places must be finite.")
         patch, finger = self._patch, self._finger
@@ -330,6 +324,14 @@ class Loop:
         # A fifth of the training is across: friction is then too small, by half at first.
         x, y = (np.abs(values[:, WHOLE.index(name)]) for name in ("slip_x", "slip_y"))
         return beyond | (x > y)
+
+
+def _of_bodies(values: ArrayLike, shape: tuple[int, ...], problem: str) -> Array:
+    """Return numbers of bodies; raise StudyError if they are none or have another shape."""
+    try:
+        return np.broadcast_to(np.asarray(values, dtype=float), shape)
+    except (ValueError, TypeError):
+        raise StudyError(problem) from None
 
 
 def _check_arrays(arrays: Mapping[str, Array], pad: Pad) -> None:
@@ -398,8 +400,4 @@ def outputs_of(trace: Mapping[str, Array]) -> Array:
     """Return the outputs (rows, receptors, outputs) that the receptors' network should give."""
     columns = [np.asarray(trace[each.name], dtype=float) for each in STANDARD]
     columns[0] = np.sqrt(np.maximum(columns[0], 0.0))
-    wide = [
-        c[..., None] if np.ndim(each.rest) == 0 else c
-        for c, each in zip(columns, STANDARD, strict=True)
-    ]
-    return np.concatenate(wide, axis=-1)
+    return np.concatenate([c.reshape(*columns[0].shape, -1) for c in columns], axis=-1)
