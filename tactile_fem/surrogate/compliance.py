@@ -93,7 +93,7 @@ def _compliance(
     with _solver(simulation) as solve:
         for first in range(0, len(cells), _SOLVES):
             part = slice(first, min(first + _SOLVES, len(cells)))
-            right = np.zeros((V.dofmap.index_map.size_local * 3, part.stop - part.start))
+            right = np.zeros((V.dofmap.index_map.size_local * 3, part.stop - part.start), order="F")
             right[dofs] = loads[:, part]
             moved[:, part] = mean @ solve(right)[dofs]
     moved = (moved + moved.T) / 2 + _OWN_mm_per_MPa * np.eye(len(cells))
@@ -146,8 +146,7 @@ def _solver(simulation: Simulation) -> Iterator[Any]:
     F = factor.getPC().getFactorMatrix()
 
     def solve(right: Array) -> Array:
-        columns: Any = np.asfortranarray(right)
-        B = PETSc.Mat().createDense(right.shape, array=columns, comm=K.comm)
+        B = PETSc.Mat().createDense(right.shape, array=right, comm=K.comm)
         X = PETSc.Mat().createDense(right.shape, comm=K.comm)
         for matrix in (B, X):
             matrix.assemble()

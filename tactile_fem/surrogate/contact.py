@@ -333,6 +333,10 @@ class ContactPatch:
         )
         return np.concatenate(columns, axis=1)
 
+    def measures(self) -> Array:
+        """Return what a finger must have been made from, (bodies, `WHOLE` and largest pressure)."""
+        return np.column_stack([self.whole(), self.pressure_MPa.max(axis=1)])
+
 
 # Columns of `ContactPatch.whole`, and those that change sign with X.
 WHOLE = (

@@ -318,7 +318,7 @@ class Loop:
         return other.step(place_mm, dt_s)
 
     def _is_outside(self) -> NDArray[np.bool_]:
-        values, (least, largest) = measures(self._patch), self._finger.ranges
+        values, (least, largest) = self._patch.measures(), self._finger.ranges
         allowed = _BEYOND * (largest - least)
         beyond = ((values < least - allowed) | (values > largest + allowed)).any(axis=1)
         # A fifth of the training is across: friction is then too small, by half at first.
@@ -378,12 +378,6 @@ def _in_space(finger: FastFinger, receptors_mm: ArrayLike | None) -> Array:
     check_taught(places)
     unknown = np.full((len(places), 3 - places.shape[1]), np.nan)
     return np.concatenate([places, unknown], axis=1)
-
-
-def measures(patch: ContactPatch) -> Array:
-    """Return the values that must lie within `FastFinger.ranges`, (bodies, values)."""
-    largest = patch.pressure_MPa.max(axis=1, keepdims=True)
-    return np.concatenate([patch.whole(), largest], axis=1)
 
 
 def columns_of(values: Array) -> dict[str, Array]:

@@ -25,7 +25,6 @@ from tactile_fem.surrogate.fast_finger import (
     check_taught,
     columns_of,
     is_symmetric,
-    measures,
     outputs_of,
 )
 from tactile_fem.surrogate.heights import HeightMap
@@ -164,7 +163,7 @@ class TrainingScan:
         Of the whole finger, (rows, inputs) and (rows, 4): forces over the sum of the pressures,
         and contact area in mm2.
     measures
-        See `tactile_fem.surrogate.fast_finger.measures`, (rows, values).
+        See `ContactPatch.measures`, (rows, values).
     """
 
     seen: Array
@@ -181,21 +180,14 @@ class TrainingScan:
         chosen = np.linspace(0, len(places) - 1, min(len(places), _RECEPTORS)).round().astype(int)
         view, overview = View.of(pad, places[chosen, :2]), Overview(pad)
         outputs = outputs_of(trace)[:, chosen]
-        columns: list[list[Array]] = [[], [], [], [], []]
+        rows: list[tuple[Array, ...]] = []
         for row, patch in _patches(pad, scan):
             if patch.normal_N[0] > 0:
                 force = trace["force_N"][row] / patch.normal_N[0]
-                taught = np.append(force, trace["contact_area_mm2"][row])
-                values = (
-                    view(patch)[0],
-                    outputs[row],
-                    overview(patch)[0],
-                    taught,
-                    measures(patch)[0],
-                )
-                for column, value in zip(columns, values, strict=True):
-                    column.append(value)
-        return cls(*(np.array(column, dtype=np.float32) for column in columns))
+                whole = np.append(force, trace["contact_area_mm2"][row])
+                seen = view(patch)[0], outputs[row], overview(patch)[0], whole, patch.measures()[0]
+                rows.append(seen)
+        return cls(*(np.array(column, np.float32) for column in zip(*rows, strict=True)))
 
 
 def _patches(pad: Pad, scan: Results) -> Iterator[tuple[int, ContactPatch]]:

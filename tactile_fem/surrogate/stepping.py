@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from tactile_fem import Motion, Path, Trace
@@ -16,6 +16,9 @@ from tactile_fem.path import NORMAL
 from tactile_fem.results import OF_STEP
 from tactile_fem.simulation import TOLERANCE
 from tactile_fem.study import DEFAULT_NAME
+
+if TYPE_CHECKING:
+    from tactile_fem.surrogate.fast_finger import Loop
 
 Array = NDArray[Any]
 
@@ -56,14 +59,7 @@ class Row(NamedTuple):
     is_indenting: bool
 
 
-class Stepped(Protocol):
-    """A finger that is stepped; `ahead` returns what a step would, and stays."""
-
-    def step(self, place_mm: ArrayLike, dt_s: float) -> BodyState: ...  # noqa: D102
-    def ahead(self, place_mm: ArrayLike, dt_s: float) -> BodyState: ...  # noqa: D102
-
-
-def along(path: Path, finger: Stepped) -> Iterator[tuple[Row, BodyState]]:
+def along(path: Path, finger: Loop) -> Iterator[tuple[Row, BodyState]]:
     """Step a finger along a path, no step longer than 0.1 mm or 0.05 s; yield what is felt.
 
     A press to a force is that of the first body.
@@ -105,7 +101,7 @@ def along(path: Path, finger: Stepped) -> Iterator[tuple[Row, BodyState]]:
 
 
 def _end_of_press(
-    motion: Motion, before: float, t: float, normal_N: float, wanted_N: float, finger: Stepped
+    motion: Motion, before: float, t: float, normal_N: float, wanted_N: float, finger: Loop
 ) -> float:
     """Return a time, or an earlier one since the last at which the wanted force is met."""
 
@@ -166,9 +162,8 @@ def trace_of(
         "stimulator_mm": place,
         "stimulator_rad": np.tile(path.start_rad, (count, 1)),
     }
-    columns["force_N"] = np.array([state.force_N[body] for state in states])
-    columns["contact_area_mm2"] = np.array([state.contact_area_mm2[body] for state in states])
-    columns["is_outside"] = np.array([float(state.is_outside[body]) for state in states])
+    for name in ("force_N", "contact_area_mm2", "is_outside"):
+        columns[name] = np.array([getattr(state, name)[body] for state in states], dtype=float)
     for name in states[0].felt:
         columns[name] = np.array([state.felt[name][body] for state in states])
     indented = max((row.clock_s for row in rows if row.is_indenting), default=0.0)
