@@ -35,8 +35,8 @@ _HALF_MM = (8.0, 10.0)  # of the grid of heights
 _CELLS_HALF_MM = (7.0, 8.0)
 _SPACING_MM, _CELL_MM = 0.25, 0.5
 _FAR_MM = 5.0  # Z of skin beside the finger
-# What skin between two nodes yields by itself, which no node's compliance holds, mm per MPa.
-_OWN_mm_per_MPa = 1.0
+# Local compliance below the node spacing.
+_LOCAL_mm_per_MPa = 1.0
 _SOLVES = 96  # right-hand sides at a time
 
 
@@ -96,7 +96,7 @@ def _compliance(
             right = np.zeros((V.dofmap.index_map.size_local * 3, part.stop - part.start), order="F")
             right[dofs] = loads[:, part]
             moved[:, part] = mean @ solve(right)[dofs]
-    moved = (moved + moved.T) / 2 + _OWN_mm_per_MPa * np.eye(len(cells))
+    moved = (moved + moved.T) / 2 + _LOCAL_mm_per_MPa * np.eye(len(cells))
     return cells, np.ascontiguousarray(moved, dtype=np.float32)
 
 
@@ -145,7 +145,7 @@ def _solver(simulation: Simulation) -> Iterator[Any]:
     factor.setUp()
     F = factor.getPC().getFactorMatrix()
 
-    def solve(right: Array) -> Array:
+    def solve(right: Any) -> Array:
         B = PETSc.Mat().createDense(right.shape, array=right, comm=K.comm)
         X = PETSc.Mat().createDense(right.shape, comm=K.comm)
         for matrix in (B, X):
