@@ -87,7 +87,7 @@ def test_a_list_of_people_leaves_out_who_is_impossible(tmp_path, monkeypatch):
     [(["fibre", "--spacing-mm", "2.5"], 5), (["reduce", "--scans", "16"], 16)],
 )
 def test_passes_and_lessons_are_listed_too(words, count, tmp_path, monkeypatch):
-    random_body = "tactile_fem.surrogate.reduce.lesson"  # a second each
+    random_body = "tactile_fem.surrogate.reduce.random_scan"  # a second each
     monkeypatch.setattr(random_body, lambda study, k: Member(f"lesson-{k}", study, {}))
     assert main([*words, "--results", str(tmp_path / "series"), "--list"]) == 0
     rows = list(csv.DictReader((tmp_path / "series" / "scans.csv").open()))
@@ -116,7 +116,7 @@ echo "$PWD: $*" >> {told}
 case "$*" in
   *--collect) echo scan,status > {folder}/summary.csv; exit 1 ;;
   *{names[1]}.toml*) echo step 3; echo "tactile-fem: it diverged." >&2; exit 3 ;;
-  *{names[2]}.toml*) [ -e {tmp_path}/killed ] || {{ touch {tmp_path}/killed; kill -9 $$; }} ;;
+  *{names[2]}.toml*) [ -e {tmp_path}/killed ] || {{ patch {tmp_path}/killed; kill -9 $$; }} ;;
   *{names[3]}.toml*) echo too much >&2; kill -9 $$ ;;
 esac
 """

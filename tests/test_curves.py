@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_fem.calibration.curves import points_of, read_curve
+from tactile_fem.calibration.curves import curve_of, points_of
 from tactile_fem.calibration.measurements import Experiment, read_measurements
 from tactile_fem.errors import StudyError
 from tactile_fem.study import Sphere
@@ -26,7 +26,7 @@ def test_columns_are_found_with_their_units(name, tmp_path):
     file = tmp_path / "f.csv"
     file.write_bytes(FILES[name].encode("cp1252"))
     expected = [[0.5, 0.02], [1.0, 0.1], [1.5, 0.3]]
-    np.testing.assert_allclose(read_curve(file), expected, rtol=1e-12)
+    np.testing.assert_allclose(curve_of(file)[0], expected, rtol=1e-12)
 
 
 def test_a_standard_deviation_of_the_file_is_taken(tmp_path):
@@ -98,7 +98,7 @@ def curve_file(folder, names, depth=DEPTH, force=FORCE):
 def test_the_columns_are_the_quantities_themselves(names, tmp_path, caplog):
     caplog.set_level("INFO")
     file = curve_file(tmp_path, names)
-    np.testing.assert_allclose(read_curve(file), np.column_stack([DEPTH, FORCE]), rtol=1e-6)
+    np.testing.assert_allclose(curve_of(file)[0], np.column_stack([DEPTH, FORCE]), rtol=1e-6)
     assert f'depth from "{names[1]}" (mm), force from "{names[2]}" (N)' in caplog.text
     (found,) = read_measurements([file], indenters=["plate"], speed_mm_s=0.5)
     assert f'depth from "{names[1]}"' in found.origin
@@ -121,7 +121,7 @@ UNITS = [
 @pytest.mark.parametrize(("d", "mm", "f", "N"), UNITS)
 def test_the_units_of_a_laboratory(d, mm, f, N, tmp_path):
     file = curve_file(tmp_path, ("D,F", d, f), DEPTH / mm, FORCE / N)
-    np.testing.assert_allclose(read_curve(file), np.column_stack([DEPTH, FORCE]), rtol=1e-6)
+    np.testing.assert_allclose(curve_of(file)[0], np.column_stack([DEPTH, FORCE]), rtol=1e-6)
 
 
 REFUSED = [
@@ -139,7 +139,7 @@ REFUSED = [
 @pytest.mark.parametrize(("names", "sentence"), REFUSED)
 def test_columns_that_cannot_be_told_are_named(names, sentence, tmp_path):
     with pytest.raises(StudyError) as error:
-        read_curve(curve_file(tmp_path, names))
+        curve_of(curve_file(tmp_path, names))
     assert sentence in str(error.value)
 
 

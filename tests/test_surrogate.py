@@ -14,14 +14,17 @@ from tactile_fem.path import Path as Route
 from tactile_fem.stimulus import Sphere, Text
 from tactile_fem.study import Hold, Plate, Press, Protocol, Slide, Twist
 from tactile_fem.surrogate import FastFinger, HeightMap
-from tactile_fem.surrogate.cushion import Cushion
-from tactile_fem.surrogate.drag import Drag
-from tactile_fem.surrogate.grid import Grid, disc
-from tactile_fem.surrogate.lessons import DEEPEST_MM, _drawn, lesson
-from tactile_fem.surrogate.network import Network
+from tactile_fem.surrogate.contact import (
+    WHOLE,
+    ContactPatch,
+    NormalResponse,
+    Pad,
+    TangentialResponse,
+)
+from tactile_fem.surrogate.heights import Grid, disc
+from tactile_fem.surrogate.networks import Network, Overview, View, mirror_of_view
+from tactile_fem.surrogate.random_scans import DEEPEST_MM, _drawn, random_scan
 from tactile_fem.surrogate.reduce import check_reducible
-from tactile_fem.surrogate.touch import WHOLE, Pad, Touch
-from tactile_fem.surrogate.view import Overview, View, mirror_of_view
 
 SHIPPED = Path(__file__).parents[1] / "meshes" / "fast_finger.npz"
 
@@ -33,8 +36,8 @@ def toy_pad() -> Pad:
     cells = Grid.over((-3.0, -3.0), (3.0, 3.0), 0.5)
     apart = np.linalg.norm(cells.points_mm[:, None] - cells.points_mm[None], axis=2)
     compliance = (20 * np.exp(-apart) + 2 * np.eye(len(apart))).astype(np.float32)
-    cushion = Cushion(cells, np.arange(len(apart)), compliance)
-    return Pad(grid, skin, cushion, Drag(60.0, 1.0, 1.5))
+    response = NormalResponse(cells, np.arange(len(apart)), compliance)
+    return Pad(grid, skin, response, TangentialResponse(60.0, 1.0, 1.5))
 
 
 def network(inputs: int, outputs: int) -> Network:
@@ -48,12 +51,12 @@ def network(inputs: int, outputs: int) -> Network:
 def toy() -> FastFinger:
     pad = toy_pad()
     places = np.array([[0.0, 0.0, 0.8], [1.0, 0.5, 0.9]])
-    touch = Touch(pad, [flat()], np.zeros(1), np.zeros((1, 3)))
-    seen = View.of(pad, places[:, :2])(touch).shape[-1]
+    patch = ContactPatch(pad, [flat()], np.zeros(1), np.zeros((1, 3)))
+    seen = View.of(pad, places[:, :2])(patch).shape[-1]
     return FastFinger(
         pad,
         network(seen, 11),
-        network(Overview(pad)(touch).shape[-1], 4),
+        network(Overview(pad)(patch).shape[-1], 4),
         places,
         np.array([[-10.0], [10.0]]) * np.ones(len(WHOLE) + 1),
         {"study": Study().model_dump(mode="json"), "scans": []},
@@ -124,33 +127,33 @@ def test_means_interpolate_and_keep_slopes():
 
 
 def test_pressed_skin_lies_on_the_body_and_other_skin_is_clear_of_it():
-    cushion = toy_pad().cushion
-    overlap = np.random.default_rng(1).normal(0.0, 0.5, (len(cushion.cells), 3)).astype(np.float32)
-    p = cushion.press(overlap, np.zeros_like(overlap))
-    gap = cushion.compliance_mm_per_MPa @ p - overlap
+    response = toy_pad().normal
+    overlap = np.random.default_rng(1).normal(0.0, 0.5, (len(response.cells), 3)).astype(np.float32)
+    p = response.press(overlap, np.zeros_like(overlap))
+    gap = response.compliance_mm_per_MPa @ p - overlap
     assert p.min() == 0 and 0.1 < (p > 0).mean() < 0.9
     assert np.abs(gap[p > 0]).max() < 3e-3
     assert gap[p == 0].min() > -3e-3
 
 
 def test_pressures_that_are_not_found_are_an_error(monkeypatch):
-    cushion = toy_pad().cushion
-    overlap = np.full((len(cushion.cells), 2), [-0.5, 0.3], np.float32)
-    monkeypatch.setattr("tactile_fem.surrogate.cushion._ITERATIONS", 2)
+    response = toy_pad().normal
+    overlap = np.full((len(response.cells), 2), [-0.5, 0.3], np.float32)
+    monkeypatch.setattr("tactile_fem.surrogate.contact._ITERATIONS", 2)
     with pytest.raises(ConvergenceError, match=r"skin at X .* mm off the body.*less depth"):
-        cushion.press(overlap, np.zeros_like(overlap))
+        response.press(overlap, np.zeros_like(overlap))
 
 
 def test_a_body_off_the_cells_is_outside():
     pad = toy_pad()
     body = HeightMap.of(Sphere(radius_mm=1.0).body(), (-5, -5), (5, 5))
-    touch = Touch(pad, [body] * 2, np.zeros(2), np.zeros((2, 3)))
-    touch.move(np.array([[0.0, 2.0, 1.2], [0.0, 4.0, 1.2]]), 0.1)
-    assert touch.is_off.tolist() == [False, True]
+    patch = ContactPatch(pad, [body] * 2, np.zeros(2), np.zeros((2, 3)))
+    patch.move(np.array([[0.0, 2.0, 1.2], [0.0, 4.0, 1.2]]), 0.1)
+    assert patch.is_off.tolist() == [False, True]
 
 
 def test_sticking_skin_follows_and_sliding_skin_is_dragged_to_its_limit():
-    drag = Drag(2.0, 1.0, 1.5)
+    drag = TangentialResponse(2.0, 1.0, 1.5)
     limit = drag.limit_mm(np.array(0.3), np.array(0.5))
     assert limit == pytest.approx(0.3)
     step = np.array([0.0, -1e-4])
@@ -164,11 +167,11 @@ def test_sticking_skin_follows_and_sliding_skin_is_dragged_to_its_limit():
 def test_skin_dragged_by_friction_meets_what_lies_behind():
     """All sliding, the pad feels the body from where the body is less the drag."""
     pad = toy_pad()
-    rough = Touch(pad, [bumps()], np.array([0.5]), np.zeros((1, 3)))
+    rough = ContactPatch(pad, [bumps()], np.array([0.5]), np.zeros((1, 3)))
     for y in (0.0, *np.linspace(-1, -4, 31)):
         rough.move(np.array([[0.0, y, 0.5]]), 0.01)
     drag = rough.whole()[0, WHOLE.index("drag_y_mm")]
-    smooth = Touch(pad, [bumps()], np.zeros(1), np.zeros((1, 3)))
+    smooth = ContactPatch(pad, [bumps()], np.zeros(1), np.zeros((1, 3)))
     smooth.move(np.array([[0.0, -4.0 - drag, 0.5]]), 0.01)
     assert drag < -0.05
     assert smooth.overlap_mm == pytest.approx(rough.overlap_mm, abs=1e-5)
@@ -177,17 +180,17 @@ def test_skin_dragged_by_friction_meets_what_lies_behind():
 def test_a_mirrored_body_is_seen_mirrored():
     pad, body = toy_pad(), bumps()
     other = HeightMap(body.grid, body.heights_mm[::-1])
-    touches = []
+    patches = []
     for each, sign in ((body, 1.0), (other, -1.0)):
-        touch = Touch(pad, [each], np.array([0.4]), np.zeros((1, 3)))
+        patch = ContactPatch(pad, [each], np.array([0.4]), np.zeros((1, 3)))
         for x in (0.0, 0.3, 0.5):
-            touch.move(np.array([[sign * x, -2 * x, 0.8]]), 0.01)
-        touches.append(touch)
+            patch.move(np.array([[sign * x, -2 * x, 0.8]]), 0.01)
+        patches.append(patch)
     places = np.array([[0.7, 0.4], [-0.7, 0.4]])
-    one, two = (View.of(pad, places)(touch)[0] for touch in touches)
+    one, two = (View.of(pad, places)(patch)[0] for patch in patches)
     order, signs = mirror_of_view()
     assert two[1] == pytest.approx(one[0][order] * signs, abs=2e-2)
-    one, two = (Overview(pad)(touch)[0] for touch in touches)
+    one, two = (Overview(pad)(patch)[0] for patch in patches)
     order, signs = Overview(pad).mirror()
     assert two == pytest.approx(one[order] * signs, abs=2e-2)
 
@@ -249,9 +252,9 @@ def test_a_finger_is_what_its_file_says(toy, tmp_path):
 
 def test_nothing_is_felt_without_contact(toy):
     loop = toy.loop(flat())
-    moment = loop.step((0.0, 0.0, -0.5), 0.001)
-    assert not moment.force_N.any() and not moment.felt["sed_kPa"].any()
-    assert np.array_equal(moment.felt["stretches"], np.ones((1, 2, 3)))
+    state = loop.step((0.0, 0.0, -0.5), 0.001)
+    assert not state.force_N.any() and not state.felt["sed_kPa"].any()
+    assert np.array_equal(state.felt["stretches"], np.ones((1, 2, 3)))
     assert loop.step((0.0, 0.0, 0.5), 0.001).force_N[0, 2] > 0
     assert not loop.step((0.0, 0.0, -0.5), 0.001).force_N.any()
 
@@ -356,15 +359,15 @@ def test_a_finger_from_a_file_is_no_mirror_image_of_itself(toy, name):
 
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_only_a_symmetric_finger_is_taught_mirror_images(toy, monkeypatch, symmetric):
-    from tactile_fem.surrogate import learning
+    from tactile_fem.surrogate import reduce as learning
 
     seen, overview = toy.felt.weights[0].shape[0], toy.whole.weights[0].shape[0]
     shapes = (2, 3, seen), (2, 3, 11), (2, overview), (2, 4), (2, len(WHOLE) + 1)
-    lesson = learning.Lesson(*map(np.ones, shapes))
+    scanned = learning.TrainingScan(*map(np.ones, shapes))
     monkeypatch.setattr(learning, "_learnt", lambda name, x, y, scale: (x, y))
-    x, y = learning.learn_felt([lesson], is_symmetric=symmetric)
+    x, y = learning.learn_felt([scanned], is_symmetric=symmetric)
     assert (len(x), y[:, 8].min()) == ((12, -1.0) if symmetric else (6, 1.0))
-    x, y = learning.learn_whole(toy.pad, [lesson], is_symmetric=symmetric)
+    x, y = learning.learn_whole(toy.pad, [scanned], is_symmetric=symmetric)
     assert (len(x), y[:, 0].min()) == ((4, -1.0) if symmetric else (2, 1.0))
 
 
@@ -466,8 +469,8 @@ def test_files_of_other_arrays_are_refused(toy, tmp_path, name):
 # --- making one -----------------------------------------------------------------------------------
 
 
-def test_lessons_are_drawn_by_number():
-    one, again, other = (lesson(Study(), number) for number in (3, 3, 4))
+def test_random_scans_are_drawn_by_number():
+    one, again, other = (random_scan(Study(), number) for number in (3, 3, 4))
     assert one.study == again.study and one.name == "lesson-0003"
     assert other.study.stimulus != one.study.stimulus
     for member in (one, other):
@@ -478,7 +481,7 @@ def test_lessons_are_drawn_by_number():
 
 def test_the_networks_learn_what_they_are_taught():
     pytest.importorskip("sklearn")
-    from tactile_fem.surrogate.learning import _learnt
+    from tactile_fem.surrogate.reduce import _learnt
 
     x = np.random.default_rng(0).normal(5.0, 2.0, (4000, 3)).astype(np.float32)
     y = np.column_stack([x[:, 0] - 2 * x[:, 1], 100 + np.abs(x[:, 2] - 5)])
@@ -500,7 +503,7 @@ def test_what_cannot_be_reduced_is_refused(changes, scans, problem):
         check_reducible(Study.model_validate(changes), scans)
 
 
-def test_receptors_beyond_the_lessons_are_refused_before_they_are_scanned(tmp_path):
+def test_receptors_beyond_the_training_scans_are_refused_before_they_are_scanned(tmp_path):
     from tactile_fem.surrogate.reduce import reduce_finger
 
     study = Study.model_validate({"receptors": {"half_width_mm": 6.0}})
@@ -510,26 +513,26 @@ def test_receptors_beyond_the_lessons_are_refused_before_they_are_scanned(tmp_pa
 
 
 def test_a_scan_teaches_what_its_receptors_felt(finished):
-    """What a network should give for a lesson is what the scan has."""
+    """What a network should give for a scanned is what the scan has."""
     from tactile_fem import Results
     from tactile_fem.surrogate.fast_finger import columns_of
-    from tactile_fem.surrogate.learning import Lesson
+    from tactile_fem.surrogate.reduce import TrainingScan
 
     scan = Results(finished.folder)
-    lesson = Lesson.of(toy_pad(), scan)
-    rows = len(lesson.felt)
+    scanned = TrainingScan.of(toy_pad(), scan)
+    rows = len(scanned.felt)
     assert 3 < rows <= len(scan.trace["time_s"]) - 1
-    felt = columns_of(lesson.felt)
+    felt = columns_of(scanned.felt)
     assert felt["sed_kPa"] == pytest.approx(scan.trace["sed_kPa"][-rows:], rel=1e-4, abs=1e-6)
     assert felt["moved_mm"] == pytest.approx(scan.trace["moved_mm"][-rows:], rel=1e-4, abs=1e-6)
-    normal = lesson.measures[:, WHOLE.index("normal_N")]
-    assert lesson.whole[:, 2] * normal == pytest.approx(scan.trace["force_N"][-rows:, 2], rel=1e-4)
+    normal = scanned.measures[:, WHOLE.index("normal_N")]
+    assert scanned.whole[:, 2] * normal == pytest.approx(scan.trace["force_N"][-rows:, 2], rel=1e-4)
 
 
 def test_the_drag_of_scans_is_found():
-    from tactile_fem.surrogate.learning import _missed
+    from tactile_fem.surrogate.reduce import _missed
 
-    random, drag = np.random.default_rng(4), Drag(5.0, 1.2, 1.7)
+    random, drag = np.random.default_rng(4), TangentialResponse(5.0, 1.2, 1.7)
     places = np.cumsum(random.normal(0, 0.1, (50, 2)), axis=0)
     normal, friction = random.uniform(0.1, 0.5, 50), np.array(0.4)
     slip, moved = np.zeros(2), [np.zeros(2)]
@@ -545,7 +548,7 @@ def test_a_body_that_cannot_be_rounded_is_drawn_again():
     """The tenth drawing has shapes of which one needs a radius that another does not allow."""
     with pytest.raises(StudyError, match=r"cannot be rounded by 0\.\d+ mm, which others need"):
         _drawn(Study(), 10).stimulus.body()
-    assert lesson(Study(), 10).study.receptors.seed == 1010
+    assert random_scan(Study(), 10).study.receptors.seed == 1010
 
 
 @pytest.mark.parametrize("there", [True, False])
@@ -566,9 +569,9 @@ def test_the_compliance_of_a_pressed_finger_is_that_of_its_tangent(study):
     from tactile_fem.surrogate.compliance import pad_of
 
     pad = pad_of(study, DEEPEST_MM)
-    C = pad.cushion.compliance_mm_per_MPa
+    C = pad.normal.compliance_mm_per_MPa
     assert np.linalg.eigvalsh(C.astype(float)).min() > 0
-    at = pad.cushion.grid.points_mm[pad.cushion.cells]
+    at = pad.normal.grid.points_mm[pad.normal.cells]
     middle = int(np.linalg.norm(at, axis=1).argmin())
     assert 3 < C[middle, middle] < 20
     assert C[middle, np.linalg.norm(at - at[middle], axis=1) > 6].max() < C[middle, middle] / 5

@@ -24,14 +24,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import cycle, zip_longest
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
-from tactile_fem.calibration.contact import from_contact
-from tactile_fem.calibration.curves import curve_of, points_of
+from tactile_fem.calibration.curves import curve_of, from_contact, points_of
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.text import read_rows, read_text
 from tactile_fem.study import Stimulus, Study, in_words
@@ -135,15 +134,6 @@ class Experiment:
         return np.isnan(self.place_mm)
 
 
-class _Row(NamedTuple):
-    indenter: str
-    speed_mm_s: float
-    depth_mm: float
-    place_mm: float
-    mean: float
-    sd: float
-
-
 def read_measurements(
     files: Sequence[Path | str],
     *,
@@ -192,16 +182,23 @@ def _is_table(file: Path) -> bool:
 
 
 def _of_tables(files: Sequence[Path]) -> list[Experiment]:
-    rows: dict[tuple[str, float], list[_Row]] = {}
+    rows: dict[tuple[str, float], list[tuple[float, ...]]] = {}
     indenters: dict[str, Stimulus] = {}
     for file in files:
-        for line, cells in _lines(file):
-            where = f"{file}, line {line}"
-            row = _row(where, cells)
-            if row.indenter not in indenters:
-                indenters[row.indenter] = parse_indenter(row.indenter, where)
-            rows.setdefault((row.indenter, row.speed_mm_s), []).append(row)
-    return [_experiment(indenters[indenter], of_press) for (indenter, _), of_press in rows.items()]
+        for where, cells in _lines(file):
+            name, speed, numbers = _row(where, cells)
+            if name not in indenters:
+                indenters[name] = parse_indenter(name, where)
+            rows.setdefault((name, speed), []).append(numbers)
+    return [
+        Experiment(
+            f"{name} at {speed:g} mm/s",
+            indenters[name],
+            speed,
+            *np.array(sorted(own, key=lambda row: (math.isfinite(row[1]), *row[:2]))).T,
+        )
+        for (name, speed), own in rows.items()
+    ]
 
 
 def _of_curves(
@@ -264,7 +261,8 @@ def parse_indenter(text: str, where: str) -> Stimulus:
         raise StudyError(f"{where}: {in_words(error)}") from None
 
 
-def _lines(file: Path) -> Iterable[tuple[int, dict[str, str]]]:
+def _lines(file: Path) -> Iterable[tuple[str, dict[str, str]]]:
+    """Yield file and line of each row, and its cells by their columns."""
     rows = read_rows(file, str(file))
     names = [name.strip() for name in rows[0][1]] if rows else []
     for kind in (FORCE, PROFILE):
@@ -276,12 +274,15 @@ def _lines(file: Path) -> Iterable[tuple[int, dict[str, str]]]:
             f"{', '.join([*_COMMON, *FORCE])} or {', '.join([*_COMMON, *PROFILE])}."
         )
     for line, row in rows[1:]:
+        where = f"{file}, line {line}"
         if len(row) > len(names):
-            raise StudyError(f"{file}, line {line}: it has more cells than there are columns.")
-        yield line, dict(zip_longest(names, row, fillvalue=""))
+            raise StudyError(f"{where}: it has more cells than there are columns.")
+        yield where, dict(zip_longest(names, row, fillvalue=""))
 
 
-def _row(where: str, cells: Mapping[str, str]) -> _Row:
+def _row(where: str, cells: Mapping[str, str]) -> tuple[str, float, tuple[float, ...]]:
+    """Return indenter and speed of a row, and depth, place, measured number and its sd."""
+
     def number(name: str, *, positive: bool = True) -> float:
         text = cells[name].strip()
         try:
@@ -298,14 +299,7 @@ def _row(where: str, cells: Mapping[str, str]) -> _Row:
         raise StudyError(f"{where}: indenter is empty but must be a kind of stimulus.")
     speed, depth = number("speed_mm_s"), number("depth_mm")
     if "force_N" in cells:
-        return _Row(indenter, speed, depth, math.nan, number("force_N"), number("sd_N"))
+        return indenter, speed, (depth, math.nan, number("force_N"), number("sd_N"))
     place = abs(number("place_mm", positive=False))
     deflection = number("deflection_mm", positive=False)
-    return _Row(indenter, speed, depth, place, deflection, number("sd_mm"))
-
-
-def _experiment(indenter: Stimulus, rows: Sequence[_Row]) -> Experiment:
-    rows = sorted(rows, key=lambda row: (math.isfinite(row.place_mm), row.depth_mm, row.place_mm))
-    speed = rows[0].speed_mm_s
-    columns = np.array([row[2:] for row in rows]).T
-    return Experiment(f"{rows[0].indenter} at {speed:g} mm/s", indenter, speed, *columns)
+    return indenter, speed, (depth, place, deflection, number("sd_mm"))

@@ -27,8 +27,9 @@ logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-# Change of a length's logarithm for its derivative: far above the effect of another mesh.
-_LENGTH_STEP = 0.05
+# Change of a parameter for its derivative by another press: far above the effect of another mesh,
+# and of loads on a joint, which are balanced within 0.1 %.
+_STEP = 0.05
 
 
 class Model:
@@ -51,7 +52,11 @@ class Model:
         self._folder, self._jobs, self._comm = folder / "presses", jobs, comm
         self._evaluations, self._seen = evaluations, set[bytes]()
         self._pressed, self._spent_s = 0, 0.0  # without presses that were saved before
-        self._changes = tuple(p.change for p in parameters if p.of_tissue)
+        # Sensitivities are those at a fixed bone.
+        self._is_sensitive = [p.of_tissue and not study.joint for p in parameters]
+        self._changes = tuple(
+            p.change for p, own in zip(parameters, self._is_sensitive, strict=True) if own
+        )
         self._prior_sd = np.array([p.sd for p in parameters])
 
     def residuals(self, x: Array) -> Array:
@@ -117,21 +122,21 @@ class Model:
         Raises
         ------
         TactileError
-            A finger with another length cannot be pressed as deep.
+            A finger with another value cannot be pressed as deep.
         """
         predictions = self.predictions(x)
         here = np.concatenate([p.values for p in predictions])
-        of_tissue = iter(np.concatenate([p.derivatives for p in predictions]).T)
+        sensitivities = iter(np.concatenate([p.derivatives for p in predictions]).T)
         columns = [
-            next(of_tissue) if parameter.of_tissue else self._along_length(x, i, here)
-            for i, parameter in enumerate(self._parameters)
+            next(sensitivities) if is_sensitive else self._difference(x, i, here)
+            for i, is_sensitive in enumerate(self._is_sensitive)
         ]
         sd = np.concatenate([e.sd for e in self._experiments])
         return np.vstack([np.array(columns).T / sd[:, None], np.diag(1 / self._prior_sd)])
 
-    def _along_length(self, x: Array, i: int, here: Array) -> Array:
-        """Return the derivatives of the numbers, `here` at x, from a longer or shorter length."""
-        for step in (_LENGTH_STEP, -_LENGTH_STEP):
+    def _difference(self, x: Array, i: int, here: Array) -> Array:
+        """Return the derivatives of the numbers, `here` at x, by presses with another value."""
+        for step in (_STEP, -_STEP):
             found = self.predictions(x + step * np.eye(len(x))[i], with_derivatives=False)
             column = (np.concatenate([p.values for p in found]) - here) / step
             if np.isfinite(column).all():
@@ -145,7 +150,7 @@ class Model:
         """Return the remaining time if all presses that may be needed are still to be made."""
         if not self._pressed:
             return "pressed before"
-        lengths = sum(not parameter.of_tissue for parameter in self._parameters)
-        further = (self._evaluations - len(self._seen)) * (1 + lengths) + lengths
+        others = self._is_sensitive.count(False)
+        further = (self._evaluations - len(self._seen)) * (1 + others) + others
         left_s = further * len(self._experiments) * self._spent_s / self._pressed
         return f"at most {left_s / 60:.0f} min left"

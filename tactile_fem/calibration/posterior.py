@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tactile_fem.calibration.parameters import Parameter, value_at
 from tactile_fem.errors import StudyError
@@ -64,68 +63,51 @@ class Posterior:
         return self.covariance / np.outer(self.sd, self.sd)
 
     def save(self, path: Path) -> None:
-        """Write it as JSON."""
+        """Write it as JSON; keys are joined by dots."""
         entries = [
-            _Entry(
-                name=parameter.name,
-                factor=parameter.factor,
-                powers={".".join(keys): power for keys, power in parameter.powers.items()},
-                start={".".join(keys): self.start[keys] for keys in parameter.powers},
-            )
+            {
+                "name": parameter.name,
+                "factor": parameter.factor,
+                "powers": {".".join(keys): power for keys, power in parameter.powers.items()},
+                "start": {".".join(keys): self.start[keys] for keys in parameter.powers},
+            }
             for parameter in self.parameters
         ]
-        saved = _File(parameters=entries, x=self.x.tolist(), covariance=self.covariance.tolist())
-        write_text(path, json.dumps(saved.model_dump(), indent=1) + "\n")
+        rest = {"x": self.x.tolist(), "covariance": self.covariance.tolist()}
+        write_text(path, json.dumps({"parameters": entries, **rest}, indent=1) + "\n")
 
     @classmethod
     def load(cls, path: Path, what: str) -> Posterior:
         """Return that of a file; raise StudyError, which begins with `what`, if it has none."""
+        text = read_text(path, what)
         try:
-            saved = _File.model_validate_json(read_text(path, what))
-        except ValidationError:
+            saved = json.loads(text, parse_constant=_refuse)
+            parameters, start = [], {}
+            for entry in saved["parameters"]:
+                powers, own = (_by_keys(entry[name]) for name in ("powers", "start"))
+                parameters.append(Parameter(str(entry["name"]), powers, float(entry["factor"])))
+                start.update(own)
+            x, covariance = (np.array(saved[name], float) for name in ("x", "covariance"))
+        except (ValueError, TypeError, KeyError, AttributeError):
             raise StudyError(f"{what} is no posterior.json as a fit writes it.") from None
-        x, covariance = np.array(saved.x), np.array(saved.covariance, ndmin=2)
-        count = len(saved.parameters)
+        count = len(parameters)
+        if not count or any(p.factor <= 1 or not p.powers for p in parameters):
+            raise StudyError(f"{what} is no posterior.json as a fit writes it.")
         if x.shape != (count,) or covariance.shape != (count, count):
             raise StudyError(f"{what} has {count} parameters, but x or covariance of another size.")
         if not _is_covariance(covariance):
             raise StudyError(f"{what}: its covariance is not symmetric and positive definite.")
-        start = {
-            _keys(key): value for entry in saved.parameters for key, value in entry.start.items()
-        }
-        parameters = tuple(entry.parameter() for entry in saved.parameters)
         if missing := {key for p in parameters for key in p.powers} - start.keys():
             raise StudyError(f"{what} lacks the start of {'.'.join(min(missing))}.")
-        return cls(parameters, start, x, covariance)
+        return cls(tuple(parameters), start, x, covariance)
 
 
-class _Entry(BaseModel):
-    """A parameter in the file; keys are joined by dots."""
-
-    model_config = ConfigDict(allow_inf_nan=False)
-
-    name: str
-    factor: float = Field(gt=1)
-    powers: dict[str, float] = Field(min_length=1)
-    start: dict[str, float]
-
-    def parameter(self) -> Parameter:
-        powers = {_keys(key): power for key, power in self.powers.items()}
-        return Parameter(self.name, powers, self.factor)
+def _refuse(constant: str) -> None:
+    raise ValueError(constant)
 
 
-class _File(BaseModel):
-    """The file."""
-
-    model_config = ConfigDict(allow_inf_nan=False)
-
-    parameters: list[_Entry] = Field(min_length=1)
-    x: list[float]
-    covariance: list[list[float]]
-
-
-def _keys(dotted: str) -> tuple[str, ...]:
-    return tuple(dotted.split("."))
+def _by_keys(values: dict[str, float]) -> dict[tuple[str, ...], float]:
+    return {tuple(dotted.split(".")): float(value) for dotted, value in values.items()}
 
 
 def _is_covariance(matrix: Array) -> bool:

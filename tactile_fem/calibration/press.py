@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from tactile_fem import Parts, Simulation
 from tactile_fem.calibration.measurements import Experiment
-from tactile_fem.calibration.parameters import Parameter, Powers, with_values
 from tactile_fem.calibration.sensitivity import Change, Sensitivities
 from tactile_fem.errors import StoppedError, TactileError
 from tactile_fem.finger import SkinSurface
@@ -30,7 +29,6 @@ logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-_STEP = 0.05  # of constants' logarithms: loads on a joint are balanced within 0.1 %
 _PROFILE_MM, _PROFILE_POINTS = 8.0, 321  # half the length of the line of skin that is read
 
 
@@ -59,7 +57,7 @@ def press(
     """Press the indenter to the measured depths; all ranks of `comm`, by default all, call.
 
     A press that ends before, because the mechanics diverges, is logged. Derivatives are those
-    along the `changes` of the constants; with a joint each takes a further press.
+    along the `changes` of the constants at a fixed bone: a finger on a joint has none.
     """
     comm = comm or MPI.COMM_WORLD
     depths = np.unique(experiment.depth_mm)
@@ -70,7 +68,7 @@ def press(
     derivatives, curve = np.full((len(values), len(changes)), np.nan), [(0.0, 0.0)]
     with closing(simulation):
         problem = simulation.problem
-        sensitivities = Sensitivities(problem, () if study.joint else changes)
+        sensitivities = Sensitivities(problem, changes)
         try:
             with stopping(problem.solver.snes, comm) as stop:
                 for step in simulation.steps():
@@ -80,33 +78,14 @@ def press(
                     if here.any():
                         read = _reading(simulation, experiment, here, skin)
                         values[here] = read()
-                        if changes and not study.joint:
+                        if changes:
                             derivatives[here] = sensitivities.derivative(read).T
                     stop.check()
         except StoppedError:
             raise
         except TactileError as error:  # also: no sensitivities where the skin is about to snap
             logger.warning("%s: %s", experiment.name, error)
-    if study.joint:  # the sensitivities hold the bone
-        for k, change in enumerate(changes):
-            derivatives[:, k] = _difference(study, experiment, change, values, comm)
     return Prediction(values, derivatives, np.array(curve))
-
-
-def _difference(
-    study: Study, experiment: Experiment, change: Change, here: Array, comm: MPI.Comm
-) -> Array:
-    """Return derivatives along a change of the constants by a press with more or less of it."""
-    powers: Powers = {("tissue", *keys): power for keys, power in change.items()}
-    for step in (_STEP, -_STEP):
-        changed = with_values(study, [Parameter("", powers, 1.0)], [step])
-        found = (press(changed, experiment, (), comm).values - here) / step
-        if np.isfinite(found).all():
-            return found
-    raise TactileError(
-        f"{experiment.name}: with 5 % more or less of {', '.join(name for _, name in change)} a "
-        "press does not reach the measured depths."
-    )
 
 
 def _press(start_mm: Array, depths_mm: Array, speed_mm_s: float) -> Motion:

@@ -1,7 +1,8 @@
-"""Bands of people: between which values a share of all people lies, as some people tell."""
+"""Tolerance bands of a population, estimated from a sample."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
@@ -94,10 +95,11 @@ def bands(values: ArrayLike, shares: Sequence[float] = SHARES) -> Bands:
         if not 0 < share < 1:
             raise StudyError(f"The share of a band is {share:g} but must lie between 0 and 1.")
     finite = np.isfinite(found)
-    people = finite.sum(axis=0)
-    ordered = np.sort(np.where(finite, found, np.inf), axis=0)
     tails = [(1 + sign * share) / 2 for sign in (-1, 1) for share in shares]
-    ends = np.array([_at_rank(ordered, tail * (people + 1), people) for tail in (0.5, *tails)])
+    with warnings.catch_warnings(category=RuntimeWarning, action="ignore"):  # nobody has a value
+        ends = np.nanquantile(
+            np.where(finite, found, np.nan), [0.5, *tails], axis=0, method="weibull"
+        )
     some = finite.reshape(len(found), -1).any(axis=1)
     middle = 1 + len(shares)
     return Bands(
@@ -105,19 +107,9 @@ def bands(values: ArrayLike, shares: Sequence[float] = SHARES) -> Bands:
         low=ends[1:middle],
         high=ends[middle:],
         shares=tuple(shares),
-        people=np.asarray(people),
+        people=np.asarray(finite.sum(axis=0)),
         missing=int(np.sum(~some)),
     )
-
-
-def _at_rank(ordered: Array, rank: Array, people: NDArray[np.intp]) -> Array:
-    """Return the values at ranks (...), from 1, of ordered ones (n, ...), linear in between."""
-    rank = np.clip(rank, 1, np.maximum(people, 1)) - 1
-    below = np.floor(rank).astype(int)
-    above = np.minimum(below + 1, np.maximum(people - 1, 0))
-    low, high = (np.take_along_axis(ordered, at[None], 0)[0] for at in (below, above))
-    with np.errstate(invalid="ignore"):  # infinite where nobody has a value
-        return np.where(people > 0, low + (rank - below) * (high - low), np.nan)
 
 
 def bands_table(numbers: Mapping[str, ArrayLike], shares: Sequence[float] = SHARES) -> list[Any]:

@@ -1,7 +1,7 @@
 """Draws people: standard scores from a low-discrepancy sequence, and the studies of their fingers.
 
 Scores are those of a scrambled Sobol' sequence through the inverse of the normal distribution
-(Owen 1998); those of what a fit varies are then correlated by the Cholesky factor of its
+(Owen 1998). Scores of fitted parameters are then correlated by the Cholesky factor of their
 correlations. The first n people of a larger ensemble are the ensemble of n.
 """
 

@@ -1,4 +1,4 @@
-"""An ensemble of people in a folder: runs what is missing of it, and reads what is there.
+"""Run the incomplete scans of an ensemble and read its results.
 
 Beside the study file and the results folder of each scan, ``people.csv`` has the values and
 standard scores of each person, and ``….failed.txt`` the reason why a scan failed.

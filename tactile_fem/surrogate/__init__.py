@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from tactile_fem.runtime.lazy import lazily
 
 if TYPE_CHECKING:
-    from tactile_fem.surrogate.course import Moment
     from tactile_fem.surrogate.fast_finger import FastFinger, Loop
     from tactile_fem.surrogate.heights import HeightMap
+    from tactile_fem.surrogate.stepping import BodyState
 
-__all__ = ["FastFinger", "HeightMap", "Loop", "Moment"]
+__all__ = ["BodyState", "FastFinger", "HeightMap", "Loop"]
 
 __getattr__ = lazily(
     __name__,
-    {"course": ["Moment"], "fast_finger": ["FastFinger", "Loop"], "heights": ["HeightMap"]},
+    {"fast_finger": ["FastFinger", "Loop"], "heights": ["HeightMap"], "stepping": ["BodyState"]},
 )

@@ -58,7 +58,7 @@ def reduce(
     the_study = load_study(study, changes)
     module = with_mechanics("tactile_fem.surrogate.reduce", 1)
     if list_:
-        return list_scans(module.lessons(the_study, scans), results)
+        return list_scans(module.wanted_scans(the_study, scans), results)
     if collect:
         finger = module.collect_finger(the_study, results, scans=scans)
     else:

@@ -23,10 +23,8 @@ from tactile_fem import FingerMesh, Simulation
 from tactile_fem.finger import SURFACES, lowest_height
 from tactile_fem.stimulus import Plate
 from tactile_fem.study import Study
-from tactile_fem.surrogate.cushion import Cushion
-from tactile_fem.surrogate.drag import Drag
-from tactile_fem.surrogate.grid import Grid
-from tactile_fem.surrogate.touch import Pad
+from tactile_fem.surrogate.contact import NormalResponse, Pad, TangentialResponse
+from tactile_fem.surrogate.heights import Grid
 
 Array = NDArray[Any]
 logger = logging.getLogger(__name__)
@@ -37,8 +35,8 @@ _HALF_MM = (8.0, 10.0)  # of the grid of heights
 _CELLS_HALF_MM = (7.0, 8.0)
 _SPACING_MM, _CELL_MM = 0.25, 0.5
 _FAR_MM = 5.0  # Z of skin beside the finger
-# What skin between two nodes yields by itself, which no node's compliance holds, mm per MPa.
-_OWN_mm_per_MPa = 1.0
+# Local compliance below the node spacing.
+_LOCAL_mm_per_MPa = 1.0
 _SOLVES = 96  # right-hand sides at a time
 
 
@@ -68,8 +66,8 @@ def pad_of(study: Study, deepest_mm: float) -> Pad:
         for step in simulation.steps():
             logger.info("plate at %.2f mm: %.3f N", step.depth_mm, step.load.force_N[2])
         cells, compliance = _compliance(simulation, cells_grid, np.flatnonzero(near))
-    cushion = Cushion(cells_grid, cells, compliance)
-    return Pad(grid, skin.astype(np.float32), cushion, Drag(0.0, 1.0, 1.0))
+    response = NormalResponse(cells_grid, cells, compliance)
+    return Pad(grid, skin.astype(np.float32), response, TangentialResponse(0.0, 1.0, 1.0))
 
 
 def _skin(finger: FingerMesh, places: Array) -> Array:
@@ -95,10 +93,10 @@ def _compliance(
     with _solver(simulation) as solve:
         for first in range(0, len(cells), _SOLVES):
             part = slice(first, min(first + _SOLVES, len(cells)))
-            right = np.zeros((V.dofmap.index_map.size_local * 3, part.stop - part.start))
+            right = np.zeros((V.dofmap.index_map.size_local * 3, part.stop - part.start), order="F")
             right[dofs] = loads[:, part]
             moved[:, part] = mean @ solve(right)[dofs]
-    moved = (moved + moved.T) / 2 + _OWN_mm_per_MPa * np.eye(len(cells))
+    moved = (moved + moved.T) / 2 + _LOCAL_mm_per_MPa * np.eye(len(cells))
     return cells, np.ascontiguousarray(moved, dtype=np.float32)
 
 
@@ -147,9 +145,8 @@ def _solver(simulation: Simulation) -> Iterator[Any]:
     factor.setUp()
     F = factor.getPC().getFactorMatrix()
 
-    def solve(right: Array) -> Array:
-        columns: Any = np.asfortranarray(right)
-        B = PETSc.Mat().createDense(right.shape, array=columns, comm=K.comm)
+    def solve(right: Any) -> Array:
+        B = PETSc.Mat().createDense(right.shape, array=right, comm=K.comm)
         X = PETSc.Mat().createDense(right.shape, comm=K.comm)
         for matrix in (B, X):
             matrix.assemble()

@@ -18,21 +18,27 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import STANDARD, Response, fire_all
 from tactile_fem.runtime.files import write_arrays
 from tactile_fem.study import Study
-from tactile_fem.surrogate.course import Moment, along, trace_of
-from tactile_fem.surrogate.cushion import FINE_MM, TOLERANCE_MM, Cushion
-from tactile_fem.surrogate.drag import Drag
-from tactile_fem.surrogate.grid import Grid
-from tactile_fem.surrogate.heights import HeightMap
-from tactile_fem.surrogate.network import Network
-from tactile_fem.surrogate.touch import ACROSS, WHOLE, Pad, Touch
-from tactile_fem.surrogate.view import (
+from tactile_fem.surrogate.contact import (
+    ACROSS,
+    FINE_MM,
+    TOLERANCE_MM,
+    WHOLE,
+    ContactPatch,
+    NormalResponse,
+    Pad,
+    TangentialResponse,
+)
+from tactile_fem.surrogate.heights import Grid, HeightMap
+from tactile_fem.surrogate.networks import (
     FELT_SIGNS,
     TAUGHT_MM,
     WHOLE_SIGNS,
+    Network,
     Overview,
     View,
     mirror_of_view,
 )
+from tactile_fem.surrogate.stepping import BodyState, along, trace_of
 
 Array = NDArray[Any]
 
@@ -94,8 +100,8 @@ class FastFinger:
 
     def write(self, file: File | str) -> None:
         """Write it as ``.npz``."""
-        cushion, drag = self.pad.cushion, self.pad.drag
-        grids = {"pad": self.pad.grid, "cells": cushion.grid}
+        response, drag = self.pad.normal, self.pad.tangential
+        grids = {"pad": self.pad.grid, "cells": response.grid}
         about = {
             "grids": {k: (*g.low_mm, g.spacing_mm, *g.shape) for k, g in grids.items()},
             "drag": (drag.compliance_mm_per_N, drag.exponent, drag.across),
@@ -105,8 +111,8 @@ class FastFinger:
         arrays = {
             "about": np.array(json.dumps(about)),
             "skin_mm": self.pad.skin_mm,
-            "cells": cushion.cells,
-            "compliance_mm_per_MPa": cushion.compliance_mm_per_MPa,
+            "cells": response.cells,
+            "compliance_mm_per_MPa": response.compliance_mm_per_MPa,
             "receptors_mm": self.receptors_mm,
             "ranges": self.ranges,
         }
@@ -134,8 +140,9 @@ class FastFinger:
                 name: Grid((x, y), spacing, (nx, ny))
                 for name, (x, y, spacing, nx, ny) in about["grids"].items()
             }
-            cushion = Cushion(grids["cells"], arrays["cells"], arrays["compliance_mm_per_MPa"])
-            pad = Pad(grids["pad"], arrays["skin_mm"], cushion, Drag(*about["drag"]))
+            cells = grids["cells"], arrays["cells"], arrays["compliance_mm_per_MPa"]
+            responses = NormalResponse(*cells), TangentialResponse(*about["drag"])
+            pad = Pad(grids["pad"], arrays["skin_mm"], *responses)
             networks = Network.read("felt", arrays), Network.read("whole", arrays)
             rest = arrays["receptors_mm"], arrays["ranges"], about["made_from"], about["errors"]
             finger = cls(pad, *networks, *rest)
@@ -224,8 +231,8 @@ class FastFinger:
             return [
                 self.scan(body, path, friction=mu, receptors_mm=receptors_mm) for body, mu in each
             ]
-        rows, moments = zip(*along(path, loop), strict=True)
-        return [trace_of(rows, moments, k, loop.receptors_mm, path) for k in range(len(maps))]
+        rows, states = zip(*along(path, loop), strict=True)
+        return [trace_of(rows, states, k, loop.receptors_mm, path) for k in range(len(maps))]
 
     def respond(self, trace: Trace) -> Response:
         """Return the spikes of the study's afferents at the receptors of a trace."""
@@ -254,25 +261,21 @@ class Loop:
         tolerance_mm: float = TOLERANCE_MM,
     ) -> None:
         maps = [bodies] if isinstance(bodies, HeightMap) else list(bodies)
-        try:
-            mu = np.broadcast_to(np.asarray(friction, dtype=float), (len(maps),))
-            start = np.broadcast_to(np.asarray(start_mm, dtype=float), (len(maps), 3))
-        except (ValueError, TypeError):
-            raise StudyError(
-                f"friction and start_mm must be those of one or of all {len(maps)} bodies."
-            ) from None
+        problem = f"friction and start_mm must be those of one or of all {len(maps)} bodies."
+        mu = _of_bodies(friction, (len(maps),), problem)
+        start = _of_bodies(start_mm, (len(maps), 3), problem)
         if not (np.isfinite(mu).all() and (mu >= 0).all()):
             raise StudyError(f"friction is {friction!r}; it must be 0 or more.")
         if not maps or not np.isfinite(start).all():
             raise StudyError("a fast finger needs one body or more, and finite start_mm.")
         self._finger, self._count, self.friction = finger, len(maps), mu
         self.receptors_mm = _in_space(finger, receptors_mm)
-        self._touch = Touch(finger.pad, maps, mu, start, tolerance_mm)
+        self._patch = ContactPatch(finger.pad, maps, mu, start, tolerance_mm)
         self._view = View.of(finger.pad, self.receptors_mm[:, :2])
         self._overview = Overview(finger.pad)
         self._mirrors = mirror_of_view(), self._overview.mirror()
 
-    def step(self, place_mm: ArrayLike, dt_s: float) -> Moment:
+    def step(self, place_mm: ArrayLike, dt_s: float) -> BodyState:
         """Move the bodies to a place, (3,) or (bodies, 3), within a time; return what is felt.
 
         Raises
@@ -284,50 +287,56 @@ class Loop:
         """
         if not (np.isfinite(dt_s) and dt_s > 0):
             raise StudyError(f"dt_s is {dt_s}; it must be positive.")
-        try:
-            places = np.broadcast_to(np.asarray(place_mm, dtype=float), (self._count, 3))
-        except (ValueError, TypeError):
-            raise StudyError(f"place_mm must be (3,) or ({self._count}, 3).") from None
+        problem = f"place_mm must be (3,) or ({self._count}, 3)."
+        places = _of_bodies(place_mm, (self._count, 3), problem)
         if not np.isfinite(places).all():
             raise StudyError("place_mm: all places must be finite.")
-        touch, finger = self._touch, self._finger
-        touch.move(places, dt_s)
-        touches = touch.normal_N > 0
-        inputs = np.concatenate(self._view(touch)), self._overview(touch)
+        patch, finger = self._patch, self._finger
+        patch.move(places, dt_s)
+        touches = patch.normal_N > 0
+        inputs = np.concatenate(self._view(patch)), self._overview(patch)
         if finger.is_symmetric:
             of_view, of_overview = self._mirrors
             values = finger.felt.mirrored_mean(inputs[0], of_view, FELT_SIGNS)
             whole = finger.whole.mirrored_mean(inputs[1], of_overview, WHOLE_SIGNS)
         else:
             values, whole = finger.felt(inputs[0]), finger.whole(inputs[1])
-        force = np.where(touches[:, None], whole[:, :3] * touch.normal_N[:, None], 0.0)
+        force = np.where(touches[:, None], whole[:, :3] * patch.normal_N[:, None], 0.0)
         area = np.where(touches, np.maximum(whole[:, 3], 0.0), 0.0)
         force[:, 2] = np.maximum(force[:, 2], 0.0)
         values = values.astype(float).reshape(self._count, len(self.receptors_mm), sum(_WIDTHS))
         felt = columns_of(values)
         for each in STANDARD:
             felt[each.name][~touches] = each.at_rest(len(self.receptors_mm))
-        is_outside = (touches & self._is_outside()) | touch.is_off
-        return Moment(force, area, felt, is_outside)
+        is_outside = (touches & self._is_outside()) | patch.is_off
+        return BodyState(force, area, felt, is_outside)
 
-    def ahead(self, place_mm: ArrayLike, dt_s: float) -> Moment:
+    def ahead(self, place_mm: ArrayLike, dt_s: float) -> BodyState:
         """Return what `step` would, and stay."""
         other = copy(self)
-        other._touch = copy(self._touch)
+        other._patch = copy(self._patch)
         return other.step(place_mm, dt_s)
 
     def _is_outside(self) -> NDArray[np.bool_]:
-        values, (least, largest) = measures(self._touch), self._finger.ranges
+        values, (least, largest) = self._patch.measures(), self._finger.ranges
         allowed = _BEYOND * (largest - least)
         beyond = ((values < least - allowed) | (values > largest + allowed)).any(axis=1)
-        # A fifth of the lessons' way is across: friction is then too small, by half at first.
+        # A fifth of the training is across: friction is then too small, by half at first.
         x, y = (np.abs(values[:, WHOLE.index(name)]) for name in ("slip_x", "slip_y"))
         return beyond | (x > y)
 
 
+def _of_bodies(values: ArrayLike, shape: tuple[int, ...], problem: str) -> Array:
+    """Return numbers of bodies; raise StudyError if they are none or have another shape."""
+    try:
+        return np.broadcast_to(np.asarray(values, dtype=float), shape)
+    except (ValueError, TypeError):
+        raise StudyError(problem) from None
+
+
 def _check_arrays(arrays: Mapping[str, Array], pad: Pad) -> None:
     """Raise an error for arrays of a file that are not finite or of another shape."""
-    count = len(pad.cushion.grid.points_mm[arrays["cells"]])
+    count = len(pad.normal.grid.points_mm[arrays["cells"]])
     sizes = {
         "skin_mm": (len(pad.grid.points_mm),),
         "compliance_mm_per_MPa": (count, count),
@@ -371,12 +380,6 @@ def _in_space(finger: FastFinger, receptors_mm: ArrayLike | None) -> Array:
     return np.concatenate([places, unknown], axis=1)
 
 
-def measures(touch: Touch) -> Array:
-    """Return the values that must lie within `FastFinger.ranges`, (bodies, values)."""
-    largest = touch.pressure_MPa.max(axis=1, keepdims=True)
-    return np.concatenate([touch.whole(), largest], axis=1)
-
-
 def columns_of(values: Array) -> dict[str, Array]:
     """Return the columns of every trace from outputs (..., outputs) of the receptors' network."""
     found, parts = {}, np.split(values, np.cumsum(_WIDTHS)[:-1], axis=-1)
@@ -391,8 +394,4 @@ def outputs_of(trace: Mapping[str, Array]) -> Array:
     """Return the outputs (rows, receptors, outputs) that the receptors' network should give."""
     columns = [np.asarray(trace[each.name], dtype=float) for each in STANDARD]
     columns[0] = np.sqrt(np.maximum(columns[0], 0.0))
-    wide = [
-        c[..., None] if np.ndim(each.rest) == 0 else c
-        for c, each in zip(columns, STANDARD, strict=True)
-    ]
-    return np.concatenate(wide, axis=-1)
+    return np.concatenate([c.reshape(*columns[0].shape, -1) for c in columns], axis=-1)

@@ -10,7 +10,7 @@ import shapely
 from tactile_fem.errors import StudyError
 from tactile_fem.series import Member
 from tactile_fem.study import Study
-from tactile_fem.surrogate.view import TAUGHT_MM
+from tactile_fem.surrogate.networks import TAUGHT_MM
 
 # Ranges of what is drawn; lengths in mm, speeds in mm/s.
 DEEPEST_MM = 2.1
@@ -33,7 +33,7 @@ _DRAWS, _NEXT_DRAW = 20, 1000
 Random = np.random.Generator
 
 
-def lesson(study: Study, number: int) -> Member:
+def random_scan(study: Study, number: int) -> Member:
     """Return a scan of a study's finger, with a body, path, friction and receptors of its number.
 
     Raises
@@ -48,7 +48,7 @@ def lesson(study: Study, number: int) -> Member:
         except StudyError:
             continue
         return Member(f"lesson-{number:04d}", drawn, {"number": number})
-    raise StudyError(f"lesson {number}: none of {_DRAWS} bodies could be made.")
+    raise StudyError(f"random scan {number}: none of {_DRAWS} bodies could be made.")
 
 
 def _drawn(study: Study, seed: int) -> Study:
@@ -56,8 +56,7 @@ def _drawn(study: Study, seed: int) -> Study:
     friction = _friction(random)
     path, places = _path(random)
     stimulus = _stimulus(random, places)
-    stimulus["friction"] = float(friction)
-    stimulus["shift_mm"] = tuple(float(v) for v in stimulus["shift_mm"])
+    stimulus |= {"friction": float(friction), "shift_mm": tuple(map(float, stimulus["shift_mm"]))}
     receptors = study.receptors.model_dump(exclude_unset=True) | {
         "placement": "random",
         "count": _RECEPTORS,
@@ -128,14 +127,11 @@ def _stimulus(random: Random, places: np.ndarray) -> dict[str, Any]:
 def _drawing(random: Random, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
     shapes = _shapes(random, low, high)
     relief = random.uniform(*_RELIEF)
-    if random.random() < 0.7:
-        heights = [float(round(relief, 3))]
-    else:
-        heights = [
-            float(round(relief * h, 2)) for h in random.choice([0.5, 0.75, 1.0], len(shapes))
-        ]
-        if max(heights) < relief * 0.99:
-            heights[0] = float(round(relief, 3))
+    heights = [float(round(relief, 3))]
+    if random.random() >= 0.7:
+        shares = random.choice([0.5, 0.75, 1.0], len(shapes))
+        others = [float(round(relief * share, 2)) for share in shares]
+        heights = others if max(others) >= relief * 0.99 else heights + others[1:]
     left, bottom, right, top = shapely.GeometryCollection(shapes).bounds
     return {
         "kind": "drawing",
@@ -210,14 +206,8 @@ def _scattered(
 
 
 def _blob(random: Random, place: np.ndarray, radius: float) -> shapely.Geometry:
-    return shapely.union_all(
-        [
-            shapely.Point(place + random.normal(0, radius, 2)).buffer(
-                radius * random.uniform(0.6, 1.2)
-            )
-            for _ in range(3)
-        ]
-    )
+    centres = (shapely.Point(place + random.normal(0, radius, 2)) for _ in range(3))
+    return shapely.union_all([at.buffer(radius * random.uniform(0.6, 1.2)) for at in centres])
 
 
 def _stroke(random: Random, place: np.ndarray) -> shapely.LineString:

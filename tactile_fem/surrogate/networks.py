@@ -1,18 +1,87 @@
-"""What the networks see: pressures and overlaps about a receptor, and the whole contact."""
+"""Small networks, evaluated with NumPy alone, and what they see of a contact."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from tactile_fem.surrogate.grid import Grid, disc
-from tactile_fem.surrogate.touch import ACROSS, Pad, Touch
+from tactile_fem.surrogate.contact import ACROSS, ContactPatch, Pad
+from tactile_fem.surrogate.heights import Grid, disc
 
 Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Network:
+    """Layers of ``max(0, x W + b)``, the last without the maximum.
+
+    Inputs are taken less their `middle` and over their `scale`; outputs are multiplied and shifted
+    likewise. Both are folded into the first and the last layer.
+
+    Attributes
+    ----------
+    weights, biases
+        An array for each layer, (inputs, outputs) and (outputs,).
+    """
+
+    weights: tuple[Array, ...]
+    biases: tuple[Array, ...]
+
+    @classmethod
+    def scaled(
+        cls,
+        weights: Sequence[Array],
+        biases: Sequence[Array],
+        inputs: tuple[Array, Array],
+        outputs: tuple[Array, Array],
+    ) -> Self:
+        """Return layers trained on scaled numbers; `inputs` and `outputs` are (middle, scale)."""
+        w = [np.array(each, dtype=float) for each in weights]
+        b = [np.array(each, dtype=float) for each in biases]
+        middle, scale = inputs
+        w[0] = w[0] / scale[:, None]
+        b[0] = b[0] - middle @ w[0]
+        middle, scale = outputs
+        w[-1], b[-1] = w[-1] * scale, b[-1] * scale + middle
+        return cls(*(tuple(each.astype(np.float32) for each in layers) for layers in (w, b)))
+
+    def __call__(self, x: Array) -> Array:
+        """Return the outputs (n, outputs) of inputs (n, inputs)."""
+        *hidden, last = zip(self.weights, self.biases, strict=True)
+        for W, b in hidden:
+            x = x @ W
+            x += b
+            np.maximum(x, 0, out=x)
+        return x @ last[0] + last[1]
+
+    def mirrored_mean(
+        self, x: Array, mirror: tuple[NDArray[np.int64], Array], signs: Array
+    ) -> Array:
+        """Return the mean of outputs and of those of mirrored inputs, which `signs` mirror back."""
+        order, flips = mirror
+        return (self(x) + signs * self(x[:, order] * flips)) / 2
+
+    def arrays(self, name: str) -> dict[str, Array]:
+        """Return its arrays to save, by names that begin with its own."""
+        layers = enumerate(zip(self.weights, self.biases, strict=True))
+        return {
+            f"{name}_{kind}{k}": array
+            for k, pair in layers
+            for kind, array in zip("wb", pair, strict=True)
+        }
+
+    @classmethod
+    def read(cls, name: str, saved: Mapping[str, Array]) -> Self:
+        """Return the network that was saved under a name."""
+        count = sum(key.startswith(f"{name}_w") for key in saved)
+        weights, biases = (tuple(saved[f"{name}_{kind}{k}"] for k in range(count)) for kind in "wb")
+        return cls(weights, biases)
+
 
 # Half widths of the means, mm, and their places about a receptor.
 _OF_PRESSURE = ((0.5, disc(0.5, 2.1)), (1.0, disc(1.0, 5.1, 2.1)))
@@ -53,17 +122,17 @@ class View:
         places = np.asarray(places_mm, dtype=float)
         return cls(
             places,
-            _around(places, pad.cushion.grid, _OF_PRESSURE),
+            _around(places, pad.normal.grid, _OF_PRESSURE),
             _around(places, pad.grid, _OF_OVERLAP),
         )
 
-    def __call__(self, touch: Touch) -> Array:
+    def __call__(self, patch: ContactPatch) -> Array:
         """Return the inputs, (bodies, receptors, inputs)."""
-        whole = touch.whole()
+        whole = patch.whole()
         bodies, receptors = len(whole), len(self.places_mm)
         parts = (
-            _about(self.pressures, _PRESSURES_PER_MPA * touch.pressure_MPa, receptors),
-            _about(self.overlaps, touch.overlap_mm, receptors),
+            _about(self.pressures, _PRESSURES_PER_MPA * patch.pressure_MPa, receptors),
+            _about(self.overlaps, patch.overlap_mm, receptors),
             np.broadcast_to(whole[:, None], (bodies, receptors, whole.shape[1])),
             np.broadcast_to(self.places_mm / _REACH_MM, (bodies, receptors, 2)),
         )
@@ -101,15 +170,15 @@ class Overview:
     """What the network of the whole finger sees: coarse pressures, and the whole contact."""
 
     def __init__(self, pad: Pad) -> None:
-        grid = pad.cushion.grid
+        grid = pad.normal.grid
         half = _COARSE_MM * np.floor(np.abs(grid.low_mm) / _COARSE_MM)
         self._coarse = Grid.over(-half, half, _COARSE_MM)
         self._means = grid.means(self._coarse.points_mm, _COARSE_MM)
-        self._cell_mm2 = pad.cushion.cell_mm2
+        self._cell_mm2 = pad.normal.cell_mm2
 
-    def __call__(self, touch: Touch) -> Array:
+    def __call__(self, patch: ContactPatch) -> Array:
         """Return the inputs, (bodies, inputs)."""
-        fine = touch.pressure_MPa
+        fine = patch.pressure_MPa
         coarse = _about(self._means, _PRESSURES_PER_MPA * fine, 1)[:, 0]
         pressed_mm2 = self._cell_mm2 * (fine > 0).sum(axis=1)
         # As large, if all cells that press pressed alike.
@@ -117,7 +186,7 @@ class Overview:
             fine.sum(axis=1) ** 2 / np.maximum((fine**2).sum(axis=1), 1e-12) * self._cell_mm2
         )
         areas = np.column_stack([pressed_mm2, alike_mm2]) / _AREA_MM2
-        return np.concatenate([coarse, areas, touch.whole()], axis=1, dtype=np.float32)
+        return np.concatenate([coarse, areas, patch.whole()], axis=1, dtype=np.float32)
 
     def mirror(self) -> tuple[NDArray[np.int64], Array]:
         """Return the order and the signs of its inputs if all is mirrored in X."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from tactile_fem import Motion, Path, Trace
@@ -17,13 +17,16 @@ from tactile_fem.results import OF_STEP
 from tactile_fem.simulation import TOLERANCE
 from tactile_fem.study import DEFAULT_NAME
 
+if TYPE_CHECKING:
+    from tactile_fem.surrogate.fast_finger import Loop
+
 Array = NDArray[Any]
 
 _LONGEST_MM, _LONGEST_S = 0.1, 0.05
 
 
 @dataclass(frozen=True)
-class Moment:
+class BodyState:
     """What a finger feels at one time, of each body.
 
     Attributes
@@ -56,14 +59,7 @@ class Row(NamedTuple):
     is_indenting: bool
 
 
-class Stepped(Protocol):
-    """A finger that is stepped; `ahead` returns what a step would, and stays."""
-
-    def step(self, place_mm: ArrayLike, dt_s: float) -> Moment: ...  # noqa: D102
-    def ahead(self, place_mm: ArrayLike, dt_s: float) -> Moment: ...  # noqa: D102
-
-
-def along(path: Path, finger: Stepped) -> Iterator[tuple[Row, Moment]]:
+def along(path: Path, finger: Loop) -> Iterator[tuple[Row, BodyState]]:
     """Step a finger along a path, no step longer than 0.1 mm or 0.05 s; yield what is felt.
 
     A press to a force is that of the first body.
@@ -94,9 +90,9 @@ def along(path: Path, finger: Stepped) -> Iterator[tuple[Row, Moment]]:
                 t = _end_of_press(motion, before, t, normal_N, wanted, finger)
             place = np.asarray(motion.place(t), dtype=float)
             way = 0.0 if indenting else slid + motion.slid_mm(t)
-            moment = finger.step(place, t - before)
-            normal_N = float(moment.force_N[0, NORMAL])
-            yield Row(clock + t, t - before, motion.phase, way, place, indenting), moment
+            state = finger.step(place, t - before)
+            normal_N = float(state.force_N[0, NORMAL])
+            yield Row(clock + t, t - before, motion.phase, way, place, indenting), state
             before = t
         if wanted is not None and before and abs(normal_N - wanted) > TOLERANCE * wanted:
             raise _not_met(motion.phase, place, normal_N, wanted)
@@ -105,7 +101,7 @@ def along(path: Path, finger: Stepped) -> Iterator[tuple[Row, Moment]]:
 
 
 def _end_of_press(
-    motion: Motion, before: float, t: float, normal_N: float, wanted_N: float, finger: Stepped
+    motion: Motion, before: float, t: float, normal_N: float, wanted_N: float, finger: Loop
 ) -> float:
     """Return a time, or an earlier one since the last at which the wanted force is met."""
 
@@ -149,9 +145,9 @@ def _times(motion: Motion) -> list[float]:
 
 
 def trace_of(
-    rows: Sequence[Row], moments: Sequence[Moment], body: int, receptors_mm: Array, path: Path
+    rows: Sequence[Row], states: Sequence[BodyState], body: int, receptors_mm: Array, path: Path
 ) -> Trace:
-    """Return the trace of one body of the moments; the first row is the finger at rest."""
+    """Return the trace of one body of the states; the first row is the finger at rest."""
     count = len(rows)
     columns: dict[str, Array] = {
         column.name: np.full((count, *np.shape(column.rest)), np.nan)
@@ -166,11 +162,10 @@ def trace_of(
         "stimulator_mm": place,
         "stimulator_rad": np.tile(path.start_rad, (count, 1)),
     }
-    columns["force_N"] = np.array([moment.force_N[body] for moment in moments])
-    columns["contact_area_mm2"] = np.array([moment.contact_area_mm2[body] for moment in moments])
-    columns["is_outside"] = np.array([float(moment.is_outside[body]) for moment in moments])
-    for name in moments[0].felt:
-        columns[name] = np.array([moment.felt[name][body] for moment in moments])
+    for name in ("force_N", "contact_area_mm2", "is_outside"):
+        columns[name] = np.array([getattr(state, name)[body] for state in states], dtype=float)
+    for name in states[0].felt:
+        columns[name] = np.array([state.felt[name][body] for state in states])
     indented = max((row.clock_s for row in rows if row.is_indenting), default=0.0)
     rest = Trace(receptors_mm, np.full(len(receptors_mm), DEFAULT_NAME), path.start_mm).arrays()
     saved = {
