@@ -57,7 +57,7 @@ def press(
     """Press the indenter to the measured depths; all ranks of `comm`, by default all, call.
 
     A press that ends before, because the mechanics diverges, is logged. Derivatives are those
-    along the `changes` of the constants at a fixed bone: a finger on a joint has none.
+    along the `changes` of the constants at a fixed bone: on a joint they are NaN.
     """
     comm = comm or MPI.COMM_WORLD
     depths = np.unique(experiment.depth_mm)
@@ -68,7 +68,8 @@ def press(
     derivatives, curve = np.full((len(values), len(changes)), np.nan), [(0.0, 0.0)]
     with closing(simulation):
         problem = simulation.problem
-        sensitivities = Sensitivities(problem, changes)
+        # They hold the bone, and would be wrong on a joint.
+        sensitivities = Sensitivities(problem, () if study.joint else changes)
         try:
             with stopping(problem.solver.snes, comm) as stop:
                 for step in simulation.steps():
@@ -78,7 +79,7 @@ def press(
                     if here.any():
                         read = _reading(simulation, experiment, here, skin)
                         values[here] = read()
-                        if changes:
+                        if changes and not study.joint:
                             derivatives[here] = sensitivities.derivative(read).T
                     stop.check()
         except StoppedError:
