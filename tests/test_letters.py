@@ -11,7 +11,7 @@ import shapely
 from PIL import ImageFont
 
 from tactile_fem.errors import StudyError
-from tactile_fem.stimulus.letters import Glyphs
+from tactile_fem.stimulus.letters import glyphs_of
 from tactile_fem.stimulus.text import find_font
 from tactile_fem.study import Text
 
@@ -24,9 +24,7 @@ def test_each_character_is_raised_as_its_font_draws_it():
     """The area is that of FreeType's own picture."""
     font, size = "DejaVu Sans", 2000
     freetype = ImageFont.truetype(find_font(font), size)
-    glyphs = Glyphs(
-        CHARACTERS, font, find_font(font), g_width_mm=6.5, pitch_mm=10, start_mm=0
-    ).shapes
+    glyphs, _ = glyphs_of(CHARACTERS, font, find_font(font), 6.5, 10.0, 0.0)
     unit = None
     for character in ["G", *CHARACTERS]:
         mask = freetype.getmask(character)

@@ -48,13 +48,10 @@ class Follow(Piece):
         """What the file held when the piece was resolved, or holds now."""
         return self._known or read_recording(self.file)
 
-    def first_place(self) -> Array:
-        """Return the first place, (3,) in mm."""
-        return self._recorded.of(PLACES)[0]
-
-    def first_turn(self) -> Array:
-        """Return the first rotation vector, (3,) in rad."""
-        return np.radians(self._recorded.of(TURNS)[0])
+    def first_pose(self) -> tuple[Array, Array]:
+        """Return the first place, (3,) in mm, and rotation vector, (3,) in rad."""
+        recorded = self._recorded
+        return recorded.of(PLACES)[0], np.radians(recorded.of(TURNS)[0])
 
     def resolved(self, deepest_mm: float) -> Follow:
         """Return the piece with what the file holds now."""

@@ -35,13 +35,11 @@ class HeldLoads:
     at: Callable[[float, Array], Array]
 
     @classmethod
-    def normal(cls, force_N: float) -> HeldLoads:
-        """Return a constant normal force."""
+    def normal(cls, force_N: float | None) -> HeldLoads | None:
+        """Return a constant normal force; None if none is held."""
+        if force_N is None:
+            return None
         return cls((NORMAL,), lambda _, start: np.array([0.0, 0.0, force_N, 0.0]))
-
-    def at_end(self, duration_s: float) -> Array:
-        """Return the held components at the end, if the piece begins without a load."""
-        return self.at(duration_s, np.zeros(len(COMPONENTS)))[list(self.components)]
 
 
 # Along all directions the body follows its path.

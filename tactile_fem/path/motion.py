@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.path.loads import HeldLoads
+from tactile_fem.path.loads import COMPONENTS, HeldLoads
 from tactile_fem.path.rotations import ARM_MM, turned
 
 Array = NDArray[np.float64]
@@ -71,24 +71,22 @@ class Motion:
     @cached_property
     def places_mm(self) -> Array:
         """Positions at the knots, between which the body moves straight, (knots, 3)."""
-        places = np.array([self.place(float(t)) for t in self.times_s])
-        if places.shape != (len(self.times_s), 3) or not np.isfinite(places).all():
-            raise StudyError(
-                f"protocol: a place on its path ({self.phase}) is not three finite numbers."
-            )
-        return places
+        return self._at_knots(self.place, "place")
 
     @cached_property
     def turns_rad(self) -> Array:
         """Rotation vectors at the knots since the piece began, (knots, 3)."""
         if self.turn is None:
             return np.zeros_like(self.places_mm)
-        turns = np.array([self.turn(float(t)) for t in self.times_s])
-        if turns.shape != self.places_mm.shape or not np.isfinite(turns).all():
+        return self._at_knots(self.turn, "turn")
+
+    def _at_knots(self, of: Callable[[float], Array], name: str) -> Array:
+        found = np.array([of(float(t)) for t in self.times_s])
+        if found.shape != (len(self.times_s), 3) or not np.isfinite(found).all():
             raise StudyError(
-                f"protocol: a turn on its path ({self.phase}) is not three finite numbers."
+                f"protocol: a {name} on its path ({self.phase}) is not three finite numbers."
             )
-        return turns
+        return found
 
     @cached_property
     def _travel(self) -> Array:
@@ -142,7 +140,10 @@ class Motion:
 
     def held_at_end(self) -> Array:
         """Return the held loads at its end if it begins without one, (components,)."""
-        return np.zeros(0) if self.held is None else self.held.at_end(self.duration_s)
+        if self.held is None:
+            return np.zeros(0)
+        loads = self.held.at(self.duration_s, np.zeros(len(COMPONENTS)))
+        return loads[list(self.held.components)]
 
     def check(self, name: str, start_mm: Array) -> None:
         """Raise StudyError, which begins with a name, if it is not valid or begins elsewhere."""

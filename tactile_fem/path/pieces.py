@@ -33,13 +33,9 @@ class Piece(Kind):
         """Return the motion; so a `Path` takes pieces and functions alike."""
         return self.motion(start_mm)
 
-    def first_place(self) -> Array:
-        """Return where the body starts if this is the first piece, (3,) in mm."""
-        return np.zeros(3)
-
-    def first_turn(self) -> Array:
-        """Return the body's rotation vector then, (3,) in rad."""
-        return np.zeros(3)
+    def first_pose(self) -> tuple[Array, Array]:
+        """Return where the body starts if this is the first piece, mm, and turned by what, rad."""
+        return np.zeros(3), np.zeros(3)
 
     def resolved(self, deepest_mm: float) -> Piece:
         """Return the piece with what its keys leave open, such as the content of a file.
@@ -93,10 +89,6 @@ class Vibration(Settings):
         return replace(base, place=place, outputs_s=knots[1:], knots_s=knots)
 
 
-def _normal(force_N: float | None) -> HeldLoads | None:
-    return None if force_N is None else HeldLoads.normal(force_N)
-
-
 class Press(Piece):
     """Press into the pad to a depth, or to a force."""
 
@@ -146,7 +138,7 @@ class Hold(Piece):
         """Return a stay, at the depth or at a held normal force."""
         outputs = multiples(self.output_s or _OUTPUT_SHARE * self.time_s, self.time_s)
         knots = np.array([0.0, self.time_s])
-        held = _normal(self.force_N)
+        held = HeldLoads.normal(self.force_N)
         base = Motion("hold", self.time_s, lambda t: start_mm, outputs, knots, held=held)
         return self.vibration.added_to(base) if self.vibration else base
 
@@ -174,7 +166,7 @@ class Slide(Piece):
         by, speed = np.array([*self.by_mm, 0.0]), self.speed_mm_s
         outputs = multiples(self.output_mm, float(np.linalg.norm(by))) / speed
         base = straight(
-            "slide", start_mm, start_mm + by, speed, outputs, held=_normal(self.force_N)
+            "slide", start_mm, start_mm + by, speed, outputs, held=HeldLoads.normal(self.force_N)
         )
         return self.vibration.added_to(base) if self.vibration else base
 

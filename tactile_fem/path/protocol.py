@@ -79,6 +79,6 @@ class Protocol(Either):
             A file cannot be read, or the path is not valid.
         """
         pieces = tuple(piece.resolved(deepest_mm) for piece in self.pieces)
-        path = Path(pieces, pieces[0].first_place(), pieces[0].first_turn())
+        path = Path(pieces, *pieces[0].first_pose())
         path.check()
         return path

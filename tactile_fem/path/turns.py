@@ -48,7 +48,7 @@ class _Turn(Piece):
             return start_mm + (matrix(turn(t)) - np.eye(3)) @ (start_mm - point)
 
         outputs = multiples(self.output_deg, abs(self.angle_deg)) / self.speed_deg_s
-        held = HeldLoads.normal(self.force_N) if self.force_N else None
+        held = HeldLoads.normal(self.force_N)
         return Motion(self.kind, end_s, place, outputs, held=held, turn=turn)
 
 

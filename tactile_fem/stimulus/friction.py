@@ -71,12 +71,10 @@ class Friction(Kind):
         """Return what gives a value at each place on the body; None if all places are alike."""
         return None
 
-    def turned(self, angle_deg: float, about_mm: tuple[float, float]) -> Self:
-        """Return the law of a body that is turned from X towards Y about a place."""
-        return self
-
-    def moved(self, shift_mm: tuple[float, float]) -> Self:
-        """Return the law of a body that is shifted in X and Y."""
+    def placed(
+        self, angle_deg: float, about_mm: tuple[float, float], shift_mm: tuple[float, float]
+    ) -> Self:
+        """Return the law of a body turned from X towards Y about a place, and then shifted."""
         return self
 
     def check_covers(self, low_mm: Array, high_mm: Array) -> None:
@@ -214,16 +212,16 @@ class MappedFriction(Friction):
         """Return the map as a function of the place on the body."""
         return self.coefficients().at
 
-    def turned(self, angle_deg: float, about_mm: tuple[float, float]) -> Self:
-        """Return the map, turned with the body."""
-        x, y = about_mm + _rotation(angle_deg) @ np.subtract(self.middle_mm, about_mm)
-        update = {"middle_mm": (float(x), float(y)), "turn_deg": self.turn_deg + angle_deg}
-        return self.model_copy(update=update) if angle_deg else self
-
-    def moved(self, shift_mm: tuple[float, float]) -> Self:
-        """Return the map, shifted with the body."""
-        x, y = np.add(self.middle_mm, shift_mm).tolist()
-        return self.model_copy(update={"middle_mm": (x, y)})
+    def placed(
+        self, angle_deg: float, about_mm: tuple[float, float], shift_mm: tuple[float, float]
+    ) -> Self:
+        """Return the map, turned and shifted with the body."""
+        middle = np.array(self.middle_mm)
+        if angle_deg:
+            middle = about_mm + _rotation(angle_deg) @ np.subtract(self.middle_mm, about_mm)
+        x, y = np.add(middle, shift_mm).tolist()
+        update = {"middle_mm": (x, y), "turn_deg": self.turn_deg + angle_deg}
+        return self.model_copy(update=update)
 
     def check_covers(self, low_mm: Array, high_mm: Array) -> None:
         """Raise StudyError unless the map covers what lies between two corners (X, Y)."""
@@ -231,9 +229,11 @@ class MappedFriction(Friction):
         corners = [[x, y] for x in (low_mm[0], high_mm[0]) for y in (low_mm[1], high_mm[1])]
         if np.all(np.abs(own.in_own_frame(np.array(corners))) <= own.half_mm + 1e-6):
             return
+        half = np.abs(own.turn) @ own.half_mm
+        ends = own.middle_mm - half, own.middle_mm + half
         covers, touches = (
             f"X {low[0]:.3g} to {high[0]:.3g}, Y {low[1]:.3g} to {high[1]:.3g} mm"
-            for low, high in (own.ends_mm(), (low_mm, high_mm))
+            for low, high in (ends, (low_mm, high_mm))
         )
         raise StudyError(
             f"stimulus.friction.file = {self.file} covers {covers} of the body, but the finger may "
@@ -254,11 +254,6 @@ class CoefficientMap:
     def half_mm(self) -> Array:
         """Half its size along its own axes."""
         return self.spacing_mm * (np.array(self.values.shape) - 1) / 2
-
-    def ends_mm(self) -> tuple[Array, Array]:
-        """Return the least and the largest X and Y of its corners."""
-        half: Array = np.abs(self.turn) @ self.half_mm
-        return self.middle_mm - half, self.middle_mm + half
 
     def in_own_frame(self, xy_mm: Array) -> Array:
         """Return places (n, 2) of the body from its middle, along its own axes."""

@@ -8,7 +8,8 @@ is refused by its header.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,20 +49,25 @@ def read_raw(file: Path, key: str = "stimulus.file") -> RawHeights:
     StudyError
         There is none, it is too large, or cannot be read.
     """
-    start = f"{key} = {file}"
-    if not file.is_file():
-        raise StudyError(f"{start}: there is no such file")
-    reader = HEIGHT_READERS.get(file.suffix.lower(), HEIGHT_READERS[""])
-    try:
+    with reading(file, f"{key} = {file}"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a library's remarks on a format's details
         if (size := file.stat().st_size) > _MAX_BYTES:
             raise UnusableError(f"has {size:,} bytes but may have at most {_MAX_BYTES:,}")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a library's remarks on a format's details
-            raw = reader(file)
+        raw = HEIGHT_READERS.get(file.suffix.lower(), HEIGHT_READERS[""])(file)
         if raw.values.ndim != 2 or raw.values.dtype.kind not in "iuf":
             what = f"{raw.values.ndim} dimensions of {raw.values.dtype}"
             raise UnusableError(f"holds {what} but must hold real numbers in rows and columns")
         check_count(raw.values.shape)
+    return raw
+
+
+@contextmanager
+def reading(file: Path, start: str) -> Iterator[None]:
+    """Raise what goes wrong in reading a file as a StudyError that begins with `start`."""
+    if not file.is_file():
+        raise StudyError(f"{start}: there is no such file")
+    try:
+        yield
     except StudyError:
         raise
     except UnusableError as error:
@@ -69,7 +75,6 @@ def read_raw(file: Path, key: str = "stimulus.file") -> RawHeights:
     except Exception as error:  # each library has its own for what it cannot parse
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise StudyError(f"{start} cannot be read: {reason}") from None
-    return raw
 
 
 def _array(file: Path) -> RawHeights:

@@ -18,52 +18,35 @@ from tactile_fem.stimulus.rings import filled
 _TYPE_SIZE = 20000
 
 
-class Glyphs:
-    """The outlines of a text's characters, in mm, and where each stands.
+def glyphs_of(
+    text: str, font: str, font_file: str | None, g_width_mm: float, pitch_mm: float, start_mm: float
+) -> tuple[dict[str, shapely.Geometry], list[tuple[shapely.Geometry, tuple[float, float]]]]:
+    """Return the outline of each character, centred, and shape and shift (X, Y) of all, in mm.
 
     They read along +Y with their tops towards -X, not mirrored as seen from above. The body frame's
     origin is the point of the text over the contact point at displacement 0: half way up a G, or up
     the glyph of a text that has no other.
-
-    Attributes
-    ----------
-    shapes
-        By character, each centred.
-    placed
-        Shape and shift (X, Y) of each.
     """
-
-    def __init__(
-        self,
-        text: str,
-        font: str,
-        font_file: str | None,
-        *,
-        g_width_mm: float,
-        pitch_mm: float,
-        start_mm: float,
-    ) -> None:
-        opened = _font(font, font_file)
-        glyphs = {c: _glyph(c, opened, font) for c in dict.fromkeys(text) if not c.isspace()}
-        if not glyphs:
-            raise StudyError('stimulus.text holds no letter; for a flat plate set kind = "plate"')
-        left, bottom, right, top = _glyph("G", opened, font).bounds
-        scale = g_width_mm / (right - left)
-        if len(glyphs) == 1:
-            _, bottom, _, top = next(iter(glyphs.values())).bounds
-        middle = (bottom + top) / 2
-        self.shapes = {}
-        for character, glyph in glyphs.items():
-            centre = (glyph.bounds[0] + glyph.bounds[2]) / 2
-            # Text direction (u, up) to the finger's (x, y) = (-up, u).
-            self.shapes[character] = affinity.affine_transform(
-                glyph, [0, -scale, scale, 0, scale * middle, -scale * centre]
-            )
-        self.placed = [
-            (self.shapes[c], (0.0, pitch_mm * i - start_mm))
-            for i, c in enumerate(text)
-            if c in self.shapes
-        ]
+    opened = _font(font, font_file)
+    glyphs = {c: _glyph(c, opened, font) for c in dict.fromkeys(text) if not c.isspace()}
+    if not glyphs:
+        raise StudyError('stimulus.text holds no letter; for a flat plate set kind = "plate"')
+    left, bottom, right, top = _glyph("G", opened, font).bounds
+    scale = g_width_mm / (right - left)
+    if len(glyphs) == 1:
+        _, bottom, _, top = next(iter(glyphs.values())).bounds
+    middle = (bottom + top) / 2
+    shapes = {}
+    for character, glyph in glyphs.items():
+        centre = (glyph.bounds[0] + glyph.bounds[2]) / 2
+        # Text direction (u, up) to the finger's (x, y) = (-up, u).
+        shapes[character] = affinity.affine_transform(
+            glyph, [0, -scale, scale, 0, scale * middle, -scale * centre]
+        )
+    placed = [
+        (shapes[c], (0.0, pitch_mm * i - start_mm)) for i, c in enumerate(text) if c in shapes
+    ]
+    return shapes, placed
 
 
 def _font(name: str, file: str | None) -> FT2Font:

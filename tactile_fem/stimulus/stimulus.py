@@ -57,8 +57,7 @@ class Stimulus(Kind):
 
     def law(self) -> Friction:
         """Return the law of friction, in the frame of `body`."""
-        angle_deg, about_mm = self.turn()
-        return law_of(self.friction).turned(angle_deg, about_mm).moved(self.shift_mm)
+        return law_of(self.friction).placed(*self.turn(), self.shift_mm)
 
     def turn(self) -> tuple[float, tuple[float, float]]:
         """Return by which angle about Z the body is turned, in degrees, and about which X and Y."""

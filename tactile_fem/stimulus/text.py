@@ -98,25 +98,21 @@ class Text(Stimulus):
 
     def _outlines(self) -> tuple[Outlines, float]:
         """Return the rounded letters and the radius of their top edges, mm."""
-        from tactile_fem.stimulus.letters import Glyphs  # takes a while
+        from tactile_fem.stimulus.letters import glyphs_of  # takes a while
         from tactile_fem.stimulus.outlines import Outlines, radii_that_fit
 
         start = self.start_mm
         if start is None:
             start = self.pitch_mm / 2 if len(self.text) > 1 else -self.pitch_mm / 2
-        glyphs = Glyphs(
-            self.text,
-            self.font,
-            find_font(self.font),
-            g_width_mm=self.g_width_mm,
-            pitch_mm=self.pitch_mm,
-            start_mm=start,
+        file = find_font(self.font)
+        shapes, placed = glyphs_of(
+            self.text, self.font, file, self.g_width_mm, self.pitch_mm, start
         )
         corner_mm, fillet_mm = radii_that_fit(
-            {f'"{c}"': shape for c, shape in glyphs.shapes.items()},
+            {f'"{c}"': shape for c, shape in shapes.items()},
             self.corner_radius_mm,
             self.fillet_radius_mm,
             self.relief_mm,
             f' in "{self.font}"',
         )
-        return Outlines(glyphs.placed, corner_mm, self.relief_mm), fillet_mm
+        return Outlines(placed, corner_mm, self.relief_mm), fillet_mm
