@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 Point = tuple[Finite, Finite]
 Ring = Annotated[tuple[Point, ...], Field(min_length=3)]
+Heights = Annotated[tuple[Relief, ...], Field(min_length=1)]
 Shape = Annotated[tuple[Ring, ...], Field(min_length=1)]
 
 

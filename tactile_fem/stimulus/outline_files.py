@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -15,11 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from shapely import affinity
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.number_table import UnusableError
-from tactile_fem.stimulus.heights import reading
 from tactile_fem.stimulus.rings import filled
 
 _MAX_PIXELS = 20_000_000
+_PHOTOMETRIC = 262  # tag of a TIFF: 0 if its gray values count from white
 # Gray values of a picture are smoothed over this many pixels, so that steps of pixels vanish.
 _SMOOTHING_PIXELS = 1.0
 # Points of an outline that lie closer than this to a line are left out, in pixels.
@@ -56,7 +56,9 @@ def read_outlines(file: Path, needs_size: bool) -> list[shapely.Geometry]:
         It cannot be read, is too large, shows nothing, or states no size that is needed.
     """
     start = f"stimulus.file = {file}"
-    with reading(file, start):
+    if not file.is_file():
+        raise StudyError(f"{start}: there is no such file")
+    try:
         if file.suffix.lower() == ".svg":
             try:
                 from tactile_fem.stimulus.svg import read_svg
@@ -67,9 +69,14 @@ def read_outlines(file: Path, needs_size: bool) -> list[shapely.Geometry]:
                 ) from None
             found = read_svg(file)
         elif needs_size:
-            raise UnusableError("is a picture, which has no size in mm: give width_mm")
+            raise StudyError(f"{start} is a picture, which has no size in mm: give width_mm")
         else:
             found = _read_picture(file)
+    except StudyError:
+        raise
+    except Exception as error:  # each library has its own for what it cannot parse
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise StudyError(f"{start} cannot be read: {reason}") from None
     if not found:
         raise StudyError(f"{start} shows nothing that could be raised: it must be black there")
     return found
@@ -80,18 +87,35 @@ def _read_picture(file: Path) -> list[shapely.Geometry]:
 
     with Image.open(file) as image:
         if image.width * image.height > _MAX_PIXELS:
-            raise UnusableError(
-                f"has {image.width * image.height:,} pixels but may have at most {_MAX_PIXELS:,}"
+            raise StudyError(
+                f"stimulus.file = {file} has {image.width * image.height:,} pixels but may have at "
+                f"most {_MAX_PIXELS:,}"
             )
         upright = ImageOps.exif_transpose(image)
         if image.mode in ("I", "F") or image.mode.startswith("I;"):
-            raise UnusableError(f"has more than 8 bits a value (mode {image.mode}): save it with 8")
+            return _contours(1 - _gray_of_many_bits(image, np.asarray(upright), file))
         if upright.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA"):
             upright = upright.convert("RGB")
         upright = upright.convert("RGBA")
         white = Image.new("RGBA", upright.size, "white")
         gray = np.asarray(Image.alpha_composite(white, upright).convert("L"), dtype=float)
     return _contours(1 - gray / 255)
+
+
+def _gray_of_many_bits(image: Any, values: NDArray[Any], file: Path) -> NDArray[np.float64]:
+    """Return gray values of more than eight bits from 0, black, to 1."""
+    # Pillow reads 16 bits of a PNG as 16 or as 32, and takes no notice of a TIFF's WhiteIsZero.
+    largest = 1.0 if image.mode == "F" else 65535.0
+    has_16_bits = image.mode.startswith("I;16") or image.format == "PNG"
+    is_in_range = np.isfinite(values).all() and values.min() >= 0 and values.max() <= largest
+    if not is_in_range or not (has_16_bits or image.mode == "F"):
+        raise StudyError(
+            f"stimulus.file = {file} has gray values from {values.min():g} to {values.max():g} "
+            f"(mode {image.mode}) but must have 8 or 16 bits, or floating-point numbers from 0 to 1"
+        )
+    gray = values / largest
+    is_white_zero = getattr(image, "tag_v2", {}).get(_PHOTOMETRIC) == 0
+    return 1 - gray if is_white_zero else gray
 
 
 def outlines_of_pixels(pixels: ArrayLike, pixel_mm: float) -> list[shapely.Geometry]:
@@ -114,13 +138,13 @@ def outlines_of_pixels(pixels: ArrayLike, pixel_mm: float) -> list[shapely.Geome
     if values.min() < 0 or values.max() > 1:
         raise StudyError(
             f"{start}: pixels are from {values.min():g} to {values.max():g} but must be booleans "
-            "or from 0 to 1"
+            "or from 0 to 1: divide them by their largest possible value, or compare them with one"
         )
     if not (np.isfinite(pixel_mm) and pixel_mm > 0):
         raise StudyError(f"{start}: pixel_mm is {pixel_mm} but must be greater than 0")
     shapes = _contours(values)
     if not shapes:
-        raise StudyError(f"{start}: no pixel is raised")
+        raise StudyError("Drawing.of_pixels: no pixel is raised")
     return [affinity.scale(shape, pixel_mm, pixel_mm, origin=(0, 0)) for shape in shapes]
 
 

@@ -33,7 +33,7 @@ _TRANSFORMS = re.compile(
 )
 _BLACK = re.compile(r"black$|#000f?$|#0{6}(ff)?$|rgba?\((\s*0%?\s*,?){3}(\s*1)?\)$|hsl.*\D0%\)$")
 _HREF = "{http://www.w3.org/1999/xlink}href"
-_GROUPS = ("svg", "g", "a", "switch", "clipPath")
+_GROUPS = ("svg", "g", "a", "symbol", "switch", "clipPath")
 # Shown only where something refers to them, or never.
 _UNSEEN = set(
     "defs symbol clipPath mask pattern marker filter linearGradient radialGradient meshgradient "
@@ -60,6 +60,7 @@ class _Drawn(NamedTuple):
     lines: list[tuple[Array, bool]]
     matrix: Array
     clip: shapely.Geometry | None
+    diagonal: float
 
     def seen(self, shape: shapely.Geometry) -> shapely.Geometry:
         """Return on the page what is seen of a shape."""
@@ -77,7 +78,7 @@ def read_svg(file: Path) -> list[shapely.Geometry]:
     """
     reader = _Reader(file)
     found: list[shapely.Geometry] = []
-    for one in reader.walk(reader.root, {}, np.eye(3), None):
+    for one in reader.walk(reader.root, {}, np.eye(3), None, (0.0, 0.0)):
         raised: shapely.Geometry = shapely.Polygon()
         for is_raised, painted in reader.painted(one):
             region = one.seen(painted)
@@ -96,7 +97,6 @@ class _Reader:
 
     def __init__(self, file: Path) -> None:
         self.file = file
-        self.size = (0.0, 0.0)  # of the page, in the units of its shapes; 0 if unknown
         self.root = ET.parse(file).getroot()
         for element in self.root.iter():
             element.tag = element.tag.removeprefix("{http://www.w3.org/2000/svg}")
@@ -136,23 +136,22 @@ class _Reader:
             if tag in ("*", element.tag) and needed <= names:
                 ids = sum(name[0] == "#" for name in needed)
                 sheets.append(((0, ids, len(needed) - ids, tag != "*"), declared))
-        own = dict(element.attrib)
+        own, important = dict(element.attrib), Style()
         for _, declared in sorted(sheets, key=lambda sheet: sheet[0]):
-            own |= declared
+            for key, value in declared.items():
+                if key == "d":
+                    self.refuse("a path in a style")
+                to = important if "!" in value else own
+                to[key.removeprefix("-webkit-")] = value.partition("!")[0].strip()
         style = {key: parent[key] for key in _INHERITED & set(parent)}
-        for key, value in own.items():
-            if key in _SEEN and "!" in value:
-                self.refuse(f"{key}: {value}", "write it into the elements")
+        for key, value in (own | important).items():
             if value == "inherit" or (value == "unset" and key in _INHERITED):
                 value = parent.get(key, "initial")
             style[key] = value
         return {k: v for k, v in style.items() if v not in ("initial", "unset", "revert")}
 
-    def length(self, value: str, key: str) -> float:
-        """Return a length in pixels; percents are of the page, of what the key says."""
-        wide, high = self.size
-        wholes = {"x": wide, "w": wide, "y": high, "h": high}
-        whole = wholes.get(key.lstrip("cr")[:1], float(np.hypot(wide, high) / np.sqrt(2)))
+    def length(self, value: str, whole: float) -> float:
+        """Return a length in pixels; percents are of the whole."""
         found = re.fullmatch(rf"({_NUMBER})\s*(%|[a-z]*)", value.strip().lower(), re.IGNORECASE)
         if found is None or found[2] not in ("%", *_PIXELS):
             self.refuse(f"a length of {value!r}", "state lengths in mm or without a unit")
@@ -169,11 +168,11 @@ class _Reader:
         return _affine(said)
 
     def walk(
-        self, element: Any, parent: Style, matrix: Array, clip: Any, is_clip: bool = False
+        self, element: Any, parent: Style, matrix: Array, clip: Any, size: Any, used: Any = None
     ) -> Iterator[_Drawn]:
-        """Yield the shapes shown by an element, in their order."""
+        """Yield the shapes shown in a viewport of some size; `used` are attributes of a <use>."""
         tag = element.tag
-        if tag.startswith("{") or (tag in _UNSEEN and not is_clip):
+        if tag.startswith("{") or (tag in _UNSEEN and used is None):
             return
         style = self.style(element, parent)
         is_visible = style.get("visibility", "visible") == "visible"
@@ -187,14 +186,12 @@ class _Reader:
             if style[key] not in _HARMLESS:
                 self.refuse(f"{key}: {style[key]}")
         matrix = matrix @ self._matrix(style)
-        clip = _cut(clip, self._clip(style.get("clip-path", "none"), matrix))
-        if element is self.root:
-            matrix, clip = self._page(style, matrix, clip)
-        elif tag == "svg":
-            self.refuse("an <svg> within it", "ungroup it")
+        clip = _cut(clip, self._clip(style.get("clip-path", "none"), matrix, size))
+        if tag in ("svg", "symbol"):
+            matrix, clip, size = self._viewport(element, style | (used or {}), matrix, clip, size)
         if tag in _GROUPS:
             for child in element:
-                yield from self.walk(child, style, matrix, clip)
+                yield from self.walk(child, style, matrix, clip, size)
                 if tag == "switch" and not child.get("requiredExtensions") and child.tag[0] != "{":
                     break
         elif tag == "use":
@@ -202,22 +199,24 @@ class _Reader:
             if link[:1] not in ("#", ""):
                 self.refuse(f"<use> of {link!r}", "copy it into the file")
             target = self.by_id.get(link[1:])
-            if target is not None:
-                if target.tag == "symbol":
-                    self.refuse("a <symbol>", "copy it to where it is used")
+            if target is not None and target.tag not in _UNSEEN - {"symbol"}:
                 shift = np.eye(3)
-                shift[:2, 2] = [self.length(style.get(key, "0"), key) for key in "xy"]
-                yield from self.walk(target, style, matrix @ shift, clip)
+                shift[:2, 2] = [self.length(style.get("xy"[k], "0"), size[k]) for k in range(2)]
+                sizes = {key: style[key] for key in ("width", "height") if key in style}
+                yield from self.walk(target, style, matrix @ shift, clip, size, sizes)
         elif tag in ("text", "flowRoot"):
             if "".join(element.itertext()).strip() and is_visible:
                 self.refuse("text", "its font is not in the file, convert it to paths")
         elif is_visible:
+            diagonal = float(np.hypot(*size) / np.sqrt(2))
+            wholes = {"x": size[0], "w": size[0], "y": size[1], "h": size[1]}
             values: dict[str, Any] = dict(style)
             for key in _SIZES & style.keys():
-                values[key] = None if style[key] == "auto" else self.length(style[key], key)
-            yield _Drawn(style, self._lines(tag, values), matrix, clip)
+                whole = wholes.get(key.lstrip("cr")[:1], diagonal)
+                values[key] = None if style[key] == "auto" else self.length(style[key], whole)
+            yield _Drawn(style, self._lines(tag, values), matrix, clip, diagonal)
 
-    def _clip(self, said: str, matrix: Array) -> shapely.Geometry | None:
+    def _clip(self, said: str, matrix: Array, size: Any) -> shapely.Geometry | None:
         """Return what a clip path leaves, None for everything."""
         if said == "none":
             return None
@@ -226,7 +225,7 @@ class _Reader:
             self.refuse(f"clip-path {said}", "cut the shapes themselves")
         shapes = [
             one.seen(filled([p for p, _ in one.lines], one.style.get("clip-rule") == "evenodd"))
-            for one in self.walk(target, {}, matrix, None, True)
+            for one in self.walk(target, {}, matrix, None, size, {})
         ]
         return shapely.union_all(shapes)
 
@@ -235,29 +234,32 @@ class _Reader:
         found = re.match(r"url\(\s*[\"']?#([^\"')]+)[\"']?\s*\)", said)
         return self.by_id.get(found[1]) if found else None
 
-    def _page(self, style: Style, matrix: Array, clip: Any) -> tuple[Array, Any]:
-        """Return the transform within the page, and what of it is not cut away."""
+    def _viewport(self, element: Any, style: Style, matrix: Array, clip: Any, size: Any) -> Any:
+        """Return the transform, what is not cut away and the size within an <svg> or <symbol>."""
         view = [float(number) for number in re.findall(_NUMBER, style.get("viewBox", ""))]
         if len(view) not in (0, 4) or (view and min(view[2:]) <= 0):
             self.refuse(f"viewBox={style['viewBox']!r}", "it takes x, y, a width and a height")
-        said = [style.get(key, "auto") for key in ("width", "height")]
-        # A share of a window is no size.
-        stated = [None if s == "auto" or s.endswith("%") else self.length(s, "") for s in said]
-        if None in stated and not view:
-            return matrix, clip
-        self.size = (view[2], view[3]) if view else (stated[0], stated[1])
-        known = [s / v for s, v in zip(stated, self.size, strict=True) if s is not None]
+        (x, y), said = (0.0, 0.0), [style.get(key, "auto") for key in ("width", "height")]
+        if element is not self.root:
+            x, y = (self.length(style.get("xy"[k], "0"), size[k]) for k in range(2))
+        elif view:  # a share of a window is no size
+            said = ["auto" if one.endswith("%") else one for one in said]
+            known = [
+                self.length(s, 0) / v for s, v in zip(said, view[2:], strict=True) if s != "auto"
+            ]
+            size = [known[0] * v if known else v for v in view[2:]]
+        elif "auto" in said or "%" in "".join(said):
+            return matrix, clip, (0.0, 0.0)
         wide, high = (
-            s if s is not None else v * (known[0] if known else 1.0)
-            for s, v in zip(stated, self.size, strict=True)
+            self.length("100%" if one == "auto" else one, size[k]) for k, one in enumerate(said)
         )
         if style.get("overflow") not in ("visible", "auto"):
-            clip = _cut(clip, _placed(shapely.box(0, 0, wide, high), matrix))
+            clip = _cut(clip, _placed(shapely.box(x, y, x + wide, y + high), matrix))
         if view:
             ratio = style.get("preserveAspectRatio", "xMidYMid")
-            text = svgelements.Viewbox.viewbox_transform(0, 0, wide, high, *view, ratio)
-            matrix = matrix @ _affine(text)
-        return matrix, clip
+            text = svgelements.Viewbox.viewbox_transform(x, y, wide, high, *view, ratio)
+            return matrix @ _affine(text), clip, view[2:]
+        return matrix @ _affine(f"translate({x} {y})"), clip, (wide, high)
 
     def _lines(self, tag: str, values: dict[str, Any]) -> list[tuple[Array, bool]]:
         """Return the subpaths of a shape as points (n, 2), and whether each is closed."""
@@ -303,6 +305,8 @@ class _Reader:
             return None
         if said.startswith("url("):
             target = self._linked(style[part].strip())
+            if target is not None and target.tag.endswith("Gradient"):
+                return self._gradient(target)
             if target is not None:
                 self.refuse(f"a {target.tag} as {part}", "give it one color")
             said = said.partition(")")[2].strip() or "none"
@@ -317,9 +321,21 @@ class _Reader:
             self.refuse(f"the color {said!r}", "write it as #rrggbb")
         return min(color.red, color.green, color.blue) < 255 if color.opacity else None
 
+    def _gradient(self, target: Any) -> bool | None:
+        """Return whether a gradient is raised, which it is where it is neither white nor clear."""
+        for _ in range(9):  # one may have the stops of another
+            if target.find("stop") is None:
+                link = target.get("href", target.get(_HREF, ""))
+                target = self.by_id.get(link[1:], target)
+        stops = [self.style(stop, {}) for stop in target.iter("stop")]
+        names = {"stop-color": "fill", "stop-opacity": "fill-opacity", "color": "color"}
+        fills = [{to: stop[key] for key, to in names.items() if key in stop} for stop in stops]
+        kinds = {self._is_raised(fill, "fill") for fill in fills}
+        return True if True in kinds else False if False in kinds else None
+
     def _stroke(self, one: _Drawn) -> shapely.Geometry:
         """Return what the stroke of lines covers."""
-        width = self.length(one.style.get("stroke-width", "1"), "stroke-width")
+        width = self.length(one.style.get("stroke-width", "1"), one.diagonal)
         for key in ("vector-effect", "stroke-dasharray"):
             if one.style.get(key, "none") not in ("none", "0"):
                 self.refuse(f"{key}: {one.style[key]}", "convert strokes to paths")
