@@ -95,6 +95,11 @@ class Tissues:
         )
         self.dx_of_tangent = self.dx(degree=degree, scheme=_TANGENT_SCHEME)
 
+    @property
+    def X(self) -> Expr:
+        """Undeformed position, (3,) mm, as own terms take it."""
+        return self.at.X
+
     def parts(self, dx: ufl.Measure) -> dict[str, ufl.Measure]:
         """Return the part in each tissue of a volume measure."""
         return {name: dx(tag) for name, tag in self.tags.items()}

@@ -116,24 +116,29 @@ def check_parts(parts: Parts) -> None:
     """Try own parts but laws, which need the finger; raise a StudyError for what cannot be used."""
     raise_all(
         parts.identity,
+        *(partial(_check_tissue, tissue) for tissue in parts.laws),
         *(partial(_check_own_body, body) for body in [parts.body] if body is not None),
         *(partial(_check_own_path, path) for path in [parts.path] if path is not None),
         *(partial(_check_population, population) for population in parts.populations),
     )
 
 
+def _check_tissue(name: str) -> None:
+    if name not in TISSUES:
+        raise StudyError(f'parts.laws: "{name}" is no tissue; allowed: {", ".join(TISSUES)}.')
+
+
 def _check_laws(tissues: Tissue, parts: Parts, mesh: FingerMesh | None) -> None:
     """Try the laws that are not those of the package, with the fields of the finger."""
+    of_parts = {name: law for name, law in parts.laws.items() if name in TISSUES}
     of_study = {name: law for name, law in tissues.own_laws().items() if name not in parts.laws}
     raise_all(
-        *(partial(_check_law, "parts.laws", *own, tissues, mesh) for own in parts.laws.items()),
+        *(partial(_check_law, "parts.laws", *own, tissues, mesh) for own in of_parts.items()),
         *(partial(_check_law, "tissue", *own, tissues, mesh) for own in of_study.items()),
     )
 
 
 def _check_law(start: str, tissue: str, law: Law, tissues: Tissue, mesh: FingerMesh | None) -> None:
-    if tissue not in TISSUES:
-        raise StudyError(f'{start}: "{tissue}" is no tissue; allowed: {", ".join(TISSUES)}.')
     energies = [_energy(law, F, mesh) for F in _DEFORMATIONS]
     if not np.isfinite(energies).all():
         raise StudyError(f"{start}: the energy of {tissue} is not finite at a small strain.")
