@@ -23,7 +23,6 @@ from tactile_fem.results.contact_fields import SkinContact
 from tactile_fem.results.fields import FieldWriter
 from tactile_fem.results.results import Results
 from tactile_fem.results.trace import Array, Trace
-from tactile_fem.results.trace_rows import TraceRows
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.cell_fields import CellFields
@@ -57,7 +56,7 @@ class Recorder:
         # On the first rank: what stays the same in checkpoints and in run.json, and the files.
         self._origin, self._run = dict[str, Any](), dict[str, Any]()
         self._fields: _KeptFields | None = None
-        self._rows, self._checkpoints = TraceRows(results.folder), Checkpoints(self._comm)
+        self._checkpoints = Checkpoints(self._comm)
 
         def prepare() -> None:
             self._origin, self._run = origin_of(simulation), _described(simulation)
@@ -92,7 +91,7 @@ class Recorder:
 
         def write() -> bool:
             assert self._fields is not None
-            self._save_row()
+            self._results.append_row(trace)
             if due:
                 self._fields.write(float(trace.at("time_s", [-1])[0]), vectors, cells)
             if seen.step.indenting:
@@ -108,16 +107,9 @@ class Recorder:
             if save:
                 self._checkpoints.save(self._write_checkpoint)
 
-    def _save_row(self) -> None:
-        """Append the last row of the trace; the first one of new columns with all before it."""
-        number, indented_s, columns = self._trace.last()
-        if not self._rows.append(number, indented_s, columns):
-            self._results.save_trace(**self._trace.arrays())
-            self._rows.begin(columns)
-
     def _write_checkpoint(self, state: dict[str, Array]) -> None:
         """Write a state that was gathered, and keep it if its fields are kept."""
-        self._rows.sync()  # or a power cut could leave fewer rows than the checkpoint needs
+        self._results.sync_rows()  # or a power cut could leave fewer rows than the checkpoint needs
         saved, rows, kept = self._origin | state, int(state["rows"]), state["fields"].tolist()
         self._results.save_checkpoint(**saved)
         if self._simulation.study.output.restarts and rows - 1 in kept:
