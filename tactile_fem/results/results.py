@@ -206,6 +206,13 @@ class Results(Store):
         population = np.array(names, dtype=np.str_)
         return Spikes(values[:, 0].astype(int), values[:, 1], values[:, 2], population)
 
+    @property
+    def response(self) -> Response:
+        """Spikes as an array for each receptor, and the first and last time of the trace."""
+        spikes, count = self.spikes, len(self.trace["receptors_mm"])
+        each = [spikes.time_s[spikes.receptor == r] for r in range(count)]
+        return Response(each, *self.trace["time_s"][[0, -1]].tolist())
+
     def receptors_of(self, population: str) -> NDArray[np.intp]:
         """Return the indices of a population's receptors; StudyError if it has none."""
         indices = np.flatnonzero(self.trace["population"] == population)
@@ -227,11 +234,11 @@ class Results(Store):
         """
         population = self.trace["population"].tolist()
         kind_of = {afferents.name: afferents.kind for afferents in self.study.populations}
-        start, end = self.trace["time_s"][[0, -1]].tolist()
-        time_s = np.clip(self.spikes.time_s, start, end)  # the file's digits round
-        each = [np.sort(time_s[self.spikes.receptor == r]) for r in range(len(population))]
+        found = self.response
+        limits = found.start_s, found.end_s  # which the file's digits may pass
+        each = [np.sort(np.clip(times, *limits)) for times in found.spikes]
         return to_neo(
-            Response(each, start, end),
+            Response(each, *limits),
             population=population,
             kind=[kind_of[name] for name in population],
             receptor_mm=list(self.trace["receptors_mm"]),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -121,7 +120,10 @@ class SurfaceFields:
         path = Path(path)
         match path.suffix:
             case ".csv":
-                self._save_csv(path)
+                table = self.table()
+                values, names = np.column_stack(list(table.values())), ",".join(table)
+                with atomic_write(path) as part:
+                    np.savetxt(part, values, "%.7g", ",", header=names, comments="")
             case ".npz":
                 own = {"time_s": self.time_s, "at_mm": self.at_mm}
                 places = {"points_mm": self.points_mm, "facets": self.facets}
@@ -135,14 +137,6 @@ class SurfaceFields:
                     meshio.write(part, mesh, file_format="vtu")
             case _:
                 raise StudyError(f"{path} must end in {', '.join(ENDINGS)}.")
-
-    def _save_csv(self, path: Path) -> None:
-        table = self.table()
-        with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(table)
-            for row in zip(*table.values(), strict=True):
-                writer.writerow([f"{value:.7g}" for value in row])
 
 
 # --- surfaces of a state -------------------------------------------------------------------------
