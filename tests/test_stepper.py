@@ -19,7 +19,7 @@ from dolfinx import fem
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
 from tactile_fem.mechanics.load import Load
-from tactile_fem.mechanics.rows import Saved, gathered
+from tactile_fem.mechanics.rows import Snapshot, gathered
 from tactile_fem.mechanics.state import State
 from tactile_fem.path import Hold, Lift, Motion, Path, Press, Protocol, Slide
 from tactile_fem.simulation.step import Step
@@ -74,7 +74,7 @@ class Spring:
     def accept(self, load: Load) -> None:
         self.state.accept(load.force_N, load.moment_Nmm, load.friction_N, 3)
 
-    def to_save(self) -> Saved:
+    def to_save(self) -> Snapshot:
         return self.state.to_save(self.order)
 
     def restore(self, saved) -> None:

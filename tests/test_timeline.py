@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tactile_fem.errors import StudyError
-from tactile_fem.results.folder import choose_state
-from tactile_fem.results.histories import at_time
+from tactile_fem.results.histories import at_time, choose_state
 
 TRACE = {
     "time_s": np.array([0.0, 1.0, 3.0]),

@@ -11,8 +11,8 @@ import pytest
 from tactile_fem.errors import StudyError
 from tactile_fem.results.columns import FELT, OF_STEP
 from tactile_fem.results.results import Results
+from tactile_fem.results.store import ROWS as NAME
 from tactile_fem.results.trace import Trace
-from tactile_fem.results.trace_rows import NAME, TraceRows
 
 RECEPTORS = 3
 
@@ -25,7 +25,6 @@ class Scan:
         self.results = Results(folder)
         self.file = self.results.folder / NAME
         self.trace = Trace(np.zeros((RECEPTORS, 3)), np.array(["SA1"] * RECEPTORS))
-        self.rows = TraceRows(self.results.folder)
         self.save()
 
     def save(self) -> None:
@@ -43,12 +42,7 @@ class Scan:
 
     def keep(self) -> bool:
         """Write the last row; return whether it was appended."""
-        number, indented_s, columns = self.trace.last()
-        if appended := self.rows.append(number, indented_s, columns):
-            return True
-        self.save()
-        self.rows.begin(columns)
-        return appended
+        return self.results.append_row(self.trace)
 
     def go(self, *phases: str) -> list[bool]:
         appended = []

@@ -10,10 +10,10 @@ import numpy as np
 
 Array = np.ndarray
 # An array that is the same on all ranks, or a function that gathers those that the ranks hold.
-Saved = Mapping[str, Array | Callable[[], Array]]
+Snapshot = Mapping[str, Array | Callable[[], Array]]
 
 
-def gathered(saved: Saved) -> dict[str, Array]:
+def gathered(saved: Snapshot) -> dict[str, Array]:
     """Return all arrays, those of nodes and points on the first rank: others have no rows of them.
 
     All ranks call.

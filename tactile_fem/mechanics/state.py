@@ -22,7 +22,7 @@ from ufl.core.expr import Expr
 
 from tactile_fem.assembly.compile import Constant
 from tactile_fem.mechanics.domain import NodeOrder
-from tactile_fem.mechanics.rows import Saved, gather_rows
+from tactile_fem.mechanics.rows import Snapshot, gather_rows
 
 Array = np.ndarray
 _POINT_TOLERANCE_MM = 1e-6
@@ -254,7 +254,7 @@ class State:
                 history.old.x.array[:] = values
             self.place(self.translation.value, self.rotation)
 
-    def to_save(self, order: NodeOrder) -> Saved:
+    def to_save(self, order: NodeOrder) -> Snapshot:
         """Return the accepted state by name, independent of the number of ranks.
 
         Functions as (nodes, components) in the mesh file's order. They and the histories are

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_fem import Results
 from tactile_fem.errors import StudyError
 from tactile_fem.people.draw import Person
-from tactile_fem.results import central_receptor
+from tactile_fem.results import history
 from tactile_fem.runtime.files import write_table
 from tactile_fem.series import (
     Member,
@@ -272,26 +272,10 @@ class Ensemble:
             There is no such condition or column, or the scans have no time in common.
         """
         scans = self.results(condition)
-        values = [_history(scan, of) for scan in scans]
+        values = [of(scan) if callable(of) else history(scan, of) for scan in scans]
         times = [scan.trace["time_s"] for scan in scans]
         start, end = max(t[0] for t in times), min(t[-1] for t in times)
         if start >= end:
             raise StudyError(f"The scans in {self.folder} have no time in common.")
         grid = np.linspace(start, end, steps)
         return grid, np.array([np.interp(grid, *one) for one in zip(times, values, strict=True)])
-
-
-def _history(scan: Results, of: str | History) -> Array:
-    """Return one number for each step of a scan."""
-    trace = scan.trace
-    if callable(of):
-        return np.asarray(of(scan), dtype=float)
-    if of == "normal":
-        return trace["force_N"][:, 2]
-    if of == "tangential":
-        return np.hypot(trace["force_N"][:, 0], trace["force_N"][:, 1])
-    if of == "central_sed_kPa":
-        return trace["sed_kPa"][:, central_receptor(trace["receptors_mm"], trace["population"])]
-    if of not in trace or trace[of].shape != trace["time_s"].shape:
-        raise StudyError(f"{scan.folder} has no history {of} with one number for each step.")
-    return trace[of]

@@ -7,7 +7,7 @@ from tactile_fem.runtime.lazy import lazily
 if TYPE_CHECKING:
     from tactile_fem.results.columns import OF_STEP, TRACE
     from tactile_fem.results.histories import central_receptor, mean_over
-    from tactile_fem.results.numbers import numbers_of
+    from tactile_fem.results.numbers import history, numbers_of
     from tactile_fem.results.results import Results
     from tactile_fem.results.surfaces import SurfaceFields
     from tactile_fem.results.trace import Trace
@@ -19,6 +19,7 @@ __all__ = [
     "SurfaceFields",
     "Trace",
     "central_receptor",
+    "history",
     "mean_over",
     "numbers_of",
 ]
@@ -28,7 +29,7 @@ __getattr__ = lazily(
     {
         "columns": ["OF_STEP", "TRACE"],
         "histories": ["central_receptor", "mean_over"],
-        "numbers": ["numbers_of"],
+        "numbers": ["history", "numbers_of"],
         "results": ["Results"],
         "surfaces": ["SurfaceFields"],
         "trace": ["Trace"],

@@ -1,17 +1,22 @@
-"""Histories of a scan as figures and films show them."""
+"""Histories of a scan as figures and films show them, and which kept state is meant."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_fem.errors import StudyError
 from tactile_fem.path.rotations import between
+
+logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
 DISPLACEMENT, TIME = "Stimulator displacement (mm)", "Time (s)"
+_TOLERANCE_MM, _TOLERANCE_S = 1e-6, 1e-6
 
 
 def extrema(values: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -62,3 +67,60 @@ def turns_at(trace: Mapping[str, Array], time_s: ArrayLike) -> Array | None:
     """Return rotation vectors (times, 3) of the body; None if it does not turn."""
     turns = trace.get("stimulator_rad")  # which older folders lack
     return None if turns is None or not turns.any() else between(turns, trace["time_s"], time_s)
+
+
+def choose_state(
+    displacement_mm: ArrayLike,
+    time_s: ArrayLike,
+    at_mm: float | None = None,
+    at_s: float | None = None,
+    apart_mm: float = 0.0,
+) -> int:
+    """Return the number of the only state at a displacement, at a time, or at both.
+
+    `displacement_mm` and `time_s` are those of the states that were kept, (states,). By the
+    displacement alone, states from the end of the indentation on are preferred: before it the
+    displacement is 0. With the distance `apart_mm` of kept states, the nearest displacement counts.
+
+    Raises
+    ------
+    StudyError
+        There is none, or several, as where the body holds and lifts; it has no subject.
+    """
+    slid, times = np.asarray(displacement_mm, dtype=float), np.asarray(time_s, dtype=float)
+    there = np.full(len(times), True)
+    wanted = []
+    if at_mm is not None:
+        at_mm = _nearest_mm(slid, at_mm, apart_mm) if apart_mm else at_mm
+        there &= np.abs(slid - at_mm) < _TOLERANCE_MM
+        wanted.append(f"{at_mm:g} mm")
+    if at_s is not None:
+        there &= np.isclose(times, at_s, rtol=1e-5, atol=_TOLERANCE_S)  # as messages round it
+        wanted.append(f"{at_s:g} s")
+    elif (there & (times > -_TOLERANCE_S)).any():
+        there &= times > -_TOLERANCE_S
+    found = np.flatnonzero(there)
+    if len(found) == 1:
+        return int(found[0])
+    where = " and ".join(wanted)
+    if len(found):
+        listed = ", ".join(f"{time:.6g}" for time in times[found])
+        raise StudyError(f"has several states at {where}: choose one by its time, {listed} s.")
+    values, unit = (slid, "mm") if at_s is None else (times, "s")
+    kept = _listed(values, unit) if len(values) else "set output.restarts for the scan"
+    raise StudyError(f"has no state at {where}: {kept}.")
+
+
+def _listed(values: Array, unit: str) -> str:
+    """Return in words which states there are."""
+    each = ", ".join(f"{value:.6g}" for value in dict.fromkeys(values.tolist()))
+    return f"states were kept at {each} {unit}"
+
+
+def _nearest_mm(slid_mm: Array, at_mm: float, apart_mm: float) -> float:
+    nearest = float(slid_mm[np.argmin(np.abs(slid_mm - at_mm))])
+    if not abs(nearest - at_mm) <= apart_mm:
+        raise StudyError(f"has no state near {at_mm:g} mm: {_listed(slid_mm, 'mm')}.")
+    if abs(nearest - at_mm) > _TOLERANCE_MM:
+        logger.info("the kept state at %g mm is the nearest to %g mm", nearest, at_mm)
+    return nearest

@@ -1,13 +1,18 @@
-"""The numbers of a scan: means over time, largest values, counts of spikes."""
+"""Histories and numbers of a scan: means over time, largest values, counts of spikes."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tactile_fem.errors import StudyError
 from tactile_fem.results.histories import central_receptor, mean_over
 from tactile_fem.results.results import Results
 
+Array = NDArray[np.float64]
+
 _ROUNDING_S = 1e-12
+_LOADS = ("normal", "tangential", "contact_area_mm2")
 
 
 def numbers_of(results: Results) -> dict[str, int | float]:
@@ -26,8 +31,7 @@ def numbers_of(results: Results) -> dict[str, int | float]:
         sed = sed[slide]
     else:
         slide, sliding = trace["force_N"][:, [2]].argmax(axis=0), np.isfinite(spikes.time_s)
-    x, y, normal = trace["force_N"][slide].T
-    loads = np.column_stack([normal, np.hypot(x, y), trace["contact_area_mm2"][slide]])
+    loads = np.column_stack([history(results, of) for of in _LOADS])[slide]
     means = mean_over(trace["time_s"][slide], loads).tolist()
     central = central_receptor(trace["receptors_mm"], trace["population"])
     by_name = {
@@ -49,3 +53,26 @@ def numbers_of(results: Results) -> dict[str, int | float]:
         "central_spikes": int((spikes.receptor[sliding] == central).sum()),
         **by_name,
     }
+
+
+def history(results: Results, of: str) -> Array:
+    """Return one number for each step, (steps,).
+
+    ``normal`` and ``tangential`` are those of the force, ``central_sed_kPa`` that of the central
+    receptor of the first population; other names are columns.
+
+    Raises
+    ------
+    StudyError
+        There is no such column with one number for each step.
+    """
+    trace = results.trace
+    if of == "normal":
+        return trace["force_N"][:, 2]
+    if of == "tangential":
+        return np.asarray(np.hypot(*trace["force_N"][:, :2].T))
+    if of == "central_sed_kPa":
+        return trace["sed_kPa"][:, central_receptor(trace["receptors_mm"], trace["population"])]
+    if of not in trace or trace[of].shape != trace["time_s"].shape:
+        raise StudyError(f"{results.folder} has no history {of} with one number for each step.")
+    return trace[of]

@@ -72,9 +72,7 @@ def _what_differs(here: Study, there: Study) -> str:
 def read_finished(results: Results) -> tuple[Trace, Response]:
     """Return histories and spikes of a finished scan."""
     logger.info("%s holds this scan, finished: its results are read", results.folder)
-    trace, spikes = Trace.read(results.trace), results.spikes
-    each = [spikes.time_s[spikes.receptor == r] for r in range(len(trace.receptors_mm))]
-    return trace, Response(each, *trace.time_s[[0, -1]].tolist())
+    return Trace.read(results.trace), results.response
 
 
 def has_checkpoint(results: Results) -> bool:

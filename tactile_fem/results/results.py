@@ -30,10 +30,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response, to_neo
-from tactile_fem.results import trace_rows
-from tactile_fem.results.columns import SPIKES, check_trace
+from tactile_fem.results.columns import SPIKES
 from tactile_fem.results.fields import FieldState, read_series
-from tactile_fem.results.folder import check_folder, choose_state, make_folder, nearest_mm
+from tactile_fem.results.histories import choose_state
+from tactile_fem.results.store import Store
 from tactile_fem.results.surfaces import SurfaceFields, interface_of, skin_of
 from tactile_fem.results.trace import Trace
 from tactile_fem.runtime import html
@@ -46,7 +46,7 @@ from tactile_fem.study.input_copies import keep_files, usable, with_files
 if TYPE_CHECKING:
     import neo
 
-_NEEDED = ("time_s", "displacement_mm", "depth_mm", "force_N", "receptors_mm", "sed_kPa")
+_PLACE = ("time_s", "displacement_mm")
 
 
 class Spikes(NamedTuple):
@@ -58,7 +58,7 @@ class Spikes(NamedTuple):
     population: NDArray[np.str_]
 
 
-class Results:
+class Results(Store):
     """A results folder; use `create` to write a new one and `open` to read one.
 
     Attributes
@@ -72,33 +72,13 @@ class Results:
     """
 
     def __init__(self, folder: Path | str) -> None:
-        self.folder = folder = Path(folder)
+        super().__init__(folder)
+        folder = self.folder
         self.fields, self.figures = folder / "fields", folder / "figures"
         self.states, self.vibration = folder / "states", folder / "vibration"
         self.log_file, self.checkpoint_file = folder / "log.txt", folder / "checkpoint.npz"
 
     # --- making and finding ---------------------------------------------------------------
-
-    @classmethod
-    def create(cls, folder: Path | str, *, overwrite: bool = False) -> Results:
-        """Make the folder ready to be written, with its parents.
-
-        With `overwrite` what an earlier scan left there is removed; other files stay, and
-        `save_study` replaces the files that its study named.
-
-        Raises
-        ------
-        StudyError
-            It is a file, is not writable, or is not empty and `overwrite` is false.
-        """
-        cls.check(folder, overwrite=overwrite)
-        make_folder(Path(folder))
-        return cls(folder)
-
-    @staticmethod
-    def check(folder: Path | str, *, overwrite: bool = False) -> None:
-        """Raise what `create` would raise, as far as this is known without writing."""
-        check_folder(Path(folder), overwrite=overwrite)
 
     @classmethod
     def open(cls, folder: Path | str) -> Results:
@@ -150,16 +130,6 @@ class Results:
         text = json.dumps(run, indent=2, default=_plain, allow_nan=True)
         write_text(self.folder / "run.json", text + "\n")
         self.__dict__.pop("run", None)
-
-    def save_trace(self, **arrays: ArrayLike) -> None:
-        """Write ``trace.npz``: `tactile_fem.results.columns.TRACE`, and columns of observers.
-
-        It replaces the rows that a running scan has added.
-        """
-        check_trace({name: np.asarray(array) for name, array in arrays.items()})
-        write_arrays(self.folder / "trace.npz", arrays)
-        (self.folder / trace_rows.NAME).unlink(missing_ok=True)
-        self.__dict__.pop("trace", None)
 
     def save_checkpoint(self, **arrays: ArrayLike) -> None:
         """Write ``checkpoint.npz``."""
@@ -217,20 +187,7 @@ class Results:
 
         Those of a scan that runs or was killed as well.
         """
-        added = trace_rows.read_rows(self.folder)
-        trace = self._load_npz("trace.npz")
-        missing = [name for name in _NEEDED if name not in trace]
-        try:
-            if missing:
-                raise ValueError(f"it lacks {', '.join(missing)}")
-            if added is not None:
-                trace = trace_rows.with_rows(trace, added)
-            check_trace(trace)
-        except ValueError as error:
-            path = self.folder / "trace.npz"
-            raise StudyError(f"{path} is no trace of a scan: {error}.") from None
-        only = np.full(len(trace["receptors_mm"]), DEFAULT_NAME)
-        return {"population": only, **trace}
+        return self.load_trace()
 
     @cached_property
     def spikes(self) -> Spikes:
@@ -248,6 +205,13 @@ class Results:
         names = [row[3] if len(row) > 3 else DEFAULT_NAME for row in rows]
         population = np.array(names, dtype=np.str_)
         return Spikes(values[:, 0].astype(int), values[:, 1], values[:, 2], population)
+
+    @property
+    def response(self) -> Response:
+        """Spikes as an array for each receptor, and the first and last time of the trace."""
+        spikes, count = self.spikes, len(self.trace["receptors_mm"])
+        each = [spikes.time_s[spikes.receptor == r] for r in range(count)]
+        return Response(each, *self.trace["time_s"][[0, -1]].tolist())
 
     def receptors_of(self, population: str) -> NDArray[np.intp]:
         """Return the indices of a population's receptors; StudyError if it has none."""
@@ -270,11 +234,11 @@ class Results:
         """
         population = self.trace["population"].tolist()
         kind_of = {afferents.name: afferents.kind for afferents in self.study.populations}
-        start, end = self.trace["time_s"][[0, -1]].tolist()
-        time_s = np.clip(self.spikes.time_s, start, end)  # the file's digits round
-        each = [np.sort(time_s[self.spikes.receptor == r]) for r in range(len(population))]
+        found = self.response
+        limits = found.start_s, found.end_s  # which the file's digits may pass
+        each = [np.sort(np.clip(times, *limits)) for times in found.spikes]
         return to_neo(
-            Response(each, start, end),
+            Response(each, *limits),
             population=population,
             kind=[kind_of[name] for name in population],
             receptor_mm=list(self.trace["receptors_mm"]),
@@ -285,12 +249,12 @@ class Results:
         """The shape of an own body; None where the study states the body."""
         if not (self.folder / "stimulator.npz").exists():
             return None
-        saved = self._load_npz("stimulator.npz")
+        saved = self.load("stimulator.npz")
         return DistanceGrid(saved["origin_mm"], float(saved["step_mm"]), saved["gap_mm"])
 
     def load_checkpoint(self) -> dict[str, NDArray[Any]]:
         """Return the arrays of ``checkpoint.npz``."""
-        return self._load_npz("checkpoint.npz")
+        return self.load("checkpoint.npz")
 
     def load_state(
         self, at_mm: float | None = None, at_s: float | None = None
@@ -305,13 +269,8 @@ class Results:
         if at_mm is None and at_s is None:
             return self.load_checkpoint()
         names = [f"states/{path.name}" for path in sorted(self.states.glob("state_*.npz"))]
-        rows = np.array([self._load_npz(name, "rows")["rows"] - 1 for name in names], dtype=int)
-        slid_mm, time_s = (self.trace[name][rows] for name in ("displacement_mm", "time_s"))
-        try:
-            number = choose_state(slid_mm, time_s, at_mm, at_s)
-        except StudyError as error:
-            raise StudyError(f"{self.folder} {error}") from None
-        return self._load_npz(names[number])
+        rows = np.array([self.load(name, "rows")["rows"] - 1 for name in names], dtype=int)
+        return self.load(names[self._number_of(rows, at_mm, at_s)])
 
     # --- fields -----------------------------------------------------------------------------
 
@@ -360,28 +319,25 @@ class Results:
         rows, files = self.kept_rows, read_series(self.fields)[1]
         if not files:
             raise StudyError(f"There are no field files in {self.fields}.")
-        slid_mm, time_s = (self.trace[name][rows] for name in ("displacement_mm", "time_s"))
         number = int(np.argmax(self.trace["force_N"][rows, 2]))
         if at_mm is not None or at_s is not None:
-            try:
-                if at_mm is not None:
-                    at_mm = nearest_mm(slid_mm, at_mm, self.study.output.states_mm)
-                number = choose_state(slid_mm, time_s, at_mm, at_s)
-            except StudyError as error:
-                raise StudyError(f"{self.folder} {error}") from None
-        state = FieldState.read(files[number])
-        return state, float(time_s[number]), float(slid_mm[number])
+            number = self._number_of(rows, at_mm, at_s, self.study.output.states_mm)
+        time_s, slid_mm = (float(self.trace[name][rows[number]]) for name in _PLACE)
+        return FieldState.read(files[number]), time_s, slid_mm
 
-    def _load_npz(self, name: str, *only: str) -> dict[str, NDArray[Any]]:
-        """Return the arrays of a file, or only some of them."""
-        path = self.folder / name
+    def _number_of(
+        self,
+        rows: NDArray[np.intp],
+        at_mm: float | None,
+        at_s: float | None,
+        apart_mm: float = 0.0,
+    ) -> int:
+        """Return which of the states that were kept at some rows of the trace is meant."""
+        time_s, slid_mm = (self.trace[name][rows] for name in _PLACE)
         try:
-            with np.load(path, allow_pickle=False) as arrays:
-                return {key: arrays[key] for key in only or arrays}
-        except FileNotFoundError:
-            raise StudyError(f"There is no {path}: it has not been written yet.") from None
-        except Exception as error:  # a damaged archive fails in many ways
-            raise StudyError(f"{path} cannot be read: {error}.") from None
+            return choose_state(slid_mm, time_s, at_mm, at_s, apart_mm)
+        except StudyError as error:
+            raise StudyError(f"{self.folder} {error}") from None
 
 
 def _plain(value: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -121,7 +120,10 @@ class SurfaceFields:
         path = Path(path)
         match path.suffix:
             case ".csv":
-                self._save_csv(path)
+                table = self.table()
+                values, names = np.column_stack(list(table.values())), ",".join(table)
+                with atomic_write(path) as part:
+                    np.savetxt(part, values, "%.7g", ",", header=names, comments="")
             case ".npz":
                 own = {"time_s": self.time_s, "at_mm": self.at_mm}
                 places = {"points_mm": self.points_mm, "facets": self.facets}
@@ -135,14 +137,6 @@ class SurfaceFields:
                     meshio.write(part, mesh, file_format="vtu")
             case _:
                 raise StudyError(f"{path} must end in {', '.join(ENDINGS)}.")
-
-    def _save_csv(self, path: Path) -> None:
-        table = self.table()
-        with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(table)
-            for row in zip(*table.values(), strict=True):
-                writer.writerow([f"{value:.7g}" for value in row])
 
 
 # --- surfaces of a state -------------------------------------------------------------------------
@@ -210,64 +204,47 @@ def _middles(state: FieldState, corners: Indices) -> Indices:
 def _fields(
     state: FieldState, corners: Indices, owner: Indices, time_s: float, at_mm: float
 ) -> SurfaceFields:
-    """Return the fields at the corners of facets, as the tissues of their owners have them."""
+    """Return the fields at the corners of facets, as the tissues of their owners have them.
+
+    Those of cells are means over the cells around a corner, weighted by their volume; stretches are
+    those of the mean right Cauchy-Green tensor.
+    """
     used, facets = np.unique(corners, return_inverse=True)
     nodes = state.nodes.astype(float)
+    finger = FingerMesh(nodes, state.cells, state.tissue, *_NO_FACETS)
     own = np.isin(state.tissue, np.unique(state.tissue[owner]))
-    around = _Around(state, used, own)
+    number = np.full(len(nodes), -1)
+    number[used] = np.arange(len(used))
+    at = number[state.cells[:, : finger.simplex.corners]]
+    cell, corner = np.nonzero((at >= 0) & own[:, None])
+    at = at[cell, corner]
+    volume = np.abs(volumes(finger.plane.within(nodes), state.cells[cell]))
+
+    def mean(values: Array) -> Array:
+        """Return the means (points, ...) of values in each cell at each of its corners."""
+        sums = np.zeros((len(used), *values.shape[1:]))
+        np.add.at(sums, at, (volume * values.T).T)
+        return (sums.T / np.bincount(at, volume, minlength=len(used))).T
+
+    moved = state.of_nodes["displacement_mm"]
     columns = {
         name: np.asarray(values[used], dtype=float)
         for name, values in state.of_nodes.items()
         if name != "skin"
     }
-    deformed = nodes + state.of_nodes["displacement_mm"]
-    columns["area_mm2"] = vertex_areas(deformed, corners)[used]
-    columns["stretches"] = around.stretches()
-    columns |= {name: around.mean(values) for name, values in state.of_cells.items()}
+    columns["area_mm2"] = vertex_areas(nodes + moved, corners)[used]
+    F = _gradients(finger, moved, cell, corner)
+    columns["stretches"] = np.sqrt(np.linalg.eigvalsh(mean(np.swapaxes(F, 1, 2) @ F)))
+    columns |= {name: mean(values[cell]) for name, values in state.of_cells.items()}
     return SurfaceFields(time_s, at_mm, nodes[used], facets.reshape(corners.shape), columns)
 
 
-class _Around:
-    """Means at nodes over the cells of some tissues that have them as corners, by volume."""
-
-    def __init__(self, state: FieldState, used: Indices, own: NDArray[np.bool_]) -> None:
-        self._state = state
-        self._finger = finger = FingerMesh(
-            state.nodes.astype(float), state.cells, state.tissue, *_NO_FACETS
-        )
-        shape = finger.simplex
-        number = np.full(len(state.nodes), -1)
-        number[used] = np.arange(len(used))
-        self._count = len(used)
-        cells = np.flatnonzero(own)
-        at = number[state.cells[cells, : shape.corners]]
-        row, self._corner = np.nonzero(at >= 0)
-        self._cell, self._at = cells[row], at[row, self._corner]
-        nodes = finger.plane.within(finger.nodes)
-        self._weight = np.abs(volumes(nodes, state.cells[self._cell]))
-
-    def mean(self, of_cells: Array) -> Array:
-        """Return the means (points, ...) of values of all cells, (m, ...)."""
-        return self._average(of_cells[self._cell])
-
-    def stretches(self) -> Array:
-        """Return the principal stretches of the mean right Cauchy-Green tensor, (points, 3)."""
-        finger, within = self._finger, self._finger.plane.within
-        cells = self._state.cells[self._cell]
-        places = within(finger.nodes)[cells]
-        moved = within(self._state.of_nodes["displacement_mm"])[cells].astype(float)
-        gradients = np.array([finger.simplex.gradients(w) for w in np.eye(finger.simplex.corners)])
-        local = gradients[self._corner]
-        J = np.einsum("cni,cnj->cij", places, local)
-        F = np.tile(np.eye(3), (len(cells), 1, 1))
-        dim = finger.simplex.dim
-        F[:, :dim, :dim] += np.einsum("cni,cnj->cij", moved, local) @ np.linalg.inv(J)
-        C = self._average(np.swapaxes(F, 1, 2) @ F)
-        return np.sqrt(np.linalg.eigvalsh(C))
-
-    def _average(self, values: Array) -> Array:
-        sums = np.zeros((self._count, *values.shape[1:]))
-        weight = self._weight.reshape(-1, *[1] * (values.ndim - 1))
-        np.add.at(sums, self._at, weight * values)
-        total = np.bincount(self._at, self._weight, minlength=self._count)
-        return sums / total.reshape(-1, *[1] * (values.ndim - 1))
+def _gradients(finger: FingerMesh, moved: Array, cell: Indices, corner: Indices) -> Array:
+    """Return the deformation gradient of cells at one of their corners each, (k, 3, 3)."""
+    shape, cells = finger.simplex, finger.cells[cell]
+    places, moved = (finger.plane.within(of)[cells].astype(float) for of in (finger.nodes, moved))
+    local = np.array([shape.gradients(weights) for weights in np.eye(shape.corners)])[corner]
+    J = np.einsum("cni,cnj->cij", places, local)
+    F = np.tile(np.eye(3), (len(cells), 1, 1))
+    F[:, : shape.dim, : shape.dim] += np.einsum("cni,cnj->cij", moved, local) @ np.linalg.inv(J)
+    return F

@@ -142,7 +142,7 @@ class Trace:
     def last(self) -> tuple[int, float, dict[str, Array]]:
         """Return the number of the last row, the end of the indentation on the clock, its values.
 
-        It costs the same however many rows there are; see `tactile_fem.results.trace_rows`.
+        It costs the same however many rows there are; see `tactile_fem.results.store`.
         """
         row = {name: np.asarray(column[-1]) for name, column in self._columns.items()}
         return len(self) - 1, self._indented_s, row

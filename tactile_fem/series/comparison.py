@@ -20,7 +20,7 @@ from tactile_fem.output.annotations import DISTINCT
 from tactile_fem.output.panels import panels
 from tactile_fem.output.plots import styled
 from tactile_fem.results.histories import TIME, central_receptor
-from tactile_fem.results.numbers import numbers_of
+from tactile_fem.results.numbers import history, numbers_of
 from tactile_fem.results.results import Results
 from tactile_fem.runtime.files import write_figure
 
@@ -90,11 +90,9 @@ def comparison_figure(scans: Mapping[str, Results]) -> Figure:
 
 
 def _draw_histories(axes: Sequence[Axes], scan: Results, over: Abscissa, **style: Any) -> None:
-    trace, at, force = scan.trace, over.at(scan.trace["time_s"]), scan.trace["force_N"]
-    central = central_receptor(trace["receptors_mm"], trace["population"])
-    histories = force[:, 2], np.hypot(force[:, 0], force[:, 1]), trace["sed_kPa"][:, central]
-    for one, values in zip(axes, histories, strict=True):
-        one.plot(at, values, **style)
+    at = over.at(scan.trace["time_s"])
+    for one, of in zip(axes, ("normal", "tangential", "central_sed_kPa"), strict=True):
+        one.plot(at, history(scan, of), **style)
 
 
 def _label_histories(axes: Sequence[Axes], scans: Iterable[Results], at: float) -> None:

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from tactile_fem import __version__
 from tactile_fem.errors import StudyError
-from tactile_fem.mechanics.rows import Saved, gathered
+from tactile_fem.mechanics.rows import Snapshot, gathered
 from tactile_fem.results.results import Results
 from tactile_fem.results.trace import Array
 from tactile_fem.runtime.ranks import on_root
@@ -36,7 +36,7 @@ class Checkpoints:
 
     def __init__(self, comm: MPI.Comm) -> None:
         self._comm = comm
-        self._unsaved: Saved = {}
+        self._unsaved: Snapshot = {}
         self._due_s = -math.inf
 
     @property
@@ -44,7 +44,7 @@ class Checkpoints:
         """Whether it is time to save; the ranks' clocks may differ."""
         return time.perf_counter() >= self._due_s
 
-    def keep(self, state: Saved) -> None:
+    def keep(self, state: Snapshot) -> None:
         """Keep a state in memory, in place of the last one."""
         self._unsaved = state
 

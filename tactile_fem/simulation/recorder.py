@@ -6,7 +6,6 @@ import json
 import platform
 import resource
 import time
-from collections.abc import Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -23,7 +22,6 @@ from tactile_fem.results.contact_fields import SkinContact
 from tactile_fem.results.fields import FieldWriter
 from tactile_fem.results.results import Results
 from tactile_fem.results.trace import Array, Trace
-from tactile_fem.results.trace_rows import TraceRows
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.ranks import on_root
 from tactile_fem.simulation.cell_fields import CellFields
@@ -56,12 +54,14 @@ class Recorder:
         self._field_rows: list[int] = []
         # On the first rank: what stays the same in checkpoints and in run.json, and the files.
         self._origin, self._run = dict[str, Any](), dict[str, Any]()
-        self._fields: _KeptFields | None = None
-        self._rows, self._checkpoints = TraceRows(results.folder), Checkpoints(self._comm)
+        self._fields: FieldWriter | None = None
+        self._checkpoints = Checkpoints(self._comm)
 
         def prepare() -> None:
             self._origin, self._run = origin_of(simulation), _described(simulation)
-            self._fields = _KeptFields(results, simulation)
+            finger = simulation.finger
+            self._contact = SkinContact(finger)
+            self._fields = FieldWriter(results.fields, finger.nodes, finger.cells, finger.tissue)
 
         on_root(self._comm, prepare)
 
@@ -92,11 +92,14 @@ class Recorder:
 
         def write() -> bool:
             assert self._fields is not None
-            self._save_row()
+            self._results.append_row(trace)
             if due:
-                self._fields.write(float(trace.at("time_s", [-1])[0]), vectors, cells)
+                moved, *loads = map(self._simulation.finger.plane.vectors, vectors)
+                of_skin = {**self._contact.fields(moved, *loads), "skin": self._contact.on_skin}
+                of_nodes = {"displacement_mm": moved, **of_skin}
+                self._fields.write(float(trace.at("time_s", [-1])[0]), of_nodes, cells)
             if seen.step.indenting:
-                self._fields.writer.set_times(trace.at("time_s", fields))
+                self._fields.set_times(trace.at("time_s", fields))
             return due or self._checkpoints.is_due
 
         with common.Timer("tactile: output"):
@@ -108,16 +111,9 @@ class Recorder:
             if save:
                 self._checkpoints.save(self._write_checkpoint)
 
-    def _save_row(self) -> None:
-        """Append the last row of the trace; the first one of new columns with all before it."""
-        number, indented_s, columns = self._trace.last()
-        if not self._rows.append(number, indented_s, columns):
-            self._results.save_trace(**self._trace.arrays())
-            self._rows.begin(columns)
-
     def _write_checkpoint(self, state: dict[str, Array]) -> None:
         """Write a state that was gathered, and keep it if its fields are kept."""
-        self._rows.sync()  # or a power cut could leave fewer rows than the checkpoint needs
+        self._results.sync_rows()  # or a power cut could leave fewer rows than the checkpoint needs
         saved, rows, kept = self._origin | state, int(state["rows"]), state["fields"].tolist()
         self._results.save_checkpoint(**saved)
         if self._simulation.study.output.restarts and rows - 1 in kept:
@@ -147,7 +143,7 @@ class Recorder:
         self._earlier = json.loads(str(saved["spent"]))
         self._field_rows = saved["fields"].tolist()
         if self._fields is not None:
-            self._fields.writer.set_times(self._trace.at("time_s", self._field_rows))
+            self._fields.set_times(self._trace.at("time_s", self._field_rows))
         self._save_run("running")
 
     def save(self) -> None:
@@ -178,26 +174,6 @@ class Recorder:
     def _save_run(self, status: str) -> None:
         run = {"status": status, **self._run, **self._spent()}
         on_root(self._comm, lambda: self._results.save_run(run))
-
-
-class _KeptFields:
-    """Writes the fields of the states that are kept; on the first rank."""
-
-    def __init__(self, results: Results, simulation: Simulation) -> None:
-        finger = simulation.finger
-        self._plane = finger.plane
-        self._contact = SkinContact(finger)
-        self._skin = self._contact.on_skin.astype(np.int8)
-        self.writer = FieldWriter(results.fields, finger.nodes, finger.cells, finger.tissue)
-
-    def write(self, time_s: float, vectors: Sequence[Array], cells: dict[str, Array]) -> None:
-        """Write the fields of a state.
-
-        The vectors of the nodes, (n, components), are displacement and what `SkinContact` takes.
-        """
-        moved, *forces = map(self._plane.vectors, vectors)
-        contact = self._contact.fields(moved, *forces)
-        self.writer.write(time_s, {"displacement_mm": moved, **contact, "skin": self._skin}, cells)
 
 
 def _described(simulation: Simulation) -> dict[str, Any]:

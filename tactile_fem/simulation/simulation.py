@@ -23,7 +23,7 @@ from tactile_fem.mechanics.domain import create_domain
 from tactile_fem.mechanics.faults import compilation_errors
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.problem import Problem
-from tactile_fem.mechanics.rows import Saved
+from tactile_fem.mechanics.rows import Snapshot
 from tactile_fem.mechanics.state import State
 from tactile_fem.mechanics.terms.inertia import moment_of_inertia
 from tactile_fem.neuron import fields_of, replaced
@@ -221,7 +221,7 @@ class Simulation:
 
     # --- restart ---------------------------------------------------------------------------------
 
-    def to_save(self) -> Saved:
+    def to_save(self) -> Snapshot:
         """Return all that the next step needs, independent of the number of ranks.
 
         It stays as it is here; see `tactile_fem.mechanics.rows.gathered`.

@@ -13,7 +13,7 @@ import numpy as np
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.finger.plane import SPACE, Plane
 from tactile_fem.mechanics.load import Load
-from tactile_fem.mechanics.rows import Saved
+from tactile_fem.mechanics.rows import Snapshot
 from tactile_fem.path import HeldLoads, Motion, Path
 from tactile_fem.path.loads import NORMAL, NOTHING
 from tactile_fem.path.rotations import matrix, vector
@@ -107,7 +107,7 @@ class Stepper:
         """Angle of the bone about its joint; 0 if it is clamped."""
         return self._equilibrium.angle_rad
 
-    def to_save(self) -> Saved:
+    def to_save(self) -> Snapshot:
         """Return all that the next step needs, as `State.to_save` does."""
         values = vars(self._progress), self._control.to_save(), self._equilibrium.to_save()
         return {**self._problem.to_save(), "progress": np.array(json.dumps(values))}

@@ -22,7 +22,7 @@ from dolfinx.fem import petsc as fem_petsc
 from tactile_fem.assembly.compile import jit_options
 from tactile_fem.mechanics.domain import NodeOrder
 from tactile_fem.mechanics.problem import Problem
-from tactile_fem.mechanics.rows import Saved
+from tactile_fem.mechanics.rows import Snapshot
 from tactile_fem.solvers import multigrid
 from tactile_fem.solvers.jacobian import Jacobian
 from tactile_fem.solvers.lagging import Lagging
@@ -230,7 +230,7 @@ class FastSolver(StepSolver):
             if self._two_level:
                 self._set_up()
 
-    def to_save(self, order: NodeOrder) -> Saved:
+    def to_save(self, order: NodeOrder) -> Snapshot:
         """Return what `restore` takes, as `State.to_save` does."""
         field = fem.Function(self._state.u.function_space)
         field.x.array[:] = self._tangent_at

@@ -13,7 +13,7 @@ import numpy as np
 from tactile_fem.errors import ConvergenceError
 from tactile_fem.mechanics.load import Load
 from tactile_fem.mechanics.problem import Problem
-from tactile_fem.mechanics.rows import Saved, gathered
+from tactile_fem.mechanics.rows import Snapshot, gathered
 from tactile_fem.solvers.fast import FastSolver
 from tactile_fem.solvers.report import SolveReport, StepSolver
 
@@ -109,7 +109,7 @@ class FingerProblem(Problem):
         allowed_N = self.solver.snes.getTolerances()[1] * math.sqrt(self.unknowns)
         return load.rejection(max(allowed_N, _BALANCE_N))
 
-    def to_save(self) -> Saved:
+    def to_save(self) -> Snapshot:
         """Return the accepted state, as `State.to_save` does, and what the solver carries."""
         return {**self.state.to_save(self.order), **self.solver.to_save(self.order)}
 

@@ -15,7 +15,7 @@ from dolfinx.fem import petsc as fem_petsc
 
 from tactile_fem.errors import TactileError
 from tactile_fem.mechanics.domain import NodeOrder
-from tactile_fem.mechanics.rows import Saved
+from tactile_fem.mechanics.rows import Snapshot
 
 _REASONS = {
     value: name.lower().replace("_", " ")
@@ -96,7 +96,7 @@ class StepSolver(Protocol):
     def end_step(self) -> None:
         """Prepare the next step at a converged state, before it is accepted."""
 
-    def to_save(self, order: NodeOrder) -> Saved:
+    def to_save(self, order: NodeOrder) -> Snapshot:
         """Return what it carries to the next step, as `State.to_save` does."""
         return {}
 
