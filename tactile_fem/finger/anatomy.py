@@ -43,19 +43,15 @@ class Anatomy:
         """
         ridges, sizes = Ridges(finger), Sizes.of(finger)
         rows = layering(finger, sizes.epidermis_rows)
-        read = SurfaceFiles.reader(finger).read if finger.is_scanned else lambda: (None, None, None)
-        scanned_skin, scanned_bone, scanned_nail = read()
-        skin: Skin = scanned_skin or skin_shape(finger)
-        bone: Capsule | ClosedBone = scanned_bone or bone_shape(finger, skin.capsule)
+        scans = SurfaceFiles.reader(finger).read() if finger.is_scanned else (None, None, None)
+        skin: Skin = scans[0] or skin_shape(finger)
+        bone: Capsule | ClosedBone = scans[1] or bone_shape(finger, skin.capsule)
         _check_depth_of_bone(skin, bone, finger)
-        nail = scanned_nail or _nail(finger, skin.capsule)
+        end = skin.capsule.tip_y - _NAIL_FROM_TIP_MM
+        own = NailOutline(finger.nail_width_mm / 2, end - finger.nail_length_mm, end)
+        nail = scans[2] or own
         _check_nail(nail, skin.capsule)
         return Anatomy(finger, sizes, rows, ridges, skin, bone, nail)
-
-
-def _nail(finger: FingerSettings, skin: Capsule) -> NailOutline:
-    end = skin.tip_y - _NAIL_FROM_TIP_MM
-    return NailOutline(0.5 * finger.nail_width_mm, end - finger.nail_length_mm, end)
 
 
 def _check_nail(outline: NailOutline, skin: Capsule) -> None:

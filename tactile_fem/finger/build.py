@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
+from itertools import pairwise
 from types import ModuleType
 from typing import Any
 
@@ -73,9 +74,6 @@ def _tagged_surfaces(
     chosen = np.flatnonzero(tag)
     chosen = chosen[np.argsort(tag[chosen], kind="stable")]
     return facets[chosen], tag[chosen]
-
-
-# --- solid finger --------------------------------------------------------------------------------
 
 
 def _solid_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Indices, Indices]:
@@ -208,20 +206,12 @@ def _add_capsule(gmsh: ModuleType, capsule: Capsule, outline: NailOutline | None
 def _nail_walls(occ: Any, outline: NailOutline, height: float) -> list[tuple[int, int]]:
     """Add upright walls along the outline."""
     left, near, right, far = outline.centres
-    starts, ends, lines = [], [], []
-    for quarter, centre in enumerate([(right, far), (left, far), (left, near), (right, near)]):
-        turn = 0.5 * math.pi * quarter
-        ring = [
-            occ.addPoint(
-                centre[0] + outline.corner * math.cos(a),
-                centre[1] + outline.corner * math.sin(a),
-                0,
-            )
-            for a in (turn, turn + 0.5 * math.pi)
-        ]
-        lines.append((1, occ.addCircleArc(ring[0], occ.addPoint(*centre, 0), ring[1])))
-        starts.append(ring[0])
-        ends.append(ring[1])
-    for k in range(4):
-        lines.append((1, occ.addLine(ends[k], starts[(k + 1) % 4])))
+    rings, lines, r = [], [], outline.corner
+    for quarter, (x, y) in enumerate([(right, far), (left, far), (left, near), (right, near)]):
+        turns = 0.5 * math.pi * quarter, 0.5 * math.pi * quarter + 0.5 * math.pi
+        rings.append([occ.addPoint(x + r * math.cos(a), y + r * math.sin(a), 0) for a in turns])
+        start, end = rings[-1]
+        lines.append((1, occ.addCircleArc(start, occ.addPoint(x, y, 0), end)))
+    for (_, end), (start, _) in pairwise([*rings, rings[0]]):
+        lines.append((1, occ.addLine(end, start)))
     return [entity for entity in occ.extrude(lines, 0, 0, 2.0 * height) if entity[0] == 2]

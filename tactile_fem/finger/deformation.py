@@ -1,12 +1,12 @@
-"""What displacements of the nodes mean: deformed points of the skin, and strains of the tissues."""
+"""What displacements of the nodes mean: deformed points of the skin."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
+from tactile_fem.finger.mesh_data import SURFACES, FingerMesh
 from tactile_fem.finger.plane import Array
 from tactile_fem.finger.simplex import lowest_facet
 
@@ -48,36 +48,3 @@ class SkinSurface:
     def deformed_mm(self, displacement_mm: ArrayLike) -> Array:
         """Return the deformed points (k, 3) for nodal displacements (n, 3)."""
         return self.rest_mm + self.at(displacement_mm)
-
-
-def deformation_gradients(finger: FingerMesh, displacement_mm: Array, tissue: str) -> Array:
-    """Return F (cells, d, d) at the centres of the cells of a tissue; d is 2 in a section.
-
-    `displacement_mm` (n, d) is that of the nodes.
-    """
-    cells, shape = finger.cells[finger.tissue == TISSUES[tissue]], finger.simplex
-    corners = finger.plane.within(finger.nodes)[cells[:, : shape.corners]]
-    edges = corners[:, 1:] - corners[:, :1]
-    slopes = shape.gradients(np.full(shape.corners, 1 / shape.corners))
-    gradient = np.einsum("na,cni->cia", slopes, displacement_mm[cells])
-    # The inverse of the edges is the gradient of the reference coordinates, transposed.
-    return np.eye(shape.dim) + gradient @ np.swapaxes(np.linalg.inv(edges), 1, 2)
-
-
-def principal_strains(finger: FingerMesh, displacement_mm: Array, tissue: str) -> Array:
-    """Return the principal strains (cells, d), stretch less 1, in increasing order."""
-    F = deformation_gradients(finger, displacement_mm, tissue)
-    return np.linalg.svd(F, compute_uv=False)[:, ::-1] - 1
-
-
-def centres(finger: FingerMesh, tissue: str) -> Array:
-    """Return the centres (cells, 3) of the undeformed cells of a tissue, mm."""
-    cells = finger.cells[finger.tissue == TISSUES[tissue], : finger.simplex.corners]
-    return finger.nodes[cells].mean(axis=1)
-
-
-def under_contact(finger: FingerMesh, tissue: str, half_mm: float) -> NDArray[np.bool_]:
-    """Return which cells of a tissue lie within `half_mm` of the contact point, X and Y."""
-    at = centres(finger, tissue)
-    palmar = at[:, 2] < np.median(finger.nodes[:, 2])
-    return palmar & np.all(np.abs(at[:, :2]) < half_mm, axis=1)

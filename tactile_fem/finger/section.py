@@ -59,9 +59,6 @@ def section_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Ind
     return nodes, (cells, tissue), fat, marrow
 
 
-# --- contours ------------------------------------------------------------------------------------
-
-
 def _contour(body: Capsule, plane: Plane) -> Contour:
     """Return the contour of a body, densely sampled; its length counts from below the contact."""
     closed = plane.axes[0] == 0
@@ -130,9 +127,6 @@ def _divided(contour: Contour, size: list[float], ends: list[float]) -> Contour:
     return Contour(points, normals, at, contour.closed)
 
 
-# --- layers --------------------------------------------------------------------------------------
-
-
 def _columns(skin: Contour, rows: Layering, anatomy: Anatomy) -> Array:
     """Return the nodes of the layers, node i of row k at n k + i; ridges shift their limits."""
     directions = extrusion_directions(skin.points, skin.normals, anatomy.skin.capsule.cut_y)
@@ -163,9 +157,6 @@ def _triangles_of_layers(
     one = np.where(leans, quads[:, [0, 1, 2]], quads[:, [0, 1, 3]])
     other = np.where(leans, quads[:, [0, 2, 3]], quads[:, [1, 2, 3]])
     return rows.stacked(np.concatenate([one, other]), np.tile(under_nail, 2), count)
-
-
-# --- fat and bone --------------------------------------------------------------------------------
 
 
 def _fill(nodes: Array, count: int, bone: Contour, size: float) -> tuple[Array, Indices, Indices]:

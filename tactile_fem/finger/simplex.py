@@ -144,9 +144,6 @@ def quadratic(nodes: Array, cells: Indices, facets: Indices) -> tuple[Array, Ind
     )
 
 
-# --- measures ------------------------------------------------------------------------------------
-
-
 def _edges(nodes: Array, cells: Indices) -> Array:
     """Return the edges (m, d, d) from the first corner of each cell to the others."""
     dim = nodes.shape[1]

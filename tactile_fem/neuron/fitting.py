@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -158,9 +158,9 @@ class _Varied:
             values = self._best(cases, tries)
         for name in self.afferents:
             place = self._place(name)
-            tries = [values.copy() for _ in product(_GAINS, _THRESHOLDS)]
-            for each, pair in zip(tries, product(_GAINS, _THRESHOLDS), strict=True):
-                each[place : place + 2] = pair
+            parts = values[:place], values[place + 2 :]
+            pairs = product(_GAINS, _THRESHOLDS)
+            tries = [np.concatenate([parts[0], pair, parts[1]]) for pair in pairs]
             values = self._best([case for case in cases if case.afferent == name], tries)
         return values
 
@@ -196,7 +196,14 @@ class _Varied:
 
     def neuron_with(self, values: Array) -> Neuron:
         """Return the median afferent."""
-        return _with(self.neuron, self.free, values[: len(self.free)])
+        changed: dict[str, Any] = {}
+        for name, value in zip(self.free, values.tolist(), strict=False):
+            key, _, place = name.partition("[")
+            if place:
+                parts = list(changed.get(key, getattr(self.neuron, key)))
+                parts[int(place[:-1])] = value
+            changed[key] = tuple(parts) if place else value
+        return self.neuron.model_copy(update=changed)
 
     def rates(self, case: Recording, values: Array) -> Array:
         """Return the model's rates in the windows of a recording, (windows, receptors)."""
@@ -211,20 +218,6 @@ def _get(neuron: Neuron, name: str) -> float:
     key, _, place = name.partition("[")
     value = getattr(neuron, key)
     return value[int(place[:-1])] if place else value
-
-
-def _with(neuron: Neuron, names: Sequence[str], values: Iterable[float]) -> Neuron:
-    """Return the neuron with other values of some constants."""
-    changed: dict[str, Any] = {}
-    for name, value in zip(names, values, strict=True):
-        key, _, place = name.partition("[")
-        if place:
-            parts = list(changed.get(key, getattr(neuron, key)))
-            parts[int(place[:-1])] = float(value)
-            changed[key] = tuple(parts)
-        else:
-            changed[key] = float(value)
-    return neuron.model_copy(update=changed)
 
 
 def _estimates(free: Sequence[str], found: Any, scale: Array) -> tuple[dict[str, Estimate], Array]:

@@ -268,33 +268,24 @@ def held(own: Transduction, held_s: float) -> Transduction:
     return own if isinstance(own, BandPass) else Held(own, held_s)
 
 
-class Resting:
-    """Transduction of afferents with a current that does not depend on the load, pA, (n,)."""
-
-    def __init__(self, own: Transduction, current_pA: Array) -> None:
-        self._own, self._current_pA = own, current_pA
-
-    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
-        """Yield the sums of the currents."""
-        for segment in self._own.segments(time_s, drive):
-            current = segment.current_pA.plus(self._current_pA[segment.who])
-            yield segment._replace(current_pA=current)
-
-
-class Raised:
-    """Transduction of afferents whose thresholds are higher by factors, (n,).
+class Varied:
+    """Transduction of afferents with thresholds higher by factors, (n,), and currents at rest, pA.
 
     Potentials are relative to the threshold: a higher one is a smaller current.
     """
 
-    def __init__(self, own: Transduction, thresholds: Array) -> None:
+    def __init__(
+        self, own: Transduction, thresholds: Array, resting_pA: Array | float = 0.0
+    ) -> None:
         self._own, self._sensitivity = own, 1 / thresholds
+        self._resting_pA = np.broadcast_to(resting_pA, thresholds.shape)
 
     def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
         """Yield the currents, relative to the thresholds."""
         for segment in self._own.segments(time_s, drive):
-            current = segment.current_pA.scaled(self._sensitivity[segment.who])
-            yield segment._replace(current_pA=current)
+            who = segment.who
+            current = segment.current_pA.plus(self._resting_pA[who])
+            yield segment._replace(current_pA=current.scaled(self._sensitivity[who]))
 
 
 _MODELS: dict[str, Callable[[Neuron], Transduction]] = {
