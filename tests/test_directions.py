@@ -19,7 +19,7 @@ from tactile_fem.finger.simplex import distances
 from tactile_fem.neuron import Population, drive_of, fields_of, fire_all, respond
 from tactile_fem.neuron.fields import RIGHT_CAUCHY_GREEN
 from tactile_fem.receptors import Layout, place, sample
-from tactile_fem.receptors.skin import preferred_directions
+from tactile_fem.receptors.placement import preferred_directions
 from tactile_fem.results.trace import Trace
 from tactile_fem.simulation.probe import Probe
 from tactile_fem.study import Finger, Receptors, Study

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError, PlaceError
-from tactile_fem.finger.anatomy import Anatomy
+from tactile_fem.finger.anatomy import Anatomy, NailOutline, Skin
 from tactile_fem.finger.layers import CUT_BLEND_MM, Size, extrude, extrusion_directions
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, edges_per_ridge
 from tactile_fem.finger.plane import Array
@@ -25,7 +25,6 @@ from tactile_fem.finger.session import fill_plane, fill_volume, gmsh_model, simp
 from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.shape import Capsule
 from tactile_fem.finger.simplex import Indices, Triangles, facets_of, quadratic
-from tactile_fem.finger.surfaces import NailOutline, Skin
 
 logger = logging.getLogger(__name__)
 
@@ -81,7 +80,9 @@ def _solid_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Indi
     skin, cut_y = anatomy.skin, anatomy.skin.capsule.cut_y
     size = anatomy.sizes.on_skin(skin.capsule)
     outer, normals, under_nail = triangulate(skin, size, anatomy.nail)
-    _warn_of_low_cut(outer.points, cut_y)
+    lift = outer.points[outer.points[:, 1] < cut_y + 1e-6, 2].min()
+    if lift < _LEAST_CUT_HEIGHT_MM:  # a flat stimulator might touch it
+        logger.warning("the skin rises only %.1f mm from the contact point to the cut", lift)
     directions = extrusion_directions(outer.points, normals, cut_y)
     nodes, cells, tissue = extrude(outer, directions, under_nail, anatomy.rows)
     first = len(nodes) - len(outer.points)
@@ -89,13 +90,6 @@ def _solid_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Indi
         _check_room(skin, nodes[first:], anatomy.rows.depths[-1])
     nodes, fat, marrow = _fill(nodes, outer.triangles + first, anatomy)
     return nodes, (cells, tissue), fat, marrow
-
-
-def _warn_of_low_cut(skin_points: Array, cut_y: float) -> None:
-    """Warn if the skin at the cut is so low that a flat stimulator might touch it."""
-    lift = skin_points[skin_points[:, 1] < cut_y + 1e-6, 2].min()
-    if lift < _LEAST_CUT_HEIGHT_MM:
-        logger.warning("the skin rises only %.1f mm from the contact point to the cut", lift)
 
 
 def _check_room(skin: Skin, inner: Array, depth: float) -> None:

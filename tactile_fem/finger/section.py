@@ -41,7 +41,9 @@ def section_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Ind
     rows = anatomy.rows.divided(sizes.pad)
     skin = _contour(capsule, plane)
     nail = anatomy.nail.ends(plane.axes[0])
-    at_nail = _dorsal_lengths(skin, capsule, plane, nail)
+    dorsal = np.flatnonzero(_is_dorsal(skin.points, capsule))
+    along = plane.within(skin.points[dorsal])[:, 0]
+    at_nail = [skin.length[dorsal[np.argmin(np.abs(along - end))]] for end in nail]
     skin = _divided(skin, _skin_sizes(skin, anatomy), [0.0, *at_nail])
     nodes = _columns(skin, rows, anatomy)
     following = np.roll(skin.points, -1, axis=0)
@@ -96,15 +98,6 @@ def _skin_sizes(skin: Contour, anatomy: Anatomy) -> list[float]:
     if finger.is_ridged:
         found[np.abs(skin.length) <= finger.ridged_half_length_mm] = anatomy.sizes.pad
     return found.tolist()
-
-
-def _dorsal_lengths(
-    skin: Contour, capsule: Capsule, plane: Plane, ends: tuple[float, float]
-) -> list[float]:
-    """Return the lengths at which the dorsal side of the skin has two coordinates."""
-    dorsal = np.flatnonzero(_is_dorsal(skin.points, capsule))
-    along = plane.within(skin.points[dorsal])[:, 0]
-    return [float(skin.length[dorsal[np.argmin(np.abs(along - end))]]) for end in ends]
 
 
 def _divided(contour: Contour, size: list[float], ends: list[float]) -> Contour:
