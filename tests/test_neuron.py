@@ -375,11 +375,10 @@ def test_rate_and_psth_hold_all_spikes():
             response.rate(times, wrong)
 
 
-def test_latency_intervals_and_events():
+def test_latency_mean_rate_and_events():
     response = Response([np.array([0.0, 0.05, 0.15]), np.empty(0)], -0.1, 0.2)
     assert response.latency() == pytest.approx([0.1, np.nan], nan_ok=True)
     assert response.latency(0.01) == pytest.approx([0.04, np.nan], nan_ok=True)
-    assert [list(np.round(times, 9)) for times in response.intervals()] == [[0.05, 0.1], []]
     assert response.mean_rate(0.0, 0.15) == pytest.approx([2 / 0.15, 0])
     receptor, time = response.events()
     assert receptor.tolist() == [0, 0, 0] and time.tolist() == [0.0, 0.05, 0.15]

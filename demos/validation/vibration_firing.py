@@ -39,7 +39,8 @@ def spikes(neuron: Neuron, time_s: Array, felt: Array, thresholds: ArrayLike = 1
     """
     median = neuron.model_copy(update={"gain_spread": 0.0, "threshold_spread": 0.0})
     adapted = held(transduction_of(median), _HELD_S)
-    raised = Varied(adapted, np.broadcast_to(thresholds, felt.shape[1]))
+    each = np.broadcast_to(thresholds, felt.shape[1])
+    raised = Varied(adapted, each, np.zeros(felt.shape[1]))
     return Population("one", median, _FELT, raised).fire({"time_s": time_s, "felt": felt}).spikes
 
 

@@ -67,10 +67,6 @@ class Response:
         late = (times[times >= onset] for times in self.spikes)
         return np.array([times[0] - onset if len(times) else np.nan for times in late])
 
-    def intervals(self) -> list[Array]:
-        """Return the intervals between spikes, s, an array per receptor."""
-        return [np.diff(times) for times in self.spikes]
-
     def bundles(self, gap_s: float, least: int = 3) -> list[list[Bundle]]:
         """Return the bundles of each receptor: at least so many spikes, no longer gap in them."""
         found: list[list[Bundle]] = []
