@@ -38,7 +38,7 @@ from tactile_fem import (
     write_table,
 )
 from tactile_fem.calibration.press import press
-from tactile_fem.runtime.estimates import r_squared
+from tactile_fem.neuron import r_squared
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Text, Tissue
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

@@ -11,7 +11,7 @@ from tactile_fem.neuron.fields import (
     MaterialPoint,
     trial_histories,
 )
-from tactile_fem.neuron.fitting import FitWarning, RateFit, fit
+from tactile_fem.neuron.fitting import Estimate, FitWarning, RateFit, fit, r_squared
 from tactile_fem.neuron.population import Population, fields_of, fire_all, replaced, respond
 from tactile_fem.neuron.rates import (
     Recording,
@@ -30,6 +30,7 @@ __all__ = [
     "STANDARD",
     "STRETCHES",
     "Drive",
+    "Estimate",
     "ExponentialSum",
     "Field",
     "FitWarning",
@@ -49,6 +50,7 @@ __all__ = [
     "fit",
     "mean_rates",
     "modelled_rates",
+    "r_squared",
     "rate_of",
     "replaced",
     "respond",

@@ -16,7 +16,6 @@ from tactile_fem.neuron.drives import checked
 from tactile_fem.neuron.rates import Recording, Window, modelled_rates
 from tactile_fem.neuron.settings import Neuron
 from tactile_fem.neuron.transduction import intercept_pA
-from tactile_fem.runtime.estimates import Estimate, r_squared
 
 Array = NDArray[Any]
 _GAIN, _SHARE, _TIME_S, _FACTOR = (0.0, np.inf), (0.0, 1.0), (1e-3, 1e3), (1e-3, 1e3)
@@ -47,6 +46,25 @@ _SMALLEST_SINGULAR_RATIO = 2e-3
 
 class FitWarning(UserWarning):
     """A constant that the data do not determine."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted constant with its 95 % interval.
+
+    `doubt` says why the data do not determine it; empty if they do.
+    """
+
+    value: float
+    low: float
+    high: float
+    doubt: str = ""
+
+
+def r_squared(model: NDArray[Any], measured: NDArray[Any]) -> float:
+    """Return the coefficient of determination; NaN if all measured values are equal."""
+    spread = np.sum((measured - measured.mean()) ** 2)
+    return float(1 - np.sum((model - measured) ** 2) / spread) if spread else float("nan")
 
 
 @dataclass(frozen=True)

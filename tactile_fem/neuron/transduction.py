@@ -247,7 +247,7 @@ class BandPass:
         return self._gain * (np.maximum(y, 0.0) + self._off * np.maximum(-y, 0.0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Held:
     """Transduction of afferents that have met the first value of a history for `held_s` before.
 
@@ -270,7 +270,7 @@ def held(own: Transduction, held_s: float) -> Transduction:
     return own if isinstance(own, BandPass) else Held(own, held_s)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Varied:
     """Transduction of afferents with thresholds higher by factors, and currents at rest, (n,).
 
