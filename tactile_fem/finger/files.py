@@ -60,11 +60,8 @@ def read_mesh(path: str | os.PathLike[str]) -> FingerMesh:
 
 def _read_npz(path: str | os.PathLike[str]) -> FingerMesh:
     with np.load(path, allow_pickle=False) as arrays:
-        fields = {
-            name.removeprefix(_FIELD): arrays[name]
-            for name in arrays.files
-            if name.startswith(_FIELD)
-        }
+        own = [name for name in arrays.files if name.startswith(_FIELD)]
+        fields = {name.removeprefix(_FIELD): arrays[name] for name in own}
         mesh = FingerMesh(**{name: arrays[name] for name in _ARRAYS}, fields=fields)
     indices = np.concatenate([mesh.cells.ravel(), mesh.facets.ravel()])
     if indices.min() < 0 or indices.max() >= len(mesh.nodes):

@@ -34,15 +34,7 @@ class Bundle(NamedTuple):
 
 @dataclass(frozen=True)
 class Response:
-    """Spikes per receptor.
-
-    Attributes
-    ----------
-    spikes
-        Increasing times of the spikes, s, an array per receptor.
-    start_s, end_s
-        What the history covered.
-    """
+    """Increasing times of spikes, s, an array per receptor, and the span of the history."""
 
     spikes: list[Array]
     start_s: float
