@@ -42,14 +42,9 @@ class MeshError(StudyError):
 
 
 class PlaceError(MeshError):
-    """What is wrong with a finger at one place.
+    """What is wrong with a finger at one place, (3,) in its axes.
 
-    Parameters
-    ----------
-    message
-        One sentence, in which ``{place}`` is replaced by the place.
-    place_mm
-        (3,) in the finger's axes.
+    In the message, one sentence, ``{place}`` is replaced by it.
     """
 
     def __init__(self, message: str, place_mm: Iterable[float]) -> None:
@@ -62,14 +57,8 @@ class PlaceError(MeshError):
 class ConvergenceError(TactileError):
     """The mechanics diverged at the smallest allowed step.
 
-    Parameters
-    ----------
-    message
-        One sentence: where, and what to try.
-    stimulator_mm
-        Place of the body at the last converged step, (3,).
-    reason
-        PETSc's reason in words.
+    The message says where, and what to try; `stimulator_mm` (3,) is the place of the body at the
+    last converged step, `reason` PETSc's in words.
     """
 
     exit_code = 3
@@ -83,12 +72,7 @@ class ConvergenceError(TactileError):
 class StoppedError(TactileError):
     """A signal ended the work; the exit code is 128 plus its number, as in a shell.
 
-    Parameters
-    ----------
-    number
-        The signal.
-    kept
-        What was saved, in words; empty if that is not known.
+    `kept` is what was saved, in words; empty if that is not known.
     """
 
     def __init__(self, number: int, kept: str = "") -> None:

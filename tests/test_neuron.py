@@ -12,9 +12,7 @@ from tactile_fem.neuron import (
     Population,
     Response,
     current_at,
-    load,
     respond,
-    save,
     to_neo,
     transduction,
 )
@@ -377,11 +375,10 @@ def test_rate_and_psth_hold_all_spikes():
             response.rate(times, wrong)
 
 
-def test_latency_intervals_and_events():
+def test_latency_mean_rate_and_events():
     response = Response([np.array([0.0, 0.05, 0.15]), np.empty(0)], -0.1, 0.2)
     assert response.latency() == pytest.approx([0.1, np.nan], nan_ok=True)
     assert response.latency(0.01) == pytest.approx([0.04, np.nan], nan_ok=True)
-    assert [list(np.round(times, 9)) for times in response.intervals()] == [[0.05, 0.1], []]
     assert response.mean_rate(0.0, 0.15) == pytest.approx([2 / 0.15, 0])
     receptor, time = response.events()
     assert receptor.tolist() == [0, 0, 0] and time.tolist() == [0.0, 0.05, 0.15]
@@ -401,21 +398,6 @@ def test_the_peak_rate_is_that_of_the_shortest_successive_intervals():
     response = Response([spikes, few], 0.0, 1.0)
     np.testing.assert_allclose(response.peak_rate(2), [2 / 0.05, 2 / 0.2])
     np.testing.assert_allclose(response.peak_rate(), [3 / 0.15, 0.0])
-
-
-def test_responses_are_kept(tmp_path):
-    response = Response([np.empty(0), np.array([0.1, 1 / 3]), np.empty(0)], -0.1, 0.5)
-    save(response, tmp_path / "spikes.npz")
-    again = load(tmp_path / "spikes.npz")
-    assert (again.start_s, again.end_s, len(again.spikes)) == (-0.1, 0.5, 3)
-    assert all(np.array_equal(*pair) for pair in zip(again.spikes, response.spikes, strict=True))
-    save(response, tmp_path / "spikes.csv")
-    lines = (tmp_path / "spikes.csv").read_text().splitlines()
-    assert lines == ["receptor,time_s", "1,0.1", f"1,{1 / 3}"]
-    with pytest.raises(StudyError, match=r'not "\.mat"'):
-        save(response, tmp_path / "spikes.mat")
-    with pytest.raises(StudyError, match="holds no response"):
-        load(tmp_path / "spikes.csv")
 
 
 def test_neo_gets_every_spike():

@@ -13,11 +13,10 @@ from scipy.spatial.transform import Rotation
 from tactile_fem.cli import app as cli
 from tactile_fem.errors import MeshError, PlaceError, StudyError
 from tactile_fem.finger import SURFACES, TISSUES, build_finger
-from tactile_fem.finger.anatomy import Anatomy
+from tactile_fem.finger.anatomy import Anatomy, SurfaceFiles
 from tactile_fem.finger.build import triangulate
 from tactile_fem.finger.shape import bone_shape, skin_shape
 from tactile_fem.finger.simplex import facets_of, volumes
-from tactile_fem.finger.surfaces import SurfaceFiles
 from tactile_fem.shapes.scans import Scans
 from tactile_fem.study import Finger
 from tactile_fem.study.file import load_study

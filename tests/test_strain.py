@@ -3,8 +3,8 @@
 import numpy as np
 from blocks import block_mesh
 from needs import needs_gmsh
+from strains import deformation_gradients, principal_strains, under_contact
 
-from tactile_fem.finger.deformation import deformation_gradients, principal_strains, under_contact
 from tactile_fem.study import Finger
 
 

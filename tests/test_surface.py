@@ -5,7 +5,7 @@ import pytest
 from blocks import block_mesh
 
 from tactile_fem.errors import StudyError
-from tactile_fem.finger.deformation import SkinSurface
+from tactile_fem.finger import SkinSurface
 
 GRID = np.linspace(-1, 1, 4)
 PLACES = [(0.1, 0.2), (-0.9, 0.4), (1.0, -1.0), (1 / 3, 1 / 3)]

@@ -40,8 +40,8 @@ from tactile_fem.neuron import (
     fit,
     mean_rates,
     modelled_rates,
+    r_squared,
 )
-from tactile_fem.runtime.estimates import r_squared
 from tactile_fem.study import Neuron
 
 RAMP_HZ, HELD_HZ = (100.0, 200.0), (10.0, 50.0)  # expected under cylinders

@@ -49,7 +49,7 @@ from hamasaki2020_readings import (
 )
 
 from tactile_fem import Study, load_study, run_script, write_table
-from tactile_fem.runtime.estimates import r_squared
+from tactile_fem.neuron import r_squared
 from tactile_fem.runtime.files import atomic_write
 from tactile_fem.series import Member, RateImage, run_all
 from tactile_fem.study import (

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tactile_fem import Results, Study
 from tactile_fem.calibration.measurements import read_measurements
 from tactile_fem.calibration.press import deflection
-from tactile_fem.finger.deformation import SkinSurface
+from tactile_fem.finger import SkinSurface
 from tactile_fem.neuron import RateFit, Recording, Response, Window, fit, mean_rates, respond
 from tactile_fem.neuron.response import Bundle
 from tactile_fem.results.histories import central_receptor, extrema

@@ -25,6 +25,7 @@ from typing import Any, Literal
 import numpy as np
 from slip import drag as drag_plate
 from slip import full_slip, tangential_stiffness
+from strains import principal_strains, under_contact
 
 from tactile_fem import (
     Experiment,
@@ -37,8 +38,7 @@ from tactile_fem import (
     write_table,
 )
 from tactile_fem.calibration.press import press
-from tactile_fem.finger.deformation import principal_strains, under_contact
-from tactile_fem.runtime.estimates import r_squared
+from tactile_fem.neuron import r_squared
 from tactile_fem.study import Finger, Plate, Protocol, Receptors, Solver, Text, Tissue
 
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)

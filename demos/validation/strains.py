@@ -21,13 +21,7 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 from tactile_fem import FingerMesh, Study, completed, run_script, write_table
-from tactile_fem.finger import SURFACES
-from tactile_fem.finger.deformation import (
-    centres,
-    deformation_gradients,
-    principal_strains,
-    under_contact,
-)
+from tactile_fem.finger import SURFACES, TISSUES
 from tactile_fem.study import Finger
 
 Array = NDArray[np.float64]
@@ -116,6 +110,40 @@ def pressed(folder: Path, finger: Finger, stimulus: dict[str, Any], force_N_mm: 
         }
     )
     return completed(study, folder).load_checkpoint()["u"]
+
+
+# %%
+def deformation_gradients(finger: FingerMesh, displacement_mm: Array, tissue: str) -> Array:
+    """Return F (cells, d, d) at the centres of the cells of a tissue; d is 2 in a section.
+
+    `displacement_mm` (n, d) is that of the nodes.
+    """
+    cells, shape = finger.cells[finger.tissue == TISSUES[tissue]], finger.simplex
+    corners = finger.plane.within(finger.nodes)[cells[:, : shape.corners]]
+    edges = corners[:, 1:] - corners[:, :1]
+    slopes = shape.gradients(np.full(shape.corners, 1 / shape.corners))
+    gradient = np.einsum("na,cni->cia", slopes, displacement_mm[cells])
+    # The inverse of the edges is the gradient of the reference coordinates, transposed.
+    return np.eye(shape.dim) + gradient @ np.swapaxes(np.linalg.inv(edges), 1, 2)
+
+
+def principal_strains(finger: FingerMesh, displacement_mm: Array, tissue: str) -> Array:
+    """Return the principal strains (cells, d), stretch less 1, in increasing order."""
+    F = deformation_gradients(finger, displacement_mm, tissue)
+    return np.linalg.svd(F, compute_uv=False)[:, ::-1] - 1
+
+
+def centres(finger: FingerMesh, tissue: str) -> Array:
+    """Return the centres (cells, 3) of the undeformed cells of a tissue, mm."""
+    cells = finger.cells[finger.tissue == TISSUES[tissue], : finger.simplex.corners]
+    return finger.nodes[cells].mean(axis=1)
+
+
+def under_contact(finger: FingerMesh, tissue: str, half_mm: float) -> NDArray[np.bool_]:
+    """Return which cells of a tissue lie within `half_mm` of the contact point, X and Y."""
+    at = centres(finger, tissue)
+    palmar = at[:, 2] < np.median(finger.nodes[:, 2])
+    return palmar & np.all(np.abs(at[:, :2]) < half_mm, axis=1)
 
 
 # %%

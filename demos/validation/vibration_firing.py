@@ -14,7 +14,7 @@ from scipy.stats import norm
 
 from tactile_fem import Population
 from tactile_fem.neuron import Drive, drive_of
-from tactile_fem.neuron.transduction import Raised, held, transduction_of
+from tactile_fem.neuron.transduction import Varied, held, transduction_of
 from tactile_fem.study import Neuron
 from tactile_fem.vibration import Spectrum
 
@@ -39,7 +39,8 @@ def spikes(neuron: Neuron, time_s: Array, felt: Array, thresholds: ArrayLike = 1
     """
     median = neuron.model_copy(update={"gain_spread": 0.0, "threshold_spread": 0.0})
     adapted = held(transduction_of(median), _HELD_S)
-    raised = Raised(adapted, np.broadcast_to(thresholds, felt.shape[1]))
+    each = np.broadcast_to(thresholds, felt.shape[1])
+    raised = Varied(adapted, each, np.zeros(felt.shape[1]))
     return Population("one", median, _FELT, raised).fire({"time_s": time_s, "felt": felt}).spikes
 
 

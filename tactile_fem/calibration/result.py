@@ -11,7 +11,7 @@ from scipy.special import chdtrc, ndtri
 from tactile_fem.calibration.measurements import Experiment, deviations
 from tactile_fem.calibration.parameters import Parameter, unit_of, value_at
 from tactile_fem.calibration.posterior import Posterior
-from tactile_fem.runtime.estimates import Estimate, r_squared
+from tactile_fem.neuron import Estimate, r_squared
 from tactile_fem.runtime.text import aligned
 from tactile_fem.study import Study
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.parameters import unit_of, value_at
 from tactile_fem.calibration.result import Calibration
-from tactile_fem.runtime.estimates import Estimate
+from tactile_fem.neuron import Estimate
 from tactile_fem.runtime.files import write_figure, write_table, write_text
 from tactile_fem.study import dump_study, keep_files
 

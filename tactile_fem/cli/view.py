@@ -40,7 +40,7 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
     the_study = load_study(study, changes)
     check_file("--output", output, ".png")
     from tactile_fem import preview as preview_of
-    from tactile_fem.finger.surfaces import SurfaceFiles
+    from tactile_fem.finger.anatomy import SurfaceFiles
     from tactile_fem.runtime.files import write_figure
 
     try:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
+from itertools import pairwise
 from types import ModuleType
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_fem.errors import MeshError, PlaceError
-from tactile_fem.finger.anatomy import Anatomy
+from tactile_fem.finger.anatomy import Anatomy, NailOutline, Skin
 from tactile_fem.finger.layers import CUT_BLEND_MM, Size, extrude, extrusion_directions
 from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh, edges_per_ridge
 from tactile_fem.finger.plane import Array
@@ -24,7 +25,6 @@ from tactile_fem.finger.session import fill_plane, fill_volume, gmsh_model, simp
 from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.shape import Capsule
 from tactile_fem.finger.simplex import Indices, Triangles, facets_of, quadratic
-from tactile_fem.finger.surfaces import NailOutline, Skin
 
 logger = logging.getLogger(__name__)
 
@@ -35,10 +35,7 @@ _LEAST_DEPTH_SHARE = 0.7  # of the thickness of the layers: how far their inner 
 def build_finger(finger: FingerSettings) -> FingerMesh:
     """Mesh a finger; the same parameters give the same mesh.
 
-    Raises
-    ------
-    MeshError
-        The lengths do not make a finger, or gmsh is missing or fails.
+    Raises MeshError if the lengths do not make a finger, or gmsh is missing or fails.
     """
     anatomy = Anatomy.of(finger)
     make_cells = section_cells if finger.is_section else _solid_cells
@@ -75,15 +72,14 @@ def _tagged_surfaces(
     return facets[chosen], tag[chosen]
 
 
-# --- solid finger --------------------------------------------------------------------------------
-
-
 def _solid_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Indices, Indices]:
     """Return nodes (n, 3); tetrahedra (m, 4) of the layers, their tissues (m,); of fat; of bone."""
     skin, cut_y = anatomy.skin, anatomy.skin.capsule.cut_y
     size = anatomy.sizes.on_skin(skin.capsule)
     outer, normals, under_nail = triangulate(skin, size, anatomy.nail)
-    _warn_of_low_cut(outer.points, cut_y)
+    lift = outer.points[outer.points[:, 1] < cut_y + 1e-6, 2].min()
+    if lift < _LEAST_CUT_HEIGHT_MM:  # a flat stimulator might touch it
+        logger.warning("the skin rises only %.1f mm from the contact point to the cut", lift)
     directions = extrusion_directions(outer.points, normals, cut_y)
     nodes, cells, tissue = extrude(outer, directions, under_nail, anatomy.rows)
     first = len(nodes) - len(outer.points)
@@ -91,13 +87,6 @@ def _solid_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Indi
         _check_room(skin, nodes[first:], anatomy.rows.depths[-1])
     nodes, fat, marrow = _fill(nodes, outer.triangles + first, anatomy)
     return nodes, (cells, tissue), fat, marrow
-
-
-def _warn_of_low_cut(skin_points: Array, cut_y: float) -> None:
-    """Warn if the skin at the cut is so low that a flat stimulator might touch it."""
-    lift = skin_points[skin_points[:, 1] < cut_y + 1e-6, 2].min()
-    if lift < _LEAST_CUT_HEIGHT_MM:
-        logger.warning("the skin rises only %.1f mm from the contact point to the cut", lift)
 
 
 def _check_room(skin: Skin, inner: Array, depth: float) -> None:
@@ -208,20 +197,12 @@ def _add_capsule(gmsh: ModuleType, capsule: Capsule, outline: NailOutline | None
 def _nail_walls(occ: Any, outline: NailOutline, height: float) -> list[tuple[int, int]]:
     """Add upright walls along the outline."""
     left, near, right, far = outline.centres
-    starts, ends, lines = [], [], []
-    for quarter, centre in enumerate([(right, far), (left, far), (left, near), (right, near)]):
-        turn = 0.5 * math.pi * quarter
-        ring = [
-            occ.addPoint(
-                centre[0] + outline.corner * math.cos(a),
-                centre[1] + outline.corner * math.sin(a),
-                0,
-            )
-            for a in (turn, turn + 0.5 * math.pi)
-        ]
-        lines.append((1, occ.addCircleArc(ring[0], occ.addPoint(*centre, 0), ring[1])))
-        starts.append(ring[0])
-        ends.append(ring[1])
-    for k in range(4):
-        lines.append((1, occ.addLine(ends[k], starts[(k + 1) % 4])))
+    rings, lines, r = [], [], outline.corner
+    for quarter, (x, y) in enumerate([(right, far), (left, far), (left, near), (right, near)]):
+        turns = 0.5 * math.pi * quarter, 0.5 * math.pi * quarter + 0.5 * math.pi
+        rings.append([occ.addPoint(x + r * math.cos(a), y + r * math.sin(a), 0) for a in turns])
+        start, end = rings[-1]
+        lines.append((1, occ.addCircleArc(start, occ.addPoint(x, y, 0), end)))
+    for (_, end), (start, _) in pairwise([*rings, rings[0]]):
+        lines.append((1, occ.addLine(end, start)))
     return [entity for entity in occ.extrude(lines, 0, 0, 2.0 * height) if entity[0] == 2]

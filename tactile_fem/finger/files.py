@@ -16,7 +16,7 @@ from tactile_fem.finger.mesh_data import SURFACES, TISSUES, FingerMesh
 from tactile_fem.finger.plane import Array
 from tactile_fem.finger.session import gmsh_model
 from tactile_fem.finger.simplex import FLAT, SOLID, Indices
-from tactile_fem.runtime.files import write_arrays, write_text
+from tactile_fem.runtime.files import atomic_write, write_arrays
 
 # Numbers of lines, triangles and tetrahedra in gmsh.
 _LINEAR, _QUADRATIC = {1: 1, 2: 2, 3: 4}, {1: 8, 2: 9, 3: 11}
@@ -39,12 +39,8 @@ def read_mesh(path: str | os.PathLike[str]) -> FingerMesh:
 
     A .msh file of any version contains ten-node tetrahedra and six-node triangles; of a section,
     six-node triangles and three-node lines. The tags follow from the names of its physical groups.
-    Nodes keep their order; nodes that belong to no cell are left out.
-
-    Raises
-    ------
-    MeshError
-        The file cannot be read, a part is missing, or its elements are of another order.
+    Nodes keep their order; nodes that belong to no cell are left out. Raises MeshError if the file
+    cannot be read, a part is missing, or its elements are of another order.
     """
     start = f"the mesh {path}"
     try:
@@ -64,11 +60,8 @@ def read_mesh(path: str | os.PathLike[str]) -> FingerMesh:
 
 def _read_npz(path: str | os.PathLike[str]) -> FingerMesh:
     with np.load(path, allow_pickle=False) as arrays:
-        fields = {
-            name.removeprefix(_FIELD): arrays[name]
-            for name in arrays.files
-            if name.startswith(_FIELD)
-        }
+        own = [name for name in arrays.files if name.startswith(_FIELD)]
+        fields = {name.removeprefix(_FIELD): arrays[name] for name in own}
         mesh = FingerMesh(**{name: arrays[name] for name in _ARRAYS}, fields=fields)
     indices = np.concatenate([mesh.cells.ravel(), mesh.facets.ravel()])
     if indices.min() < 0 or indices.max() >= len(mesh.nodes):
@@ -193,21 +186,16 @@ def write_mesh(path: str | os.PathLike[str], mesh: FingerMesh) -> None:
         return write_arrays(Path(path), arrays, compressed=True)
     if mesh.fields:
         raise MeshError(f"{path}: a .msh file holds no fields ({', '.join(mesh.fields)}); use .npz")
-    shape = mesh.simplex
-    names = [(shape.dim - 1, tag, n) for n, tag in SURFACES.items() if np.any(mesh.surface == tag)]
-    names += [(shape.dim, tag, n) for n, tag in TISSUES.items() if np.any(mesh.tissue == tag)]
-    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names))]
-    lines += [f'{dim} {tag} "{name}"' for dim, tag, name in names]
-    lines += ["$EndPhysicalNames", "$Nodes", str(len(mesh.nodes))]
-    lines += [f"{i} {x!r} {y!r} {z!r}" for i, (x, y, z) in enumerate(mesh.nodes.tolist(), 1)]
-    lines += ["$EndNodes", "$Elements", str(len(mesh.facets) + len(mesh.cells))]
-    count = 0
-    for kind, cells, tags in (
-        (_QUADRATIC[shape.dim - 1], mesh.facets, mesh.surface),
-        (_QUADRATIC[shape.dim], mesh.cells, mesh.tissue),
-    ):
-        for cell, tag in zip((cells + 1).tolist(), tags.tolist(), strict=True):
-            count += 1
-            lines.append(f"{count} {kind} 2 {tag} {tag} {' '.join(map(str, cell))}")
-    lines += ["$EndElements", ""]
-    write_text(Path(path), "\n".join(lines))
+    import meshio  # takes a while
+
+    shape, tags = mesh.simplex, [mesh.surface, mesh.tissue]
+    groups = [(n, tag, shape.dim - 1) for n, tag in SURFACES.items() if tag in mesh.surface]
+    groups += [(n, tag, shape.dim) for n, tag in TISSUES.items() if tag in mesh.tissue]
+    own = meshio.Mesh(
+        mesh.nodes,
+        [(shape.meshio_facet, mesh.facets), (shape.meshio, mesh.cells[:, shape.vtk_order])],
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={name: np.array(numbers) for name, *numbers in groups},
+    )
+    with atomic_write(Path(path)) as part:
+        own.write(part, "gmsh22", binary=False)

@@ -108,9 +108,6 @@ PRESETS = {
 }
 
 
-# --- rows ----------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Layering:
     """Rows of elements through the layers of skin."""
@@ -214,9 +211,6 @@ def extrude(
     # (i, j, k) is oriented outwards and the fourth corner is inside, so even ones are inverted.
     prism[~odd] = prism[~odd][..., [1, 0, 2, 3]]
     return nodes, *layers.stacked(prism.reshape(-1, 4), np.repeat(under_nail, 3), count)
-
-
-# --- fingerprints --------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.errors import MeshError
+from tactile_fem.errors import MeshError, StudyError
 from tactile_fem.finger.plane import PLANES, SPACE, Array, Plane
 from tactile_fem.finger.settings import FingerSettings
 from tactile_fem.finger.simplex import (
@@ -21,6 +21,7 @@ from tactile_fem.finger.simplex import (
     facets_of,
     gammas,
     jacobians,
+    lowest_facet,
     lowest_height,
     simplex_of,
     volumes,
@@ -168,13 +169,10 @@ class FingerMesh:
     def check(self) -> None:
         """Check that the mesh can be used for computations.
 
-        Raises
-        ------
-        MeshError
-            Cells are inverted or lack a field's value, a facet belongs to more than two of them, a
-            tissue or a surface is missing, coordinates are not finite or not in mm, a section lies
-            in no plane across or along the finger, or there is no skin or bone above the contact
-            point.
+        Raises MeshError if cells are inverted or lack a field's value, a facet belongs to more than
+        two of them, a tissue or a surface is missing, coordinates are not finite or not in mm, a
+        section lies in no plane across or along the finger, or there is no skin or bone above the
+        contact point.
         """
         for name, values in self.fields.items():
             if len(values) != len(self.cells) or not np.all(np.isfinite(values)):
@@ -201,6 +199,38 @@ class FingerMesh:
         except ValueError as error:
             raise MeshError(f"the mesh is not conforming: {error}") from error
         _ = self.pad_thickness_mm
+
+
+class SkinSurface:
+    """Points on the undeformed skin of the pad, and the interpolation of nodal vectors to them.
+
+    The points have places X, Y `xy_mm` (k, 2); `rest_mm` (k, 3) are the undeformed ones. Raises
+    StudyError if there is no skin.
+    """
+
+    def __init__(self, finger: FingerMesh, xy_mm: ArrayLike) -> None:
+        facets = finger.facets[finger.surface == SURFACES["skin"]]
+        corners = finger.corners_of("skin")
+        nodes, weights = [], []
+        for x, y in np.asarray(xy_mm, float):
+            found = lowest_facet(x, y, corners)
+            if found is None:
+                raise StudyError(f"there is no skin at X {x:.2f}, Y {y:.2f} mm")
+            nodes.append(facets[found[0]])
+            weights.append(found[1])
+        self._nodes, at = np.array(nodes), np.array(weights)
+        one, other = finger.simplex.facet_edges.T
+        # The quadratic functions of the corners, then of the mid-nodes.
+        self._basis = np.hstack([at * (2 * at - 1), 4 * at[:, one] * at[:, other]])
+        self.rest_mm = self.at(finger.nodes)
+
+    def at(self, nodal: ArrayLike) -> Array:
+        """Return values (k, c) at the points from nodal values (n, c), in the order of the file."""
+        return np.einsum("kn,knc->kc", self._basis, np.asarray(nodal)[self._nodes])
+
+    def deformed_mm(self, displacement_mm: ArrayLike) -> Array:
+        """Return the deformed points (k, 3) for nodal displacements (n, 3)."""
+        return self.rest_mm + self.at(displacement_mm)
 
 
 def held_parts(

@@ -41,7 +41,9 @@ def section_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Ind
     rows = anatomy.rows.divided(sizes.pad)
     skin = _contour(capsule, plane)
     nail = anatomy.nail.ends(plane.axes[0])
-    at_nail = _dorsal_lengths(skin, capsule, plane, nail)
+    dorsal = np.flatnonzero(_is_dorsal(skin.points, capsule))
+    along = plane.within(skin.points[dorsal])[:, 0]
+    at_nail = [skin.length[dorsal[np.argmin(np.abs(along - end))]] for end in nail]
     skin = _divided(skin, _skin_sizes(skin, anatomy), [0.0, *at_nail])
     nodes = _columns(skin, rows, anatomy)
     following = np.roll(skin.points, -1, axis=0)
@@ -57,9 +59,6 @@ def section_cells(anatomy: Anatomy) -> tuple[Array, tuple[Indices, Indices], Ind
     flat = plane.within(nodes)
     cells, fat, marrow = (_counterclockwise(part, flat) for part in (cells, fat, marrow))
     return nodes, (cells, tissue), fat, marrow
-
-
-# --- contours ------------------------------------------------------------------------------------
 
 
 def _contour(body: Capsule, plane: Plane) -> Contour:
@@ -101,15 +100,6 @@ def _skin_sizes(skin: Contour, anatomy: Anatomy) -> list[float]:
     return found.tolist()
 
 
-def _dorsal_lengths(
-    skin: Contour, capsule: Capsule, plane: Plane, ends: tuple[float, float]
-) -> list[float]:
-    """Return the lengths at which the dorsal side of the skin has two coordinates."""
-    dorsal = np.flatnonzero(_is_dorsal(skin.points, capsule))
-    along = plane.within(skin.points[dorsal])[:, 0]
-    return [float(skin.length[dorsal[np.argmin(np.abs(along - end))]]) for end in ends]
-
-
 def _divided(contour: Contour, size: list[float], ends: list[float]) -> Contour:
     """Divide a contour by edges of a size (n,), so that edges end at some lengths."""
     length = contour.length
@@ -128,9 +118,6 @@ def _divided(contour: Contour, size: list[float], ends: list[float]) -> Contour:
     )
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return Contour(points, normals, at, contour.closed)
-
-
-# --- layers --------------------------------------------------------------------------------------
 
 
 def _columns(skin: Contour, rows: Layering, anatomy: Anatomy) -> Array:
@@ -163,9 +150,6 @@ def _triangles_of_layers(
     one = np.where(leans, quads[:, [0, 1, 2]], quads[:, [0, 1, 3]])
     other = np.where(leans, quads[:, [0, 2, 3]], quads[:, [1, 2, 3]])
     return rows.stacked(np.concatenate([one, other]), np.tile(under_nail, 2), count)
-
-
-# --- fat and bone --------------------------------------------------------------------------------
 
 
 def _fill(nodes: Array, count: int, bone: Contour, size: float) -> tuple[Array, Indices, Indices]:

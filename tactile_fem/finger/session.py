@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from types import ModuleType
 from typing import Literal
 
@@ -39,12 +40,7 @@ def gmsh_model(
 ) -> Iterator[ModuleType]:
     """Provide gmsh with an empty model and silent, reproducible settings; leave it as it was.
 
-    Raises MeshError if gmsh is missing, or fails while meshing.
-
-    Parameters
-    ----------
-    need
-        Begins the sentence if it is missing.
+    Raises MeshError if gmsh fails while meshing, or is missing, in a sentence that `need` begins.
     """
     try:
         import gmsh
@@ -95,10 +91,8 @@ def fill_plane(nodes: Array, loops: list[NDArray[np.int64]], size: float) -> tup
             geo.addPoint(*nodes[tag], tag=int(tag) + 1)
         wires = []
         for loop in loops:
-            lines = [
-                geo.addLine(int(a) + 1, int(b) + 1)
-                for a, b in zip(loop, np.roll(loop, -1), strict=True)
-            ]
+            points = (loop + 1).tolist()
+            lines = [geo.addLine(*pair) for pair in pairwise([*points, points[0]])]
             wires.append(geo.addCurveLoop(lines))
             for line in lines:
                 geo.mesh.setTransfiniteCurve(line, 2)
@@ -108,10 +102,8 @@ def fill_plane(nodes: Array, loops: list[NDArray[np.int64]], size: float) -> tup
         gmsh.option.setNumber("Mesh.MeshSizeMax", size)
         gmsh.model.mesh.generate(2)
         # The mesh node of a point has another number.
-        number = {}
-        for tag in known:
-            ((node,), _, _) = gmsh.model.mesh.getNodes(0, int(tag) + 1)
-            number[int(node)] = int(tag)
+        own = gmsh.model.mesh.getNodes
+        number = {int(own(0, tag + 1)[0][0]): tag for tag in known.tolist()}
         return _with_new_nodes(gmsh, nodes, number, 2)
 
 
@@ -138,7 +130,7 @@ def fill_volume(
         if improve:  # with the optimizer of gmsh if it was built without Netgen, as in Debian
             has_netgen = "Netgen" in gmsh.option.getString("General.BuildOptions")
             mesh.optimize("Netgen" if has_netgen else "", force=True)
-        return _with_new_nodes(gmsh, nodes, {int(k) + 1: int(k) for k in known}, 3)
+        return _with_new_nodes(gmsh, nodes, {k + 1: k for k in known.tolist()}, 3)
 
 
 def _with_new_nodes(

@@ -196,8 +196,6 @@ class FingerSettings(Either):
             defaults["solver"] = {"linear": "direct"}
         return defaults
 
-    # --- its kind --------------------------------------------------------------------------------
-
     @property
     def is_section(self) -> bool:
         """Whether it is a plane section."""
@@ -232,8 +230,6 @@ class FingerSettings(Either):
         """Raise StudyError if it is a section, and a purpose needs a solid finger."""
         if self.is_section:
             raise StudyError(f'finger.kind is "section" but must be "solid" for {purpose}.')
-
-    # --- its lengths -----------------------------------------------------------------------------
 
     def size_keys(self) -> list[tuple[str, ...]]:
         """Return the keys of the lengths that a larger finger of the same shape has larger.

@@ -53,6 +53,7 @@ class Simplex:
     facet_edges: Indices  # edges of a facet
     vtk_order: list[int]  # position of each of VTK's nodes
     meshio: str  # name of the quadratic cell
+    meshio_facet: str
     plural: str
     measure: str  # name of the size
 
@@ -81,6 +82,7 @@ SOLID = Simplex(
     facet_edges=_TRIANGLE,
     vtk_order=[0, 1, 2, 3, 4, 5, 6, 7, 9, 8],  # so in meshio, CalculiX and Abaqus, too
     meshio="tetra10",
+    meshio_facet="triangle6",
     plural="tetrahedra",
     measure="volume",
 )
@@ -91,6 +93,7 @@ FLAT = Simplex(
     facet_edges=np.array([[0, 1]]),
     vtk_order=[*range(6)],
     meshio="triangle6",
+    meshio_facet="line3",
     plural="triangles",
     measure="area",
 )
@@ -142,9 +145,6 @@ def quadratic(nodes: Array, cells: Indices, facets: Indices) -> tuple[Array, Ind
         np.hstack([cells, middle]),
         np.hstack([facets, sides]),
     )
-
-
-# --- measures ------------------------------------------------------------------------------------
 
 
 def _edges(nodes: Array, cells: Indices) -> Array:

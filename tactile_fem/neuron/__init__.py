@@ -11,7 +11,7 @@ from tactile_fem.neuron.fields import (
     MaterialPoint,
     trial_histories,
 )
-from tactile_fem.neuron.fitting import FitWarning, RateFit, fit
+from tactile_fem.neuron.fitting import Estimate, FitWarning, RateFit, fit, r_squared
 from tactile_fem.neuron.population import Population, fields_of, fire_all, replaced, respond
 from tactile_fem.neuron.rates import (
     Recording,
@@ -21,7 +21,7 @@ from tactile_fem.neuron.rates import (
     modelled_rates,
     rate_of,
 )
-from tactile_fem.neuron.response import Response, load, save, to_neo
+from tactile_fem.neuron.response import Response, to_neo
 
 __all__ = [
     "DRIVES",
@@ -30,6 +30,7 @@ __all__ = [
     "STANDARD",
     "STRETCHES",
     "Drive",
+    "Estimate",
     "ExponentialSum",
     "Field",
     "FitWarning",
@@ -47,13 +48,12 @@ __all__ = [
     "fields_of",
     "fire_all",
     "fit",
-    "load",
     "mean_rates",
     "modelled_rates",
+    "r_squared",
     "rate_of",
     "replaced",
     "respond",
-    "save",
     "to_neo",
     "trial_histories",
 ]

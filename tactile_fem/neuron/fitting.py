@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -16,7 +16,6 @@ from tactile_fem.neuron.drives import checked
 from tactile_fem.neuron.rates import Recording, Window, modelled_rates
 from tactile_fem.neuron.settings import Neuron
 from tactile_fem.neuron.transduction import intercept_pA
-from tactile_fem.runtime.estimates import Estimate, r_squared
 
 Array = NDArray[Any]
 _GAIN, _SHARE, _TIME_S, _FACTOR = (0.0, np.inf), (0.0, 1.0), (1e-3, 1e3), (1e-3, 1e3)
@@ -47,6 +46,25 @@ _SMALLEST_SINGULAR_RATIO = 2e-3
 
 class FitWarning(UserWarning):
     """A constant that the data do not determine."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted constant with its 95 % interval.
+
+    `doubt` says why the data do not determine it; empty if they do.
+    """
+
+    value: float
+    low: float
+    high: float
+    doubt: str = ""
+
+
+def r_squared(model: NDArray[Any], measured: NDArray[Any]) -> float:
+    """Return the coefficient of determination; NaN if all measured values are equal."""
+    spread = np.sum((measured - measured.mean()) ** 2)
+    return float(1 - np.sum((model - measured) ** 2) / spread) if spread else float("nan")
 
 
 @dataclass(frozen=True)
@@ -86,19 +104,8 @@ def fit(
     squares on the deviations in all windows. A `FitWarning` names a constant that has no effect, is
     at its limit, that others can compensate for, or whose interval is wider than its value.
 
-    Parameters
-    ----------
-    recordings
-        Histories and rates.
-    neuron
-        Model, membrane, the constants that are not fitted, and where the free ones start.
-    free
-        Names of the constants to fit; of a tuple, ``name[0]``.
-
-    Raises
-    ------
-    StudyError
-        Bad history, windows or names.
+    `neuron` has the model, the constants that are not fitted, and where the `free` ones start; one
+    of a tuple is named ``name[0]``. Raises StudyError for a bad history, windows or names.
     """
     from scipy.optimize import least_squares
 
@@ -158,9 +165,9 @@ class _Varied:
             values = self._best(cases, tries)
         for name in self.afferents:
             place = self._place(name)
-            tries = [values.copy() for _ in product(_GAINS, _THRESHOLDS)]
-            for each, pair in zip(tries, product(_GAINS, _THRESHOLDS), strict=True):
-                each[place : place + 2] = pair
+            parts = values[:place], values[place + 2 :]
+            pairs = product(_GAINS, _THRESHOLDS)
+            tries = [np.concatenate([parts[0], pair, parts[1]]) for pair in pairs]
             values = self._best([case for case in cases if case.afferent == name], tries)
         return values
 
@@ -196,7 +203,14 @@ class _Varied:
 
     def neuron_with(self, values: Array) -> Neuron:
         """Return the median afferent."""
-        return _with(self.neuron, self.free, values[: len(self.free)])
+        changed: dict[str, Any] = {}
+        for name, value in zip(self.free, values.tolist(), strict=False):
+            key, _, place = name.partition("[")
+            if place:
+                parts = list(changed.get(key, getattr(self.neuron, key)))
+                parts[int(place[:-1])] = value
+            changed[key] = tuple(parts) if place else value
+        return self.neuron.model_copy(update=changed)
 
     def rates(self, case: Recording, values: Array) -> Array:
         """Return the model's rates in the windows of a recording, (windows, receptors)."""
@@ -211,20 +225,6 @@ def _get(neuron: Neuron, name: str) -> float:
     key, _, place = name.partition("[")
     value = getattr(neuron, key)
     return value[int(place[:-1])] if place else value
-
-
-def _with(neuron: Neuron, names: Sequence[str], values: Iterable[float]) -> Neuron:
-    """Return the neuron with other values of some constants."""
-    changed: dict[str, Any] = {}
-    for name, value in zip(names, values, strict=True):
-        key, _, place = name.partition("[")
-        if place:
-            parts = list(changed.get(key, getattr(neuron, key)))
-            parts[int(place[:-1])] = float(value)
-            changed[key] = tuple(parts)
-        else:
-            changed[key] = float(value)
-    return neuron.model_copy(update=changed)
 
 
 def _estimates(free: Sequence[str], found: Any, scale: Array) -> tuple[dict[str, Estimate], Array]:

@@ -66,7 +66,7 @@ class Membrane:
         reach = limit + (potential - limit) * np.exp(-h / self._tau)
         may_fire = np.maximum(reach, potential) >= self._neuron.threshold_mV
         raised = self._recovered(raised, h)
-        end = self._course(potential, effective).at(h) + raised
+        end = Course(potential, effective, self._resistance, self._tau).at(h) + raised
         some = np.flatnonzero(may_fire | (self._free_s[who] > start))
         if some.size:
             start, h = (np.broadcast_to(values, end.shape)[some] for values in (start, h))
@@ -74,9 +74,6 @@ class Membrane:
                 self._all[who][some], start, h, current.of(some)
             )
         self._potential[who], self._raised[who] = end, raised
-
-    def _course(self, start_mV: Array, current: ExponentialSum) -> Course:
-        return Course(start_mV, current, self._resistance, self._tau)
 
     def _recovered(self, raised: Array, s: Any) -> Array:
         """Return A a time `s` later."""
@@ -108,7 +105,7 @@ class Membrane:
         while going.size:
             left = h[going] - begin[going]
             now = self._effective(current.of(going).from_(begin[going]), raised[going])
-            course = self._course(v[going] - raised[going], now)
+            course = Course(v[going] - raised[going], now, self._resistance, self._tau)
             after, end = course.first_at(np.full_like(left, n.threshold_mV), left)
             result[going] = end + self._recovered(raised[going], left)
             fires = np.isfinite(after)
@@ -179,7 +176,7 @@ class Course:
         last = self.at(end)
         low, high, below, above = np.zeros_like(end), end.copy(), self.start_mV.copy(), last.copy()
         current = self.current
-        excess = replace(current, constant=current.constant - level / self.resistance)
+        excess = current.plus(-level / self.resistance)
         least, most = excess.bounds(end)
         turns = np.flatnonzero((least < 0) & (most > 0))
         if turns.size:
@@ -195,20 +192,15 @@ class Course:
         if who.size:
             mine, aim, low, high = self.of(who), level[who], low[who], high[who]
             below, above = below[who], above[who]
-            result[who] = root(
-                lambda s: mine._above(aim, s),
-                low,
-                high,
-                rising=True,
-                size=aim,
-                start=low + (high - low) * (aim - below) / (above - below),
-            )
-        return result, last
+            start = low + (high - low) * (aim - below) / (above - below)
 
-    def _above(self, level: Array, s: Array) -> tuple[Array, Array]:
-        """Return V - level, mV, and dV/ds, mV/s."""
-        v = self.at(s)
-        return v - level, (self.resistance * self.current.at(s) - v) / self.tau
+            def excess_of(s: Array) -> tuple[Array, Array]:
+                """Return V - level, mV, and dV/ds, mV/s."""
+                v = mine.at(s)
+                return v - aim, (self.resistance * mine.current.at(s) - v) / self.tau
+
+            result[who] = root(excess_of, low, high, rising=True, size=aim, start=start)
+        return result, last
 
 
 class Variability:

@@ -24,7 +24,7 @@ from tactile_fem.neuron.fields import STANDARD, Field
 from tactile_fem.neuron.membrane import Membrane, Variability
 from tactile_fem.neuron.response import Response
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
-from tactile_fem.neuron.transduction import Raised, Resting, held, transduction_of
+from tactile_fem.neuron.transduction import Varied, held, transduction_of
 
 Array = NDArray[Any]
 
@@ -83,10 +83,8 @@ def fire(
     if neuron.gain_spread:
         drive = drive * variability.gains()
     own = transduction or transduction_of(neuron)
-    if neuron.resting_pA or neuron.resting_spread_pA:
-        own = Resting(own, variability.resting_pA())
-    if neuron.threshold_spread:
-        own = Raised(own, variability.thresholds())
+    if neuron.resting_pA or neuron.resting_spread_pA or neuron.threshold_spread:
+        own = Varied(own, variability.thresholds(), variability.resting_pA())
     for segment in own.segments(time, drive):
         membrane.advance(segment)
     return Response(membrane.spikes(), float(time[0]), float(time[-1]))

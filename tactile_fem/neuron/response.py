@@ -1,18 +1,15 @@
-"""Spikes of all receptors: what is counted from them, files, and the objects of neo."""
+"""Spikes of all receptors: what is counted from them, and the objects of neo."""
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.files import atomic_write, write_text
 
 if TYPE_CHECKING:
     import neo
@@ -28,18 +25,16 @@ class Bundle(NamedTuple):
     spikes: int
     rate_Hz: float
 
+    @classmethod
+    def of(cls, times: Array) -> Bundle:
+        """Return the bundle of spikes at times, s, (spikes,)."""
+        start, end = times[[0, -1]].tolist()
+        return cls(start, end, len(times), (len(times) - 1) / (end - start))
+
 
 @dataclass(frozen=True)
 class Response:
-    """Spikes per receptor.
-
-    Attributes
-    ----------
-    spikes
-        Increasing times of the spikes, s, an array per receptor.
-    start_s, end_s
-        What the history covered.
-    """
+    """Increasing times of spikes, s, an array per receptor, and the span of the history."""
 
     spikes: list[Array]
     start_s: float
@@ -64,16 +59,12 @@ class Response:
         late = (times[times >= onset] for times in self.spikes)
         return np.array([times[0] - onset if len(times) else np.nan for times in late])
 
-    def intervals(self) -> list[Array]:
-        """Return the intervals between spikes, s, an array per receptor."""
-        return [np.diff(times) for times in self.spikes]
-
     def bundles(self, gap_s: float, least: int = 3) -> list[list[Bundle]]:
         """Return the bundles of each receptor: at least so many spikes, no longer gap in them."""
         found: list[list[Bundle]] = []
         for times in self.spikes:
             runs = np.split(times, np.flatnonzero(np.diff(times) > gap_s) + 1)
-            found.append([_bundle(run.tolist()) for run in runs if len(run) >= max(least, 2)])
+            found.append([Bundle.of(run) for run in runs if len(run) >= max(least, 2)])
         return found
 
     def peak_rate(self, intervals: int = 3) -> Array:
@@ -90,14 +81,9 @@ class Response:
         return np.array([last - first for first, last in inside], dtype=float) / length
 
     def rate(self, times_s: ArrayLike, window_s: float) -> Array:
-        """Return firing rates smoothed by a Gaussian, spikes/s, (times, receptors).
+        """Return rates at `times_s` (times,) smoothed by a Gaussian, spikes/s, (times, receptors).
 
-        Parameters
-        ----------
-        times_s
-            Where the rates are wanted, s, (times,).
-        window_s
-            Standard deviation of the Gaussian, s.
+        `window_s` is the standard deviation of the Gaussian.
         """
         at, width = np.asarray(times_s, dtype=float), _positive("window_s", window_s)
         rates = np.zeros((len(at), len(self.spikes)))
@@ -119,70 +105,18 @@ class Response:
         return self.start_s + width * np.arange(bins + 1), counts
 
 
-def _bundle(times: list[float]) -> Bundle:
-    start, end, count = times[0], times[-1], len(times)
-    return Bundle(start, end, count, (count - 1) / (end - start))
-
-
 def _positive(name: str, value: float) -> float:
     if not (np.isfinite(value) and value > 0):
         raise StudyError(f"{name} is {value}; it must be positive.")
     return float(value)
 
 
-def save(response: Response, path: Path | str) -> None:
-    """Write a response: all of it as ``.npz``, or its spikes as ``.csv``.
-
-    A CSV file has the columns ``receptor,time_s`` and a row per spike, with all digits.
-
-    Raises
-    ------
-    StudyError
-        Another ending.
-    """
-    path = Path(path)
-    receptor, time = response.events()
-    match path.suffix:
-        case ".npz":
-            covered = np.array([response.start_s, response.end_s])
-            with atomic_write(path) as part, part.open("wb") as stream:
-                count = len(response.spikes)
-                np.savez_compressed(
-                    stream, receptors=count, receptor=receptor, time_s=time, covered_s=covered
-                )
-        case ".csv":
-            rows = zip(receptor.tolist(), time.tolist(), strict=True)
-            write_text(path, "\n".join(["receptor,time_s", *(f"{k},{t}" for k, t in rows), ""]))
-        case other:
-            raise StudyError(f'A response is kept as .npz or .csv, not "{other}".')
-
-
-def load(path: Path | str) -> Response:
-    """Return the response that `save` wrote as ``.npz``; StudyError for any other file."""
-    try:
-        with np.load(path, allow_pickle=False) as kept:
-            receptor, time, covered = kept["receptor"], kept["time_s"], kept["covered_s"]
-            count = int(kept["receptors"])
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise StudyError(f"{path} holds no response: {error}.") from None
-    spikes = [time[receptor == number] for number in range(count)]
-    return Response(spikes, *covered.tolist())
-
-
 def to_neo(response: Response, **annotations: Sequence[Any]) -> neo.Segment:
     """Return a neo segment with a spike train per receptor.
 
-    Parameters
-    ----------
-    response
-        The spikes.
-    annotations
-        Of the spike trains: by name a value for each receptor, as in ``kind=["SA1", "RA"]``.
-
-    Raises
-    ------
-    StudyError
-        neo is not installed, or there are not as many values as receptors.
+    Annotations of the spike trains are by name a value for each receptor, as in
+    ``kind=["SA1", "RA"]``. Raises StudyError if neo is not installed, or there are not as many
+    values as receptors.
     """
     count = len(response.spikes)
     for name, values in annotations.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -246,19 +247,20 @@ class BandPass:
         return self._gain * (np.maximum(y, 0.0) + self._off * np.maximum(-y, 0.0))
 
 
+@dataclass(frozen=True, eq=False)
 class Held:
     """Transduction of afferents that have met the first value of a history for `held_s` before.
 
     Their membranes are at rest when the history begins.
     """
 
-    def __init__(self, own: Transduction, held_s: float) -> None:
-        self._own, self._held_s = own, held_s
+    own: Transduction
+    held_s: float
 
     def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
         """Yield the current of the history, without that of the time before."""
-        time = np.append(time_s[0] - self._held_s, time_s)
-        for segment in self._own.segments(time, np.vstack([drive[:1], drive])):
+        time = np.append(time_s[0] - self.held_s, time_s)
+        for segment in self.own.segments(time, np.vstack([drive[:1], drive])):
             if np.min(segment.start_s) >= time_s[0]:
                 yield segment
 
@@ -268,33 +270,22 @@ def held(own: Transduction, held_s: float) -> Transduction:
     return own if isinstance(own, BandPass) else Held(own, held_s)
 
 
-class Resting:
-    """Transduction of afferents with a current that does not depend on the load, pA, (n,)."""
-
-    def __init__(self, own: Transduction, current_pA: Array) -> None:
-        self._own, self._current_pA = own, current_pA
-
-    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
-        """Yield the sums of the currents."""
-        for segment in self._own.segments(time_s, drive):
-            current = segment.current_pA.plus(self._current_pA[segment.who])
-            yield segment._replace(current_pA=current)
-
-
-class Raised:
-    """Transduction of afferents whose thresholds are higher by factors, (n,).
+@dataclass(frozen=True, eq=False)
+class Varied:
+    """Transduction of afferents with thresholds higher by factors, and currents at rest, (n,).
 
     Potentials are relative to the threshold: a higher one is a smaller current.
     """
 
-    def __init__(self, own: Transduction, thresholds: Array) -> None:
-        self._own, self._sensitivity = own, 1 / thresholds
+    own: Transduction
+    thresholds: Array
+    resting_pA: Array
 
     def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
         """Yield the currents, relative to the thresholds."""
-        for segment in self._own.segments(time_s, drive):
-            current = segment.current_pA.scaled(self._sensitivity[segment.who])
-            yield segment._replace(current_pA=current)
+        for segment in self.own.segments(time_s, drive):
+            current = segment.current_pA.plus(self.resting_pA[segment.who])
+            yield segment._replace(current_pA=current.scaled(1 / self.thresholds[segment.who]))
 
 
 _MODELS: dict[str, Callable[[Neuron], Transduction]] = {

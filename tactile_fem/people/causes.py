@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import factorial, ndtri
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.estimates import Estimate
+from tactile_fem.neuron import Estimate
 
 Array = NDArray[np.float64]
 

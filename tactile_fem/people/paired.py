@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.estimates import Estimate
+from tactile_fem.neuron import Estimate
 
 Array = NDArray[np.float64]
 

@@ -46,12 +46,6 @@ class Finding:
         return f"{self.sentence} On Debian or Ubuntu: {line}" if line else self.sentence
 
 
-def findings() -> list[Finding]:
-    """Return all that is missing."""
-    found = (compiler_finding(), variable_finding(), gmsh_finding(), picture_finding())
-    return [finding for finding in found if finding is not None]
-
-
 def compiler() -> list[str]:
     """Return the words of the command of the C compiler; none if there is no compiler.
 
@@ -152,7 +146,8 @@ def install_line(missing: Iterable[Finding]) -> str:
 
 def main() -> int:
     """Print what is missing and how to install it; return 1 if no scan can run."""
-    missing = findings()
+    found = (compiler_finding(), variable_finding(), gmsh_finding(), picture_finding())
+    missing = [finding for finding in found if finding is not None]
     for finding in missing:
         print(f"{'Error' if finding.fatal else 'Warning'}: {finding.sentence}")
     if line := install_line(missing):

@@ -6,7 +6,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from typing import IO
 
@@ -42,26 +42,16 @@ class Ended:
 def running(waves: Iterable[Iterable[Job]], count: int) -> Iterator[Iterator[Ended]]:
     """Provide how each job ended, one after the other; a wave begins when that before has ended.
 
-    One that fails or is killed fails alone. Those that run at the end are stopped and waited for.
-
-    Parameters
-    ----------
-    waves
-        The jobs.
-    count
-        How many run side by side at most.
-
-    Raises
-    ------
-    StoppedError
-        SIGTERM or SIGINT was received.
+    At most `count` run side by side. One that fails or is killed fails alone. Those that run at the
+    end are stopped and waited for. Raises StoppedError if SIGTERM or SIGINT was received.
     """
     signals = list[int]()
-    with signal_handler(signals.append), closing(_run_in_turn(waves, count, signals)) as ended:
-        yield ended
+    with signal_handler(signals.append), ExitStack() as stack:
+        ended = (_run_wave(iter(wave), count, signals) for wave in waves)
+        yield (one for wave in ended for one in stack.enter_context(closing(wave)))
 
 
-def _run_jobs(waiting: Iterator[Job], count: int, signals: Sequence[int]) -> Generator[Ended]:
+def _run_wave(waiting: Iterator[Job], count: int, signals: Sequence[int]) -> Generator[Ended]:
     """Yield how each job of a wave ended; a job is asked for when it can start.
 
     Raises StoppedError if `signals` contains one; closed, it stops those that run.
@@ -75,23 +65,15 @@ def _run_jobs(waiting: Iterator[Job], count: int, signals: Sequence[int]) -> Gen
                 running.append(_Process(job))
             if not running:
                 return
-            for process in [each for each in running if each.has_ended()]:
+            for process in [each for each in running if each.process.poll() is not None]:
                 running.remove(process)
                 yield process.end()
             time.sleep(_POLL_S)
     finally:
         for process in running:
-            process.stop()
+            process.process.terminate()
         for process in running:
             process.end()
-
-
-def _run_in_turn(
-    waves: Iterable[Iterable[Job]], count: int, signals: Sequence[int]
-) -> Generator[Ended]:
-    """Yield how the jobs of each wave ended; it begins when those before it have ended."""
-    for wave in waves:
-        yield from _run_jobs(iter(wave), count, signals)
 
 
 class _Process:
@@ -101,23 +83,14 @@ class _Process:
         self._name, self._begun = job.name, time.perf_counter()
         self._errors: IO[str] = tempfile.TemporaryFile("w+", errors="replace")
         command, environment = on_ranks(job.ranks, job.module, job.arguments)
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=self._errors,
-            env=environment,
+        nothing = subprocess.DEVNULL
+        self.process = subprocess.Popen(
+            command, stdin=nothing, stdout=nothing, stderr=self._errors, env=environment
         )
-
-    def has_ended(self) -> bool:
-        return self._process.poll() is not None
-
-    def stop(self) -> None:
-        self._process.terminate()
 
     def end(self) -> Ended:
         """Wait for the process; return how it ended."""
-        code = self._process.wait()
+        code = self.process.wait()
         with self._errors:
             self._errors.seek(0)
             lines = self._errors.read().strip().splitlines()

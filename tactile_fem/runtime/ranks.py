@@ -39,9 +39,6 @@ _SIGNALS = (signal.SIGTERM, signal.SIGINT)
 _WAIT_S = 5.0
 
 
-# --- start ---------------------------------------------------------------------------------------
-
-
 def launched_rank() -> int | None:
     """Return the rank from the variables of the launcher, before MPI starts, or None."""
     values = (os.environ.get(name, "") for name in _RANK_VARIABLES)
@@ -84,9 +81,6 @@ def restart(ranks: int, arguments: Sequence[str]) -> None:
         environment[TERMINAL_VARIABLE] = str(shutil.get_terminal_size().columns)
     sys.stdout.flush()
     os.execve(command[0], command, environment)
-
-
-# --- results and errors --------------------------------------------------------------------------
 
 
 def on_root[T](comm: MPI.Comm, action: Callable[[], T], *, share: bool = True) -> T:
@@ -165,9 +159,6 @@ def _is_read(file: int) -> bool:
     if not stat.S_ISFIFO(os.fstat(file).st_mode):
         return True
     return not int.from_bytes(fcntl.ioctl(file, termios.FIONREAD, bytes(4)), sys.byteorder)
-
-
-# --- signals -------------------------------------------------------------------------------------
 
 
 class _Handler:
