@@ -42,9 +42,14 @@ class MeshError(StudyError):
 
 
 class PlaceError(MeshError):
-    """What is wrong with a finger at one place, (3,) in its axes.
+    """What is wrong with a finger at one place.
 
-    In the message, one sentence, ``{place}`` is replaced by it.
+    Parameters
+    ----------
+    message
+        One sentence, in which ``{place}`` is replaced by the place.
+    place_mm
+        (3,) in the finger's axes.
     """
 
     def __init__(self, message: str, place_mm: Iterable[float]) -> None:
@@ -57,8 +62,14 @@ class PlaceError(MeshError):
 class ConvergenceError(TactileError):
     """The mechanics diverged at the smallest allowed step.
 
-    The message says where, and what to try; `stimulator_mm` (3,) is the place of the body at the
-    last converged step, `reason` PETSc's in words.
+    Parameters
+    ----------
+    message
+        One sentence: where, and what to try.
+    stimulator_mm
+        Place of the body at the last converged step, (3,).
+    reason
+        PETSc's reason in words.
     """
 
     exit_code = 3
@@ -72,7 +83,12 @@ class ConvergenceError(TactileError):
 class StoppedError(TactileError):
     """A signal ended the work; the exit code is 128 plus its number, as in a shell.
 
-    `kept` is what was saved, in words; empty if that is not known.
+    Parameters
+    ----------
+    number
+        The signal.
+    kept
+        What was saved, in words; empty if that is not known.
     """
 
     def __init__(self, number: int, kept: str = "") -> None:

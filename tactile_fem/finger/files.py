@@ -60,8 +60,11 @@ def read_mesh(path: str | os.PathLike[str]) -> FingerMesh:
 
 def _read_npz(path: str | os.PathLike[str]) -> FingerMesh:
     with np.load(path, allow_pickle=False) as arrays:
-        own = [name for name in arrays.files if name.startswith(_FIELD)]
-        fields = {name.removeprefix(_FIELD): arrays[name] for name in own}
+        fields = {
+            name.removeprefix(_FIELD): arrays[name]
+            for name in arrays.files
+            if name.startswith(_FIELD)
+        }
         mesh = FingerMesh(**{name: arrays[name] for name in _ARRAYS}, fields=fields)
     indices = np.concatenate([mesh.cells.ravel(), mesh.facets.ravel()])
     if indices.min() < 0 or indices.max() >= len(mesh.nodes):

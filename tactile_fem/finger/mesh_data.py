@@ -204,8 +204,15 @@ class FingerMesh:
 class SkinSurface:
     """Points on the undeformed skin of the pad, and the interpolation of nodal vectors to them.
 
-    The points have places X, Y `xy_mm` (k, 2); `rest_mm` (k, 3) are the undeformed ones. Raises
-    StudyError if there is no skin.
+    Parameters
+    ----------
+    xy_mm
+        (k, 2) places X, Y of the points; StudyError is raised if there is no skin.
+
+    Attributes
+    ----------
+    rest_mm
+        (k, 3) undeformed points.
     """
 
     def __init__(self, finger: FingerMesh, xy_mm: ArrayLike) -> None:

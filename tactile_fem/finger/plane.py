@@ -19,8 +19,11 @@ AXES = "XYZ"
 class Plane:
     """An upright plane through the contact point, or the whole of space.
 
-    `axes` are those of the finger in it, the upright one last: (1, 2) for Y and Z, (0, 2) for X and
-    Z, (0, 1, 2) for space.
+    Parameters
+    ----------
+    axes
+        Axes of the finger in it, the upright one last: (1, 2) for Y and Z, (0, 2) for X and Z,
+        (0, 1, 2) for space.
     """
 
     axes: tuple[int, ...]

@@ -34,7 +34,15 @@ class Bundle(NamedTuple):
 
 @dataclass(frozen=True)
 class Response:
-    """Increasing times of spikes, s, an array per receptor, and the span of the history."""
+    """Spikes per receptor.
+
+    Attributes
+    ----------
+    spikes
+        Increasing times of the spikes, s, an array per receptor.
+    start_s, end_s
+        What the history covered.
+    """
 
     spikes: list[Array]
     start_s: float
