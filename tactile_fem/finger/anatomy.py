@@ -102,7 +102,10 @@ class SurfaceFiles:
     def read(self) -> tuple[Skin | None, ClosedBone | None, NailOutline | None]:
         """Return skin, bone and nail in the finger's axes; None where no file is given.
 
-        Raises StudyError if a file cannot be read, or does not make a finger.
+        Raises
+        ------
+        StudyError
+            A file cannot be read, or does not make a finger.
         """
         raise StudyError("finger.skin_file and finger.bone_file cannot be read: nothing reads them")
 

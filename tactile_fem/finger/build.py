@@ -35,7 +35,10 @@ _LEAST_DEPTH_SHARE = 0.7  # of the thickness of the layers: how far their inner 
 def build_finger(finger: FingerSettings) -> FingerMesh:
     """Mesh a finger; the same parameters give the same mesh.
 
-    Raises MeshError if the lengths do not make a finger, or gmsh is missing or fails.
+    Raises
+    ------
+    MeshError
+        The lengths do not make a finger, or gmsh is missing or fails.
     """
     anatomy = Anatomy.of(finger)
     make_cells = section_cells if finger.is_section else _solid_cells

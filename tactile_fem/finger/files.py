@@ -39,8 +39,12 @@ def read_mesh(path: str | os.PathLike[str]) -> FingerMesh:
 
     A .msh file of any version contains ten-node tetrahedra and six-node triangles; of a section,
     six-node triangles and three-node lines. The tags follow from the names of its physical groups.
-    Nodes keep their order; nodes that belong to no cell are left out. Raises MeshError if the file
-    cannot be read, a part is missing, or its elements are of another order.
+    Nodes keep their order; nodes that belong to no cell are left out.
+
+    Raises
+    ------
+    MeshError
+        The file cannot be read, a part is missing, or its elements are of another order.
     """
     start = f"the mesh {path}"
     try:

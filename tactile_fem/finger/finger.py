@@ -32,8 +32,12 @@ class Finger(FingerSettings):
         """Return the mesh of the finger.
 
         A `mesh_file` is read. If all values equal those of a shipped recipe, the shipped mesh is
-        read. Every other finger is meshed, which needs gmsh. Raises MeshError if the mesh cannot be
-        read, generated or used.
+        read. Every other finger is meshed, which needs gmsh.
+
+        Raises
+        ------
+        MeshError
+            The mesh cannot be read, generated or used.
         """
         file = self.mesh_file or self.shipped_file()
         if file is None:
@@ -69,8 +73,12 @@ class Finger(FingerSettings):
     def check(self) -> FingerMesh | None:
         """Try within a second what could fail; return the mesh if it is read from a file.
 
-        The last finger is kept: the scans of a series often share it. Raises StudyError if lengths
-        or scans do not make a finger, a file cannot be read ...
+        The last finger is kept: the scans of a series often share it.
+
+        Raises
+        ------
+        StudyError
+            Lengths or scans do not make a finger, a file cannot be read ...
         """
         if self.mesh_file is None:
             Anatomy.of(self)

@@ -169,10 +169,13 @@ class FingerMesh:
     def check(self) -> None:
         """Check that the mesh can be used for computations.
 
-        Raises MeshError if cells are inverted or lack a field's value, a facet belongs to more than
-        two of them, a tissue or a surface is missing, coordinates are not finite or not in mm, a
-        section lies in no plane across or along the finger, or there is no skin or bone above the
-        contact point.
+        Raises
+        ------
+        MeshError
+            Cells are inverted or lack a field's value, a facet belongs to more than two of them, a
+            tissue or a surface is missing, coordinates are not finite or not in mm, a section lies
+            in no plane across or along the finger, or there is no skin or bone above the contact
+            point.
         """
         for name, values in self.fields.items():
             if len(values) != len(self.cells) or not np.all(np.isfinite(values)):

@@ -40,7 +40,12 @@ def gmsh_model(
 ) -> Iterator[ModuleType]:
     """Provide gmsh with an empty model and silent, reproducible settings; leave it as it was.
 
-    Raises MeshError if gmsh fails while meshing, or is missing, in a sentence that `need` begins.
+    Raises MeshError if gmsh is missing, or fails while meshing.
+
+    Parameters
+    ----------
+    need
+        Begins the sentence if it is missing.
     """
     try:
         import gmsh

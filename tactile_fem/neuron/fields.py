@@ -17,8 +17,16 @@ _KPA_PER_MPA = 1000.0
 class MaterialPoint:
     """State of the tissue at a point, as UFL expressions.
 
-    `displacement_mm` is (3,), `deformation_gradient` ``F = I + grad u``, (3, 3), `energy_MPa` the
-    strain energy per undeformed volume, `cauchy_MPa` the stress with viscous stress, (3, 3).
+    Attributes
+    ----------
+    displacement_mm
+        (3,).
+    deformation_gradient
+        ``F = I + grad u``, (3, 3).
+    energy_MPa
+        Strain energy per undeformed volume.
+    cauchy_MPa
+        Cauchy stress, viscous stress included, (3, 3).
     """
 
     displacement_mm: Any
@@ -113,10 +121,14 @@ RIGHT_CAUCHY_GREEN = Field(
 
 
 def stretch_along(right_cauchy_green: Array, directions: Array) -> Array:
-    """Return the stretch ``sqrt(d . C d)`` along unit vectors d of the undeformed finger.
+    """Return the stretch ``sqrt(d . C d)`` in directions of the undeformed finger.
 
-    `directions` are (receptors, 3), `right_cauchy_green` is (..., receptors, 6), in the order of
-    `RIGHT_CAUCHY_GREEN`.
+    Parameters
+    ----------
+    right_cauchy_green
+        (..., receptors, 6), as `RIGHT_CAUCHY_GREEN` has them.
+    directions
+        Unit vectors, (receptors, 3).
     """
     row, column = np.tril_indices(3)
     products = np.where(row == column, 1.0, 2.0) * directions[:, row] * directions[:, column]

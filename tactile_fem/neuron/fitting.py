@@ -104,8 +104,19 @@ def fit(
     squares on the deviations in all windows. A `FitWarning` names a constant that has no effect, is
     at its limit, that others can compensate for, or whose interval is wider than its value.
 
-    `neuron` has the model, the constants that are not fitted, and where the `free` ones start; one
-    of a tuple is named ``name[0]``. Raises StudyError for a bad history, windows or names.
+    Parameters
+    ----------
+    recordings
+        Histories and rates.
+    neuron
+        Model, membrane, the constants that are not fitted, and where the free ones start.
+    free
+        Names of the constants to fit; of a tuple, ``name[0]``.
+
+    Raises
+    ------
+    StudyError
+        Bad history, windows or names.
     """
     from scipy.optimize import least_squares
 

@@ -89,9 +89,14 @@ class Response:
         return np.array([last - first for first, last in inside], dtype=float) / length
 
     def rate(self, times_s: ArrayLike, window_s: float) -> Array:
-        """Return rates at `times_s` (times,) smoothed by a Gaussian, spikes/s, (times, receptors).
+        """Return firing rates smoothed by a Gaussian, spikes/s, (times, receptors).
 
-        `window_s` is the standard deviation of the Gaussian.
+        Parameters
+        ----------
+        times_s
+            Where the rates are wanted, s, (times,).
+        window_s
+            Standard deviation of the Gaussian, s.
         """
         at, width = np.asarray(times_s, dtype=float), _positive("window_s", window_s)
         rates = np.zeros((len(at), len(self.spikes)))
@@ -122,9 +127,17 @@ def _positive(name: str, value: float) -> float:
 def to_neo(response: Response, **annotations: Sequence[Any]) -> neo.Segment:
     """Return a neo segment with a spike train per receptor.
 
-    Annotations of the spike trains are by name a value for each receptor, as in
-    ``kind=["SA1", "RA"]``. Raises StudyError if neo is not installed, or there are not as many
-    values as receptors.
+    Parameters
+    ----------
+    response
+        The spikes.
+    annotations
+        Of the spike trains: by name a value for each receptor, as in ``kind=["SA1", "RA"]``.
+
+    Raises
+    ------
+    StudyError
+        neo is not installed, or there are not as many values as receptors.
     """
     count = len(response.spikes)
     for name, values in annotations.items():

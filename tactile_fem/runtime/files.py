@@ -71,9 +71,14 @@ def write_figure(path: Path, figure: Figure, dpi: float | None = None) -> None:
 
 
 def write_table(path: Path, rows: Sequence[Any]) -> None:
-    """Write rows, dataclasses of one kind or mappings with the same keys, as a CSV file.
+    """Write rows as a CSV file with a heading.
 
-    It has a heading and replaces `path` when all is written; at least one row is needed.
+    Parameters
+    ----------
+    path
+        The file, which is replaced when all is written.
+    rows
+        At least one: dataclasses of one kind, or mappings with the same keys.
     """
     records = [dict(row) if isinstance(row, Mapping) else asdict(row) for row in rows]
     with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as stream:

@@ -42,8 +42,19 @@ class Ended:
 def running(waves: Iterable[Iterable[Job]], count: int) -> Iterator[Iterator[Ended]]:
     """Provide how each job ended, one after the other; a wave begins when that before has ended.
 
-    At most `count` run side by side. One that fails or is killed fails alone. Those that run at the
-    end are stopped and waited for. Raises StoppedError if SIGTERM or SIGINT was received.
+    One that fails or is killed fails alone. Those that run at the end are stopped and waited for.
+
+    Parameters
+    ----------
+    waves
+        The jobs.
+    count
+        How many run side by side at most.
+
+    Raises
+    ------
+    StoppedError
+        SIGTERM or SIGINT was received.
     """
     signals = list[int]()
     with signal_handler(signals.append), ExitStack() as stack:

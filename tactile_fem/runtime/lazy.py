@@ -8,7 +8,15 @@ from typing import Any
 
 
 def lazily(package: str, names: Mapping[str, Iterable[str]]) -> Callable[[str], Any]:
-    """Return the ``__getattr__`` of a package, from the names of each of its modules."""
+    """Return the ``__getattr__`` of a package.
+
+    Parameters
+    ----------
+    package
+        Its name.
+    names
+        Those of each of its modules, by the module's name.
+    """
     module_of = {name: module for module, each in names.items() for name in each}
 
     def find(name: str) -> Any:

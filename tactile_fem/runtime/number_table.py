@@ -51,8 +51,13 @@ def read_table(file: Path, start: str) -> tuple[Array, list[str]]:
 
     Cells are separated by commas, semicolons, tabs or blanks; numbers may have decimal commas, and
     words for missing numbers become NaN. A message on a file that is no text begins with `start`.
-    Raises UnusableError if it has no rows of numbers, too many, rows that differ in length, or
-    other words in them, and StudyError if it is no text.
+
+    Raises
+    ------
+    UnusableError
+        It has no rows of numbers, too many, rows that differ in length, or other words in them.
+    StudyError
+        It is no text.
     """
     lines = read_text(file, start, western=True, binary="it is no text").split("\n")
     rows, header = _divided(lines)
