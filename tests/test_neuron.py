@@ -12,7 +12,9 @@ from tactile_fem.neuron import (
     Population,
     Response,
     current_at,
+    load,
     respond,
+    save,
     to_neo,
     transduction,
 )
@@ -398,6 +400,21 @@ def test_the_peak_rate_is_that_of_the_shortest_successive_intervals():
     response = Response([spikes, few], 0.0, 1.0)
     np.testing.assert_allclose(response.peak_rate(2), [2 / 0.05, 2 / 0.2])
     np.testing.assert_allclose(response.peak_rate(), [3 / 0.15, 0.0])
+
+
+def test_responses_are_kept(tmp_path):
+    response = Response([np.empty(0), np.array([0.1, 1 / 3]), np.empty(0)], -0.1, 0.5)
+    save(response, tmp_path / "spikes.npz")
+    again = load(tmp_path / "spikes.npz")
+    assert (again.start_s, again.end_s, len(again.spikes)) == (-0.1, 0.5, 3)
+    assert all(np.array_equal(*pair) for pair in zip(again.spikes, response.spikes, strict=True))
+    save(response, tmp_path / "spikes.csv")
+    lines = (tmp_path / "spikes.csv").read_text().splitlines()
+    assert lines == ["receptor,time_s", "1,0.1", f"1,{1 / 3}"]
+    with pytest.raises(StudyError, match=r'not "\.mat"'):
+        save(response, tmp_path / "spikes.mat")
+    with pytest.raises(StudyError, match="holds no response"):
+        load(tmp_path / "spikes.csv")
 
 
 def test_neo_gets_every_spike():

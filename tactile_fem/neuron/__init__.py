@@ -21,7 +21,7 @@ from tactile_fem.neuron.rates import (
     modelled_rates,
     rate_of,
 )
-from tactile_fem.neuron.response import Response, to_neo
+from tactile_fem.neuron.response import Response, load, save, to_neo
 
 __all__ = [
     "DRIVES",
@@ -48,12 +48,14 @@ __all__ = [
     "fields_of",
     "fire_all",
     "fit",
+    "load",
     "mean_rates",
     "modelled_rates",
     "r_squared",
     "rate_of",
     "replaced",
     "respond",
+    "save",
     "to_neo",
     "trial_histories",
 ]

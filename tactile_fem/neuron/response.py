@@ -1,15 +1,18 @@
-"""Spikes of all receptors: what is counted from them, and the objects of neo."""
+"""Spikes of all receptors: what is counted from them, files, and the objects of neo."""
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
+from tactile_fem.runtime.files import atomic_write, write_text
 
 if TYPE_CHECKING:
     import neo
@@ -24,12 +27,6 @@ class Bundle(NamedTuple):
     end_s: float
     spikes: int
     rate_Hz: float
-
-    @classmethod
-    def of(cls, times: Array) -> Bundle:
-        """Return the bundle of spikes at times, s, (spikes,)."""
-        start, end = times[[0, -1]].tolist()
-        return cls(start, end, len(times), (len(times) - 1) / (end - start))
 
 
 @dataclass(frozen=True)
@@ -67,12 +64,16 @@ class Response:
         late = (times[times >= onset] for times in self.spikes)
         return np.array([times[0] - onset if len(times) else np.nan for times in late])
 
+    def intervals(self) -> list[Array]:
+        """Return the intervals between spikes, s, an array per receptor."""
+        return [np.diff(times) for times in self.spikes]
+
     def bundles(self, gap_s: float, least: int = 3) -> list[list[Bundle]]:
         """Return the bundles of each receptor: at least so many spikes, no longer gap in them."""
         found: list[list[Bundle]] = []
         for times in self.spikes:
             runs = np.split(times, np.flatnonzero(np.diff(times) > gap_s) + 1)
-            found.append([Bundle.of(run) for run in runs if len(run) >= max(least, 2)])
+            found.append([_bundle(run.tolist()) for run in runs if len(run) >= max(least, 2)])
         return found
 
     def peak_rate(self, intervals: int = 3) -> Array:
@@ -118,10 +119,54 @@ class Response:
         return self.start_s + width * np.arange(bins + 1), counts
 
 
+def _bundle(times: list[float]) -> Bundle:
+    start, end, count = times[0], times[-1], len(times)
+    return Bundle(start, end, count, (count - 1) / (end - start))
+
+
 def _positive(name: str, value: float) -> float:
     if not (np.isfinite(value) and value > 0):
         raise StudyError(f"{name} is {value}; it must be positive.")
     return float(value)
+
+
+def save(response: Response, path: Path | str) -> None:
+    """Write a response: all of it as ``.npz``, or its spikes as ``.csv``.
+
+    A CSV file has the columns ``receptor,time_s`` and a row per spike, with all digits.
+
+    Raises
+    ------
+    StudyError
+        Another ending.
+    """
+    path = Path(path)
+    receptor, time = response.events()
+    match path.suffix:
+        case ".npz":
+            covered = np.array([response.start_s, response.end_s])
+            with atomic_write(path) as part, part.open("wb") as stream:
+                count = len(response.spikes)
+                np.savez_compressed(
+                    stream, receptors=count, receptor=receptor, time_s=time, covered_s=covered
+                )
+        case ".csv":
+            rows = zip(receptor.tolist(), time.tolist(), strict=True)
+            write_text(path, "\n".join(["receptor,time_s", *(f"{k},{t}" for k, t in rows), ""]))
+        case other:
+            raise StudyError(f'A response is kept as .npz or .csv, not "{other}".')
+
+
+def load(path: Path | str) -> Response:
+    """Return the response that `save` wrote as ``.npz``; StudyError for any other file."""
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            receptor, time, covered = kept["receptor"], kept["time_s"], kept["covered_s"]
+            count = int(kept["receptors"])
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise StudyError(f"{path} holds no response: {error}.") from None
+    spikes = [time[receptor == number] for number in range(count)]
+    return Response(spikes, *covered.tolist())
 
 
 def to_neo(response: Response, **annotations: Sequence[Any]) -> neo.Segment:

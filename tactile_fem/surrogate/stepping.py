@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,6 @@ from tactile_fem.path import NORMAL
 from tactile_fem.results import OF_STEP
 from tactile_fem.simulation import TOLERANCE
 from tactile_fem.study import DEFAULT_NAME
-
-if TYPE_CHECKING:
-    from tactile_fem.surrogate.fast_finger import Loop
 
 Array = NDArray[Any]
 
@@ -59,7 +56,7 @@ class Row(NamedTuple):
     is_indenting: bool
 
 
-def along(path: Path, finger: Loop) -> Iterator[tuple[Row, BodyState]]:
+def along(path: Path, loop: Any) -> Iterator[tuple[Row, BodyState]]:
     """Step a finger along a path, no step longer than 0.1 mm or 0.05 s; yield what is felt.
 
     A press to a force is that of the first body.
@@ -87,10 +84,10 @@ def along(path: Path, finger: Loop) -> Iterator[tuple[Row, BodyState]]:
             if wanted is not None:
                 if normal_N >= wanted * (1 - TOLERANCE):
                     break
-                t = _end_of_press(motion, before, t, normal_N, wanted, finger)
+                t = _end_of_press(motion, before, t, normal_N, wanted, loop)
             place = np.asarray(motion.place(t), dtype=float)
             way = 0.0 if indenting else slid + motion.slid_mm(t)
-            state = finger.step(place, t - before)
+            state = loop.step(place, t - before)
             normal_N = float(state.force_N[0, NORMAL])
             yield Row(clock + t, t - before, motion.phase, way, place, indenting), state
             before = t
@@ -101,14 +98,14 @@ def along(path: Path, finger: Loop) -> Iterator[tuple[Row, BodyState]]:
 
 
 def _end_of_press(
-    motion: Motion, before: float, t: float, normal_N: float, wanted_N: float, finger: Loop
+    motion: Motion, before: float, t: float, normal_N: float, wanted_N: float, loop: Any
 ) -> float:
     """Return a time, or an earlier one since the last at which the wanted force is met."""
 
     def excess_N(time: float) -> float:
         normal = normal_N
         if time > before:
-            normal = float(finger.ahead(motion.place(time), time - before).force_N[0, NORMAL])
+            normal = float(loop.ahead(motion.place(time), time - before).force_N[0, NORMAL])
         # A little more is met as well, so that no press ends short of its force.
         excess = normal - wanted_N * (1 + TOLERANCE / 2)
         return 0.0 if abs(excess) < TOLERANCE * wanted_N / 2 else excess
