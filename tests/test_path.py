@@ -281,7 +281,6 @@ THICKNESS = Finger().pad_thickness_mm
 @pytest.mark.parametrize(
     ("pieces", "sentence"),
     [
-        ((Press(depth_mm=1.0), Lift(depth_mm=1.0)), r"piece 2 of its path \(lift\) takes 0 s"),
         ((Press(depth_mm=9.0),), r"protocol\.path \(entry 1\) goes 9 mm deep but must be less"),
         ((Press(force_N=1.0), Press(depth_mm=6.0)), r"path \(entry 2\) goes 6 mm deep"),
     ],
@@ -304,6 +303,11 @@ def test_a_press_to_a_force_may_go_on_until_the_bone_is_near():
         ({"kind": "press", "depth_mm": 1.0, "force_N": 1.0}, "a press needs depth_mm or force_N"),
         ({"kind": "slide", "by_mm": [0.0, 0.0]}, r"by_mm = \[0, 0\] is no slide: use a hold"),
         ({"kind": "hold", "time_s": 1.0, "force_N": 0.0}, "greater than 0"),
+        ({"kind": "push", "time_s": 1.0}, "a push needs normal_N, tangential_N or torque_Nmm"),
+        ({"kind": "twist", "angle_deg": 400.0}, "less than or equal to 360"),
+        ({"kind": "roll", "angle_deg": 0.0}, "angle_deg = 0 is no turn: use a hold"),
+        ({"kind": "press", "depth_mm": 1.0, "direction": [1.0, 0.0, 0.0]}, "greater than 0"),
+        ({"kind": "roll", "angle_deg": 5.0, "axis": "z"}, "Input should be 'x' or 'y'"),
     ],
 )
 def test_a_piece_that_makes_no_sense(piece, sentence):

@@ -35,10 +35,8 @@ class HeldLoads:
     at: Callable[[float, Array], Array]
 
     @classmethod
-    def normal(cls, force_N: float | None) -> HeldLoads | None:
-        """Return a constant normal force; None if none is held."""
-        if force_N is None:
-            return None
+    def normal(cls, force_N: float) -> HeldLoads:
+        """Return a constant normal force."""
         return cls((NORMAL,), lambda _, start: np.array([0.0, 0.0, force_N, 0.0]))
 
 

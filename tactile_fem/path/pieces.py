@@ -89,6 +89,11 @@ class Vibration(Settings):
         return replace(base, place=place, outputs_s=knots[1:], knots_s=knots)
 
 
+def held_normal(force_N: float | None) -> HeldLoads | None:
+    """Return a normal force to be held, None if there is none."""
+    return None if force_N is None else HeldLoads.normal(force_N)
+
+
 class Press(Piece):
     """Press into the pad to a depth, or to a force."""
 
@@ -138,7 +143,7 @@ class Hold(Piece):
         """Return a stay, at the depth or at a held normal force."""
         outputs = multiples(self.output_s or _OUTPUT_SHARE * self.time_s, self.time_s)
         knots = np.array([0.0, self.time_s])
-        held = HeldLoads.normal(self.force_N)
+        held = held_normal(self.force_N)
         base = Motion("hold", self.time_s, lambda t: start_mm, outputs, knots, held=held)
         return self.vibration.added_to(base) if self.vibration else base
 
@@ -166,7 +171,7 @@ class Slide(Piece):
         by, speed = np.array([*self.by_mm, 0.0]), self.speed_mm_s
         outputs = multiples(self.output_mm, float(np.linalg.norm(by))) / speed
         base = straight(
-            "slide", start_mm, start_mm + by, speed, outputs, held=HeldLoads.normal(self.force_N)
+            "slide", start_mm, start_mm + by, speed, outputs, held=held_normal(self.force_N)
         )
         return self.vibration.added_to(base) if self.vibration else base
 

@@ -7,9 +7,8 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from tactile_fem.path.loads import HeldLoads
 from tactile_fem.path.motion import Array, Motion, multiples
-from tactile_fem.path.pieces import HELD, Piece
+from tactile_fem.path.pieces import HELD, Piece, held_normal
 from tactile_fem.path.rotations import matrix
 from tactile_fem.runtime.settings import Finite, Positive
 
@@ -48,7 +47,7 @@ class _Turn(Piece):
             return start_mm + (matrix(turn(t)) - np.eye(3)) @ (start_mm - point)
 
         outputs = multiples(self.output_deg, abs(self.angle_deg)) / self.speed_deg_s
-        held = HeldLoads.normal(self.force_N)
+        held = held_normal(self.force_N)
         return Motion(self.kind, end_s, place, outputs, held=held, turn=turn)
 
 

@@ -215,32 +215,19 @@ class United:
 
 @dataclass(frozen=True)
 class Moved:
-    """A body shifted in its plane by `shift` (x, y) mm."""
+    """A body turned about Z by `angle` (rad), from X towards Y, then shifted by `shift` (x, y)."""
 
     body: RigidBody
-    shift: tuple[float, float]
+    shift: tuple[float, float] = (0.0, 0.0)
+    angle: float = 0.0
 
     def distance(self, points: Array) -> Distance:
         """Return the signed distance at `points` (n, 3)."""
-        return self.body.distance(points - np.array([*self.shift, 0.0]))
-
-
-@dataclass(frozen=True)
-class Turned:
-    """A body turned about Z by `angle` (rad), from X towards Y."""
-
-    body: RigidBody
-    angle: float
-
-    @property
-    def matrix(self) -> Array:
-        """The rotation, (3, 3)."""
+        points = points - np.array([*self.shift, 0.0])
+        if not self.angle:
+            return self.body.distance(points)
         c, s = np.cos(self.angle), np.sin(self.angle)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-    def distance(self, points: Array) -> Distance:
-        """Return the signed distance at `points` (n, 3)."""
-        R = self.matrix
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         own = self.body.distance(points @ R)
         return Distance(own.gap, own.normal @ R.T, R @ own.hessian @ R.T)
 

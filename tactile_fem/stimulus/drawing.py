@@ -35,22 +35,18 @@ def _shapes(given: Any) -> Any:
         if hasattr(one, "geom_type"):
             import shapely  # takes a while
 
-            polygons = [part for part in shapely.get_parts(one) if part.geom_type == "Polygon"]
             found += [
-                [ring.coords[:-1] for ring in (polygon.exterior, *polygon.interiors)]
-                for polygon in polygons
+                [ring.coords[:-1] for ring in (part.exterior, *part.interiors)]
+                for part in shapely.get_parts(one)
+                if part.geom_type == "Polygon"
             ]
         else:
-            found.append([one] if _is_ring(one) else one)
+            try:  # a list of points, not of rings?
+                is_ring = len(one[0]) == 2 and not hasattr(one[0][0], "__len__")
+            except (TypeError, IndexError, KeyError):
+                is_ring = False
+            found.append([one] if is_ring else one)
     return found
-
-
-def _is_ring(value: Any) -> bool:
-    """Return whether a value is a list of points, not of rings."""
-    try:
-        return len(value[0]) == 2 and not hasattr(value[0][0], "__len__")
-    except (TypeError, IndexError, KeyError):
-        return False
 
 
 def _heights(given: Any) -> Any:
@@ -81,8 +77,8 @@ class Drawing(Stimulus):
         "states",
     )
     turn_deg: Finite = Field(0.0, description="turn about Z through the middle, from X towards Y")
-    relief_mm: Annotated[tuple[Relief, ...], Field(min_length=1), BeforeValidator(_heights)] = (
-        Field((0.6,), description="height of the shapes: one number, or a list with one for each")
+    relief_mm: Annotated[Heights, BeforeValidator(_heights)] = Field(
+        (0.6,), description="height of the shapes: one number, or a list with one for each"
     )
     corner_radius_mm: CornerRadius = None
     fillet_radius_mm: FilletRadius = None
@@ -152,11 +148,8 @@ class Drawing(Stimulus):
         of_shape = heights * len(shapes) if len(heights) == 1 else heights
         levels = []
         for height in sorted(set(heights), reverse=True):
-            placed = [
-                (shape, (0.0, 0.0))
-                for shape, own in zip(shapes, of_shape, strict=True)
-                if own == height
-            ]
+            raised = [one for one, own in zip(shapes, of_shape, strict=True) if own == height]
+            placed = [(shape, (0.0, 0.0)) for shape in raised]
             levels.append((Outlines(placed, corner_mm, height), height, fillet_mm))
         return levels
 

@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from shapely import affinity
 
 from tactile_fem.errors import StudyError
+from tactile_fem.runtime.number_table import UnusableError
+from tactile_fem.stimulus.heights import reading
 from tactile_fem.stimulus.rings import filled
 
 _MAX_PIXELS = 20_000_000
@@ -56,9 +58,7 @@ def read_outlines(file: Path, needs_size: bool) -> list[shapely.Geometry]:
         It cannot be read, is too large, shows nothing, or states no size that is needed.
     """
     start = f"stimulus.file = {file}"
-    if not file.is_file():
-        raise StudyError(f"{start}: there is no such file")
-    try:
+    with reading(file, start):
         if file.suffix.lower() == ".svg":
             try:
                 from tactile_fem.stimulus.svg import read_svg
@@ -69,14 +69,9 @@ def read_outlines(file: Path, needs_size: bool) -> list[shapely.Geometry]:
                 ) from None
             found = read_svg(file)
         elif needs_size:
-            raise StudyError(f"{start} is a picture, which has no size in mm: give width_mm")
+            raise UnusableError("is a picture, which has no size in mm: give width_mm")
         else:
             found = _read_picture(file)
-    except StudyError:
-        raise
-    except Exception as error:  # each library has its own for what it cannot parse
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise StudyError(f"{start} cannot be read: {reason}") from None
     if not found:
         raise StudyError(f"{start} shows nothing that could be raised: it must be black there")
     return found
@@ -87,13 +82,12 @@ def _read_picture(file: Path) -> list[shapely.Geometry]:
 
     with Image.open(file) as image:
         if image.width * image.height > _MAX_PIXELS:
-            raise StudyError(
-                f"stimulus.file = {file} has {image.width * image.height:,} pixels but may have at "
-                f"most {_MAX_PIXELS:,}"
+            raise UnusableError(
+                f"has {image.width * image.height:,} pixels but may have at most {_MAX_PIXELS:,}"
             )
         upright = ImageOps.exif_transpose(image)
         if image.mode in ("I", "F") or image.mode.startswith("I;"):
-            return _contours(1 - _gray_of_many_bits(image, np.asarray(upright), file))
+            return _contours(1 - _gray_of_many_bits(image, np.asarray(upright)))
         if upright.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA"):
             upright = upright.convert("RGB")
         upright = upright.convert("RGBA")
@@ -102,16 +96,16 @@ def _read_picture(file: Path) -> list[shapely.Geometry]:
     return _contours(1 - gray / 255)
 
 
-def _gray_of_many_bits(image: Any, values: NDArray[Any], file: Path) -> NDArray[np.float64]:
+def _gray_of_many_bits(image: Any, values: NDArray[Any]) -> NDArray[np.float64]:
     """Return gray values of more than eight bits from 0, black, to 1."""
     # Pillow reads 16 bits of a PNG as 16 or as 32, and takes no notice of a TIFF's WhiteIsZero.
     largest = 1.0 if image.mode == "F" else 65535.0
     has_16_bits = image.mode.startswith("I;16") or image.format == "PNG"
     is_in_range = np.isfinite(values).all() and values.min() >= 0 and values.max() <= largest
     if not is_in_range or not (has_16_bits or image.mode == "F"):
-        raise StudyError(
-            f"stimulus.file = {file} has gray values from {values.min():g} to {values.max():g} "
-            f"(mode {image.mode}) but must have 8 or 16 bits, or floating-point numbers from 0 to 1"
+        raise UnusableError(
+            f"has gray values from {values.min():g} to {values.max():g} (mode {image.mode}) but "
+            "must have 8 or 16 bits, or floating-point numbers from 0 to 1"
         )
     gray = values / largest
     is_white_zero = getattr(image, "tag_v2", {}).get(_PHOTOMETRIC) == 0

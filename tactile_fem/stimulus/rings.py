@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -57,16 +56,14 @@ def thick(
     rounding = "round" if join == "round" else "bevel"
     parts = [line.buffer(width / 2, quad_segs=64, cap_style=cap, join_style=rounding)]
     corners = np.vstack((points, points[1])) if is_ring else points
-    ways = np.diff(corners, axis=0)
-    ways /= np.linalg.norm(ways, axis=1)[:, None]
-    for corner, (into, out) in zip(corners[1:-1], pairwise(ways), strict=True):
-        cosine = into @ out
+    for three in zip(corners, corners[1:], corners[2:], strict=False) if join == "miter" else ():
+        into, out = (way / np.linalg.norm(way) for way in np.diff(three, axis=0))
         # SVG limits the length of a miter over the width, 1 / sin(half the angle), or bevels.
-        if join == "miter" and cosine < 0.999 and (1 + cosine) / 2 * limit**2 >= 1:
-            turn = np.sign(into[0] * out[1] - into[1] * out[0])
-            sides = np.array([into, out])[:, ::-1] * [1, -1] * turn * width / 2
-            tip = sides.sum(axis=0) / (1 + cosine)
-            parts.append(shapely.Polygon(corner + np.array([(0, 0), sides[0], tip, sides[1]])))
+        if into @ out < 0.999 and (1 + into @ out) / 2 * limit**2 >= 1:
+            corner = shapely.LineString(three)
+            parts.append(
+                corner.buffer(width / 2, cap_style="flat", join_style="mitre", mitre_limit=limit)
+            )
     return shapely.union_all(parts)
 
 

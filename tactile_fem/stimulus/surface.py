@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field
 
 from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.runtime.settings import File, Finite, NonNegative, Positive, nonzero
-from tactile_fem.stimulus.body import Turned
+from tactile_fem.stimulus.body import Moved
 from tactile_fem.stimulus.stimulus import Stimulus
 
 if TYPE_CHECKING:
@@ -70,6 +70,6 @@ class Surface(Stimulus):
         check_relief(heights, self.file)
         return Relief.of(heights, found.spacing_mm, self.low_pass_mm, _BEYOND[self.repeat])
 
-    def shape(self) -> Turned:
+    def shape(self) -> Moved:
         """Return the surface, turned."""
-        return Turned(self.relief(), math.radians(self.turn_deg))
+        return Moved(self.relief(), angle=math.radians(self.turn_deg))

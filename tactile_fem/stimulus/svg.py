@@ -62,6 +62,10 @@ class _Drawn(NamedTuple):
     clip: shapely.Geometry | None
     diagonal: float
 
+    def filled(self, rule: str) -> shapely.Geometry:
+        """Return what it fills by the rule that a property names."""
+        return filled([points for points, _ in self.lines], self.style.get(rule) == "evenodd")
+
     def seen(self, shape: shapely.Geometry) -> shapely.Geometry:
         """Return on the page what is seen of a shape."""
         placed = _placed(shape, self.matrix)
@@ -176,11 +180,8 @@ class _Reader:
             return
         style = self.style(element, parent)
         is_visible = style.get("visibility", "visible") == "visible"
-        if (
-            style.get("display") == "none"
-            or style.get("requiredExtensions")
-            or _is_clear(style, "")
-        ):
+        unseen = style.get("display") == "none" or style.get("requiredExtensions")
+        if unseen or _is_clear(style, ""):
             return
         for key in _REFUSED & set(style):
             if style[key] not in _HARMLESS:
@@ -224,7 +225,7 @@ class _Reader:
         if target is None or target.get("clipPathUnits", "userSpaceOnUse") != "userSpaceOnUse":
             self.refuse(f"clip-path {said}", "cut the shapes themselves")
         shapes = [
-            one.seen(filled([p for p, _ in one.lines], one.style.get("clip-rule") == "evenodd"))
+            one.seen(one.filled("clip-rule"))
             for one in self.walk(target, {}, matrix, None, size, {})
         ]
         return shapely.union_all(shapes)
@@ -290,13 +291,8 @@ class _Reader:
         order = one.style.get("paint-order", "").partition("fill")[0]
         for part in ("stroke", "fill") if "stroke" in order else ("fill", "stroke"):
             is_raised = self._is_raised(one.style, part)
-            if is_raised is None:
-                continue
-            if part == "fill":
-                even_odd = one.style.get("fill-rule") == "evenodd"
-                yield is_raised, filled([points for points, _ in one.lines], even_odd)
-            else:
-                yield is_raised, self._stroke(one)
+            if is_raised is not None:
+                yield is_raised, self._stroke(one) if part == "stroke" else one.filled("fill-rule")
 
     def _is_raised(self, style: Style, part: str) -> bool | None:
         """Return whether a fill or stroke is raised, not if it is white; None if not painted."""
