@@ -214,8 +214,7 @@ def _splined(shape: shapely.Geometry, radius: float, reach: float) -> Rounded:
     edges = shapely.STRtree(_edges(rounded))  # three times as fast as `shapely.distance`
     _, distance = edges.query_nearest(points, all_matches=False, return_distance=True)
     distance[shapely.contains(rounded, points)] *= -1
-    grid_mm = (_GRID_MM, _GRID_MM)
-    spline = GridSpline.through(distance.reshape(len(x), len(y)), low, grid_mm)
+    spline = GridSpline.through(distance.reshape(len(x), len(y)), low, (_GRID_MM, _GRID_MM))
     return Rounded(rounded, spline, (*low, *high))
 
 

@@ -21,7 +21,7 @@ from tactile_fem.stimulus.body import (
     norm_of,
     smooth_minimum,
 )
-from tactile_fem.stimulus.stimulus import ACROSS, Relief, Stimulus, check_limit, embossed
+from tactile_fem.stimulus.stimulus import ACROSS, Relief, Stimulus, check_limit
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -58,9 +58,10 @@ class Grating(Stimulus):
 
     def shape(self) -> Embossed:
         """Return the raised ridges."""
+        limits = {"relief_mm": self.relief_mm, "half of ridge_mm": self.ridge_mm / 2}
+        check_limit("fillet_radius_mm", self.fillet_radius_mm, limits)
         ridges = Ridges(self.ridge_mm, self._row(), ACROSS[self.along])
-        limits = {"half of ridge_mm": self.ridge_mm / 2}
-        return embossed(ridges, self.relief_mm, self.fillet_radius_mm, limits)
+        return Embossed(ridges, self.relief_mm, self.fillet_radius_mm)
 
     def raised(self) -> list[Polygon]:
         """Return the ridges, cut to 20 mm."""
@@ -94,8 +95,10 @@ class Dots(Stimulus):
 
     def shape(self) -> Embossed:
         """Return the raised discs."""
-        discs, limits = Discs(self.radius_mm, *self._places()), {"radius_mm": self.radius_mm}
-        return embossed(discs, self.relief_mm, self.fillet_radius_mm, limits)
+        limits = {"relief_mm": self.relief_mm, "radius_mm": self.radius_mm}
+        check_limit("fillet_radius_mm", self.fillet_radius_mm, limits)
+        discs = Discs(self.radius_mm, *self._places())
+        return Embossed(discs, self.relief_mm, self.fillet_radius_mm)
 
     def raised(self) -> list[Polygon]:
         """Return the discs."""

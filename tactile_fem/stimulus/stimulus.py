@@ -10,7 +10,7 @@ from pydantic import Field
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.files import cached_by_content
 from tactile_fem.runtime.settings import Finite, Kind, Positive
-from tactile_fem.stimulus.body import Embossed, Moved, Outline, RigidBody
+from tactile_fem.stimulus.body import Moved, RigidBody
 from tactile_fem.stimulus.friction import Friction, NumberOrLaw, law_of
 
 if TYPE_CHECKING:
@@ -100,11 +100,3 @@ def check_limit(key: str, value: float, limits: Mapping[str, float]) -> None:
     name = min(limits, key=limits.__getitem__)
     if value > limits[name] + 1e-12:
         raise StudyError(f"stimulus.{key} = {value:g} must not exceed {name} ({limits[name]:g})")
-
-
-def embossed(
-    outline: Outline, relief_mm: float, fillet_mm: float, limits: Mapping[str, float]
-) -> Embossed:
-    """Return a raised outline; raise StudyError if the fillet exceeds the relief or a limit."""
-    check_limit("fillet_radius_mm", fillet_mm, {"relief_mm": relief_mm, **limits})
-    return Embossed(outline, relief_mm, fillet_mm)

@@ -70,8 +70,12 @@ def read_topography(
             f"stimulus.{'spacing_mm' if spacing is None else 'unit_mm'} must be given: {file} "
             f"states none that is known{raw.hint}"
         )
-    _warn_of_another("spacing_mm", spacing_mm, raw.spacing_mm, file)
-    _warn_of_another("unit_mm", unit_mm, raw.unit_mm, file)
+    given = {"spacing_mm": (spacing_mm, raw.spacing_mm), "unit_mm": (unit_mm, raw.unit_mm)}
+    for key, (number, stated) in given.items():
+        if number and stated and not np.allclose(number, stated, rtol=_SAME_SIZE, atol=0):
+            others = " x ".join(f"{one:.4g}" for one in np.atleast_1d(stated))
+            told = "stimulus.%s = %g replaces the %s that %s states"
+            logger.warning(told, key, number, others, file)
     values = _cropped(raw.values, spacing, crop_mm)
     _check_sizes(spacing, values.shape, file)
     missing = ~np.isfinite(values)
@@ -83,15 +87,6 @@ def read_topography(
         )
     _check_values(values, file)
     return Topography(unit * np.asarray(values, dtype=np.float64), spacing)
-
-
-def _warn_of_another(
-    key: str, given: float | None, stated: float | tuple[float, float] | None, file: Path
-) -> None:
-    """Warn of a size that replaces a different one of the file."""
-    if given and stated and not np.allclose(given, stated, rtol=_SAME_SIZE, atol=0):
-        numbers = " x ".join(f"{number:.4g}" for number in np.atleast_1d(stated))
-        logger.warning("stimulus.%s = %g replaces the %s that %s states", key, given, numbers, file)
 
 
 def _cropped(
