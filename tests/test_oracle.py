@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ SHARE = 1e-9
 BEFORE = oracle.stored(Path(__file__).parent / "oracle.npz")
 
 pytestmark = pytest.mark.slow
+computed = cache(oracle.computed)
 
 
 @pytest.mark.parametrize(
@@ -23,21 +25,21 @@ pytestmark = pytest.mark.slow
     ],
 )
 def test_what_a_scan_computes_stays(case):
-    assert oracle.differing(oracle.computed(case), BEFORE[case], SHARE) == []
+    assert oracle.differing(computed(case), BEFORE[case], SHARE) == []
 
 
 # Not those that seek loads: rounding changes their iterations, and these the length of steps.
 @pytest.mark.ranks
 @pytest.mark.parametrize("case", ["slide", "relaxation", "friction"])
 def test_two_ranks_compute_what_one_does(case):
-    assert oracle.differing(oracle.computed(case), BEFORE[case], SHARE) == []
+    assert oracle.differing(computed(case), BEFORE[case], SHARE) == []
 
 
 @pytest.mark.parametrize("case", ["slide", "push", "inertia", "relaxation"])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8])
 def test_a_scan_that_goes_on_after_any_step_is_the_same_in_every_bit(case, share):
     steps = len(BEFORE[case]["time_s"]) - 1
-    whole, continued = oracle.computed(case), oracle.computed(case, max(1, int(share * steps)))
+    whole, continued = computed(case), computed(case, max(1, int(share * steps)))
     assert oracle.differing(continued, whole, 0.0) == []
 
 
