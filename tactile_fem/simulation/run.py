@@ -96,7 +96,8 @@ def scan(
     """
     with session(comm) as run:
         if folder is None:
-            return _run(run, Simulation(study, parts, run.comm), None, observers)
+            simulation = Simulation(study, parts, run.comm)
+            return _run(run, simulation, None, observers)
         results, watching = Results(folder), list(observers)
 
         def earlier() -> Earlier:
