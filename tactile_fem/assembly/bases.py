@@ -23,11 +23,11 @@ class CellField:
     Attributes
     ----------
     kind
-        Of the operand.
+        Kind of the operand.
     nodes, size
         Number of its basis functions in a cell, and of its components.
     values
-        Of all dofs of this rank; they change with the field.
+        Values of all dofs of this rank; they change with the field.
 
     Raises
     ------

@@ -21,7 +21,7 @@ class FacetPoints:
     Parameters
     ----------
     space
-        Of quadrature elements on the submesh.
+        Space of quadrature elements on the submesh.
     msh
         The mesh whose facets the submesh has.
     entity_maps
@@ -30,7 +30,7 @@ class FacetPoints:
     Attributes
     ----------
     points
-        Of the reference facet, (points, dimension).
+        Points of the reference facet, (points, dimension).
 
     Raises
     ------

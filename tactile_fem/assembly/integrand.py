@@ -65,12 +65,12 @@ class Integrand:
     jit_options
         DOLFINx's.
     entity_maps
-        Of the submeshes of facets on which fields are known.
+        Maps of entities to the submeshes of facets on which fields are known.
 
     Attributes
     ----------
     tag
-        Of the cells or facets.
+        Tag of the cells or facets.
     is_on_facets
         Whether it is integrated over facets.
     rules

@@ -70,7 +70,7 @@ class PointFunction:
     Parameters
     ----------
     name
-        Of the function.
+        Name of the function in C.
     value
         A vector of what is given by `at`.
 

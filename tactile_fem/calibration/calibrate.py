@@ -67,11 +67,11 @@ def fit(
     Parameters
     ----------
     study
-        Where it starts, and what is not fitted; its stimulus and protocol are not used.
+        The study to start from; its stimulus and protocol are not used.
     experiments
         See `Experiment.of_curve` and `read_measurements`.
     folder
-        For presses, tables and figure.
+        Folder for presses, tables and figure.
     parameters
         What to fit: a tissue, ``skin``, a constant or a length, with how far it may be from the
         study's: ``subcutaneous.C20_MPa:3`` is within a factor of 3 at one standard deviation.

@@ -50,7 +50,7 @@ def fit(
     measured
         CSV files with forces over depth or profiles of the skin.
     speed
-        Of raw curves: speed of the press in mm/s.
+        Speed of the press of raw curves in mm/s.
     sd
         Of raw curves: standard deviation of a force in N; default 5 % of it and 1 % of the largest.
     study

@@ -90,7 +90,7 @@ class Experiment:
         indenter
             A stimulus such as ``Sphere(radius_mm=2.0)``, or how a file names it.
         speed_mm_s
-            Of the indenter.
+            Speed of the indenter.
         depth_mm, force_N
             Depth and normal force, (rows,), in any order. If the force shows that it does not begin
             at 0, depth counts from where it does, and an offset of the force before is taken away;
@@ -151,7 +151,7 @@ def read_measurements(
         Of the raw curves, as a table names them (``sphere radius_mm=2``): one for all, or one for
         each in turn.
     speed_mm_s
-        Of the raw curves.
+        Speed of the press of raw curves.
     sd_N
         Standard deviation of the forces of raw curves; default see `Experiment.of_curve`.
 

@@ -33,7 +33,7 @@ class Posterior:
     x
         Mean of the logarithms of the factors, (parameters,).
     covariance
-        Of `x`, (parameters, parameters).
+        Covariance of `x`, (parameters, parameters).
     """
 
     parameters: tuple[Parameter, ...]

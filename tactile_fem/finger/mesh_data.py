@@ -64,7 +64,7 @@ class FingerMesh:
         (k,) tags from `SURFACES`. "skin" is the outer skin without nail and cut, "interface"
         lies between epidermis and dermis, "bone_surface" is that of the bone without the cut.
     fields
-        By name: (m, ...) values in each cell that laws of the tissues may need, such as
+        Values in each cell, (m, ...), by name, that laws of the tissues may need, such as
         directions of fibres, (m, 3) in the finger's axes.
     """
 

@@ -52,7 +52,7 @@ class Domain:
     cell_count
         Number of the file's cells.
     plane
-        That of a section.
+        Plane of a section.
     fields
         `FingerMesh.fields`, constant in each cell.
     """

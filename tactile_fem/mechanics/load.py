@@ -27,7 +27,7 @@ class Load:
     Attributes
     ----------
     force_N, moment_Nmm
-        Of the contact traction on the finger, (3,); the moment about the origin.
+        Force and moment of the contact on the finger, (3,); the moment is about the origin.
     bone_N, bone_Nmm
         Force of the tissue on what is held, (3,), and its moment about the origin: those of the
         contact but for inertia.
@@ -47,7 +47,7 @@ class Load:
     stored_mJ
         Strain energy of the tissues.
     volume_change
-        Of the deformable tissue, relative.
+        Relative change of the volume of the deformable tissue.
     pressure_N, friction_N, bound_N
         Nodal forces of contact pressure, of friction, and of pressure times the coefficient of
         friction on this rank's nodes, (nodes, components).

@@ -23,7 +23,7 @@ def check_work(form: ufl.Form, v: ufl.Argument, name: str) -> None:
     v
         Test function, in which the work has to be linear.
     name
-        Of the term.
+        Name of the term.
 
     Raises
     ------

@@ -49,7 +49,7 @@ class Obstacle:
     Attributes
     ----------
     state
-        Where the body is, now and at the last accepted step.
+        Pose of the body, now and at the last accepted step.
     gap, normal, hessian
         UFL expressions of the signed distance, of the outward normal and of the distance's second
         derivatives.

@@ -113,7 +113,7 @@ class State:
         How the bone has swung since the last accepted step, ``[Q - I, t]``, (dimension,
         dimension + 1): a place `y` seen from it is ``Q y + t`` seen from the bone of then.
     swing_before
-        That of the last accepted step.
+        Swing at the last accepted step.
     time_step
         Duration of the present step, s; the only constant of it in all forms.
     dt_old_s

@@ -56,11 +56,11 @@ class Tissues:
     at
         Undeformed position (mm) and the finger's fields, for laws.
     materials
-        Those of the study by the name of the tissue; each number is a `Constant` of the forms.
+        Materials of the study by the name of the tissue; each number is a `Constant` of the forms.
     laws
         Elastic laws by the name of the tissue: own ones or `materials`.
     shear_moduli, bulk_moduli
-        At small strain, MPa, by the name of the tissue.
+        Moduli at small strain, MPa, by the name of the tissue.
     dx, dx_of_tangent
         Volume measure of all tissues, for residuals and for tangents.
     """

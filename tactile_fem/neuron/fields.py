@@ -45,7 +45,7 @@ class Field:
     Parameters
     ----------
     name
-        Of the column, with its unit: ``shear_strain``, ``pressure_kPa``.
+        Name of the column, with its unit: ``shear_strain``, ``pressure_kPa``.
     at
         Takes a `MaterialPoint` and returns a UFL scalar, vector or tensor; import UFL in it.
     rest

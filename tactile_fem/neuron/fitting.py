@@ -76,13 +76,13 @@ class RateFit:
     neuron
         The constants, fitted ones included.
     estimates
-        By name; of an afferent ``gain of A`` and ``threshold of A``.
+        Estimates by name; of an afferent ``gain of A`` and ``threshold of A``.
     residuals_Hz
         Model less measurement, (receptors,) for each window of each recording.
     r2
         Share of the variance of the rates that the model explains, per window and of all.
     correlation
-        Of the estimates, (constants, constants).
+        Correlation of the estimates, (constants, constants).
     """
 
     neuron: Neuron

@@ -95,7 +95,7 @@ class Response:
         Parameters
         ----------
         times_s
-            Where the rates are wanted, s, (times,).
+            Times at which the rates are wanted, s, (times,).
         window_s
             Standard deviation of the Gaussian, s.
         """

@@ -248,7 +248,7 @@ class BandPass:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class Adaptation:
     """Transduction of afferents that have met the first value of a history for `held_s` before.
 
     Their membranes are at rest when the history begins.
@@ -267,7 +267,7 @@ class Held:
 
 def held(own: Transduction, held_s: float) -> Transduction:
     """Return a transduction adapted to the first value; a band-pass has always met it."""
-    return own if isinstance(own, BandPass) else Held(own, held_s)
+    return own if isinstance(own, BandPass) else Adaptation(own, held_s)
 
 
 @dataclass(frozen=True, eq=False)

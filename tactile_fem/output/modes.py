@@ -48,7 +48,7 @@ class Modes(Archived):
     still_mm
         Displacement of the state itself, (n, 3).
     nodes_mm, tets, tissue
-        Of the mesh, in its file's order: (n, 3); (m, 10), gmsh's order; (m,) tags.
+        The mesh in its file's order: (n, 3); (m, 10), gmsh's order; (m,) tags.
     stimulator_mm
         Position of the body in the state, (3,).
     body

@@ -196,7 +196,7 @@ class Path:
         At least one: kinds of `Piece`, or functions from the position (3,) in mm at which the
         piece begins, known only when a press to a force has ended, to its motion.
     start_mm, start_rad
-        Where the body is at the start, (3,), and its rotation vector then, (3,).
+        Pose of the body at the start: place, (3,), and rotation vector, (3,).
     """
 
     pieces: tuple[MotionFrom, ...]

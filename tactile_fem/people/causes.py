@@ -31,7 +31,7 @@ class Causes:
     Attributes
     ----------
     shares
-        Of each constant, by its name, with its 95 % interval; NaN if all values are equal.
+        Share of each constant, by its name, with its 95 % interval; NaN if all values are equal.
     rest
         What is left: constants acting jointly, a higher degree, others than those given. Its
         interval reaches `1 - predicted`: resampled people are fitted too well.
@@ -39,7 +39,7 @@ class Causes:
         Share of the variance of people that were left out which the polynomial predicts (leaving
         out one at a time); below `1 - rest` and even negative where people are too few.
     degree
-        Of the polynomial in each constant.
+        Degree of the polynomial in each constant.
     people, missing
         How many have a value; how many have none and are left out.
     """
@@ -83,11 +83,11 @@ def causes(
     scores
         (people, constants), standard normal. One that is the same in all people has no share.
     names
-        Of the constants.
+        Names of the constants.
     values
         (people,); people whose values or scores are not finite are left out.
     seed
-        Of the resampling.
+        Seed of the resampling.
     independent
         Whether the scores are known to be independent, as `Ensemble.draws` are. By default, those
         that correlate by more than chance are taken as correlated.

@@ -36,7 +36,7 @@ def people(
     Parameters
     ----------
     number
-        Of people.
+        Number of people.
     over
         Conditions, in each of which all people are scanned: section.key=value,value,... May be
         repeated.

@@ -49,7 +49,7 @@ def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
         A study, or several such as those of `tactile_fem.series.sweep`: the same people are drawn
         for each.
     number
-        Of people.
+        Number of people.
 
     Returns
     -------

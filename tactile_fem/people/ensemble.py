@@ -139,7 +139,7 @@ class Ensemble:
     Attributes
     ----------
     folder
-        Of the ensemble.
+        Folder of the ensemble.
     people
         Names of all people, (n,).
     conditions
@@ -220,7 +220,7 @@ class Ensemble:
         Parameters
         ----------
         condition
-            By default the first.
+            Name of the condition; by default the first.
 
         Raises
         ------
@@ -250,7 +250,7 @@ class Ensemble:
         Parameters
         ----------
         condition
-            By default the first.
+            Name of the condition; by default the first.
         of
             ``normal`` or ``tangential`` for a force, in N or N/mm; ``central_sed_kPa``, of the
             receptor nearest to X = Y = 0; another column of `Results.trace` with one number for

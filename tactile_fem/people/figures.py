@@ -109,7 +109,7 @@ def people_raster(
     Parameters
     ----------
     spikes
-        Of each person, their places on the axis; None without a scan, which is counted above.
+        Places of each person's spikes on the axis; None without a scan, which is counted above.
     over
         The axis.
     order, label

@@ -32,7 +32,7 @@ class Paired:
         Share of people whose difference has the sign of the median, and its 95 % interval
         (Clopper and Pearson). Who has none counts as another sign.
     p
-        Of Wilcoxon's signed-rank test, two-sided; 1 if nobody's values differ.
+        Two-sided p of Wilcoxon's signed-rank test; 1 if nobody's values differ.
     """
 
     people: int

@@ -35,13 +35,13 @@ class Varied:
     Attributes
     ----------
     study
-        Of the middle of people: with the means of `people.fit`, and without `people`.
+        Study of the middle of people: with the means of `people.fit`, and without `people`.
     parameters, spreads
         What varies, by name, and how. Those of a fit come first; what is fixed is among them.
     fixed
         Names of what does not vary.
     correlation
-        Of the first parameters, those of the fit, (k, k).
+        Correlation of the parameters of the fit, which come first, (k, k).
     """
 
     study: Study

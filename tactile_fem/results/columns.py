@@ -14,11 +14,11 @@ class Column(NamedTuple):
     Attributes
     ----------
     name
-        With the unit at its end.
+        Name with the unit at its end.
     shape
         Numbers and names of the dimensions; of a CSV file ``rows``.
     meaning
-        In a few words, in Markdown.
+        Meaning in a few words, in Markdown.
     rest
         Value in the finger at rest, which is the first row of a trace.
     """

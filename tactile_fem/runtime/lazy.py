@@ -15,7 +15,7 @@ def lazily(package: str, names: Mapping[str, Iterable[str]]) -> Callable[[str], 
     package
         Its name.
     names
-        Those of each of its modules, by the module's name.
+        Names of each of its modules, by the module's name.
     """
     module_of = {name: module for module, each in names.items() for name in each}
 

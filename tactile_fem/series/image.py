@@ -59,7 +59,7 @@ class RateImage:
         Parameters
         ----------
         stimulus
-            Of the scan.
+            Stimulus of the scan.
         shift_mm
             Largest shift in both directions; skin is dragged along.
 
@@ -149,7 +149,7 @@ def rate_image(
     time_s, felt
         (steps,) and (steps, rows); the slide begins at time 0.
     speed_mm_s
-        Of the slide.
+        Speed of the slide.
     population
         The afferents; another ``seed`` gives another realization of their noise.
     column_mm

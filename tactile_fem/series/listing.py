@@ -34,9 +34,9 @@ def write_list(
     members
         The scans.
     folder
-        Of the series.
+        Folder of the series.
     ranks
-        Of each scan.
+        Ranks of each scan.
     words
         The command that made the list, for ``series.json``.
 

@@ -33,9 +33,9 @@ class LoadBalance:
     loads
         Wanted, of all components, (4,).
     pose
-        By the path at the end of the step.
+        Pose by the path at the end of the step.
     bone
-        After the last accepted step; None if it is clamped.
+        Bone after the last accepted step; None if it is clamped.
     dt_s
         Duration of the step.
     """

@@ -104,9 +104,9 @@ class Bone:
         Parameters
         ----------
         angle_rad
-            Of the bone, `dt_s` after the last accepted step.
+            Angle of the bone `dt_s` after the last accepted step.
         force_N, moment_Nmm
-            Of the tissue, (3,), as seen from the bone; the moment is about the origin.
+            Load of the tissue, (3,), as seen from the bone; the moment is about the origin.
         """
         joint, now = self.joint, self.moved(angle_rad, dt_s)
         moment = moment_about(joint.centre_mm, force_N, moment_Nmm)[0]

@@ -40,16 +40,16 @@ class Equilibrium:
     max_increment_mm
         Longest distance between two places of the body in the search for loads.
     bone
-        At the start; None if it is clamped.
+        Bone at the start; None if it is clamped.
 
     Attributes
     ----------
     solves
-        Of the present step so far; the last one ended at the present state.
+        Solves of the present step so far; the last one ended at the present state.
     stiffness_N_mm
         Derivative of the loads, as `LoadSearch` has it, as last observed, (5, 5).
     bone
-        After the last accepted step.
+        Bone after the last accepted step.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class Equilibrium:
         balance
             Loads, and where the body is at the end by the path.
         path
-            Where it would have been by the path after the last step.
+            Pose by the path after the last step.
         phase
             Name of the piece of the path, for messages.
         """

@@ -126,8 +126,8 @@ class Recorder:
         rows = [self._field_rows[-1] if self._field_rows else 0, -1]
         ways = (self._trace.at(name, rows) for name in ("displacement_mm", "depth_mm"))
         turn_mm = ARM_MM * angle_rad(*self._trace.at("stimulator_rad", rows))
-        way_mm = max(turn_mm, *(abs(way[1] - way[0]) for way in ways))
-        return step.output and way_mm >= self._simulation.study.output.states_mm - 1e-9
+        increment_mm = max(turn_mm, *(abs(way[1] - way[0]) for way in ways))
+        return step.output and increment_mm >= self._simulation.study.output.states_mm - 1e-9
 
     def restore(self, saved: dict[str, Array]) -> None:
         """Go back to a checkpoint, and to the trace up to it.

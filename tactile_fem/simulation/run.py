@@ -137,7 +137,7 @@ def resume(
     Returns
     -------
     ScanResult
-        That of the whole scan, as from `scan`.
+        The result of the whole scan, as from `scan`.
 
     Raises
     ------

@@ -33,7 +33,7 @@ class CoarseOperator:
     matrices
         The columns of the first one contain those of the others.
     interpolation
-        Of each component alike.
+        Interpolation of each component alike.
     jit_options
         Options of the compiler.
 

@@ -179,7 +179,7 @@ class FastSolver(StepSolver):
         Raises
         ------
         TactileError
-            By the solver: it does not converge.
+            The linear solver does not converge.
         """
         self._take_displacement()
         solution, field = self._x.duplicate(), fem.Function(self._state.u.function_space)

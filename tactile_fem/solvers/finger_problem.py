@@ -87,7 +87,7 @@ class FingerProblem(Problem):
         Parameters
         ----------
         load
-            At the present state, if `load` has been called there; read here otherwise.
+            Load at the present state, if `load` has been called there; read here otherwise.
 
         Raises
         ------

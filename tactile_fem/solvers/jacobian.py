@@ -14,7 +14,7 @@ from dolfinx import common, cpp, fem, la
 from tactile_fem.assembly import VirtualWork
 from tactile_fem.mechanics.problem import Problem
 from tactile_fem.solvers.block_products import BlockProduct
-from tactile_fem.solvers.held import Held
+from tactile_fem.solvers.frozen_dofs import FrozenDofs
 
 _BLOCKS = la.BlockMode.compact  # type: ignore[attr-defined]
 
@@ -62,7 +62,9 @@ class Jacobian:
         self.matrix: PETSc.Mat = cpp.la.petsc.create_matrix(V.mesh.comm, whole, kind)
         self._bulk = la.matrix_csr(whole, block_mode=_BLOCKS)
         self._skin = la.matrix_csr(_pattern(V, skin), block_mode=_BLOCKS)
-        self._held, self._held_skin = (Held(own, problem.bcs) for own in (self._bulk, self._skin))
+        self._held, self._held_skin = (
+            FrozenDofs(own, problem.bcs) for own in (self._bulk, self._skin)
+        )
         self.parts = self._bulk, self._skin
         self._is_symmetric, self._jit_options = problem.bulk.is_symmetric, jit_options
         self._products: list[BlockProduct] = []

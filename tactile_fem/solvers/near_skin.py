@@ -24,7 +24,7 @@ class NearSkin:
     obstacle
         The body.
     all, chosen
-        By the tag of each tissue: cell and local facet in turn, of the facets that may touch and of
+        Facets by the tag of each tissue, cell and local facet in turn: those that may touch and
         those that are near.
     """
 

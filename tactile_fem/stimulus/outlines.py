@@ -50,7 +50,7 @@ class Outlines:
     placed
         Shapes in mm, and how far each is shifted (X, Y). Equal shapes are rounded once.
     corner_radius_mm
-        Of corners, which each shape must allow; see `radii_that_fit`.
+        Radius of corners, which each shape must allow; see `radii_that_fit`.
     relief_mm
         How high they will be raised.
     """
@@ -109,7 +109,7 @@ def radii_that_fit(
     Parameters
     ----------
     shapes
-        By what a message calls them.
+        Shapes by what a message calls them.
     corner_mm, fillet_mm
         Given ones, or None: 0.3 mm, or the largest that fits if this is less.
     relief_mm

@@ -35,8 +35,8 @@ class Solver(Settings):
     )
     locking_ratio: Positive = Field(
         25.0,
-        description="K/G of a tissue up to which its volume change is integrated so; what is "
-        "stiffer, at the elements' centres, lest large elements lock. 1e9: all at every point",
+        description="K/G of a tissue up to which its volume change is integrated so; above it, "
+        "volume change is integrated at centroids to avoid locking. 1e9: all at every point",
     )
     contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
         10, description="quadrature degree"

@@ -33,7 +33,7 @@ class NormalResponse:
     grid
         Cells of the skin.
     cells
-        Those that a body can press, (n,), as numbers of the grid's places.
+        Cells that a body can press, (n,), as numbers of the grid's places.
     compliance_mm_per_MPa
         Motion into the finger at one cell by a pressure on another, (n, n), symmetric.
     """
@@ -62,7 +62,7 @@ class NormalResponse:
         start_MPa
             A guess, (n, bodies).
         tolerance_mm
-            Of the skin's place.
+            Tolerance of the skin's place.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class TangentialResponse:
             Direction of slip, (..., 2): its length is 0 where skin sticks unstrained and 1 where
             all of it slides.
         moved_mm
-            By how much the body has moved, (..., 2).
+            Displacement of the body, (..., 2).
         limit_mm
             (...,).
         """
@@ -201,7 +201,7 @@ class Pad:
         Parameters
         ----------
         places_mm
-            Where the body is in turn, (n, 2).
+            Places of the body in turn, (n, 2).
         """
         reach = self.grid.points_mm
         low = reach.min(axis=0) - places_mm.max(axis=0) - _DRAGGED_MM
@@ -249,7 +249,7 @@ class ContactPatch:
     friction
         Coefficients, (bodies,).
     places_mm
-        Where the bodies are at first, (bodies, 3).
+        Places of the bodies at first, (bodies, 3).
     tolerance_mm
         See `NormalResponse.press`.
 

@@ -70,7 +70,7 @@ class FastFinger:
     made_from
         The study, and the numbers of the scans.
     errors
-        Of scans that were held out, by name.
+        Errors in scans that were held out, by name.
     """
 
     pad: Pad

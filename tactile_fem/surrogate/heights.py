@@ -104,7 +104,7 @@ class HeightMap:
     Attributes
     ----------
     grid
-        Where they are, in the body's frame.
+        Grid in the body's frame.
     heights_mm
         (nx, ny); the highest plane is 0, as that of a rigid body. Beyond the grid follow the
         heights at its border.

@@ -158,7 +158,7 @@ class TrainingScan:
     Attributes
     ----------
     seen, felt
-        Of receptors, (rows, receptors, inputs) and (rows, receptors, outputs).
+        Rows of receptors, (rows, receptors, inputs) and (rows, receptors, outputs).
     overview, whole
         Of the whole finger, (rows, inputs) and (rows, 4): forces over the sum of the pressures,
         and contact area in mm2.

@@ -29,7 +29,7 @@ class BodyState:
     Attributes
     ----------
     force_N
-        Of the body on the finger, (bodies, 3).
+        Force of the body on the finger, (bodies, 3).
     contact_area_mm2
         (bodies,).
     felt

@@ -40,7 +40,7 @@ def vibrate(
     Parameters
     ----------
     frequencies
-        In Hz: low:high:count, evenly spaced in their logarithm, or a list.
+        Frequencies in Hz: low:high:count, evenly spaced in their logarithm, or a list.
     at_mm
         Displacement of a state kept by output.restarts; default the last state.
     at_s

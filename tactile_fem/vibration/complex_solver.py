@@ -56,7 +56,7 @@ def complex_solver(
     Raises
     ------
     TactileError
-        By the solver: it does not converge.
+        The linear solver does not converge.
     """
     comm = A.comm
     whole_sum = A.duplicate(copy=True)

@@ -41,7 +41,7 @@ class Spectrum(Archived):
     force_N
         Complex amplitude of the force on the finger per mm, (f, 3).
     still_moved_mm, still_sed_kPa, still_stretches
-        At the state itself, (r, 3), (r,), (r, 3).
+        What receptors feel at the state itself, (r, 3), (r,), (r, 3).
     """
 
     frequency_Hz: Array

@@ -121,7 +121,7 @@ def vibrate(
     Parameters
     ----------
     folder
-        Of the scan, complete or not.
+        Folder of the scan, complete or not.
     frequencies_Hz
         Positive, (f,).
     at_mm, at_s
@@ -131,9 +131,9 @@ def vibrate(
         What vibrates: the body, or the bone with everything that is held, while the body rests.
         A bone on its joint turns with a body that vibrates; it is not moved itself.
     direction
-        Of the vibration, (3,).
+        Direction of the vibration, (3,).
     density_kg_m3
-        Of all tissues, in place of the study's; 0 is without inertia.
+        Density of all tissues, in place of the study's; 0 is without inertia.
     comm
         Communicator; all its ranks must call. Default: all ranks.
     parts

@@ -142,7 +142,7 @@ class Inertia(Term):
         return self._density * ufl.inner(averaged, v) * self.tissues.dx
 
     def work_of_tangent(self, v: Expr) -> ufl.Form:
-        """Return that of a bone that does not swing, of which the tangent does not depend."""
+        """Return the virtual work at a fixed bone; the swing does not enter the tangent."""
         return self._density * ufl.inner(self._averaged_against_bone, v) * self.tissues.dx
 
     def static_residual(self, v: Expr) -> ufl.Form:

@@ -88,12 +88,12 @@ class Term:
         return form
 
     def skin_stiffness(self, tissue: str, gamma: Expr, height: Expr) -> Expr | None:
-        """Return by how much it stiffens the contact, MPa/mm.
+        """Return the term's contribution to the Nitsche parameter, MPa/mm.
 
         Parameters
         ----------
         tissue
-            At the surface.
+            Tissue at the surface.
         gamma, height
             Nitsche's constant, and height of the cell behind the facet, mm.
         """

@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx import fem, la
 
 
-class Held:
+class FrozenDofs:
     """Rows and columns of a matrix that have Dirichlet conditions.
 
     Parameters
