@@ -116,7 +116,7 @@ echo "$PWD: $*" >> {told}
 case "$*" in
   *--collect) echo scan,status > {folder}/summary.csv; exit 1 ;;
   *{names[1]}.toml*) echo step 3; echo "tactile-fem: it diverged." >&2; exit 3 ;;
-  *{names[2]}.toml*) [ -e {tmp_path}/killed ] || {{ patch {tmp_path}/killed; kill -9 $$; }} ;;
+  *{names[2]}.toml*) [ -e {tmp_path}/killed ] || {{ touch {tmp_path}/killed; kill -9 $$; }} ;;
   *{names[3]}.toml*) echo too much >&2; kill -9 $$ ;;
 esac
 """

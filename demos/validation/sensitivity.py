@@ -93,7 +93,7 @@ def constants_of(tissue: Tissue) -> list[tuple[str, str]]:
         for layer in Tissue.model_fields
         if isinstance(getattr(tissue, layer), Polynomial)
         for key, value in getattr(tissue, layer)
-        if value
+        if value and key.endswith("MPa")
     ]
 
 
