@@ -308,6 +308,7 @@ def test_forms_whose_compilation_was_interrupted_are_removed(tmp_path, others):
     for path, library in ((ready, b"ELF"), (empty, b"")):
         path.with_suffix(".c.cached").touch()
         path.with_suffix(".abi3.so").write_bytes(library)
+    new.with_suffix(".abi3.so").touch()  # as while it is linked
     with (cache / "tactile_fem.lock").open("a") as another_run:
         if others:  # they may be compiling
             fcntl.flock(another_run, fcntl.LOCK_SH)

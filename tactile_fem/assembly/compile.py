@@ -199,7 +199,8 @@ def clean_cache(folder: Path) -> None:
         ready = source.with_suffix(".c.cached")
         with suppress(OSError):
             age_s = time.time() - source.stat().st_mtime
-            if source.stem in empty or (not ready.exists() and age_s >= least_age_s):
+            # A library that is just being linked is empty too: its form is not ready yet.
+            if source.stem in empty if ready.exists() else age_s >= least_age_s:
                 ready.unlink(missing_ok=True)
                 source.unlink()
 
