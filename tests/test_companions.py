@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from test_layout import ORDER
 
 import tactile_fem
 
@@ -78,11 +79,8 @@ def test_the_core_does_without(gone, tmp_path):
     assert "scan" in done.stdout
 
 
-# The rooms of the core, whose lists are what it exports, and what everybody may use.
-ROOMS = {
-    *("assembly", "finger", "mechanics", "neuron", "output", "path", "receptors", "results"),
-    *("series", "simulation", "solvers", "stimulus", "study", "tissue"),
-}
+# The rooms of the core whose lists are what it exports, and what everybody may use.
+ROOMS = {*ORDER} - {"errors", "runtime", "cli"}
 BELOW = ("tactile_fem.errors", "tactile_fem.runtime", "tactile_fem.cli.options")
 # A function that has the name of its module.
 EXEMPT = {("tactile_fem.output.panels", "panels")}
@@ -102,9 +100,3 @@ def test_a_companion_imports_what_the_core_exports(companion):
             if not (len(words) == 1 or is_room) or name not in exported | ROOMS | {""}:
                 wrong.append(f"{file}: {module} {name}")
     assert not wrong
-
-
-def test_the_core_s_assembly_knows_no_finger():
-    allowed = ("tactile_fem.assembly", "tactile_fem.runtime", "tactile_fem.errors")
-    for names in imported_by(PACKAGE / "assembly").values():
-        assert all(module.startswith(allowed) for module, _ in names)

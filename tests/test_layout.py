@@ -53,3 +53,33 @@ def test_imports_have_no_circle(unit: Callable[[str], str]):
         graph.setdefault(unit(module), set()).update(needs)
     assert len(graph) > 10
     TopologicalSorter(graph).prepare()  # raises CycleError, which names the circle
+
+
+# The rooms of the core, from the bottom up: a room imports those before it.
+ORDER = (
+    *("errors", "runtime", "tissue", "finger", "path", "stimulus", "neuron", "receptors", "study"),
+    *("results", "assembly", "mechanics", "solvers", "simulation", "output", "series", "cli"),
+)
+
+
+def rooms_used_by(own: str) -> set[str]:
+    """Return the other rooms whose modules those of a room import, by their names."""
+    files = [path for module, path in FILES.items() if module.split(".")[1] == own]
+    return {name.split(".")[1] for path in files for name in imported(path)} - {own}
+
+
+@pytest.mark.parametrize("own", ORDER[1:])
+def test_a_room_imports_those_below_it(own):
+    assert rooms_used_by(own) <= set(ORDER[: ORDER.index(own)])
+
+
+@pytest.mark.parametrize("own", ["results", "output"])
+def test_what_reads_and_draws_needs_no_solver(own):
+    assert not rooms_used_by(own) & {"assembly", "mechanics", "solvers"}
+
+
+def test_every_folder_is_a_room_or_a_companion():
+    package = ROOT / "tactile_fem"
+    folders = {file.parent.name for file in package.glob("*/__init__.py")}
+    companions = {file.parent.name for file in package.glob("*/companion.toml")}
+    assert folders - companions == set(ORDER) - {"errors"}

@@ -68,8 +68,8 @@ def press(
     derivatives, curve = np.full((len(values), len(changes)), np.nan), [(0.0, 0.0)]
     with closing(simulation):
         problem = simulation.problem
-        # They hold the bone, and would be wrong on a joint.
-        sensitivities = Sensitivities(problem, () if study.joint else changes)
+        known = () if study.joint else changes  # sensitivities hold the bone
+        sensitivities = Sensitivities(problem, known)
         try:
             with stopping(problem.solver.snes, comm) as stop:
                 for step in simulation.steps():
@@ -79,7 +79,7 @@ def press(
                     if here.any():
                         read = _reading(simulation, experiment, here, skin)
                         values[here] = read()
-                        if changes and not study.joint:
+                        if known:
                             derivatives[here] = sensitivities.derivative(read).T
                     stop.check()
         except StoppedError:

@@ -10,6 +10,7 @@ over all corners is exactly the force on the finger.
 from __future__ import annotations
 
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +52,7 @@ class SkinContact:
         self._middles, first = np.unique(middles, return_index=True)
         self._sides = sides[first]
 
-    @property
+    @cached_property
     def on_skin(self) -> NDArray[np.bool_]:
         """Whether each node of the finger is one of the skin, (n,)."""
         found = np.zeros(len(self._nodes), dtype=bool)

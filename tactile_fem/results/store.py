@@ -32,16 +32,9 @@ _OWN_FILES = {
     "states": ("state_*.npz",),
     "fields": ("deformation.pvd", "deformation_*.vtu"),
     "figures": (
-        *("sed.png", "raster.png", "firing.png", "force.png", "felt.png"),
-        *(
-            "finger.png",
-            "snapshots.png",
-            "measured.png",
-            "felt_*.png",
-            "raster_*.png",
-            "firing_*.png",
-            "deformation_*.png",
-        ),
+        *("sed.png", "raster.png", "firing.png", "force.png", "felt.png", "finger.png"),
+        *("snapshots.png", "measured.png", "felt_*.png", "raster_*.png", "firing_*.png"),
+        "deformation_*.png",
     ),
     "vibration": ("spectrum.*", "modes.npz", "shape_*_Hz.png"),
 }

@@ -193,7 +193,7 @@ class Stepper:
             excess_N = self._normal_N(load) - motion.until_N
             if excess_N > allowed_N(motion.until_N):
                 target = self._end_of_press_s(target, load, motion.until_N)
-                load = self._solve(HeldLoads.normal(motion.until_N) or NOTHING, target)
+                load = self._solve(HeldLoads.normal(motion.until_N), target)
         if load is None:
             self._reject(target)
             return None

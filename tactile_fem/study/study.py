@@ -20,18 +20,13 @@ from tactile_fem.errors import StudyError
 from tactile_fem.finger import Finger, FingerMesh
 from tactile_fem.finger.joint import Joint
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
-from tactile_fem.path import (
-    Protocol,
-)
+from tactile_fem.path import Protocol
 from tactile_fem.receptors import Layout
 from tactile_fem.receptors.settings import Receptors, misplaced
 from tactile_fem.runtime import html
 from tactile_fem.runtime.differences import brief, differences
 from tactile_fem.runtime.settings import Settings
-from tactile_fem.stimulus import (
-    Stimulus,
-    Text,
-)
+from tactile_fem.stimulus import Stimulus, Text
 from tactile_fem.study.afferents import Afferents, filled, given_keys
 from tactile_fem.study.output import Output
 from tactile_fem.study.solver import Solver
