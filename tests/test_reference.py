@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "demos" / "pages" / "reference"
 MESSAGES = [
     message
-    for row in re.findall(r"^\| (`.*?) \|", (REFERENCE / "messages.md").read_text(), re.MULTILINE)
+    for row in re.findall(r"^(`.*?) \|", (REFERENCE / "messages.md").read_text(), re.MULTILINE)
     for message in re.findall(r"`([^`]+)`", row)
 ]
 

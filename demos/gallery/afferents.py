@@ -2,10 +2,10 @@
 One letter, three kinds of afferents
 ====================================
 
-The G is felt by SA1 afferents (strain energy density at the epidermis), by RA afferents (rate of
-compression in the papillae) and by PC afferents (acceleration, 2 mm deep). All lie on a line 0.2
-mm apart, more densely than in a finger, so that their images can be compared. SA1 afferents carry
-the letter, as in recordings (`Phillips, Johnson and Hsiao 1988
+SA1 afferents (strain energy density at the epidermis), RA afferents (rate of compression in the
+papillae) and PC afferents (acceleration, 2 mm deep) respond to a G. All lie on a line 0.2 mm
+apart, more densely than in a finger, so that their images can be compared. SA1 afferents show
+the letter best, as in recordings (`Phillips, Johnson and Hsiao 1988
 <https://doi.org/10.1073/pnas.85.4.1317>`_).
 
 Expected time: 3 minutes on one core.
@@ -25,8 +25,8 @@ from tactile_fem import Study, completed, load_study
 from tactile_fem.series import population_image
 
 # %%
-# A population without tables of its own has the receptors and neuron of its kind. A scan has no
-# inertia and steps of 5 ms, so that the PC afferents respond to abrupt changes only.
+# By default a population has the receptors and neuron of its kind. This scan has no inertia and
+# steps of 5 ms, so the PC afferents respond to abrupt changes only.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/afferents")
 populations = [{"name": kind, "kind": kind} for kind in ("SA1", "RA", "PC")]
@@ -45,7 +45,7 @@ for kind, image in images.items():
     print(f"{kind}: {spikes} spikes, r = {r:.2f}")
 
 # %%
-# Rates are drawn over the place on the letter, each kind with its own scale.
+# Rates are drawn over the position on the letter, with a scale for each kind.
 
 figure, panels = plt.subplots(1, 3, figsize=(11, 3.6), sharey=True, layout="constrained")
 for axes, (kind, image) in zip(panels, images.items(), strict=True):

@@ -3,20 +3,19 @@ Recognizing letters in spikes
 =============================
 
 Each letter of the alphabet is scanned once. Its history of strain energy density drives ten
-populations whose gains (by 30 %) and thresholds (by 10 %) vary. A reader compares each image of
+populations with varying gains (by 30 %) and thresholds (by 10 %). A reader compares each image of
 firing with the mean images of the letters over the other populations, allowing shifts of 1 mm.
-Without noise of its own it would know every letter; with 630 spikes/s in each pixel it recognizes
-half of them, as naive people do (`Vega-Bermudez et al. 1991
+Without noise it would recognize every letter; with noise of 630 spikes/s in each pixel it
+recognizes half of them, as naive people do (`Vega-Bermudez et al. 1991
 <https://doi.org/10.1152/jn.1991.65.3.531>`_).
 
 .. figure:: /pictures/alphabet.png
 
-   Left the mean images of firing, right how often a letter (row) is taken for another (column).
+   Left: mean images of firing. Right: how often a letter (row) is taken for another (column).
    Of 1,300 images 50 % are recognized; I and J are confused in 27 %, O and Q in 25 %.
 
-Expected time: 1 minute with the scans in ``demos/gallery/scans.zip`` of the repository, which a
-download of this page does not contain: put it beside the script or notebook. Without it, or with
-changes, two hours for 26 scans.
+Expected time: 1 minute if ``demos/gallery/scans.zip`` of the repository lies beside the script or
+notebook; without it, or with changes, two hours for 26 scans.
 
 What to change: ``NOISE_HZ``; ``gain_spread``; a key of the study, such as ``protocol.depth_mm``;
 ``stimulus.kind=braille`` with ``protocol.force_N``.
@@ -50,7 +49,7 @@ scans = run_all(members, folder / "letters")
 neuron = members[0].study.neuron
 
 # %%
-# The k-th images of all letters come from one population; the templates must not know it.
+# The k-th images of all letters come from one population, which the templates must not contain.
 
 POPULATIONS, READINGS, NOISE_HZ = 10, 5, 630.0
 rates = np.empty(0)

@@ -2,8 +2,8 @@
 A button with an engraved arrow
 ===============================
 
-A part from a CAD program is stroked by a finger with an anatomical bone: a button 12 mm wide,
-with an arrow engraved 0.6 mm deep that points along the finger. Its edges evoke the spikes.
+A finger with an anatomical bone strokes a part from a CAD program: a button 12 mm wide with an
+arrow engraved 0.6 mm deep along the finger. Its edges evoke the spikes.
 
 .. figure:: /pictures/button.png
 
@@ -14,7 +14,7 @@ Expected time: 5 minutes on one core. It needs the extras ``mesh`` and ``cad``.
 
 What to change: ``stimulus.file`` and ``stimulus.unit_mm`` for your own ``.stl``, ``.obj`` or
 ``.ply`` file; ``stimulus.edge_radius_mm``; without ``finger.bone_file`` the bone is the analytic
-one. ``tactile-fem preview study.toml -o study.png`` shows how the part lies.
+one.
 """
 
 # sphinx_gallery_thumbnail_path = 'pictures/button.png'
@@ -53,9 +53,8 @@ gmsh.write(str(file))
 gmsh.finalize()
 
 # %%
-# ``unit_mm`` is the length of the unit of a file. ``shift_mm`` puts the tail of the arrow over the
-# contact point. The bone (``meshes/README.md``) is made 10 % larger; Z of its file points to the
-# nail.
+# ``unit_mm`` is the file's unit of length. ``shift_mm`` puts the tail of the arrow over the contact
+# point. The bone (``meshes/README.md``) is enlarged by 10 %; Z of its file points to the nail.
 
 overrides = [
     "stimulus.kind=mesh",
@@ -74,7 +73,7 @@ overrides = [
 results = completed(load_study(overrides=overrides), folder / "scan")
 
 # %%
-# The raster, with the arrow that passes.
+# The raster, with the arrow.
 
 trace, spikes = results.trace, results.spikes
 force = trace["force_N"][trace["phase"] == "slide", 2]

@@ -4,8 +4,8 @@ Why firing decays: the skin or the receptor
 
 Hamasaki et al. (2020) could not say whether the firing of SA1 afferents decays in a hold because
 the skin relaxes or because the receptor adapts. Here a cylinder of 6.35 mm radius is pressed 1 mm
-deep and held for 5 s, with elastic and with relaxing tissue. Each history drives an afferent that
-adapts and one that does not.
+deep and held for 5 s, with elastic and with relaxing tissue. Each history drives an afferent with
+and one without adaptation.
 
 .. figure:: /pictures/decay.png
 
@@ -33,7 +33,7 @@ from tactile_fem.series import run_all, sweep
 from tactile_fem.study import Neuron
 
 # %%
-# Holds follow each other with ever longer steps.
+# Consecutive holds have longer and longer steps.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/decay")
 holds = [(0.01, 6), (0.04, 6), (0.15, 6), (0.6, 6), (4.2, 6)]  # s, steps
@@ -54,7 +54,7 @@ traces = {name: scan.trace for name, scan in scans.items()}
 elapsed = {name: trace["time_s"] - trace["time_s"][0] for name, trace in traces.items()}
 
 # %%
-# All four afferents have a gain with which they fire equally fast during the press.
+# Gains are chosen so that all four afferents fire equally fast during the press.
 
 ramp, held = Window(0.0, 0.05, 0.0), Window(2.0, 5.0, 0.0)
 
@@ -91,8 +91,8 @@ for name, rate in late.items():
     print(f"{name}: {rate:.0f} spikes/s after 2 s, divided by {late['neither'] / rate:.2f}")
 
 # %%
-# Force and strain energy density (SED) fall only where the tissue relaxes; the rate falls mostly
-# where the receptor adapts.
+# Force and strain energy density (SED) fall only if the tissue relaxes; the rate falls mostly if
+# the receptor adapts.
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
 for name, dashes in zip(names, ("--", "-"), strict=True):

@@ -2,17 +2,16 @@
 The deformed finger in PyVista
 ==============================
 
-A scan keeps the fields of the whole finger every 0.4 mm. Here PyVista shows the finger cut open,
-with its strain energy density (SED), and the contact pressure on the skin, and makes a film of
-all states.
+PyVista shows the finger cut open, with its strain energy density (SED), and the contact pressure
+on the skin, and makes a film of all states that a scan has kept.
 
 .. figure:: /pictures/deformed_finger.png
 
    One half of the finger, and the contact pressure on its skin, 10 mm into the slide. The skin is
    seen from below, hence the letters are mirrored.
 
-Expected time: 1 minute after the scan, which takes 3 minutes; the folder of ``letters.py`` will
-do. It needs the extra ``pictures``.
+Expected time: 1 minute, and 3 for the scan, unless the folder is that of ``letters.py``. It needs
+the extra ``pictures``.
 
 What to change: ``at_mm``; the column of the surface, such as ``contact`` or ``stretches``;
 ``results.interface()`` for the epidermis-dermis interface. ``tactile-fem view FOLDER`` opens a

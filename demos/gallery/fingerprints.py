@@ -8,8 +8,8 @@ oscillate at the frequency speed/pitch.
 
 .. figure:: /pictures/fingerprints.png
 
-   A wave at one period per ridge has 4.4 % of the mean SED, 0.2 % in smooth skin. Each time a
-   ridge lets go, the tangential force falls by a quarter.
+   The amplitude at one period per ridge is 4.4 % of the mean SED, 0.2 % in smooth skin. Whenever a
+   ridge slips, the tangential force falls by a quarter.
 
 Expected time: 6 minutes on one core. It needs the extra ``mesh``.
 
@@ -29,8 +29,8 @@ from tactile_fem import load_study
 from tactile_fem.series import Member, mean_over, run_all
 
 # %%
-# Receptors lie at the tips of intermediate ridges, in smooth skin on a line. The force of a section
-# is per mm of its width.
+# Receptors lie at the tips of intermediate ridges, or on a line in smooth skin. The force of a
+# section is per mm of its width.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/fingerprints")
 PITCH_MM = 0.47
@@ -67,7 +67,7 @@ members = [
 scans = dict(zip(skins, run_all(members, folder), strict=True))
 
 # %%
-# The wave at one period per pitch is read from the mean history near the contact point.
+# The amplitude comes from the mean history near the contact point.
 
 
 def near(results) -> np.ndarray:

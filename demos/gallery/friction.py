@@ -3,13 +3,13 @@ Friction drags the skin
 =======================
 
 The letter G is scanned with friction coefficients of 0, 0.3 and 1. Friction shears the pad,
-raises the strain energy density (SED) and delays the response, because the skin is dragged along
-before it slips.
+increases the strain energy density (SED) and delays the response, because the skin is dragged
+along before it slips.
 
 .. figure:: /pictures/friction.png
 
-   Friction of 1 more than doubles the largest SED (6.7 kPa, without friction 3.0 kPa) and delays
-   the response to the letter by more than 2 mm. The correlation of firing with the outline falls
+   A coefficient of 1 more than doubles the largest SED (6.7 kPa, without friction 3.0 kPa) and
+   delays the response by more than 2 mm. The correlation of firing with the outline falls
    from 0.68 to 0.35.
 
 Expected time: 8 minutes on one core, 4 with ``jobs=2``.
@@ -29,8 +29,8 @@ import numpy as np
 from tactile_fem.series import numbers_of, population_image, run_all, sweep, write_summary
 
 # %%
-# ``sweep`` makes one study for each value; ``run_all`` runs those that are not finished and writes
-# each into a folder of its own.
+# ``sweep`` makes one study for each value; ``run_all`` runs those that are not complete, each in
+# its own folder.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/friction")
 overrides = ["stimulus.text=G", "protocol.output_mm=0.2", *sys.argv[2:]]
@@ -39,7 +39,7 @@ scans = run_all(members, folder, jobs=1)
 write_summary(members, folder)
 
 # %%
-# ``outline_correlation`` says how much of the letter the image of firing carries.
+# ``outline_correlation`` compares the image of firing with the outline of the letter.
 
 for results in scans:
     stimulus, numbers = results.study.stimulus, numbers_of(results)

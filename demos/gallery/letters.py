@@ -9,7 +9,7 @@ mm/s with friction 0.3, as in `Hamasaki et al. (2020)
 
 .. figure:: /pictures/letters_deformed.png
 
-   The finger after 6.4 mm, cut open; colours are strain energy density.
+   The finger after 6.4 mm, cut open, with its strain energy density.
 
 Expected time: 3 minutes on one core.
 
@@ -30,7 +30,7 @@ from tactile_fem import completed, draw, load_study
 from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
 # %%
-# Every key of a study has a default; the words behind the folder replace some of them.
+# Every key of a study has a default; arguments after the folder replace some.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/letters")
 study = load_study(overrides=["stimulus.text=FGH", *sys.argv[2:]])
@@ -58,8 +58,7 @@ def print_numbers() -> None:
 
 
 # %%
-# Only one rank prints and draws. `draw` makes all figures of a scan; these are the raster of spikes
-# and the deformed finger.
+# Only one rank prints and draws.
 
 if MPI.COMM_WORLD.rank == 0:
     print_numbers()
@@ -70,9 +69,9 @@ if MPI.COMM_WORLD.rank == 0:
 # %%
 # .. figure:: /pictures/letters.png
 #
-#    Spikes of 51 receptors across the finger, over the letter that passes.
+#    Spikes of 51 receptors across the finger, over the passing letter.
 #
-# On two ranks the numbers are the same. ``mpirun -n 2 python demos/gallery/letters.py results/two
+# ``mpirun -n 2 python demos/gallery/letters.py results/two
 # finger.pad_size_mm=3 finger.far_size_mm=6 protocol.distance_mm=1`` prints
 #
 # .. code-block:: text
@@ -85,4 +84,4 @@ if MPI.COMM_WORLD.rank == 0:
 #    steps, Newton iterations    35, 239
 #    ranks, wall time            2, 31 s
 #
-# and on one rank, after 244 iterations and 60 s, the same first five lines.
+# On one rank, after 244 iterations and 60 s, the first five lines are the same.

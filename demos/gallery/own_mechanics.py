@@ -2,7 +2,7 @@
 Your own tissue, term, observer and solver
 ==========================================
 
-Fat that stiffens exponentially (Fung 1967) and its weight change the force on a plate. A tissue
+Exponentially stiffening fat (Fung 1967) and its weight change the force on a plate. A tissue
 law states its energy, a term its virtual work, both in UFL; stress and tangent are derived. An
 observer sees each accepted step, and a solver finds its equilibrium.
 
@@ -30,9 +30,9 @@ import ufl
 from tactile_fem import FastSolver, Parts, PlainSolver, Results, Simulation, Term, load_study, scan
 
 # %%
-# **Tissue.** The energy is a function of deformation gradient and place: ``at.X`` and
-# ``at.fields``, such as fibres. A tissue that relaxes also needs ``in_shear``, its energy in the
-# simple shear :math:`\gamma^2 = a`.
+# **Tissue.** The energy is a function of the deformation gradient, of position, ``at.X``, and of
+# ``at.fields``, such as fibre directions. A tissue that relaxes also needs ``in_shear``, its energy
+# in the simple shear :math:`\gamma^2 = a`.
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,7 @@ class Fung:
 
 
 # %%
-# **Term.** The virtual work is a sum of terms. What a term does not state, such as histories or
-# stored energy, it does not have.
+# **Term.** The virtual work is a sum of terms, which may also have histories and stored energy.
 
 
 class Gravity(Term):
@@ -72,7 +71,7 @@ class Gravity(Term):
 
 # %%
 # **Observer.** It is called on all ranks after each step; what it returns becomes columns of
-# ``trace.npz``. Give the same observers again when an unfinished scan is continued.
+# ``trace.npz``. Pass the same observers when you continue a scan.
 
 
 def centre_of_pressure(seen):
@@ -116,8 +115,8 @@ figure.savefig(folder / "own_mechanics.png", dpi=120)
 
 # %%
 # **Solver.** `FastSolver` is the default, `PlainSolver` DOLFINx's Newton solver with MUMPS. This
-# one runs both from the same guess. `Simulation` steps by hand: between two steps a script may read
-# ``simulation.state``, ``simulation.load()`` and everything else.
+# one runs both from the same guess. With `Simulation` a script controls the steps and may read
+# ``simulation.state`` and ``simulation.load()`` between them.
 
 
 class Compared(FastSolver):

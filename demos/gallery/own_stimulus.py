@@ -2,19 +2,17 @@
 Your own stimulus, path and afferents
 =====================================
 
-A raised ring is drawn in a circle over the finger; afferents feel the shear of the tissue and
-respond to its changes. Stimulus, piece of the path, drive and transduction are a few lines each.
-Restart, results folder and figures are as usual.
+A raised ring moves in a circle over the finger; afferents respond to changes of shear in the
+tissue. Stimulus, piece of the path, drive and transduction take a few lines each. Restarts, results
+folder and figures work as usual.
 
 .. figure:: /pictures/own_stimulus.png
 
-   Shear of up to 0.065 and 991 spikes while the ring is pressed, drawn in a circle and lifted.
+   Shear of up to 0.065 and 991 spikes while the ring is pressed, moved in a circle and lifted.
 
 Expected time: 1 minute on one core.
 
 What to change: ``stimulus.radius_mm``; the pieces of the path; the field that the afferents feel.
-A shape without a formula is drawn (``stimulus.kind=drawing``, an SVG or a picture) or read
-(``stimulus.kind=mesh``).
 """
 
 # sphinx_gallery_thumbnail_path = 'pictures/own_stimulus.png'
@@ -44,8 +42,8 @@ from tactile_fem.neuron import DRIVES, Drive, ExponentialSum, Field, Segment
 
 # %%
 # **Stimulus.** A kind of stimulus has keys and a shape: signed distance, gradient and Hessian, here
-# in the plane, from which `Embossed` raises it with a fillet. The distance must not change faster
-# than the place, because skin that has moved less than its gap is not evaluated again.
+# in the plane, from which `Embossed` raises it with a fillet. The Lipschitz constant of the
+# distance must be at most 1, because skin that has moved less than its gap is not evaluated again.
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ class Ring(Stimulus):
 
 
 # %%
-# **Path.** A kind of piece returns its motion from where the body is, and the times of output.
+# **Path.** A kind of piece returns its motion, from where the body is, and the times of output.
 
 
 class Circle(Piece):
@@ -130,8 +128,8 @@ class Changes:
 
 
 # %%
-# Kinds of stimulus and path belong to the study; the other parts are handed in. Populations replace
-# those of the same name.
+# Kinds of stimulus and path belong to the study; other parts are passed separately. Populations
+# replace those of the same name.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/own_stimulus")
 path = "{kind='press', depth_mm=1.2}, {kind='circle'}, {kind='lift', speed_mm_s=20.0}"

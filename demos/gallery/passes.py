@@ -2,19 +2,16 @@
 One fibre in many passes, or a population in one
 ================================================
 
-In the classic protocol of single-fibre recordings a letter is shifted between passes over one
-receptor, whose spikes are stacked to a spatial event plot. A population in one pass gives a
-poorer image, as Hamasaki et al. (2020) found, because receptors at the side of a round finger
-carry less load.
+In recordings from single fibres a letter is shifted between passes over one receptor, whose spikes
+are stacked to a spatial event plot. A population in one pass gives a poorer image, as Hamasaki et
+al. (2020) found, because receptors at the side of a round finger carry less load.
 
 .. figure:: /pictures/passes.png
 
-   The image of one fibre is more like the letter: its correlation with the outline is 0.718, that
-   of the population 0.607.
+   The image of one fibre correlates with the outline by 0.718, that of the population by 0.607.
 
-Expected time: seconds with the scans in ``demos/gallery/scans.zip`` of the repository, which a
-download of this page does not contain: put it beside the script or notebook. Without it, or with
-changes, one hour for 25 scans.
+Expected time: seconds if ``demos/gallery/scans.zip`` of the repository lies beside the script or
+notebook; without it, or with changes, one hour for 25 scans.
 
 What to change: ``spacing_mm``; a key of the study, such as ``stimulus.text``.
 """
@@ -48,7 +45,7 @@ else:
 passes = [population, *run_all(wanted, folder / "passes")]
 
 # %%
-# Both images have one row for each place across the letter. The neurons are those of ``study``.
+# Both images have one row for each position across the letter, and the neurons of ``study``.
 
 images = {"51 receptors, one pass": population_image(population, study.neuron)}
 images[f"one receptor, {len(passes)} passes"] = fibre_image(passes, study.neuron)

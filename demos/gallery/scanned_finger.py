@@ -3,19 +3,19 @@ A finger from a scan of its skin
 ================================
 
 A layered finger is made from the triangles of a scanned skin, whatever their axes, noise and
-unit. The scan is made here, from the analytic finger, so that the result is known; scaled by 0.75
-it is a finger of a child. All are pressed onto a plate.
+unit. Here the scan is derived from the analytic finger, so that the result is known; scaled by 0.75
+it is a child's finger. All three are pressed onto a plate.
 
 .. figure:: /pictures/scanned_finger.png
 
-   At 1.5 mm the analytic finger bears 0.319 N and its scan 0.309 N. The finger of a child, with
-   less tissue over its bone, bears 0.551 N.
+   At 1.5 mm the force is 0.319 N for the analytic finger, 0.309 N for its scan, and 0.551 N for the
+   child's finger, which has less tissue over its bone.
 
 Expected time: 3 minutes on one core. It needs the extras ``mesh`` and ``cad``.
 
 What to change: ``finger.skin_file`` (``.stl``, ``.obj`` or ``.ply``), ``finger.file_unit_mm``
-(1000 for metres) and ``finger.straight_length_mm``, where the finger is cut; ``finger.bone_file``
-for its bone; ``finger.nail_direction`` where no bone tells it.
+(1000 for metres) and ``finger.straight_length_mm``, where the finger is cut; ``finger.bone_file``;
+without a bone, ``finger.nail_direction``.
 """
 
 # sphinx_gallery_thumbnail_path = 'pictures/scanned_finger.png'
@@ -33,7 +33,7 @@ from tactile_fem import completed, load_study
 # %%
 # The scan: skin and bone of a longer finger, with 0.01 mm of noise, turned as on a scanner's table.
 # The skin has 4,384 triangles. With 663 it is flatter, and the force is 10 % lower.
-# The skin consists of the triangles that belong to one tetrahedron, without those of the cut.
+# A triangle of the skin belongs to one tetrahedron and not to the cut.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/scanned_finger")
 folder.mkdir(parents=True, exist_ok=True)

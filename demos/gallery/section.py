@@ -3,20 +3,18 @@ A section beside the solid finger
 =================================
 
 A section in plane strain costs a tenth of the solid finger. Both slide over the same three bars,
-the solid finger pressed to 0.6 N, the section to 0.06 N/mm. The section has the right maxima in
-the right order, but too little strain energy density (SED), and it knows nothing of what lies
-beside its plane: it serves for parameter studies and ridges, not for letters and rates.
+the solid finger pressed to 0.6 N, the section to 0.06 N/mm. The section has the same maxima in
+the same order, but too little strain energy density (SED), and it ignores what lies beside its
+plane: use it for parameter studies and ridges, not for letters and rates.
 
 .. figure:: /pictures/section.png
 
    Maxima of the section come 0.3 mm later, with 0.57 times the largest SED of the solid finger.
    The histories correlate by 0.88.
 
-Expected time: 22 minutes on one core of a busy machine, 2 of them for the section; a free core
-takes a fraction.
+Expected time: 22 minutes on one core of a busy machine, 2 of them for the section.
 
-What to change: ``stimulus.ridge_mm``, ``stimulus.groove_mm``; ``stimulus.kind=text`` shows how a
-letter fails; ``finger.plane=transverse``, which only a section has.
+What to change: ``stimulus.ridge_mm``, ``stimulus.groove_mm``; ``finger.plane=transverse``.
 """
 
 # sphinx_gallery_thumbnail_path = 'pictures/section.png'
@@ -32,7 +30,7 @@ from tactile_fem import load_study
 from tactile_fem.series import Member, run_all
 
 # %%
-# What a section shares with the finger is the force: 0.6 N over the 10 mm that the contact is wide.
+# The force is the same: 0.6 N over a contact 10 mm wide.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/section")
 force_N = {"solid": 0.6, "section": 0.06}
@@ -53,7 +51,7 @@ for kind, force in force_N.items():
 scans = dict(zip(force_N, run_all(members, folder), strict=True))
 
 # %%
-# Each history is drawn as a share of its largest value.
+# Each history is drawn relative to its largest value.
 
 figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
 histories = []

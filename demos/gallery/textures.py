@@ -2,19 +2,18 @@
 Sandpaper and woven cloth
 =========================
 
-Two height maps, one of sandpaper and one of a plain weave, are stroked with 0.5 N.
+A finger strokes two height maps, sandpaper and a plain weave, with 0.5 N.
 
 .. figure:: /pictures/textures.png
 
-   High grains are felt one by one, threads across the finger by all receptors together. The SED of
+   Receptors feel high grains one by one, and threads across the finger all together. The SED of
    the middle receptor varies by 50 % on sandpaper and by 19 % on cloth.
 
 Expected time: 6 minutes on one core.
 
-What to change: ``stimulus.file``, your own map, an ``.npy``, ``.csv`` or gray ``.png`` file or
-that of a profilometer; ``finger.preset=medium``, which follows waves from 1.1 mm on, the coarse
-finger from 1.9 mm on; ``protocol.hold=force``, which keeps the force instead of the depth;
-``stimulus.kind=braille`` with ``stimulus.text``.
+What to change: ``stimulus.file``, your own map; ``finger.preset=medium``, which follows waves from
+1.1 mm on, the coarse finger from 1.9 mm on; ``protocol.hold=force``, which keeps the force instead
+of the depth; ``stimulus.kind=braille`` with ``stimulus.text``.
 """
 
 # sphinx_gallery_thumbnail_path = 'pictures/textures.png'
@@ -30,7 +29,7 @@ from tactile_fem.series import mean_over
 
 # %%
 # A map has rows along X and columns along Y. The sandpaper is a Gaussian random field, the cloth
-# consists of round threads that pass over and under each other.
+# consists of round threads.
 
 SPACING_MM = 0.025
 
@@ -59,7 +58,7 @@ def cloth(pitch_mm: float, height_um: float) -> np.ndarray:
 
 
 # %%
-# A study scales the file to mm and removes waves that are too short for the skin; the map repeats.
+# The study scales the file to mm and filters out waves too short for the skin; the map repeats.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/textures")
 folder.mkdir(parents=True, exist_ok=True)

@@ -2,17 +2,16 @@
 Vibration: tuning curves of RA and PC
 =====================================
 
-A probe of 1 mm is pressed 1 mm deep and held for 2 s in tissue that relaxes. About this state the
-finger vibrates at each frequency: one linear solve with inertia. A tuning curve is the amplitude
+A probe of 1 mm is pressed 1 mm deep and held for 2 s in relaxing tissue. About this state the
+finger vibrates at each frequency: one linear solution with inertia. A tuning curve is the amplitude
 of the probe at which an afferent of median gain fires 10 spikes/s more than without vibration.
-SA1 afferents, which fire at 37 spikes/s after a minute of hold, are not drawn: they need 250 µm or
-more at any frequency.
+SA1 afferents are not drawn: they fire at 37 spikes/s after a hold of a minute and need at least
+250 µm.
 
 .. figure:: /pictures/vibration.png
 
-   Lines: the model; dots: afferents of monkeys. RA are most sensitive at 20 to 70 Hz (25 µm), PC
-   at 300 Hz (0.16 µm). Near 150 Hz the tissue under the probe resonates, and the force on
-   the probe falls to half.
+   Lines: model; dots: monkeys. RA are most sensitive at 20 to 70 Hz (25 µm), PC at 300 Hz
+   (0.16 µm). Near 150 Hz the tissue under the probe resonates, and the force on the probe halves.
 
 Expected time: 5 minutes on one core.
 
@@ -32,7 +31,7 @@ import numpy as np
 from tactile_fem import Study, completed, load_study, vibrate
 
 # %%
-# The flat end of the probe is one dot that is so high that its plate does not touch.
+# The flat end of the probe is one dot, so high that its plate does not touch.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/vibration")
 below = {"placement": "line", "half_width_mm": 0.0}
@@ -55,7 +54,7 @@ frequencies = [5.0, 10.0, 20.0, 33.0, 50.0, 70.0, 100.0, 150.0, 200.0, 250.0, 30
 spectrum = vibrate(folder, frequencies)
 
 # %%
-# ``at_amplitudes`` gives many amplitudes at once, as if they were receptors side by side.
+# ``at_amplitudes`` treats many amplitudes as if they were receptors.
 
 amplitudes_um = np.geomspace(0.02, 1000, 48)
 thresholds = {}
@@ -75,7 +74,7 @@ for afferents in results.study.populations:
     )
 
 # %%
-# Points are recorded thresholds of monkeys (`Muniak et al. 2007
+# Dots are thresholds recorded in monkeys (`Muniak et al. 2007
 # <https://pmc.ncbi.nlm.nih.gov/articles/PMC6673240/>`_). The filters were fitted to their shape,
 # not to their level.
 
