@@ -17,8 +17,8 @@ def fit(
     indenter: Annotated[
         list[str] | None,
         Parameter(
-            help='Of raw curves: a kind of stimulus and its keys, plate or "sphere radius_mm=2"; '
-            "one for all, or one for each in turn."
+            help='Indenter of raw curves: a kind of stimulus and its keys, plate or "sphere '
+            'radius_mm=2"; one for all, or one for each in turn.'
         ),
     ] = None,
     speed: PositiveFloat | None = None,
@@ -29,9 +29,9 @@ def fit(
         list[str] | None,
         Parameter(
             name="--fit",
-            help="What to fit: a tissue, skin, a constant or a length, with how far it may be "
-            "from the study's: subcutaneous.C20_MPa:3 is within a factor of 3 at one standard "
-            "deviation. May be repeated. Default skin and the constants of subcutaneous tissue.",
+            help="What to fit: a tissue, skin, a constant or a length, and its prior spread "
+            "about the study's value: with subcutaneous.C20_MPa:3 one standard deviation is a "
+            "factor of 3. May be repeated. By default, skin and subcutaneous constants.",
         ),
     ] = None,
     results: Path = Path("results/fit"),
@@ -39,11 +39,11 @@ def fit(
     jobs: Count = 1,
     ranks_: Ranks = 1,
 ) -> None:
-    """Fit tissues, and the finger's shape, to measurements of somebody's finger.
+    """Fit tissues, and the shape of the finger, to measurements on a person.
 
     A CSV file is a raw curve, depth_mm and force_N, or a table with the columns indenter,
     speed_mm_s, depth_mm, force_N, sd_N, or indenter, speed_mm_s, depth_mm, place_mm, deflection_mm,
-    sd_mm. Started again, it repeats no press.
+    sd_mm. Run again, it repeats no press.
 
     Parameters
     ----------
@@ -52,13 +52,13 @@ def fit(
     speed
         Speed of the press of raw curves in mm/s.
     sd
-        Of raw curves: standard deviation of a force in N; default 5 % of it and 1 % of the largest.
+        Standard deviation of their forces in N; by default, 5 % of each and 1 % of the largest.
     study
-        Study to start from, a file or a shipped one; default values if left out.
+        Study to start from, a file or a shipped one; by default, default values.
     results
         Folder for presses, tables and figure.
     evaluations
-        Most points to try.
+        Largest number of points to try.
     jobs
         Parallel presses.
     """

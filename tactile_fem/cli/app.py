@@ -26,10 +26,10 @@ from tactile_fem.errors import TactileError
 from tactile_fem.runtime import logs, ranks
 from tactile_fem.runtime.jobs import ERROR
 
-HELP = """Press embossed letters on a layered fingertip and slide them:
-how do its afferents respond?
+HELP = """Press a surface against a layered fingertip, slide it across the skin,
+and predict the spikes of the afferents.
 
-Without a study file the letters F G H of the paper are scanned, 1.97 mm deep, 10 mm long.
+Without a study file, the letters F G H of the paper are pressed 1.97 mm deep and slid 10 mm.
 
     tactile-fem scan
     tactile-fem scan study.toml --set stimulus.text=EFG --ranks 2

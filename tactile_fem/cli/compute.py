@@ -113,7 +113,7 @@ def sweep(
 ) -> None:
     """Scan with every combination of the given values, and compare the results.
 
-    The table states differences to the first scan; histories are drawn on common axes. Started
+    The table states differences from the first scan; histories are drawn on common axes. Run
     again, it completes the missing scans. Each scan has its own folder.
 
     Parameters
@@ -145,7 +145,7 @@ def fibre(
 ) -> None:
     """Scan in passes over one receptor, with the stimulator shifted across the finger each time.
 
-    Started again, it completes the missing passes. Each pass has its own folder.
+    Run again, it completes the missing passes. Each pass has its own folder.
 
     Parameters
     ----------
@@ -164,11 +164,11 @@ def fibre(
     _raise_failures(_run_series(members, results, scheduling))
 
 
-def cluster(results: Annotated[Path, Parameter(help="Folder of a series' list.")], /) -> None:
-    """Put a Snakefile beside the list of a series, with which Snakemake runs its scans.
+def cluster(results: Annotated[Path, Parameter(help="Folder with the list.")], /) -> None:
+    """Write a Snakefile, with which Snakemake runs a list of scans.
 
-    The list is written by sweep, fibre, people or reduce with --list; Snakemake is in the extra
-    cluster.
+    sweep, fibre, people and reduce write the list with --list; the extra cluster installs
+    Snakemake.
     """
     from tactile_fem import series
 

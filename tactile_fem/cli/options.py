@@ -26,7 +26,7 @@ PositiveFloat = Annotated[float, Parameter(validator=validators.Number(gt=0))]
 StudyFile = Annotated[
     Path | None,
     Parameter(
-        help="Study file in TOML, or the shipped study hamasaki2020; default values if left out."
+        help="Study file in TOML, or the shipped study hamasaki2020; by default, default values."
     ),
 ]
 Changes = Annotated[
@@ -42,10 +42,10 @@ ListScans = Annotated[
     bool,
     Parameter(
         name="--list",
-        help="Run nothing: write the scans that are wanted to scans.csv, for tactile-fem cluster.",
+        help="Run nothing; write the list of scans to scans.csv, for tactile-fem cluster.",
     ),
 ]
-Collect = Annotated[bool, Parameter(help="Run nothing: use what has run elsewhere.")]
+Collect = Annotated[bool, Parameter(help="Run nothing; use scans that ran elsewhere.")]
 Overwrite = Annotated[bool, Parameter(show_default=False)]
 
 

@@ -75,7 +75,7 @@ def fields(
 ) -> None:
     """Write contact, displacement, stretches, stress and SED on the skin or the interface.
 
-    Without --output it lists the states whose fields the scan has kept.
+    Without --output, list the states whose fields the scan has kept.
 
     Parameters
     ----------
@@ -84,11 +84,11 @@ def fields(
     on
         The skin, or the interface of epidermis and dermis.
     side
-        The tissue whose fields those of the interface are.
+        The side of the interface.
     at_mm
-        Displacement of the slide; the nearest kept state is taken. Default at the largest force.
+        Displacement of the nearest kept state; by default, the state with the largest force.
     at_s
-        Time of a state, also of one in a press or a hold.
+        Time of a state, which may lie in a press or a hold.
     show
         Column of the table that the map shows.
     """
@@ -121,7 +121,7 @@ def fields(
 
 
 def plot(results: ScanFolder, /, *, dpi: Dots = 200) -> None:
-    """Draw all figures of a scan again; text and lines keep their sizes at any resolution."""
+    """Draw all figures of a scan again; text and lines have the same size at any resolution."""
     from tactile_fem import Results
 
     found = Results.open(results)
@@ -146,7 +146,7 @@ def compare(*scans: ScanFolder, output: Written = Path("comparison.png")) -> Non
 
 
 def doctor() -> int:
-    """Check compiler and libraries that pip cannot install, and name their packages."""
+    """Check the compiler and libraries that pip cannot install, and name their packages."""
     code = diagnosis.main()
     try:
         from tactile_fem.runtime import backend

@@ -15,7 +15,7 @@ _AXIS = np.array([1.0, 0.0, 0.0])
 
 
 class Joint(Settings):
-    """Hinge at the last joint, about X, on which all that is held turns as one rigid bone.
+    """Hinge at the last joint, about X: all fixed parts turn about it as one rigid bone.
 
     Without this table the bone is clamped. A force on the pad that pushes towards the nail, or
     along the finger, turns the bone.
@@ -29,14 +29,14 @@ class Joint(Settings):
     )
     mass_g: NonNegative = Field(
         3.0,
-        description="proposed: of the phalanx with its soft tissue, a rod of length_mm; the bone "
-        "has the moment of inertia that the meshed tissue leaves",
+        description="proposed: of the phalanx with its soft tissue, as a rod of length_mm; the "
+        "moment of inertia of the meshed tissue is subtracted",
     )
     length_mm: Positive = Field(
         25.0, description="proposed: from the contact point to the joint, towards the palm"
     )
     height_mm: Finite = Field(
-        7.6, description="of the joint over the contact point: the axis of the default bone"
+        7.6, description="height over the contact point; by default the axis of the default bone"
     )
 
     @property

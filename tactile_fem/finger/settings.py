@@ -42,8 +42,8 @@ class FingerSettings(Either):
     )
     plane: Literal["sagittal", "transverse"] = Field(
         "sagittal",
-        description="of a section: along the finger (X = 0) or across it (Y = 0), through the "
-        "contact point",
+        description="plane of a section through the contact point: along the finger (X = 0) or "
+        "across it (Y = 0)",
     )
     preset: Literal["coarse", "medium", "paper"] = Field(
         "coarse", description="mesh size: coarse, medium or paper (81,000 tetrahedra)"
@@ -55,19 +55,19 @@ class FingerSettings(Either):
     )
     skin_file: File | None = Field(
         None,
-        description="a scan of the skin (.stl, .obj, .ply), instead of widths and heights; of a "
-        "hand, the finger at contact_mm is taken",
+        description="a scan of the skin (.stl, .obj, .ply), instead of widths and heights; from "
+        "a scan of a hand, the finger at contact_mm is taken",
     )
     bone_file: File | None = Field(
         None,
-        description="a scan of the bone, in the coordinates of skin_file if there is one; without "
-        "that it is placed by bone_tip_gap_mm and subcutaneous_mm",
+        description="a scan of the bone, in the coordinates of skin_file; without a skin_file "
+        "bone_tip_gap_mm and subcutaneous_mm position it",
     )
     nail_file: File | None = Field(
-        None, description="a scan of the nail, in the coordinates of skin_file; gives its outline"
+        None, description="a scan of the nail, in the coordinates of skin_file, for its outline"
     )
     file_unit_mm: Positive = Field(
-        1.0, description="length of the unit of these files in mm; another one scales the finger"
+        1.0, description="unit of length of these files in mm; other values scale the finger"
     )
     smooth_mm: NonNegative = Field(
         0.3, description="standard deviation of the Gaussian that smooths the files' surfaces"
@@ -91,7 +91,7 @@ class FingerSettings(Either):
     )
     dorsal_height_mm: Positive = Field(5.5, description="proposed: axis to nail side")
     tip_length_mm: Positive = Field(11.0, description="proposed: length of the rounded tip (Y)")
-    straight_length_mm: Positive = Field(16.0, description="proposed: proximal of the rounded tip")
+    straight_length_mm: Positive = Field(16.0, description="proposed: rounded tip to cut (Y)")
     contact_from_tip_mm: Positive = Field(12.0, description="proposed: tip to contact point")
     pad_radius_mm: Positive = Field(
         29.0, description="fitted: radius of the pad's contour along the finger"
@@ -102,8 +102,8 @@ class FingerSettings(Either):
     subcutaneous_mm: Positive = Field(
         3.68,
         description="proposed: dermis to bone under the contact point; the paper's nominal 0.7 "
-        "leaves too little tissue for its own indentation; the bone stays where it is if it is "
-        "reduced by what a layer above it gains",
+        "leaves too little tissue for its own indentation; to keep the bone in place, subtract "
+        "what you add to a layer above it",
     )
     bone_half_width_mm: Positive = Field(4.0, description="proposed")
     bone_half_height_mm: Positive = Field(2.3, description="proposed")
@@ -112,18 +112,18 @@ class FingerSettings(Either):
     nail_width_mm: Positive = Field(11.0, description="proposed")
     nail_length_mm: Positive = Field(12.0, description="proposed")
     ridge_height_mm: NonNegative = Field(
-        0.0, description="of fingerprints on a section, groove to crest; 0 is none; about 0.1"
+        0.0, description="of a section's fingerprints, groove to crest; 0: none; people: about 0.1"
     )
     ridge_pitch_mm: Positive = Field(
-        0.47, description="distance of two ridges (eLife 93554); 0.47 in vivo"
+        0.47, description="distance between ridges; 0.47 in vivo (eLife 93554)"
     )
     papilla_depth_mm: NonNegative = Field(
         0.0,
-        description="of a section's epidermis-dermis interface, from the tips of its intermediate "
-        "ridges to those of its papillae, two of each to a pitch; 0 is none; about 0.2",
+        description="of a section's epidermis-dermis interface, from the tips of intermediate "
+        "ridges to those of papillae, two of each per pitch; 0: none; people: about 0.2",
     )
     papilla_width_mm: Positive = Field(
-        0.12, description="of the dermal papillae at half their height"
+        0.12, description="width of the dermal papillae at half their height"
     )
     papillae_aligned: bool = Field(
         True,
@@ -131,7 +131,7 @@ class FingerSettings(Either):
         description="an intermediate ridge lies under each crest; false: a papilla does",
     )
     ridged_half_length_mm: Positive = Field(
-        6.0, description="of the skin with ridges and papillae, from the contact point"
+        6.0, description="extent of ridges and papillae from the contact point"
     )
     pad_size_mm: Annotated[Finite, Field(ge=0.02)] | None = Field(
         None,

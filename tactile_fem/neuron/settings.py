@@ -24,12 +24,12 @@ _CONSTANTS: dict[Any, dict[str, float]] = {
 
 
 class Neuron(Settings):
-    """Transduction current and membrane; gains are per kPa, or per unit of what else is felt."""
+    """Transduction current and membrane; gains are per kPa, or per unit of another drive."""
 
     model: Literal["logarithmic", "hamasaki2020", "gerling2018", "band_pass"] = Field(
         "logarithmic",
-        description="law of transduction: a logarithm of what is felt; the linear law of the paper "
-        "(alpha, kappa, beta); the generator function; a rectified band-pass, for RA and PC",
+        description="law of transduction: a logarithm of the drive; the linear law of the paper "
+        "(alpha, kappa, beta); a generator function; a rectified band-pass filter, for RA and PC",
     )
     # alpha, S_0 and both kappa: demos/validation/calibrate.py.
     static_gain_pA_per_kPa: NonNegative = Field(
@@ -39,7 +39,7 @@ class Neuron(Settings):
         0.0, description="beta; hamasaki2020 has one, fitted to rates under a bar"
     )
     adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(
-        0.0212, description="kappa; fitted, of hamasaki2020 proposed"
+        0.0212, description="kappa; fitted, for hamasaki2020 proposed"
     )
     adaptation_time_s: Positive = Field(10.0, description="tau_a; proposed, at least 5 s")
     compression_kPa: Positive = Field(
@@ -54,7 +54,7 @@ class Neuron(Settings):
     )
     intercept_pA: Finite | None = Field(
         None,
-        description="I_0 while S > 0; default is the rheobase V_th/R of hamasaki2020, otherwise 0",
+        description="I_0 while S > 0; default: the rheobase V_th/R for hamasaki2020, otherwise 0",
     )
     generator_gains_pA_per_kPa: tuple[NonNegative, NonNegative, NonNegative, NonNegative] = Field(
         (100.0, 50.0, 25.0, 50.0),
@@ -66,13 +66,13 @@ class Neuron(Settings):
     filter_centre_Hz: Positive = Field(40.0, description="band_pass: f_0")
     filter_quality: Positive = Field(0.5, description="band_pass: Q of its poles")
     filter_order: Annotated[Whole, Field(ge=1, le=4)] = Field(
-        1, description="band_pass: how many stages; 1 is a rate below f_0, 2 an acceleration"
+        1, description="band_pass: number of stages; 1 is a rate below f_0, 2 an acceleration"
     )
     filter_gain_pA: NonNegative = Field(
-        1000.0, description="band_pass: current per unit of what is felt, at f_0"
+        1000.0, description="band_pass: current per unit of the drive, at f_0"
     )
     filter_off: NonNegative = Field(
-        0.4, description="band_pass: share of what changes in the other direction; proposed"
+        0.4, description="band_pass: share of changes in the other direction; proposed"
     )
     capacitance_pF: Positive = Field(30.0, description="C; after Gerling 2018's public constants")
     resistance_GOhm: Positive = Field(1.667, description="R; after Gerling 2018's constants")
@@ -80,30 +80,30 @@ class Neuron(Settings):
     refractory_s: NonNegative = Field(0.001, description="t_ref; after Gerling 2018's constants")
     threshold_jump_mV: NonNegative = Field(
         0.0,
-        description="a: what each spike raises the threshold by; 0 is no relative refractoriness",
+        description="a: rise of the threshold with each spike; 0: no relative refractoriness",
     )
     threshold_recovery_s: Positive = Field(
-        0.01, description="tau_A: time over which the threshold comes back"
+        0.01, description="tau_A: time constant with which the threshold recovers"
     )
     gain_spread: NonNegative = Field(
         0.0,
-        description="sd of the logarithm of the gains, factors of what is felt, between afferents",
+        description="sd of the logarithm of the gains, factors of the drive, between afferents",
     )
     threshold_spread: NonNegative = Field(
         0.0, description="sd of the logarithm of V_th between afferents"
     )
     resting_pA: Finite = Field(
-        0.0, description="current without a load; an afferent fires if it exceeds V_th/R"
+        0.0, description="current without load; an afferent fires if it exceeds V_th/R"
     )
     resting_spread_pA: NonNegative = Field(
-        0.0, description="sd of the current without a load between afferents"
+        0.0, description="sd of the current without load between afferents"
     )
     threshold_noise: NonNegative = Field(
         0.0,
         description="sd of the logarithm of the distance from reset to V_th, from spike to spike",
     )
     seed: Annotated[Whole, Field(ge=0, lt=2**63)] = Field(
-        1, description="of spread and noise; give each population one of its own"
+        1, description="of spread and noise; give each population its own"
     )
 
     @model_validator(mode="before")

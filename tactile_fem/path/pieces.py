@@ -48,8 +48,8 @@ class Piece(Kind):
 class Vibration(Settings):
     """A vibration of the body on top of a piece of the path; for inertia see `Solver`."""
 
-    frequency_Hz: Positive = Field(description="of the vibration, which begins at its middle")
-    amplitude_mm: Positive = Field(description="from the middle to the end of the swing")
+    frequency_Hz: Positive = Field(description="of the vibration, which begins at its mean")
+    amplitude_mm: Positive = Field(description="from its mean to its extreme")
     direction: tuple[Finite, Finite, Finite] = Field(
         (0.0, 0.0, 1.0), description="X, Y and Z; its length has no effect"
     )
@@ -106,7 +106,7 @@ class Press(Piece):
     )
     speed_mm_s: Speed = 20.0
     direction: tuple[Finite, Finite, Positive] = Field(
-        (0.0, 0.0, 1.0), description="X, Y and Z, which is above 0; its length has no effect"
+        (0.0, 0.0, 1.0), description="X, Y and Z (above 0); its length has no effect"
     )
 
     @model_validator(mode="after")
@@ -129,10 +129,10 @@ class Press(Piece):
 
 
 class Hold(Piece):
-    """Stay."""
+    """Hold the body still, or at a force."""
 
     kind: Literal["hold"] = "hold"
-    time_s: Positive = Field(description="how long")
+    time_s: Positive = Field(description="duration")
     output_s: Positive | None = Field(
         None, description="time between two outputs; not set: a tenth of time_s"
     )
@@ -156,7 +156,7 @@ class Slide(Piece):
         (0.0, -10.0), description="how far across (X) and along (Y; towards the palm is negative)"
     )
     speed_mm_s: Speed = 20.0
-    output_mm: Positive = Field(0.1, description="positions that are hit exactly")
+    output_mm: Positive = Field(0.1, description="distance between outputs")
     force_N: Positive | None = Field(None, description=HELD)
     vibration: Vibration | None = Field(None, description=_VIBRATES)
 
@@ -181,7 +181,7 @@ class Lift(Piece):
 
     kind: Literal["lift"] = "lift"
     depth_mm: Finite = Field(
-        0.0, description="where it ends: 0 just touches the undeformed pad, less is clear of it"
+        0.0, description="where it ends: at 0 the body touches the undeformed pad, below 0 not"
     )
     speed_mm_s: Speed = 20.0
 

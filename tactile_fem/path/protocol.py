@@ -26,12 +26,12 @@ class Protocol(Either):
         None, description="press to this normal force instead of to depth_mm (paper: 0.6)"
     )
     hold: Literal["depth", "force"] = Field(
-        "depth", description="what the slide holds: the depth reached, or force_N"
+        "depth", description="what is constant in the slide: the depth reached, or force_N"
     )
     press_speed_mm_s: Positive = Field(20.0, description="proposed: speed of the indentation")
     speed_mm_s: Positive = Field(20.0, description="paper: speed of the slide")
     distance_mm: NonNegative = Field(10.0, description="paper: length of the slide")
-    output_mm: Positive = Field(0.1, description="slide positions that are hit exactly")
+    output_mm: Positive = Field(0.1, description="distance between outputs in the slide")
     path: Annotated[tuple[Piece, ...], Field(min_length=1)] | None = Field(
         None,
         description="pieces in order, instead of all other keys of this table: [[protocol.path]] "

@@ -17,13 +17,13 @@ _OUTPUT_SHARE = 0.05  # of the whole, between two outputs
 
 
 class Push(Piece):
-    """Bring forces on the finger to given ones, or hold them; the body moves as this needs.
+    """Bring forces on the finger to given values, or hold them, by moving the body.
 
     Along what is not given the body stays where it is.
     """
 
     kind: Literal["push"] = "push"
-    time_s: Positive = Field(description="how long")
+    time_s: Positive = Field(description="duration")
     normal_N: Positive | None = Field(None, description="normal force at its end")
     tangential_N: tuple[Finite, Finite] | None = Field(
         None, description="force across (X) and along (Y) the finger at its end"
@@ -32,7 +32,7 @@ class Push(Piece):
         None, description="torque about Z through the body's origin at its end"
     )
     course: Literal["ramp", "half_sine"] = Field(
-        "ramp", description="of the forces: even, or slow at begin and end as half a period"
+        "ramp", description="of the forces: linear, or half a sine wave, slow at both ends"
     )
     output_s: Positive | None = Field(
         None, description="time between two outputs; not set: a twentieth of time_s"

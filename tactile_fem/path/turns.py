@@ -17,7 +17,7 @@ class _Turn(Piece):
     """Turn about an axis through a point."""
 
     angle_deg: Annotated[Finite, Field(ge=-360, le=360)] = Field(
-        description="by how much, counterclockwise as seen from the end of the axis"
+        description="angle, counterclockwise as seen from the end of the axis"
     )
     speed_deg_s: Positive = Field(20.0, description="speed of the turn")
     about_mm: tuple[Finite, Finite, Finite] = Field(
@@ -25,7 +25,7 @@ class _Turn(Piece):
         description="point on the axis: X and Y of the finger, and its height above the top of "
         "the body",
     )
-    output_deg: Positive = Field(1.0, description="angles that are hit exactly")
+    output_deg: Positive = Field(1.0, description="angle between outputs")
     force_N: Positive | None = Field(None, description=HELD)
 
     @model_validator(mode="after")

@@ -26,19 +26,19 @@ def people(
     results: SeriesFolder = Path("results/people"),
     scheduling: Scheduling = ONE_BY_ONE,
 ) -> None:
-    """Scan with an ensemble of fingers, which differ as people do: see the table people of a study.
+    """Scan with many fingers, which differ as people do: see the table people of a study.
 
-    Started again, it completes the missing scans; the first of a larger ensemble are a smaller one.
-    Each scan has its own folder. A finger that cannot be meshed or pressed is counted. It prints
-    medians and bands of people, differences between conditions within people and what the spread
-    comes from, and draws them.
+    Run again, it completes the missing scans; people of a smaller ensemble are the first of a
+    larger one. Each scan has its own folder. Fingers that cannot be meshed or pressed are counted.
+    It prints and draws medians and bands of people, differences between conditions within people,
+    and the causes of the spread.
 
     Parameters
     ----------
     number
         Number of people.
     over
-        Conditions, in each of which all people are scanned: section.key=value,value,... May be
+        Conditions under which all people are scanned: section.key=value,value,... May be
         repeated.
     """
     from tactile_fem import load_study, series

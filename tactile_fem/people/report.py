@@ -62,12 +62,12 @@ def write_report(ensemble: Ensemble) -> list[str]:
         lines += ["", *aligned(causes_table(found))]
         same = np.isclose(ensemble.draws, ensemble.scores).all(axis=0)
         added = np.array(ensemble.names)[~same]
-        lines += [f"{name}: what it adds to those before that it correlates with" for name in added]
+        lines += [f"{name}: its share beyond that of correlated values above" for name in added]
         if drawn := _drawn(found, ensemble.conditions[0]):
             write_figure(folder / "causes.png", causes_figure(drawn))
     else:
         few, needed = int(ensemble.complete.sum()), len(ensemble.names) + 2
-        lines += ["", f"{few} people: {needed} or more tell where the spread comes from"]
+        lines += ["", f"{few} people: the causes of the spread need {needed} or more"]
     return lines
 
 
@@ -79,7 +79,7 @@ def _sample(ensemble: Ensemble) -> Iterator[str]:
     yield f"{done} of {number} people are complete, {failed} failed{left}"
     yield from (f"  {name}: {why}" for name, why in ensemble.failed.items())
     if failed:
-        yield "what follows is of the complete people: a biased sample if failures are no chance"
+        yield "what follows is for complete people, a biased sample unless failures are random"
 
 
 def _numbers(ensemble: Ensemble, condition: str) -> dict[str, Array]:
@@ -99,7 +99,7 @@ def _named(numbers: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
 
 def _spread(ensemble: Ensemble, numbers: Mapping[str, Mapping[str, Array]]) -> list[str]:
     count, needed = int(ensemble.complete.sum()), people_needed(max(SHARES))
-    few = f"{count} people: a band of {100 * max(SHARES):.0f} % needs {needed}"
+    few = f"{count} people: a band of {100 * max(SHARES):.0f} % needs {needed} people"
     return [*aligned(bands_table(_named(numbers))), *([few] if count < needed else [])]
 
 

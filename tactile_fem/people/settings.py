@@ -46,11 +46,11 @@ class Spread(Settings):
     """
 
     factor: Annotated[Finite, Field(gt=1)] | None = Field(
-        None, description="ratio at one standard deviation of its logarithm, which is normal"
+        None, description="ratio at one standard deviation of its normally distributed logarithm"
     )
     sd: Positive | None = Field(None, description="standard deviation about the study's value")
-    low: Positive | None = Field(None, description="least of values that are evenly distributed")
-    high: Positive | None = Field(None, description="their largest")
+    low: Positive | None = Field(None, description="least of uniformly distributed values")
+    high: Positive | None = Field(None, description="largest of them")
 
     @model_validator(mode="before")
     @classmethod
@@ -97,18 +97,18 @@ def _listed(priors: dict[str, float]) -> str:
 class People(Settings):
     """How people's fingers differ; for `tactile-fem people`."""
 
-    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of the draws")
+    seed: Annotated[Whole, Field(ge=0)] = Field(1, description="of the random numbers")
     fixed: tuple[str, ...] = Field(
-        (), description="names of what does not vary; the others are drawn as with it"
+        (), description="names of values that do not vary; the others keep their draws"
     )
     fit: File | None = Field(
         None,
-        description="posterior.json of a fit: its values and their correlations, in place of the "
+        description="posterior.json of a fit: its values and their correlations replace the "
         "shipped spread of the same values",
     )
     spread: dict[str, Spread] = Field(
         default_factory=dict,
-        description="by name of a value, beside or in place of the shipped ones: "
+        description="by name of a value, beside or instead of the shipped ones: "
         f"{_listed(PRIORS)}, and of each population, as SA1.gain, {_listed(PRIORS_OF_NEURON)}",
     )
 

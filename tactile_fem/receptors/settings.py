@@ -30,17 +30,17 @@ class Receptors(Settings):
     half_length_mm: NonNegative = Field(
         4.0, description="extent along the finger (Y); a line has none"
     )
-    spacing_mm: Positive = Field(0.2, description="of line and grid; paper's shift per pass")
+    spacing_mm: Positive = Field(0.2, description="of a line or grid; the paper's shift per pass")
     density_per_cm2: Positive = Field(
-        70.0, description="of random and afferents; default that of SA1"
+        70.0, description="of random and afferents; the default is that of SA1"
     )
     count: Annotated[Whole, Field(ge=1, le=_MAX_COUNT)] | None = Field(
-        None, description="of random and afferents, in place of density_per_cm2"
+        None, description="of random and afferents, instead of density_per_cm2"
     )
     region: Literal["pad", "phalanx", "nail_border"] = Field(
         "pad",
-        description="of random and afferents: the pad in the extent above; phalanx: pad, sides and "
-        "end; or the skin beside the nail",
+        description="of random and afferents: the pad within the extent above; phalanx: pad, "
+        "sides and end; or the skin beside the nail",
     )
     nail_border_mm: Positive = Field(3.0, description="proposed: width of nail_border")
     seed: Annotated[Whole, Field(ge=0)] = Field(
@@ -51,7 +51,7 @@ class Receptors(Settings):
     )
     below_skin_mm: Positive | None = Field(
         None,
-        description="below the undeformed skin; default on the epidermis-dermis interface",
+        description="below the undeformed skin; default: on the epidermis-dermis interface",
     )
     side: Literal["epidermis", "dermis", "subcutaneous"] = Field(
         "epidermis", description="tissue whose strain energy the receptor feels"
@@ -63,7 +63,7 @@ class Receptors(Settings):
         1, description="paper: one; more are averaged, one at the receptor, the others around it"
     )
     end_organs_radius_mm: Positive = Field(
-        1.0, description="proposed: of the circle on which the other end organs lie"
+        1.0, description="proposed: radius of the circle on which the other end organs lie"
     )
 
     @model_validator(mode="after")

@@ -37,17 +37,17 @@ class Mesh(Stimulus):
     )
     reach_mm: Positive = Field(
         3.0,
-        description="how far below its highest point the part is modelled; it goes straight on "
-        "below",
+        description="how far below its highest point the part is modelled; it continues "
+        "straight down",
     )
     window_mm: tuple[Positive, Positive] | None = Field(
         None,
         description="width (X) and length (Y) of the piece about the contact point at displacement "
-        "0 that is modelled; default the whole part",
+        "0 that is modelled; default: the whole part",
     )
     grid_mm: Positive | None = Field(
         None,
-        description="grid of the distance, half of edge_radius_mm at most; default a third of it",
+        description="grid of the distance, at most edge_radius_mm / 2; default: a third of it",
     )
 
     @property

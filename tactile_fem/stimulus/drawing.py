@@ -68,13 +68,13 @@ class Drawing(Stimulus):
     )
     file: File | None = Field(
         None,
-        description="in place of polygons an .svg, or a picture that is black where it is raised; "
+        description="instead of polygons an .svg, or a picture that is black where it is raised; "
         "its right is along Y and its top towards -X, as letters read",
     )
     width_mm: Positive | None = Field(
         None,
-        description="size across what is drawn, along Y; default as it is, in mm, which no picture "
-        "states",
+        description="width along Y of what is drawn; default: as the .svg states it in mm; a "
+        "picture needs it",
     )
     turn_deg: Finite = Field(0.0, description="turn about Z through the middle, from X towards Y")
     relief_mm: Annotated[Heights, BeforeValidator(_heights)] = Field(

@@ -122,7 +122,7 @@ class KineticFriction(Friction):
     scaled_by = ("static", "kinetic")
     static: NonNegative = Field(description="coefficient of friction at rest")
     kinetic: NonNegative = Field(description="coefficient at high speed; may exceed the static one")
-    speed_mm_s: Positive = Field(description="slip speed at which 1/e of the difference is left")
+    speed_mm_s: Positive = Field(description="slip speed at which 1/e of the difference remains")
 
     def coefficient_at(self, pressure: Expr, speed: Expr, local: Expr | None) -> Expr:
         """Return the coefficient at a slip speed."""
@@ -144,7 +144,7 @@ class PressureFriction(Friction):
     coefficient: NonNegative = Field(description="of friction at pressure_MPa")
     pressure_MPa: Positive = Field(description="pressure at which `coefficient` holds")
     load_index: Annotated[Positive, Field(le=1)] = Field(
-        description="exponent of friction over pressure: 2/3 to 1, with 1 as Coulomb"
+        description="exponent of friction over pressure: 2/3 to 1; 1 is Coulomb's law"
     )
 
     def coefficient_at(self, pressure: Expr, speed: Expr, local: Expr | None) -> Expr:

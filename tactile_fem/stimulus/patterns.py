@@ -107,15 +107,15 @@ class Dots(Stimulus):
 
 
 class Braille(Stimulus):
-    """A line of Braille on a plate; its dots are parts of balls."""
+    """A line of Braille on a plate; its dots are spherical caps."""
 
     kind: Literal["braille"] = "braille"
     text: Annotated[str, Field(min_length=1, max_length=40)] = Field(
         "tactile", description="letters and digits, without contractions, or Braille patterns"
     )
-    dot_diameter_mm: Positive = Field(1.6, description="of a dot's base; ADA 2010: 1.5 to 1.6")
+    dot_diameter_mm: Positive = Field(1.6, description="base of a dot; ADA 2010: 1.5 to 1.6")
     dot_height_mm: Positive = Field(
-        0.5, description="of a dot; on paper 0.48 (Library of Congress, Specification 800)"
+        0.5, description="height; on paper 0.48 (Library of Congress, Specification 800)"
     )
     dot_spacing_mm: Positive = Field(
         2.5, description="between dots of a cell, both ways; ADA 2010: 2.3 to 2.5"
@@ -222,7 +222,7 @@ def polygons_of_discs(centres: Iterable[Sequence[float]], radius: float) -> list
 
 @dataclass(frozen=True)
 class Domes:
-    """Caps of balls on a plate, which they join as in `Embossed`.
+    """Spherical caps on a plate, which they join as in `Embossed`.
 
     `centres` are (n, 2), `base` the radius of the base and `height` the height of a cap, in mm.
     """

@@ -40,7 +40,7 @@ class Sphere(Stimulus):
     """A ball."""
 
     kind: Literal["sphere"] = "sphere"
-    radius_mm: Positive = Field(3.0, description="of the ball")
+    radius_mm: Positive = Field(3.0, description="radius of the ball")
 
     def shape(self) -> Ball:
         """Return the ball."""

@@ -29,17 +29,17 @@ class Surface(Stimulus):
         "instrument's x and y are X and Y"
     )
     spacing_mm: Positive | None = Field(
-        None, description="between two values; default as the file states"
+        None, description="between two values; default: as the file states"
     )
     unit_mm: Annotated[Finite, AfterValidator(nonzero)] | None = Field(
         None,
         description="height of one unit of the values, such as 0.001 for micrometres; negative if "
-        "small values are high; default as the file states",
+        "small values are high; default: as the file states",
     )
     crop_mm: tuple[NonNegative, NonNegative, Positive, Positive] | None = Field(
         None,
-        description="the part that is used, from its least X and Y to its largest, counted from "
-        "those of the map; default all",
+        description="the part to use: least X and Y, then largest, counted from the map's least; "
+        "default: all",
     )
     level: Literal["mean", "plane", "quadratic"] = Field(
         "plane", description="what is subtracted: the mean, the plane or the paraboloid that fits"
@@ -49,7 +49,7 @@ class Surface(Stimulus):
         description="wavelength that a Gaussian filter (ISO 16610-61) halves; shorter waves vanish",
     )
     repeat: Literal["mirrored", "periodic"] = Field(
-        "mirrored", description="what follows beyond the file's edges: its mirror image, or itself"
+        "mirrored", description="beyond the map's edges: its mirror image, or the map again"
     )
     turn_deg: Finite = Field(0.0, description="turn about Z through the middle, from X towards Y")
 

@@ -21,22 +21,22 @@ class Solver(Settings):
 
     nitsche_gamma: Positive = Field(
         1.2,
-        description="gamma_h = gamma (K + 4 G/3)/h of the deformed skin: a small one is inexact, "
-        "a large one slow",
+        description="gamma_h = gamma (K + 4 G/3)/h of the deformed skin: small values are "
+        "inaccurate, large ones slow",
     )
     nitsche_theta: Literal[-1, 0, 1] = Field(
         0, description="0 incomplete; 1 symmetric and -1 skew need a gamma of 40"
     )
     contact_width_MPa: NonNegative = Field(
-        0.005, description="pressure over which contact sets in smoothly; 0 is a kink"
+        0.005, description="pressure over which contact is regularized; 0: not at all"
     )
     bulk_degree: Annotated[Whole, Field(ge=1, le=12)] = Field(
-        4, description="quadrature degree; with 3 large elements fold where they are bent sharply"
+        4, description="quadrature degree; with 3 large elements can fold at sharp bends"
     )
     locking_ratio: Positive = Field(
         25.0,
-        description="K/G of a tissue up to which its volume change is integrated so; above it, "
-        "volume change is integrated at centroids to avoid locking. 1e9: all at every point",
+        description="K/G of a tissue above which its volume change is integrated at centroids, "
+        "to avoid locking; 1e9: never",
     )
     contact_degree: Annotated[Whole, Field(ge=1, le=30)] = Field(
         10, description="quadrature degree"
@@ -44,14 +44,14 @@ class Solver(Settings):
     inertia: bool = Field(
         False,
         strict=True,
-        description="tissue.density_kg_m3 counts: waves and resonances, which vibration above "
-        "50 Hz excites; off, the finger is in equilibrium at every moment",
+        description="include inertia (tissue.density_kg_m3), which matters for vibration above "
+        "50 Hz; without it the finger is always in equilibrium",
     )
     held: Annotated[tuple[Literal["bone", "nail", "cut"], ...], Field(min_length=1)] = Field(
         ("bone", "nail", "cut"), description="parts that are fixed; the others deform"
     )
     first_step_mm: Positive = Field(
-        0.05, description="first step of a piece of the path, towards the finger"
+        0.05, description="first step of a piece of the path towards the finger"
     )
     max_press_step_mm: Positive = Field(
         0.1,
@@ -59,7 +59,7 @@ class Solver(Settings):
     )
     first_slide_step_mm: Positive = Field(
         0.02,
-        description="first step of a piece of the path, across: stick turns to slip everywhere",
+        description="first step of a piece across the finger, in which slip begins everywhere",
     )
     max_slide_step_mm: Positive = Field(0.2, description="longest step across the finger")
     min_step_mm: Positive = Field(
@@ -69,12 +69,12 @@ class Solver(Settings):
     )
     tangent_iterations: Annotated[Whole, Field(ge=1)] = Field(
         5,
-        description="Newton iterations that use the tissues' part of the Jacobian before it is "
-        "assembled anew; the contact's part always is",
+        description="Newton iterations after which the lagged tissue tangent is assembled anew; "
+        "the contact tangent is never lagged",
     )
     compiler_flags: tuple[str, ...] = Field(
         ("-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"),
-        description="C flags for the compiled forms; none leaves DOLFINx's own",
+        description="C flags for the compiled forms; an empty list keeps DOLFINx's",
     )
     linear: Literal["multigrid", "direct"] = Field(
         "multigrid",

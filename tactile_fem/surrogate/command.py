@@ -32,21 +32,21 @@ def reduce(
     collect: Collect = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Make a finger that answers in milliseconds, from scans of a study's finger.
+    """Make a fast finger, which responds in milliseconds, from scans of a study's finger.
 
-    The scans are of random shapes along random paths; started again, it completes the missing ones.
-    What the fast finger gets wrong in scans that it has not seen is printed and kept in the file.
+    The scans are of random shapes along random paths; run again, it completes the missing ones. The
+    errors of the fast finger in scans not used in training are printed and stored in the file.
 
     Parameters
     ----------
     output
         The file, for tactile_fem.surrogate.FastFinger.
     scans
-        How many; each takes a minute or two.
+        Number of scans; each takes a minute or two.
     results
         Folder for the scans.
     jobs
-        Scans in parallel.
+        Parallel scans.
     overwrite
         Replace the file.
     """

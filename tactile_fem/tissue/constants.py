@@ -30,7 +30,7 @@ class Material(Kind):
     g: tuple[Annotated[Finite, Field(gt=0, lt=1)], ...] = Field(
         (), description="shares of the instantaneous shear stiffness that relax; none: elastic"
     )
-    tau_s: tuple[Positive, ...] = Field((), description="times over which they relax, as many")
+    tau_s: tuple[Positive, ...] = Field((), description="their relaxation times")
 
     def energy(self, F: Expr, at: At) -> Expr:
         """Return the strain energy density, as `tactile_fem.tissue.energies.Law`."""
@@ -100,7 +100,7 @@ class Polynomial(Material):
     C02_MPa: Finite = Field(0.0, description="of (I2bar - 3)^2")
     C30_MPa: Finite = Field(0.0, description="of (I1bar - 3)^3")
     D1_per_MPa: Positive = Field(description="2/K, of (J - 1)^2 / D1")
-    D2_per_MPa: Positive | None = Field(None, description="of (J - 1)^4 / D2; default without it")
+    D2_per_MPa: Positive | None = Field(None, description="of (J - 1)^4 / D2; default: none")
 
     @property
     def is_neo_hookean(self) -> bool:
@@ -261,14 +261,14 @@ class Tissue(Settings):
     viscous_time_s: NonNegative = Field(
         0.004,
         description="Kelvin-Voigt time, the shortest relaxation time of measured finger pads "
-        "(Pawluk and Howe 1999, DOI 10.1115/1.2835100); steadies the solver; 0, the default with a "
-        "relaxation, which has that time itself, is without",
+        "(Pawluk and Howe 1999, DOI 10.1115/1.2835100); stabilizes the solver; 0, the default "
+        "with relaxation, is none",
     )
     relaxation: Literal["none", "fingerpad"] = Field(
         "none", description="g and tau_s of the soft tissues for which none are given below"
     )
     density_kg_m3: Positive = Field(
-        1000.0, description="of all tissues, that of water; for `vibrate` and solver.inertia"
+        1000.0, description="density of all tissues, as water; for `vibrate` and solver.inertia"
     )
     stratum_corneum: Material
     epidermis: Material

@@ -26,29 +26,29 @@ def vibrate(
     shapes: Annotated[
         str | None,
         Parameter(
-            help="Frequencies in Hz at which the finger's shape is kept and drawn: of those "
-            "computed the nearest. Default the lowest, the middle and the highest."
+            help="Frequencies in Hz at which the finger's shape is kept and drawn; the nearest "
+            "computed ones are taken. By default, the lowest, the middle and the highest."
         ),
     ] = None,
     ranks_: Ranks = 1,
 ) -> None:
     """Let the body or the bone vibrate about a state of a scan.
 
-    Writes what receptors feel and how they fire over the frequency, and the finger's shape at some
-    frequencies, into the folder's vibration/.
+    Writes what receptors feel and their firing rates over frequency, and the shape of the finger at
+    some frequencies, into the subfolder vibration.
 
     Parameters
     ----------
     frequencies
-        Frequencies in Hz: low:high:count, evenly spaced in their logarithm, or a list.
+        Frequencies in Hz: low:high:count, logarithmically spaced, or a list.
     at_mm
-        Displacement of a state kept by output.restarts; default the last state.
+        Displacement of a state kept by output.restarts; by default, the last state.
     at_s
-        Its time, where several states lie at one displacement.
+        Its time, if several states have the same displacement.
     moves
         What vibrates.
     direction
-        X, Y and Z of the vibration.
+        Direction of the vibration: X, Y and Z.
     amplitude_um
         Amplitude for the table and the firing rates.
     """
@@ -62,7 +62,7 @@ def vibrate(
     module = with_mechanics("tactile_fem.vibration.vibrate", ranks_)
     for population in [afferents.population() for afferents in found.study.populations]:
         if reason := unfelt(population):
-            logger.warning("%s afferents get no firing rates here: %s", population.name, reason)
+            logger.warning("no firing rates of %s afferents: %s", population.name, reason)
     keeper = module.ModeKeeper(wanted[nearest(wanted, shaped)])
     spectrum = module.vibrate(
         results,
