@@ -9,11 +9,11 @@ compute mechanics:
 - ``ScanResult``, ``Trace``: what they return; ``Observation``: what an observer of a scan is given.
 - ``preview``: finger and stimulator before a scan; ``Results``, ``draw``: the results folder and
   its figures; ``SurfaceFields``: fields on the skin.
-- ``Parts`` and what it takes: ``Finger.mesh`` makes a ``FingerMesh``, a ``Law`` is a tissue, a
-  ``RigidBody`` (``Distance``, ``Embossed``) a stimulus, a ``Path`` (``Motion``) its motion, a
-  ``Population`` the afferents.
-- ``Stimulus``, ``Friction`` and ``Piece``, below which a script adds kinds of its own to what a
-  study may state; ``Term``, likewise of the virtual work, ``FastSolver`` and ``PlainSolver``.
+- ``Parts``, your own parts of a scan: a ``FingerMesh`` (``Finger.mesh`` makes one), a ``Law`` of a
+  tissue, a ``RigidBody`` (``Distance``, ``Embossed``), its ``Path`` (``Motion``), and a
+  ``Population`` of afferents.
+- ``Stimulus``, ``Friction`` and ``Piece``, base classes of your own kinds in a study; ``Term``, a
+  term of the virtual work; ``FastSolver`` and ``PlainSolver``.
 - ``StudyError``, ``MeshError``, ``ConvergenceError``, ``StoppedError``, and their base
   ``TactileError``.
 - ``run_script``: the program around a script's ``main``; ``write_table``: a CSV file.

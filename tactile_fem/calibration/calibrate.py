@@ -59,10 +59,10 @@ def fit(
     evaluations: int = 12,
     comm: MPI.Comm | None = None,
 ) -> Calibration:
-    """Fit tissues, and the shape of the finger, to measurements of somebody's finger.
+    """Fit tissues, and the shape of the finger, to measurements on a person.
 
     Tables, a figure and the fitted ``study.toml`` are written into the folder. Every press is saved
-    there; a fit that was interrupted and is called again repeats none. Print the result to read it.
+    there; an interrupted fit, called again, repeats none. Print the result for a report.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ def chosen(values: Array, header: Sequence[str], file: Path) -> tuple[Array, str
     shown = [*filter(None, names)] or [line.strip() for line in header[-1:]]
     parts = [re.split("[;,\t]", line) for line in shown]
     if count == 2 and not lines and not any(_best(part, _QUANTITIES[1]) for part in parts):
-        logger.info("%s names no columns: they are taken as depth in mm and force in N", file)
+        logger.info("%s does not name its columns: depth in mm and force in N are assumed", file)
         return _in_units(values, ["depth_mm", "force_N"], [0, 1], file)
     raise StudyError(
         f"{file}: its columns are {', '.join(shown) or 'not named'} but must be depth_mm and "
@@ -148,7 +148,7 @@ def _unit(name: str, quantity: _Quantity, file: Path) -> tuple[float, str]:
     """
     (words, unit), usual = _parsed(name), next(iter(quantity.units))
     if not unit and {*words} <= {*quantity.words}:
-        logger.warning('%s: column "%s" states no unit: %s is taken', file, name, usual)
+        logger.warning('%s: column "%s" has no unit: %s is assumed', file, name, usual)
         return 1.0, f"in {usual}"
     alike = [known for known in quantity.units if known.casefold() == unit.casefold()]
     for same in (lambda known: known == unit, lambda known: known[0] == unit[0]):

@@ -45,12 +45,12 @@ FORCE, PROFILE = ("force_N", "sd_N"), ("place_mm", "deflection_mm", "sd_mm")
 
 @dataclass(frozen=True)
 class Experiment:
-    """What was measured with one indenter at one speed: one press of the model.
+    """Measurements with one indenter at one speed: one press of the model.
 
     Attributes
     ----------
     name
-        The indenter as it is written in the file, with its speed.
+        The indenter as written in the file, with its speed.
     depth_mm
         Depth of each measured number, (n,).
     place_mm
@@ -93,7 +93,7 @@ class Experiment:
             Speed of the indenter.
         depth_mm, force_N
             Depth and normal force, (rows,), in any order. If the force shows that it does not begin
-            at 0, depth counts from where it does, and an offset of the force before is taken away;
+            at 0, depth is counted from where it does, and the offset of the force is subtracted;
             `origin` says so. Rows before contact are left out.
         sd_N
             Standard deviation of the forces: one, or (rows,). Default 5 % of each average and 1 %

@@ -66,7 +66,7 @@ class Model:
         try:
             values = [p.values for p in self.predictions(x)]
         except StudyError as error:  # an impossible length
-            logger.info("no finger there: %s", error)
+            logger.info("no finger can be made at this point: %s", error)
             values = [np.full_like(e.mean, np.nan) for e in self._experiments]
         numbers, prior = deviations(self._experiments, values), x / self._prior_sd
         if is_new:

@@ -50,7 +50,7 @@ def build_finger(finger: FingerSettings) -> FingerMesh:
     nodes, cells, facets = quadratic(nodes, cells, facets)
     mesh = FingerMesh(nodes, cells, tissue, facets, surface)
     mesh.check()
-    logger.info("finger of %d %s and %d nodes", len(cells), mesh.simplex.plural, len(nodes))
+    logger.info("finger with %d %s and %d nodes", len(cells), mesh.simplex.plural, len(nodes))
     if edges := edges_per_ridge(mesh, finger):
         logger.info("%.1f edges to a ridge of %g mm", edges, finger.ridge_pitch_mm)
     return mesh

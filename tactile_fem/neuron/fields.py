@@ -136,7 +136,7 @@ def stretch_along(right_cauchy_green: Array, directions: Array) -> Array:
 
 
 def trial_histories(fields: Iterable[Field]) -> dict[str, Array]:
-    """Return a made-up history of one receptor, to try drives and transductions with."""
+    """Return an artificial history of one receptor, to test drives and transductions with."""
     rise = np.array([0.0, 0.1, 0.05])
     columns = {field.name: np.add.outer(rise, field.at_rest(1)) for field in fields}
     return {"time_s": np.array([0.0, 0.05, 0.1]), "directions": np.eye(1, 3), **columns}

@@ -53,7 +53,7 @@ def respond(
         Constants of transduction and membrane; default ``Neuron()``.
     units
         Numbers of the afferents, (receptors,), which select their random numbers; default 0, 1,
-        2 ... Parts of a population so fire as the whole does.
+        2 ... Thus parts of a population fire as the whole does.
     feels
         What the history is: a drive, or the name of one. All but strain energy density may be
         negative, which inhibits.

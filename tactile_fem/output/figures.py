@@ -95,7 +95,7 @@ def _felt(results: Results, over: Abscissa, beneath: CrossSectionMap) -> Figure 
             population = afferents.population()
             drive, (_, values) = population.drive, population.felt(trace)
         except StudyError as error:
-            logger.warning("What %s afferents feel is not drawn: %s", afferents.name, error)
+            logger.warning("The drive of %s afferents is not drawn: %s", afferents.name, error)
             continue
         central = central_receptor(trace["receptors_mm"][own])
         place, label = trace["receptors_mm"][own[central]], f"{drive.label} ({drive.unit})"

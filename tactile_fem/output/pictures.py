@@ -88,7 +88,7 @@ def draw_pictures(
     if reason is not None:
         logger.warning("%s", reason)
         return []
-    logger.info("drawing pictures of the finger, which can take some minutes")
+    logger.info("drawing 3-D pictures of the finger, which can take some minutes")
     command = [sys.executable, "-m", _MODULE, str(results.folder), str(dpi or PICTURE_DPI)]
     command += [] if amplitude_mm is None else [repr(amplitude_mm)]
     try:

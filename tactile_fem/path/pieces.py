@@ -21,7 +21,7 @@ _VIBRATES = "small vibration of the body on top: frequency_Hz, amplitude_mm, dir
 
 
 class Piece(Kind):
-    """Keys and motion of a piece of the path; each kind is a class of its own below this one."""
+    """Base class of pieces of the path: their keys and motion."""
 
     def motion(self, start_mm: Array) -> Motion:
         """Return the motion from where the body is when the piece begins, (3,) in mm."""
@@ -34,7 +34,7 @@ class Piece(Kind):
         return self.motion(start_mm)
 
     def first_pose(self) -> tuple[Array, Array]:
-        """Return where the body starts if this is the first piece, mm, and turned by what, rad."""
+        """Return the pose of the body, mm and rad, at the start if this is the first piece."""
         return np.zeros(3), np.zeros(3)
 
     def resolved(self, deepest_mm: float) -> Piece:

@@ -1,4 +1,4 @@
-"""People: one study for many fingers, drawn from a stated distribution, and what it gives."""
+"""People: one study for many fingers, drawn from a given distribution, and its results."""
 
 from typing import TYPE_CHECKING
 

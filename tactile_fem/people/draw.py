@@ -40,8 +40,8 @@ class Person(Member):
 def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
     """Return the scans of an ensemble: fingers drawn from the distribution of the study.
 
-    The distribution is that of the study's table ``people``, by default the shipped one. Each study
-    is a usual one, with the person's values in it and without the table.
+    The distribution is that of the study's table ``people``, by default the shipped one. Each
+    person's study contains the person's values and no such table.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def people(conditions: Study | Sequence[Member], number: int) -> list[Person]:
     Returns
     -------
     list
-        ``person-001`` and so on; of several conditions each person in turn in all conditions,
+        ``person-001`` and so on; with several conditions all of one person, then of the next,
         ``person-001_text-C``.
 
     Raises

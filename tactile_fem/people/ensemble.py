@@ -64,7 +64,7 @@ def run_people(
 def begin_people(scans: Sequence[Person], folder: Path | str) -> list[Person]:
     """Write the table of an ensemble; return the scans that can run.
 
-    Of the others the reason is kept in the folder. Raises what `run_people` does.
+    The folder keeps the reason for the others. Raises what `run_people` does.
     """
     folder = Path(folder)
     problems = {scan.name: _problem(scan) for scan in scans}
@@ -76,7 +76,7 @@ def begin_people(scans: Sequence[Person], folder: Path | str) -> list[Person]:
 
 
 def collect_people(scans: Sequence[Person], folder: Path | str) -> list[Outcome]:
-    """Return how the scans of an ensemble ended that ran elsewhere."""
+    """Return the outcomes of scans of an ensemble that ran elsewhere."""
     _write_table(scans, Path(folder))
     return collected(scans, folder)
 
@@ -130,11 +130,11 @@ def _read_table(path: Path) -> list[dict[str, str]]:
 
 @dataclass(frozen=True)
 class Ensemble:
-    """People in a folder, as `run_people` has left it; nothing runs.
+    """The people in a folder that `run_people` wrote; no scan is run.
 
     A person is complete if the scans of all conditions are. Results, numbers and histories are
-    those of the complete people, so that conditions can be compared within people; to go with
-    them, ``scores[complete]`` has their scores.
+    those of the complete people, so that conditions can be compared within people;
+    ``scores[complete]`` are their scores.
 
     Attributes
     ----------

@@ -157,5 +157,5 @@ def locked(folder: Path) -> Iterator[None]:
                 f"Another run is writing into {folder}: wait for its end or choose another folder."
             ) from None
         except OSError as error:  # some network file systems
-            logger.warning("%s: no guard against a second run (%s)", folder, error.strerror)
+            logger.warning("%s: cannot be locked against a second run (%s)", folder, error.strerror)
         yield

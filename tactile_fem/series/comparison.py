@@ -46,8 +46,8 @@ _SAME_SHARE = 0.02
 def compare(scans: Mapping[str, Results]) -> list[list[str]]:
     """Return a table of one or more complete scans by their names: a heading, and a row for each.
 
-    From the second scan on, numbers are followed by their difference to the first one's. What a
-    scan does not have is a dash.
+    From the second scan on, numbers are followed by their difference from the first one's. A dash
+    stands for what a scan does not have.
     """
     numbers = [_numbers(scan) for scan in scans.values()]
     first, keys = numbers[0], _compared(numbers)

@@ -140,7 +140,7 @@ def rate_image(
     column_mm: float = 0.2,
     window_mm: float = 0.2,
 ) -> RateImage:
-    """Return the firing rates that histories of what a population feels evoke.
+    """Return the firing rates that histories of a population's drive evoke.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def rate_image(
 def population_image(
     results: Results, neuron: Neuron | None = None, population: str | None = None
 ) -> RateImage:
-    """Return the image that the receptors of one scan on Y = 0 make.
+    """Return the image of the receptors of one scan on Y = 0.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def _afferents(results: Results, name: str | None) -> Population:
 def fibre_image(
     passes: Sequence[Results], neuron: Neuron | None = None, population: str | None = None
 ) -> RateImage:
-    """Return the image that passes over one receptor make: the classic spatial event plot.
+    """Return the image of passes over one receptor: the classic spatial event plot.
 
     The receptor at X = Y = 0 passes over X = -s of a stimulator that is shifted by s. The
     afferent is the same in all passes, so its gain does not vary between rows. If a pass is

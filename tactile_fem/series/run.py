@@ -131,7 +131,7 @@ def run_all(
 
 
 def collected(members: Sequence[Member], folder: Path | str) -> list[Outcome]:
-    """Return how the scans of a series ended that ran elsewhere."""
+    """Return the outcomes of scans of a series that ran elsewhere."""
     outcomes = []
     for member in members:
         scan = Path(folder) / member.name
@@ -147,7 +147,7 @@ def complete_scans(members: Sequence[Member], folder: Path) -> list[Results]:
 
 
 def keep_reason(outcome: Outcome, folder: Path) -> None:
-    """Write why a scan failed beside its folder; remove what an earlier run has written there."""
+    """Write beside its folder why a scan failed; remove what an earlier run wrote there."""
     file = folder / f"{outcome.member.name}.failed.txt"
     if outcome.problem:
         write_text(file, outcome.problem + "\n")

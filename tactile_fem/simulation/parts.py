@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Parts:
-    """Own parts of a scan; what is not given is made from the study.
+    """Your own parts of a scan; the others are made from the study.
 
-    A checkpoint stores which parts were own ones and a hash of their code and values. The scan
-    continues only with parts that are the same.
+    A checkpoint stores a hash of the code and values of these parts. The scan continues only with
+    the same parts.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Parts:
         Make further terms of the virtual work, such as gravity, of the tissues.
     populations
         Afferents with another drive or transduction than a study can name, in place of the study's
-        of the same name; no part of the mechanics, so a scan may go on with others.
+        of the same name. They do not affect the mechanics and may change when a scan continues.
     """
 
     finger: FingerMesh | None = None

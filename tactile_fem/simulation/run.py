@@ -56,9 +56,9 @@ def scan(
     """Run a study: move the body along its path, evaluate the receptors, compute the spikes.
 
     A scan of the same study in `folder` is continued if it was interrupted, and read if it is
-    finished. Log and progress appear on stderr, a bar on a terminal and in a notebook, else some
-    lines; but if logging is configured, they only go to its handlers, each step as DEBUG (see
-    `tactile_fem.runtime.logs.shown`). The folder's ``log.txt`` has them too.
+    finished. Log and progress appear on stderr, as a bar on a terminal or in a notebook, otherwise
+    as lines; if logging is configured, they go only to its handlers, each step as DEBUG (see
+    `tactile_fem.runtime.logs.shown`). The folder's ``log.txt`` has them, too.
 
     Parameters
     ----------
@@ -79,18 +79,18 @@ def scan(
     Returns
     -------
     ScanResult
-        ``trace`` with the histories, ``response`` with the spikes, ``folder`` and ``study``. Of a
-        folder, `Results` reads the same, and fields of the whole finger.
+        ``trace`` with the histories, ``response`` with the spikes, ``folder`` and ``study``.
+        `Results` reads these from a folder, and fields of the whole finger.
 
     Raises
     ------
     StudyError
         Bad input, before any long work; or the folder holds other files, the scan of another study
-        or with other parts, or a finished scan of which observers would see nothing.
+        or with other parts, or a complete scan, whose steps observers can no longer see.
     ConvergenceError
         The mechanics diverged; everything up to there is saved in the folder.
     StoppedError
-        SIGTERM or SIGINT (Ctrl-C, or a notebook's stop button) came; likewise.
+        SIGTERM or SIGINT (Ctrl-C, or a notebook's stop button) was received; likewise.
     OSError
         A file cannot be written; likewise.
     """
@@ -129,10 +129,9 @@ def resume(
 ) -> ScanResult:
     """Continue the scan in `folder` from its last checkpoint, on any number of ranks.
 
-    A scan that was stopped or failed continues from its last step, one that was killed from some
-    seconds before: checkpoints are at least 3 s apart, and so far that writing them takes 2 % of
-    the time. Steps after it are computed again. Own parts and observers must be given again, see
-    `scan`.
+    A scan that was stopped or failed continues from its last step, one that was killed from its
+    last checkpoint: they are written every 3 s, or more rarely, so that they take 2 % of the time.
+    Your own parts and observers must be given again, see `scan`.
 
     Returns
     -------
@@ -142,7 +141,7 @@ def resume(
     Raises
     ------
     StudyError
-        There is no scan, another run is at it, or what it left does not belong together.
+        There is no scan, another run is working on it, or its files do not match.
     """
     with session(comm) as run:
         results = run.on_root(lambda: Results.open(folder))
@@ -246,7 +245,7 @@ def _conclude(
     except Exception:
         if status == "complete":
             raise
-        logger.warning("the spikes of these steps are not saved: firing fails")
+        logger.warning("the spikes of these steps are not saved: the afferents cannot fire")
     if recorder:
         recorder.finish(status, response)
     return response
@@ -278,9 +277,7 @@ def _log_contact(trace: Trace) -> None:
         return
     depth = trace.depth_mm.max()
     gap = trace.gap_error_mm[trace.depth_mm == depth].max()
-    logger.info(
-        "contact at full depth: mean distance of the skin from the body's surface %.4f mm", gap
-    )
+    logger.info("contact at full depth: mean distance between skin and body %.4f mm", gap)
     if gap > _GAP_ERROR * depth:
         logger.warning(
             "the skin's distance from the stimulator's surface is more than a hundredth of the "

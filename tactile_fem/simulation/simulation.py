@@ -145,7 +145,7 @@ class Simulation:
         with compilation_errors():
             _ = problem.load_cell, self.receptors  # compiled here, not in the first step
         logger.info(
-            "%d cells that deform, %d unknowns, %d receptors, %d ranks",
+            "%d deformable cells, %d unknowns, %d receptors, %d ranks",
             len(problem.domain.file_cells),
             problem.unknowns,
             len(self.layout.positions_mm),

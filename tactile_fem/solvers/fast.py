@@ -128,8 +128,8 @@ class FastSolver(StepSolver):
 
         The problem's displacement is the initial guess and the result; on failure the caller
         resets the state. Where Newton's method fails with a lagged tangent, it is tried with a new
-        one in each iteration; where it fails then, with regularized contact at first, from whose
-        result that of the unregularized law follows.
+        one in each iteration; if this fails, too, with regularized contact, from whose result the
+        unregularized law is solved.
         """
         u, contact = self._problem.u.x.array, self._problem.contact
         guess = u.copy()

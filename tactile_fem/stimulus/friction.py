@@ -35,10 +35,10 @@ _NUMBER: TypeAdapter[float] = TypeAdapter(NonNegative)
 
 
 class Friction(Kind):
-    """Keys of a law of friction; each law is a class of its own below this one.
+    """Base class of laws of friction.
 
-    It states its name `law`, further keys, and `coefficient_at`. In forms its numbers are constants
-    of DOLFINx, so that studies with other values take the same compiled code.
+    A law states its name `law`, further keys, and `coefficient_at`. In forms its numbers are
+    constants of DOLFINx, so that studies with other values use the same compiled code.
     """
 
     tag = "law"

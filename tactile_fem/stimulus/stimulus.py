@@ -38,10 +38,10 @@ ACROSS = {"x": 1, "y": 0}
 
 
 class Stimulus(Kind):
-    """Keys of every rigid body, which translates along the protocol without rotation.
+    """Base class of stimuli: rigid bodies that move along the path of the protocol.
 
-    Each kind is a class of its own below this one: it states its `kind`, further keys, whose values
-    must be hashable, and its `shape`.
+    Each kind is a subclass: it states its `kind`, further keys, whose values must be hashable, and
+    its `shape`.
     """
 
     friction: NumberOrLaw = Field(

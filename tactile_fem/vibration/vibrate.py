@@ -133,7 +133,7 @@ def vibrate(
     direction
         Direction of the vibration, (3,).
     density_kg_m3
-        Density of all tissues, in place of the study's; 0 is without inertia.
+        Density of all tissues, in place of the study's; with 0 there is no inertia.
     comm
         Communicator; all its ranks must call. Default: all ranks.
     parts
@@ -150,8 +150,8 @@ def vibrate(
     Raises
     ------
     StudyError
-        No such state or scan; an invalid frequency, direction or density; a bone that is to vibrate
-        is on its joint.
+        No such state or scan; an invalid frequency, direction or density; a bone on its joint
+        cannot be vibrated.
     TactileError
         The linear equations could not be solved.
     StoppedError

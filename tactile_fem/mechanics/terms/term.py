@@ -30,7 +30,7 @@ class Delay:
 
 
 class Term:
-    """A part of the virtual work; what a subclass does not state, it does not have.
+    """A term of the virtual work, by default without histories and stored energy.
 
     Parameters
     ----------
@@ -99,15 +99,15 @@ class Term:
         """
 
     def begin_step(self) -> None:
-        """Take the state's time step over; called before a step is solved."""
+        """Adopt the state's time step; called before a step is solved."""
 
     def freeze(self, delay: Delay | None) -> None:
-        """Take the values at the accepted state, undone by `begin_step`.
+        """Freeze the values at the accepted state, undone by `begin_step`.
 
         Parameters
         ----------
         delay
-            The one that has fully relaxed; all others have not begun to.
+            The one that has fully relaxed; all others have not relaxed at all.
         """
 
 
