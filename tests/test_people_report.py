@@ -54,7 +54,7 @@ def test_few_people_in_two_conditions(tmp_path):
     (pressed,) = [line for line in lines if line.startswith("  pressed_N")]
     assert "difference 0.6 " in pressed and "ratio 2 " in pressed and "in 3 of 3" in pressed
     assert any("needs 19" in line for line in lines)
-    assert lines[-1] == f"3 people: {len(twice.names) + 2} or more tell where the spread comes from"
+    assert lines[-1] == f"3 people: the causes of the spread need {len(twice.names) + 2} or more"
     assert written(twice) == ["bands.png", "paired.png", "raster.png"]
     rows = read(tmp_path / "histories.csv")
     last = [r for r in rows if r["history"] == "normal_N" and r["condition"] == "text-G"][-1]
@@ -129,4 +129,4 @@ def test_causes_of_a_fit_are_those_of_its_draws(tmp_path):
     (cause,) = [line for line in lines if line.startswith("pressed_N") and "skin" in line]
     first, second = (float(cause.split(f"{name} ")[1].split(" %")[0]) for name in names)
     assert first == pytest.approx(86, abs=4) and second == pytest.approx(14, abs=4)
-    assert f"{names[1]}: what it adds to those before that it correlates with" in lines
+    assert f"{names[1]}: its share beyond that of correlated values above" in lines

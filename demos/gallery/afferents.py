@@ -25,8 +25,7 @@ from tactile_fem import Study, completed, load_study
 from tactile_fem.series import population_image
 
 # %%
-# By default a population has the receptors and neuron of its kind. This scan has no inertia and
-# steps of 5 ms, so the PC afferents respond to abrupt changes only.
+# This scan has no inertia and steps of 5 ms, so the PC afferents respond to abrupt changes only.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/afferents")
 populations = [{"name": kind, "kind": kind} for kind in ("SA1", "RA", "PC")]
@@ -45,7 +44,7 @@ for kind, image in images.items():
     print(f"{kind}: {spikes} spikes, r = {r:.2f}")
 
 # %%
-# Rates are drawn over the position on the letter, with a scale for each kind.
+# Each kind has its own scale of rates.
 
 figure, panels = plt.subplots(1, 3, figsize=(11, 3.6), sharey=True, layout="constrained")
 for axes, (kind, image) in zip(panels, images.items(), strict=True):

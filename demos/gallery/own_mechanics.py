@@ -3,8 +3,7 @@ Your own tissue, term, observer and solver
 ==========================================
 
 Exponentially stiffening fat (Fung 1967) and its weight change the force on a plate. A tissue
-law states its energy, a term its virtual work, both in UFL; stress and tangent are derived. An
-observer sees each accepted step, and a solver finds its equilibrium.
+law states its energy, a term its virtual work, both in UFL; stress and tangent are derived.
 
 .. figure:: /pictures/own_mechanics.png
 

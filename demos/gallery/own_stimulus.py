@@ -3,8 +3,7 @@ Your own stimulus, path and afferents
 =====================================
 
 A raised ring moves in a circle over the finger; afferents respond to changes of shear in the
-tissue. Stimulus, piece of the path, drive and transduction take a few lines each. Restarts, results
-folder and figures work as usual.
+tissue. Stimulus, piece of the path, drive and transduction take a few lines each.
 
 .. figure:: /pictures/own_stimulus.png
 

@@ -2,8 +2,8 @@
 One fibre in many passes, or a population in one
 ================================================
 
-In recordings from single fibres a letter is shifted between passes over one receptor, whose spikes
-are stacked to a spatial event plot. A population in one pass gives a poorer image, as Hamasaki et
+In recordings from single fibres, a letter is shifted between passes over one receptor; its spikes
+form a spatial event plot. A population in one pass gives a poorer image, as Hamasaki et
 al. (2020) found, because receptors at the side of a round finger carry less load.
 
 .. figure:: /pictures/passes.png

@@ -70,8 +70,8 @@ def _described(heading: str, model: type[BaseModel]) -> Iterator[str]:
         if not note:
             yield f"#     [afferents.{key}] has the keys of [{key}]"
             continue
-        is_set = not field.is_required() and field.default is not None
-        state = f"= {toml_value(field.default)}" if is_set else _unset(field)
+        default = None if field.is_required() else field.get_default(call_default_factory=True)
+        state = _unset(field) if default in (None, {}) else f"= {toml_value(default)}"
         yield from _comment(f"    {key} {state}: {note}")
         if nested := model_in(field.annotation):
             yield from _described(f"    keys of {key}", nested)
