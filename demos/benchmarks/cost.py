@@ -86,13 +86,14 @@ def main(
     Parameters
     ----------
     folder
-        For the scans and `costs.csv`.
+        Folder for the scans and `costs.csv`.
     sizes, cases
         Meshes and changes of the default study, by the names above.
     ranks
         Numbers of MPI ranks.
     distance, depth
-        Of slide and press, mm; "section", "long" and "force" are pressed to a force.
+        Length of the slide and depth of the press, mm; "section", "long" and "force" press to a
+        force.
     """
     costs = []
     print("".join(f"{field.name:>13}" for field in fields(Cost)))

@@ -68,15 +68,15 @@ def main(
     Parameters
     ----------
     folder
-        For scans, the table and the figure.
+        Folder for scans, the table and the figure.
     changes
-        Of the study: section.key=value.
+        Changes of the study: section.key=value.
     people
         Results of `people_letters.py`, for a column of adults' bands.
     letters
-        The first is that of the numbers and of the figure.
+        Letters; numbers and figure are those of the first.
     jobs
-        Scans side by side.
+        Parallel scans.
     """
     studies = {name: aged(base(changes), ratios) for name, ratios in FINGERS.items()}
     members = {

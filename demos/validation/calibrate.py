@@ -121,7 +121,7 @@ def main(
     Parameters
     ----------
     folder
-        For the table.
+        Folder for the table.
     law
         The transduction.
     feels

@@ -116,7 +116,7 @@ def main(folder: Path, *, finger: Path = FINGER) -> None:
     Parameters
     ----------
     folder
-        For the full scan and the table.
+        Folder for the full scan and the table.
     finger
         The fast finger.
     """

@@ -47,7 +47,7 @@ def main(*, stiffness: tuple[float, ...] = (1.0, 2.0, 4.0)) -> None:
     Parameters
     ----------
     stiffness
-        Of the monkeys' pads over the model's.
+        Ratio of the monkeys' pads' stiffness to the model's.
     """
     print(f"{'law':14s}{'drive':22s}stiffness  R2: ramp   hold spheres   all  grating: r")
     rows = [(name, "SED", 1.0) for name in LAWS]

@@ -156,13 +156,13 @@ def main(folder: Path, *overrides: str, finger: Path = FINGER, jobs: int = 1) ->
     Parameters
     ----------
     folder
-        For the scans, the table and the figure.
+        Folder for the scans, the table and the figure.
     overrides
         Values of the study: section.key=value.
     finger
         The fast finger.
     jobs
-        Full scans side by side.
+        Parallel full scans.
     """
     fast = FastFinger.read(finger)
     scans = members(overrides)

@@ -86,11 +86,11 @@ def main(
     Parameters
     ----------
     folder
-        For scans, table and pictures.
+        Folder for scans, table and pictures.
     distance, depth
-        Of the letters' slide.
+        Length and depth of the letters' slide.
     shifts
-        Of the letters across the finger, evenly spaced, 0 included.
+        Shifts of the letters across the finger, evenly spaced, 0 included.
     set_
         Further values of both studies, ``section.key=value``.
     jobs

@@ -67,23 +67,23 @@ def main(
     Parameters
     ----------
     folder
-        For scans and the table; a scan that is there is not computed again.
+        Folder for scans and the table; complete scans are not repeated.
     forces
         Normal forces, N.
     frequencies
-        In Hz.
+        Frequencies in Hz.
     direction
-        Of the vibration: X across the finger, Y along it.
+        Direction of the vibration: X across the finger, Y along it.
     preset, pad_size, far_size
         The mesh.
     viscous_time
-        Kelvin and Voigt's, beside the tissue's relaxation, s.
+        Kelvin-Voigt time beside the tissue's relaxation, s.
     skin
         Factor of the moduli of stratum corneum, epidermis and dermis.
     joint
-        The bone is on its joint in the vibration.
+        Whether the bone is on its joint in the vibration.
     density
-        Of all tissues in the vibration, kg/m3, in place of the study's.
+        Density of all tissues in the vibration, kg/m3, in place of the study's.
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     rows: list[Row] = []

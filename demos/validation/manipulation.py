@@ -54,7 +54,7 @@ def main(folder: Path, *, histories: Path | None = None) -> None:
     Parameters
     ----------
     folder
-        For tables and figures.
+        Folder for tables and figures.
     histories
         Folder of `manipulation_histories.py`; by default the same.
     """

@@ -124,15 +124,15 @@ def main(
     Parameters
     ----------
     folder
-        For scans and files.
+        Folder for scans and files.
     orders
-        Of the loads.
+        Orders of the loads.
     preset, pad_size, far_size
-        Of the finger's mesh, mm.
+        Mesh of the finger, sizes in mm.
     outputs
-        In the rise of each load.
+        Outputs in the rise of each load.
     normal
-        Force at its top, N; that along the skin is in proportion.
+        Largest normal force, N; the tangential force is in proportion.
     """
     sizes = {"pad_size_mm": pad_size, "far_size_mm": far_size}
     finger = {"preset": preset, **{key: size for key, size in sizes.items() if size}}

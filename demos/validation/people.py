@@ -64,15 +64,15 @@ def main(
     Parameters
     ----------
     folder
-        For scans, tables and the figure.
+        Folder for scans, tables and the figure.
     number
-        Of people.
+        Number of people.
     pad_size, far_size
-        Of the fingers' meshes, mm.
+        Mesh sizes, mm.
     deepest
-        Press no deeper, mm.
+        Largest depth, mm.
     jobs
-        Scans side by side.
+        Parallel scans.
     """
     sizes = {"pad_size_mm": pad_size, "far_size_mm": far_size}
     finger = {key: size for key, size in sizes.items() if size}

@@ -88,13 +88,13 @@ def main(folder: Path, *changes: str, number: int = 8, jobs: int = 2) -> None:
     Parameters
     ----------
     folder
-        For scans, tables and the figure.
+        Folder for scans, tables and the figure.
     changes
-        Of the study: section.key=value.
+        Changes of the study: section.key=value.
     number
-        Of people.
+        Number of people.
     jobs
-        Scans side by side.
+        Parallel scans.
     """
     each = conditions(base(changes))
     run_people(people(each, number), folder / "scans", jobs=jobs)
@@ -121,8 +121,8 @@ def of(whole: Ensemble, names: Sequence[str] | Mapping[str, float]) -> Ensemble:
 
 
 # %% [markdown]
-# One fibre or many: the likeness of the image of firing to the letter's outline. Both images have
-# the same rows, so that neither is finer.
+# One fibre or many: the correlation of the image of firing with the letter's outline. Both images
+# have the same rows, so that neither is finer.
 
 
 # %%
@@ -146,7 +146,7 @@ def sparse(image: RateImage) -> RateImage:
 
 def tell_likeness(likeness: Mapping[str, Array]) -> None:
     """Print how like the letter both images are."""
-    print_rows(bands_table({f"likeness to the G, {name}": r for name, r in likeness.items()}))
+    print_rows(bands_table({f"correlation with the G, {name}": r for name, r in likeness.items()}))
     print(f"one fibre after population: {paired(*likeness.values())}")
 
 
@@ -205,7 +205,7 @@ def tell_letters(images: Array) -> Array:
     }
     inside = np.mean([own for name, own in pairs.items() if OTHER not in name], axis=0)
     outside = np.mean([own for name, own in pairs.items() if OTHER in name], axis=0)
-    print_rows(bands_table({f"likeness of {name}": own for name, own in pairs.items()}))
+    print_rows(bands_table({f"correlation of {name}": own for name, own in pairs.items()}))
     print(f"{', '.join(ROUND)} among themselves after with {OTHER}: {paired(outside, inside)}")
     sure = np.einsum("kii->ki", read(images, noise_Hz=0.0))
     print(f"known without noise: {100 * sure.mean():.0f} %")
@@ -219,7 +219,7 @@ def tell_letters(images: Array) -> Array:
 
 
 # %% [markdown]
-# Friction: forces, strain energy density, firing and likeness at three coefficients.
+# Friction: forces, strain energy density, firing and correlation at three coefficients.
 
 
 # %%
@@ -242,7 +242,7 @@ def numbers_with_likeness(scan: Results) -> dict[str, float]:
         "largest SED (kPa)": numbers["largest_sed_kPa"],
         "spikes": numbers["spikes"],
         "middle of firing (mm)": float(firing @ image.along_mm / max(firing.sum(), 1e-9)),
-        "likeness to the letter": image.outline_correlation(scan.study.stimulus),
+        "correlation with the outline": image.outline_correlation(scan.study.stimulus),
     }
 
 
@@ -272,11 +272,11 @@ def print_rows(rows: Sequence[Sequence[str]]) -> None:
 def draw(
     likeness: Mapping[str, Array], shares: Array, rubbed: Mapping[float, Mapping[str, Array]]
 ) -> Figure:
-    """Draw the likeness of both images, what letters are taken for, and what friction does."""
+    """Draw the correlations of both images, what letters are taken for, and what friction does."""
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     many, letters, sed, drag = figure.subplots(1, 4)
     _lines(many, np.array(list(likeness.values())), list(likeness))
-    many.set(ylabel="Likeness to the outline (r)", ylim=(0, 1))
+    many.set(ylabel="Correlation with the outline", ylim=(0, 1))
     shown = letters.imshow(100 * shares.mean(axis=0), cmap="magma", vmin=0, vmax=100)
     for (row, column), share in np.ndenumerate(100 * shares.mean(axis=0)):
         shade = "k" if share > 60 else "w"
@@ -285,7 +285,7 @@ def draw(
     letters.set_yticks(range(len(LETTERS)), LETTERS)
     letters.set(xlabel="Read as (% of readings)", ylabel="Letter")
     figure.colorbar(shown, ax=letters, location="top", shrink=0.8)
-    for axes, name in ((sed, "largest SED (kPa)"), (drag, "likeness to the letter")):
+    for axes, name in ((sed, "largest SED (kPa)"), (drag, "correlation with the outline")):
         values = np.array([numbers[name] for numbers in rubbed.values()])
         _lines(axes, values, [f"{friction:g}" for friction in rubbed])
         axes.set(xlabel="Friction", ylabel=name[0].upper() + name[1:], ylim=(0, None))

@@ -102,13 +102,13 @@ def main(
     Parameters
     ----------
     folder
-        For the table and the plate's presses.
+        Folder for the table and the plate's presses.
     preset, pad_size, far_size
         The mesh.
     deepest
         Largest depth of the measurements that were fitted.
     depth, forces
-        Of the letters, and of the plate's presses.
+        Depth of the letters, and forces of the plate's presses.
     drag, distance, stiffness_forces
         Normal force and length of the plate's slide, and normal forces of the stiffness.
     """

@@ -64,9 +64,9 @@ def main(
     Parameters
     ----------
     folder
-        For the table.
+        Folder for the table.
     fit
-        Whether to fit; falls and losses are ratios, for which a coarse mesh will do.
+        Whether to fit; a coarse mesh suffices for decays and losses, which are ratios.
     evaluations
         Points that the fit tries, apart from those for derivatives.
     pad_size, far_size
@@ -74,7 +74,7 @@ def main(
     press, depth
         Depths of the presses at several speeds and of the letters, mm.
     outputs
-        Steps of each part of a hold, at least.
+        Least number of steps of each part of a hold.
     """
     finger = Finger(pad_size_mm=pad_size, far_size_mm=far_size)
     if fit:

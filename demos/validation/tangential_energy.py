@@ -48,9 +48,9 @@ def main(
     preset, pad_size, far_size
         The mesh.
     distance
-        How far the plate moves along the finger, mm.
+        Displacement of the plate along the finger, mm.
     speed
-        Of the plate, mm/s.
+        Speed of the plate, mm/s.
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     for force in forces:

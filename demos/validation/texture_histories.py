@@ -192,17 +192,17 @@ def main(
     Parameters
     ----------
     folder
-        For scans and files.
+        Folder for scans and files.
     surfaces
         Names, such as grating_12 and dots_3.
     conditions
         Heights in mm and forces in N (of a section N/mm), such as 0.5,0.3.
     preset, kind
-        Of the finger.
+        Preset and kind of the finger.
     speed, inertia, output
-        Of the slide, mm/s; whether inertia acts; between outputs, mm.
+        Speed of the slide, mm/s; whether inertia acts; distance between outputs, mm.
     periods
-        How many are slid; the last is kept.
+        Number of periods that are slid; the last is kept.
     """
     of_run = f"{kind}_{preset}" + (f"_{speed:g}" if speed != SPEED_MM_S else "")
     of_run += ("_inertia" if inertia else "") + (f"_{periods}periods" if periods > 1 else "")

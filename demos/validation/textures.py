@@ -196,11 +196,11 @@ def main(
     Parameters
     ----------
     folder
-        For tables and figure.
+        Folder for tables and figure.
     histories
         Folder of `texture_histories.py`.
     speeds
-        mm/s.
+        Speeds in mm/s.
     only
         Drives of SA1 that are compared, all unless named.
     """

@@ -62,7 +62,7 @@ def main(
     Parameters
     ----------
     folder, forces
-        For table and figure; normal forces, N.
+        Folder for table and figure; normal forces, N.
     friction, angle
         Coefficient between plate and skin; largest twist, degrees.
     preset, pad_size, far_size

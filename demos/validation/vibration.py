@@ -83,19 +83,19 @@ def main(
     Parameters
     ----------
     folder
-        For scans, spectra and tables; what is there is not computed again.
+        Folder for scans, spectra and tables; what it has is not computed again.
     preset, pad_size, far_size
         The mesh.
     depth, human_depth, ramp
-        Of the probe on monkeys, on humans and in ramps, mm.
+        Depth of the probe on monkeys, on humans and in ramps, mm.
     hold
-        How long a probe is held before, s, in tissue that relaxes.
+        Duration of the hold before, s, in relaxing tissue.
     fit
         Fit RA and PC; otherwise they have the defaults.
     rounds
-        Of the fit, at most; 0 fits no more than filter, gain and spread.
+        Largest number of rounds of the fit; 0 fits filter, gain and spread only.
     gain_spread, threshold_spread
-        Between SA1 afferents, in place of the defaults.
+        Spreads between SA1 afferents, in place of the defaults.
     """
     finger = Finger(preset=preset, pad_size_mm=pad_size, far_size_mm=far_size)
     held = Hold(time_s=hold)

@@ -59,12 +59,12 @@ def main(
     Parameters
     ----------
     folder
-        Where scans and table go.
+        Folder for scans and table.
     meshes
         Presets, or pairs of element edges "pad,far" in mm, from coarse to fine; default all three
         presets, of which `paper` takes more than half an hour.
     depth, distance
-        Of the press and of the slide, in mm.
+        Depth of the press and length of the slide, in mm.
     """
     meshes = meshes or ["coarse", "medium", "paper"]
     studies = {name: study_of(name, depth, distance) for name in meshes}

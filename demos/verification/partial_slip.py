@@ -167,13 +167,13 @@ def main(
     Parameters
     ----------
     folder
-        For the table.
+        Folder for the table.
     per_radius
         Elements per contact radius.
     furthest
-        Where the ball turns, in mm; all slips beyond 0.022.
+        Displacement at which the ball reverses, in mm; beyond 0.022 all skin slips.
     steps
-        From the middle to there.
+        Steps from the middle to there.
     """
     states = stroke(per_radius, furthest, steps)
     if COMM.rank:
