@@ -73,9 +73,9 @@ def fit(
     folder
         Folder for presses, tables and figure.
     parameters
-        What to fit: a tissue, ``skin``, a constant or a length, with how far it may be from the
-        study's: ``subcutaneous.C20_MPa:3`` is within a factor of 3 at one standard deviation.
-        Default skin and the constants of subcutaneous tissue.
+        What to fit: a tissue, ``skin``, a constant or a length, and its prior spread about the
+        study's value: with ``subcutaneous.C20_MPa:3`` one standard deviation is a factor of 3. By
+        default, skin and the constants of subcutaneous tissue.
     jobs
         Presses in parallel, each in a process of its own; with 1 all ranks of `comm` press.
     evaluations

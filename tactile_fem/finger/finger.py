@@ -62,7 +62,7 @@ class Finger(FingerSettings):
         return None
 
     def check_mesh(self, mesh: FingerMesh) -> None:
-        """Raise MeshError if an own mesh cannot be used, or is of the other kind of finger."""
+        """Raise MeshError if your own mesh cannot be used or is of the other kind of finger."""
         mesh.check()
         if mesh.plane.kind != self.kind:
             raise MeshError(

@@ -29,15 +29,15 @@ class Load:
     force_N, moment_Nmm
         Force and moment of the contact on the finger, (3,); the moment is about the origin.
     bone_N, bone_Nmm
-        Force of the tissue on what is held, (3,), and its moment about the origin: those of the
-        contact but for inertia.
+        Force of the tissue on fixed parts, (3,), and its moment about the origin: those of the
+        contact, apart from inertia.
     imbalance_N
         Sum of the residual, that of the contact and all other terms, where nodes may move.
     contact_area_mm2
         Skin within a hundredth of a millimetre of the body, as it is deformed.
     gap_error_mm
-        How far the skin is off the body's surface where it presses: the modulus of the gap,
-        weighted with the pressure.
+        Mean distance of pressed skin from the body's surface: the modulus of the gap, weighted
+        with the pressure.
     traction_error
         Normal traction of the tissue less that of the contact, integrated over the skin that
         touches, as a share of the pressure's integral. It vanishes with the mesh size.

@@ -116,7 +116,7 @@ class Neuron(Settings):
         return {**_CONSTANTS.get(model if isinstance(model, str) else None, {}), **values}
 
     def shared_with(self, own: dict[str, Any]) -> dict[str, Any]:
-        """Return what a population takes over: of another model, but the constants of the model."""
+        """Return the keys that a population inherits; of another model, without its constants."""
         values = self.model_dump()
         if own.get("model") in (None, self.model):
             return values

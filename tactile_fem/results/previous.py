@@ -23,7 +23,7 @@ ELSEWHERE = "choose another folder, or overwrite the scan in it"
 
 
 def earlier_scan(folder: Path | str, study: Study, *, overwrite: bool = False) -> Earlier:
-    """Return how far the scan of a study is that the folder holds already.
+    """Return the state of the study's scan that the folder holds already.
 
     With `overwrite` it holds nothing that counts.
 

@@ -1,4 +1,4 @@
-"""Shows how far a scan is."""
+"""Shows the progress of a scan."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _active: list[Progress] = []
 def progress(
     rank: int = 0, *, console: Console | None = None, every_s: float = 15.0
 ) -> Iterator[Callable[[Observation], None]]:
-    """Provide an observer that shows how far a scan is.
+    """Provide an observer that shows the progress of a scan.
 
     On a terminal that is a bar, in a notebook one line of the cell, elsewhere some lines of the
     log. Only rank 0 shows it, and not within another one. `console` is by default that of the log,
@@ -88,7 +88,7 @@ def _with_time(line: str, fraction: float, bar: Progress) -> str:
 
 
 class _Line(NamedTuple):
-    """How far a scan is, as a notebook shows it."""
+    """The progress of a scan, as a notebook shows it."""
 
     text: str
     fraction: float

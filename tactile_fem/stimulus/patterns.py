@@ -130,7 +130,7 @@ class Braille(Stimulus):
     )
 
     def shape(self) -> Domes:
-        """Return the dots, which are at most half balls and do not touch."""
+        """Return the dots, at most hemispheres, which do not touch."""
         height, diameter = self.dot_height_mm, self.dot_diameter_mm
         check_limit("dot_height_mm", height, {"half of dot_diameter_mm": diameter / 2})
         check_limit("dot_diameter_mm", diameter, {"dot_spacing_mm": self.dot_spacing_mm})

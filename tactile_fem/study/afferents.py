@@ -76,7 +76,7 @@ _KINDS: dict[str, dict[str, Any]] = {
 
 
 class Afferents(Settings):
-    """A population; it takes what its own tables lack from `[receptors]` and `[neuron]`."""
+    """A population; keys that its tables lack come from `[receptors]` and `[neuron]`."""
 
     name: Annotated[str, Field(pattern="^[A-Za-z0-9_-]+$", max_length=40)] = Field(
         description="its name in results and figures: letters, digits, _ and -"
@@ -95,7 +95,7 @@ class Afferents(Settings):
     neuron: Neuron = Neuron()
 
     def population(self) -> Population:
-        """Return the afferents, which fire."""
+        """Return the afferents, whose method `fire` gives spikes."""
         from tactile_fem.neuron import Population
 
         return Population(self.name, self.neuron, self.feels)

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 class Material(Kind):
-    """Keys of a tissue; each law is a class of its own below this one.
+    """Base class of the laws of tissues.
 
-    It states its name `law`, its constants, which are those of the long run, and its `energy`. In
-    forms numbers other than 0 are constants of DOLFINx: other values take the same compiled code.
-    A law that may relax also states ``in_shear(a, at)``, its energy in the simple shear
-    ``gamma^2 = a``: from `energy` it would not follow at rest, where ``dW/da`` is 0/0.
+    A law states its name `law`, its long-term constants and its `energy`. In forms, numbers other
+    than 0 are constants of DOLFINx: other values use the same compiled code. A law that may relax
+    also states ``in_shear(a, at)``, its energy in the simple shear ``gamma^2 = a``: from `energy`
+    it would not follow at rest, where ``dW/da`` is 0/0.
     """
 
     tag = "law"
@@ -56,7 +56,7 @@ class Material(Kind):
         }
 
     def scaled(self, factor: float) -> Self:
-        """Return the tissue so many times as stiff; what relaxes, and when, stays.
+        """Return the tissue with its stiffness multiplied by a factor; relaxation is unchanged.
 
         Raises
         ------
@@ -145,10 +145,10 @@ class Polynomial(Material):
 
 
 class Elastic(Material):
-    """Linear elasticity in the Green-Lagrange strain (Saint-Venant and Kirchhoff), for bone, nail.
+    """Linear elasticity in the Green-Lagrange strain (St. Venant-Kirchhoff), for bone and nail.
 
-    Unlike small-strain elasticity (paper) it is indifferent to rotation; the two agree at the
-    strains that bone and nail reach.
+    Unlike small-strain elasticity (paper) it is objective; the two agree at the strains that bone
+    and nail reach.
     """
 
     law: Literal["elastic"] = "elastic"
