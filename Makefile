@@ -21,6 +21,7 @@ ifneq ($(origin PYTHON),command line)
 PYTHON := .venv/bin/python
 ENVIRONMENT := .venv/.complete
 DOCS := .venv/.docs
+READERS := .venv/.readers
 endif
 
 .PHONY: scan test test-all env docs tutorials lint clean help
@@ -42,7 +43,7 @@ test: $(ENVIRONMENT) $(DOCS)
 	$(PYTHON) tests/on_two_ranks.py -m "ranks and not slow"
 	$(PYTHON) -m pytest -q -m site tests/test_site.py
 
-test-all: $(ENVIRONMENT) $(DOCS)
+test-all: $(ENVIRONMENT) $(DOCS) $(READERS)
 	@$(PYTHON) -m tactile_fem.runtime.doctor
 	$(PYTHON) $(PYTEST) -m "not site"
 	$(PYTHON) tests/on_two_ranks.py
@@ -57,6 +58,10 @@ env: $(ENVIRONMENT)
 .venv/.docs: .venv/.complete
 	@echo "Installing what builds the site and runs many scans ..." >&2
 	@$(PYTHON) -m pip install --quiet --disable-pip-version-check -e ".[docs,cluster]"
+	@touch $@
+
+.venv/.readers: .venv/.complete
+	@$(PYTHON) -m pip install --quiet --disable-pip-version-check -e ".[neo,nwb,readers]"
 	@touch $@
 
 docs: $(DOCS)

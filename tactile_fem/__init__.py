@@ -8,7 +8,8 @@ compute mechanics:
 - ``scan``, ``resume``, ``completed``: computations; ``Simulation``: one, step by step.
 - ``ScanResult``, ``Trace``: what they return; ``Observation``: what an observer of a scan is given.
 - ``preview``: finger and stimulator before a scan; ``Results``, ``draw``: the results folder and
-  its figures; ``SurfaceFields``: fields on the skin.
+  its figures; ``draw_raster``, ``draw_psth``, ``draw_rates``: spikes by class; ``SurfaceFields``:
+  fields on the skin.
 - ``Parts``, your own parts of a scan: a ``FingerMesh`` (``Finger.mesh`` makes one), a ``Law`` of a
   tissue, a ``RigidBody`` (``Distance``, ``Embossed``), its ``Path`` (``Motion``), and a
   ``Population`` of afferents.
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from tactile_fem.neuron import Population
     from tactile_fem.output.figures import draw
     from tactile_fem.output.preview import preview
+    from tactile_fem.output.rasters import draw_psth, draw_raster, draw_rates
     from tactile_fem.path import Motion, Path, Piece
     from tactile_fem.results.results import Results
     from tactile_fem.results.surfaces import SurfaceFields
@@ -93,6 +95,9 @@ __all__ = [
     "Trace",
     "completed",
     "draw",
+    "draw_psth",
+    "draw_raster",
+    "draw_rates",
     "load_study",
     "preview",
     "resume",
@@ -109,6 +114,7 @@ _MODULES = {
     "neuron": ("Population",),
     "output.figures": ("draw",),
     "output.preview": ("preview",),
+    "output.rasters": ("draw_psth", "draw_raster", "draw_rates"),
     "path": ("Motion", "Path", "Piece"),
     "runtime.files": ("write_table",),
     "simulation.parts": ("Parts",),

@@ -16,6 +16,7 @@ from tactile_fem.neuron import (
     Drive,
     ExponentialSum,
     Population,
+    Response,
     Segment,
     drive_of,
     fire_all,
@@ -270,6 +271,28 @@ def test_a_transduction_and_a_drive_of_ones_own():
     (spikes,) = fire_all([own], trace).spikes
     on, hold, off = (((spikes > a) & (spikes <= a + 0.5)).sum() for a in (0.0, 0.5, 1.0))
     assert on > 2 and hold == 0 and off == pytest.approx(on, abs=1)
+
+
+@pytest.mark.parametrize("kind", ["RA", "PC"])
+def test_no_gain_makes_fast_afferents_fire_faster_than_recorded_ones(kind):
+    (one,) = Study.model_validate({"afferents": [{"name": kind, "kind": kind}]}).populations
+    time_s = np.linspace(0.0, 0.1, 501)
+    felt = np.sin(2 * np.pi * 100 * time_s)[:, None] * np.geomspace(0.1, 1000.0, 60)
+    strong = Drive("Felt", "1", lambda h: h["felt"])
+    fired = Population(kind, one.neuron, strong).fire({"time_s": time_s, "felt": felt})
+    assert 200 < 1 / min(gaps.min() for gaps in fired.intervals() if len(gaps)) < 334
+
+
+def test_a_warning_says_that_fast_afferents_fire_because_the_body_starts_at_once(caplog):
+    from tactile_fem.simulation.run import _log_start
+
+    (one,) = Study.model_validate({"afferents": [{"name": "PC", "kind": "PC"}]}).populations
+    trace = SimpleNamespace(population=["PC"] * 4)
+    for late_s in (0.004, 0.02):  # most of them only in the first case
+        times = [np.array([t]) for t in (-0.098, -0.1 + late_s, -0.1 + late_s, 0.0)]
+        _log_start([one.population()], trace, Response(times, -0.1, 0.5))
+    (said,) = [record.getMessage() for record in caplog.records]
+    assert said.startswith("3 of 4 PC afferents fire in the first 10 ms, because the body starts")
 
 
 # --- studies --------------------------------------------------------------------------------------

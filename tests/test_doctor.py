@@ -159,7 +159,8 @@ def test_pip_and_conda_bring_the_tested_dolfinx():
     assert f"- fenics-dolfinx {bounds}\n" in (ROOT / "docker" / "environment.yml").read_text()
 
 
-# Of the extras, conda brings all but the browser page and the site, the image those of its file.
+# Of the extras, conda brings all but the browser page, the site and what slow tests read spikes
+# with, the image those of its file.
 IN_CONDA = {
     "dolfinx-solver-real": "fenics-dolfinx",
     "gmsh": "python-gmsh",
@@ -179,7 +180,7 @@ def test_conda_brings_what_pip_does():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     text = (ROOT / "docker" / "environment.yml").read_text()
     lines = dict(re.findall(r"^ +- ([\w-]+) ?([<>=][^\s#]*)?", text, re.MULTILINE))
-    wanted = required(project["optional-dependencies"].keys() - {"html", "docs"})
+    wanted = required(project["optional-dependencies"].keys() - {"html", "docs", "readers"})
     found = {r.name: lines.get(IN_CONDA.get(r.name, r.name)) for r in wanted}
     assert found == {r.name: ",".join(sorted(str(r.specifier).split(","), reverse=True))
                      for r in wanted}  # fmt: skip

@@ -7,13 +7,14 @@ from PIL import Image
 from synthetic import SPEED, make_results, make_spikes, make_trace
 
 from tactile_fem.cli import app as cli
+from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response
 from tactile_fem.output import figures
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.cross_section import CrossSectionMap
 from tactile_fem.output.felt import Felt, felt
 from tactile_fem.output.plots import force_figure
-from tactile_fem.output.rasters import Trains, raster
+from tactile_fem.output.rasters import Trains, draw_psth, draw_raster, draw_rates, firing, raster
 from tactile_fem.output.snapshots import snapshots
 from tactile_fem.results.histories import DISPLACEMENT, TIME
 from tactile_fem.stimulus.sampled import DistanceGrid
@@ -218,20 +219,88 @@ def test_populations_on_a_line_share_its_rows():
 
 def test_many_receptors_over_the_skin_are_an_image_over_the_whole_path():
     over = Abscissa.of(make_trace())
-    grid = [[x, y] for y in range(-4, 5) for x in range(-4, 5)]
+    side = np.linspace(-4, 4, 17)
+    grid = [[x, y] for y in side for x in side]
     figure = raster([trains("SA1", grid, [0.1])], over, square())
-    (axes,) = figure.axes
-    assert not dots(axes)
+    axes, bar = figure.axes
+    assert not dots(axes) and bar.get_ylabel() == "Rate (spikes/s)"
     image = axes.collections[0].get_array()
-    assert image.shape[0] == 81 and np.allclose(image, image[0])
+    assert image.shape[0] == 289 and np.allclose(image, image[0])
     columns = np.linspace(*over.ends, image.shape[1])
     assert columns[image[0].argmax()] == pytest.approx(2.0, abs=0.05)
     ticks = dict(
         zip([t.get_text() for t in axes.get_yticklabels()], axes.get_yticks(), strict=True)
     )
     assert (
-        ticks[Formatter.fix_minus("-4")] == 4 and ticks["0"] == 40
-    )  # the middle of their nine receptors
+        ticks[Formatter.fix_minus("-4")] == 8 and ticks["0"] == 144
+    )  # the middle of their 17 receptors
+
+
+def test_a_grid_of_81_receptors_has_a_row_each():
+    grid = [[x, y] for y in range(-4, 5) for x in range(-4, 5)]
+    figure = raster([trains("SA1", grid, [0.1])], Abscissa.of(make_trace()), square())
+    (drawn,) = dots(figure.axes[0])
+    assert sorted(drawn.get_ydata()) == list(range(81)) and drawn.get_markersize() < 2.2
+
+
+# --- classes -------------------------------------------------------------------------------------
+
+KINDS = ["SA1"] * 3 + ["RA"] * 2 + ["PC"]
+SPIKES = [[0.0, 0.1], [0.2], [], [0.05, 0.15], [0.4], [0.3, 0.31, 0.32]]
+FIRED = Response([np.array(times) for times in SPIKES], -0.1, 0.5)
+
+
+def test_a_raster_has_each_spike_in_the_band_of_its_class():
+    figure = draw_raster(FIRED, KINDS)
+    (axes,) = figure.axes
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == ["SA1: 3\n3 spikes", "RA: 2\n3 spikes", "PC: 1\n3 spikes"]
+    bands = [patch.get_extents() for patch in axes.patches]
+    for drawn, band, kind in zip(dots(axes), bands, ("SA1", "RA", "PC"), strict=True):
+        x, y = drawn.get_data()
+        own = [time for times, k in zip(SPIKES, KINDS, strict=True) if k == kind for time in times]
+        assert sorted(x) == sorted(own) and len(set(np.diff(np.unique(y)))) <= 1
+        low, high = sorted(axes.transData.inverted().transform(band.get_points())[:, 1])
+        assert (y > low).all() and (y < high).all()
+    assert figure.get_figwidth() == pytest.approx(85 / 25.4)
+    assert draw_raster({"SA1": FIRED}, width_mm=170).get_figwidth() == pytest.approx(170 / 25.4)
+    with pytest.raises(StudyError, match=r"by has shape \(2,\); it needs \(6,\)"):
+        draw_raster(FIRED, ["SA1", "RA"])
+
+
+def test_a_psth_counts_every_spike():
+    (axes,) = draw_psth(FIRED, KINDS, bin_s=0.05).axes
+    found = {one.get_label(): one.get_data() for one in axes.patches if one.get_label() in KINDS}
+    for kind, (rate_Hz, edges_s, _) in found.items():
+        counts = rate_Hz * np.diff(edges_s) * KINDS.count(kind)
+        assert counts.sum() == pytest.approx(3)
+    assert list(found) == ["SA1", "RA", "PC"]
+
+
+def test_rates_of_all_classes_share_colours_that_one_afferent_does_not_set():
+    wild = Response([*FIRED.spikes * 20, np.linspace(0.2, 0.21, 30)], -0.1, 0.5)
+    figure = draw_rates(wild, [*KINDS * 20, "RA"])
+    *panels, bar = figure.axes
+    (scale,) = {one.collections[0].norm for one in panels}
+    brightest = max(float(one.collections[0].get_array().max()) for one in panels)
+    assert len(panels) == 3 and scale.vmax < 0.5 * brightest
+    assert bar.get_ylabel() == "Rate (spikes/s)"
+    assert draw_rates(Response([np.empty(0)], 0.0, 1.0)).axes
+
+
+def test_four_populations_on_a_line_have_a_panel_each_and_one_bar():
+    line, over = [[x, 0.0] for x in range(3)], Abscissa.of(make_trace())
+    four = [trains(name, line, [0.1]) for name in ("SA1", "RA", "PC", "SA2")]
+    figure = raster(four, over, square())
+    assert [axes.get_ylabel()[:3] for axes in figure.axes] == ["SA1", "RA,", "PC,", "SA2"]
+    *panels, bar = firing(four, over, square()).axes
+    assert len(panels) == 4 and bar.get_ylabel() == "Rate (spikes/s)"
+
+
+def test_populations_over_the_skin_are_bands_of_one_panel():
+    grid, over = [[x, y] for x in range(3) for y in range(3)], Abscissa.of(make_trace())
+    (axes,) = raster([trains(k, grid, [0.1]) for k in KINDS[2:4]], over, square()).axes
+    assert [one.get_text() for one in axes.get_yticklabels()] == [f"{k}: 9\n9 spikes" for k in KINDS[2:4]]  # fmt: skip  # noqa: E501
 
 
 def test_snapshots_show_the_rates_of_each_part_of_the_path_and_the_outline_there():

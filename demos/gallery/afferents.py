@@ -20,8 +20,9 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
 
-from tactile_fem import Study, completed, load_study
+from tactile_fem import Study, completed, draw_raster, load_study
 from tactile_fem.series import population_image
 
 # %%
@@ -44,18 +45,26 @@ for kind, image in images.items():
     print(f"{kind}: {spikes} spikes, r = {r:.2f}")
 
 # %%
-# Each kind has its own scale of rates.
+# All kinds share a scale of rates, which one pixel in a hundred exceeds.
 
-figure, panels = plt.subplots(1, 3, figsize=(11, 3.6), sharey=True, layout="constrained")
+every = np.concatenate([image.rate_Hz.ravel() for image in images.values()])
+scale = {"vmin": 0.0, "vmax": np.percentile(every[every > 0], 99), "cmap": "magma"}
+plt.rcParams["font.size"] = 8
+figure, panels = plt.subplots(1, 3, figsize=(6.7, 2.3), sharey=True, layout="constrained")
 for axes, (kind, image) in zip(panels, images.items(), strict=True):
     x, y = image.across_mm, image.along_mm
-    shown = axes.pcolormesh(y, x, image.rate_Hz, cmap="magma", shading="nearest")
+    shown = axes.pcolormesh(y, x, image.rate_Hz, shading="nearest", **scale)
     for shape in stimulus.outlines():
         axes.plot(*shape.exterior.xy[::-1], color="white", lw=0.8)
     axes.set(title=kind, xlabel="Displacement (mm)", aspect="equal", ylim=(x[-1], x[0]))
-    figure.colorbar(shown, ax=axes, shrink=0.7, label="Firing rate (spikes/s)")
 panels[0].set_ylabel("X (mm)")
-figure.savefig(folder / "afferents.png", dpi=120)
+figure.colorbar(shown, ax=panels, shrink=0.8, extend="max", label="Firing rate (spikes/s)")
+figure.savefig(folder / "afferents.png", dpi=200)
+
+# %%
+# The spikes of all by kind; `draw_psth` and `draw_rates` take the same.
+
+draw_raster(results.response, results.trace["population"]).savefig(folder / "raster.png")
 
 # %%
 # .. figure:: /pictures/afferents.png

@@ -43,12 +43,13 @@ from hamasaki2020 import (
     print_table,
     sparseness,
 )
-from hamasaki2020_figures import raster
+from hamasaki2020_figures import TICKS, raster
 from hamasaki2020_readings import Array, Finger, Middle, misfit_Hz
 from matplotlib.figure import Figure
 from scipy.interpolate import make_interp_spline
 
 from tactile_fem import Study, load_study, run_script, write_table
+from tactile_fem.output import draw_spikes
 from tactile_fem.results.histories import DISPLACEMENT
 from tactile_fem.series import Member, RateImage, run_all
 from tactile_fem.stimulus.sampled import height_map
@@ -295,8 +296,8 @@ def drawn(models: Mapping[str, Finger]) -> Figure:
     for k, (name, model) in enumerate(models.items()):
         seen = model.middle()
         sed.plot(seen.along_mm, seen.sed_kPa, color=COLOURS[name], label=name)
-        spikes = seen.fired.spikes
-        fired.eventplot(spikes, lineoffsets=-k, linelengths=0.8, color=COLOURS[name])
+        (spikes_mm,) = seen.fired.spikes
+        draw_spikes(fired, spikes_mm, np.full(len(spikes_mm), -k), color=COLOURS[name], **TICKS)
     sed.set(ylabel="SED (kPa)", xlim=(0, 10), ylim=(0, None), xticklabels=[])
     sed.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.42, 1.0))
     fired.set(xlabel=f"{DISPLACEMENT}: the middle receptor under the G", xlim=(0, 10), yticks=[])

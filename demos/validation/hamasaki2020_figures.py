@@ -23,12 +23,14 @@ from matplotlib.image import imread
 from matplotlib.lines import Line2D
 
 from tactile_fem import draw
+from tactile_fem.output import draw_spikes
 from tactile_fem.results.histories import DISPLACEMENT
 from tactile_fem.series import RateImage
 
 COLOURS = {"reproduction": "#0072B2", "full size": "#009E73", "default": "#D55E00"}
 FIRST = {(0.0, 5.0): "#D55E00", (5.0, 10.0): "#0072B2"}  # halves of the slide
 INK, SHADE, OUTLINE = "#202020", "#E4E4E4", "#B0B0B0"
+TICKS = {"marker": "|", "ms": 7, "mew": 1.2}
 _PLACES_MM = np.linspace(0.0, 7.0, 71)
 _MOST_SECTIONS = 4
 
@@ -98,7 +100,8 @@ def middle(fingers: Mapping[str, Finger]) -> Figure:
     for row, (name, finger) in enumerate(fingers.items()):
         seen = finger.middle()
         sed.plot(seen.along_mm, seen.sed_kPa, color=COLOURS[name], label=name)
-        fired.eventplot(seen.fired.spikes, lineoffsets=-row, linelengths=0.8, color=COLOURS[name])
+        (spikes_mm,) = seen.fired.spikes
+        draw_spikes(fired, spikes_mm, np.full(len(spikes_mm), -row), color=COLOURS[name], **TICKS)
     for number, (start, end) in enumerate(BUNDLES_MM):
         label = "" if number else "bundles of the paper"
         sed.axvspan(start, end, color=SHADE, lw=0, label=label)
@@ -156,5 +159,5 @@ def raster(axes: Axes, image: RateImage, finger: Finger) -> None:
         axes.plot(*y_on_x.T, color=OUTLINE, lw=1)
     row, time_s = image.response.events()
     places = finger.study.protocol.speed_mm_s * time_s
-    axes.plot(places, image.across_mm[row], ls="", marker="o", ms=1.8, mew=0, color=INK)
+    draw_spikes(axes, places, image.across_mm[row], ms=1.8, color=INK)
     axes.set(xlim=(0, image.along_mm[-1]), ylim=(5.2, -5.2), aspect="equal")

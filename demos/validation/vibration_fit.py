@@ -31,7 +31,7 @@ _TRIED: dict[str, dict[str, tuple[float, ...]]] = {
         "threshold_jump_mV": (0.0, 240.0, 480.0, 600.0, 720.0, 960.0),
         "threshold_recovery_s": (0.002, 0.004, 0.005, 0.006, 0.008, 0.012),
         "capacitance_pF": (0.3, 0.6, 1.2, 3.0, 6.0, 12.0),
-        "refractory_s": (0.001, 0.0015, 0.002, 0.004),
+        "refractory_s": (0.001, 0.0015, 0.002, 0.004),  # the default is 0.003, see there
         "filter_off": (0.0, 0.1, 0.2, 0.3, 0.4),
     },
     "PC": {

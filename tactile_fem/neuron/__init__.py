@@ -21,7 +21,7 @@ from tactile_fem.neuron.rates import (
     modelled_rates,
     rate_of,
 )
-from tactile_fem.neuron.response import Response, load, save, to_neo
+from tactile_fem.neuron.response import Response, load, save, to_neo, to_nwb
 
 __all__ = [
     "DRIVES",
@@ -57,5 +57,6 @@ __all__ = [
     "respond",
     "save",
     "to_neo",
+    "to_nwb",
     "trial_histories",
 ]

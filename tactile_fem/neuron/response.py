@@ -1,10 +1,11 @@
-"""Spikes of all receptors: what is counted from them, files, and the objects of neo."""
+"""Spikes of all receptors: what is counted from them, files, the objects of neo, and NWB."""
 
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     import neo
 
 Array = NDArray[Any]
+
+# A simulation has no date, which NWB needs.
+_NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class Bundle(NamedTuple):
@@ -44,6 +48,11 @@ class Response:
     spikes: list[Array]
     start_s: float
     end_s: float
+
+    def of(self, which: ArrayLike) -> Response:
+        """Return the response of some receptors, given by indices or a mask."""
+        chosen = np.arange(len(self.spikes))[np.asarray(which)].tolist()
+        return Response([self.spikes[k] for k in chosen], self.start_s, self.end_s)
 
     def counts(self) -> NDArray[np.int64]:
         """Return the number of spikes, (receptors,)."""
@@ -184,10 +193,7 @@ def to_neo(response: Response, **annotations: Sequence[Any]) -> neo.Segment:
     StudyError
         neo is not installed, or there are not as many values as receptors.
     """
-    count = len(response.spikes)
-    for name, values in annotations.items():
-        if len(values) != count:
-            raise StudyError(f"{name} has {len(values)} values; it needs {count}, one a receptor.")
+    _check_columns(response, annotations)
     try:
         import neo
     except ImportError:
@@ -199,3 +205,44 @@ def to_neo(response: Response, **annotations: Sequence[Any]) -> neo.Segment:
         train = neo.SpikeTrain(times, units="s", name=str(number), **limits, **own)
         segment.spiketrains.append(train)
     return segment
+
+
+def to_nwb(response: Response, path: Path | str, **columns: Sequence[Any]) -> None:
+    """Write an NWB file, whose table of units has a row per receptor and no electrodes.
+
+    Time 0 of the response is the ``timestamps_reference_time`` of the file, and what the response
+    covers the ``obs_intervals`` of each unit. The table has further `columns` as in `to_neo`.
+
+    Raises
+    ------
+    StudyError
+        pynwb is not installed, the path does not end in ``.nwb``, or as in `to_neo`.
+    """
+    _check_columns(response, columns)
+    if Path(path).suffix != ".nwb":
+        raise StudyError(f"{path}: the name of an NWB file ends in .nwb.")
+    try:
+        import h5py
+        from pynwb import NWBHDF5IO, NWBFile
+    except ImportError:
+        raise StudyError('pynwb is not installed: pip install "tactile-fem[nwb]".') from None
+    file = NWBFile(
+        session_description="simulated tactile afferents (tactile-fem)",
+        identifier=Path(path).stem,
+        session_start_time=_NO_DATE,
+        timestamps_reference_time=_NO_DATE - timedelta(seconds=response.start_s),
+    )
+    for name in columns:
+        file.add_unit_column(name, f"{name.replace('_', ' ')} of the receptor")
+    for number, times in enumerate(response.spikes):
+        own = {name: values[number] for name, values in columns.items()}
+        file.add_unit(spike_times=times, obs_intervals=[[response.start_s, response.end_s]], **own)
+    with atomic_write(Path(path)) as part, h5py.File(part, "w") as opened:
+        NWBHDF5IO(file=opened, mode="w").write(file)
+
+
+def _check_columns(response: Response, columns: Mapping[str, Sequence[Any]]) -> None:
+    count = len(response.spikes)
+    for name, values in columns.items():
+        if len(values) != count:
+            raise StudyError(f"{name} has {len(values)} values; it needs {count}, one a receptor.")

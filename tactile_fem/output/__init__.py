@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from tactile_fem.output.pictures import draw_pictures
     from tactile_fem.output.plots import styled
     from tactile_fem.output.preview import surfaces_figure
+    from tactile_fem.output.rasters import draw_psth, draw_raster, draw_rates, draw_spikes
 
 __all__ = [
     "BLUE",
@@ -22,6 +23,10 @@ __all__ = [
     "Archived",
     "Modes",
     "draw_pictures",
+    "draw_psth",
+    "draw_raster",
+    "draw_rates",
+    "draw_spikes",
     "nearest",
     "styled",
     "surfaces_figure",
@@ -36,5 +41,6 @@ __getattr__ = lazily(
         "pictures": ["draw_pictures"],
         "plots": ["styled"],
         "preview": ["surfaces_figure"],
+        "rasters": ["draw_psth", "draw_raster", "draw_rates", "draw_spikes"],
     },
 )

@@ -6,11 +6,9 @@ import logging
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Response
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import BLUE, colours_of
 from tactile_fem.output.cross_section import CrossSectionMap
@@ -75,14 +73,10 @@ def draw_plots(results: Results, *, dpi: int | None = None) -> list[Path]:
 
 def trains_of(results: Results) -> list[Trains]:
     """Return the spikes of each population of a scan."""
-    trace, spikes = results.trace, results.spikes
-    ends = float(trace["time_s"][0]), float(trace["time_s"][-1])
-    found = []
-    for name, colour in colours_of(one.name for one in results.study.populations).items():
-        own = results.receptors_of(name)
-        each = [np.sort(spikes.time_s[spikes.receptor == k]) for k in own]
-        found.append(Trains(name, colour, trace["receptors_mm"][own], Response(each, *ends)))
-    return found
+    found, places = results.response, results.trace["receptors_mm"]
+    colours = colours_of(one.name for one in results.study.populations)
+    own = {name: results.receptors_of(name) for name in colours}
+    return [Trains(name, colours[name], places[k], found.of(k)) for name, k in own.items()]
 
 
 def _felt(results: Results, over: Abscissa, beneath: CrossSectionMap) -> Figure | None:
@@ -98,7 +92,8 @@ def _felt(results: Results, over: Abscissa, beneath: CrossSectionMap) -> Figure 
             logger.warning("The drive of %s afferents is not drawn: %s", afferents.name, error)
             continue
         central = central_receptor(trace["receptors_mm"][own])
-        place, label = trace["receptors_mm"][own[central]], f"{drive.label} ({drive.unit})"
+        place, unit = trace["receptors_mm"][own[central]], f" ({drive.unit})"
+        label = drive.label.replace(" - ", "\u00a0\u2212\u00a0") + unit.replace(" (1)", "")
         colour = colours[afferents.name] if len(colours) > 1 else BLUE
         found.append(Felt(afferents.name, colour, place, label, values[:, central]))
     return felt(found, over, beneath) if found else None

@@ -8,8 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tactile_fem.output.abscissa import Abscissa, inches
+from tactile_fem.output.annotations import ShownFigure
 
-_LEFT, _GAP = 0.9, 0.15  # inches
+LEFT, _GAP = 0.9, 0.15  # inches
 
 
 def panels(
@@ -28,11 +29,11 @@ def panels(
     """
     bottom = (1.0 if over.is_to_scale else 0.5) + below
     inner = sum(heights) + _GAP * (len(heights) - 1)
-    size = _LEFT + width + right, bottom + inner + top
-    figure, found, low = Figure(figsize=size), list[Axes](), size[1] - top + _GAP
+    size = LEFT + width + right, bottom + inner + top
+    figure, found, low = ShownFigure(figsize=size), list[Axes](), size[1] - top + _GAP
     for k, height in enumerate(heights):
         low -= height + _GAP
-        box = _LEFT / size[0], low / size[1], width / size[0], height / size[1]
+        box = LEFT / size[0], low / size[1], width / size[0], height / size[1]
         axes, last = figure.add_axes(box), k == len(heights) - 1
         over.draw(axes, names=k == 0, label=last)
         axes.tick_params(labelbottom=last)

@@ -32,6 +32,8 @@ _STYLE: Any = {
 
 # Draws in the package's style without changing the user's settings.
 styled = mpl.rc_context(_STYLE)
+# Likewise at the size of print, a column being 85 mm wide.
+printed = mpl.rc_context(_STYLE | {"font.size": 7, "lines.linewidth": 1.0, "figure.dpi": 300})
 
 
 @styled

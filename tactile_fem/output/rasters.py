@@ -1,35 +1,47 @@
-"""Spikes and firing rates of a scan's populations over its whole path."""
+"""Spikes and firing rates of populations over the whole path of a scan, or over time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter, MaxNLocator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Response
 from tactile_fem.output.abscissa import Abscissa, inches
+from tactile_fem.output.annotations import colours_of
 from tactile_fem.output.cross_section import CrossSectionMap, draw_outline
-from tactile_fem.output.panels import legend_above, panels
-from tactile_fem.output.plots import styled
+from tactile_fem.output.panels import LEFT, legend_above, panels
+from tactile_fem.output.plots import printed, styled
+from tactile_fem.results.histories import TIME
 
 Array = NDArray[np.float64]
 
-# As many receptors that do not lie in a line get a row each; more become an image.
-_MOST_ROWS = 40
+Spikes = Response | Mapping[str, Response]
+
+# As many receptors that do not lie in a line get a row each; more become an image. As many
+# populations on the same line share a panel.
+_MOST_ROWS, _MOST_SHARED = 200, 2
 _COLUMNS, _OUTLINE_COLUMNS, _OUTLINE_ROWS = 401, 900, 300
 # Standard deviation of the Gaussian that spreads a spike.
 _WINDOW_S = 0.01
+# The brightest colour is that of this percentile of the rates above 0, which few afferents exceed.
+_BRIGHTEST_PERCENT = 99.0
 _MARGIN_MM = 0.3
 # Height of a panel that is not to scale, and the largest and least sizes of one that is.
-_HEIGHT_INCHES, _TALLEST, _WIDEST, _NARROWEST = 3.2, 4.2, 8.5, 1.8
-_WIDTH_INCHES, _PAGE_INCHES = 5.2, 8.4
-_LINE_MM = 1e-9
+_HEIGHT_INCHES, _TALLEST, _WIDEST, _NARROWEST = 3.2, 4.2, 8.5, 1.3
+# Of one of several panels, of a row of spikes, and beside a colour bar.
+_LOW_INCHES, _ROW_INCHES, _RIGHT_INCHES = 1.42, 0.02, 0.8
+_WIDTH_INCHES = 5.2
+_LINE_MM, _LEAST_BAND = 1e-9, 0.08  # share of all bands
 
 
 class Trains(NamedTuple):
@@ -66,10 +78,9 @@ class Line:
         points[:, self.axis] = rows_mm
         return points
 
-    def label(self) -> str:
+    def label(self, name: str = "Receptor position") -> str:
         """Return the name of the rows."""
-        what = "X (mm)" if self.axis == 0 else "Y (mm)"
-        return f"Receptor position, {what}"
+        return f"{name}, {'XY'[self.axis]} (mm)"
 
     def limits(self, rows_mm: Array) -> tuple[float, float]:
         """Return the limits of the rows; X decreases upwards, so that letters are upright."""
@@ -77,37 +88,118 @@ class Line:
         return (high, low) if self.axis == 0 else (low, high)
 
 
+@printed
+def draw_raster(spikes: Spikes, by: ArrayLike = (), *, width_mm: float = 85.0) -> Figure:
+    """Draw a dot for each spike over time: a row for each afferent, a band for each class.
+
+    Parameters
+    ----------
+    spikes
+        A response, or responses by the names of their classes.
+    by
+        Class of each afferent of a response, as ``trace["population"]``; default: all are one.
+    width_mm
+        Of the figure, whose text has 7 points.
+
+    Raises
+    ------
+    StudyError
+        There are not as many classes as afferents.
+    """
+    trains, over = trains_by(spikes, by)
+    figure, (axes,) = _page([_height_of_bands(trains)], over, width_mm)
+    _draw_bands(axes, trains, over)
+    return figure
+
+
+@printed
+def draw_psth(
+    spikes: Spikes, by: ArrayLike = (), *, bin_s: float = 0.01, width_mm: float = 85.0
+) -> Figure:
+    """Draw the mean rate of each class in bins of `bin_s`; all else as in `draw_raster`."""
+    trains, over = trains_by(spikes, by)
+    figure, (axes,) = _page([0.016 * width_mm], over, width_mm, top=0.4)
+    for one in trains:
+        edges_s, counts = one.response.psth(bin_s)
+        axes.stairs(counts.mean(axis=1) / bin_s, edges_s, color=one.colour, label=one.name)
+    axes.set(ylim=(0, None), ylabel="Spikes/s per afferent")
+    if len(trains) > 1:
+        legend_above([axes])
+    return figure
+
+
+@printed
+def draw_rates(spikes: Spikes, by: ArrayLike = (), *, width_mm: float = 85.0) -> Figure:
+    """Draw the rates of afferents, a panel for each class; all else as in `draw_raster`."""
+    trains, over = trains_by(spikes, by)
+    heights = [0.009 * width_mm] * len(trains)
+    figure, all_axes = _page(heights, over, width_mm, right=_RIGHT_INCHES)
+    _draw_rates(all_axes, trains, [np.arange(len(one.places_mm)) for one in trains], over)
+    for axes, one in zip(all_axes, trains, strict=True):
+        axes.set_ylabel(one.name)
+        axes.invert_yaxis()
+    return figure
+
+
+def _page(
+    heights: Sequence[float], over: Abscissa, width_mm: float, right: float = 0.1, top: float = 0.1
+) -> tuple[Figure, list[Axes]]:
+    return panels(heights, over, width_mm / 25.4 - LEFT - right, right=right, top=top)
+
+
+def trains_by(spikes: Spikes, by: ArrayLike = ()) -> tuple[list[Trains], Abscissa]:
+    """Return the trains of each class, without places, and their time; see `draw_raster`."""
+    if isinstance(spikes, Response):
+        count, names = len(spikes.spikes), np.asarray(by, dtype=str)
+        if names.shape not in ((0,), (count,)):
+            raise StudyError(f"by has shape {names.shape}; it needs ({count},), a class for each.")
+        names = names if names.size else np.full(count, "afferents")
+        spikes = {name: spikes.of(names == name) for name in dict.fromkeys(names.tolist())}
+    trains = [
+        Trains(name, colour, np.full((len(spikes[name].spikes), 3), np.nan), spikes[name])
+        for name, colour in colours_of(spikes).items()
+    ]
+    start = min(one.response.start_s for one in trains)
+    end = max(one.response.end_s for one in trains)
+    return trains, Abscissa(TIME, 1.0, np.array([start, end]), ())
+
+
 @styled
 def raster(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap) -> Figure:
     """Draw the spikes of all populations over the path, one row for each receptor.
 
-    Populations on the same line share a panel, in which their rows are their places and the
-    outline of the stimulator lies behind them. Receptors that are spread over the skin have a panel
-    of their own, in the order of X; many of them are an image of their firing rate.
+    Two populations on the same line share a panel, in which their rows are their places and the
+    outline of the stimulator lies behind them; more have a panel each. Receptors that are spread
+    over the skin are in the order of X, in a band for each population; very many of a single one
+    are an image of their firing rate.
     """
-    lines: dict[Line, list[Trains]] = {}
+    lines: dict[tuple[Line, str], list[Trains]] = {}
     spread: list[Trains] = []
-    for one in trains:
-        line = Line.of(one.places_mm)
-        spread.append(one) if line is None else lines.setdefault(line, []).append(one)
-    sizes = [
-        _size(over, np.concatenate([_rows(line, t) for t in own])) for line, own in lines.items()
-    ]
-    widths = [width for width, _ in sizes]
-    width = max(widths) if widths and not spread else _WIDTH_INCHES
-    heights = [height * min(1.0, width / own) for own, height in sizes]
+    at = [Line.of(one.places_mm) for one in trains]
+    for one, line in zip(trains, at, strict=True):
+        if line is None:
+            spread.append(one)
+        else:
+            name = one.name if at.count(line) > _MOST_SHARED else ""
+            lines.setdefault((line, name), []).append(one)
+    rows = [np.concatenate([_rows(line, t) for t in own]) for (line, _), own in lines.items()]
+    width, heights = _sizes(over, rows, _WIDTH_INCHES if spread else None)
+    are_shared = len(lines) + len(spread) < len(trains)
     figure, axes = panels(
-        [*heights, *[_HEIGHT_INCHES] * len(spread)],
+        [*heights, *[_height_of_bands(spread)] * bool(spread)],
         over,
         width,
         right=1.0 if spread else 0.2,
-        top=0.6 if len(trains) > 1 else 0.45,
+        top=0.6 if are_shared else 0.45,
     )
-    for one_axes, (line, own) in zip(axes, lines.items(), strict=False):
+    for one_axes, ((line, name), own) in zip(axes, lines.items(), strict=False):
         _draw_line(one_axes, line, own, over, beneath)
-    for one_axes, own in zip(axes[len(lines) :], spread, strict=True):
-        _draw_spread(one_axes, own, over, named=len(trains) > 1)
-    if lines and len(trains) > 1:
+        one_axes.set_ylabel(line.label(name) if name else line.label())
+    if len(spread) == 1:
+        _draw_spread(axes[-1], spread[0], over, named=len(trains) > 1)
+    elif spread:
+        _draw_bands(axes[-1], spread, over)
+    if are_shared:
         legend_above(axes[: len(lines)])
     return figure
 
@@ -122,23 +214,14 @@ def firing(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap) -
     shown = [row for row in map(_even_line, trains) if row is not None]
     if not shown:
         return None
-    tallest = min(_TALLEST, _PAGE_INCHES / len(shown))
-    sizes = [_size(over, _rows(line, one), tallest) for line, one in shown]
-    width = max(width for width, _ in sizes)
-    figure, axes = panels(
-        [height * min(1.0, width / own) for own, height in sizes], over, width, right=1.0
-    )
-    times = over.columns_s(_COLUMNS)
-    rates = [one.response.rate(times, _WINDOW_S).T for _, one in shown]
-    brightest = max(float(rate.max()) for rate in rates) or 1.0
-    for one_axes, (line, one), rate in zip(axes, shown, rates, strict=True):
-        rows = _rows(line, one)
-        _draw_rates(one_axes, over.at(times), rows, rate, brightest)
-        _draw_outline(one_axes, line, rows, over, beneath, colour="white")
-        one_axes.set_ylim(*line.limits(rows))
-        one_axes.set_ylabel(
-            line.label() if len(trains) == 1 else f"{one.name}, {'XY'[line.axis]} (mm)"
-        )
+    rows = [_rows(line, one) for line, one in shown]
+    width, heights = _sizes(over, rows)
+    figure, axes = panels(heights, over, width, right=_RIGHT_INCHES)
+    _draw_rates(axes, [one for _, one in shown], rows, over)
+    for one_axes, (line, one), own in zip(axes, shown, rows, strict=True):
+        _draw_outline(one_axes, line, own, over, beneath, colour="white")
+        one_axes.set_ylim(*line.limits(own))
+        one_axes.set_ylabel(line.label(one.name) if len(trains) > 1 else line.label())
     return figure
 
 
@@ -150,29 +233,47 @@ def _draw_line(
 ) -> None:
     rows = np.concatenate([_rows(line, one) for one in trains])
     _draw_outline(axes, line, rows, over, beneath)
-    apart = np.diff(np.unique(rows.round(9))).min(initial=1.0)
-    shift = min(apart / (len(trains) + 1), 0.3)
+    axes.set_ylim(*line.limits(rows))
+    shift = min(_apart(rows) / (len(trains) + 1), 0.3)
     for k, one in enumerate(trains):
         _draw_spikes(axes, one, over, _rows(line, one) + shift * (k - (len(trains) - 1) / 2))
-    axes.set_ylim(*line.limits(rows))
-    axes.set_ylabel(line.label())
+
+
+def _height_of_bands(trains: Sequence[Trains]) -> float:
+    count = sum(len(one.response.spikes) for one in trains)
+    return float(np.clip(_ROW_INCHES * count, 0.3 * len(trains) + 0.2, _HEIGHT_INCHES))
+
+
+def _draw_bands(axes: Axes, trains: Sequence[Trains], over: Abscissa) -> None:
+    """Draw a band for each population, with its receptors in the order of X, then Y."""
+    counts = [len(one.response.spikes) for one in trains]
+    ends = np.cumsum([0.0, *np.maximum(counts, _LEAST_BAND * sum(counts))])
+    axes.set_ylim(ends[-1], 0.0)
+    middles, names = (ends[1:] + ends[:-1]) / 2, []
+    for one, count, middle, band in zip(trains, counts, middles, np.diff(ends), strict=True):
+        order = np.lexsort((one.places_mm[:, 1], one.places_mm[:, 0]))
+        axes.axhspan(middle - band / 2, middle + band / 2, color=one.colour, alpha=0.1, lw=0)
+        _draw_spikes(axes, one, over, middle - (count - 1) / 2 + np.argsort(order))
+        names.append(f"{one.name}: {count}\n{one.response.counts().sum()} spikes")
+    for label, one in zip(axes.set_yticks(middles, names), trains, strict=True):
+        label.label1.set_color(one.colour)
+    axes.tick_params(axis="y", length=0)
 
 
 def _draw_spread(axes: Axes, one: Trains, over: Abscissa, *, named: bool) -> None:
-    """Draw receptors in the order of X, then Y: dots, or the image of many receptors."""
+    """Draw receptors in the order of X, then Y: dots, or the image of very many receptors."""
     order = np.lexsort((one.places_mm[:, 1], one.places_mm[:, 0]))
+    axes.set_ylim(len(order) - 0.5, -0.5)
     if len(order) > _MOST_ROWS:
-        times = over.columns_s(_COLUMNS)
-        rate = one.response.rate(times, _WINDOW_S).T[order]
-        _draw_rates(axes, over.at(times), np.arange(len(order)), rate)
+        ordered = one._replace(response=one.response.of(order))
+        _draw_rates([axes], [ordered], [np.arange(len(order))], over)
     else:
         _draw_spikes(axes, one, over, np.argsort(order))
     x = one.places_mm[order, 0]
     ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(x[0], x[-1])
     ticks = ticks[(ticks >= x[0] - 1e-9) & (ticks <= x[-1] + 1e-9)]
     sides = [np.searchsorted(x, ticks + shift) for shift in (-1e-9, 1e-9)]
-    axes.set_yticks((sides[0] + sides[1] - 1) / 2, list(map(_minus, ticks)))
-    axes.set_ylim(len(order) - 0.5, -0.5)
+    axes.set_yticks((sides[0] + sides[1] - 1) / 2, [Formatter.fix_minus(f"{x:g}") for x in ticks])
     who = f"{one.name}, {len(order)} receptors" if named else f"{len(order)} receptors"
     axes.set_ylabel(f"{who} by X (mm), then Y")
 
@@ -180,8 +281,20 @@ def _draw_spread(axes: Axes, one: Trains, over: Abscissa, *, named: bool) -> Non
 def _draw_spikes(axes: Axes, one: Trains, over: Abscissa, rows: Array) -> None:
     """Draw a dot for each spike of receptors at places (receptors,) of the panel."""
     receptor, time_s = one.response.events()
-    style = {"ls": "", "marker": "o", "ms": 2.2, "mew": 0, "zorder": 3, "gid": "spikes"}
-    axes.plot(over.at(time_s), rows[receptor], color=one.colour, label=one.name, **style)
+    row_pt = 72 * inches(axes)[1] / abs(np.subtract(*axes.get_ylim())) * _apart(rows)
+    style = {"color": one.colour, "label": one.name, "ms": np.clip(row_pt, 0.7, 2.2)}
+    draw_spikes(axes, over.at(time_s), rows[receptor], **style)
+
+
+def _apart(rows: Array) -> float:
+    """Return the least distance of rows, 1 if there is one."""
+    return float(np.diff(np.unique(rows.round(9))).min(initial=1.0))
+
+
+def draw_spikes(axes: Axes, at: ArrayLike, rows: ArrayLike, **style: Any) -> None:
+    """Draw a dot for each spike at `at` (spikes,) of the axis in `rows` (spikes,)."""
+    dots = {"ls": "", "marker": "o", "ms": 2.2, "mew": 0, "zorder": 3, "gid": "spikes"}
+    axes.plot(at, rows, **(dots | style))
 
 
 def _draw_outline(
@@ -199,19 +312,24 @@ def _draw_outline(
 
 
 def _draw_rates(
-    axes: Axes, at: Array, rows: Array, rate_Hz: Array, brightest_Hz: float | None = None
+    all_axes: Sequence[Axes], trains: Sequence[Trains], rows: Sequence[Any], over: Abscissa
 ) -> None:
-    """Draw rates (rows, columns) as an image with its colour bar, whose colours start at 0."""
-    style = {"cmap": "cividis", "shading": "nearest", "rasterized": True}
-    image = axes.pcolormesh(at, rows, rate_Hz, vmin=0, vmax=brightest_Hz, **style)
-    figure = axes.get_figure(root=True)
-    place = axes.inset_axes((1.02, 0.05, 0.16 / inches(axes)[0], 0.9))
-    bar = figure.colorbar(image, cax=place, label="Firing rate (spikes/s)")
+    """Draw rates as images over rows (receptors,), with one scale and the bar beside the first."""
+    times = over.columns_s(_COLUMNS)
+    rates = [one.response.rate(times, _WINDOW_S).T for one in trains]
+    every = np.concatenate([rate.ravel() for rate in rates])
+    brightest = np.percentile(every[every > 0], _BRIGHTEST_PERCENT) if every.any() else 1.0
+    scale = Normalize(0.0, float(brightest))
+    for axes, own, rate in zip(all_axes, rows, rates, strict=True):
+        style = {"cmap": "cividis", "shading": "nearest", "rasterized": True}
+        axes.pcolormesh(over.at(times), own, rate, norm=scale, **style)
+    figure, box = all_axes[0].get_figure(root=True), all_axes[0].get_position()
+    inch = 1 / figure.get_figwidth()
+    place = box.x1 + 0.1 * inch, box.y0, 0.13 * inch, box.height
+    extend = "max" if every.max(initial=0.0) > brightest else "neither"
+    scale, cax = ScalarMappable(scale, "cividis"), figure.add_axes(place)
+    bar = figure.colorbar(scale, cax=cax, extend=extend, label="Rate (spikes/s)")
     bar.outline.set_visible(False)
-
-
-def _minus(tick: float) -> str:
-    return Formatter.fix_minus(f"{tick:g}")
 
 
 def _rows(line: Line, one: Trains) -> Array:
@@ -228,13 +346,20 @@ def _even_line(one: Trains) -> tuple[Line, Trains] | None:
     steps = np.diff(rows)
     if len(rows) < 3 or not np.allclose(steps, steps[0]):
         return None
-    response = Response(
-        [one.response.spikes[k] for k in chosen], one.response.start_s, one.response.end_s
-    )
-    return line, Trains(one.name, one.colour, one.places_mm[chosen], response)
+    return line, one._replace(places_mm=one.places_mm[chosen], response=one.response.of(chosen))
 
 
-def _size(over: Abscissa, rows: Array, tallest: float = _TALLEST) -> tuple[float, float]:
+def _sizes(
+    over: Abscissa, rows: Sequence[Array], width: float | None = None
+) -> tuple[float, list[float]]:
+    """Return the width, the largest by default, and the heights of panels of such rows, inches."""
+    tallest = _TALLEST if len(rows) <= _MOST_SHARED else _LOW_INCHES
+    sizes = [_size(over, own, tallest) for own in rows]
+    width = width or max(own for own, _ in sizes)
+    return width, [height * min(1.0, width / own) for own, height in sizes]
+
+
+def _size(over: Abscissa, rows: Array, tallest: float) -> tuple[float, float]:
     """Return width and height in inches: to scale if rows and axis are lengths and it fits."""
     across, along = float(np.ptp(rows)) + 2 * _MARGIN_MM, float(np.ptp(over.ends))
     if over.is_to_scale and along > 0:

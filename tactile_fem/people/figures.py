@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import ArrayLike, NDArray
 
-from tactile_fem.output import BLUE, DISTINCT, INK, VERMILION, Abscissa, styled
+from tactile_fem.output import BLUE, DISTINCT, INK, VERMILION, Abscissa, draw_spikes, styled
 from tactile_fem.output.panels import panels
 from tactile_fem.people.bands import SHARES, Bands, bands
 from tactile_fem.people.causes import REST, Causes
@@ -120,7 +120,9 @@ def people_raster(
     height = float(np.clip(0.07 * len(rows), 1.0, 4.5))
     figure, (axes,) = panels([height], over, _WIDTH - 0.6, right=0.85, top=0.5, below=0.15)
     times = [np.asarray(spikes[k], dtype=float) for k in rows]
-    axes.eventplot(times, color=INK, linelengths=0.8, linewidths=0.7)
+    draw_spikes(
+        axes, np.concatenate([[], *times]), np.repeat(range(len(rows)), list(map(len, times)))
+    )
     box = axes.get_position()
     beside = figure.add_axes((box.x1 + 0.05, box.y0, 0.92 - box.x1, box.height), sharey=axes)
     beside.plot(number[rows], np.arange(len(rows)), "o", ms=2, color=BLUE, mew=0)

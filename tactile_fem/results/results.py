@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
-from tactile_fem.neuron import Response, to_neo
+from tactile_fem.neuron import Response, to_neo, to_nwb
 from tactile_fem.results.columns import SPIKES
 from tactile_fem.results.fields import FieldState, read_series
 from tactile_fem.results.histories import choose_state
@@ -210,8 +210,9 @@ class Results(Store):
     def response(self) -> Response:
         """Spikes as an array for each receptor, and the first and last time of the trace."""
         spikes, count = self.spikes, len(self.trace["receptors_mm"])
-        each = [spikes.time_s[spikes.receptor == r] for r in range(count)]
-        return Response(each, *self.trace["time_s"][[0, -1]].tolist())
+        ends = self.trace["time_s"][[0, -1]].tolist()
+        time_s = np.clip(spikes.time_s, *ends)  # which the file's digits may pass
+        return Response([np.sort(time_s[spikes.receptor == r]) for r in range(count)], *ends)
 
     def receptors_of(self, population: str) -> NDArray[np.intp]:
         """Return the indices of a population's receptors; StudyError if it has none."""
@@ -232,17 +233,22 @@ class Results(Store):
         StudyError
             neo is not installed.
         """
+        places = list(self.trace["receptors_mm"])
+        return to_neo(self.response, **self._classes(), receptor_mm=places)
+
+    def to_nwb(self, path: Path | str) -> None:
+        """Write the spikes to an NWB file with the columns kind, population, x_mm, y_mm and z_mm.
+
+        Raises what `tactile_fem.neuron.to_nwb` raises.
+        """
+        x, y, z = self.trace["receptors_mm"].T.tolist()
+        to_nwb(self.response, path, **self._classes(), x_mm=x, y_mm=y, z_mm=z)
+
+    def _classes(self) -> dict[str, list[str]]:
+        """Return population and kind of afferent of each receptor."""
         population = self.trace["population"].tolist()
         kind_of = {afferents.name: afferents.kind for afferents in self.study.populations}
-        found = self.response
-        limits = found.start_s, found.end_s  # which the file's digits may pass
-        each = [np.sort(np.clip(times, *limits)) for times in found.spikes]
-        return to_neo(
-            Response(each, *limits),
-            population=population,
-            kind=[kind_of[name] for name in population],
-            receptor_mm=list(self.trace["receptors_mm"]),
-        )
+        return {"population": population, "kind": [kind_of[name] for name in population]}
 
     @cached_property
     def stimulator(self) -> DistanceGrid | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from tactile_fem.errors import StoppedError, StudyError, TactileError
 from tactile_fem.mechanics.faults import stopping
-from tactile_fem.neuron import Response, fire_all
+from tactile_fem.neuron import Population, Response, fire_all
 from tactile_fem.results.previous import (
     ELSEWHERE,
     Earlier,
@@ -41,6 +41,8 @@ logger = logging.getLogger(__name__)
 
 # Mean distance of pressed skin from the body, as a share of the depth, that is worth a warning.
 _GAP_ERROR = 0.01
+# Spikes of RA and PC within this time of the start are evoked by the jump of the body's speed.
+_START_S = 0.01
 _NOTHING_SAVED = "nothing is saved, because there is no results folder"
 
 
@@ -221,6 +223,7 @@ def _run(
                     pass
             _log_contact(trace)
             response = _conclude(simulation, trace, recorder, "complete")
+            _log_start(simulation.populations, trace, response)
         except (Exception, SystemExit, KeyboardInterrupt) as error:  # also an observer's
             kept = _keep(simulation, trace, recorder, error)
             if isinstance(error, StoppedError):
@@ -284,3 +287,17 @@ def _log_contact(trace: Trace) -> None:
             "depth: forces may be wrong by several percent; use a finer mesh or a larger "
             "solver.nitsche_gamma"
         )
+
+
+def _log_start(populations: Iterable[Population], trace: Trace, response: Response) -> None:
+    """Warn if most afferents with a band-pass fire because the body starts at full speed."""
+    late_s = response.latency()
+    for one in populations:
+        own = late_s[np.asarray(trace.population) == one.name]
+        early = int(np.sum(own < _START_S))
+        if one.neuron.model == "band_pass" and 2 * early > len(own):
+            logger.warning(
+                "%d of %d %s afferents fire in the first %.0f ms, because the body starts at full "
+                "speed: do not count these spikes, or let a recording or a script start it slowly",
+                *(early, len(own), one.name, 1000 * _START_S),
+            )
