@@ -105,9 +105,10 @@ def test_the_index_names_each():
 def test_neurons_fire_on_their_own(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = run(FOLDER / "neurons.ipynb")
-    counts = names["receptor"].size
+    counts = names["response"].counts().sum()
     assert Path("spikes.csv").read_text().count("\n") == counts + 1
-    assert len(names["trains"]) == 3 and all(len(train) for train in names["trains"])
+    assert list(names["fired"]) == ["SA1", "RA", "PC"]
+    assert all(one.counts().min() > 0 for one in names["fired"].values())
     assert names["found"].r2[-1] > 0.9
 
 
