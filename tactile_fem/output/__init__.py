@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from tactile_fem.output.pictures import draw_pictures
     from tactile_fem.output.plots import styled
     from tactile_fem.output.preview import surfaces_figure
-    from tactile_fem.output.rasters import draw_psth, draw_raster, draw_rates, draw_spikes
+    from tactile_fem.output.rasters import draw_spikes
 
 __all__ = [
     "BLUE",
@@ -23,9 +23,6 @@ __all__ = [
     "Archived",
     "Modes",
     "draw_pictures",
-    "draw_psth",
-    "draw_raster",
-    "draw_rates",
     "draw_spikes",
     "nearest",
     "styled",
@@ -41,6 +38,6 @@ __getattr__ = lazily(
         "pictures": ["draw_pictures"],
         "plots": ["styled"],
         "preview": ["surfaces_figure"],
-        "rasters": ["draw_psth", "draw_raster", "draw_rates", "draw_spikes"],
+        "rasters": ["draw_spikes"],
     },
 )

@@ -41,7 +41,7 @@ _HEIGHT_INCHES, _TALLEST, _WIDEST, _NARROWEST = 3.2, 4.2, 8.5, 1.3
 # Of one of several panels, of a row of spikes, and beside a colour bar.
 _LOW_INCHES, _ROW_INCHES, _RIGHT_INCHES = 1.42, 0.02, 0.8
 _WIDTH_INCHES = 5.2
-_LINE_MM, _LEAST_BAND = 1e-9, 0.08  # share of all bands
+_LINE_MM, _LEAST_BAND = 1e-9, 0.1  # share of all bands
 
 
 class Trains(NamedTuple):
@@ -184,14 +184,11 @@ def raster(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap) -
             lines.setdefault((line, name), []).append(one)
     rows = [np.concatenate([_rows(line, t) for t in own]) for (line, _), own in lines.items()]
     width, heights = _sizes(over, rows, _WIDTH_INCHES if spread else None)
+    if spread:
+        heights.append(_height_of_bands(spread) if len(spread) > 1 else _HEIGHT_INCHES)
     are_shared = len(lines) + len(spread) < len(trains)
-    figure, axes = panels(
-        [*heights, *[_height_of_bands(spread)] * bool(spread)],
-        over,
-        width,
-        right=1.0 if spread else 0.2,
-        top=0.6 if are_shared else 0.45,
-    )
+    right, top = 1.0 if spread else 0.2, 0.6 if are_shared else 0.45
+    figure, axes = panels(heights, over, width, right=right, top=top)
     for one_axes, ((line, name), own) in zip(axes, lines.items(), strict=False):
         _draw_line(one_axes, line, own, over, beneath)
         one_axes.set_ylabel(line.label(name) if name else line.label())
