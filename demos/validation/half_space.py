@@ -301,6 +301,7 @@ def drawn(models: Mapping[str, Finger]) -> Figure:
     sed.set(ylabel="SED (kPa)", xlim=(0, 10), ylim=(0, None), xticklabels=[])
     sed.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.42, 1.0))
     fired.set(xlabel=f"{DISPLACEMENT}: the middle receptor under the G", xlim=(0, 10), yticks=[])
+    fired.set_ylim(0.5 - len(models), 0.5)
     return figure
 
 

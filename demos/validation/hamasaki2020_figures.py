@@ -109,7 +109,8 @@ def middle(fingers: Mapping[str, Finger]) -> Figure:
     sed.set(ylabel="SED at the middle receptor (kPa)", ylim=(0, None))
     sed.legend(frameon=False)
     fired.set(xlabel=DISPLACEMENT, yticks=-np.arange(len(fingers)), yticklabels=list(fingers))
-    fired.set_xlim(0, sed.get_lines()[0].get_xdata()[-1])
+    ends = 0, sed.get_lines()[0].get_xdata()[-1]
+    fired.set(xlim=ends, ylim=(0.5 - len(fingers), 0.5))
     return figure
 
 
