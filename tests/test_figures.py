@@ -240,7 +240,9 @@ def test_a_grid_of_81_receptors_has_a_row_each():
     grid = [[x, y] for y in range(-4, 5) for x in range(-4, 5)]
     figure = raster([trains("SA1", grid, [0.1])], Abscissa.of(make_trace()), square())
     (drawn,) = dots(figure.axes[0])
-    assert sorted(drawn.get_ydata()) == list(range(81)) and drawn.get_markersize() < 2.2
+    assert sorted(drawn.get_ydata()) == list(range(81))
+    height_pt = 72 * figure.get_figheight() * figure.axes[0].get_position().height
+    assert drawn.get_markersize() <= height_pt / 81  # rows do not overlap
 
 
 # --- classes -------------------------------------------------------------------------------------
