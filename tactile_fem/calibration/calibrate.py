@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tactile_fem.calibration.measurements import Experiment
-from tactile_fem.calibration.model import Model
+from tactile_fem.calibration.model import FINGER_LOGGERS, Model
 from tactile_fem.calibration.parameters import (
     DEFAULT_PARAMETERS,
     Parameter,
@@ -45,8 +45,6 @@ from tactile_fem.study import Study
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-3
-# Loggers of what describes the finger, which is often that of the press before.
-_FINGER_LOGGERS = ("finger.finger", "finger.build", "mechanics.domain", "simulation.simulation")
 
 
 def fit(
@@ -97,11 +95,11 @@ def fit(
         The presses of the start do not reach the measured depths, or a length cannot be varied.
     """
     place, chosen = Path(folder), [parse_parameter(text, study) for text in parameters]
-    with session(comm) as run, each_once(*_FINGER_LOGGERS):
-        _check(study, experiments, chosen, jobs, run.comm)
+    with session(comm) as run, each_once(*FINGER_LOGGERS):
+        _check(study, experiments, chosen)
         model = Model(study, experiments, chosen, place, jobs, run.comm, evaluations)
         run.lock(place)
-        found = _minimized(model, study, experiments, chosen, evaluations)
+        found = _minimized(model, study, experiments, chosen, evaluations, place)
         run.on_root(lambda: write_results(found, place))
     return found
 
@@ -112,6 +110,7 @@ def _minimized(
     experiments: Sequence[Experiment],
     parameters: Sequence[Parameter],
     evaluations: int,
+    folder: Path,
 ) -> Calibration:
     """Return the parameters with the least sum of squares."""
     start = np.zeros(len(parameters))
@@ -141,15 +140,12 @@ def _minimized(
         jacobian=solution.jac[: -len(parameters)],
         evaluations=int(solution.nfev),
         converged=solution.status > 0,
+        folder=folder,
     )
 
 
 def _check(
-    study: Study,
-    experiments: Sequence[Experiment],
-    parameters: Sequence[Parameter],
-    jobs: int,
-    comm: MPI.Comm,
+    study: Study, experiments: Sequence[Experiment], parameters: Sequence[Parameter]
 ) -> None:
     study.finger.require_solid("a fit: measured forces are those of a whole finger")
     if not parameters:
@@ -157,6 +153,4 @@ def _check(
     names = [key for parameter in parameters for key in parameter.powers]
     if len(set(names)) < len(names):
         raise StudyError("Two parameters of the fit change the same constant: name it once.")
-    if jobs > 1 and comm.size > 1:
-        raise StudyError(f"jobs is {jobs} but must be 1 on {comm.size} ranks.")
     raise_all(*(partial(check, study_of(study, experiment)) for experiment in experiments))

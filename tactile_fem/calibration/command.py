@@ -1,4 +1,4 @@
-"""The command that fits tissues and finger."""
+"""The commands that fit tissues and finger, and predict what the fitted finger does."""
 
 from __future__ import annotations
 
@@ -80,3 +80,46 @@ def fit(
     if ranks.is_first():
         print(found)
         print(f"Tables, figure and study.toml are in {results}")
+
+
+def predict(
+    fitted: Path,
+    study: Path | None = None,
+    /,
+    *,
+    depth: list[PositiveFloat],
+    changes: Changes = (),
+    results: Path | None = None,
+    jobs: Count = 1,
+    ranks_: Ranks = 1,
+) -> None:
+    """Predict forces of a fitted finger on another stimulus, with the uncertainty of the fit.
+
+    Parameters
+    ----------
+    fitted
+        Folder of a fit.
+    study
+        Study with the stimulus and protocol.press_speed_mm_s; default those of the fit.
+    depth
+        Depth of the press in mm. May be repeated.
+    results
+        Folder for presses, table and figure; default predictions in that of the fit.
+    jobs
+        Parallel presses.
+    """
+    from tactile_fem import load_study
+    from tactile_fem.calibration.posterior import Posterior
+
+    if wrong := [change for change in changes if not change.startswith(("stimulus.", "protocol."))]:
+        raise StudyError(f'"{wrong[0]}" has no effect: finger and tissues are those of the fit.')
+    own, place = fitted / "study.toml", results or fitted / "predictions"
+    posterior = Posterior.load(fitted / "posterior.json", str(fitted / "posterior.json"))
+    other = load_study(study or own, changes)
+    speed = other.protocol.press_speed_mm_s
+    with_mechanics("tactile_fem.calibration.model", ranks_)
+    found = posterior.predict(
+        load_study(own), other.stimulus, place, depth_mm=depth, speed_mm_s=speed, jobs=jobs
+    )
+    if ranks.is_first():
+        print(f"{found}\nTable, figure and study are in {place}")

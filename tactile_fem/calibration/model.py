@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 # Change of a parameter for its derivative by another press: far above the effect of another mesh,
 # and of loads on a joint, which are balanced within 0.1 %.
 _STEP = 0.05
+# Loggers of what describes the finger, which is often that of the press before.
+FINGER_LOGGERS = ("finger.finger", "finger.build", "mechanics.domain", "simulation.simulation")
 
 
 class Model:
@@ -48,6 +50,8 @@ class Model:
         comm: MPI.Comm,
         evaluations: int,
     ) -> None:
+        if jobs > 1 and comm.size > 1:
+            raise StudyError(f"jobs is {jobs} but must be 1 on {comm.size} ranks.")
         self._study, self._experiments, self._parameters = study, experiments, parameters
         self._folder, self._jobs, self._comm = folder / "presses", jobs, comm
         self._evaluations, self._seen = evaluations, set[bytes]()
@@ -81,11 +85,11 @@ class Model:
             )
         return np.concatenate([numbers, prior])
 
-    def predictions(self, x: Array, *, with_derivatives: bool = True) -> list[Prediction]:
-        """Return what the model gives for each experiment."""
+    def predictions(self, *points: Array, with_derivatives: bool = True) -> list[Prediction]:
+        """Return what the model gives at each point x for each experiment."""
         changes = self._changes if with_derivatives else ()
-        study = with_values(self._study, self._parameters, x)
-        tasks = [Task(study, experiment, changes) for experiment in self._experiments]
+        studies = [with_values(self._study, self._parameters, x) for x in points]
+        tasks = [Task(s, experiment, changes) for s in studies for experiment in self._experiments]
         files = [self._folder / f"{task.name}.npz" for task in tasks]
         left = on_root(self._comm, lambda: [k for k, file in enumerate(files) if not file.exists()])
         begun = time.perf_counter()

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import chdtrc, ndtri
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtrc
 
 from tactile_fem.calibration.measurements import Experiment, deviations
 from tactile_fem.calibration.parameters import Parameter, unit_of, value_at
-from tactile_fem.calibration.posterior import Posterior
+from tactile_fem.calibration.posterior import SD_OF_95_PERCENT, ForcePrediction, Posterior
 from tactile_fem.neuron import Estimate, r_squared
 from tactile_fem.runtime.text import aligned
-from tactile_fem.study import Study
+from tactile_fem.study import Stimulus, Study
 
 Array = NDArray[np.float64]
 
-_SD_OF_95_PERCENT = float(ndtri(0.975))
 # Share of the variance that the measurements must take away to call a parameter identified.
 _IDENTIFIED_SHARE = 0.5
 # Probability below which the deviations are not only the measurements'.
@@ -45,6 +46,8 @@ class Calibration:
         Derivatives of all numbers, in their standard deviations, (numbers, parameters).
     evaluations, converged
         Points that the optimizer tried; whether it ended before their limit.
+    folder
+        Folder of the fit.
     """
 
     start: Study
@@ -57,6 +60,7 @@ class Calibration:
     jacobian: Array
     evaluations: int
     converged: bool
+    folder: Path
 
     @property
     def deviations(self) -> Array:
@@ -117,7 +121,7 @@ class Calibration:
 
     def estimate(self, k: int, start: float, power: float = 1.0) -> Estimate:
         """Return the estimate of a value that parameter k multiplies by ``exp(power x)``."""
-        ends = self.x[k] + _SD_OF_95_PERCENT * self.sd[k] * np.array([-1, 0, 1])
+        ends = self.x[k] + SD_OF_95_PERCENT * self.sd[k] * np.array([-1, 0, 1])
         low, value, high = np.sort(start * np.exp(power * ends)).tolist()
         known = self.learnt[k] >= _IDENTIFIED_SHARE
         return Estimate(value, low, high, "" if known else "not identified")
@@ -129,6 +133,24 @@ class Calibration:
             for k, parameter in enumerate(self.parameters)
             for keys, power in parameter.powers.items()
         }
+
+    def predict(
+        self, stimulus: Stimulus, *, depth_mm: ArrayLike, **options: Any
+    ) -> ForcePrediction:
+        """Predict forces of this finger on another stimulus, with the uncertainty of the fit.
+
+        Parameters
+        ----------
+        stimulus
+            Any, such as ``Sphere(radius_mm=4.0)``.
+        depth_mm
+            One or more depths of a press.
+        **options
+            ``speed_mm_s``, default that of the study's protocol; ``folder`` for presses, table and
+            figure, default ``predictions`` in that of the fit; ``jobs`` as of a fit.
+        """
+        options.setdefault("folder", self.folder / "predictions")
+        return self.posterior.predict(self.study, stimulus, depth_mm=depth_mm, **options)
 
     def __str__(self) -> str:
         """Return the result in lines of text."""

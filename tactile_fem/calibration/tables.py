@@ -34,7 +34,8 @@ def write_results(found: Calibration, folder: Path) -> None:
     ``posterior.json`` (the parameters with their covariance, for ``people.fit`` in a study) and
     ``fit.png``.
     """
-    write_text(folder / "study.toml", dump_study(found.study))
+    text = dump_study(found.study, brief=("stimulus", "protocol"))  # of no effect on a fit
+    write_text(folder / "study.toml", text)
     keep_files(found.study, folder, afresh=True)
     names = [p.name for p in found.parameters]
     correlation = [

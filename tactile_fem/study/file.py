@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from tactile_fem import companions
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import Finger
 from tactile_fem.path import Piece
-from tactile_fem.runtime.settings import Settings
+from tactile_fem.runtime.settings import Kind, Settings
 from tactile_fem.runtime.text import read_text
 from tactile_fem.stimulus import Friction, Stimulus
 from tactile_fem.study.explain import in_words, located
@@ -25,6 +25,7 @@ from tactile_fem.tissue.constants import Material
 
 # One file for each study; its name is that of the study.
 _SHIPPED = Path(__file__).parent / "shipped"
+_FAMILIES: tuple[type[Kind], ...] = (Stimulus, Friction, Piece, Material)
 
 # --- reading -----------------------------------------------------------------------------------
 
@@ -43,7 +44,8 @@ def load_study(
         or have changed are read from the copies kept there.
     overrides
         ``section.key=value`` each, ``afferents.name.key=value`` for a population. The value is
-        TOML, or else plain text: ``stimulus.text=EFG``.
+        TOML, or else plain text: ``stimulus.text=EFG``. With another kind, of a stimulus for
+        example, the file's keys that go only with the former one are left out.
     saved
         It is that of a scan's results: a script's own kinds and drives need not be known here.
 
@@ -126,13 +128,24 @@ def _put(data: dict[str, Any], keys: tuple[str, ...], value: Any, override: str)
 
 
 def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
+    merged = _of_new_kind(base, changes)
     for key, value in changes.items():
         both = isinstance(value, dict) and isinstance(base.get(key), dict)
         merged[key] = _merge(base[key], value) if both else value
         if key == "afferents" and isinstance(value, dict):
             merged[key] = _merge_named(base.get(key), value)
     return merged
+
+
+def _of_new_kind(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Return a table without the keys of its former kind alone, if changes give it another."""
+    for family in _FAMILIES:
+        new = family.kinds.get(str(changes.get(family.tag)))
+        former = family.kinds.get(str(base.get(family.tag, "text")))  # that of a stimulus
+        if new and former:
+            gone = former.model_fields.keys() - new.model_fields.keys()
+            return {key: value for key, value in base.items() if key not in gone}
+    return dict(base)
 
 
 def _merge_named(entries: Any, changes: dict[str, Any]) -> Any:
@@ -174,8 +187,7 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
     tables += pieces if isinstance(pieces, list) else []
     tables += data["tissue"].values() if isinstance(data.get("tissue"), dict) else []
     models: list[type[Settings]] = [Finger, Output, *companions.tables().values()]
-    families = Stimulus, Friction, Piece, Material
-    models += [kind for family in families for kind in family.kinds.values()]
+    models += [kind for family in _FAMILIES for kind in family.kinds.values()]
     model_of = {key: model for model in models for key in model.file_keys()}
     for table in tables:
         for key in model_of.keys() & table.keys() if isinstance(table, dict) else ():
@@ -186,11 +198,18 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
 # --- writing -----------------------------------------------------------------------------------
 
 
-def dump_study(study: Study) -> str:
-    """Return the study as TOML with every value; keys that are not set are left out."""
-    document = tomlkit.document()
+def dump_study(study: Study, *, brief: Collection[str] = ()) -> str:
+    """Return the study as TOML with every value; keys that are not set are left out.
+
+    The tables `brief` are left out as well where all their values are those by default.
+    """
+    document, tables = tomlkit.document(), study.model_dump(mode="json", exclude_none=True)
+    for name in brief:
+        others = {key: table for key, table in tables.items() if key != name}
+        if getattr(Study.model_validate(others), name) == getattr(study, name):
+            tables = others
     document.add(tomlkit.comment("The resolved study. A name carries its unit."))
-    for section, values in study.model_dump(mode="json", exclude_none=True).items():
+    for section, values in tables.items():
         document.add(tomlkit.nl())
         document.add(section, tomlkit.item(values))
     return tomlkit.dumps(document)
