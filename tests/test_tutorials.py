@@ -39,6 +39,7 @@ SHORT = {
         "1.0, 0.03, 75": "1.0, 0.03, 3",
         "(0, 1, 75)": "(0, 0, 3)",
         '"results/tutorials/fit")': '"results/tutorials/fit", evaluations=2)',
+        "depth_mm=[0.5, 1.0]": "depth_mm=0.1",
         "force_N=0.2": "force_N=0.02",
     },
     "vibration": {

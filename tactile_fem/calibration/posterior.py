@@ -50,7 +50,7 @@ class ForcePrediction:
     pressed_N
         Forces with values drawn from the posterior, NaN where a press ended early, (presses, n).
     error
-        Largest difference from their linear estimates, over the half-width of the band, (n,).
+        Largest difference to their estimates from the slopes, per half-width of the band, (n,).
     """
 
     name: str
@@ -71,8 +71,8 @@ class ForcePrediction:
         text = (
             "The band holds the mean force of this finger with 95 % probability, given the fit;\n"
             "the scatter of single measurements and the error of the model are not in it. Its\n"
-            f"error is the largest difference of {len(self.pressed_N)} presses, with values drawn "
-            "from the\nposterior, from their linear estimates, relative to its half-width."
+            f"error is the largest difference between {len(self.pressed_N)} presses, with values "
+            "drawn from the\nposterior, and estimates from the slopes, relative to its half-width."
         )
         if not (self.error < _LARGE_ERROR).all():
             text += "\nThe band is rough: fit fewer parameters, or measure with a second indenter."
