@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 SD_OF_95_PERCENT = float(ndtri(0.975))
 _TOLERANCE = 1e-9  # of a covariance, relative: rounding
 _PRESSES, _SEED = 4, 1  # which check a prediction, with values drawn from the posterior
-_LARGE_ERROR = 0.25  # of a prediction, as a share of its band's half width
+_LARGE_ERROR = 0.5  # of a prediction, as a share of the half-width of its band
 
 
 @dataclass(frozen=True)
