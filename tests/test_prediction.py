@@ -37,7 +37,7 @@ def known(tmp_path) -> Path:
         tmp_path / "posterior.json"
     )
     found = with_values(start, parameters, x)
-    (tmp_path / "study.toml").write_text(dump_study(found, brief=("stimulus", "protocol")))
+    (tmp_path / "study.toml").write_text(dump_study(found, without=("stimulus", "protocol")))
     return tmp_path
 
 
@@ -74,8 +74,8 @@ def test_a_force_that_is_a_power_of_a_constant_has_its_band(known, law, capsys):
     half = 1.959964 * 2 * SD[1]
     for row, force in zip(table(Path(f"{file}.csv")), (0.05, 0.1), strict=True):
         assert row["force_N"] == pytest.approx(force)
-        assert row["least_95_percent"] == pytest.approx(force * np.exp(-half), rel=1e-5)
-        assert row["largest_95_percent"] == pytest.approx(force * np.exp(half), rel=1e-5)
+        assert row["least_95_percent"] == pytest.approx(force * np.exp(-half), rel=2e-5)
+        assert row["largest_95_percent"] == pytest.approx(force * np.exp(half), rel=2e-5)
         assert len({row[f"press_{k}_N"] for k in range(1, 5)}) == 4
     # What it was made from is beside it, and the study can be scanned.
     pressed = load_study(f"{file}.toml")

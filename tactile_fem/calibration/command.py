@@ -71,8 +71,6 @@ def fit(
     names = parameters or DEFAULT_PARAMETERS
     for name in names:
         parse_parameter(name, start)  # raises here, before ranks are started
-    if jobs > 1 and ranks_ > 1:
-        raise StudyError(f"--jobs is {jobs} and --ranks {ranks_}, but one of them must be 1.")
     module = with_mechanics("tactile_fem.calibration.calibrate", ranks_)
     found = module.fit(
         start, experiments, results, parameters=names, jobs=jobs, evaluations=evaluations

@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 SD_OF_95_PERCENT = float(ndtri(0.975))
 _TOLERANCE = 1e-9  # of a covariance, relative: rounding
 _PRESSES, _SEED = 4, 1  # which check a prediction, with values drawn from the posterior
+_MAX_STEM = 120  # characters of the names of its files
 _LARGE_ERROR = 0.5  # of a prediction, as a share of the half-width of its band
 
 
@@ -145,7 +146,8 @@ class Posterior:
         fitted = {key: x for k in range(len(self.x)) for key, x in self.mean(k).items()}
         if wrong := [k for k, x in fitted.items() if not np.isclose(value_at(study, k) or 0, x)]:
             raise StudyError(f"{'.'.join(wrong[0])} of the study is not that of the posterior.")
-        name = f"{brief(stimulus)} at {speed:g} mm/s".replace(" = ", "=")
+        body = re.sub(r"\S*/", "", brief(stimulus, 200))  # without folders of its files
+        name = f"{body} at {speed:g} mm/s".replace(" = ", "=")
         one, lower = np.ones_like(depth), np.linalg.cholesky(self.covariance)
         experiment = Experiment(name, stimulus, speed, depth, np.nan * one, one, one)
         pressed, place = study_of(study, experiment), Path(folder)
@@ -170,14 +172,14 @@ class Posterior:
 
     def _write(self, found: ForcePrediction, pressed: Study, folder: Path) -> None:
         """Write table and figure of a prediction, and study and posterior that it is made from."""
-        stem = re.sub(r"[^\w.=-]+", "_", found.name)
+        stem = re.sub(r"[^\w.=-]+", "_", found.name)[:_MAX_STEM]
         write_text(folder / f"{stem}.toml", dump_study(pressed))
         keep_files(pressed, folder, afresh=False)
         self.save(folder / "posterior.json")
         columns = {"depth_mm": found.depth_mm, "force_N": found.force_N}
         columns |= {"least_95_percent": found.low_N, "largest_95_percent": found.high_N}
         columns |= {f"press_{k}_N": values for k, values in enumerate(found.pressed_N, 1)}
-        rows = np.column_stack([*columns.values()]).tolist()
+        rows = [[f"{x:.5g}" for x in row] for row in np.array([*columns.values()]).T]
         write_table(folder / f"{stem}.csv", [dict(zip(columns, r, strict=True)) for r in rows])
         drawing = Figure(figsize=(4.0, 3.5), layout="constrained")
         axes, ends = drawing.subplots(), np.abs([found.low_N, found.high_N] - found.force_N)
@@ -186,8 +188,9 @@ class Posterior:
         dots = axes.plot(found.depth_mm, found.pressed_N.T, "C1.")
         dots[0].set_label("presses with drawn values")
         axes.set(xlabel="Indentation (mm)", ylabel="Normal force (N)")
+        axes.set(xlim=(0, 1.05 * found.depth_mm[-1]), ylim=(0, None))
         axes.set_title(textwrap.fill(found.name, 40), fontsize="medium")
-        axes.legend(frameon=False, fontsize="small")
+        axes.legend(loc="upper left", frameon=False, fontsize="small")
         write_figure(folder / f"{stem}.png", drawing, dpi=150)
 
     def save(self, path: Path) -> None:
@@ -216,11 +219,11 @@ class Posterior:
                 parameters.append(Parameter(str(entry["name"]), powers, float(entry["factor"])))
                 start.update(own)
             x, covariance = (np.array(saved[name], float) for name in ("x", "covariance"))
+            if not parameters or any(p.factor <= 1 or not p.powers for p in parameters):
+                raise ValueError
         except (ValueError, TypeError, KeyError, AttributeError):
             raise StudyError(f"{what} is no posterior.json as a fit writes it.") from None
         count = len(parameters)
-        if not count or any(p.factor <= 1 or not p.powers for p in parameters):
-            raise StudyError(f"{what} is no posterior.json as a fit writes it.")
         if x.shape != (count,) or covariance.shape != (count, count):
             raise StudyError(f"{what} has {count} parameters, but x or covariance of another size.")
         if not _is_covariance(covariance):

@@ -15,7 +15,7 @@ from tactile_fem.calibration.parameters import unit_of, value_at
 from tactile_fem.calibration.result import Calibration
 from tactile_fem.neuron import Estimate
 from tactile_fem.runtime.files import write_figure, write_table, write_text
-from tactile_fem.study import dump_study, keep_files
+from tactile_fem.study import Study, dump_study, keep_files
 
 Array = NDArray[np.float64]
 Row = dict[str, str | float]
@@ -34,8 +34,9 @@ def write_results(found: Calibration, folder: Path) -> None:
     ``posterior.json`` (the parameters with their covariance, for ``people.fit`` in a study) and
     ``fit.png``.
     """
-    text = dump_study(found.study, brief=("stimulus", "protocol"))  # of no effect on a fit
-    write_text(folder / "study.toml", text)
+    unused, usual = ("stimulus", "protocol"), Study()  # by a fit
+    default = [name for name in unused if getattr(found.study, name) == getattr(usual, name)]
+    write_text(folder / "study.toml", dump_study(found.study, without=default))
     keep_files(found.study, folder, afresh=True)
     names = [p.name for p in found.parameters]
     correlation = [

@@ -198,17 +198,11 @@ def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
 # --- writing -----------------------------------------------------------------------------------
 
 
-def dump_study(study: Study, *, brief: Collection[str] = ()) -> str:
-    """Return the study as TOML with every value; keys that are not set are left out.
-
-    The tables `brief` are left out as well where all their values are those by default.
-    """
-    document, tables = tomlkit.document(), study.model_dump(mode="json", exclude_none=True)
-    for name in brief:
-        others = {key: table for key, table in tables.items() if key != name}
-        if getattr(Study.model_validate(others), name) == getattr(study, name):
-            tables = others
+def dump_study(study: Study, *, without: Collection[str] = ()) -> str:
+    """Return the study as TOML, with every value that is set, `without` some of its tables."""
+    document = tomlkit.document()
     document.add(tomlkit.comment("The resolved study. A name carries its unit."))
+    tables = study.model_dump(mode="json", exclude_none=True, exclude=set(without))
     for section, values in tables.items():
         document.add(tomlkit.nl())
         document.add(section, tomlkit.item(values))
