@@ -471,6 +471,21 @@ def test_again_it_presses_nothing(fitted, capsys):
     assert after == before
 
 
+@pytest.mark.slow
+@needs_gmsh
+def test_its_finger_presses_as_predicted(fitted, capsys):
+    folder, _ = fitted
+    plate = ["--set", "stimulus.kind=plate", "--set", "protocol.press_speed_mm_s=0.2"]
+    depths = ["--depth", "0.5", "--depth", "1", "--jobs", "2"]
+    assert main(["predict", str(folder), *plate, *depths]) == 0
+    rows = table(folder / "predictions" / "plate_at_0.2_mm_s.csv")
+    for row, own in zip(rows, table(folder / "predicted.csv"), strict=False):
+        assert float(row["force_N"]) == pytest.approx(float(own["model"]), rel=1e-3)
+        # Two depths of two indenters, each known to 2 %, determine two parameters.
+        assert 0.01 < float(row["largest_95_percent"]) / float(row["force_N"]) - 1 < 0.06
+    assert "The band is rough" not in capsys.readouterr().out
+
+
 def test_the_deflection_of_skin_does_not_depend_on_the_order_of_its_points():
     along = np.linspace(-4.0, 4.0, 41)
     rest = np.column_stack([along, 0 * along, 0.1 * along**2])

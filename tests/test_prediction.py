@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from needs import needs_gmsh
-from test_calibration import SMALL, fitted, formula  # noqa: F401
+from test_calibration import SMALL, formula  # noqa: F401
 
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.calibration.posterior import Posterior
@@ -180,18 +179,3 @@ def test_another_kind_can_be_set_of_a_study_that_states_one(text, tmp_path):
     assert load_study(file, ["stimulus.kind=text"]).stimulus.text in text
     with pytest.raises(StudyError, match=r"stimulus\.pitch_mm is not a key of a stimulus"):
         load_study(file, ["stimulus.kind=plate", "stimulus.pitch_mm=3"])
-
-
-@pytest.mark.slow
-@needs_gmsh
-def test_a_fitted_finger_presses_as_predicted(fitted, capsys):  # noqa: F811
-    folder, _ = fitted
-    plate = ["--set", "stimulus.kind=plate", "--set", "protocol.press_speed_mm_s=0.2"]
-    assert main(["predict", str(folder), *plate, *DEPTHS, "--jobs", "2"]) == 0
-    rows = table(folder / "predictions" / "plate_at_0.2_mm_s.csv")
-    of_fit = list(csv.DictReader((folder / "predicted.csv").read_text().splitlines()))
-    for row, own in zip(rows, of_fit, strict=False):
-        assert row["force_N"] == pytest.approx(float(own["model"]), rel=1e-3)
-        # Two depths of two indenters, each known to 2 %, determine two parameters.
-        assert 0.01 < row["largest_95_percent"] / row["force_N"] - 1 < 0.06
-    assert "The band is rough" not in capsys.readouterr().out
