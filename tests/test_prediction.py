@@ -99,6 +99,18 @@ def test_the_stimulus_of_a_study_file_is_pressed_and_a_rough_band_is_called_so(
     assert (tmp_path / "p" / "plate_at_2_mm_s.csv").is_file()
 
 
+def test_presses_that_end_early_are_counted(known, law):
+    law(lambda depth, x: np.where((depth > 0.9) & (x > 0.02), np.nan, depth * np.exp(x)))
+    posterior, study = (
+        Posterior.load(known / "posterior.json", "a"),
+        load_study(known / "study.toml"),
+    )
+    found = posterior.predict(study, Plate(), known / "p", depth_mm=[0.5, 1.0])
+    assert np.isfinite(found.error).all()
+    ended = int(np.isnan(found.pressed_N[:, 1]).sum())
+    assert 0 < ended < 4 and f"{ended} of them ended early" in str(found)
+
+
 def test_the_fitted_condition_itself_is_as_the_fit_has_it(formula):  # noqa: F811
     folder, _, _ = formula()
     of_fit = list(csv.DictReader((folder / "predicted.csv").read_text().splitlines()))

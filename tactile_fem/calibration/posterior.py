@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 SD_OF_95_PERCENT = float(ndtri(0.975))
 _TOLERANCE = 1e-9  # of a covariance, relative: rounding
 _PRESSES, _SEED = 4, 1  # which check a prediction, with values drawn from the posterior
-_MAX_STEM = 120  # characters of the names of its files
 _LARGE_ERROR = 0.5  # of a prediction, as a share of the half-width of its band
 
 
@@ -75,7 +74,9 @@ class ForcePrediction:
             f"error is the largest difference between {len(self.pressed_N)} presses, with values "
             "drawn from the\nposterior, and estimates from the slopes, relative to its half-width."
         )
-        if not (self.error < _LARGE_ERROR).all():
+        if ended := np.isnan(self.pressed_N).any(axis=1).sum():
+            text += f"\n{ended} of them ended early and count up to where they did."
+        if (self.error > _LARGE_ERROR).any():
             text += "\nThe band is rough: fit fewer parameters, or measure with a second indenter."
         return "\n".join([*aligned(rows), text])
 
@@ -162,7 +163,7 @@ class Posterior:
             slopes = model.jacobian(here)[: len(depth)] / force[:, None]
             half = SD_OF_95_PERCENT * np.linalg.norm(slopes @ lower, axis=1)
             drawn = [p.values for p in model.predictions(*draws, with_derivatives=False)]
-            off = np.abs(drawn - force * np.exp(draws @ slopes.T)).max(axis=0)
+            off = np.nanmax(np.abs(drawn - force * np.exp(draws @ slopes.T)), axis=0)
             band = force * np.exp(-half), force * np.exp(half)
             found = ForcePrediction(
                 name, depth, force, *band, np.array(drawn), off / (force * np.sinh(half))
@@ -172,7 +173,7 @@ class Posterior:
 
     def _write(self, found: ForcePrediction, pressed: Study, folder: Path) -> None:
         """Write table and figure of a prediction, and study and posterior that it is made from."""
-        stem = re.sub(r"[^\w.=-]+", "_", found.name)[:_MAX_STEM]
+        stem = re.sub(r"[^\w.=-]+", "_", found.name)[:120]
         write_text(folder / f"{stem}.toml", dump_study(pressed))
         keep_files(pressed, folder, afresh=False)
         self.save(folder / "posterior.json")
