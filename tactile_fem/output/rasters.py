@@ -116,7 +116,7 @@ def draw_raster(spikes: Spikes, by: ArrayLike = (), *, width_mm: float = 85.0) -
 def draw_psth(
     spikes: Spikes, by: ArrayLike = (), *, bin_s: float = 0.01, width_mm: float = 85.0
 ) -> Figure:
-    """Draw the mean rate of each class in bins of `bin_s`; all else as in `draw_raster`."""
+    """Draw the mean rate of each class in bins of `bin_s`; otherwise as `draw_raster`."""
     trains, over = trains_by(spikes, by)
     figure, (axes,) = _page([0.016 * width_mm], over, width_mm, top=0.4)
     for one in trains:
@@ -130,7 +130,7 @@ def draw_psth(
 
 @printed
 def draw_rates(spikes: Spikes, by: ArrayLike = (), *, width_mm: float = 85.0) -> Figure:
-    """Draw the rates of afferents, a panel for each class; all else as in `draw_raster`."""
+    """Draw the rates of afferents, a panel for each class; otherwise as `draw_raster`."""
     trains, over = trains_by(spikes, by)
     heights = [0.009 * width_mm] * len(trains)
     figure, all_axes = _page(heights, over, width_mm, right=_RIGHT_INCHES)
