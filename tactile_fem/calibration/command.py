@@ -98,11 +98,11 @@ def predict(
     fitted
         Folder of a fit.
     study
-        Study with the stimulus and protocol.press_speed_mm_s; default those of the fit.
+        Study with the stimulus and protocol.press_speed_mm_s; by default, that of the fit.
     depth
         Depth of the press in mm. May be repeated.
     results
-        Folder for presses, table and figure; default predictions in that of the fit.
+        Folder for presses, table and figure; by default, predictions in that of the fit.
     jobs
         Parallel presses.
     """

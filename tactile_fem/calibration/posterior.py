@@ -38,7 +38,7 @@ _LARGE_ERROR = 0.5  # of a prediction, as a share of the half-width of its band
 
 @dataclass(frozen=True)
 class ForcePrediction:
-    """Normal force of a fitted finger on a stimulus; print it to read it.
+    """Normal force of a fitted finger on a stimulus; print it for a report.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class ForcePrediction:
     pressed_N
         Forces with values drawn from the posterior, NaN where a press ended early, (presses, n).
     error
-        Largest difference to their estimates from the slopes, per half-width of the band, (n,).
+        Largest difference from the slopes' estimates, relative to the band's half-width, (n,).
     """
 
     name: str
