@@ -64,6 +64,7 @@ def preview(study: Study) -> Figure:
     path = path_of(study, finger.pad_thickness_mm)
     warn_if_missed(body, path, finger)
     warn_if_sharp(body, path, finger)
+    path.announce()
     logger.info("drawing finger and stimulator")
     return preview_figure(finger, body, path)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Literal
 
 import numpy as np
@@ -11,28 +12,39 @@ from tactile_fem.errors import StudyError
 from tactile_fem.path.loads import HeldLoads
 from tactile_fem.path.motion import Array, Motion, multiples
 from tactile_fem.path.pieces import Piece
-from tactile_fem.path.recording import LOADS, PLACES, TURNS, Recording, read_recording
+from tactile_fem.path.recording import LOADS, PLACES, TURNS, Frame, Recording
 from tactile_fem.path.rotations import angle_rad, since_first
 from tactile_fem.runtime.settings import File, Positive
 
+logger = logging.getLogger(__name__)
+
 _OUTPUT_SHARE = 0.01  # of the whole, between two outputs
 _MOST_DEG = 90.0  # between two rows: what lies between would be a guess
+_DEEPEST_MM = 10.0  # deeper than any pad
 
 
-class Follow(Piece):
+class _OfFile(Piece):
+    kind: Literal["follow"]
+    file: File = Field(
+        description="a CSV file with the column time_s and some of x_mm, y_mm, z_mm, rx_deg, "
+        "ry_deg, rz_deg, fx_N, fy_N, fz_N, tz_Nmm"
+    )
+
+
+class Follow(Frame, _OfFile):
     """Follow places or forces in a file.
 
     Its columns are ``time_s`` and some of ``x_mm,y_mm,z_mm`` (places of the body),
     ``rx_deg,ry_deg,rz_deg`` (its rotation vector, axis times angle) and ``fx_N,fy_N,fz_N,tz_Nmm``
-    (forces on the finger, and torque about Z through the body's origin), linear in between. The
-    first row of a path's first piece is where the body starts; later pieces go on from where the
-    body is. Forces in `hold` are met by moving the body, beginning with those at the piece's start.
+    (forces on the finger, and torque about Z through the body's origin), linear in between. If the
+    finger moves, they are its places and the torque about Z through their origin. The first row of
+    a path's first piece is where the body starts; later pieces go on from where the body is. Forces
+    in `hold` are met by moving the body, beginning with those at the piece's start.
     """
 
     kind: Literal["follow"] = "follow"
-    file: File = Field(
-        description="a CSV file with the column time_s and some of x_mm, y_mm, z_mm, rx_deg, "
-        "ry_deg, rz_deg, fx_N, fy_N, fz_N, tz_Nmm"
+    smooth_s: Positive | None = Field(
+        None, description="smooths places and held forces: halves waves of this period"
     )
     hold: tuple[Literal["fx_N", "fy_N", "fz_N", "tz_Nmm"], ...] = Field(
         (), description="columns of forces to be met by moving the body, instead of its places"
@@ -44,25 +56,45 @@ class Follow(Piece):
     _known: Recording | None = PrivateAttr(None)
 
     @property
-    def _recorded(self) -> Recording:
+    def recorded(self) -> Recording:
         """What the file held when the piece was resolved, or holds now."""
-        return self._known or read_recording(self.file)
+        return self._known or self.read(self.file, smooth_s=self.smooth_s)
 
     def first_pose(self) -> tuple[Array, Array]:
         """Return the first place, (3,) in mm, and rotation vector, (3,) in rad."""
-        recorded = self._recorded
-        return recorded.of(PLACES)[0], np.radians(recorded.of(TURNS)[0])
+        recorded = self.recorded
+        depth_mm = recorded.pressed_mm(0.5, 1)
+        if (depth_mm < 0 or depth_mm > _DEEPEST_MM) and not {*TURNS} & {*recorded.names}:
+            raise StudyError(
+                f"protocol.path: the body in {self.file} is {depth_mm:.4g} mm deep where fz_N "
+                "presses, so z_mm is not 0 at the first touch: set contact_N or contact_s."
+            )
+        return recorded.of(PLACES, smooth=True)[0], np.radians(recorded.of(TURNS)[0])
+
+    def announce(self) -> None:
+        """Log what smoothing removes and when contact begins; warn of forces against friction."""
+        recorded, file = self.recorded, self.file.name
+        if self.smooth_s:
+            names = [name for name in recorded.names if name in (*PLACES, *self.hold)]
+            rms = (recorded.of(names) - recorded.of(names, smooth=True)).std(axis=0)
+            words = (f"{name} {size:.2g}" for name, size in zip(names, rms, strict=True))
+            logger.info("smoothing of %s removes (rms): %s", file, ", ".join(words))
+        if np.isfinite(recorded.contact_s):
+            logger.info("contact in %s begins at %.4g s", file, recorded.contact_s)
+        if names := recorded.against_motion():
+            told = "%s of %s: against the motion, while friction takes the finger along; reversed?"
+            logger.warning(told, " and ".join(names), file)
 
     def resolved(self, deepest_mm: float) -> Follow:
         """Return the piece with what the file holds now."""
         known = self.model_copy()
-        known._known = read_recording(self.file)
+        known._known = self.read(self.file, smooth_s=self.smooth_s)
         return known
 
     def motion(self, start_mm: Array) -> Motion:
         """Return the motion, shifted to begin at the start."""
-        recorded = self._recorded
-        times, places = recorded.time_s - recorded.time_s[0], recorded.of(PLACES)
+        recorded = self.recorded
+        times, places = recorded.time_s - recorded.time_s[0], recorded.of(PLACES, smooth=True)
         held, turns = self._held(recorded, times), self._turns(recorded)
         shifts = places - places[0]
         outputs = multiples(self.output_s or _OUTPUT_SHARE * times[-1], times[-1])
@@ -75,7 +107,7 @@ class Follow(Piece):
 
     def _turns(self, recorded: Recording) -> Array | None:
         """Return rotation vectors in rad since the first row, (n, 3); None without a turn."""
-        if not recorded.columns.keys() & {*TURNS}:
+        if not {*TURNS} & {*recorded.names}:
             return None
         turns = np.radians(recorded.of(TURNS))
         angles = np.degrees(angle_rad(turns[:-1], turns[1:]))
@@ -89,11 +121,11 @@ class Follow(Piece):
         return since_first(turns)
 
     def _held(self, recorded: Recording, times: Array) -> HeldLoads | None:
-        for missing in [name for name in self.hold if name not in recorded.columns]:
+        for missing in [name for name in self.hold if name not in recorded.names]:
             raise StudyError(f"protocol.path: {self.file} has no column {missing}, named in hold.")
         if not self.hold:
             return None
-        loads = recorded.of(LOADS)
+        loads = recorded.of(LOADS, smooth=True)
 
         def at(t: float, start: Array) -> Array:
             return _at(t, times, np.vstack([start, loads[1:]]))

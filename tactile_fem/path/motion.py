@@ -227,6 +227,11 @@ class Path:
             start = found[-1][-1]
         return np.concatenate(found)
 
+    def announce(self) -> None:
+        """Log what its pieces say of their files."""
+        for piece in self.pieces:
+            getattr(piece, "announce", lambda: None)()
+
     def check(self) -> None:
         """Raise StudyError if the path is not valid."""
         total_s = 0.0

@@ -1,15 +1,19 @@
-"""Measured places of a body and forces on a finger over time, from a CSV file."""
+"""Measured places and forces of a finger and a body over time, from a CSV file."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field
 
 from tactile_fem.errors import StudyError
 from tactile_fem.path.loads import Array
+from tactile_fem.runtime.settings import Finite, Positive, Settings
 from tactile_fem.runtime.text import read_rows
 
 _TIME = "time_s"
@@ -17,6 +21,8 @@ PLACES = ("x_mm", "y_mm", "z_mm")
 TURNS = ("rx_deg", "ry_deg", "rz_deg")
 LOADS = ("fx_N", "fy_N", "fz_N", "tz_Nmm")
 _KNOWN = (*PLACES, *TURNS, *LOADS)
+_KNOTS = 12  # of the smoothing spline in a period that it halves
+_REVERSED = -0.5  # mean sign, between -1 and 1, of a column that should be positive
 
 
 @dataclass(frozen=True)
@@ -25,31 +31,163 @@ class Recording:
 
     Attributes
     ----------
-    time_s
-        Increasing, (n,).
-    columns
-        Arrays (n,) by the names in `PLACES` (of the body's origin), `TURNS` (its rotation vector),
-        and `LOADS` (forces on the finger, and torque about Z through the body's origin).
+    time_s, contact_s
+        Increasing times, (n,); that of the contact, infinite if it is not given.
+    names
+        The columns that it has.
+    values, smooth
+        All `PLACES` (of the body's origin), `TURNS` (its rotation vector) and `LOADS` (forces on
+        the finger, and torque about Z through the body's origin), 0 for what it lacks, (n, 10).
     """
 
     time_s: Array
-    columns: dict[str, Array]
+    names: tuple[str, ...]
+    values: Array
+    smooth: Array
+    contact_s: float = math.inf
 
-    def of(self, names: Sequence[str]) -> Array:
-        """Return some columns, (n, names); zeros for those that the file lacks."""
-        none = np.zeros_like(self.time_s)
-        return np.column_stack([self.columns.get(name, none) for name in names])
+    def of(self, names: Sequence[str], *, smooth: bool = False) -> Array:
+        """Return some columns, (n, names)."""
+        return (self.smooth if smooth else self.values)[:, [_KNOWN.index(name) for name in names]]
+
+    def smoothed(self, period_s: float) -> Recording:
+        """Return it with smooth places and loads, at times that need not be even.
+
+        The cubic spline f minimizes the integral of (y - f)^2 + (period / 2 pi)^4 f''^2, as a
+        P-spline (Eilers and Marx 1996): it halves a wave of the period, and keeps a straight line.
+        """
+        from scipy import interpolate, sparse  # takes a while
+
+        since_s = self.time_s - self.time_s[0]
+        count = int(min(np.ceil(_KNOTS * since_s[-1] / period_s), 2 * len(since_s)))
+        at = np.clip(since_s / since_s[-1] * count, 0, count)
+        basis = interpolate.BSpline.design_matrix(at, np.arange(-3.0, count + 4), 3)
+        weighted = basis.T @ sparse.diags_array(np.gradient(at))
+        bend = sparse.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count + 1, count + 3))
+        stiffness = (period_s / since_s[-1] * count / (2 * np.pi)) ** 4 * (bend.T @ bend)
+        matrix = (weighted @ basis + stiffness).tocsc()
+        smooth = basis @ sparse.linalg.spsolve(matrix, weighted @ self.values)
+        smooth[:, 3:6] = self.values[:, 3:6]  # rotation vectors may jump
+        return replace(self, smooth=smooth)
+
+    def pressed_mm(self, low: float, high: float) -> float:
+        """Return the mean Z where the normal force has shares of its largest; NaN for nowhere."""
+        force, height = self.of(["fz_N", "z_mm"], smooth=True).T
+        share = force / force.max(initial=1e-9) * (_sign(force) > -_REVERSED)
+        rows = (share >= low) & (share <= high)
+        return float(height[rows].mean()) if rows.any() else math.nan
+
+    def against_motion(self) -> list[str]:
+        """Return the tangential forces that do negative work, while friction's is positive."""
+        moves = np.diff(self.of(PLACES[:2], smooth=True), axis=0)
+        works = moves * self.of(LOADS[:2], smooth=True)[1:]
+        share = np.abs(works).sum(axis=0) / max(np.abs(works).sum(), 1e-300)
+        return [LOADS[k] for k in (0, 1) if share[k] > 0.1 and _sign(works[:, k]) < _REVERSED]
+
+
+def _sign(values: Array) -> float:
+    """Return the mean sign of values, weighted by their squares."""
+    return float((values * np.abs(values)).sum() / max((values**2).sum(), 1e-300))
+
+
+def _rotation(axes: tuple[str, ...]) -> Array:
+    """Return the rotation of a recording into the finger's axes, (3, 3)."""
+    return np.array([np.eye(3)["xyz".index(axis[-1])] * (-1) ** (axis[0] == "-") for axis in axes])
+
+
+def _right_handed(axes: tuple[str, ...]) -> tuple[str, ...]:
+    if np.linalg.det(_rotation(axes)) < 0.5:
+        raise ValueError(f"{', '.join(axes)} is not right-handed, as -y, x, z is")
+    return axes
+
+
+_Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
+
+
+class Frame(Settings):
+    """Whose places and forces a recording has, along which axes, and when contact begins."""
+
+    moves: Literal["body", "finger"] = Field("body", description="whose places the file has")
+    forces_on: Literal["finger", "body"] = Field("finger", description="what its forces act on")
+    axes: Annotated[tuple[_Axis, _Axis, _Axis], AfterValidator(_right_handed)] = Field(
+        ("x", "y", "z"), description="its axes along X (across), Y (to the tip) and Z (to the nail)"
+    )
+    contact_N: Positive | None = Field(
+        None, description="normal force that shows the first touch: the body is at its origin there"
+    )
+    contact_s: Finite | None = Field(None, description="time of the first touch, instead")
+
+    def read(
+        self, file: Path, start: str = "protocol.path", smooth_s: float | None = None
+    ) -> Recording:
+        """Return places of the body and forces on the finger, in the finger's axes.
+
+        Raises
+        ------
+        StudyError
+            As `read_recording`; a column has the wrong sign; it has no contact, or a finger turns.
+        """
+        where, recorded = f"{start}: {file}", self._turned(read_recording(file, start), start)
+        if smooth_s is not None:
+            recorded = recorded.smoothed(smooth_s)
+        free_mm = recorded.pressed_mm(-0.1, 0.1) - 0.1 * np.ptp(recorded.of(["z_mm"]))
+        pulls, falls = (
+            _sign(recorded.of(["fz_N"])) < _REVERSED,
+            recorded.pressed_mm(0.5, 1) < free_mm,
+        )
+        if pulls or falls:
+            name, key = ("fz_N", "forces_on") if pulls else ("z_mm", "moves")
+            raise StudyError(
+                f"{where}: the sign of {name} is wrong, for the body must press the finger, and "
+                f"rise to do so: change {key}, which is {getattr(self, key)}, or axes."
+            )
+        return self._since_contact(recorded, where)
+
+    def _turned(self, recorded: Recording, start: str) -> Recording:
+        """Return a recording in the finger's axes."""
+        into = str.maketrans("".join(axis[-1] for axis in self.axes), "xyz")
+        names = tuple(name.translate(into) for name in recorded.names)
+        if not {*names} <= {*_KNOWN} or (self.moves == "finger" and {*TURNS} & {*names}):
+            raise StudyError(
+                f'{start}: with a column of turns moves must be "body", and with tz_Nmm the last '
+                "of axes z or -z."
+            )
+        axes, of, on = _rotation(self.axes), self.moves == "body", self.forces_on == "finger"
+        signs = np.where([[of], [True], [on]], 1.0, -1.0)
+        vectors = recorded.values[:, :9].reshape(-1, 3, 3) @ axes.T * signs
+        torque = recorded.values[:, 9:] * axes[2, 2] * signs[2]
+        values = np.hstack([vectors.reshape(-1, 9), torque]) + 0.0  # no -0
+        return Recording(recorded.time_s, names, values, values)
+
+    def _since_contact(self, recorded: Recording, where: str) -> Recording:
+        """Return a recording whose origin is where the body is at the contact, if that is given."""
+        time_s, force, at = recorded.time_s, recorded.of(["fz_N"])[:, 0], self.contact_s
+        if self.contact_N is not None:
+            k = int(np.argmax(force >= self.contact_N)) if at is None else 0
+            rows = slice(k - 1, k + 1)
+            at = float(np.interp(self.contact_N, force[rows], time_s[rows])) if k else math.nan
+        if at is None:
+            return recorded
+        if not time_s[0] <= at <= time_s[-1]:
+            raise StudyError(
+                f"{where} lasts from {time_s[0]:g} to {time_s[-1]:g} s, fz_N begins at "
+                f"{force[0]:.3g} and reaches {force.max():.3g} N: set contact_s or contact_N, one "
+                "of the two, within."
+            )
+        shift = np.zeros_like(recorded.values)
+        shift[:, :3] = x, y, _ = [
+            np.interp(at, time_s, row) for row in recorded.of(PLACES, smooth=True).T
+        ]
+        if self.moves == "finger":  # the torque was about the laboratory's axis
+            shift[:, 9] = recorded.of(LOADS[:2]) @ [y, -x]
+        values, smooth = recorded.values - shift, recorded.smooth - shift
+        return Recording(time_s, recorded.names, values, smooth, at)
 
 
 def read_recording(file: Path, start: str = "protocol.path") -> Recording:
     """Return what a CSV file holds, whose first line names its columns.
 
-    Parameters
-    ----------
-    file
-        The file.
-    start
-        Key that names it, for messages.
+    Messages begin with `start`, the key that names it.
 
     Raises
     ------
@@ -80,7 +218,9 @@ def read_recording(file: Path, start: str = "protocol.path") -> Recording:
             f"{start}: {_TIME} in {file} must increase, but {after:g} follows {before:g} in "
             f"line {rows[late[0] + 2][0]}."
         )
-    return Recording(values[:, 0], dict(zip(names[1:], values[:, 1:].T, strict=True)))
+    whole = np.zeros((len(values), len(_KNOWN)))
+    whole[:, [_KNOWN.index(name) for name in names[1:]]] = values[:, 1:]
+    return Recording(values[:, 0], tuple(names[1:]), whole, whole)
 
 
 def _numbers(row: list[str], count: int, where: str) -> list[float]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.path import Follow, Path
-from tactile_fem.path.recording import LOADS, PLACES, TURNS, Recording, read_recording
+from tactile_fem.path.recording import LOADS, PLACES, TURNS, Frame, Recording
 from tactile_fem.path.rotations import between, moment_about, since_first
 from tactile_fem.study import Study
 
@@ -21,13 +21,15 @@ Array = NDArray[np.float64]
 _KEY = "output.measured"
 _FREED = dict(zip(LOADS, (*PLACES, TURNS[2]), strict=True))  # by a force or torque that is held
 _ROUNDING = 1e-9
+_REVERSED = -0.5  # correlation of a column whose sign is doubted
 
 
 @dataclass(frozen=True)
 class Compared:
     """A column of a recording and what the model gave at the same times, all (n,).
 
-    Places and turns are those since the first row. `time_s` is that of the trace.
+    They are in the finger's axes: places and turns of the body since the first row, and forces on
+    the finger, not smoothed. `time_s` is that of the trace.
     """
 
     name: str
@@ -54,24 +56,28 @@ class Compared:
 
     @property
     def summary(self) -> str:
-        """The three numbers, as far as they are defined."""
+        """The three numbers, as far as they are defined, and a doubt of the sign."""
         words = [f"rms difference {self.rms:.3g} {self.name.partition('_')[2]}"]
         words += [f"{self.share:.1%} of range"] if np.isfinite(self.share) else []
         words += [f"r = {self.r:.3f}"] if np.isfinite(self.r) else []
+        words += ["sign reversed?"] if self.r < _REVERSED else []
         return ", ".join(words)
 
 
 def check_measured(study: Study, path: Path) -> None:
     """Raise StudyError if a scan along a path cannot be compared with the study's recording."""
     file = study.output.measured
+    if study.output.measured_frame and (file is None or _followed(study)):
+        other = f"without {_KEY}" if file is None else "beside the piece that follows the file"
+        raise StudyError(f"{_KEY}_frame has no effect {other}.")
     if file is None:
         return
-    recorded = read_recording(file, _KEY)
+    recorded, zero_s = _read(study, file)
     if not _free(study, recorded):
         raise StudyError(
             f"{_KEY}: the path takes every column of {file} as input, so none can be compared."
         )
-    lasts_s, path_s = np.ptp(recorded.time_s), sum(one.duration_s for _, one in path.plan())
+    lasts_s, path_s = recorded.time_s[-1] - zero_s, sum(one.duration_s for _, one in path.plan())
     if not _followed(study) and lasts_s > path_s * (1 + _ROUNDING):
         raise StudyError(f"{_KEY}: {file} lasts {lasts_s:.4g} s but the path {path_s:.4g} s.")
 
@@ -79,8 +85,9 @@ def check_measured(study: Study, path: Path) -> None:
 def compare(study: Study, trace: Mapping[str, NDArray[Any]]) -> list[Compared]:
     """Return what was recorded and what a trace has, as far as it goes, a column each.
 
-    The first row is the start of the first piece that follows the file, or else of the path.
-    Without a recording, or if the trace ends before its second row, there are none.
+    The first row is the start of the first piece that follows the file. Else it, or its contact, is
+    that of the path. Without a recording, or if the trace ends before its second row, there are
+    none.
 
     Raises
     ------
@@ -90,14 +97,18 @@ def compare(study: Study, trace: Mapping[str, NDArray[Any]]) -> list[Compared]:
     file = study.output.measured
     if file is None:
         return []
-    recorded, clock_s = read_recording(file, _KEY), trace["clock_s"]
-    at_s = recorded.time_s - recorded.time_s[0] + _start_s(study, trace)
-    rows = int(np.searchsorted(at_s, clock_s[-1] + _ROUNDING))
-    if rows < 2:
+    (recorded, zero_s), clock_s, start_s = (
+        _read(study, file),
+        trace["clock_s"],
+        _start_s(study, trace),
+    )
+    at_s = recorded.time_s - zero_s + start_s
+    first, end = np.searchsorted(at_s, [start_s - _ROUNDING, clock_s[-1] + _ROUNDING])
+    if end - first < 2:
         return []
-    at_s = at_s[:rows]
-    places, turns = recorded.of(PLACES)[:rows], np.radians(recorded.of(TURNS)[:rows])
-    loads = recorded.of(LOADS)[:rows]
+    at_s, rows = at_s[first:end], slice(first, end)
+    places = recorded.of(PLACES)[rows] - recorded.of(PLACES, smooth=True)[first]
+    turns, loads = np.radians(recorded.of(TURNS)[rows]), recorded.of(LOADS)[rows]
     there, time_s = _columns(places, turns, loads), at_s - clock_s[0] + trace["time_s"][0]
 
     forces, origins = trace["force_N"], trace["stimulator_mm"]
@@ -106,14 +117,22 @@ def compare(study: Study, trace: Mapping[str, NDArray[Any]]) -> list[Compared]:
         np.column_stack([np.interp(at_s, clock_s, column) for column in values.T])
         for values in (origins, np.column_stack([forces, torque_Nmm]))
     )
-    here = _columns(places, between(trace["stimulator_rad"], clock_s, at_s), loads)
+    here = _columns(places - places[0], between(trace["stimulator_rad"], clock_s, at_s), loads)
     return [Compared(name, time_s, there[name], here[name]) for name in _free(study, recorded)]
 
 
 def _columns(places: Array, turns_rad: Array, loads: Array) -> dict[str, Array]:
     """Return the columns by name, of places (n, 3), rotation vectors (n, 3) and loads (n, 4)."""
-    values = np.hstack([places - places[0], np.degrees(since_first(turns_rad)), loads])
+    values = np.hstack([places, np.degrees(since_first(turns_rad)), loads])
     return dict(zip((*PLACES, *TURNS, *LOADS), values.T, strict=True))
+
+
+def _read(study: Study, file: Any) -> tuple[Recording, float]:
+    """Return the recording in the body's frame, and the time in it at which its path starts."""
+    for piece in _followed(study):
+        return piece.recorded, float(piece.recorded.time_s[0])
+    found = (study.output.measured_frame or Frame()).read(file, _KEY)
+    return found, found.contact_s if np.isfinite(found.contact_s) else float(found.time_s[0])
 
 
 def _followed(study: Study) -> list[Follow]:
@@ -127,7 +146,7 @@ def _free(study: Study, recorded: Recording) -> list[str]:
     given: set[str] = set()
     for piece in _followed(study)[:1]:
         given = {*PLACES, *TURNS, *piece.hold} - {_FREED[load] for load in piece.hold}
-    return [name for name in recorded.columns if name not in given]
+    return [name for name in recorded.names if name not in given]
 
 
 def _start_s(study: Study, trace: Mapping[str, NDArray[Any]]) -> float:

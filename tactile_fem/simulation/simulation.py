@@ -141,6 +141,7 @@ class Simulation:
     def _stepper(self) -> Stepper:
         study = self.study
         on_root(self.comm, lambda: warn_if_sharp(self.body, self.path, self.finger))
+        on_root(self.comm, self.path.announce)
         problem = self.problem
         with compilation_errors():
             _ = problem.load_cell, self.receptors  # compiled here, not in the first step

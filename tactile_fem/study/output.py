@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import AliasChoices, Field
 
+from tactile_fem.path.recording import Frame
 from tactile_fem.runtime.settings import File, Positive, Settings
 
 
@@ -27,4 +28,7 @@ class Output(Settings):
         None,
         description="a CSV file with columns as of a piece follow, which is compared with the scan "
         "in all that the path does not take from it",
+    )
+    measured_frame: Frame | None = Field(
+        None, description="keys as of a piece follow, for a file that no piece follows"
     )
