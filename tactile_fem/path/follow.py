@@ -36,10 +36,10 @@ class Follow(Frame, _OfFile):
 
     Its columns are ``time_s`` and some of ``x_mm,y_mm,z_mm`` (places of the body),
     ``rx_deg,ry_deg,rz_deg`` (its rotation vector, axis times angle) and ``fx_N,fy_N,fz_N,tz_Nmm``
-    (forces on the finger, and torque about Z through the body's origin), linear in between. If the
-    finger moves, they are its places and the torque about Z through their origin. The first row of
-    a path's first piece is where the body starts; later pieces go on from where the body is. Forces
-    in `hold` are met by moving the body, beginning with those at the piece's start.
+    (forces on the finger, and torque about Z through the body's origin), linear in between; of a
+    moving finger all are in the frame of the body at rest. The first row of a path's first piece is
+    where the body starts; later pieces go on from where it is. Forces in `hold` are met by moving
+    the body, beginning with those at the piece's start.
     """
 
     kind: Literal["follow"] = "follow"

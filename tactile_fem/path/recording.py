@@ -21,6 +21,7 @@ PLACES = ("x_mm", "y_mm", "z_mm")
 TURNS = ("rx_deg", "ry_deg", "rz_deg")
 LOADS = ("fx_N", "fy_N", "fz_N", "tz_Nmm")
 _KNOWN = (*PLACES, *TURNS, *LOADS)
+_Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 _KNOTS = 12  # of the smoothing spline in a period that it halves
 _REVERSED = -0.5  # mean sign, between -1 and 1, of a column that should be positive
 
@@ -53,8 +54,8 @@ class Recording:
     def smoothed(self, period_s: float) -> Recording:
         """Return it with smooth places and loads, at times that need not be even.
 
-        The cubic spline f minimizes the integral of (y - f)^2 + (period / 2 pi)^4 f''^2, as a
-        P-spline (Eilers and Marx 1996): it halves a wave of the period, and keeps a straight line.
+        The P-spline (Eilers and Marx 1996) minimizes the integral of (y - f)^2 + (period / 2 pi)^4
+        f''^2: it halves a wave of the period, and keeps a straight line.
         """
         from scipy import interpolate, sparse  # takes a while
 
@@ -101,9 +102,6 @@ def _right_handed(axes: tuple[str, ...]) -> tuple[str, ...]:
     return axes
 
 
-_Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
-
-
 class Frame(Settings):
     """Whose places and forces a recording has, along which axes, and when contact begins."""
 
@@ -120,68 +118,50 @@ class Frame(Settings):
     def read(
         self, file: Path, start: str = "protocol.path", smooth_s: float | None = None
     ) -> Recording:
-        """Return places of the body and forces on the finger, in the finger's axes.
-
-        Raises
-        ------
-        StudyError
-            As `read_recording`; a column has the wrong sign; it has no contact, or a finger turns.
-        """
+        """Return places of the body, from the contact, and forces on the finger, in its axes."""
         where, recorded = f"{start}: {file}", self._turned(read_recording(file, start), start)
         if smooth_s is not None:
             recorded = recorded.smoothed(smooth_s)
         free_mm = recorded.pressed_mm(-0.1, 0.1) - 0.1 * np.ptp(recorded.of(["z_mm"]))
-        pulls, falls = (
-            _sign(recorded.of(["fz_N"])) < _REVERSED,
-            recorded.pressed_mm(0.5, 1) < free_mm,
-        )
-        if pulls or falls:
+        pulls = _sign(recorded.of(["fz_N"])) < _REVERSED
+        if pulls or recorded.pressed_mm(0.5, 1) < free_mm:
             name, key = ("fz_N", "forces_on") if pulls else ("z_mm", "moves")
             raise StudyError(
                 f"{where}: the sign of {name} is wrong, for the body must press the finger, and "
                 f"rise to do so: change {key}, which is {getattr(self, key)}, or axes."
             )
-        return self._since_contact(recorded, where)
+        time_s, force, at = recorded.time_s, recorded.of(["fz_N"])[:, 0], self.contact_s
+        if self.contact_N is not None:
+            most = np.maximum.accumulate(force)
+            at = np.interp(self.contact_N, most, time_s, np.nan, np.nan) if at is None else np.nan
+        if at is None:
+            return recorded
+        if not time_s[0] <= at <= time_s[-1]:
+            raise StudyError(
+                f"{where} lasts from {time_s[0]:g} to {time_s[-1]:g} s, and fz_N goes from "
+                f"{force[0]:.3g} to {force.max():.3g} N: set one of contact_s and contact_N within."
+            )
+        rows, shift = recorded.of(PLACES, smooth=True).T, np.zeros_like(recorded.values)
+        shift[:, :3] = x, y, _ = [np.interp(at, time_s, row) for row in rows]
+        if self.moves == "finger":  # the torque was about the laboratory's axis
+            shift[:, 9] = recorded.of(LOADS[:2]) @ [y, -x]
+        values, smooth = recorded.values - shift, recorded.smooth - shift
+        return Recording(time_s, recorded.names, values, smooth, float(at))
 
     def _turned(self, recorded: Recording, start: str) -> Recording:
         """Return a recording in the finger's axes."""
         into = str.maketrans("".join(axis[-1] for axis in self.axes), "xyz")
         names = tuple(name.translate(into) for name in recorded.names)
-        if not {*names} <= {*_KNOWN} or (self.moves == "finger" and {*TURNS} & {*names}):
-            raise StudyError(
-                f'{start}: with a column of turns moves must be "body", and with tz_Nmm the last '
-                "of axes z or -z."
-            )
+        if "tz_Nmm" in recorded.names and self.axes[2][-1] != "z":
+            raise StudyError(f"{start}: with tz_Nmm the last of axes must be z or -z.")
+        if self.moves == "finger" and {*TURNS} & {*names}:
+            raise StudyError(f'{start}: with turns moves must be "body".')
         axes, of, on = _rotation(self.axes), self.moves == "body", self.forces_on == "finger"
         signs = np.where([[of], [True], [on]], 1.0, -1.0)
         vectors = recorded.values[:, :9].reshape(-1, 3, 3) @ axes.T * signs
         torque = recorded.values[:, 9:] * axes[2, 2] * signs[2]
         values = np.hstack([vectors.reshape(-1, 9), torque]) + 0.0  # no -0
         return Recording(recorded.time_s, names, values, values)
-
-    def _since_contact(self, recorded: Recording, where: str) -> Recording:
-        """Return a recording whose origin is where the body is at the contact, if that is given."""
-        time_s, force, at = recorded.time_s, recorded.of(["fz_N"])[:, 0], self.contact_s
-        if self.contact_N is not None:
-            k = int(np.argmax(force >= self.contact_N)) if at is None else 0
-            rows = slice(k - 1, k + 1)
-            at = float(np.interp(self.contact_N, force[rows], time_s[rows])) if k else math.nan
-        if at is None:
-            return recorded
-        if not time_s[0] <= at <= time_s[-1]:
-            raise StudyError(
-                f"{where} lasts from {time_s[0]:g} to {time_s[-1]:g} s, fz_N begins at "
-                f"{force[0]:.3g} and reaches {force.max():.3g} N: set contact_s or contact_N, one "
-                "of the two, within."
-            )
-        shift = np.zeros_like(recorded.values)
-        shift[:, :3] = x, y, _ = [
-            np.interp(at, time_s, row) for row in recorded.of(PLACES, smooth=True).T
-        ]
-        if self.moves == "finger":  # the torque was about the laboratory's axis
-            shift[:, 9] = recorded.of(LOADS[:2]) @ [y, -x]
-        values, smooth = recorded.values - shift, recorded.smooth - shift
-        return Recording(time_s, recorded.names, values, smooth, at)
 
 
 def read_recording(file: Path, start: str = "protocol.path") -> Recording:

@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 _KEY = "output.measured"
 _FREED = dict(zip(LOADS, (*PLACES, TURNS[2]), strict=True))  # by a force or torque that is held
 _ROUNDING = 1e-9
-_REVERSED = -0.5  # correlation of a column whose sign is doubted
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ class Compared:
         words = [f"rms difference {self.rms:.3g} {self.name.partition('_')[2]}"]
         words += [f"{self.share:.1%} of range"] if np.isfinite(self.share) else []
         words += [f"r = {self.r:.3f}"] if np.isfinite(self.r) else []
-        words += ["sign reversed?"] if self.r < _REVERSED else []
+        words += ["sign reversed?"] if self.r < -0.5 else []
         return ", ".join(words)
 
 
@@ -68,8 +67,7 @@ def check_measured(study: Study, path: Path) -> None:
     """Raise StudyError if a scan along a path cannot be compared with the study's recording."""
     file = study.output.measured
     if study.output.measured_frame and (file is None or _followed(study)):
-        other = f"without {_KEY}" if file is None else "beside the piece that follows the file"
-        raise StudyError(f"{_KEY}_frame has no effect {other}.")
+        raise StudyError(f"{_KEY}_frame is only for a file in {_KEY} that no piece follows.")
     if file is None:
         return
     recorded, zero_s = _read(study, file)
@@ -85,9 +83,8 @@ def check_measured(study: Study, path: Path) -> None:
 def compare(study: Study, trace: Mapping[str, NDArray[Any]]) -> list[Compared]:
     """Return what was recorded and what a trace has, as far as it goes, a column each.
 
-    The first row is the start of the first piece that follows the file. Else it, or its contact, is
-    that of the path. Without a recording, or if the trace ends before its second row, there are
-    none.
+    The first row is the start of the first piece that follows the file; else it, or the contact, is
+    that of the path. Without a recording, or if the trace ends before two rows, there are none.
 
     Raises
     ------
@@ -97,19 +94,14 @@ def compare(study: Study, trace: Mapping[str, NDArray[Any]]) -> list[Compared]:
     file = study.output.measured
     if file is None:
         return []
-    (recorded, zero_s), clock_s, start_s = (
-        _read(study, file),
-        trace["clock_s"],
-        _start_s(study, trace),
-    )
+    recorded, zero_s = _read(study, file)
+    clock_s, start_s = trace["clock_s"], _start_s(study, trace)
     at_s = recorded.time_s - zero_s + start_s
-    first, end = np.searchsorted(at_s, [start_s - _ROUNDING, clock_s[-1] + _ROUNDING])
-    if end - first < 2:
+    rows = (at_s >= start_s - _ROUNDING) & (at_s < clock_s[-1] + _ROUNDING)
+    if rows.sum() < 2:
         return []
-    at_s, rows = at_s[first:end], slice(first, end)
-    places = recorded.of(PLACES)[rows] - recorded.of(PLACES, smooth=True)[first]
-    turns, loads = np.radians(recorded.of(TURNS)[rows]), recorded.of(LOADS)[rows]
-    there, time_s = _columns(places, turns, loads), at_s - clock_s[0] + trace["time_s"][0]
+    there, at_s = _columns(recorded.values[rows], recorded.smooth[rows][0]), at_s[rows]
+    time_s = at_s - clock_s[0] + trace["time_s"][0]
 
     forces, origins = trace["force_N"], trace["stimulator_mm"]
     torque_Nmm = moment_about(origins, forces, trace["moment_Nmm"])[:, 2]
@@ -117,13 +109,15 @@ def compare(study: Study, trace: Mapping[str, NDArray[Any]]) -> list[Compared]:
         np.column_stack([np.interp(at_s, clock_s, column) for column in values.T])
         for values in (origins, np.column_stack([forces, torque_Nmm]))
     )
-    here = _columns(places - places[0], between(trace["stimulator_rad"], clock_s, at_s), loads)
+    turns = np.degrees(between(trace["stimulator_rad"], clock_s, at_s))
+    here = _columns(np.hstack([places, turns, loads]), places[0])
     return [Compared(name, time_s, there[name], here[name]) for name in _free(study, recorded)]
 
 
-def _columns(places: Array, turns_rad: Array, loads: Array) -> dict[str, Array]:
-    """Return the columns by name, of places (n, 3), rotation vectors (n, 3) and loads (n, 4)."""
-    values = np.hstack([places, np.degrees(since_first(turns_rad)), loads])
+def _columns(values: Array, first: Array) -> dict[str, Array]:
+    """Return columns (n, 10) by name, places since a first row and turns since their own."""
+    turns = np.degrees(since_first(np.radians(values[:, 3:6])))
+    values = np.hstack([values[:, :3] - first[:3], turns, values[:, 6:]])
     return dict(zip((*PLACES, *TURNS, *LOADS), values.T, strict=True))
 
 
